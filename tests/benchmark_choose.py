@@ -24,7 +24,7 @@ import numpy as np
 import pipedyn as pp
 from pipedyn.accuracy.choose import CANDIDATES
 from pipedyn.accuracy.convergence import FAMILIES, RULES
-from pipedyn.accuracy.reference import Answer
+from pipedyn.accuracy.quantities import Answer
 from pipedyn.accuracy.trade import measured
 from pipedyn.util.counters import clock
 

@@ -12,3 +12,8 @@ def axes(layout: str | None = None, **options: Any) -> Axes:
     figure = Figure(layout=layout, **options)
     FigureCanvasAgg(figure)
     return figure.subplots()
+
+
+def legend_of(ax: Axes) -> list[str]:
+    """Texts of the legend."""
+    return [text.get_text() for text in ax.get_legend().get_texts()]

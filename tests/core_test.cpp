@@ -889,7 +889,7 @@ pipedyn::Lapack broken_lapack() {
             columns(vectors, *n, *n) = found.pseudoEigenvectors();
           },
       .zgeev = nullptr,
-      .dsyevd = nullptr,
+      .dsygvd = nullptr,
   };
 }
 

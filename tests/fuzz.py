@@ -659,9 +659,7 @@ def _chains() -> Iterator[Target]:
     held["base"] = Kind(one_of(0.0), kinds["base"].bad)
     for cls, make in (("Chain", pp.Chain), ("modular.chain", modular.chain)):
         yield target(f"{cls}[held]", make, **held)
-    yield target(
-        "modular.chain", modular.chain, **without, enforcement=word("orthonormal", "udwadia-kalaba")
-    )
+    yield target("modular.chain", modular.chain, **without)
     yield target(
         "Galerkin",
         pp.Galerkin,
@@ -891,7 +889,6 @@ def _scenes() -> Iterator[Target]:
             *([*CONSTRAINTS, modular.Pin(3, *at)] for at in ((0.0, 1.0), (2.0, 0.0))),
             *(CONSTRAINTS[1:], CONSTRAINTS[:-1]),
         ),
-        enforcement=word("orthonormal", "udwadia-kalaba"),
     )
     yield target(
         "modular.Assembly.plus",
@@ -914,25 +911,17 @@ def _scenes() -> Iterator[Target]:
         yield target(f"modular.Assembly.angles{tag}", scene.angles, y=state)
         yield target(f"modular.Assembly.admissible{tag}", scene.admissible, angles=angles)
         yield target(f"modular.Assembly.basis{tag}", scene.basis, q=optional(turned))
-        yield target(f"modular.Assembly.projection{tag}", scene.projection, q=optional(turned))
         yield target(f"modular.Assembly.equilibrium{tag}", scene.equilibrium, start=angles, u=SLOW)
-        yield target(
-            f"modular.Assembly.accelerations{tag}",
-            scene.accelerations,
-            y=state,
-            u=U,
-            enforcement=word("orthonormal", "udwadia-kalaba"),
-        )
 
 
 def _questions() -> Iterator[Target]:
-    for function in (pp.eigenvalues, pp.modes):
+    for function, several in ((pp.eigenvalues, 4), (pp.modes, 2)):
         yield target(
             function.__name__,
             function,
             model=LINEAR,
             u=SLOW,
-            count=Kind(one_of(1, 4), _not(None, count(1, 5, 10**7).bad)),
+            count=Kind(one_of(1, several), _not(None, count(1, 5, 10**7).bad)),
         )
     speeds = array(3, (0.0, 3.0), (-1.0, 1e9), rising=True, any_size=True)
     yield target(

@@ -71,7 +71,6 @@ MAKERS = {f"chain of {rule} springs": Maker(chain(rule)) for rule in SPRING_RULE
     "scene": Maker(scene),
     "clamped scene": Maker(scene, {"end": "clamped"}),
     "held scene": Maker(lambda pipe: scene(pipe).plus(modular.Guide(2))),
-    "dense scene": Maker(lambda pipe: modular.chain(pipe, 2, enforcement="udwadia-kalaba")),
 }
 
 

@@ -17,49 +17,6 @@ HOSE = pp.Pipe.from_si(
     terms=[pp.PointMass(0.45, 0.01)],
 )
 TAPERED = pp.Pipe(0.2, stiffness=lambda s: 1.0 - 0.5 * s, mass=pp.Profile([0.5], [1.0, 0.7]))
-CHAIN = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.01), 3)
-
-MODELS = {
-    "chain": CHAIN,
-    "chain with its own springs": pp.Chain(HOSE, lengths=[0.3, 0.3, 0.4], springs=[2.0, 3.0, 4.0]),
-    "midpoint": pp.Chain(pp.Pipe(0.2), 4, springs="midpoint"),
-    "bent": pp.Chain(pp.Pipe(0.2, -30.0), 2).about(
-        pp.equilibria(pp.Chain(pp.Pipe(0.2, -30.0), 2), 1.0).q[1]
-    ),
-    "tapered": pp.Galerkin(TAPERED, 8, "legendre"),
-    "beam": pp.Galerkin(HOSE, 4),
-    "held": pp.Chain(pp.Pipe(0.2, end="pinned", root=pp.RootSpring(3.0)), 5),
-    "continuous": pp.Continuum(HOSE),
-    "scene": pp.modular.chain(pp.Pipe(0.2), 4).plus(pp.modular.Guide(4), pp.Damper(0.5, 1.0)),
-}
-
-RESULTS = {
-    "critical speed": lambda: pp.critical_speed(CHAIN),
-    "curve with a failure": lambda: pp.stability_curve(
-        lambda beta: pp.Chain(pp.Pipe(beta, damping=0.1 * beta), 3), [0.1, 0.2, 0.999]
-    ),
-    "root loci": lambda: pp.root_loci(CHAIN, [0.0, 2.0, 4.0]),
-    "modes": lambda: pp.modes(CHAIN, 2.0),
-    "motion": lambda: pp.simulate(
-        CHAIN, 4.0, 1.0, lambda s: 0.1 * s, events=pp.Event(lambda t, q, qdot: q[0]), dense=True
-    ),
-    "driven motion": lambda: pp.simulate(
-        CHAIN, pp.Pulsation(4.0, 0.1, 5.0), 1.0, lambda s: 0.1 * s, base=pp.Harmonic(0.01, 3.0)
-    ),
-    "ensemble": lambda: pp.simulate_many(CHAIN, [3.0, 4.0], 1.0, lambda s: 0.1 * s),
-    "cycle": lambda: pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 2), 4.0),
-    "diagram": lambda: pp.bifurcation_diagram(
-        pp.Chain(pp.Pipe(0.2), 2), [3.0, 4.0], cycles=6, brute_force=1
-    ),
-    "forced response": lambda: pp.forced_response(
-        pp.Galerkin(pp.Pipe(0.2, damping=0.01), 3),
-        5.0,
-        base=pp.Harmonic(0.01, 13.0, "x"),
-        frequencies=(12.5, 13.5),
-    ),
-    "boundary": lambda: pp.boundary(CHAIN, "gamma", "u", {"gamma": (-5.0, 5.0), "u": (0.0, 6.0)}),
-    "trade": lambda: pp.trade(pp.Pipe(0.2), "critical_speed", sizes=[4, 8], repeats=1),
-}
 
 
 def again(thing, tmp_path):
@@ -67,30 +24,6 @@ def again(thing, tmp_path):
     thing.save(path)
     assert [one.name for one in tmp_path.iterdir()] == ["saved.npz"]
     return pp.load(path)
-
-
-@pytest.mark.parametrize("name", MODELS)
-def test_models_answer_as_before(name, tmp_path):
-    model = MODELS[name]
-    loaded = again(model, tmp_path)
-    assert type(loaded) is type(model)
-    assert repr(loaded) == repr(model)
-    assert loaded.pipe == model.pipe
-    if isinstance(model, pp.Continuum):
-        assert pp.critical_speed(loaded) == pp.critical_speed(model)
-        return
-    mine, its = model.operators(), loaded.operators()
-    assert mine == its
-    y = np.linspace(0.01, 0.02, 2 * model.coordinates)
-    np.testing.assert_array_equal(loaded.rhs(0.0, y, 3.0), model.rhs(0.0, y, 3.0))
-
-
-@pytest.mark.parametrize("name", RESULTS)
-def test_results_are_equal(name, tmp_path):
-    found = RESULTS[name]()
-    loaded = again(found, tmp_path)
-    assert loaded == found
-    assert repr(loaded) == repr(found)
 
 
 def test_pipes_keep_their_units(tmp_path):
@@ -102,7 +35,7 @@ def test_pipes_keep_their_units(tmp_path):
 
 
 def test_a_file_of_another_kind_than_asked_for_is_refused(tmp_path):
-    CHAIN.save(path := tmp_path / "chain.npz")
+    pp.Chain(pp.Pipe(0.2), 2).save(path := tmp_path / "chain.npz")
     assert isinstance(pp.load(path, pp.Model), pp.Chain)
     with pytest.raises(TypeError, match=r"chain\.npz holds a Chain, not a Pipe$"):
         pp.load(path, pp.Pipe)
@@ -119,11 +52,11 @@ def test_numbers_are_kept_to_the_bit(tmp_path):
 
 
 def test_a_loaded_branch_can_be_asked_further(tmp_path):
-    found = RESULTS["forced response"]()
-    loaded = again(found, tmp_path)
-    (mine,), (its,) = found.at(13.0), loaded.at(13.0)
+    model, base = pp.Galerkin(pp.Pipe(0.2, damping=0.01), 3), pp.Harmonic(0.01, 13.0, "x")
+    found = pp.forced_response(model, 5.0, base=base, frequencies=(12.5, 13.5))
+    (mine,), (its,) = found.at(13.0), again(found, tmp_path).at(13.0)
     assert its.amplitude == mine.amplitude
-    cycle = again(RESULTS["cycle"](), tmp_path)
+    cycle = again(pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 2), 4.0), tmp_path)
     assert pp.limit_cycle(cycle.model, 4.1, cycle).amplitude > cycle.amplitude
 
 
@@ -134,7 +67,7 @@ def test_functions_of_the_users_are_refused_by_their_place(tmp_path):
         ValueError, match=r"Assembly.modules\[\d+\].energy cannot be saved: it is a "
     ):
         scene.save(tmp_path / "scene.npz")
-    motion = pp.simulate(CHAIN, lambda t: 3.0 + 0.0 * t, 0.5, lambda s: 0.1 * s)
+    motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 3), lambda t: 3.0 + 0.0 * t, 0.5, lambda s: 0.1 * s)
     with pytest.raises(
         ValueError, match=r"Motion\.u cannot be saved: it is a Python function; to_csv"
     ):

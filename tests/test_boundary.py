@@ -10,7 +10,7 @@ import pytest
 import pipedyn as pp
 from pipedyn.curves import boundary_curves, organising
 from pipedyn.curves.boundary import checked_window
-from pipedyn.curves.boundary_curves import Tracer, line_starts
+from pipedyn.curves.boundary_curves import CurveTracer, line_starts
 from pipedyn.equilibrium.hopf import static_cubic
 from pipedyn.linear.plane import Plane, Scale, Window
 
@@ -165,28 +165,26 @@ class Ring(Plane):
         return self.matrices(at)[0]
 
 
-def test_a_closed_curve_that_no_edge_meets_is_found_and_closes():
-    starts, failures = line_starts(Ring())
-    tracer = Tracer(Ring(), starts)
+@pytest.mark.parametrize(
+    ("center", "radius", "only_stability"),
+    [((0.5, 0.5), 0.3, False), ((0.68, 0.27), 0.05, False), ((0.68, 0.27), 0.05, True)],
+    ids=["met by lines", "met by none", "stability"],
+)
+def test_a_closed_curve_that_no_edge_meets_is_found_and_closes(center, radius, only_stability):
+    """Small ones, which no line meets, are reached uphill."""
+    plane = Ring(center, radius)
+    starts, failures = line_starts(plane, only_stability)
+    tracer = CurveTracer(plane, starts)
     (curve,) = tracer.trace(starts)
     assert failures == [*tracer.failures()] == []
     assert curve.ends == ("closed", "closed")
-    places = curve.places()
-    assert places[0].tolist() == places[-1].tolist()
-    assert np.hypot(*(places - 0.5).T) == pytest.approx(0.3, abs=1e-12)
-    turned = np.unwrap(np.arctan2(*(places - 0.5).T))
+    away = curve.places() - plane.center
+    assert away[0].tolist() == away[-1].tolist()
+    assert np.hypot(*away.T) == pytest.approx(radius, abs=1e-12)
+    turned = np.unwrap(np.arctan2(*away.T))
     assert abs(turned[-1] - turned[0]) == pytest.approx(2.0 * np.pi)
     (change,) = {curve.problem.change(point) for point in curve.points}
     assert change * (turned[-1] - turned[0]) < 0.0  # the inside, left of the way, is unstable
-
-
-@pytest.mark.parametrize("only_stability", [True, False])
-def test_a_closed_curve_that_no_line_meets_is_reached_uphill(only_stability):
-    plane = Ring(center=(0.68, 0.27), radius=0.05)
-    starts, _ = line_starts(plane, only_stability)
-    (curve,) = Tracer(plane, starts).trace(starts)
-    assert curve.ends == ("closed", "closed")
-    assert np.hypot(*(curve.places() - plane.center).T) == pytest.approx(0.05, abs=1e-12)
 
 
 def test_damping_that_has_an_extreme_beside_the_axis_is_no_curve():
@@ -691,12 +689,9 @@ def test_what_no_boundary_can_be_drawn_of_is_refused_by_name(words, message):
     assert str(caught.value).startswith(message)
 
 
-def test_a_flow_speed_is_given_once():
+def test_a_bent_pipe_and_a_second_flow_speed_are_refused():
     with pytest.raises(ValueError, match="u must not be given where it is x or y, got 3"):
         pp.boundary(CHAIN, "beta", "u", WINDOW, u=3.0)
-
-
-def test_a_bent_pipe_is_refused():
     bent = pp.Chain(pp.Pipe(0.2, jet_angle=0.3), 3)
     with pytest.raises(ValueError, match="model must rest straight"):
         pp.boundary(bent, "beta", "u", WINDOW)

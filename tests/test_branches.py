@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import pipedyn as pp
-from pipedyn.continuation.arclength import folds
+from pipedyn.continuation.tracer import Fold
 from pipedyn.cycles import branches as module
 from pipedyn.orbits.floquet import crossing_event, log_moduli, nontrivial
 
@@ -197,25 +197,23 @@ def test_with_drag_amplitudes_follow_their_law():
     )
 
 
-def test_a_speed_right_beside_the_onset_has_its_cycle():
-    for model in (THREE, pp.Chain(pp.Pipe(0.2, flow="aspirating", damping=0.01, drag=1.0), 3)):
-        onset = pp.hopf(model)
-        u = onset.speed * (1.0 + np.array([-1e-2, 2e-5, 1e-3]))
-        (branch,) = pp.bifurcation_diagram(model, u).cycles
-        for speed in u[1:]:
-            (cycle,) = branch.at(speed)
-            assert cycle.amplitude == pytest.approx(onset.amplitude(speed), rel=2e-2)
-            assert cycle.stable
+DRAGGED = pp.Chain(pp.Pipe(0.2, flow="aspirating", damping=0.01, drag=1.0), 3)
 
 
-def test_the_cycle_is_found_however_near_the_speed_is_to_the_onset():
-    onset = pp.hopf(THREE)
-    u = onset.speed * (1.0 + np.array([-1e-2, 1e-6, 2e-5]))
-    found = pp.bifurcation_diagram(THREE, u)
+@pytest.mark.parametrize(
+    ("model", "beyond", "rtol"),
+    [(THREE, (1e-6, 2e-5), 1e-3), (THREE, (2e-5, 1e-3), 2e-2), (DRAGGED, (2e-5, 1e-3), 2e-2)],
+)
+def test_the_cycle_is_found_however_near_the_speed_is_to_the_onset(model, beyond, rtol):
+    onset = pp.hopf(model)
+    u = onset.speed * (1.0 + np.array([-1e-2, *beyond]))
+    found = pp.bifurcation_diagram(model, u)
     assert found.failures == ()
+    (branch,) = found.cycles
     for speed in u[1:]:
-        (cycle,) = found.cycles[0].at(speed)
-        assert cycle.amplitude == pytest.approx(onset.amplitude(speed), rel=1e-3)
+        (cycle,) = branch.at(speed)
+        assert cycle.amplitude == pytest.approx(onset.amplitude(speed), rel=rtol)
+        assert cycle.stable
 
 
 @pytest.mark.parametrize("executor", [None, ThreadPoolExecutor])
@@ -277,11 +275,8 @@ def test_where_a_symmetric_branch_turns_is_a_fold_and_no_pitchfork(returning):
     below = branch.at(6.3)
     assert sorted(cycle.amplitude < fold.amplitude for cycle in below) == [False, False, True]
     assert len(branch.at(6.33)) == 1
-
-
-def test_on_a_branch_multipliers_are_known_to_1e_4_also_at_a_fold(returning):
-    """There neighbours diverge so fast that the branch's own meshes leave 1.6e-4."""
-    assert max(cycle.multiplier_error for cycle in returning.cycles[0].cycles) < 1e-4
+    # Near it neighbours diverge so fast that the branch's own meshes leave an error of 1.6e-4.
+    assert max(cycle.multiplier_error for cycle in branch.cycles) < 1e-4
 
 
 def test_a_motion_leaves_an_unstable_cycle_unless_the_search_ends_before(returning, monkeypatch):
@@ -320,7 +315,7 @@ class Bends:
     ],
 )
 def test_a_step_may_hold_no_fold_or_one_or_two(step, expected):
-    assert folds(step, 1e-5) == pytest.approx(expected, abs=1e-4)
+    assert Fold(step, 1e-5).lengths() == pytest.approx(expected, abs=1e-4)
 
 
 # ------------------------------------------------------------------------ cycles that leave cycles
@@ -442,7 +437,7 @@ def test_what_is_narrower_than_the_speeds_show_is_left_out_and_named():
 )
 def test_an_event_is_named_by_where_the_multiplier_passes(root, mirrored, kind):
     others = [root, np.conj(root)] if np.iscomplex(root) else [root]
-    named, multiplier = crossing_event([1.0, 0.2, -0.3, 40.0, *others], mirrored)
+    named, multiplier = crossing_event(np.array([0.2, -0.3, 40.0, *others]), mirrored)
     assert named == kind
     power = 2 if mirrored else 1
     assert multiplier == pytest.approx((root / abs(root)) ** power)

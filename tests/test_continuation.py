@@ -1,19 +1,15 @@
 # SPDX-License-Identifier: MIT
 """Pseudo-arclength continuation: on curves that are known, and of orbits on meshes that change."""
 
-from types import SimpleNamespace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 import pipedyn as pp
-from pipedyn.continuation.arclength import (
-    Control,
-    DenseProblem,
-    folds,
-    sign_changes,
-)
-from pipedyn.equilibrium.equilibria import _Way
+from pipedyn.continuation.arclength import Control, DenseProblem, Segment
+from pipedyn.continuation.tracer import TestFunction as Function
+from pipedyn.continuation.tracer import Tracer, special_points
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.orbit_continuation import FINE, followed, from_hopf, orbit_at
 from pipedyn.util.newton import NewtonFailed
@@ -29,42 +25,40 @@ def circle():
     return DenseProblem(circle_equations, 2, 1.0, Control(longest=0.2))
 
 
-def test_a_closed_curve_is_followed_around_both_folds(circle):
-    point = circle.point(np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0]))
-    step, turns, gone = 0.05, [], 0.0
-    while gone < 2.0 * np.pi:
-        segment, step = circle.next(point, step)
-        turns += [segment.at(s).p for s in folds(segment, 1e-9)]
-        point, gone = segment.end, gone + segment.length
-        assert point.x**2 + point.p**2 == pytest.approx(np.ones(2), abs=1e-12)
-        assert circle.length(point.tangent) == pytest.approx(1.0, abs=1e-14)
+@pytest.mark.parametrize("p0", [-0.8, 0.0, 0.3])
+@pytest.mark.parametrize("step", [0.05, 0.2, 1.0])
+def test_a_closed_curve_is_followed_once_around_both_folds(step, p0):
+    circle = DenseProblem(circle_equations, 2, 1.0, Control(longest=step))
+    x = np.full(2, np.sqrt(1.0 - p0**2))
+    start = circle.point(np.append(x, p0), np.array([0.0, 0.0, 1.0]))
+    tracer = Tracer([(-1, -3.0, 3.0)])
+    points, ends, reasons = tracer.both_ways(circle, start, 0.2 * step)
+    assert ends == ("closed", "closed")
+    assert reasons == ("", "")
+    steps = circle.segments(start, 0.2 * step, [(-1, p0)])  # with a point wherever it passes p0
+    marked, end, _ = tracer.one_way(steps, circle, start)
+    assert end == "closed"
+    assert [point.p for point in marked].count(p0) == 3
+    assert points[0] is points[-1] is start
+    turns = []
+    for a, b in pairwise(points):
+        segment = Segment(circle, a, b)
+        turns += [segment.at(s).p for s, _ in special_points(segment, 1e-9, ())]
+        assert b.x**2 + b.p**2 == pytest.approx(np.ones(2), abs=1e-12)
+        assert circle.length(b.tangent) == pytest.approx(1.0, abs=1e-14)
         # With this metric the curve is the unit circle: its tangent is across the radius.
-        assert circle.product(point.tangent, point.z) == pytest.approx(0.0, abs=1e-12)
+        assert circle.product(b.tangent, b.z) == pytest.approx(0.0, abs=1e-12)
     assert turns == pytest.approx([1.0, -1.0], abs=1e-12)
 
 
-@pytest.mark.parametrize("u0", [2.2, 3.0, 3.3])
-@pytest.mark.parametrize("step", [0.05, 1.0])
-def test_a_closed_branch_of_equilibria_is_followed_once_around(step, u0):
-    """A circle about u = 3 in place of a pipe's equilibria, none of them straight."""
-    statics = SimpleNamespace(
-        resting=np.array([9.0, 9.0]),
-        always_rests=False,
-        model=SimpleNamespace(tips=lambda q: np.zeros((q.shape[1], 2))),
-        growth=lambda x, u: np.array([-1.0, -2.0]),
-        rms=lambda x: float(np.linalg.norm(x)),
-        straight=lambda x: False,
-        recorded=lambda xs: xs,
-    )
-    problem = DenseProblem(lambda x, p: circle_equations(x, p - 3.0), 2, 1.0, Control(step))
-    x = np.full(2, np.sqrt(1.0 - (u0 - 3.0) ** 2))
-    way = _Way(
-        statics, problem, problem.point(np.append(x, u0), np.array([0, 0, -1.0])), (0.0, 6.0)
-    )
-    assert way.run() == "closed"
-    assert [(point.kind, point.speed) for point in way.changes] == [
-        *(("fold", pytest.approx(2.0, abs=1e-9)), ("fold", pytest.approx(4.0, abs=1e-9)))
-    ]
+class ValuePassed(Function):
+    """The parameter passes 0.123."""
+
+    def about(self, s):
+        return np.array([self.step.at(s).p - 0.123])
+
+    def found(self, before, beyond):
+        return before, beyond
 
 
 def test_a_segment_is_solved_for_at_a_length_and_at_a_parameter(circle):
@@ -74,8 +68,7 @@ def test_a_segment_is_solved_for_at_a_length_and_at_a_parameter(circle):
     found = segment.where(0.15)
     assert found[:-1] == pytest.approx(np.full(2, np.sqrt(1.0 - 0.15**2)), abs=1e-12)
     assert found[-1] == 0.15
-    past = sign_changes(lambda s: np.array([segment.at(s).p - 0.123]), 0.0, 0.2, 1e-10)
-    ((before, beyond),) = past
+    ((_, (before, beyond)),) = special_points(segment, 0.0, [ValuePassed(segment, 1e-10)])
     assert (before, beyond) == pytest.approx((0.123, 0.123), abs=1e-9)
     assert segment.at(before).p <= 0.123 < segment.at(beyond).p
     # The cubic through the ends misses by the fourth power of the length.

@@ -15,14 +15,6 @@ def three(beta):
     return pp.Chain(pp.Pipe(beta), 3)
 
 
-def test_three_segments_are_subcritical_at_great_fluid_mass_only():
-    curve = pp.criticality_curve(three, [0.2, 0.7])
-    assert curve.failures == ()
-    assert curve.subcritical.tolist() == [False, True]
-    assert curve.speeds == pytest.approx([pp.hopf(three(b)).speed for b in (0.2, 0.7)])
-    assert curve.laws[0] > 0.0 > curve.laws[1]
-
-
 def test_points_that_fail_are_marked_and_the_others_kept():
     def make(gamma):
         if gamma == 1.0:
@@ -44,6 +36,9 @@ def test_points_on_an_executor_are_the_same(terminal):
     with ThreadPoolExecutor(2) as executor:
         again = pp.criticality_curve(three, [0.2, 0.7], executor=executor, progress=True)
     np.testing.assert_array_equal(alone.laws, again.laws)
+    assert alone.failures == ()
+    assert alone.speeds == pytest.approx([pp.hopf(three(b)).speed for b in (0.2, 0.7)])
+    assert alone.laws[0] > 0.0 > alone.laws[1]
     assert "criticality" in terminal.readouterr().err
     assert pickle.loads(pickle.dumps(alone)).subcritical.tolist() == [False, True]
 
@@ -64,24 +59,36 @@ def test_bad_arguments_are_refused_by_name(given, kind, message):
         pp.criticality_curve(**arguments)
 
 
-@pytest.mark.parametrize(("n", "last"), [(3, 0.5), (4, 0.6), (5, 0.75), (6, 0.8)])
-def test_chains_are_subcritical_beyond_a_share_of_fluid_that_grows_with_the_segments(n, last):
-    curve = pp.criticality_curve(lambda b: pp.Chain(pp.Pipe(b), n), [0.2, last, last + 0.1, 0.95])
-    assert curve.subcritical.tolist() == [False, False, True, True]
+def chain(n, gamma=0.0):
+    return lambda beta: pp.Chain(pp.Pipe(beta, gamma=gamma), n)
 
 
-def test_two_segments_are_subcritical_where_the_fluid_is_light_only():
-    curve = pp.criticality_curve(lambda b: pp.Chain(pp.Pipe(b), 2), [0.05, 0.2, 0.5, 0.9])
-    assert curve.subcritical.tolist() == [True, False, False, False]
+def hanging(gamma):
+    return lambda beta: pp.Galerkin(pp.Pipe(beta, gamma=gamma), 12, "legendre")
 
 
-@pytest.mark.parametrize("gamma", [0.0, 100.0])
-def test_the_continuous_pipe_is_subcritical_nowhere_unless_it_hangs_heavily(gamma):
-    curve = pp.criticality_curve(
-        lambda b: pp.Galerkin(pp.Pipe(b, gamma=gamma), 12, "legendre"), [0.05, 0.3, 0.5, 0.7, 0.95]
-    )
+@pytest.mark.parametrize(
+    ("make", "subcritical"),
+    [
+        # A share of fluid that grows with the number of segments divides chains,
+        (chain(3), {0.2: False, 0.5: False, 0.6: True, 0.95: True}),
+        (chain(4), {0.2: False, 0.6: False, 0.7: True, 0.95: True}),
+        (chain(5), {0.2: False, 0.75: False, 0.85: True, 0.95: True}),
+        (chain(6), {0.2: False, 0.8: False, 0.9: True, 0.95: True}),
+        # but two segments are subcritical where the fluid is light only,
+        (chain(2), {0.05: True, 0.2: False, 0.5: False, 0.9: False}),
+        # and at heavy fluid too just before they diverge.
+        (chain(2, 20.0), {0.05: True, 0.4: False, 0.8: True}),
+        # The continuous pipe is so nowhere unless it hangs heavily.
+        (hanging(0.0), dict.fromkeys([0.05, 0.3, 0.5, 0.7, 0.95], False)),
+        (hanging(100.0), dict.fromkeys([0.05, 0.3, 0.5, 0.7, 0.95], False)),
+        (hanging(300.0), {0.003: False, 0.01: True, 0.02: False}),
+    ],
+)
+def test_where_flutter_is_subcritical_over_the_mass_ratio(make, subcritical):
+    curve = pp.criticality_curve(make, [*subcritical])
     assert curve.failures == ()
-    assert not curve.subcritical.any()
+    assert curve.subcritical.tolist() == [*subcritical.values()]
 
 
 def test_changes_bracket_where_the_lyapunov_coefficient_passes_zero():
@@ -125,19 +132,10 @@ def test_with_drag_a_curve_shows_where_cycles_fold_past_their_onset(drag):
     assert np.isnan(bare.folds).all()
 
 
-def test_two_segments_are_subcritical_at_heavy_fluid_too_just_before_they_diverge():
-    curve = pp.criticality_curve(lambda b: pp.Chain(pp.Pipe(b, gamma=20.0), 2), [0.05, 0.4, 0.8])
-    assert curve.subcritical.tolist() == [True, False, True]
-
-
-def test_a_heavily_hanging_continuous_pipe_is_subcritical_where_the_fluid_is_light():
-    def make(beta, m=12):
-        return pp.Galerkin(pp.Pipe(beta, gamma=300.0), m, "legendre")
-
-    curve = pp.criticality_curve(make, [0.003, 0.01, 0.02])
-    assert curve.subcritical.tolist() == [False, True, False]
-    onset = pp.hopf(make(0.01, 16))
-    assert onset.lyapunov == pytest.approx(curve.onsets[1].lyapunov, rel=1e-3)
+def test_the_subcritical_cycle_of_a_heavily_hanging_continuous_pipe_follows_its_law():
+    pipe = pp.Pipe(0.01, gamma=300.0)
+    onset, coarser = (pp.hopf(pp.Galerkin(pipe, m, "legendre")) for m in (16, 12))
+    assert onset.lyapunov == pytest.approx(coarser.lyapunov, rel=1e-3)
     cycle = pp.limit_cycle(onset.model, onset.speed - 1e-4)
     assert not cycle.stable
     assert cycle.amplitude == pytest.approx(onset.amplitude(cycle.u), rel=1e-2)

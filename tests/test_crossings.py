@@ -126,20 +126,6 @@ def test_the_continuous_pipes_crossings_account_for_the_roots_of_its_strong_form
         assert np.sum(values.real > 0.0) == expected
 
 
-def test_the_pipe_at_beta_0_2_crosses_four_times_up_to_15():
-    found = pp.crossings(pp.Continuum(pp.Pipe(0.2)), 15.0)
-    assert [(c.unstable_before, c.unstable_after) for c in found] == [
-        (0, 2),
-        (2, 4),
-        (4, 2),
-        (2, 4),
-    ]
-    for crossing in found:
-        speed, frequency = determinant_crossing(0.2, crossing.speed, crossing.frequency)
-        assert crossing.speed == pytest.approx(speed, rel=1e-11)
-        assert crossing.frequency == pytest.approx(frequency, rel=1e-10)
-
-
 @pytest.mark.parametrize(
     ("low", "fold", "high", "max_speed"),
     [(0.28, 0.295, 0.31, 9.0), (0.64, 0.67, 0.71, 14.0), (0.84, 0.9, 0.93, 17.6)],
@@ -209,16 +195,18 @@ def test_two_crossings_that_all_but_touch_are_both_found_or_neither(
 # -------------------------------------------------------------------------- critical speed
 
 
-@pytest.mark.parametrize("n", [3, 10, 70])
-def test_a_chains_critical_speed_parts_stable_from_unstable(n):
+@pytest.mark.parametrize("n", [3, 5, 10, 20, 70])
+def test_a_chains_critical_speed_parts_stable_from_unstable_and_its_error_bounds_the_true_one(n):
+    """Against the chain's matrices, and shooting along the chain with 30 digits."""
     chain = pp.Chain(pp.Pipe(0.2), n)
     found = pp.critical_speed(chain)
     assert found.error < 1e-10
     assert found.size == n
     assert unstable_count(chain, found.speed * (1.0 - 1e-6)) == 0
     assert unstable_count(chain, found.speed * (1.0 + 1e-6)) == 2
-    values = companion_eigenvalues(*chain.operators().at(found.speed))
-    assert np.abs(values - 1j * found.frequency).min() < 1e-7
+    speed, frequency = chain_crossing(chain, found.speed, found.frequency)
+    assert abs(found.speed - speed) <= found.error + 4e-16 * found.speed
+    assert abs(found.frequency - frequency) < 1e-10 * found.frequency
 
 
 @pytest.mark.parametrize(
@@ -233,15 +221,6 @@ def test_an_undamped_aspirating_pipe_is_unstable_from_the_smallest_flow_on(make_
     assert found.kind == "flutter"
     assert found.stable_at_rest
     assert found.sensitivity is None
-
-
-@pytest.mark.parametrize("alpha", [0.0, 0.5, 1.0])
-def test_damping_gives_an_aspirating_pipe_a_critical_speed(alpha):
-    chain = pp.Chain(pp.Pipe(0.3, flow="aspirating", alpha=alpha, damping=1e-2), 10)
-    found = pp.critical_speed(chain)
-    assert 0.0 < found.speed < 1.0
-    assert unstable_count(chain, found.speed * (1.0 - 1e-5)) == 0
-    assert unstable_count(chain, found.speed * (1.0 + 1e-5)) == 2
 
 
 def test_every_mode_of_an_undamped_aspirating_pipe_leaves_the_axis_at_once():
@@ -287,11 +266,6 @@ def test_the_mode_is_the_branch_of_the_root_locus():
         assert on_axis.min() < 1e-6
 
 
-def test_a_heavy_standing_pipe_is_buckled_at_rest():
-    assert not pp.critical_speed(pp.Chain(pp.Pipe(0.2, gamma=-10.0), 20)).stable_at_rest
-    assert pp.critical_speed(pp.Chain(pp.Pipe(0.2, gamma=-5.0), 20)).stable_at_rest
-
-
 def test_a_sweep_of_a_heavy_hanging_pipe_needs_no_more_samples_than_that_of_a_light_one():
     """Their critical speeds go with the speeds of their free ends, and so do the steps."""
     counts, speeds = [], []
@@ -320,22 +294,13 @@ def test_one_segment_never_flutters():
         pp.critical_speed(pp.Chain(pp.Pipe(0.2), 1))
 
 
-@pytest.mark.parametrize("beta", [0.1, 0.295, 0.9, 0.99])
+@pytest.mark.parametrize("beta", [0.1, 0.2, 0.295, 0.9, 0.99])
 def test_the_continuums_error_bounds_the_true_one(beta):
     for crossing in pp.crossings(pp.Continuum(pp.Pipe(beta)), 18.5)[:4]:
-        speed, _ = determinant_crossing(beta, crossing.speed, crossing.frequency, digits=35)
+        speed, frequency = determinant_crossing(beta, crossing.speed, crossing.frequency, digits=35)
         assert abs(crossing.speed - speed) <= crossing.error + 4e-16 * speed
+        assert crossing.frequency == pytest.approx(frequency, rel=1e-8 if beta > 0.9 else 1e-10)
         assert crossing.error < 1e-8 * speed
-
-
-@pytest.mark.parametrize("n", [5, 20, 70])
-def test_a_chains_error_bounds_the_true_one(n):
-    """Against shooting along the chain with 30 digits."""
-    chain = pp.Chain(pp.Pipe(0.2), n)
-    found = pp.critical_speed(chain)
-    speed, frequency = chain_crossing(chain, found.speed, found.frequency)
-    assert abs(found.speed - speed) <= found.error + 4e-16 * found.speed
-    assert abs(found.frequency - frequency) < 1e-10 * found.frequency
 
 
 def test_discretisation_bounds_the_distance_to_the_continuous_pipe():
@@ -453,12 +418,9 @@ def test_stiffer_springs_and_faster_flow_scale_together(monkeypatch):
         by_speed, by_frequency = found.sensitivity.speed, found.sensitivity.frequency
         assert by_speed.springs @ chain.springs == pytest.approx(found.speed / 2, rel=1e-9)
         assert by_frequency.springs @ chain.springs == pytest.approx(found.frequency / 2, rel=1e-9)
-
-
-def test_springs_do_not_matter_to_a_reduced_model():
-    found = pp.critical_speed(pp.Galerkin(pp.Pipe(0.3), 5)).sensitivity
-    assert found.speed.springs is None
-    assert found.frequency.springs is None
+    reduced = pp.critical_speed(pp.Galerkin(pp.Pipe(0.3), 5)).sensitivity
+    assert reduced.speed.springs is None
+    assert reduced.frequency.springs is None
 
 
 def test_a_damped_pipe_without_fluid_mass_has_no_derivative_by_it():

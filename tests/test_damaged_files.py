@@ -49,170 +49,113 @@ def fields_of(header, kind):
     )
 
 
-def of(kind, /, **values):
-    """Gives fields of the first object of a class other values."""
-    return lambda header, arrays: fields_of(header, kind).update(values)
+LACKING = object()
+SERIES, ORBIT = "models.profile._Series.coefficients", "bifurcation.periodic_orbit.PeriodicOrbit"
 
 
-def of_array(kind, field, change):
-    """Changes the array in a field of the first object of a class."""
+def changed(where, change):
+    """Gives a field of the first object of a class another value, or changes the array in it."""
+    kind, _, field = where.rpartition(".")
 
     def edit(header, arrays):
-        place = fields_of(header, kind)[field]["object"]
-        member = header["objects"][place]["array"]
-        arrays[member] = change(arrays[member])
+        fields = fields_of(header, kind)
+        if change is LACKING:
+            del fields[field]
+        elif callable(change):
+            member = header["objects"][fields[field]["object"]]["array"]
+            arrays[member] = change(arrays[member])
+        else:
+            fields[field] = change
 
     return edit
 
 
-def without(kind, field):
-    return lambda header, arrays: fields_of(header, kind).pop(field)
-
-
 @pytest.mark.parametrize(
-    ("name", "edit", "said"),
+    ("name", "where", "change", "said"),
     [
         (
             "chain",
-            of_array("Chain", "_lengths", lambda a: np.full(4, 0.9)),
-            r"base \+ sum\(lengths\) must be 1, got 3.6",
+            "Chain._lengths",
+            lambda a: np.full(4, 0.9),
+            r"sum\(lengths\) must be 1, got 3.6",
         ),
         (
             "chain",
-            of_array("Chain", "_lengths", lambda a: np.full(3, 0.9)),
-            r"base \+ sum\(lengths\) must be 1, got 2.7",
+            "Chain._lengths",
+            lambda a: np.full(3, 0.9),
+            r"sum\(lengths\) must be 1, got 2.7",
         ),
-        ("chain", of_array("Chain", "_joints", lambda k: -k), r"joints must .* >= 0"),
-        ("chain", of_array("Chain", "_joints", lambda k: k[:2]), "joints must have 3 or 4 entries"),
-        ("chain", of_array("Chain", "_gyration_radii", lambda a: a * np.nan), "got nan at index 0"),
-        ("chain", of("Chain", _rule="steep"), "rule must be one of 'consistent'"),
-        ("chain", of("Chain", _base=0.5), r"base \+ sum\(lengths\) must be 1"),
-        ("chain", of("Chain", _approximates=1), "approximates must be True or False"),
-        ("chain", of("Chain", _reference={"tuple": [0.1]}), "reference must have 3 entries"),
-        ("chain", without("Chain", "_masses"), "masses of Chain is missing"),
-        ("chain", without("Chain", "_rule"), "'rule' is missing"),
-        ("chain", of("Chain", lengths=1), "which `save` does not write"),
+        ("chain", "Chain._joints", lambda k: -k, r"joints must .* >= 0"),
+        ("chain", "Chain._joints", lambda k: k[:2], "joints must have 3 or 4 entries"),
+        ("chain", "Chain._gyration_radii", lambda a: a * np.nan, "got nan at index 0"),
+        ("chain", "Chain._rule", "steep", "rule must be one of 'consistent'"),
+        ("chain", "Chain._base", 0.5, r"base \+ sum\(lengths\) must be 1"),
+        ("chain", "Chain._approximates", 1, "approximates must be True or False"),
+        ("chain", "Chain._reference", {"tuple": [0.1]}, "reference must have 3 entries"),
+        ("chain", "Chain._masses", LACKING, "masses of Chain is missing"),
+        ("chain", "Chain._rule", LACKING, "'rule' is missing"),
+        ("chain", "Chain.lengths", 1, "which `save` does not write"),
         (
-            "chain that is held",
-            of_array("Chain", "_lengths", lambda a: a + 0.01 * np.eye(5)[0] - 0.01 * np.eye(5)[4]),
-            "a segment must end",
+            *("chain that is held", "Chain._lengths"),
+            *(lambda a: np.add(a, [0.01, 0.0, 0.0, 0.0, -0.01]), "a segment must end"),
         ),
+        ("chain that rests bent", "Chain._reference", lambda q: q + np.nan, "got nan at index 0"),
+        ("chain of arrays", "Chain._masses", lambda m: 0.01 * m, "at least beta = 0.2 times"),
+        ("beam functions", "Galerkin._size", -3, "m must be from 1 to 2000, got -3"),
+        ("beam functions", "Galerkin._size", 3.0, "m of Galerkin must be int, got 3.0"),
+        ("beam functions", "Galerkin._size", True, "m of Galerkin must be int, got True"),
+        ("beam functions", "Galerkin._more", -1, "more must be from 0 to 2000, got -1"),
+        ("beam functions", "Galerkin._basis", "sine", "basis of Galerkin must be one of 'beam'"),
+        ("legendre functions", "Galerkin._size", 1, "m must be at least 2"),
         (
-            "chain that rests bent",
-            of_array("Chain", "_reference", lambda q: q + np.nan),
-            "reference must .* got nan at index 0",
+            *("beam functions that are held", "Galerkin._reference"),
+            *({"tuple": [0.1, 0.2, 0.3, 0.4]}, "reference must have 6 entries, got 4"),
         ),
-        (
-            "chain of arrays",
-            of_array("Chain", "_masses", lambda m: 0.01 * m),
-            "masses must be at least beta = 0.2 times",
+        ("continuum", "Pipe.jet_angle", 0.5, "no equilibrium with jet_angle"),
+        ("pipe", "Pipe.beta", 2.0, r"beta must lie in \[0, 1\), got 2.0"),
+        ("pipe", "Pipe.gamma", LACKING, "gamma of Pipe is missing"),
+        ("pipe with every term", "Spring.stiffness", -1.0, "stiffness must be finite and >= 0"),
+        *(
+            ("pipe that varies", SERIES, {"tuple": values}, said)
+            for values, said in (
+                ([1.0, {"number": "nan"}], "coefficients must be 1 to 128 numbers in"),
+                ([-1.0, 0.5], r"values must lie in \[1e-06, 1e\+06\], got -1.5 to"),
+                ([], r"1 to 128 numbers in \[-2e\+06, 2e\+06\], got \(\)"),
+            )
         ),
-        ("beam functions", of("Galerkin", _size=-3), "m must be from 1 to 2000, got -3"),
-        ("beam functions", of("Galerkin", _size=3.0), "m of Galerkin must be int, got 3.0"),
-        ("beam functions", of("Galerkin", _size=True), "m of Galerkin must be int, got True"),
-        ("beam functions", of("Galerkin", _more=-1), "more must be from 0 to 2000, got -1"),
+        ("scene", "modular.Segment.length", 0.9, r"lengths .* must .* 1|add up"),
+        ("scene", "modular.Guide.node", 7, "node"),
+        ("Operators", "Operators.direction", 3.0, "direction must be 1 or -1"),
+        ("Operators", "Operators.flux", lambda m: m[:1], r"shape \(n, n\), got \(1, 2\)"),
+        ("Motion", "Motion.u", -4.0, "u of Motion must be >= 0"),
+        ("Motion", "Motion.u", "fast", "u of Motion must be"),
+        ("Motion", "Motion.evaluations", 2.5, "evaluations of Motion must be int, got 2.5"),
+        ("Motion", "Motion.events", None, "events of Motion must be tuple"),
+        ("Motion", "Motion.tip", lambda a: a.T, r"tip of Motion must have shape \(S, 2\)"),
+        ("Motion", "Motion.t", lambda a: a[:-1], "of Motion must have shape"),
+        ("Motion", "Motion.q", lambda a: a[:, :1], r"\(S, coordinates\), got \(5, 1\)"),
+        ("Motion", "Motion.q", lambda a: a.astype(np.float32), "q of Motion must be"),
+        ("Motion", "Motion.q", lambda a: a.astype(int), "q of Motion must be"),
+        ("Motion", "Motion.energy", lambda a: a.astype(str), "energy of Motion must be"),
+        ("DenseOutput", "DenseOutput.t", lambda a: a[::-1], "t of DenseOutput must ascend"),
+        ("CriticalSpeed", "CriticalSpeed.kind", "collapse", "kind of CriticalSpeed must be"),
+        ("CriticalSpeed", "CriticalSpeed.model", {"object": 0}, "model of CriticalSpeed must be"),
+        ("CriticalSpeed", "CriticalSpeed.speed", 10**400, "speed of CriticalSpeed must be float"),
+        ("Failure", "Failure.error", "no", "error of Failure must be Exception"),
+        ("LimitCycle", f"{ORBIT}.edges", lambda a: a[::-1], "edges of an orbit must ascend from 0"),
+        ("LimitCycle", f"{ORBIT}.rates", lambda a: a[:, :7], r"must have shape \(M, 8, half\)"),
+        ("LimitCycle", f"{ORBIT}.frequency", 0.0, "a frequency > 0"),
         (
-            "beam functions",
-            of("Galerkin", _basis="sine"),
-            "basis of Galerkin must be one of 'beam'",
-        ),
-        ("legendre functions", of("Galerkin", _size=1), "m must be at least 2"),
-        (
-            "beam functions that are held",
-            of("Galerkin", _reference={"tuple": [0.1, 0.2, 0.3, 0.4]}),
-            "reference must have 6 entries, got 4",
-        ),
-        ("continuum", of("Pipe", jet_angle=0.5), "no equilibrium with jet_angle"),
-        ("pipe", of("Pipe", beta=2.0), r"beta must lie in \[0, 1\), got 2.0"),
-        ("pipe", without("Pipe", "gamma"), "gamma of Pipe is missing"),
-        ("pipe with every term", of("Spring", stiffness=-1.0), "stiffness must be finite and >= 0"),
-        (
-            "pipe that varies",
-            of("models.profile._Series", coefficients={"tuple": [1.0, {"number": "nan"}]}),
-            "coefficients must be 1 to 128 numbers in",
-        ),
-        (
-            "pipe that varies",
-            of("models.profile._Series", coefficients={"tuple": [-1.0, 0.5]}),
-            r"values must lie in \[1e-06, 1e\+06\], got -1.5 to",
-        ),
-        (
-            "pipe that varies",
-            of("models.profile._Series", coefficients={"tuple": []}),
-            r"coefficients must be 1 to 128 numbers in \[-2e\+06, 2e\+06\], got \(\)",
-        ),
-        ("scene", of("modular.Segment", length=0.9), r"lengths .* must .* 1|add up"),
-        ("scene", of("modular.Guide", node=7), "node"),
-        ("Operators", of("Operators", direction=3.0), "direction must be 1 or -1"),
-        (
-            "Operators",
-            of_array("Operators", "flux", lambda m: m[:1]),
-            r"shape \(n, n\), got \(1, 2\)",
-        ),
-        ("Motion", of("Motion", u=-4.0), "u of Motion must be >= 0"),
-        ("Motion", of("Motion", u="fast"), "u of Motion must be"),
-        ("Motion", of("Motion", evaluations=2.5), "evaluations of Motion must be int, got 2.5"),
-        ("Motion", of("Motion", events=None), "events of Motion must be tuple"),
-        (
-            "Motion",
-            of_array("Motion", "tip", lambda a: a.T),
-            r"tip of Motion must have shape \(S, 2\)",
-        ),
-        ("Motion", of_array("Motion", "t", lambda a: a[:-1]), "of Motion must have shape"),
-        (
-            "Motion",
-            of_array("Motion", "q", lambda a: a[:, :1]),
-            r"\(S, coordinates\), got \(5, 1\)",
-        ),
-        ("Motion", of_array("Motion", "q", lambda a: a.astype(np.float32)), "q of Motion must be"),
-        ("Motion", of_array("Motion", "q", lambda a: a.astype(int)), "q of Motion must be"),
-        (
-            "Motion",
-            of_array("Motion", "energy", lambda a: a.astype(str)),
-            "energy of Motion must be",
-        ),
-        (
-            "DenseOutput",
-            of_array("DenseOutput", "t", lambda a: a[::-1]),
-            "t of DenseOutput must ascend",
-        ),
-        ("CriticalSpeed", of("CriticalSpeed", kind="collapse"), "kind of CriticalSpeed must be"),
-        (
-            "CriticalSpeed",
-            of("CriticalSpeed", model={"object": 0}),
-            "model of CriticalSpeed must be",
-        ),
-        (
-            "CriticalSpeed",
-            of("CriticalSpeed", speed=10**400),
-            "speed of CriticalSpeed must be float",
-        ),
-        ("Failure", of("Failure", error="no"), "error of Failure must be Exception"),
-        (
-            "LimitCycle",
-            of_array("bifurcation.periodic_orbit.PeriodicOrbit", "edges", lambda a: a[::-1]),
-            "edges of an orbit must ascend from 0",
-        ),
-        (
-            "LimitCycle",
-            of_array("bifurcation.periodic_orbit.PeriodicOrbit", "rates", lambda a: a[:, :7]),
-            r"rates of PeriodicOrbit must have shape \(M, 8, half\)",
-        ),
-        (
-            "LimitCycle",
-            of("bifurcation.periodic_orbit.PeriodicOrbit", frequency=0.0),
-            "a frequency > 0",
-        ),
-        (
-            "ForcedResponse",
-            of("bifurcation.collocation.OrbitProblem", unit=0.0),
-            "unit must be finite and > 0",
+            *("ForcedResponse", "bifurcation.collocation.OrbitProblem.unit"),
+            *(0.0, "unit must be finite and > 0"),
         ),
     ],
 )
-def test_numbers_are_checked_as_by_constructors_and_against_their_types(name, edit, said, tmp_path):
+def test_numbers_are_checked_as_by_constructors_and_against_their_types(
+    name, where, change, said, tmp_path
+):
     with pytest.raises(ValueError, match=rf"edited\.npz cannot be loaded: .*({said})"):
-        pp.load(edited(name, tmp_path, edit))
+        pp.load(edited(name, tmp_path, changed(where, change)))
 
 
 def test_arguments_of_exceptions_are_checked(tmp_path):

@@ -10,6 +10,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import redundant
 from independent import panels
 from test_terms import MODELS, derivative, jacobian_by_differences, sizes_of, state_of, turning_of
 
@@ -241,19 +242,16 @@ HOLDS = {
 @pytest.mark.parametrize("holds", HOLDS.values(), ids=HOLDS)
 def test_a_held_scene_that_is_driven_moves_as_its_redundant_form_says(holds):
     """Guides and pins stand on the base. The other route is dense, in redundant coordinates."""
-    scene, dense = (
-        pp.modular.chain(LOADED, 4, enforcement=e).plus(*holds)
-        for e in ("orthonormal", "udwadia-kalaba")
-    )
+    scene = pp.modular.chain(LOADED, 4).plus(*holds)
     theta = scene.admissible([0.3, -0.1, 0.5, 0.2])
     start = np.concatenate([theta, [0.7, -0.4, 0.2, 0.9]])
     for_rates, _ = scene.onto_constraints(*np.split(start[:, None], 2))
     omega = scene.onto_constraints(for_rates, start[4:, None])[1]
     state = scene.state(for_rates[:, 0], omega[:, 0])
-    expected = dense.rhs(0.0, state, SPEED, **DRIVE)
-    found = scene.rhs(0.0, state, SPEED, **DRIVE)
-    assert np.abs(found - expected).max() < 1e-10 * np.abs(expected).max()
     y, drive = np.append(for_rates, omega), np.concatenate([[RATE], BASE.ravel()])
+    expected = redundant.accelerations(scene, state, SPEED, drive)
+    found = scene.rhs(0.0, state, SPEED, **DRIVE)[12:]
+    assert np.abs(found - expected).max() < 1e-10 * np.abs(expected).max()
     exact = scene.motion_jacobian(y, SPEED, drive)
     differences = jacobian_by_differences(
         lambda at: scene.motion_rates(at, SPEED, drive), y, np.ones(8), step=2e-3

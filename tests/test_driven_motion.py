@@ -274,40 +274,21 @@ CHAIN = pp.Chain(pp.Pipe(0.2), 3)
         (lambda: _shaken(lambda t: (t, math.nan)), ValueError, r"base\(0\) must give 2 finite"),
         (lambda: _shaken((lambda t: (0, 0),)), TypeError, "base must be a function of time or one"),
         (lambda: _shaken(3.0), TypeError, "base must be a function of time or one"),
-        (
-            lambda: pp.simulate(CHAIN, (lambda t: 1.0, 2.0), 1.0, bend),
-            TypeError,
-            "u must be a function of time or one with its derivative",
-        ),
-        (
-            lambda: pp.simulate(CHAIN, (lambda t: 1.0, lambda t: math.inf), 1.0, bend),
-            ValueError,
-            r"u\(0\) must be finite",
-        ),
-        (
-            lambda: CHAIN.rhs(0.0, np.zeros(6), 1.0, u_dot=[1.0]),
-            ValueError,
-            r"u_dot must be a number or have shape \(\), got \(1,\)",
-        ),
-        (
-            lambda: CHAIN.rhs(0.0, np.zeros(6), 1.0, u_dot=math.nan),
-            ValueError,
-            "u_dot must be finite",
-        ),
+        (lambda: _fed((lambda t: 1.0, 2.0)), TypeError, "u must be a function of time or one with"),
+        (lambda: _fed((lambda t: 1.0, lambda t: math.inf)), ValueError, r"u\(0\) must be finite"),
+        (lambda: _rates(u_dot=[1.0]), ValueError, r"u_dot must be a number .* got \(1,\)"),
+        (lambda: _rates(u_dot=math.nan), ValueError, "u_dot must be finite"),
         (
             lambda: CHAIN.rhs(0.0, np.zeros((6, 2)), 1.0, base=np.zeros((2, 3))),
-            ValueError,
-            r"base must have shape \(3, 2\) or \(3, 2, 2\), got \(2, 3\)",
+            *(ValueError, r"base must have shape \(3, 2\) or \(3, 2, 2\), got \(2, 3\)"),
         ),
         (
             lambda: CHAIN.energy(np.zeros(6), base=np.full((3, 2), math.inf)),
-            ValueError,
-            "base must be finite",
+            *(ValueError, "base must be finite"),
         ),
         (
             lambda: pp.simulate_many(CHAIN, [lambda t: 1.0, -1.0], 1.0, bend),
-            ValueError,
-            r"u must lie in \[0, 10000\], got -1.0 \(member 1\)",
+            *(ValueError, r"u must lie in \[0, 10000\], got -1.0 \(member 1\)"),
         ),
     ],
 )
@@ -318,6 +299,14 @@ def test_a_bad_drive_is_refused_by_name(call, kind, message):
 
 def _shaken(base):
     return pp.simulate(CHAIN, 1.0, 1.0, bend, base=base)
+
+
+def _fed(u):
+    return pp.simulate(CHAIN, u, 1.0, bend)
+
+
+def _rates(**drive):
+    return CHAIN.rhs(0.0, np.zeros(6), 1.0, **drive)
 
 
 BAD = {

@@ -81,11 +81,6 @@ def test_eigenvalues_are_sorted_and_conjugates_stand_side_by_side(pipe, which, u
     np.testing.assert_allclose(few, all_of_them[:count], atol=1e-9 * (1 + np.abs(few[-1])))
 
 
-def test_a_long_chains_eigenvalues_are_sorted_too():
-    for count in (1, 2, 5, 30):
-        in_order(pp.eigenvalues(pp.Chain(pp.Pipe(0.2), 300), 8.0, count))
-
-
 @pytest.mark.parametrize(
     "pipe", [pp.Pipe(0.2), pp.Pipe(0.9, gamma=4.0), pp.Pipe(0.5, flow="aspirating", alpha=0.5)]
 )
@@ -171,7 +166,10 @@ def test_100000_segments_meet_the_continuous_pipe_to_six_digits():
 def test_a_long_chain_answers_for_many_eigenvalues_as_for_few():
     chain = pp.Chain(pp.Pipe(0.2), 150)
     all_of_them = pp.eigenvalues(chain, 6.0)
-    np.testing.assert_allclose(pp.eigenvalues(chain, 6.0, 140), all_of_them[:140], rtol=1e-8)
+    for count in (1, 2, 5, 30, 140):
+        found = pp.eigenvalues(chain, 6.0, count)
+        in_order(found)
+        np.testing.assert_allclose(found, all_of_them[:count], rtol=1e-8)
 
 
 # ---------------------------------------------------------------------- singular stiffness
@@ -206,16 +204,6 @@ def test_one_joint_without_a_spring_swings_free(n, joint):
     assert (np.abs(found[2:]) > 1.0).all()
     reference = companion_eigenvalues(*chain.operators().at(0.0))
     assert distances(found[2:], reference).max() < 1e-7
-
-
-@pytest.mark.parametrize("n", [4, 100])
-def test_a_joint_without_a_spring_leaves_one_real_zero_under_flow(n):
-    """det K(u) is the product of the springs without gravity: zero at any speed."""
-    springs = np.full(n, float(n))
-    springs[n // 2] = 0.0
-    found = pp.eigenvalues(pp.Chain(pp.Pipe(0.2), springs=springs), 2.0, 6)
-    assert abs(found[0]) < 1e-9
-    assert (np.abs(found[1:]) > 1e-3).all()
 
 
 @pytest.mark.parametrize("n", [8, 100])

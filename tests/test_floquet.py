@@ -8,7 +8,6 @@ import pytest
 import scipy
 
 import pipedyn as pp
-from pipedyn import _core
 from pipedyn.cycles.limit_cycle import amplitude_of
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits import collocation, magnus, periodic_orbit
@@ -153,17 +152,3 @@ def test_products_of_maps_and_orthogonal_transformations_give_the_same(monkeypat
     for cycle in (some, none):
         assert cycle.amplitude == pytest.approx(products.amplitude, rel=1e-12)
         assert cycle.multipliers == pytest.approx(products.multipliers, abs=1e-11)
-
-
-def test_an_assignment_costs_as_little_as_scipys():
-    random = np.random.default_rng(3)
-    for rows, columns in np.ndindex(6, 6):
-        for decimals in (1, 9):  # with ties, without
-            costs = random.uniform(size=(rows, columns)).round(decimals)
-            onto = _core.assignment(costs)
-            own = np.flatnonzero(onto >= 0)
-            assert len(set(onto[own])) == min(rows, columns)
-            least = costs[scipy.optimize.linear_sum_assignment(costs)].sum()
-            assert costs[own, onto[own]].sum() == pytest.approx(least, abs=1e-12)
-    with pytest.raises(ValueError, match="costs must be finite"):
-        _core.assignment(np.array([[np.nan]]))

@@ -184,6 +184,11 @@ def test_exceptions_of_the_equations_end_the_branch_which_says_so_and_keeps_what
         assert f"problem raised {type(error).__name__}: {error}, at p = 0.5" in failure
         with pytest.raises(type(error)):  # at the start it passes through
             follow(broken(error), [0.6], 0.6, (-1.0, 1.0))
+    own = DenseProblem(lambda x, p: (equal(x, p), np.array([[1.0, -1.0]])), 1, 1.0, Control(0.1))
+    equal = broken(RuntimeError("no such pipe"))
+    branch = follow(own, [0.0], 0.0, (-1.0, 1.0))
+    assert branch.ends == ("range", "not converged")
+    assert branch.failures[0].endswith("RuntimeError: no such pipe")
 
 
 def test_where_equations_are_not_defined_it_says_so():
@@ -192,17 +197,6 @@ def test_where_equations_are_not_defined_it_says_so():
     assert branch.p[-1] == pytest.approx(0.3, abs=1e-5)
     (failure,) = branch.failures
     assert "problem gives nan at p = 0.3" in failure
-
-
-def test_a_problem_of_its_own_that_raises_ends_the_branch_too():
-    def equations(x, p):
-        if p > 0.5:
-            raise RuntimeError("no such pipe")
-        return x - p, np.array([[1.0, -1.0]])
-
-    branch = follow(DenseProblem(equations, 1, 1.0, Control(0.1)), [0.0], 0.0, (-1.0, 1.0))
-    assert branch.ends == ("range", "not converged")
-    assert branch.failures[0].endswith("RuntimeError: no such pipe")
 
 
 def test_a_branch_that_takes_too_many_points_says_so():

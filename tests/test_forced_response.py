@@ -361,7 +361,8 @@ def test_where_no_motion_is_found_the_reason_and_what_to_change_are_told(monkeyp
         )
 
 
-MODEL = pp.Galerkin(SHAKEN, 3)
+MODEL, BASE = pp.Galerkin(SHAKEN, 3), pp.Harmonic(0.1, 3.0)
+PULSE, RANGE = pp.Pulsation(5.0, 0.1, 3.0), "frequencies must be a range (low, high), low < high"
 
 
 @pytest.mark.parametrize(
@@ -371,26 +372,10 @@ MODEL = pp.Galerkin(SHAKEN, 3)
         ({"base": pp.Harmonic(0.0, 3.0)}, ValueError, "base must move, got an amplitude of 0"),
         ({"base": pp.Harmonic(0.1, 3.0, "y")}, ValueError, "base must move along x"),
         ({"u": pp.Pulsation(5.0, 0.0, 3.0)}, ValueError, "u.amplitude must be between 0 and 1"),
-        (
-            {"u": pp.Pulsation(5.0, 0.1, 3.0), "base": pp.Harmonic(0.1, 3.0)},
-            ValueError,
-            "base must not be given where the flow pulsates",
-        ),
-        (
-            {"base": pp.Harmonic(0.1, 3.0), "frequencies": (0.0, 3.0)},
-            ValueError,
-            "frequencies must have low > 0",
-        ),
-        (
-            {"base": pp.Harmonic(0.1, 3.0), "frequencies": [3.0]},
-            ValueError,
-            "frequencies must be a range (low, high), low < high, got [3.0]",
-        ),
-        (
-            {"base": pp.Harmonic(0.1, 3.0), "frequencies": np.array([3.0, 1.0])},
-            ValueError,
-            "frequencies must be a range (low, high), low < high",
-        ),
+        ({"u": PULSE, "base": BASE}, ValueError, "base must not be given where the flow pulsates"),
+        ({"base": BASE, "frequencies": (0.0, 3.0)}, ValueError, "frequencies must have low > 0"),
+        ({"base": BASE, "frequencies": [3.0]}, ValueError, f"{RANGE}, got [3.0]"),
+        ({"base": BASE, "frequencies": np.array([3.0, 1.0])}, ValueError, RANGE),
         ({"model": pp.Chain(SHAKEN, 80)}, ValueError, "model must have at most 60"),
         ({"model": pp.Continuum(SHAKEN)}, TypeError, "model must be"),
         ({"u": pp.Pulsation(9.0, 0.1, 30.0)}, ValueError, "mean must be a speed at which"),

@@ -206,10 +206,8 @@ def test_the_response_of_an_unstable_pipe_says_so():
 
 
 def test_a_scene_responds_like_its_chain():
-    from pipedyn import modular
-
     pipe = pp.Pipe(0.2, damping=1e-3, terms=[pp.Spring(0.75, 10.0)])
-    scene = modular.chain(pipe, 8)
+    scene = pp.modular.chain(pipe, 8)
     omega = [1.0, 9.0, 30.0]
     for how in ("base", ("force", 0.5), ("moment", 0.3)):
         one = pp.frequency_response(scene, 4.0, omega, input=how)

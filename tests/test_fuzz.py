@@ -15,7 +15,7 @@ from pipedyn import modular, plot
 MADE_BY_USERS = {pp.Pipe, pp.Profile, pp.Chain, pp.Galerkin, pp.Continuum, pp.RootSpring}
 MADE_BY_USERS |= {pp.StartPlane, pp.Pulsation, pp.Harmonic, pp.Supply}
 MADE_BY_USERS |= set(pp.Term.__subclasses__())
-MADE_BY_USERS |= {getattr(modular, name) for name in modular.__all__ if name != "Mechanism"}
+MADE_BY_USERS |= {getattr(modular, name) for name in modular.__all__}
 MADE_BY_USERS -= {modular.Module, modular.Constraint}
 
 CALLED_WITH_CHECKED = {

@@ -10,8 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from independent import companion_eigenvalues
 
 import pipedyn as pp
+from pipedyn.linear.identification import _checked_problem
 
 EI, LENGTH, DAMPING_TIME, COMPLIANCE = 7.3e-3, 0.45, 2e-3, 0.03
 
@@ -29,12 +31,8 @@ GUESS = hose(9e-3)
 def shown(pipe, sigma=0.01):
     """What the pipe shows, by its matrices at rest and its onset."""
     model = pp.Continuum(pipe).frozen(24)
-    mass, damping, stiffness = model.operators().at(0.0)
-    zero, one = np.zeros_like(mass), np.eye(len(mass))
-    big = np.block(
-        [[zero, one], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]]
-    )
-    roots = sorted((root for root in np.linalg.eigvals(big) if root.imag > 0.0), key=abs)
+    values = companion_eigenvalues(*model.operators().at(0.0))
+    roots = sorted(values[values.imag > 0.0], key=abs)
     found = []
     for mode in (1, 2):
         root = roots[mode - 1]
@@ -89,20 +87,14 @@ def test_uncertainties_are_the_spread_of_estimates_from_noisy_measurements():
 
 def differences(problem, x):
     """Derivatives of the predictions by differences, (M, U)."""
-    columns = []
-    for i in range(x.size):
-        moved = []
-        for h in (1e-4, -1e-4):
-            beside = x.copy()
-            beside[i] += h
-            moved.append(problem.predictions(beside, 16)[0])
-        columns.append((moved[0] - moved[1]) / 2e-4)
-    return np.array(columns).T
+    ahead, behind = (
+        [problem.predictions(x + step, 16)[0] for step in sign * 1e-4 * np.eye(x.size)]
+        for sign in (1.0, -1.0)
+    )
+    return np.subtract(ahead, behind).T / 2e-4
 
 
 def test_derivatives_are_those_of_the_predictions():
-    from pipedyn.linear.identification import _checked_problem
-
     more = [
         pp.Measurement("frequency", 1.0, 0.1, speed=3.0, mode=2),
         pp.Measurement("decay_rate", 1.0, 0.1, speed=3.0, mode=1),
@@ -129,8 +121,6 @@ def test_derivatives_are_those_of_the_predictions():
     ids=["two roots meet at 0", "damped", "hysteresis", "two pairs meet on the axis"],
 )
 def test_derivatives_of_speeds_at_which_roots_meet_on_the_axis(pipe, unknown):
-    from pipedyn.linear.identification import _checked_problem
-
     problem = _checked_problem(pipe, [pp.Measurement("critical_speed", 5.0, 0.1)], [unknown])
     x = problem.begin + 0.05
     _, slopes = problem.predictions(x, 16)

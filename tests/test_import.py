@@ -7,7 +7,6 @@ import json
 import re
 import subprocess
 import sys
-from functools import cache
 from pathlib import Path
 
 import pytest
@@ -45,7 +44,6 @@ print("matplotlib" in sys.modules)
 """
 
 
-@cache
 def printed():
     """What a fresh interpreter prints of the program above, line by line; warnings are errors."""
     done = subprocess.run(
@@ -76,8 +74,11 @@ def test_the_package_imports_nothing_that_takes_long():
 
 
 def test_neither_the_package_nor_any_effect_needs_pictures_progress_bars_or_other_options():
-    """Each is used, and none of the optional packages nor matplotlib is imported on the way."""
-    assert printed()[0] == "imported:"
+    """Each is used, and none of the optional packages nor matplotlib is imported on the way.
+
+    Pictures are at hand without matplotlib being imported, until one is asked for.
+    """
+    assert printed() == ["imported:", "True", "True"]
 
 
 def test_every_name_of_the_package_is_there_and_documented():
@@ -201,11 +202,7 @@ def test_nothing_imports_upward(folder):
         ("import pipedyn", "plot/motion.py", ["pipedyn"]),
         ("from ..linear import modes", "models/pipe.py", ["pipedyn.linear.modes"]),
         ("from .. import paper", "modular/parts.py", ["pipedyn.paper"]),
-        (
-            "def f():\n    from ..motion import simulate",
-            "models/pipe.py",
-            ["pipedyn.motion.simulate"],
-        ),
+        ("def f():\n    from .. import motion", "models/pipe.py", ["pipedyn.motion"]),
         ("from . import modes", "linear/crossings.py", []),
         ("from .modular.parts import Bar", "models/chain.py", []),
         ("from pipedyn import _core", "models/chain.py", []),
@@ -229,7 +226,3 @@ def test_the_package_shows_public_names_only():
     assert not [name for name in pp.__all__ if name.startswith("_")]
     modules = {name for name in pp.__all__ if inspect.ismodule(getattr(pp, name))}
     assert modules == {"continuation", "modular", "plot"}
-
-
-def test_pictures_are_at_hand_without_matplotlib_being_imported():
-    assert printed() == ["imported:", "True", "True"]

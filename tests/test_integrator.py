@@ -50,17 +50,29 @@ PROBLEMS = {  # rates, solution, end, steps
 }
 
 
-def solved(problem, times, rtol, atol, max_step):
-    rates, solution, _, _ = PROBLEMS[problem]
-    start = solution(np.zeros(1)).T
+def moved(rates, start, times, rtol, atol=None, *, t0=0.0, max_step=np.inf, slopes=None):
+    """States (members, times, n) of y' = rates(t, y) from starts (n, members), and the members.
+
+    Implicit where the derivative of one member's rates is given, slopes(t, y).
+    """
+    start = np.atleast_2d(np.asarray(start, dtype=float).T).T
+    members = start.shape[1]
+    rtol = np.broadcast_to(rtol, members)
+    atol = np.broadcast_to(rtol if atol is None else atol, start.shape)
     motion = _core.Integrator(
-        *(lambda t, y, u: rates(t[0], y), np.zeros(1), start),
-        *(0.0, [rtol], np.full_like(start, atol), 1e8, max_step),
+        *(lambda t, y, u: rates(t, y), np.zeros(members), start, t0, rtol, atol, 1e8, max_step),
+        jacobian=None if slopes is None else lambda t, y, u: slopes(t, y),
     )
-    states = np.empty((1, times.size, len(start)))
-    while not motion.advance(times, states, 100_000)[0]:
+    states = np.empty((members, len(times), len(start)))
+    while not motion.advance(np.asarray(times, dtype=float), states, 100_000)[0]:
         pass
-    return states[0], motion.members[0].evaluations
+    return states, motion.members
+
+
+def solved(problem, times, rtol, max_step=np.inf):
+    rates, solution, _, _ = PROBLEMS[problem]
+    states, [member] = moved(rates, solution(np.zeros(1))[0], times, rtol, max_step=max_step)
+    return states[0], member.evaluations
 
 
 def order(steps, errors):
@@ -75,8 +87,7 @@ def test_errors_at_the_ends_of_equal_steps_have_order_eight(problem):
     _, solution, end, steps = PROBLEMS[problem]
     at_end = np.array([end])
     errors = [
-        np.abs(solved(problem, at_end, 1e9, 1e9, step)[0] - solution(at_end)).max()
-        for step in steps
+        np.abs(solved(problem, at_end, 1e9, step)[0] - solution(at_end)).max() for step in steps
     ]
     assert order(steps, np.array(errors)) == pytest.approx(8.0, abs=0.6)
 
@@ -86,7 +97,7 @@ def test_states_within_equal_steps_have_order_seven_or_more(problem):
     _, solution, end, steps = PROBLEMS[problem]
     times = np.linspace(0.0, end, 301)[1:]
     errors = [
-        np.abs(solved(problem, times, 1e9, 1e9, step)[0] - solution(times)).max() for step in steps
+        np.abs(solved(problem, times, 1e9, step)[0] - solution(times)).max() for step in steps
     ]
     assert 7.0 < order(steps, np.array(errors)) < 9.0
 
@@ -96,7 +107,7 @@ def test_errors_are_proportional_to_tolerances_over_nine_decades(problem):
     _, solution, _, _ = PROBLEMS[problem]
     times = np.linspace(0.0, 20.0, 301)
     tolerances = np.logspace(-3, -12, 10)
-    found = [solved(problem, times, rtol, rtol, np.inf) for rtol in tolerances]
+    found = [solved(problem, times, rtol) for rtol in tolerances]
     errors = [np.abs(states - solution(times)).max() for states, _ in found]
     calls = [calls for _, calls in found]
     assert np.polyfit(np.log(tolerances), np.log(errors), 1)[0] == pytest.approx(1.0, abs=0.15)
@@ -108,15 +119,10 @@ def test_errors_are_proportional_to_tolerances_over_nine_decades(problem):
 def test_members_of_a_batch_keep_to_their_own_tolerances():
     rates, solution, end, _ = PROBLEMS["swirl"]
     tolerances, times = np.array([1e-3, 1e-10, 1e-6]), np.linspace(0.0, end, 11)[1:]
-    motion = _core.Integrator(
-        *(lambda t, y, u: rates(t, y), np.zeros(3), np.repeat(solution(np.zeros(1)).T, 3, axis=1)),
-        *(0.0, tolerances, np.tile(tolerances, (2, 1)), 1e8),
-    )
-    states = np.empty((3, times.size, 2))
-    while not motion.advance(times, states, 100_000)[0]:
-        pass
-    for member, tolerance, found in zip(motion.members, tolerances, states, strict=True):
-        alone, evaluations = solved("swirl", times, tolerance, tolerance, np.inf)
+    start = np.repeat(solution(np.zeros(1)).T, 3, axis=1)
+    states, members = moved(rates, start, times, tolerances)
+    for member, tolerance, found in zip(members, tolerances, states, strict=True):
+        alone, evaluations = solved("swirl", times, tolerance)
         assert member.evaluations == evaluations
         assert found == pytest.approx(alone, abs=1e-11)
 
@@ -126,18 +132,15 @@ def test_entries_of_a_state_keep_to_their_own_tolerances(implicit):
     """Of a slow and a fast oscillation whose errors do not count."""
     own = np.array([1.0, 1.0, 40.0, 40.0])
     matrix = np.kron(np.eye(2), [[0.0, 1.0], [-1.0, 0.0]]) * own
-    start, times = np.array([[1.0, 0.0, 1e-3, 0.0]]).T, np.array([5.0])
+    slopes = (lambda t, y: matrix) if implicit else None
     taken = []
     for atol in (1e-8 * np.ones(4), np.array([1e-8, 1e-8, 1.0, 1.0])):
-        motion = _core.Integrator(
-            *(lambda t, y, u: matrix @ y, np.zeros(1), start, 0.0, [1e-8], atol[:, None], 1e8),
-            jacobian=(lambda t, y, u: matrix) if implicit else None,
+        states, [member] = moved(
+            *(lambda t, y: matrix @ y, [1.0, 0.0, 1e-3, 0.0], [5.0], 1e-8, atol[:, None]),
+            slopes=slopes,
         )
-        state = np.empty((1, 1, 4))
-        while not motion.advance(times, state, 100_000)[0]:
-            pass
-        assert state[0, 0, :2] == pytest.approx([np.cos(5.0), -np.sin(5.0)], abs=1e-7)
-        taken.append(motion.members[0].evaluations)
+        assert states[0, 0, :2] == pytest.approx([np.cos(5.0), -np.sin(5.0)], abs=1e-7)
+        taken.append(member.evaluations)
     assert taken[1] < 0.5 * taken[0]
 
 

@@ -9,13 +9,13 @@ import pytest
 import pipedyn as pp
 from pipedyn.attraction import regions
 from pipedyn.attraction.motion_ends import Case, motion_ends
-from pipedyn.attraction.motion_options import MotionOptions, initial_bends
-from pipedyn.attraction.regions import FALLEN, NOWHERE, Approach, Excitation, WatchedTask
+from pipedyn.attraction.motion_options import MotionOptions
+from pipedyn.attraction.regions import FALLEN, NOWHERE, Approach, WatchedTask
 from pipedyn.attraction.solutions import cycle as solution
 from pipedyn.attraction.solutions import equilibria_near, kept_apart
 from pipedyn.cycles.branches import _steepness
-from pipedyn.motion.simulate import checked_task
-from pipedyn.motion.vector_field import VectorField
+from pipedyn.motion.simulate import checked_task, initial_bends
+from pipedyn.motion.vector_field import Excitation, VectorField
 from pipedyn.util.counters import counted
 
 MODEL, SPEED = pp.Chain(pp.Pipe(0.2), 3), 5.0
@@ -117,7 +117,7 @@ def test_motions_end_where_they_would_have_ended_and_cost_less():
         with counted() as work:
             answers.append(motions(MODEL, speeds, starts, options, solutions))
         costs.append(work.right_hand_sides)
-    assert costs[1] < 0.6 * costs[0]
+    assert costs[1] < 0.7 * costs[0]
     for long, short in zip(*answers, strict=True):
         assert (short.ending, short.period) == (long.ending, long.period)
         for end in (np.min, np.max):
@@ -148,35 +148,35 @@ SUBCRITICAL = pp.Chain(pp.Pipe(0.7), 3)
 @pytest.mark.parametrize(
     ("model", "u"),
     [
-        (SUBCRITICAL, 6.1996),
+        (SUBCRITICAL, 6.1),
         (pp.Chain(pp.Pipe(0.2, 10.0, drag=1.0), 2), 3.0),
         (pp.Galerkin(pp.Pipe(0.2, 10.0, terms=[pp.PointMass(1.0, 0.2)]), 4), 3.8),
     ],
 )
-def test_motions_from_the_basin_of_rest_come_to_rest(model, u):
-    """And on the way what measures the distance never exceeds its value at the start."""
+def test_modal_coordinates_of_motions_beside_a_rest_decay_by_its_eigenvalues(model, u):
     [rest] = equilibria_near(model, [model.resting()], u)
     assert rest.attracts
-    rows, random = rest.region.basin, np.random.default_rng(1)
-    slow = np.linalg.eigvals(model.motion_jacobian(rest.region.points[0], u)).real.max()
-    for _ in range(3):
-        away = random.normal(size=2 * model.integrated)
-        away *= 0.99 / np.linalg.norm(rows @ away)
-        motion = pp.simulate(model, u, min(6.0 / -slow, 60.0), *np.split(away, 2), samples=2001)
-        size = np.linalg.norm(rows @ np.concatenate([motion.q, motion.qdot], axis=1).T, axis=0)
-        assert size.max() < 1.0
-        assert size[-1] <= 1.1 * np.exp(0.5 * slow * motion.t[-1])
+    found, random = rest.region.floquet, np.random.default_rng(1)
+    values = np.linalg.eigvals(model.motion_jacobian(rest.region.points[0], u))
+    np.testing.assert_allclose(np.sort(found.decay), np.sort(-values.real)[: found.decay.size])
+    away = 1e-5 * random.normal(size=2 * model.integrated)
+    motion = pp.simulate(model, u, 1.0, *np.split(away, 2), times=[0.0, 0.4, 1.0], atol=1e-13)
+    sizes = np.abs(found(np.concatenate([motion.q, motion.qdot], axis=1)))
+    expected = sizes[0] * np.exp(-found.decay * motion.t[:, None])
+    np.testing.assert_allclose(sizes, expected, rtol=1e-3, atol=1e-4 * sizes.max())
 
 
-def test_an_unstable_cycle_lies_outside_the_basin_of_the_rest_within():
+def test_motions_from_either_side_of_an_unstable_cycle_about_rest_part():
     onset = pp.hopf(SUBCRITICAL)
     u = onset.speed * (1.0 - 1e-4)
     cycle = pp.limit_cycle(SUBCRITICAL, u, onset)
     assert not cycle.stable
-    [rest] = equilibria_near(SUBCRITICAL, [np.zeros(3)], u)
-    on = cycle.orbit.states(PHASES).T
-    assert not rest.region.attracts(on).any()
-    assert rest.region.attracts(0.05 * on).all()
+    on = cycle.orbit.states(PHASES[::8]).T
+    starts = np.concatenate([share * on for share in (0.7, 0.95, 1.05, 1.3)])
+    found = pp.attractors(SUBCRITICAL, u, starts, rtol=1e-8)
+    rests = [k for k, one in enumerate(found.basins) if one.ending == "rest"]
+    within = np.repeat([True, True, False, False], len(on))
+    np.testing.assert_array_equal(np.isin(found.ends, rests), within)
 
 
 TIP_MASS = pp.Galerkin(pp.Pipe(0.2, 10.0, terms=[pp.PointMass(1.0, 0.2)]), 6)

@@ -148,35 +148,6 @@ def test_sorting_would_have_exchanged_the_branches():
     assert first.min() < abs(second[1]) < first.max()
 
 
-def test_the_flutter_branch_is_the_one_that_crosses_at_the_critical_speed():
-    """Second mode at beta = 0.2, as the paper says, at 5.591404378."""
-    loci = pp.root_loci(pp.Continuum(PIPE), [0.0, 5.591404, 5.591405], count=4)
-    crossing = (loci.eigenvalues[1].real < 0.0) & (loci.eigenvalues[2].real > 0.0)
-    np.testing.assert_array_equal(crossing, [False, True, False, False])
-
-
-def test_loci_meet_the_printed_benchmark():
-    """As omega = -i lambda at u = 4 and 6, three decimals of an earlier program."""
-    loci = pp.root_loci(pp.Continuum(PIPE), [0.0, 4.0, 6.0], count=4)
-    omega = -1j * loci.eigenvalues[1:]
-    printed = np.array(
-        [
-            [4.012 + 4.755j, 17.036 + 2.526j, 55.738 + 3.497j, 114.625 + 3.551j],
-            [2.152 + 12.157j, 13.631 - 0.882j, 47.382 + 4.998j, 106.377 + 5.261j],
-        ]
-    )
-    np.testing.assert_allclose(omega.real, printed.real, rtol=0, atol=5.1e-4)
-    np.testing.assert_allclose(omega.imag, printed.imag, rtol=0, atol=5.1e-4)
-
-
-@pytest.mark.parametrize("rule", ["consistent", "midpoint"])
-def test_a_long_chains_branches_are_those_of_the_continuous_pipe(rule):
-    speeds = np.linspace(0.0, 6.0, 3)
-    exact = pp.root_loci(pp.Continuum(PIPE), speeds, count=3).eigenvalues
-    chain = pp.root_loci(pp.Chain(PIPE, 400, springs=rule), speeds, count=3).eigenvalues
-    np.testing.assert_allclose(chain, exact, rtol=1e-4)
-
-
 def test_a_buckled_column_starts_with_its_real_pair():
     """gamma = -10: the first pair is real at rest, one root unstable, until 1.797."""
     loci = pp.root_loci(pp.Continuum(pp.Pipe(0.2, gamma=-10.0)), [0.0, 1.7, 1.9, 4.0], count=2)

@@ -399,22 +399,16 @@ def test_batches_count_for_their_caller():
 
 # -------------------------------------------------------------------------------------- bad input
 
+CALLED = r"events\[{0}\] must be called as events\[{0}\]\(t, q, qdot\), got a function of \({1}\)"
+
 
 @pytest.mark.parametrize(
     ("options", "kind", "message"),
     [
         ({"events": 3}, TypeError, r"events\[0\] must be an Event or a function"),
         ({"events": [tip_angle, None]}, TypeError, r"events\[1\] must be an Event"),
-        (
-            {"events": lambda t, y: y[0]},
-            TypeError,
-            r"events\[0\] must be called as events\[0\]\(t, q, qdot\), got a function of \(t, y\)",
-        ),
-        (
-            {"events": [tip_angle, pp.Event(lambda t: t)]},
-            TypeError,
-            r"events\[1\] must be called as events\[1\]\(t, q, qdot\), got a function of \(t\)",
-        ),
+        ({"events": lambda t, y: y[0]}, TypeError, CALLED.format(0, r"t, y")),
+        ({"events": [tip_angle, pp.Event(lambda t: t)]}, TypeError, CALLED.format(1, "t")),
         ({"events": pp.Event("g")}, TypeError, r"events\[0\].function must be a function"),
         ({"events": pp.Event(tip_angle, "up")}, TypeError, r"events\[0\].direction must be a real"),
         ({"events": pp.Event(tip_angle, 0, -1)}, ValueError, r"events\[0\].terminal must be at l"),
@@ -431,11 +425,7 @@ def test_batches_count_for_their_caller():
         ({"max_step": 0.0}, ValueError, "max_step must be finite and > 0, got 0.0"),
         ({"max_step": 1e-12}, ValueError, "max_step must be at least 1e-09, 1e-9 of the duration"),
         ({"samples": 5, "times": [0.5]}, ValueError, "samples or times must be given, .* not both"),
-        (
-            {"q0": lambda s: 0.1},
-            ValueError,
-            r"q0 must make angles, shape \(p,\), .* got shape \(\)",
-        ),
+        ({"q0": lambda s: 0.1}, ValueError, r"q0 must make angles, shape \(p,\), .* shape \(\)"),
         ({"max_step": "long"}, TypeError, "max_step must be a real number"),
         ({"u": lambda t: -1.0}, ValueError, r"u\(0\) must lie in"),
         ({"u": lambda t: [4.0]}, TypeError, r"u\(0\) must be a real number"),

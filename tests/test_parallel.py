@@ -113,27 +113,30 @@ def test_a_worker_that_dies_leaves_what_was_answered_before():
     assert [type(outcome) for outcome in outcomes[1:]] == [ValueError, *[BrokenProcessPool] * 2]
 
 
-def test_a_pool_that_is_broken_when_it_is_given_answers_with_the_reason():
-    with broken_pool() as pool:
-        outcomes = list(parallel(JOBS, pool))
-    assert [type(outcome) for outcome in outcomes] == [BrokenProcessPool] * 4
-    assert {"not usable anymore" in str(outcome) for outcome in outcomes} == {True}
-
-
-@pytest.mark.parametrize("pool", [ThreadPoolExecutor, ProcessPoolExecutor])
-def test_a_pool_that_was_shut_down_answers_with_the_reason(pool):
+def shut_down(pool):
     executor = pool(1)
     executor.shutdown()
-    outcomes = list(parallel(JOBS, executor))
-    assert [type(outcome) for outcome in outcomes] == [RuntimeError] * 4
-    assert {"after shutdown" in str(outcome) for outcome in outcomes} == {True}
+    return executor
 
 
+@pytest.mark.parametrize(
+    ("make", "kind", "said"),
+    [
+        (broken_pool, BrokenProcessPool, "not usable anymore"),
+        (partial(shut_down, ThreadPoolExecutor), RuntimeError, "after shutdown"),
+        (partial(shut_down, ProcessPoolExecutor), RuntimeError, "after shutdown"),
+        (
+            partial(ThreadPoolExecutor, 1, initializer=int, initargs=("one",)),
+            *(BrokenThreadPool, ""),
+        ),
+    ],
+)
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_threads_that_cannot_begin_answer_with_the_reason(caplog):
-    with ThreadPoolExecutor(1, initializer=int, initargs=("one",)) as pool:
+def test_a_pool_that_cannot_work_answers_with_the_reason(make, kind, said, caplog):
+    with make() as pool:
         outcomes = list(parallel(JOBS, pool))
-    assert [type(outcome) for outcome in outcomes] == [BrokenThreadPool] * 4
+    assert [type(outcome) for outcome in outcomes] == [kind] * 4
+    assert all(said in str(outcome) for outcome in outcomes)
 
 
 def test_jobs_that_an_executor_cancels_say_so():

@@ -289,6 +289,9 @@ def test_pipes_are_unstable_inside_of_all_edges_and_stable_outside(seed, damping
             assert growing(model, at, edge - inward) < 1e-7 or others.any()
 
 
+RANGE = "frequencies must be a range (low, high), low < high"
+
+
 @pytest.mark.parametrize(
     ("arguments", "error", "rule"),
     [
@@ -298,17 +301,9 @@ def test_pipes_are_unstable_inside_of_all_edges_and_stable_outside(seed, damping
         ((MODEL, 5.0, [0.2, 0.1], (20.0, 30.0)), ValueError, "amplitudes must be strictly"),
         ((MODEL, 5.0, [], (20.0, 30.0)), ValueError, "amplitudes must have from 1 to"),
         ((MODEL, 5.0, [-0.1], (20.0, 30.0)), ValueError, "amplitudes must be finite and > 0"),
-        (
-            (MODEL, 5.0, 0.1, (30.0, 30.0)),
-            ValueError,
-            "frequencies must be a range (low, high), low < high",
-        ),
+        ((MODEL, 5.0, 0.1, (30.0, 30.0)), ValueError, RANGE),
         ((MODEL, 5.0, 0.1, (1.0, 30.0)), ValueError, "frequencies must have 0 < low and high <="),
-        (
-            (MODEL, 5.0, 0.1, [20.0]),
-            ValueError,
-            "frequencies must be a range (low, high), low < high",
-        ),
+        ((MODEL, 5.0, 0.1, [20.0]), ValueError, RANGE),
         ((MODEL, 9.0, 0.1, (20.0, 30.0)), ValueError, "mean must be a speed at which the pipe"),
     ],
 )

@@ -12,7 +12,7 @@ import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from canvas import axes
+from canvas import axes, legend_of
 from matplotlib.markers import TICKUP
 
 import pipedyn as pp
@@ -32,9 +32,9 @@ BUCKLED = pp.boundary(
 BOUNDARY = pp.boundary(CHAIN, "beta", "u", {"beta": (0.1, 0.2), "u": (0.0, 8.0)}, criticality=False)
 
 
-def turned(found):
-    """With the names of x and y exchanged."""
-    return dataclasses.replace(found, names=found.names[::-1])
+STANDING = pp.boundary(
+    pp.Chain(pp.Pipe(0.2, damping=0.01), 2), "gamma", "u", {"gamma": (-22, 0), "u": (0, 5)}
+)
 
 
 def shown(ax):
@@ -43,61 +43,49 @@ def shown(ax):
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
+    ("draw", "given", "message"),
     [
-        (lambda ax: plot.root_loci(LOCI, ax=3), "ax must be of type Axes, got 3"),
-        (lambda ax: plot.root_loci(MODES, ax=ax), "loci must be of type RootLoci, got Modes("),
-        (lambda ax: plot.root_loci(LOCI, 3, ax=ax), "benchmark must be of type RootLoci, got 3"),
-        (lambda ax: plot.root_loci(LOCI, None, math.nan, ax=ax), "highest must be finite and > 0"),
-        (lambda ax: plot.root_loci(LOCI, None, True, ax=ax), "highest must be a real number"),
-        (lambda ax: plot.frequencies(LOCI, ax=[ax]), "ax must be of type Axes"),
-        (lambda ax: plot.frequencies(None, ax=ax), "loci must be of type RootLoci, got None"),
-        (lambda ax: plot.frequencies(LOCI, LOCI, -1, ax=ax), "largest must be finite and >= 0"),
-        (lambda ax: plot.mode_shapes(LOCI, ax=ax), "modes must be of type Modes"),
-        (lambda ax: plot.mode_shapes(MODES, 0, ax=ax), "count must be"),
+        (plot.root_loci, (MODES,), "loci must be of type RootLoci, got Modes("),
+        (plot.root_loci, (LOCI, 3), "benchmark must be of type RootLoci, got 3"),
+        (plot.root_loci, (LOCI, None, math.nan), "highest must be finite and > 0"),
+        (plot.root_loci, (LOCI, None, True), "highest must be a real number"),
+        (plot.frequencies, (None,), "loci must be of type RootLoci, got None"),
+        (plot.frequencies, (LOCI, LOCI, -1), "largest must be finite and >= 0"),
+        (plot.mode_shapes, (LOCI,), "modes must be of type Modes"),
+        (plot.mode_shapes, (MODES, 0), "count must be"),
+        (plot.convergence, ([CRITICAL], CRITICAL), "families must be of type Mapping"),
+        (plot.convergence, ({1: []}, CRITICAL), "the names of families must be"),
+        (plot.convergence, ({"a": CRITICAL}, CRITICAL), "families['a'] must be"),
+        (plot.convergence, ({"a": [1.0]}, CRITICAL), "families['a'][0] must be"),
+        (plot.convergence, ({}, None), "exact must be of type CriticalSpeed"),
+        (plot.stability_map, (BOUNDARY,), "boundaries must map labels to"),
+        (plot.stability_map, ({"a": 3},), "boundaries['a'] must be of type Boundary"),
+        (plot.stability_map, ({}, math.inf), "highest must be finite and > 0"),
+        (plot.stability_map, ({}, None, 3.0), "marked must be of type CriticalSpeed"),
         (
-            lambda ax: plot.convergence([CRITICAL], CRITICAL, ax=ax),
-            "families must be of type Mapping",
-        ),
-        (lambda ax: plot.convergence({1: []}, CRITICAL, ax=ax), "the names of families must be"),
-        (lambda ax: plot.convergence({"a": CRITICAL}, CRITICAL, ax=ax), "families['a'] must be"),
-        (lambda ax: plot.convergence({"a": [1.0]}, CRITICAL, ax=ax), "families['a'][0] must be"),
-        (lambda ax: plot.convergence({}, None, ax=ax), "exact must be of type CriticalSpeed"),
-        (lambda ax: plot.stability_map(BOUNDARY, ax=ax), "boundaries must map labels to"),
-        (
-            lambda ax: plot.stability_map({"a": 3}, ax=ax),
-            "boundaries['a'] must be of type Boundary",
-        ),
-        (lambda ax: plot.stability_map({}, math.inf, ax=ax), "highest must be finite and > 0"),
-        (
-            lambda ax: plot.stability_map({}, None, 3.0, ax=ax),
-            "marked must be of type CriticalSpeed",
-        ),
-        (lambda ax: plot.panels(0, 1, 5, 5), "rows must be from 1 to 100, got 0"),
-        (lambda ax: plot.panels(1, True, 5, 5), "columns must be a whole number, got True"),
-        (lambda ax: plot.panels(1, 1, math.nan, 5), "width must lie in [0.1, 200], got nan"),
-        (lambda ax: plot.panels(1, 1, 5, 1e9), "height must lie in [0.1, 200]"),
-        (lambda ax: plot.notice(3, ax=ax), "text must be of type str, got 3"),
-        (
-            lambda ax: plot.colour_bar(None, ax=np.array([[ax]])),
-            "label must be of type str, got None",
-        ),
-        (lambda ax: plot.colour_bar("", ax=[ax]), "ax must be of type Axes, got [<Axes"),
-        (lambda ax: plot.dot_stride(3), "loci must be of type RootLoci, got 3"),
-        (
-            lambda ax: plot.stability_map({"a": turned(BOUNDARY)}, ax=ax),
+            *(plot.stability_map, ({"a": dataclasses.replace(BOUNDARY, names=("u", "beta"))},)),
             "boundaries['a'] must have 'u' for y, got ('u', 'beta')",
         ),
         (
-            lambda ax: plot.stability_map({"a": BOUNDARY, "b": STANDING}, ax=ax),
+            *(plot.stability_map, ({"a": BOUNDARY, "b": STANDING},)),
             "boundaries must be over one number, got beta, gamma",
         ),
-        (lambda ax: plot.boundary(CRITICAL, ax=ax), "found must be of type Boundary, got Critical"),
+        (plot.boundary, (CRITICAL,), "found must be of type Boundary, got Critical"),
+        (plot.notice, (3,), "text must be of type str, got 3"),
+        (plot.colour_bar, (None,), "label must be of type str, got None"),
+        (partial(plot.colour_bar, ax=[3]), ("",), "ax must be of type Axes, got [3]"),
+        (partial(plot.root_loci, ax=3), (LOCI,), "ax must be of type Axes, got 3"),
+        (partial(plot.frequencies, ax=[3]), (LOCI,), "ax must be of type Axes"),
+        (plot.panels, (0, 1, 5, 5), "rows must be from 1 to 100, got 0"),
+        (plot.panels, (1, True, 5, 5), "columns must be a whole number, got True"),
+        (plot.panels, (1, 1, math.nan, 5), "width must lie in [0.1, 200], got nan"),
+        (plot.panels, (1, 1, 5, 1e9), "height must lie in [0.1, 200]"),
+        (plot.dot_stride, (3,), "loci must be of type RootLoci, got 3"),
     ],
 )
-def test_a_picture_refuses_what_it_cannot_show_by_name(call, message):
+def test_a_picture_refuses_what_it_cannot_show_by_name(draw, given, message):
     with pytest.raises((ValueError, TypeError)) as caught:
-        call(axes())
+        draw(*given)
     assert str(caught.value).startswith(message)
 
 
@@ -168,8 +156,7 @@ def test_ticks_of_a_map_point_to_the_unstable_side_and_words_tell_what_divergenc
         for line in shown(ax):
             unstable, stable = side(line)
             assert found.unstable(*unstable) > 0 == found.unstable(*stable)
-        labels = [text.get_text() for text in ax.get_legend().get_texts()]
-        assert labels == ["a", "ticks: unstable side"]
+        assert legend_of(ax) == ["a", "ticks: unstable side"]
     lowest = min(
         line.get_ydata().max() for line in shown(plot.stability_map({"a": BUCKLED}, ax=axes()))
     )
@@ -212,8 +199,7 @@ def test_a_map_tells_where_no_loss_of_stability_was_found(max_speed):
     end = 100.0 if max_speed is None else max_speed
     np.testing.assert_array_equal(found.no_loss_up_to, [end, math.nan, math.nan])
     ax = plot.stability_map({"chain": found}, parameter="segments", ax=axes())
-    labels = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert labels == [
+    assert legend_of(ax) == [
         *("chain", f"chain: no loss of stability up to $u = {end:g}$", "ticks: unstable side")
     ]
     (mark,) = (line for line in ax.lines if line.get_marker() == "^")
@@ -259,7 +245,7 @@ def test_a_map_says_why_it_has_no_boundary(swept, sentence, labels):
     found = swept()
     ax = plot.stability_map({"a": found}, ax=axes())
     assert [text.get_text() for text in ax.texts] == [sentence]
-    assert [text.get_text() for text in ax.get_legend().get_texts()] == labels
+    assert legend_of(ax) == labels
     if isinstance(found, pp.Boundary):
         assert (ax.get_xlim(), ax.get_ylim()) == (found.ranges[0], (0.0, found.ranges[1][1]))
         rng = np.random.default_rng(2)
@@ -290,7 +276,7 @@ def test_a_map_rings_no_speed_at_which_no_stability_is_lost():
     assert (lost.unstable_before, kept.unstable_before) == (1, 0)
     for one, ringed in ((lost, False), (kept, True)):
         ax = plot.stability_map({"a": BOUNDARY}, 9.0, one, ax=axes())
-        labels = [text.get_text() for text in ax.get_legend().get_texts()]
+        labels = legend_of(ax)
         rings = [line for line in shown(ax) if line.get_marker() == "o"]
         assert bool(rings) == ringed
         assert (
@@ -305,21 +291,15 @@ def test_a_map_is_in_order_of_gravity():
         return pp.boundary(model, "beta", "u", {"beta": (0.1, 0.2), "u": (0, 8)}, criticality=False)
 
     ax = plot.stability_map({f"{gamma:g}": of(gamma) for gamma in (10.0, -10.0, 0.0)}, ax=axes())
-    labels = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert labels[:3] == ["-10", "0", "10"]
+    assert legend_of(ax)[:3] == ["-10", "0", "10"]
 
 
 def test_a_map_notes_a_pipe_that_lies_above_it():
     heavy = pp.critical_speed(pp.Galerkin(pp.Pipe(0.3, 100.0), 6))
     ax = plot.stability_map({"a": BOUNDARY}, 5.0, heavy, ax=axes())
-    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    labels = legend_of(ax)
     assert rf"$\beta = 0.3$, $\gamma = 100$: $u = {heavy.speed:.4g}$, above" in labels
     assert ax.get_ylim() == (0.0, 5.0)
-
-
-STANDING = pp.boundary(
-    pp.Chain(pp.Pipe(0.2, damping=0.01), 2), "gamma", "u", {"gamma": (-22, 0), "u": (0, 5)}
-)
 
 
 def test_a_boundary_shades_what_is_stable_and_names_its_organising_points():
@@ -333,7 +313,7 @@ def test_a_boundary_shades_what_is_stable_and_names_its_organising_points():
         x, y = left + (right - left) * (j + 0.5) / columns, low + (high - low) * (i + 0.5) / rows
         wrong += (image.get_array()[i, j, 3] > 0.0) != (STANDING.unstable(x, y) == 0)
     assert wrong == 0
-    named = {text.get_text() for text in ax.get_legend().get_texts()}
+    named = set(legend_of(ax))
     assert {point.kind for point in STANDING.points} <= named
     assert {"Bogdanov-Takens", "degenerate pitchfork"} <= named
     assert {"flutter, supercritical", "divergence, subcritical"} <= named
@@ -492,9 +472,7 @@ def test_the_legend_of_the_convergence_picture_fits_below_and_no_decade_is_empty
     errors = np.concatenate([line.get_ydata() for line in shown(ax) if len(line.get_xdata()) > 2])
     low, high = ax.get_ylim()
     assert 0.1 * errors.min() < low < errors.min() < errors.max() < high < 10.0 * errors.max()
-    assert "reduced, legendre: factor 20 per function" in [
-        text.get_text() for text in ax.get_legend().get_texts()
-    ]
+    assert "reduced, legendre: factor 20 per function" in legend_of(ax)
 
 
 @pytest.mark.parametrize("name", ["boundary", "stability_map", "time_history", "frequencies"])
@@ -737,7 +715,7 @@ def test_speeds_over_the_mass_ratio_have_units_of_their_own():
         hatch.contains_point((0.4, 9.1 * unit(0.4))),
         hatch.contains_point((0.4, 8.9 * unit(0.4))),
     ] == [True, False]
-    assert "not searched" in {text.get_text() for text in ax.get_legend().get_texts()}
+    assert "not searched" in set(legend_of(ax))
     lengths = [0.3, 0.45]
     curve = pp.stability_curve(lambda length: pp.Chain(hose_of(length), 3), lengths)
     ax = plot.stability_map({"chain": curve}, parameter="length (m)", units="si")
@@ -759,7 +737,7 @@ def test_a_map_in_si_tells_where_nothing_was_searched():
     words = []
     for units in ("nondimensional", "si"):
         ax = plot.stability_map({"hose": found}, highest=12.0, units=units)
-        words.append([text.get_text() for text in ax.get_legend().get_texts()])
+        words.append(legend_of(ax))
         top = ax.get_ylim()[1]
     assert "not searched" not in words[0]
     assert "not searched" in words[1]

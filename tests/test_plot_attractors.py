@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from canvas import axes
+from canvas import axes, legend_of
 
 import pipedyn as pp
 from pipedyn import plot
@@ -31,7 +31,7 @@ def test_basins_show_where_each_start_ends():
     assert plot.basins(found(), ax=ax) is ax
     (mesh,) = ax.collections
     np.testing.assert_array_equal(mesh.get_array(), found().ends.reshape(6, 6))
-    words = [text.get_text() for text in ax.get_legend().get_texts()]
+    words = legend_of(ax)
     assert len(words) == len(found().basins)
     assert sum("mirror image" in word for word in words) == 1
     ax.figure.canvas.draw()
@@ -50,7 +50,7 @@ def test_what_did_not_settle_or_failed_is_in_the_legend():
     ends[:3], ends[3:5] = -1, -2
     shares = {"unsettled": pp.Share(3, 3 / 36, 0.0), "failed": pp.Share(2, 2 / 36, 0.0)}
     ax = plot.basins(replace(found(), ends=ends, **shares), ax=axes())
-    words = [text.get_text() for text in ax.get_legend().get_texts()]
+    words = legend_of(ax)
     assert words[-2:] == ["not settled, 8.33 %", "failed, 5.56 %"]
 
 

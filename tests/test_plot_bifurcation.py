@@ -7,6 +7,7 @@ from functools import cache, partial
 import numpy as np
 import pytest
 from canvas import axes as of_layout
+from canvas import legend_of
 
 import pipedyn as pp
 from pipedyn import plot
@@ -81,7 +82,7 @@ def test_stable_branches_are_solid_and_unstable_ones_dashed():
     for line in solid:
         assert line.get_xdata().max() == pytest.approx(fold, abs=0.02)
         assert np.abs(line.get_ydata()).min() > 0.5
-    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    labels = legend_of(ax)
     assert {"equilibrium, stable", "equilibrium, unstable", "fold", "pitchfork", "Hopf"} <= set(
         labels
     )

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from canvas import axes
+from canvas import axes, legend_of
 
 import pipedyn as pp
 from pipedyn import plot
@@ -64,7 +64,7 @@ def test_regions_are_drawn_from_their_least_amplitude_on():
     known = [[1.5, 0.2], [2.0, 0.1], [2.4, 0.05], [3.0, 0.1], [4.0, 0.2]]
     np.testing.assert_allclose(outline.get_xydata()[::A_STEP], known)
     np.testing.assert_allclose(ring.get_xydata(), [[2.4, 0.05]])
-    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["harmonic"]
+    assert legend_of(ax) == ["harmonic"]
 
 
 def test_forced_motions_are_drawn_with_their_folds():
@@ -72,9 +72,9 @@ def test_forced_motions_are_drawn_with_their_folds():
     found = pp.forced_response(model, 0.0, base=pp.Harmonic(0.02, 20.0), frequencies=(15.0, 26.0))
     ax = plot.forced_response(found, ax=axes())
     folds = [event for event in found.branches[0].events if event.kind == "fold"]
-    marked = [line.get_xydata()[0] for line in ax.lines if line.get_marker() == "o"]
+    marked = [line.get_xydata()[0] for line in ax.lines if line.get_marker() == "<"]
     np.testing.assert_allclose(marked, [[fold.frequency, fold.amplitude] for fold in folds])
-    words = {text.get_text() for text in ax.get_legend().get_texts()}
+    words = set(legend_of(ax))
     assert words == {"base, stable", "base, unstable", "fold"}
 
 

@@ -10,6 +10,7 @@ import matplotlib
 import numpy as np
 import pytest
 from canvas import axes as of_layout
+from canvas import legend_of
 from matplotlib.animation import FuncAnimation
 from matplotlib.collections import LineCollection
 from PIL import Image
@@ -81,119 +82,74 @@ def by_gid(ax, gid):
     return [child for child in ax.get_children() if child.get_gid() == gid]
 
 
+SEVERAL = "motions must be a Motion, several of them or an En"
+COARSE = "must be sampled at least six times a cycle"
+NO_FILM = "path must end with .gif, .mp4 or .html and lie in a folder"
+
+
 @pytest.mark.parametrize(
-    ("call", "message"),
+    ("draw", "motion", "asked", "message"),
     [
-        (lambda ax: plot.snapshots(None), "motion must be of type Motion, got None"),
-        (lambda ax: plot.snapshots(MOTIONS.many), "motion must be of type Motion, got Ensemble("),
+        (plot.snapshots, None, {}, "motion must be of type Motion, got None"),
+        (plot.snapshots, "many", {}, "motion must be of type Motion, got Ensemble("),
         (
-            lambda ax: plot.snapshots(MOTIONS.short),
+            *(plot.snapshots, "short", {}),
             "motion must have at least 3 samples, got 2: ask `simulate` for more `samples=`",
         ),
+        (plot.snapshots, "coarse", {}, f"motion {COARSE}"),
+        (plot.snapshots, "cycle", {"ax": 3}, "ax must be of type Axes, got 3"),
+        (plot.snapshots, "cycle", {"span": 3.0}, "span must be one-dimensional"),
+        (plot.snapshots, "cycle", {"span": (1.0, 2.0, 3.0)}, "span must have 2 entries, got 3"),
+        (plot.snapshots, "cycle", {"span": (2.0, 1.0)}, "span must be a start and a later end"),
+        (plot.snapshots, "cycle", {"span": (0.0, 31.0)}, "span must be a start and a later end"),
+        (plot.snapshots, "cycle", {"span": (0.0, math.nan)}, "span must be finite"),
+        (plot.snapshots, "cycle", {"count": 1}, "count must be from 2 to 1000, got 1"),
+        (plot.snapshots, "cycle", {"count": 8.0}, "count must be a whole number, got 8.0"),
+        (plot.time_history, None, {}, SEVERAL),
+        (plot.time_history, [], {}, "motions must hold at least one, got none"),
+        (plot.time_history, ["cycle", 3], {}, "motions[1] must be of type Motion, got 3"),
+        (plot.time_history, ["cycle", "short"], {}, "motions[1] must have at least 3 samples"),
+        (plot.time_history, "coarse", {}, f"motions {COARSE}"),
+        (plot.time_history, "cycle", {"ax": [3]}, "ax must be of type Axes, got [3]"),
+        (plot.phase_portrait, 3, {}, SEVERAL),
+        (plot.phase_portrait, ["cycle", "coarse"], {}, f"motions[1] {COARSE}"),
         (
-            lambda ax: plot.snapshots(MOTIONS.coarse),
-            "motion must be sampled at least six times a cycle",
+            plot.phase_portrait,
+            "cycle",
+            {"coordinate": "top"},
+            "coordinate must be one of 'tip', got",
         ),
-        (lambda ax: plot.snapshots(MOTIONS.cycle, ax=3), "ax must be of type Axes, got 3"),
-        (lambda ax: plot.snapshots(MOTIONS.cycle, 3.0), "span must be one-dimensional"),
+        (plot.phase_portrait, "cycle", {"coordinate": 6}, "coordinate must be from 0 to 5, got 6"),
+        (plot.phase_portrait, "cycle", {"coordinate": 1.0}, "coordinate must be a whole number"),
+        (plot.phase_portrait, "cycle", {"ax": 3}, "ax must be of type Axes, got 3"),
+        (plot.animate, ["cycle"], {}, "motion must be of type Motion"),
+        (plot.animate, "coarse", {}, f"motion {COARSE}"),
+        (plot.animate, "cycle", {"path": 3}, "path must be a path of a file, got 3"),
+        (plot.animate, "cycle", {"path": "pipe.avi"}, NO_FILM),
+        (plot.animate, "cycle", {"path": "none/pipe.gif"}, NO_FILM),
+        (plot.animate, "cycle", {"fps": 60}, "fps must lie in [1, 50], got 60"),
+        (plot.animate, "cycle", {"fps": math.nan}, "fps must lie in [1, 50], got nan"),
+        (plot.animate, "cycle", {"speed": 0.0}, "speed must be finite and > 0, got 0.0"),
+        (plot.animate, "cycle", {"speed": 5.0}, "speed must leave at least 8 frames to a cy"),
         (
-            lambda ax: plot.snapshots(MOTIONS.cycle, (1.0, 2.0, 3.0)),
-            "span must have 2 entries, got 3",
-        ),
-        (
-            lambda ax: plot.snapshots(MOTIONS.cycle, (2.0, 1.0)),
-            "span must be a start and a later end",
-        ),
-        (
-            lambda ax: plot.snapshots(MOTIONS.cycle, (0.0, 31.0)),
-            "span must be a start and a later end",
-        ),
-        (lambda ax: plot.snapshots(MOTIONS.cycle, (0.0, math.nan)), "span must be finite"),
-        (lambda ax: plot.snapshots(MOTIONS.cycle, count=1), "count must be from 2 to 1000, got 1"),
-        (
-            lambda ax: plot.snapshots(MOTIONS.cycle, count=8.0),
-            "count must be a whole number, got 8.0",
-        ),
-        (lambda ax: plot.time_history(None), "motions must be a Motion, several of them or an En"),
-        (lambda ax: plot.time_history("abc"), "motions must be a Motion, several of them or an E"),
-        (lambda ax: plot.time_history([]), "motions must hold at least one, got none"),
-        (
-            lambda ax: plot.time_history([MOTIONS.cycle, 3]),
-            "motions[1] must be of type Motion, got 3",
-        ),
-        (
-            lambda ax: plot.time_history([MOTIONS.cycle, MOTIONS.short]),
-            "motions[1] must have at least 3 samples",
-        ),
-        (
-            lambda ax: plot.time_history(MOTIONS.coarse),
-            "motions must be sampled at least six times a cy",
-        ),
-        (
-            lambda ax: plot.time_history(MOTIONS.cycle, ax=[ax]),
-            "ax must be of type Axes, got [<Axes",
-        ),
-        (lambda ax: plot.phase_portrait(3), "motions must be a Motion, several of them or an"),
-        (
-            lambda ax: plot.phase_portrait([MOTIONS.cycle, MOTIONS.coarse]),
-            "motions[1] must be sampled at least s",
-        ),
-        (
-            lambda ax: plot.phase_portrait(MOTIONS.cycle, "top"),
-            "coordinate must be one of 'tip', got 'top",
-        ),
-        (lambda ax: plot.phase_portrait(MOTIONS.cycle, 6), "coordinate must be from 0 to 5, got 6"),
-        (
-            lambda ax: plot.phase_portrait(MOTIONS.cycle, 1.0),
-            "coordinate must be a whole number, got 1.0",
-        ),
-        (
-            lambda ax: plot.phase_portrait(MOTIONS.cycle, "tip", ax=3),
-            "ax must be of type Axes, got 3",
-        ),
-        (lambda ax: plot.animate([MOTIONS.cycle]), "motion must be of type Motion"),
-        (
-            lambda ax: plot.animate(MOTIONS.coarse),
-            "motion must be sampled at least six times a cycle",
-        ),
-        (lambda ax: plot.animate(MOTIONS.cycle, 3), "path must be a path of a file, got 3"),
-        (
-            lambda ax: plot.animate(MOTIONS.cycle, "pipe.avi"),
-            "path must end with .gif, .mp4 or .html and lie in a folder",
-        ),
-        (
-            lambda ax: plot.animate(MOTIONS.cycle, "none/pipe.gif"),
-            "path must end with .gif, .mp4 or .html and lie in a",
-        ),
-        (lambda ax: plot.animate(MOTIONS.cycle, fps=60), "fps must lie in [1, 50], got 60"),
-        (lambda ax: plot.animate(MOTIONS.cycle, fps=math.nan), "fps must lie in [1, 50], got nan"),
-        (
-            lambda ax: plot.animate(MOTIONS.cycle, speed=0.0),
-            "speed must be finite and > 0, got 0.0",
-        ),
-        (
-            lambda ax: plot.animate(MOTIONS.cycle, speed=5.0),
+            *(plot.animate, "cycle", {"span": (0, 30), "speed": 5.0}),
             "speed must leave at least 8 frames to a cy",
         ),
-        (
-            lambda ax: plot.animate(MOTIONS.cycle, span=(0, 30), speed=5.0),
-            "speed must leave at least 8 fr",
-        ),
-        (
-            lambda ax: plot.animate(MOTIONS.cycle, speed=1e-9),
-            "span, fps and speed must ask for at most",
-        ),
-        (
-            lambda ax: plot.animate(MOTIONS.rest, speed=10.0, fps=1),
-            "speed must leave at least 2 frames",
-        ),
-        (lambda ax: plot.animate(MOTIONS.cycle, ax=ax.figure), "ax must be of type Axes"),
+        (plot.animate, "cycle", {"speed": 1e-9}, "span, fps and speed must ask for at most"),
+        (plot.animate, "rest", {"speed": 10.0, "fps": 1}, "speed must leave at least 2 frames"),
+        (plot.animate, "cycle", {"ax": 3}, "ax must be of type Axes"),
     ],
 )
-def test_a_picture_of_motion_refuses_what_it_cannot_show_by_name(call, message):
+def test_a_picture_of_motion_refuses_what_it_cannot_show_by_name(draw, motion, asked, message):
+    def named(one):
+        return getattr(MOTIONS, one) if isinstance(one, str) else one
+
+    shown = [named(one) for one in motion] if isinstance(motion, list) else named(motion)
     with pytest.raises((ValueError, TypeError)) as caught:
-        call(axes())
+        draw(shown, **asked)
     assert str(caught.value).startswith(message)
+    with pytest.raises(TypeError, match=re.escape(SEVERAL)):
+        plot.time_history("abc")
 
 
 def test_samples_once_a_cycle_are_no_pipe_at_rest():
@@ -353,15 +309,14 @@ def test_nothing_of_a_picture_of_motion_is_cut_off(draw, name):
 
 def test_histories_and_portraits_show_every_motion_under_its_speed():
     ax = plot.time_history(MOTIONS.many, ax=axes())
-    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["$u = 5.5$", "$u = 6$"]
+    assert legend_of(ax) == ["$u = 5.5$", "$u = 6$"]
     curves = [line for line in ax.lines if line.get_label().startswith("$u")]
     for curve, motion in zip(curves, MOTIONS.many.motions, strict=True):
         shown = np.interp(motion.t, *curve.get_data())
         np.testing.assert_allclose(shown, motion.tip[:, 0], atol=1e-12)
     assert curves[0].get_linestyle() != curves[1].get_linestyle()
     ax = plot.time_history([MOTIONS.cycle, MOTIONS.fine], ax=axes())
-    labels = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert labels == ["0: $u = 6$, Chain, 6 d.o.f.", "1: $u = 6$, Chain, 6 d.o.f."]
+    assert legend_of(ax) == ["0: $u = 6$, Chain, 6 d.o.f.", "1: $u = 6$, Chain, 6 d.o.f."]
 
 
 def test_members_that_failed_are_left_out_of_a_picture_and_told():
@@ -371,8 +326,7 @@ def test_members_that_failed_are_left_out_of_a_picture_and_told():
     assert [one.index for one in found.failures] == [2]
     for draw in plot.time_history, plot.phase_portrait:
         ax = draw(found, ax=axes())
-        labels = [text.get_text() for text in ax.get_legend().get_texts()]
-        assert labels == ["$u = 5$", "$u = 6$"]
+        assert legend_of(ax) == ["$u = 5$", "$u = 6$"]
         assert ax.get_title() == "left out: member 2, which failed"
 
 

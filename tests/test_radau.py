@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy
 from independent import any_chain
+from test_integrator import moved
 
 import pipedyn as pp
 from pipedyn import _core
@@ -16,29 +17,6 @@ from pipedyn.motion.lyapunov import largest_exponent
 LEVELS = _core.vector_levels()
 
 
-def solved(rates, jacobian, start, times, rtol, atol=None, max_step=np.inf):
-    """States (times, n) of y' = rates(t, y), y (n, k) at times (k,), and what they took."""
-    start = np.array(start, dtype=float)[:, None]
-    motion = _core.Integrator(
-        *(lambda t, y, u: rates(t, y), np.zeros(1), start, 0.0),
-        *([rtol], np.full_like(start, rtol if atol is None else atol), 1e8, max_step),
-        lambda t, y, u: jacobian(t, y),
-    )
-    times = np.asarray(times, dtype=float)
-    states = np.empty((1, times.size, len(start)))
-    while not motion.advance(times, states, 100_000)[0]:
-        pass
-    return states[0], motion.members[0].evaluations
-
-
-def pendulum(t, y):
-    return np.stack([y[1], -y[0] + 0.0 * t])
-
-
-def pendulum_slopes(t, y):
-    return np.array([[0.0, 1.0], [-1.0, 0.0]])
-
-
 def driven(t, y):
     return np.sin(t) + np.cos(t) - y
 
@@ -46,65 +24,68 @@ def driven(t, y):
 @pytest.mark.parametrize(
     ("rates", "slopes", "start", "solution"),
     [
-        (pendulum, pendulum_slopes(0.0, None), [1.0, 0.0], lambda t: [np.cos(t), -np.sin(t)]),
+        (
+            *(lambda t, y: np.stack([y[1], -y[0]]), np.array([[0.0, 1.0], [-1.0, 0.0]])),
+            *([1.0, 0.0], lambda t: [np.cos(t), -np.sin(t)]),
+        ),
         (driven, -np.eye(1), [0.0], lambda t: [np.sin(t)]),
     ],
 )
 def test_equal_steps_have_order_thirteen_at_their_ends(rates, slopes, start, solution):
     """Of linear problems, of which Newton's first iterate is the solution."""
     end, steps = 24.0, 24.0 / np.arange(6, 15)
-    errors = []
-    for step in steps:
-        loose = {"rtol": 1e-6, "atol": 1e9, "max_step": step}
-        found, _ = solved(rates, lambda t, y: slopes, start, [end], **loose)
-        errors.append(np.abs(found[0] - solution(end)).max())
-    errors = np.array(errors)
+    loose = {"rtol": 1e-6, "atol": 1e9, "slopes": lambda t, y: slopes}
+    errors = np.array(
+        [
+            np.abs(
+                moved(rates, start, [end], max_step=step, **loose)[0][0, 0] - solution(end)
+            ).max()
+            for step in steps
+        ]
+    )
     kept = (errors > 1e-12) & (errors < 1e-2)
     assert errors[kept].max() > 1e3 * errors[kept].min()
     order = np.polyfit(np.log(steps[kept]), np.log(errors[kept]), 1)[0]
     assert order == pytest.approx(13.0, abs=0.7)
 
 
-def logistic(t, y):
-    return y * (1.0 - y) * (1.0 + 0.5 * np.cos(t))
-
-
-def logistic_slopes(t, y):
-    return np.array([[(1.0 - 2.0 * y[0]) * (1.0 + 0.5 * np.cos(t))]])
-
-
 def test_errors_are_proportional_to_tolerances_over_eight_decades():
+    def logistic(t, y):
+        return y * (1.0 - y) * (1.0 + 0.5 * np.cos(t))
+
+    def slopes(t, y):
+        return np.array([[(1.0 - 2.0 * y[0]) * (1.0 + 0.5 * np.cos(t))]])
+
     times = np.linspace(0.0, 12.0, 61)
-    grown = times + 0.5 * np.sin(times)
-    exact = 1.0 / (1.0 + 99.0 * np.exp(-grown))
+    exact = 1.0 / (1.0 + 99.0 * np.exp(-times - 0.5 * np.sin(times)))
     tolerances = np.logspace(-3, -11, 9)
-    found = [solved(logistic, logistic_slopes, [0.01], times, rtol) for rtol in tolerances]
-    errors = np.array([np.abs(states[:, 0] - exact).max() for states, _ in found])
+    found = [moved(logistic, [0.01], times, rtol, slopes=slopes)[0] for rtol in tolerances]
+    errors = np.array([np.abs(states[0, :, 0] - exact).max() for states in found])
     assert np.polyfit(np.log(tolerances), np.log(errors), 1)[0] == pytest.approx(1.0, abs=0.2)
     assert (errors < 10.0 * tolerances).all()
 
 
 @pytest.mark.parametrize("rate", [1e2, 1e5, 1e9])
 def test_what_decays_at_once_costs_no_steps(rate):
-    """Prothero and Robinson (1974): y' = -rate (y - sin t) + cos t, y = sin t."""
+    """Prothero and Robinson (1974): y' = -rate (y - sin t) + cos t, y = sin t.
+
+    From a start off this solution, the motion falls onto it.
+    """
     times = np.linspace(0.0, 10.0, 41)
 
     def rates(t, y):
         return -rate * (y - np.sin(t)) + np.cos(t)
 
+    def slopes(t, y):
+        return np.array([[-rate]])
+
     for rtol in (1e-4, 1e-7, 1e-10):
-        found, calls = solved(rates, lambda t, y: np.array([[-rate]]), [0.0], times, rtol)
-        assert np.abs(found[:, 0] - np.sin(times)).max() < 10.0 * rtol
-        assert calls < 3000
-
-
-def test_a_start_off_the_slow_solution_falls_onto_it():
-    def rates(t, y):
-        return -1e6 * (y - np.cos(t))
-
-    found, _ = solved(rates, lambda t, y: np.array([[-1e6]]), [5.0], [1e-6, 1e-4, 2.0], 1e-8)
-    assert found[0, 0] == pytest.approx(1.0 + 4.0 * np.exp(-1.0), abs=1e-6)
-    assert found[1:, 0] == pytest.approx(np.cos([1e-4 - 1e-6, 2.0 - 1e-6]), abs=1e-7)
+        found, [member] = moved(rates, [0.0], times, rtol, slopes=slopes)
+        assert np.abs(found[0, :, 0] - np.sin(times)).max() < 10.0 * rtol
+        assert member.evaluations < 3000
+    found, _ = moved(rates, [4.0], times := [1.0 / rate, 2.0], 1e-8, slopes=slopes)
+    exact = np.sin(times) + 4.0 * np.exp(-rate * np.array(times))
+    assert found[0, :, 0] == pytest.approx(exact, abs=1e-6)
 
 
 def test_van_der_pol_of_stiffness_a_million_has_its_known_end():
@@ -118,10 +99,10 @@ def test_van_der_pol_of_stiffness_a_million_has_its_known_end():
         a, b = y
         return np.array([[0.0, 1.0], [(-2.0 * a * b - 1.0) / eps, (1.0 - a * a) / eps]])
 
-    found, calls = solved(rates, slopes, [2.0, -0.66], [1.0, 2.0], 1e-9, 1e-11)
+    found, [member] = moved(rates, [2.0, -0.66], [1.0, 2.0], 1e-9, 1e-11, slopes=slopes)
     known = [[-1.863646254808130, 0.753543012043], [1.706167732170483, -0.8928097010247975]]
-    assert found == pytest.approx(np.array(known), rel=1e-6)
-    assert calls < 60_000
+    assert found[0] == pytest.approx(np.array(known), rel=1e-6)
+    assert member.evaluations < 60_000
 
 
 @pytest.mark.parametrize("level", LEVELS)
@@ -160,12 +141,18 @@ def bent(s):
     return 0.4 * s * (1.0 - 0.3 * s)
 
 
+def start_of(name):
+    """An angle that the model may have; a guide leaves no large one."""
+    return (lambda s: 0.1 * s**2) if name == "guided" else bent
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_a_stiff_motion_is_that_of_scipys_radau(name):
     model, options = MODELS[name], {"samples": 11, "rtol": 1e-9}
-    start = (lambda s: 0.1 * s**2) if name == "guided" else bent
-    found = pp.simulate(model, 4.0, 0.2, start, method="radau", **options)
-    other = pp.simulate(model, 4.0, 0.2, start, method="scipy:Radau", **options)
+    found, other = (
+        pp.simulate(model, 4.0, 0.2, start_of(name), method=method, **options)
+        for method in ("radau", "scipy:Radau")
+    )
     assert np.abs(found.q - other.q).max() < 3e-8
     assert np.abs(found.qdot - other.qdot).max() < 3e-8 * max(1.0, np.abs(other.qdot).max())
     assert found.audit < 1e-7
@@ -174,9 +161,9 @@ def test_a_stiff_motion_is_that_of_scipys_radau(name):
 
 @pytest.mark.parametrize("name", MODELS)
 def test_the_audit_falls_with_the_tolerance(name):
-    start = (lambda s: 0.1 * s**2) if name == "guided" else bent
+    options = {"q0": start_of(name), "samples": 41, "method": "radau"}
     audits = [
-        pp.simulate(MODELS[name], 4.0, 1.0, start, rtol=rtol, samples=41, method="radau").audit
+        pp.simulate(MODELS[name], 4.0, 1.0, rtol=rtol, **options).audit
         for rtol in (1e-4, 1e-7, 1e-10)
     ]
     assert (np.array(audits) < [1e-3, 2e-6, 5e-9]).all()
@@ -236,15 +223,16 @@ def test_several_members_of_one_integrator_go_one_after_the_other():
 
 @pytest.mark.parametrize("level", LEVELS)
 def test_vector_levels_agree(level, at_level):
-    found = {}
-    for name in ("terms", "legendre", "guided"):
-        start = (lambda s: 0.1 * s**2) if name == "guided" else bent
-        found[name] = pp.simulate(MODELS[name], 4.0, 0.5, start, rtol=1e-10, samples=3)
+    def ends():
+        return [
+            pp.simulate(MODELS[name], 4.0, 0.5, start_of(name), rtol=1e-10, samples=3).q
+            for name in ("terms", "legendre", "guided")
+        ]
+
+    widest = ends()
     at_level(level)
-    for name, widest in found.items():
-        start = (lambda s: 0.1 * s**2) if name == "guided" else bent
-        other = pp.simulate(MODELS[name], 4.0, 0.5, start, rtol=1e-10, samples=3)
-        assert np.abs(other.q - widest.q).max() < 1e-9
+    for other, found in zip(ends(), widest, strict=True):
+        assert np.abs(other - found).max() < 1e-9
 
 
 def test_a_thousand_damped_segments_take_no_more_steps_than_twenty():
@@ -269,13 +257,11 @@ def test_a_step_vanishes_as_soon_before_time_0_as_after():
     """y' = y^2 from 1 is infinite a unit of time later."""
     taken = []
     for t0 in (2.0, -4.0):
-        motion = _core.Integrator(
-            *(lambda t, y, u: y**2, np.zeros(1), np.ones((1, 1)), t0, [1e-8], [[1e-10]], 1e8),
-            jacobian=lambda t, y, u: np.array([[2.0 * y[0]]]),
+        _, [member] = moved(
+            *(lambda t, y: y**2, [1.0], [t0 + 2.0], 1e-8, 1e-10),
+            t0=t0,
+            slopes=lambda t, y: np.array([[2.0 * y[0]]]),
         )
-        while not motion.advance(np.array([t0 + 2.0]), np.empty((1, 1, 1)), 1_000_000)[0]:
-            pass
-        [member] = motion.members
         assert member.time == pytest.approx(t0 + 1.0, abs=1e-6)
         assert member.progress in ("not finite", "vanishing")
         taken.append(member.evaluations)
@@ -283,10 +269,8 @@ def test_a_step_vanishes_as_soon_before_time_0_as_after():
 
 
 def test_a_wrong_jacobian_is_refused_and_a_singular_one_is_no_harm():
-    def rates(t, y):
-        return np.zeros_like(y)
-
+    still = (lambda t, y: np.zeros_like(y), [1.0, 2.0], [1.0], 1e-6)
     with pytest.raises(ValueError, match="row a state"):
-        solved(rates, lambda t, y: np.zeros(3), [1.0, 2.0], [1.0], 1e-6)
-    found, _ = solved(rates, lambda t, y: np.zeros((2, 2)), [1.0, 2.0], [1.0], 1e-6)
-    assert found[0].tolist() == [1.0, 2.0]
+        moved(*still, slopes=lambda t, y: np.zeros(3))
+    found, _ = moved(*still, slopes=lambda t, y: np.zeros((2, 2)))
+    assert found[0].tolist() == [[1.0, 2.0]]

@@ -24,7 +24,7 @@ MODELS = {
     "scene": SCENE,
     "held scene": SCENE.plus(modular.Guide(3)),
     "custom scene": SCENE.plus(SWING),
-    "dense scene": modular.chain(SPANS, 4, enforcement="udwadia-kalaba"),
+    "scene on supports": modular.chain(SPANS, 4),
 }
 SIZES = (1e-300, 1.0, 30.0, 1e3, 1e6, 1e30, 1e150, 1e300)
 

@@ -126,9 +126,8 @@ def classes_of(kind):
 @cache
 def tables():
     """One of each class of tables, of a pipe with scales."""
-    motion = pp.simulate(
-        SCALED_CHAIN, 4.0, 1.0, bend, samples=5, events=pp.Event(lambda t, q, qdot: q[0])
-    )
+    event = pp.Event(lambda t, q, qdot: q[0])
+    motion = pp.simulate(SCALED_CHAIN, 4.0, 1.0, bend, samples=5, events=event, dense=True)
     small = pp.Chain(SCALED, 2)
     cycle = pp.limit_cycle(small, 6.0)
     diagram = pp.bifurcation_diagram(small, [5.0, 6.0], cycles=8)
@@ -183,10 +182,14 @@ def cycle_fold():
     return pp.cycle_boundary(branch, fold, "beta", "u", window)
 
 
-def test_every_table_has_columns_a_data_frame_and_a_page():
+def test_every_table_has_columns_a_data_frame_a_page_and_a_file(tmp_path):
     every = tables()
     assert {type(table) for table in every} == classes_of(TableResult)
     for table in every:
+        table.save(tmp_path / "table.npz")
+        loaded = pp.load(tmp_path / "table.npz")
+        assert loaded == table
+        assert repr(loaded) == repr(table)
         columns = table.columns()
         assert len({len(values) for values in columns.values()}) == 1, table
         frame = table.to_dataframe()

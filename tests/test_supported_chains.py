@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+import redundant
 import scipy.linalg
 import scipy.special
 
@@ -342,7 +343,7 @@ def test_the_scene_of_a_held_chain_has_its_numbers(name: str) -> None:
     y, own = scene.state(theta, omega), np.append(theta, omega)
     turning = np.cumsum(scene.rhs(0.0, y, 2.0).reshape(2, 8, 3)[:, :, 2], axis=1).ravel()
     np.testing.assert_allclose(turning, chain.rhs(0.0, own, 2.0), rtol=1e-9, atol=1e-9)
-    dense = scene.accelerations(y, 2.0, "udwadia-kalaba")  # M q'' = f with all constraints
+    dense = redundant.accelerations(scene, y, 2.0)  # M q'' = f with all constraints
     np.testing.assert_allclose(dense, scene.rhs(0.0, y, 2.0)[24:], atol=1e-9 * np.abs(dense).max())
     assert scene.energy(y) == pytest.approx(chain.energy(own), rel=1e-13)
 
@@ -361,6 +362,24 @@ def test_operators_about_a_bent_held_pipe_are_the_derivatives_of_its_forces(name
         mass, _, stiffness = model.operators(at).at(u)
         np.testing.assert_allclose(
             -mass @ (free.T @ whole @ free), stiffness, atol=1e-9 * np.abs(stiffness).max()
+        )
+    pushed = np.append(1.0, np.zeros(6))  # a change of the flow speed by s u' = 1
+
+    def moments(theta: np.ndarray) -> np.ndarray:
+        y = scene.core.from_angles(theta, 0.0 * theta)
+        push = redundant.forces(scene, y, 0.0, pushed) - redundant.forces(scene, y, 0.0)
+        return scene._layout.moments(theta, push[:, None])[:, 0]
+
+    rows, scale = chain._rows, chain.elastic_scale[:, None] * np.tri(8).T
+    holding = np.linalg.lstsq(scale @ rows(q), -scale @ moments(q), rcond=None)[0]
+    by_push = [
+        [1e5 * (moments(q + h) + rows(q + h) @ holding) for h in 5e-6 * side * np.eye(8)]
+        for side in (1.0, -1.0)
+    ]
+    free, by_push = chain.basis(q), np.subtract(*by_push).T
+    for model, at in ((chain, q), (scene, places)):
+        np.testing.assert_allclose(
+            model.operators(at).unsteady, -free.T @ by_push @ free, atol=1e-9
         )
     values = pp.eigenvalues(bent, u, 4)
     np.testing.assert_allclose(pp.eigenvalues(scene.about(places), u, 4), values, rtol=1e-9)

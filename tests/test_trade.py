@@ -202,19 +202,11 @@ def test_none_beats_the_front(critical):
             assert math.isinf(row.error) or any(f.error <= row.error for f in better)
 
 
-def test_one_size_may_be_given_as_a_number():
+def test_sizes_are_numbers_or_go_by_the_words_for_families():
     found = pp.trade(PIPE, "critical_speed", families="legendre", sizes=8, repeats=1)
     assert [row.size for row in found.rows] == [8]
-
-
-def test_sizes_go_by_the_words_for_families():
-    found = pp.trade(
-        PIPE,
-        "frequencies",
-        families=["legendre", "chain"],
-        sizes={"chain": [4, 5], "legendre": 6},
-        repeats=1,
-    )
+    sizes = {"chain": [4, 5], "legendre": 6}
+    found = pp.trade(PIPE, "frequencies", families=[*sizes], sizes=sizes, repeats=1)
     assert [row.size for row in found.of("legendre")] == [6]
     assert [row.size for row in found.of("midpoint")] == [4, 5]
     assert [row.size for row in found.of("rayleigh")] == [4, 5]
@@ -228,14 +220,6 @@ def test_a_start_that_does_not_move_is_refused(ask):
 
 
 # -------------------------------------------------------------------------------------- counts
-
-
-def test_a_motion_counts_what_its_integrator_does():
-    chain = pp.Chain(DAMPED, 6)
-    with counted() as counters:
-        motion = pp.simulate(chain, 6.0, 1.0, lambda s: 0.05 * s**2, method="dop853")
-    assert counters.right_hand_sides == motion.evaluations
-    assert counters.factorisations == 0
 
 
 @pytest.mark.parametrize("method", ["scipy:LSODA", "scipy:Radau"])
@@ -264,16 +248,15 @@ def test_a_row_has_the_counts_of_one_answer():
     assert row.right_hand_sides == 0
 
 
-def test_a_cycle_counts_its_right_hand_sides_and_factorisations():
+def test_motions_cycles_and_eigenvalue_problems_count_what_they_do():
+    with counted() as counters:
+        motion = pp.simulate(pp.Chain(DAMPED, 6), 6.0, 1.0, lambda s: 0.05 * s**2, method="dop853")
+    assert counters.right_hand_sides == motion.evaluations
+    assert counters.factorisations == 0
     with counted() as counters:
         cycle = pp.limit_cycle(pp.Galerkin(DAMPED, 3, "legendre"), 6.0)
     assert counters.right_hand_sides >= cycle.evaluations
-    assert (
-        counters.factorisations > cycle.phases / ORBIT_STAGES
-    )  # every interval's equations, at least
-
-
-def test_an_eigenvalue_problem_is_a_factorisation_and_itself():
+    assert counters.factorisations > cycle.phases / ORBIT_STAGES  # each interval's, at least
     with counted() as outer:
         with counted() as inner:
             pp.eigenvalues(pp.Galerkin(PIPE, 6), 3.0)
@@ -284,20 +267,16 @@ def test_an_eigenvalue_problem_is_a_factorisation_and_itself():
 # ------------------------------------------------------------------------------ how it is shown
 
 
-def test_the_table_says_what_the_rows_do(critical):
+def test_the_table_says_what_the_rows_do_and_goes_to_a_file(critical, tmp_path):
     text, page = str(critical), critical._repr_html_()
     assert "reference: Continuum, 25 Legendre functions" in text
     assert text.count("\n") == len(critical.rows) + 2
     assert page.count("<tr>") == len(critical.rows) + 1
-    rows = list(csv.DictReader(io.StringIO(critical.to_csv())))
+    text = critical.to_csv(tmp_path / "trade.csv")
+    assert (tmp_path / "trade.csv").read_text(encoding="utf-8") == text
+    rows = list(csv.DictReader(io.StringIO(text)))
     assert [float(row["error"]) for row in rows] == [row.error for row in critical.rows]
     assert {row["resolved"] for row in rows} == {"True", "False"}
-
-
-def test_the_table_goes_to_a_file(critical, tmp_path):
-    path = tmp_path / "trade.csv"
-    text = critical.to_csv(path)
-    assert path.read_text(encoding="utf-8") == text
 
 
 @pytest.mark.parametrize("cost", ["seconds", "dof", "factorisations"])
@@ -336,79 +315,50 @@ def test_a_picture_has_no_front_where_the_best_has_no_such_cost(critical):
 # ------------------------------------------------------------------------------------ bad input
 
 
+MOTION = {"u": 1.0, "duration": 1.0}
+
+
 @pytest.mark.parametrize(
-    ("call", "error", "message"),
+    ("quantity", "given", "error", "message"),
     [
-        (lambda: pp.trade(3, "motion"), TypeError, "pipe must be"),
-        (lambda: pp.trade(PIPE, "speed"), ValueError, "quantity must be one of 'critical_speed'"),
-        (lambda: pp.trade(PIPE, 3), TypeError, "quantity must be one of"),
-        (lambda: pp.trade(PIPE, "motion"), TypeError, "'motion' takes u, .* lacks u, duration"),
-        (lambda: pp.trade(PIPE, "frequencies", v=1.0), TypeError, "takes u, count, got 'v'"),
-        (lambda: pp.trade(PIPE, "frequencies", u=-1.0), ValueError, "u must lie in"),
-        (lambda: pp.trade(PIPE, "frequencies", count=0), ValueError, "count must be from 1"),
-        (lambda: pp.trade(PIPE, "root_loci", speeds=[2.0, 1.0]), ValueError, "strictly increasing"),
-        (lambda: pp.trade(PIPE, "critical_speed", max_speed=0.0), ValueError, "max_speed must"),
-        (
-            lambda: pp.trade(PIPE, "motion", u=1.0, duration=1.0, start=[0.1]),
-            TypeError,
-            "start must be a function of arc lengths",
-        ),
-        (
-            lambda: pp.trade(PIPE, "motion", u=1.0, duration=1.0, rates=np.sin),
-            ValueError,
-            "rates must come with a start",
-        ),
-        (
-            lambda: pp.trade(PIPE, "motion", u=1.0, duration=1.0, rtol=1.0),
-            ValueError,
-            "rtol must lie in",
-        ),
-        (lambda: pp.trade(PIPE, "limit_cycle", u=0.0), ValueError, "u must lie in"),
-        (lambda: pp.trade(PIPE, "limit_cycle", u=6.0, rtol="x"), TypeError, "rtol must be a real"),
-        (
-            lambda: pp.trade(PIPE, "critical_speed", families="rod"),
-            ValueError,
-            "families must be one of 'chain'",
-        ),
-        (lambda: pp.trade(PIPE, "critical_speed", families=3), TypeError, "families must be words"),
-        (lambda: pp.trade(PIPE, "critical_speed", families=[]), ValueError, "at least one family"),
-        (lambda: pp.trade(PIPE, "critical_speed", sizes=[3, 2]), ValueError, "sizes must be whole"),
-        (lambda: pp.trade(PIPE, "critical_speed", sizes=[0.5]), TypeError, "sizes must be whole"),
-        (
-            lambda: pp.trade(PIPE, "critical_speed", sizes=np.array([3, 2], dtype=np.uint8)),
-            ValueError,
-            "sizes must be whole",
-        ),
-        (
-            lambda: pp.trade(PIPE, "critical_speed", families="beam", sizes={"legendre": [0]}),
-            ValueError,
-            "sizes must be whole",
-        ),
-        (
-            lambda: pp.trade(PIPE, "critical_speed", families=np.array("beam")),
-            TypeError,
-            "families must be words",
-        ),
-        (
-            lambda: pp.trade(PIPE, "critical_speed", sizes={"rod": [2]}),
-            ValueError,
-            "sizes must be one of",
-        ),
-        (lambda: pp.trade(PIPE, "critical_speed", repeats=0), ValueError, "repeats must be from 1"),
-        (lambda: pp.trade(PIPE, "critical_speed", progress=1), TypeError, "progress must be True"),
-        (lambda: plot.trade(3), TypeError, "found must be of type Trade"),
+        ("motion", {"pipe": 3}, TypeError, "pipe must be"),
+        ("speed", {}, ValueError, "quantity must be one of 'critical_speed'"),
+        (3, {}, TypeError, "quantity must be one of"),
+        ("motion", {}, TypeError, "'motion' takes u, .* lacks u, duration"),
+        ("frequencies", {"v": 1.0}, TypeError, "takes u, count, got 'v'"),
+        ("frequencies", {"u": -1.0}, ValueError, "u must lie in"),
+        ("frequencies", {"count": 0}, ValueError, "count must be from 1"),
+        ("root_loci", {"speeds": [2.0, 1.0]}, ValueError, "strictly increasing"),
+        ("critical_speed", {"max_speed": 0.0}, ValueError, "max_speed must"),
+        ("motion", MOTION | {"start": [0.1]}, TypeError, "start must be a function of arc lengths"),
+        ("motion", MOTION | {"rates": np.sin}, ValueError, "rates must come with a start"),
+        ("motion", MOTION | {"rtol": 1.0}, ValueError, "rtol must lie in"),
+        ("limit_cycle", {"u": 0.0}, ValueError, "u must lie in"),
+        ("limit_cycle", {"u": 6.0, "rtol": "x"}, TypeError, "rtol must be a real"),
+        ("critical_speed", {"families": "rod"}, ValueError, "families must be one of 'chain'"),
+        ("critical_speed", {"families": 3}, TypeError, "families must be words"),
+        ("critical_speed", {"families": np.array("beam")}, TypeError, "families must be words"),
+        ("critical_speed", {"families": []}, ValueError, "at least one family"),
+        ("critical_speed", {"sizes": [3, 2]}, ValueError, "sizes must be whole"),
+        ("critical_speed", {"sizes": np.uint8([3, 2])}, ValueError, "sizes must be whole"),
+        ("critical_speed", {"sizes": [0.5]}, TypeError, "sizes must be whole"),
+        ("critical_speed", {"sizes": {"legendre": [0]}}, ValueError, "sizes must be whole"),
+        ("critical_speed", {"sizes": {"rod": [2]}}, ValueError, "sizes must be one of"),
+        ("critical_speed", {"repeats": 0}, ValueError, "repeats must be from 1"),
+        ("critical_speed", {"progress": 1}, TypeError, "progress must be True"),
     ],
 )
-def test_bad_arguments_are_refused(call, error, message):
+def test_bad_arguments_are_refused(quantity, given, error, message):
     with pytest.raises(error, match=message):
-        call()
+        pp.trade(quantity=quantity, **{"pipe": PIPE} | given)
 
 
-def test_a_front_of_no_such_cost_is_refused(critical):
-    with pytest.raises(ValueError, match="cost must be one of 'seconds'"):
-        critical.pareto("money")
-    with pytest.raises(ValueError, match="cost must be one of 'seconds'"):
-        plot.trade(critical, "money")
+def test_a_front_of_no_such_cost_and_a_picture_of_no_trade_are_refused(critical):
+    for ask in (critical.pareto, lambda cost: plot.trade(critical, cost)):
+        with pytest.raises(ValueError, match="cost must be one of 'seconds'"):
+            ask("money")
+    with pytest.raises(TypeError, match="found must be of type Trade"):
+        plot.trade(3)
 
 
 # ---------------------------------------------------------------------------------- an end to it

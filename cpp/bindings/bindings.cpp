@@ -18,7 +18,7 @@ using namespace py::literals;
 using pipedyn::Basis, pipedyn::Chain, pipedyn::Family, pipedyn::Galerkin, pipedyn::Operators,
     pipedyn::Pipe, pipedyn::Profile, pipedyn::Segments;
 using pipedyn::Batch, pipedyn::Numbers, pipedyn::Speeds, pipedyn::States;
-using pipedyn::NumberOrArray, pipedyn::Unlocked;
+using pipedyn::NumberOrArray, pipedyn::own_numbers, pipedyn::Unlocked;
 
 namespace {
 
@@ -66,29 +66,23 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
           "s"_a);
 
   py::class_<Pipe>(m, "Pipe")
-      .def(
-          py::init([](double beta, double gamma, double centrifugal, double drag, double damping,
-                      bool aspirating, const std::vector<TermArguments>& terms, double root,
-                      const std::string& end, std::vector<double> supports, double inflow_share,
-                      double jet_angle, Profile stiffness, Profile mass, double hysteresis) {
-            Pipe pipe{beta, gamma, centrifugal, drag, damping, aspirating, inflow_share, jet_angle};
-            pipe.stiffness = std::move(stiffness);
-            pipe.mass = std::move(mass);
-            for (const auto& [law, at, numbers] : terms) {
-              pipe.terms.push_back(pipedyn::make_term(law, at, numbers));
-            }
-            pipe.root = root;
-            pipe.end = end_of(end);
-            pipe.hysteresis = hysteresis;
-            pipe.supports = std::move(supports);
-            return pipe;
-          }),
-          "beta"_a, "gamma"_a, "centrifugal"_a, "drag"_a, "damping"_a, "aspirating"_a,
-          "terms"_a = std::vector<TermArguments>{},
-          "root"_a = std::numeric_limits<double>::infinity(), "end"_a = "free",
-          "supports"_a = std::vector<double>{}, "inflow_share"_a = 1.0, "jet_angle"_a = 0.0,
-          py::arg_v("stiffness", Profile(), "Profile()"), py::arg_v("mass", Profile(), "Profile()"),
-          "hysteresis"_a = 0.0)
+      .def(py::init([](const std::vector<double>& numbers, bool aspirating,
+                       const std::vector<TermArguments>& terms, double root, const std::string& end,
+                       std::vector<double> supports, Profile stiffness, Profile mass) {
+             Pipe pipe{.aspirating = aspirating};
+             for (std::size_t i = 0; i < numbers.size(); ++i) pipe.*own_numbers.at(i) = numbers[i];
+             pipe.stiffness = std::move(stiffness);
+             pipe.mass = std::move(mass);
+             for (const auto& [law, at, numbers] : terms) {
+               pipe.terms.push_back(pipedyn::make_term(law, at, numbers));
+             }
+             pipe.root = root;
+             pipe.end = end_of(end);
+             pipe.supports = std::move(supports);
+             return pipe;
+           }),
+           "numbers"_a, "aspirating"_a, "terms"_a, "root"_a, "end"_a, "supports"_a, "stiffness"_a,
+           "mass"_a)
       .def_property_readonly("resisted",
                              [](const Pipe& pipe) { return pipedyn::resist(pipe.terms); });
 

@@ -42,7 +42,7 @@ Lapack found_lapack() {
   set("scipy.linalg.cython_lapack", "zgetrs", lapack.zgetrs);
   set("scipy.linalg.cython_lapack", "dgeev", lapack.dgeev);
   set("scipy.linalg.cython_lapack", "zgeev", lapack.zgeev);
-  set("scipy.linalg.cython_lapack", "dsyevd", lapack.dsyevd);
+  set("scipy.linalg.cython_lapack", "dsygvd", lapack.dsygvd);
   return lapack;
 }
 
@@ -206,23 +206,6 @@ void define_linear(py::module_& m) {
       "rounding", [](const Values& values) { return rounding_about(values, shifts[0], false); },
       "values"_a);
   m.def(
-      "assignment",
-      [](const Numbers& costs) {
-        if (costs.ndim() != 2) throw py::value_error("costs must have shape (rows, columns)");
-        require_finite("costs", costs);
-        const Index rows = costs.shape(0), columns = costs.shape(1);
-        const Index size = std::max(rows, columns);
-        std::vector<double> square(static_cast<std::size_t>(size * size));
-        for (Index i = 0; i < rows; ++i) {
-          std::copy_n(costs.data() + i * columns, columns, square.data() + i * size);
-        }
-        Eigen::VectorX<Index> found(rows);  // the columns, -1 where a row gets none
-        const Roots onto = assignment(square, size);
-        for (Index i = 0; i < rows; ++i) found[i] = onto[i] < columns ? onto[i] : -1;
-        return found;
-      },
-      "costs"_a);
-  m.def(
       "crossings",
       [](const std::vector<std::shared_ptr<Spectrum>>& spectra, const std::vector<Range>& ranges,
          const py::object& factorised) {
@@ -264,19 +247,6 @@ void define_linear(py::module_& m) {
           [](const PanelPencil& pencil, const Matrix& q) { return pencil.basis().on_panels(q); },
           "q"_a);
 
-  py::class_<DenseOperator>(m, "DenseOperator")
-      .def(py::init([](std::array<Matrix, 5> of, double size, Matrix loss) {
-             return std::make_unique<DenseOperator>(scipy_lapack(),
-                                                    with_loss(std::move(of), std::move(loss)), size,
-                                                    DenseOperator::Lost{});
-           }),
-           "matrices"_a, "size"_a, "loss"_a = Matrix())
-      .def(
-          "inverse",
-          [](const DenseOperator& p, double shift, bool velocity_free, bool left) {
-            return p.inverse(shift, velocity_free, left);
-          },
-          Unlocked(), "shift"_a, "velocity_free"_a, "left"_a);
   py::class_<Traits>(m, "Traits")
       .def(py::init([](Index dof, double delta, double zero, bool damped, bool conservative,
                        bool squared, bool free_at_rest, double loss) {

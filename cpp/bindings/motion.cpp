@@ -207,21 +207,6 @@ Rates rates_of(const py::object& of, Index rows, const py::object& u, const Vect
                   u, rtol);
 }
 
-/// Rates for the implicit integrator: those of [q, q'] by `rhs`, the systems with their derivative,
-/// and the power, which is integrated apart.
-template <class Model>
-ImplicitRates implicit_rates(const Model& model, const py::object& u, const Vector& rtol,
-                             void (Model::*rhs)(const Batch&, double*) const,
-                             std::unique_ptr<ShiftedSystems> systems) {
-  const auto power = [](const Model& of, const Batch& batch, double* out) {
-    Matrix parts(5, batch.members);
-    of.power(batch, parts.data());
-    Eigen::Map<Vector>(out, batch.members) = parts.colwise().sum();
-  };
-  return {at_flows(function_rates(model, rhs), u, rtol),
-          at_flows(function_rates(model, power), u, rtol), 2 * model.dof(), std::move(systems)};
-}
-
 /// Jacobian by a Python function of a time, a state (rows,), its speed and, if anything drives it,
 /// drive (Drive::rows,).
 DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows,
@@ -239,6 +224,22 @@ DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows,
   };
 }
 
+/// The systems of an implicit step with the derivative of a compiled model's rates.
+template <class Model>
+std::unique_ptr<ShiftedSystems> shifted_systems(const Model& model, const FlowAt& flow_at) {
+  if constexpr (std::is_same_v<Model, Galerkin>) {
+    const auto slopes = [&model, flow_at](double t, const double* y, Index member, double* out) {
+      model.jacobian(flow_at(t, member).of(y), out);
+    };
+    return std::make_unique<DenseSystems>(slopes, 2 * model.dof());
+  } else {
+    using Systems = std::conditional_t<std::is_same_v<Model, Chain>, ChainSystems, SceneSystems>;
+    return std::make_unique<Systems>(model, flow_at);
+  }
+}
+
+/// Rates for the implicit integrator: of a compiled model those of [q, q'] by `rhs`, with the
+/// power, which is integrated apart; else those of all rows.
 ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian, Index rows,
                                 const py::object& u, const Vector& rtol, const Supplied* supply) {
   const FlowAt flow_at = [at = flows_at(u)](double t, Index member) {
@@ -248,25 +249,19 @@ ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian
     std::copy_n(flows.drive.data(), flows.drive.size(), one.drive);
     return one;
   };
-  const py::object model = supply == nullptr ? of : py::none();  // at constant head J is dense
-  if (py::isinstance<Chain>(model)) {
-    const Chain& chain = model.cast<const Chain&>();
-    return implicit_rates(chain, u, rtol, &Chain::rhs,
-                          std::make_unique<ChainSystems>(chain, flow_at));
-  }
-  if (py::isinstance<Scene>(model)) {
-    const Scene& scene = model.cast<const Scene&>();
-    return implicit_rates(scene, u, rtol, &Scene::rhs,
-                          std::make_unique<SceneSystems>(scene, flow_at));
-  }
-  if (py::isinstance<Galerkin>(model)) {
-    const Galerkin& reduced = model.cast<const Galerkin&>();
-    const auto slopes = [&reduced, flow_at](double t, const double* y, Index member, double* out) {
-      reduced.jacobian(flow_at(t, member).of(y), out);
+  ImplicitRates made;
+  const auto compiled = [&]<class Model>(const Model& model) {
+    const auto power = [](const Model& fed, const Batch& batch, double* out) {
+      Matrix parts(5, batch.members);
+      fed.power(batch, parts.data());
+      Eigen::Map<Vector>(out, batch.members) = parts.colwise().sum();
     };
-    return implicit_rates(reduced, u, rtol, &Galerkin::rhs,
-                          std::make_unique<DenseSystems>(slopes, 2 * reduced.dof()));
-  }
+    made = {at_flows(function_rates(model, &Model::rhs), u, rtol),
+            at_flows(function_rates(model, power), u, rtol), 2 * model.dof(),
+            shifted_systems(model, flow_at)};
+  };
+  // At constant head the derivative is dense.
+  if (supply == nullptr && with_compiled(of, compiled)) return made;
   return {rates_of(of, rows, u, rtol, supply), nullptr, rows,
           std::make_unique<DenseSystems>(called_jacobian(jacobian, rows, flow_at), rows)};
 }

@@ -47,22 +47,6 @@ Numbers scene_rates(const Scene& scene, py::ssize_t rows, const py::object& y, c
   });
 }
 
-/// Answers for redundant states what the scene answers for states [theta, theta'].
-struct Redundant {
-  const Scene& scene;
-
-  void energy(Batch batch, double* out) const {
-    const Matrix y = scene.angles(batch);
-    batch.y = y.data();
-    scene.energy(batch, out);
-  }
-  void power(Batch batch, double* out) const {
-    const Matrix y = scene.angles(batch);
-    batch.y = y.data();
-    scene.power(batch, out);
-  }
-};
-
 /// Redundant states (6 n,) from angles (n,), or (6 n, k) from (n, k).
 Numbers from_angles(const Scene& scene, const py::object& theta, const py::object& omega) {
   const States angles("theta", theta, scene.dof());
@@ -119,6 +103,17 @@ void define_scene(py::module_& m) {
       .def_property_readonly("chain", &Scene::chain)
       .def("from_angles", from_angles, "theta"_a, "omega"_a)
       .def(
+          "angles",
+          [](const Scene& scene, const py::object& y) {
+            const py::ssize_t rows = 2 * scene.dof();
+            const auto work = [&](const Batch& states, double* out) {
+              Eigen::Map<Matrix>(out, rows, states.members) = scene.angles(states);
+            };
+            return results_of(2 * scene.coordinates(), rows, rows, y, py::float_(0.0), py::none(),
+                              work);
+          },
+          "y"_a)
+      .def(
           "project",
           [](const Scene& scene, Matrix theta, Matrix omega) {
             Vector missed = scene.project(theta, omega);
@@ -127,7 +122,6 @@ void define_scene(py::module_& m) {
           "theta"_a, "omega"_a, Unlocked())
       .def_readonly_static("met", &Scene::met)
       .def_readonly_static("return_rate", &Scene::return_rate)
-      .def("solve", &Scene::solve, "theta"_a, "moments"_a, Unlocked())
       .def("derivative", derivative, "y"_a, "u"_a, "moments"_a = py::none(),
            "by_state"_a = Matrix(), "returns"_a = true, "drive"_a = py::none())
       .def(
@@ -152,22 +146,7 @@ void define_scene(py::module_& m) {
             };
             return scene_rates(scene, 2 * scene.dof() + 1, y, u, moments, drive, work);
           },
-          "t"_a, "y"_a, "u"_a, "moments"_a, "drive"_a = py::none())
-      .def(
-          "redundant_energy",
-          [](const Scene& scene, const py::object& y, const py::object& drive, bool refuses) {
-            return energy_of(Redundant{scene}, 2 * scene.coordinates(), work_of(scene), y, drive,
-                             refuses);
-          },
-          "y"_a, "drive"_a = py::none(), "refuses"_a = true)
-      .def(
-          "redundant_power",
-          [](const Scene& scene, const py::object& y, const py::object& u, const py::object& drive,
-             bool refuses) {
-            return power_of(Redundant{scene}, 2 * scene.coordinates(), work_of(scene), y, u, drive,
-                            refuses);
-          },
-          "y"_a, "u"_a, "drive"_a = py::none(), "refuses"_a = true);
+          "t"_a, "y"_a, "u"_a, "moments"_a, "drive"_a = py::none());
 }
 
 }  // namespace pipedyn

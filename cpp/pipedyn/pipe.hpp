@@ -40,6 +40,7 @@ struct Pipe {
   Profile stiffness{};             // e, bending stiffness along the pipe, of reduced models
   Profile mass{};                  // m, mass per length, with the fluid's beta, of reduced models
   double hysteresis = 0.0;         // mu, loss factor; of linear questions alone
+  double rotary_inertia = 0.0;     // J, of cross-sections by length
 
   double sqrt_beta() const { return std::sqrt(beta); }
   /// Whether the end keeps the direction of the axis.
@@ -55,6 +56,12 @@ struct Pipe {
   double entry() const { return (1.0 - inflow_share) * direction() * sqrt_beta(); }
 };
 
+/// The numbers of a pipe as Python gives them, in the order of OWN_NUMBERS in models/pipe.py.
+inline constexpr std::array own_numbers{
+    &Pipe::beta,         &Pipe::gamma,     &Pipe::centrifugal,
+    &Pipe::drag,         &Pipe::damping,   &Pipe::hysteresis,
+    &Pipe::inflow_share, &Pipe::jet_angle, &Pipe::rotary_inertia};
+
 /// Linear operators about the straight pipe at rest, each (dof, dof):
 ///   mass q'' + (s u (gyroscopic + end_flux) + damping) q'
 ///     + (stiffness + a u^2 flux + s u' unsteady) q = 0.
@@ -63,14 +70,12 @@ struct Pipe {
 struct Operators {
   Matrix mass, gyroscopic, end_flux, damping, stiffness, flux, unsteady;
 
-  explicit Operators(Index dof)
-      : mass(Matrix::Zero(dof, dof)),
-        gyroscopic(Matrix::Zero(dof, dof)),
-        end_flux(Matrix::Zero(dof, dof)),
-        damping(Matrix::Zero(dof, dof)),
-        stiffness(Matrix::Zero(dof, dof)),
-        flux(Matrix::Zero(dof, dof)),
-        unsteady(Matrix::Zero(dof, dof)) {}
+  explicit Operators(Index dof) {
+    for (Matrix* const of :
+         {&mass, &gyroscopic, &end_flux, &damping, &stiffness, &flux, &unsteady}) {
+      of->setZero(dof, dof);
+    }
+  }
 };
 
 /// What multiplies the parts of the straight pipe's linear problem: stiffness, damping and inertia,
@@ -86,12 +91,11 @@ struct LinearPart {
 struct Works {
   Eigen::ArrayXd mass, gyroscopic, resisted, circulated, lost;
 
-  explicit Works(Index count)
-      : mass(Eigen::ArrayXd::Zero(count)),
-        gyroscopic(mass),
-        resisted(mass),
-        circulated(mass),
-        lost(mass) {}
+  explicit Works(Index count) {
+    for (Eigen::ArrayXd* const of : {&mass, &gyroscopic, &resisted, &circulated, &lost}) {
+      of->setZero(count);
+    }
+  }
 };
 
 }  // namespace pipedyn

@@ -8,6 +8,7 @@ from pipedyn import continuation, modular
 from pipedyn.accuracy.choose import Choice, NoModel, choose
 from pipedyn.accuracy.effects import Effect, Relevance, relevant
 from pipedyn.accuracy.trade import Trade, TradeRow, trade
+from pipedyn.attraction.attractor import Attractor
 from pipedyn.attraction.attractors import (
     Attractors,
     Basin,
@@ -16,7 +17,6 @@ from pipedyn.attraction.attractors import (
     StartPlane,
     attractors,
 )
-from pipedyn.attraction.solutions import Attractor
 from pipedyn.curves.boundary import Boundary, BoundaryCurve, boundary
 from pipedyn.curves.cycle_boundary import CycleBoundary, cycle_boundary
 from pipedyn.curves.event_curve import CycleCurve, CyclePoint

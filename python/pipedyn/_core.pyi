@@ -13,7 +13,6 @@ __all__: list[str] = [
     "AxisCrossing",
     "Chain",
     "Complement",
-    "DenseOperator",
     "Eigenproblem",
     "Forms",
     "Galerkin",
@@ -35,7 +34,6 @@ __all__: list[str] = [
     "Sweep",
     "Traits",
     "Truncated",
-    "assignment",
     "carried",
     "crossings",
     "dense_limit",
@@ -66,11 +64,7 @@ class Profile:
 class Pipe:
     def __init__(
         self,
-        beta: typing.SupportsFloat | typing.SupportsIndex,
-        gamma: typing.SupportsFloat | typing.SupportsIndex,
-        centrifugal: typing.SupportsFloat | typing.SupportsIndex,
-        drag: typing.SupportsFloat | typing.SupportsIndex,
-        damping: typing.SupportsFloat | typing.SupportsIndex,
+        numbers: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
         aspirating: bool,
         terms: collections.abc.Sequence[
             tuple[
@@ -78,15 +72,12 @@ class Pipe:
                 typing.SupportsFloat | typing.SupportsIndex,
                 collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
             ]
-        ] = [],
-        root: typing.SupportsFloat | typing.SupportsIndex = ...,
-        end: str = "free",
-        supports: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
-        inflow_share: typing.SupportsFloat | typing.SupportsIndex = 1.0,
-        jet_angle: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        stiffness: Profile = ...,
-        mass: Profile = ...,
-        hysteresis: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        ],
+        root: typing.SupportsFloat | typing.SupportsIndex,
+        end: str,
+        supports: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+        stiffness: Profile,
+        mass: Profile,
     ) -> None: ...
     @property
     def resisted(self) -> bool: ...
@@ -395,26 +386,6 @@ class PanelPencil:
         by_damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
-class DenseOperator:
-    def __init__(
-        self,
-        matrices: typing.Annotated[
-            collections.abc.Sequence[
-                typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
-            ],
-            "FixedSize(5)",
-        ],
-        size: typing.SupportsFloat | typing.SupportsIndex,
-        loss: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
-    ) -> None: ...
-    def inverse(
-        self, shift: typing.SupportsFloat | typing.SupportsIndex, velocity_free: bool, left: bool
-    ) -> tuple[
-        typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"],
-        typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
-        typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
-    ]: ...
-
 class Traits:
     def __init__(
         self,
@@ -534,6 +505,7 @@ class Scene:
         value: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
     ) -> None: ...
+    def angles(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
     def axial(
         self, y: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
@@ -582,18 +554,6 @@ class Scene:
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
     ]: ...
-    def redundant_energy(
-        self, y: typing.Any, drive: typing.Any = None, refuses: bool = True
-    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
-    def redundant_power(
-        self, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True
-    ) -> tuple[
-        float | numpy.typing.NDArray[numpy.float64],
-        float | numpy.typing.NDArray[numpy.float64],
-        float | numpy.typing.NDArray[numpy.float64],
-        float | numpy.typing.NDArray[numpy.float64],
-        float | numpy.typing.NDArray[numpy.float64],
-    ]: ...
     def redundant_rhs(
         self,
         t: typing.Any,
@@ -624,11 +584,6 @@ class Scene:
         moments: typing.Any,
         drive: typing.Any = None,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def solve(
-        self,
-        theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        moments: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     @property
     def chain(self) -> Chain: ...
     @property
@@ -696,9 +651,6 @@ class Integrator:
     @property
     def members(self) -> list[Member]: ...
 
-def assignment(
-    costs: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-) -> typing.Annotated[numpy.typing.NDArray[numpy.int64], "[m, 1]"]: ...
 def carried(
     maps: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     most: typing.SupportsFloat | typing.SupportsIndex,

@@ -14,12 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipedyn.attraction.attractor import Attractor
 from pipedyn.attraction.motion_ends import Case, Failed, exponents_of, motion_ends
-from pipedyn.attraction.motion_options import MotionOptions, initial_bends
-from pipedyn.attraction.regions import Excitation
+from pipedyn.attraction.motion_options import MotionOptions
 from pipedyn.attraction.solutions import (
-    LARGEST_CYCLE,
-    Attractor,
     cycle,
     equilibria_near,
     kept_apart,
@@ -51,8 +49,9 @@ from pipedyn.equilibrium.hopf import HopfPoint
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model
 from pipedyn.models.drive import LARGEST_SPEED, require_steady
-from pipedyn.motion.simulate import checked_model_in_motion, slight_bend
-from pipedyn.motion.vector_field import VectorField
+from pipedyn.motion.simulate import checked_model_in_motion, initial_bends, slight_bend
+from pipedyn.motion.vector_field import Excitation, VectorField
+from pipedyn.orbits.from_motion import LARGEST_CYCLE
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as

@@ -85,6 +85,9 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
     damping[0] *= share * share;
     damped_springs_[0] *= share * share;
   }
+  if (const double rotary = pipe_.rotary_inertia; rotary > 0.0) {
+    eta = (eta.array().square() + rotary * l.array() / mass.array()).sqrt();
+  }
   Vector masses = mass, across_alone = Vector::Zero(n);
   const auto add_mass = [&](Index j, double arm, double added) {
     const double own = masses[j], total = own + added, share = added / total;
@@ -276,6 +279,7 @@ Chain Chain::coarser(Index segments) const {
   joined.damping = loss.cwiseProduct(joined.spring.cwiseAbs2());
   Pipe clamped = pipe_;  // what a root adds to the first joint is in it
   clamped.root = std::numeric_limits<double>::infinity();
+  clamped.rotary_inertia = 0.0;  // is in the radii
   return Chain(clamped, std::move(joined)).guided(std::move(held_ends));
 }
 

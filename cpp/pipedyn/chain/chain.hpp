@@ -10,7 +10,7 @@
 //   (7), (8)  end coefficient          python/pipedyn/models/end_coefficient.py
 //   (9)       drag                     chain/sweeps.hpp
 //   (10), (11) clamp and joints        met by the angles; modular/scene.hpp
-// (2)-(6) and (9)-(11) in redundant coordinates: python/pipedyn/modular/redundant.py.
+// (2)-(6) and (9)-(11) in redundant coordinates: tests/redundant.py.
 // Their limit for short segments, with its linear equation: galerkin/galerkin.hpp.
 //
 // Linear about the straight pipe, with the angle theta_j of segment j and p_k = l_k sum_{i>k} l_i
@@ -45,6 +45,9 @@
 // end's velocity and the force -kappa l_j |v_j| v_j acts across each segment at its drag point;
 // solved in O(n). The base, with the clamp, may stand at (X, Y), functions of time: inflow and drag
 // then see its velocity, too.
+//
+// Rotary inertia J of the cross-sections adds J l_j to the inertia of segment j about its centre, as
+// a larger radius of gyration does.
 //
 // Segments of a pipe whose mass per length varies have masses m_j in place of l_j: sum_{i>k} l_i in
 // M and p_k becomes the mass beyond, while the flow's terms keep the lengths, as the fluid's share

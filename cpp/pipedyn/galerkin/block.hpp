@@ -394,7 +394,8 @@ struct Block {
     }
   }
 
-  /// Lower triangle of the mass matrix: sum over points and components of w J_i J_j.
+  /// Lower triangle of the mass matrix: sum over points and components of w J_i J_j, and of what
+  /// turns or moves across alone.
   void gram(Count row) {
     const auto displacements = [&](Count k) {  // x and y at each point
       return moments + (k >> 1) * row + (k & 1) * each * lanes<Real>;
@@ -405,6 +406,15 @@ struct Block {
           return grid.mass[k >> 1] * load<Pack>(displacements(k) + j * lanes<Real>);
         },
         mass, mass_stride(), Product::lower_half);
+    if (effects.rotary_inertia != 0.0) {
+      product_of(
+          points, [&](Count p, Count i) { return Real{} + grid.orthonormal[p * padded + i]; },
+          [&](Count p, Count j) {
+            return (grid.weight[p] * effects.rotary_inertia) *
+                   load<Numbers>(grid.orthonormal + p * padded + j);
+          },
+          mass, mass_stride(), Product::added);
+    }
     if (!across_alone) return;
     const auto normal = [&]<class Number>(Count p, Count i, const Number&) {
       const double* const x = moments + p * row + i * lanes<Real>;
@@ -599,6 +609,8 @@ struct Block {
     for (Count p = 0; p < grid.heavy; ++p) {
       const Real x = at<Real>(moments + p * row, 0), y = at<Real>(moments + p * row, 1);
       twice += grid.mass[p] * (x * x + y * y);
+      const Real w = at<Real>(omega, p);
+      twice += (grid.weight[p] * effects.rotary_inertia) * (w * w);
     }
     add_elastic_product(1.0, batch.y, twice);
     if (across_alone) {

@@ -89,6 +89,7 @@ MotionEffects effects_of(const Pipe& pipe, const Panels& panels) {
           .drag = pipe.drag,
           .damping = pipe.damping,
           .normal_mass = panels.normal_mass,
+          .rotary_inertia = pipe.rotary_inertia,
           .loads = panels.loads.data(),
           .load_count = static_cast<Index>(panels.loads.size()),
           .held = panels.held.data(),

@@ -10,6 +10,7 @@
 // short segments (no expansion in the amplitude anywhere):
 //
 //   int m J_i . a + sum_j k_ij (q_j + delta q_j')                               inertia, bending
+//     + J int Theta_i theta''                                                   rotary inertia
 //     + 2 sqrt(beta) U int J_i . n theta'                                       Coriolis, end flux
 //     - (1 - c) sqrt(beta) U v(1) . J_i(1)                                      entering flow
 //     + a U^2 (cos psi t(1) + sin psi n(1)) . J_i(1)                            follower force
@@ -18,10 +19,10 @@
 //     + kappa int |v_n| v_n n . J_i = 0,   v_n = n . v,                         drag
 //   a(s) = (X'', Y'') + sum_i J_i q_i'' - int_0^s t theta'^2,
 //
-// (theta' here is the rate), m the mass per length, k_ij the integral of e Theta_i' Theta_j' with
-// the bending stiffness e. Both functions have a k_ij that is diagonal where the pipe is uniform,
-// e = m = 1; its fluid always is. As v' = n theta', the Coriolis term's power is
-// -sqrt(beta) U |v(1)|^2:
+// (theta' here is the rate), m the mass per length, J the rotary inertia of cross-sections, k_ij
+// the integral of e Theta_i' Theta_j' with the bending stiffness e. Both functions have a k_ij that
+// is diagonal where the pipe is uniform, e = m = 1; its fluid always is. As v' = n theta', the
+// Coriolis term's power is -sqrt(beta) U |v(1)|^2:
 //
 //   dE/dtau = -c sqrt(beta) U |v(1)|^2 - a U^2 (cos psi t(1) + sin psi n(1)) . v(1)
 //     - sqrt(beta) U' int t . v - delta sum k_ij q_i' q_j' - kappa int |v_n|^3,

@@ -66,7 +66,8 @@ struct MotionEffects {
   double entry = 0.0;              // (1 - c) s sqrt(beta)
   std::array<double, 2> thrust{};  // a cos psi along and a sin psi across the free end
   double gamma = 0.0, drag = 0.0, damping = 0.0;
-  double normal_mass = 0.0;  // per length, of what moves across the pipe alone
+  double normal_mass = 0.0;     // per length, of what moves across the pipe alone
+  double rotary_inertia = 0.0;  // per length, of cross-sections
   const PanelTerm* loads = nullptr;
   std::ptrdiff_t load_count = 0;
   const std::ptrdiff_t* held = nullptr;  // panels at whose ends the pipe is held, x = 0, ascending

@@ -278,6 +278,7 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
     Polynomial moved = mass_here;
     moved[0] += normal_along;
     add(mass, shape, moved, shape, h4);
+    add(mass, slope, {1.0}, slope, pipe.rotary_inertia * h2);
     add(velocity, shape, {1.0}, slope, 2.0 * flow * h3);
     add(flux, shape, {1.0}, curvature, jet * h2);
     add(elastic, curvature, stiffnesses[static_cast<std::size_t>(p)], curvature, 1.0);

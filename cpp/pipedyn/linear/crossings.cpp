@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/linear/crossings.hpp"
 
-#include <Eigen/LU>
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -35,6 +33,18 @@ Complex twin_of(Complex still, const Values& values) {
     least = magnitude(value - still);
   }
   return nearest;
+}
+
+/// At x the polynomial through values at some places, by Neville's scheme.
+template <class Number>
+Number through(const std::vector<double>& at, std::vector<Number> values, double x) {
+  for (std::size_t degree = 1; degree < at.size(); ++degree) {
+    for (std::size_t i = 0; i + degree < at.size(); ++i) {
+      const double low = at[i], high = at[i + degree];
+      values[i] = ((high - x) * values[i] + (x - low) * values[i + 1]) / (high - low);
+    }
+  }
+  return values[0];
 }
 
 /// What a step shows: one root of each conjugate pair; those that meet another on the real axis are
@@ -699,46 +709,32 @@ class Search {
     double error = step.length() + tolerance;
     const double reach = std::min({0.005 * step.length(), u - low, high - u});
     if (reach > 1e3 * tolerance) {
-      const Eigen::Array<double, 6, 1> beside{-1.0, -0.75, -0.5, 0.5, 0.75, 1.0};
-      Eigen::Matrix<double, 6, 6> powers;
-      Eigen::Matrix<double, 6, 1> squares;
-      Eigen::Matrix<Complex, 6, 1> centres;
-      for (Index k = 0; k < 6; ++k) {
-        squares[k] = square(u + reach * beside[k]);
-        centres[k] = centre;
-        powers.col(k) = beside.pow(static_cast<double>(k));
+      const std::vector<double> beside{-1.0, -0.75, -0.5, 0.5, 0.75, 1.0},
+          few{-1.0, -0.5, 0.5, 1.0};
+      std::vector<double> squares;
+      std::vector<Complex> centres;
+      for (const double x : beside) {
+        squares.push_back(square(u + reach * x));
+        centres.push_back(centre);
       }
-      const Eigen::VectorXd all = powers.colPivHouseholderQr().solve(squares);
-      const Eigen::VectorXd few = powers.leftCols(4).colPivHouseholderQr().solve(squares);
-      const double x = zero_near_0(all), slope = std::abs(all[1]) / reach;
-      if (std::abs(x) < 0.5) {
+      const auto zero_of = [](const std::vector<double>& at, const std::vector<double>& values) {
+        return zero_between([&](double x) { return through(at, values, x); }, -0.5, 0.5, eps);
+      };
+      if (squares[2] * squares[3] < 0.0) {
+        const double x = zero_of(beside, squares);
+        const double other_x = zero_of(few, {squares[0], squares[2], squares[3], squares[5]});
         u += reach * x;
-        const Eigen::Matrix<Complex, 6, 1> c = powers.cast<Complex>().partialPivLu().solve(centres);
-        centre = 0.0;
-        for (Index k = 5; k >= 0; --k) centre = centre * x + c[k];
+        centre = through(beside, centres, x);
         // Rounding of the roots enters through the slope of the squared difference.
+        const double slope = std::abs(squares[3] - squares[2]) / reach;
         const double lost = 1e-14 * std::norm(centre) / slope;
-        error = reach * std::abs(x - zero_near_0(few)) + lost + tolerance;
+        error = reach * std::abs(x - other_x) + lost + tolerance;
       }
     }
     const Index mode = other < 0 ? modes_[root] : std::max(modes_[root], modes_[other]);
     const double frequency =
         traits_.squared ? std::sqrt(std::max(-centre.real(), 0.0)) : std::abs(centre.imag());
     return AxisCrossing{u, {0.0, frequency}, change, mode, error};
-  }
-
-  /// The zero of a polynomial with these coefficients, from the constant on, by Newton's method.
-  static double zero_near_0(const Eigen::VectorXd& coefficients) {
-    double x = 0.0;
-    for (int times = 0; times < 8; ++times) {
-      double value = 0.0, rate = 0.0;
-      for (Index k = coefficients.size() - 1; k >= 0; --k) {
-        rate = rate * x + value;
-        value = value * x + coefficients[k];
-      }
-      x -= value / rate;
-    }
-    return x;
   }
 
   /// The two roots of a sample nearest to a value.

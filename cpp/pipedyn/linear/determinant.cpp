@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/linear/determinant.hpp"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -34,9 +32,8 @@ Reals parts_beside_zero(const Values& values) {
   return parts;
 }
 
-template <class Evaluate>
-Values log_derivatives_by(const Evaluate& evaluate, double u, const Values& at,
-                          const Values& known) {
+Values log_derivatives_by(const std::function<void(const Points&, double* out)>& evaluate, double u,
+                          const Values& at, const Values& known) {
   const Index count = at.size();
   const Reals parts = parts_of(at), roots = parts_of(known);
   Reals out(2 * count);
@@ -51,9 +48,9 @@ Values log_derivatives_by(const Evaluate& evaluate, double u, const Values& at,
 
 /// Of roots and vectors in n coordinates what `evaluate` says. elastic: takes vectors to elastic
 /// coordinates, right ones or left.
-template <class Evaluate, class Elastic>
-Pairs pairs_by(const Evaluate& evaluate, const Elastic& elastic, double u, const Values& values,
-               Index n, bool vectors, bool own, bool loaded) {
+Pairs pairs_by(const std::function<void(const Points&, const PairsAsked&)>& evaluate,
+               const std::function<ComplexTable(const ComplexTable&)>& elastic, double u,
+               const Values& values, Index n, bool vectors, bool own, bool loaded) {
   const Index count = values.size();
   n = vectors ? n : 0;
   const Reals parts = parts_beside_zero(values);
@@ -403,11 +400,7 @@ Stills PanelDeterminant::still(const Reals& u) const {
 }
 
 int PanelDeterminant::negative_at_rest() const {
-  const Eigen::MatrixXd stiffness = spread_.transpose() * times(Matrix(spread_), {.still = 1.0});
-  if (Eigen::LLT<Eigen::MatrixXd>(stiffness).info() == Eigen::Success) return 0;
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(stiffness, Eigen::EigenvaluesOnly);
-  const double least = 1e-12 * (1.0 + solver.eigenvalues().cwiseAbs().maxCoeff());
-  return static_cast<int>((solver.eigenvalues().array() < -least).count());
+  return negative_eigenvalues(lapack, spread_.transpose() * times(Matrix(spread_), {.still = 1.0}));
 }
 
 }  // namespace pipedyn

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/linear/eigenproblem.hpp"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cstdio>
@@ -131,17 +129,43 @@ Pair refine(const DenseOperator& p, const Pair& guess, int& steps) {
   return last;
 }
 
-/// The parts of C and K that work: the symmetric one of C and the skew one of K, and how large the
-/// entries are of which rounding leaves them.
-struct Working {
-  DenseOperator parts, sizes;
-
-  Working(const DenseOperator& p, const Matrix& velocity, const Matrix& stiffness)
-      : parts(p.with(p.mass(), 0.5 * (velocity + velocity.transpose()),
-                     0.5 * (stiffness - stiffness.transpose()))),
-        sizes(p.with(p.mass(), (parts.velocity().array() == 0.0).select(0.0, velocity.cwiseAbs()),
-                     (parts.stiffness().array() == 0.0).select(0.0, stiffness.cwiseAbs()))) {}
-};
+/// The work of an operator on vectors of some frequencies.
+Works work_of(const DenseOperator& p, const Reals& frequencies, const ComplexTable& vectors) {
+  // The parts of C and K that work, and how large the entries are of which rounding leaves them.
+  const DenseOperator parts = p.with(p.mass(), 0.5 * (p.velocity() + p.velocity().transpose()),
+                                     0.5 * (p.stiffness() - p.stiffness().transpose()));
+  const auto sizes_of = [](const Matrix& part, const Matrix& whole) -> Matrix {
+    return (part.array() == 0.0).select(0.0, whole.cwiseAbs());
+  };
+  const DenseOperator sizes = p.with(p.mass(), sizes_of(parts.velocity(), p.velocity()),
+                                     sizes_of(parts.stiffness(), p.stiffness()));
+  const auto [mass, velocity, stiffness] = p.multiply(vectors);
+  const auto [same, resisting, circulatory] = parts.multiply(vectors);
+  const ComplexTable lengths = vectors.cwiseAbs().cast<Complex>();
+  const auto [none, velocity_sizes, stiffness_sizes] = sizes.multiply(lengths);
+  Works found(vectors.cols());
+  for (Index i = 0; i < vectors.cols(); ++i) {
+    const double omega = std::abs(frequencies[i]);
+    const ComplexVector x = vectors.col(i).conjugate();
+    const ComplexVector by_velocity = x.cwiseProduct(resisting.col(i));
+    const ComplexVector by_place =
+        x.cwiseProduct(p.is_lossy() ? stiffness.col(i) : circulatory.col(i));
+    found.mass[i] = x.cwiseProduct(mass.col(i)).sum().real();
+    found.gyroscopic[i] = x.cwiseProduct(velocity.col(i)).sum().imag();
+    found.resisted[i] = by_velocity.sum().real();
+    found.circulated[i] = by_place.sum().imag();
+    // Rounding of two sums of dof terms, and of the matrices.
+    const double sums = omega * by_velocity.cwiseAbs().sum() + by_place.cwiseAbs().sum();
+    const double entries = lengths.col(i)
+                               .cwiseProduct(omega * velocity_sizes.col(i) + stiffness_sizes.col(i))
+                               .cwiseAbs()
+                               .sum();
+    const double matrices = omega * p.lost.velocity + p.lost.stiffness;
+    const double added = static_cast<double>(p.dof + 2) * eps * sums;
+    found.lost[i] = 2.0 * (added + p.lost.entries * entries) + matrices;
+  }
+  return found;
+}
 
 /// Whether a conservative system's root off the axis has one across it, as all have but those that
 /// rounding moves off it.
@@ -367,34 +391,7 @@ void Eigenproblem::assess(double u, Pairs& pairs) {
 }
 
 Works Eigenproblem::works(double u, const Reals& frequencies, const ComplexTable& vectors) {
-  const DenseOperator& p = at(u);
-  const Working of(p, p.velocity(), p.stiffness());
-  const auto [mass, velocity, stiffness] = p.multiply(vectors);
-  const auto [same, resisting, circulatory] = of.parts.multiply(vectors);
-  const ComplexTable lengths = vectors.cwiseAbs().cast<Complex>();
-  const auto [none, velocity_sizes, stiffness_sizes] = of.sizes.multiply(lengths);
-  Works found(vectors.cols());
-  for (Index i = 0; i < vectors.cols(); ++i) {
-    const double omega = std::abs(frequencies[i]);
-    const ComplexVector x = vectors.col(i).conjugate();
-    const ComplexVector by_velocity = x.cwiseProduct(resisting.col(i));
-    const ComplexVector by_place =
-        x.cwiseProduct(p.is_lossy() ? stiffness.col(i) : circulatory.col(i));
-    found.mass[i] = x.cwiseProduct(mass.col(i)).sum().real();
-    found.gyroscopic[i] = x.cwiseProduct(velocity.col(i)).sum().imag();
-    found.resisted[i] = by_velocity.sum().real();
-    found.circulated[i] = by_place.sum().imag();
-    // Rounding of two sums of dof terms, and of the matrices.
-    const double sums = omega * by_velocity.cwiseAbs().sum() + by_place.cwiseAbs().sum();
-    const double entries = lengths.col(i)
-                               .cwiseProduct(omega * velocity_sizes.col(i) + stiffness_sizes.col(i))
-                               .cwiseAbs()
-                               .sum();
-    const double matrices = omega * p.lost.velocity + p.lost.stiffness;
-    const double added = static_cast<double>(p.dof + 2) * eps * sums;
-    found.lost[i] = 2.0 * (added + p.lost.entries * entries) + matrices;
-  }
-  return found;
+  return work_of(at(u), frequencies, vectors);
 }
 
 /// Re lambda by its energy balance where rounding hides a slow growth: of high modes without
@@ -457,20 +454,15 @@ Reals Eigenproblem::told_by_residuals(const Pairs& pairs) {
 /// -x^T C' x / (2 x^T M x): vectors from two sides differ by rounding, which C' may hide it behind.
 void Eigenproblem::leave_axis(Pairs& pairs) {
   const DenseOperator& p = at(0.0);
-  const Working of(p, p.velocity_rate(), p.stiffness());
-  if (of.parts.stiffness().norm() > 1e-12 * p.size) return;
-  const auto [mass, resisting, none] = of.parts.multiply(pairs.right);
-  const ComplexTable lengths = pairs.right.cwiseAbs().cast<Complex>();
-  const auto [masses, sizes, nothing] = of.sizes.multiply(lengths);
+  if ((p.stiffness() - p.stiffness().transpose()).norm() > 2e-12 * p.size) return;
+  const Matrix none = Matrix::Zero(p.dof, p.dof);
+  const DenseOperator by_flow(p.lapack, {p.mass(), p.velocity_rate(), none}, p.size,
+                              {.entries = p.lost.entries});
+  const Works found = work_of(by_flow, Reals::Ones(pairs.size()), pairs.right);
   for (Index i = 0; i < pairs.size(); ++i) {
     if (pairs.values[i].imag() == 0.0) continue;
-    const ComplexVector x = pairs.right.col(i).conjugate();
-    const ComplexVector work = x.cwiseProduct(resisting.col(i));
-    const double kinetic = 2.0 * x.cwiseProduct(mass.col(i)).sum().real();
-    pairs.slopes[i].real(-work.sum().real() / kinetic);
-    const double entries = lengths.col(i).cwiseProduct(sizes.col(i)).cwiseAbs().sum();
-    const double added = static_cast<double>(p.dof + 2) * eps * work.cwiseAbs().sum();
-    pairs.slope_noise[i] = 2.0 * (added + p.lost.entries * entries) / kinetic;
+    pairs.slopes[i].real(-0.5 * found.resisted[i] / found.mass[i]);
+    pairs.slope_noise[i] = 0.5 * found.lost[i] / found.mass[i];
   }
 }
 
@@ -591,12 +583,7 @@ Divergences Eigenproblem::divergences(double max_speed, bool) {
   const bool symmetric = asymmetry(still) + asymmetry(flux) <= 1e-10 * one.size;
   Divergences result;
   factorised_ += 2;
-  if (symmetric) {
-    const Reals rest = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(Eigen::MatrixXd(still),
-                                                                      Eigen::EigenvaluesOnly)
-                           .eigenvalues();
-    result.negative_at_rest = static_cast<int>((rest < -1e-12 * one.size).count());
-  }
+  if (symmetric) result.negative_at_rest = negative_eigenvalues(one.lapack, still);
   if (flux.isZero(0.0)) return result;
   const auto before = [](const Divergence& a, const Divergence& b) { return a.speed < b.speed; };
   if (free_turns().cols() > 0) {
@@ -698,14 +685,8 @@ std::vector<Divergence> Eigenproblem::divergences_beside(const Matrix& turns, do
 Values Eigenproblem::singular_squares(const DenseOperator& one, const Matrix& still,
                                       const Matrix& flux, bool symmetric) const {
   for (double s = 1.0; symmetric && s < 1e9; s *= 10.0) {  // where tension makes K definite
-    const Eigen::LLT<Eigen::MatrixXd> chol(Eigen::MatrixXd(still - s * flux));
-    if (chol.info() != Eigen::Success) continue;
-    const auto pivots = chol.matrixLLT().diagonal();
-    if (pivots.minCoeff() < 1e-6 * pivots.maxCoeff()) break;  // only semidefinite
-    Eigen::MatrixXd inner = chol.matrixL().solve(Eigen::MatrixXd(flux));
-    inner = chol.matrixL().solve(Eigen::MatrixXd(inner.transpose()));
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(inner, Eigen::EigenvaluesOnly);
-    return (-s - 1.0 / solver.eigenvalues().array()).cast<Complex>();
+    const auto found = symmetric_pairs(one.lapack, flux, still - s * flux, false, 1e-6);
+    if (found) return (-s - 1.0 / found->values).cast<Complex>();
   }
   Matrix zero = Matrix::Zero(traits.dof, traits.dof);
   for (const double shift : shifts) {

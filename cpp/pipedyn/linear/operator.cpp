@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/linear/operator.hpp"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <type_traits>
 
@@ -25,6 +24,28 @@ ComplexTable complex_vectors(const Eigen::MatrixXd& vectors, const Reals& imag, 
 
 }  // namespace
 
+std::optional<SymmetricPairs> symmetric_pairs(const Lapack& lapack, Eigen::MatrixXd a,
+                                              Eigen::MatrixXd b, bool vectors, double least_pivot) {
+  int n = static_cast<int>(a.rows()), kind = 1, info = 0;
+  int size = vectors ? 1 + 6 * n + 2 * n * n : 1 + 2 * n, integers = vectors ? 3 + 5 * n : 1;
+  char asked = vectors ? 'V' : 'N', lower = 'L';
+  Reals values(n), work(size);
+  std::vector<int> whole(integers);
+  lapack.dsygvd(&kind, &asked, &lower, &n, a.data(), &n, b.data(), &n, values.data(), work.data(),
+                &size, whole.data(), &integers, &info);
+  const auto pivots = b.diagonal();
+  if (info != 0 || !(pivots.minCoeff() > least_pivot * pivots.maxCoeff())) return {};
+  return SymmetricPairs{std::move(values), std::move(a)};
+}
+
+int negative_eigenvalues(const Lapack& lapack, const Eigen::MatrixXd& of) {
+  const Eigen::MatrixXd one = Eigen::MatrixXd::Identity(of.rows(), of.cols());
+  const std::optional<SymmetricPairs> found = symmetric_pairs(lapack, of, one, false, 0.0);
+  if (!found) throw NotConverged("eigenvalues of the stiffness at rest are not found");
+  return static_cast<int>(
+      (found->values < -1e-12 * (1.0 + found->values.abs().maxCoeff())).count());
+}
+
 Eigen::MatrixXd DenseOperator::times(const Eigen::Ref<const Matrix>& factor,
                                      const Eigen::MatrixXd& x) const {
   // The factor, row by row, is its transpose column by column.
@@ -33,8 +54,8 @@ Eigen::MatrixXd DenseOperator::times(const Eigen::Ref<const Matrix>& factor,
   double one = 1.0, zero = 0.0;
   char plain = 'N', transposed = 'T';
   Eigen::MatrixXd result(rows, columns);
-  lapack_.dgemm(&transposed, &plain, &rows, &columns, &n, &one, const_cast<double*>(factor.data()),
-                &n, const_cast<double*>(x.data()), &n, &zero, result.data(), &rows);
+  lapack.dgemm(&transposed, &plain, &rows, &columns, &n, &one, const_cast<double*>(factor.data()),
+               &n, const_cast<double*>(x.data()), &n, &zero, result.data(), &rows);
   return result;
 }
 
@@ -44,7 +65,7 @@ DenseOperator DenseOperator::within(const Eigen::MatrixXd& basis) const {
   for (std::size_t k = 0; k < matrices_.size(); ++k) {
     if (matrices_[k].size() > 0) of_basis[k] = times(transposed, times(matrices_[k], basis));
   }
-  return {lapack_, std::move(of_basis), size, lost};
+  return {lapack, std::move(of_basis), size, lost};
 }
 
 ComplexTable DenseOperator::times(int matrix, const ComplexTable& x) const {
@@ -73,11 +94,11 @@ Solver DenseOperator::factor(Complex value) const {
   ComplexTable lu = value * value * mass + value * velocity + stiffness.cast<Complex>();
   if (is_lossy()) lu.imag() += loss;
   std::vector<int> pivots(n);
-  lapack_.zgetrf(&n, &n, lu.data(), &n, pivots.data(), &info);
+  lapack.zgetrf(&n, &n, lu.data(), &n, pivots.data(), &info);
   for (Index i = 0; i < n; ++i) {  // of a singular matrix, with one that differs in rounding
     if (lu(i, i) == 0.0) lu(i, i) = eps;
   }
-  return [zgetrs = lapack_.zgetrs, lu = std::move(lu), pivots = std::move(pivots)](
+  return [zgetrs = lapack.zgetrs, lu = std::move(lu), pivots = std::move(pivots)](
              ComplexTable x, bool adjoint) mutable {
     int rows = static_cast<int>(lu.rows()), columns = static_cast<int>(x.cols()), status = 0;
     char kind = adjoint ? 'C' : 'N';
@@ -123,8 +144,8 @@ Inverse DenseOperator::inverse_of(double shift, bool velocity_free, char left, c
       return of_complexes;
     }
   };
-  const auto getrf = choose(lapack_.dgetrf, lapack_.zgetrf);
-  const auto getrs = choose(lapack_.dgetrs, lapack_.zgetrs);
+  const auto getrf = choose(lapack.dgetrf, lapack.zgetrf);
+  const auto getrs = choose(lapack.dgetrs, lapack.zgetrs);
   int n = static_cast<int>(dof), size = velocity_free ? n : 2 * n, info = 0;
   Table shifted = (shift * shift * mass + shift * velocity + stiffness).cast<Number>();
   if constexpr (!is_real) shifted.imag() = loss;
@@ -147,11 +168,11 @@ Inverse DenseOperator::inverse_of(double shift, bool velocity_free, char left, c
   Table vl(size, lefts ? size : 0), vr(size, rights ? size : 0);
   for (int length = -1;; length = static_cast<int>(std::real(work[0])), work.resize(length)) {
     if constexpr (is_real) {
-      lapack_.dgeev(&left, &right, &size, step.data(), &size, real.data(), imag.data(), vl.data(),
-                    &size, vr.data(), &size, work.data(), &length, &info);
+      lapack.dgeev(&left, &right, &size, step.data(), &size, real.data(), imag.data(), vl.data(),
+                   &size, vr.data(), &size, work.data(), &length, &info);
     } else {
-      lapack_.zgeev(&left, &right, &size, step.data(), &size, mu.data(), vl.data(), &size,
-                    vr.data(), &size, work.data(), &length, more.data(), &info);
+      lapack.zgeev(&left, &right, &size, step.data(), &size, mu.data(), vl.data(), &size, vr.data(),
+                   &size, work.data(), &length, more.data(), &info);
     }
     if (length >= 0) break;  // the first call asks for the best size of its workspace
   }
@@ -177,33 +198,17 @@ template Inverse DenseOperator::inverse_of<double>(double, bool, char, char) con
 template Inverse DenseOperator::inverse_of<Complex>(double, bool, char, char) const;
 
 std::optional<Modes> DenseOperator::undamped_modes() const {
-  using Table = Eigen::MatrixXd;
   // In K + s M, definite for a large s, high modes are not lost in the rounding of those of M.
-  const Table still = stiffness(), weight = mass();
-  double shift = 0.0;
-  Eigen::LLT<Table> factor(still);
-  const auto is_definite = [&] {
-    const auto pivots = factor.matrixLLT().diagonal();
-    return factor.info() == Eigen::Success && pivots.minCoeff() > 1e-7 * pivots.maxCoeff();
-  };
-  while (!is_definite() && shift < 1e12) {
-    shift = shift == 0.0 ? 1.0 : 10.0 * shift;
-    factor.compute(still + shift * weight);
+  for (double shift = 0.0; shift <= 1e12; shift = shift == 0.0 ? 1.0 : 10.0 * shift) {
+    const auto found = symmetric_pairs(lapack, mass(), stiffness() + shift * mass(), true, 1e-7);
+    if (!found) continue;
+    // x^T M x where x^T (K + s M) x = 1, the largest first; those that rounding makes any are left.
+    const Index count = (found->values > 0.0).count();
+    const Reals masses = found->values.tail(count).reverse();
+    return Modes{found->vectors.rightCols(count).rowwise().reverse(), masses.inverse() - shift,
+                 masses};
   }
-  if (!is_definite()) return {};
-  Table inner = factor.matrixL().solve(weight);
-  inner = factor.matrixL().solve(inner.transpose().eval());
-  int n = static_cast<int>(dof), info = 0, size = 1 + 6 * n + 2 * n * n, integers = 3 + 5 * n;
-  Reals shares(n), work(size);
-  std::vector<int> whole(integers);
-  lapack_.dsyevd(const_cast<char*>("V"), const_cast<char*>("L"), &n, inner.data(), &n,
-                 shares.data(), work.data(), &size, whole.data(), &integers, &info);
-  if (info != 0) return {};
-  // x^T M x where x^T (K + s M) x = 1, the largest first; those that rounding makes any are left.
-  const Index count = (shares > 0.0).count();
-  const Table last = inner.rightCols(count).rowwise().reverse();
-  const Reals masses = shares.tail(count).reverse();
-  return Modes{factor.matrixU().solve(last), masses.inverse() - shift, masses};
+  return {};
 }
 
 }  // namespace pipedyn

@@ -31,9 +31,24 @@ struct Lapack {
   void (*zgeev)(char* left, char* right, int* n, Complex* a, int* lda, Complex* w, Complex* vl,
                 int* ldvl, Complex* vr, int* ldvr, Complex* work, int* size, double* more,
                 int* info);
-  void (*dsyevd)(char* vectors, char* triangle, int* n, double* a, int* lda, double* w,
-                 double* work, int* size, int* integers, int* integers_size, int* info);
+  void (*dsygvd)(int* kind, char* vectors, char* triangle, int* n, double* a, int* lda, double* b,
+                 int* ldb, double* w, double* work, int* size, int* integers, int* integers_size,
+                 int* info);
 };
+
+/// Ascending mu of A x = mu B x, and vectors with x^T B x = 1 where they are asked for.
+struct SymmetricPairs {
+  Reals values;
+  Eigen::MatrixXd vectors;
+};
+
+/// Of symmetric A and B; none unless B is definite, with pivots of Cholesky's factor of which the
+/// least is at least so large a share of the greatest.
+std::optional<SymmetricPairs> symmetric_pairs(const Lapack& lapack, Eigen::MatrixXd a,
+                                              Eigen::MatrixXd b, bool vectors, double least_pivot);
+
+/// Number of eigenvalues of a symmetric matrix below zero by more than rounding.
+int negative_eigenvalues(const Lapack& lapack, const Eigen::MatrixXd& of);
 
 /// Undamped modes, by rising square of their frequency; vectors (dof, count).
 struct Modes {
@@ -67,11 +82,11 @@ class DenseOperator {
     double velocity = 0.0, stiffness = 0.0, entries = eps;
   };
 
-  DenseOperator(const Lapack& lapack, Matrices matrices, double stiffness_size, Lost by_rounding)
+  DenseOperator(const Lapack& known, Matrices matrices, double stiffness_size, Lost by_rounding)
       : dof(matrices[0].rows()),
         size(stiffness_size),
         lost(by_rounding),
-        lapack_(lapack),
+        lapack(known),
         matrices_(std::move(matrices)) {}
 
   Products multiply(const ComplexTable& x) const;
@@ -97,7 +112,7 @@ class DenseOperator {
   const Matrix& stiffness_rate() const { return matrices_[4]; }  // dK/du
   /// lambda^2 M + lambda C + K of other real matrices, by the same routines.
   DenseOperator with(Matrix mass, Matrix velocity, Matrix stiffness) const {
-    return {lapack_, {std::move(mass), std::move(velocity), std::move(stiffness)}, size, lost};
+    return {lapack, {std::move(mass), std::move(velocity), std::move(stiffness)}, size, lost};
   }
   /// The matrices B^T M B, B^T C B and so on of motions that are sums of the columns of a basis B.
   DenseOperator within(const Eigen::MatrixXd& basis) const;
@@ -107,6 +122,7 @@ class DenseOperator {
   const Index dof;
   const double size;  // of K, the elastic stiffness being 1
   const Lost lost;
+  const Lapack lapack;
 
  private:
   /// With those vectors of which 'V' is given, as LAPACK is asked for them.
@@ -119,7 +135,6 @@ class DenseOperator {
   Eigen::MatrixXd times(const Eigen::Ref<const Matrix>& factor, const Eigen::MatrixXd& x) const;
   ComplexTable times(int matrix, const ComplexTable& x) const;
 
-  const Lapack lapack_;
   const Matrices matrices_;
 };
 

@@ -171,7 +171,6 @@ Scene::Scene(const Pipe& pipe, const Segments& segments, const Matrix& inertia,
     for (Index j = 0; j < dof(); ++j) weights_(row, 3 * j + 2) = std::sqrt(last * last * last);
     compliance_[row] = -1.0;
   }
-  origin_ = Vector::Zero(count);
   across_ = along_ = joints_ = Matrix::Zero(count, dof());
   Vector x = Vector::Zero(count), y = x, angle = x;  // weights of nodes beyond, of the joint beyond
   for (Index j = dof() - 1; j >= 0; --j) {
@@ -368,9 +367,6 @@ void Scene::energy(const Batch& batch, double* out) const {
 
 Matrix Scene::solve(const Matrix& theta, const Matrix& moments) const {
   const Index n = dof(), columns = theta.cols();
-  require("theta", theta.rows(), n);
-  require("moments", moments.rows(), n);
-  require("a row of moments", moments.cols(), columns);
   Matrix still = Matrix::Zero(2 * n, columns), found(2 * n, columns);
   still.topRows(n) = theta;
   inertia_.rhs({still.data(), &no_flow, columns, 0, moments.data()}, found.data());

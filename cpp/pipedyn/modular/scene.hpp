@@ -97,9 +97,6 @@ class Scene {
   void power(const Batch& batch, double* out) const { chain_.power(batch, out); }
   void axial(const Batch& batch, double* out) const { chain_.axial(batch, out); }
 
-  /// M^-1 times moments (n, k) where the angles are theta (n, k).
-  Matrix solve(const Matrix& theta, const Matrix& moments) const;
-
   /// Angles and rates (n, k) close to those given that meet guides and pins, by Newton's method in
   /// least steps. Returns how far the angles miss them (k), which is above `met` where no such
   /// angles are close by; then they are the closest found.
@@ -140,6 +137,8 @@ class Scene {
   /// Turns the chain's rates into the scene's.
   void add_rows(const Batch& batch, double rate, double* rates) const;
   double project_one(Vector& theta, Vector& omega) const;
+  /// M^-1 times moments (n, k) where the angles are theta (n, k).
+  Matrix solve(const Matrix& theta, const Matrix& moments) const;
 };
 
 }  // namespace pipedyn

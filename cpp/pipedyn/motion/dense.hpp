@@ -64,16 +64,13 @@ void solve_dense(const double* factors, const Count* pivots, Count n, double* b)
       write_shifted(b, k, pass, read_shifted(b, pivot, pass));
       write_shifted(b, pivot, pass, held);
     }
-    for (Count i = 1; i < n; ++i) {
-      Complex sum = read_shifted(b, i, pass);
-      for (Count j = 0; j < i; ++j) sum = sum - read(i, j) * read_shifted(b, j, pass);
-      write_shifted(b, i, pass, sum);
-    }
-    for (Count i = n - 1; i >= 0; --i) {
-      Complex sum = read_shifted(b, i, pass);
-      for (Count j = i + 1; j < n; ++j) sum = sum - read(i, j) * read_shifted(b, j, pass);
-      write_shifted(b, i, pass, sum * read(i, i));
-    }
+    const auto left = [&](Count i, Count begin, Count end) {
+      Complex rest = read_shifted(b, i, pass);
+      for (Count j = begin; j < end; ++j) rest = rest - read(i, j) * read_shifted(b, j, pass);
+      return rest;
+    };
+    for (Count i = 1; i < n; ++i) write_shifted(b, i, pass, left(i, 0, i));
+    for (Count i = n - 1; i >= 0; --i) write_shifted(b, i, pass, left(i, i + 1, n) * read(i, i));
   }
 }
 

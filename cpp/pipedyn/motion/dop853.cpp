@@ -35,6 +35,27 @@ double share(Index s) {
   return shares[s];
 }
 
+/// Weights that are not 0, with the rates to which they belong.
+Index present(const Stages& of, const double* weights, Index terms, double* found,
+              const double** k) {
+  Index count = 0;
+  for (Index s = 0; s < terms; ++s) {
+    if (weights[s] == 0.0) continue;
+    found[count] = weights[s];
+    k[count++] = of[s].data();
+  }
+  return count;
+}
+
+/// Computes out = y + h sum_s weights_s k_s.
+void combine(const Stages& of, const double* weights, Index terms, const Vector& y,
+             const Vector& steps, Index entries, Vector& out) {
+  const double* k[stages + 4];
+  double found[stages + 4];
+  const Index count = present(of, weights, terms, found, k);
+  motion_kernel().combine(found, k, count, y.data(), steps.data(), out.data(), entries);
+}
+
 }  // namespace
 
 Dop853::Dop853(Rates rates, Index rows, Index members, const double* start, double time,
@@ -73,27 +94,6 @@ void Dop853::evaluate(const Vector& y, Vector& rates, double share) {
     ++member.evaluations;
   }
   rates_(t_, y.data(), which_, rates.data());
-}
-
-/// Weights that are not 0, with the rates to which they belong.
-Index Dop853::present(const Stages& of, const double* weights, Index terms, double* found,
-                      const double** k) {
-  Index count = 0;
-  for (Index s = 0; s < terms; ++s) {
-    if (weights[s] == 0.0) continue;
-    found[count] = weights[s];
-    k[count++] = of[s].data();
-  }
-  return count;
-}
-
-/// Computes out = y + h sum_s weights_s k_s.
-void Dop853::combine(const Stages& of, const double* weights, Index terms, const Vector& y,
-                     const Vector& steps, Index entries, Vector& out) {
-  const double* k[stages + 4];
-  double found[stages + 4];
-  const Index count = present(of, weights, terms, found, k);
-  motion_kernel().combine(found, k, count, y.data(), steps.data(), out.data(), entries);
 }
 
 /// First step size, at which an explicit Euler step and the change of rates within it are small.

@@ -10,6 +10,9 @@
 
 namespace pipedyn {
 
+/// Rates at each stage, (rows, active columns).
+using Stages = std::vector<Vector>;
+
 class Dop853 final : public Integrator {
  public:
   /// start: states (rows, members), all at time t0.
@@ -23,14 +26,9 @@ class Dop853 final : public Integrator {
   void keep(const std::vector<Index>& columns) override;
 
  private:
-  using Stages = std::vector<Vector>;  // rates at each stage, (rows, active columns)
   Index active() const { return static_cast<Index>(which_.size()); }
   Index entries() const { return rows_ * active(); }
   void evaluate(const Vector& y, Vector& rates, double share);
-  static Index present(const Stages& of, const double* weights, Index terms, double* found,
-                       const double** k);
-  static void combine(const Stages& of, const double* weights, Index terms, const Vector& y,
-                      const Vector& steps, Index entries, Vector& out);
   void choose_first_steps();
   void measure_errors();
   void control(Index j, double end);

@@ -6,29 +6,15 @@
 // The file is local to each translation unit, like pack.hpp.
 #pragma once
 
-#include "pipedyn/vector/pack.hpp"
+#include "pipedyn/vector/complex.hpp"
 #include "pipedyn/vector/points.hpp"
 
 namespace {
 
-/// A pack of complex numbers.
-struct Lanes {
-  Pack re{}, im{};
-};
+using Lanes = ComplexLanes<Pack>;
 
-inline Lanes operator+(const Lanes& a, const Lanes& b) { return {a.re + b.re, a.im + b.im}; }
-inline Lanes operator-(const Lanes& a, const Lanes& b) { return {a.re - b.re, a.im - b.im}; }
-inline Lanes operator*(const Lanes& a, const Lanes& b) {
-  return {a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re};
-}
-inline Lanes operator*(double a, const Lanes& b) { return {a * b.re, a * b.im}; }
-inline Lanes operator+(const Lanes& a, double b) { return {a.re + b, a.im}; }
 inline void operator+=(Lanes& a, const Lanes& b) { a = a + b; }
 inline Lanes conjugate(const Lanes& a) { return {a.re, -a.im}; }
-inline Lanes inverse(const Lanes& a) {
-  const Pack share = 1.0 / (a.re * a.re + a.im * a.im);
-  return {a.re * share, -a.im * share};
-}
 /// |Re a| + |Im a|, which lies between |a| and 1.5 |a|.
 inline Pack size_of(const Lanes& a) { return absolute(a.re) + absolute(a.im); }
 

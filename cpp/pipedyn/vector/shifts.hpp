@@ -7,7 +7,7 @@
 // The file is local to each translation unit, like pack.hpp.
 #pragma once
 
-#include "pipedyn/vector/pack.hpp"
+#include "pipedyn/vector/complex.hpp"
 
 namespace {
 
@@ -20,21 +20,7 @@ using Shifts = Pack;
 constexpr Count shift_count = 4;
 constexpr Count shift_passes = shift_count / lanes<Shifts>;
 
-struct Complex {
-  Shifts re, im;
-};
-
-inline Complex operator+(const Complex& a, const Complex& b) { return {a.re + b.re, a.im + b.im}; }
-inline Complex operator-(const Complex& a, const Complex& b) { return {a.re - b.re, a.im - b.im}; }
-inline Complex operator*(const Complex& a, const Complex& b) {
-  return {a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re};
-}
-inline Complex operator*(double r, const Complex& a) { return {r * a.re, r * a.im}; }
-inline Complex operator+(const Complex& a, double r) { return {a.re + r, a.im}; }
-inline Complex inverse(const Complex& a) {
-  const Shifts size = 1.0 / (a.re * a.re + a.im * a.im);
-  return {a.re * size, -a.im * size};
-}
+using Complex = ComplexLanes<Shifts>;
 
 /// A row of an array (rows, 2 shifts): the real parts, then the imaginary parts.
 inline Complex read_shifted(const double* x, Count row, Count pass) {

@@ -29,12 +29,13 @@ from numpy.typing import NDArray
 from pipedyn.accuracy.convergence import FAMILIES, ModelFamily, checked_families, fitted_law
 from pipedyn.accuracy.quantities import (
     LONGEST_REFERENCE,
+    MARGIN,
     RTOL,
+    Answer,
     Quantity,
     QuantityName,
     checked_quantity,
 )
-from pipedyn.accuracy.reference import MARGIN, Answer
 from pipedyn.accuracy.trade import TradeRow, measured
 from pipedyn.models.base import Model, checked_pipe
 from pipedyn.models.pipe import Pipe

@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 
 from pipedyn.accuracy.quantities import (
+    MARGIN,
+    Answer,
     MotionOf,
     Quantity,
     QuantityName,
     checked_quantity,
     conditions_of,
 )
-from pipedyn.accuracy.reference import MARGIN, Answer
 from pipedyn.cycles.limit_cycle import NoCycle
 from pipedyn.linear.critical_speed import NoCrossing, largest_tension
 from pipedyn.linear.modes import CONTINUUM_SPEED, modes
@@ -28,7 +29,7 @@ from pipedyn.models.base import checked_pipe
 from pipedyn.models.continuum import LARGEST, Continuum
 from pipedyn.models.drive import Pulsation, Supply
 from pipedyn.models.galerkin import Galerkin
-from pipedyn.models.pipe import OWN_NUMBERS, Pipe
+from pipedyn.models.pipe import DEFAULTS, OWN_NUMBERS, Pipe
 from pipedyn.models.profile import Profile
 from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import Foundation, Spring
@@ -48,14 +49,12 @@ EFFECTS = {
     "damping": "damping",
     "hysteresis": "hysteresis",
     "Coriolis": "beta",
-    "end coefficient": "alpha",
     "centrifugal": "alpha",
-    "inflow": "inflow_share",
-    "jet angle": "jet_angle",
+    **{one.effect: name for name, one in OWN_NUMBERS.items() if one.effect},
 }
 """Names of the numbers of the pipe by the effects that they switch off."""
 
-ABSENT = {"end coefficient": 1.0, "inflow": 1.0, "jet angle": 0.0}
+ABSENT = {one.effect: DEFAULTS[name] for name, one in OWN_NUMBERS.items() if one.effect}
 """Values of numbers, by effect, at which the pipe lacks the effect; it is then not listed."""
 
 PROFILES = {"varying stiffness": "stiffness", "varying mass": "mass"}
@@ -257,7 +256,7 @@ def relevant(
         simpler = _without(pipe, names)
         growth = _growth_at(simpler, speed)
         gone = [change for one, (_, change) in drives.items() if one in names]
-        left = asked.changed(dict(ChainMap(*gone)))
+        left: Any = replace(asked, **ChainMap(*gone))  # type: ignore[type-var]
         try:
             without, found = _outcome(left, simpler, tolerance)
         except PipedynError as failure:

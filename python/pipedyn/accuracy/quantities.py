@@ -2,7 +2,8 @@
 """Quantities of a pipe for which answers of models are compared with the continuous pipe.
 
 A quantity computes the answer of a model, the relative distance of two answers, and a reference:
-the answer of the continuous pipe with a bound on its error.
+the answer of the continuous pipe with a bound on its error. For that reduced models of growing size
+are solved until two answers agree; their difference bounds the error of the last.
 """
 
 from __future__ import annotations
@@ -18,10 +19,7 @@ from typing import Any, ClassVar, Literal, Self, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn import _core
 from pipedyn.accuracy.convergence import FAMILIES
-from pipedyn.accuracy.reference import LEAST_REFERENCE_ERROR, Answer
-from pipedyn.attraction.solutions import LARGEST_CYCLE
 from pipedyn.cycles.limit_cycle import limit_cycle
 from pipedyn.linear.critical_speed import CriticalSpeed, checked_end, critical_speed
 from pipedyn.linear.modes import CONTINUUM_SPEED, eigenvalues, modes, root_loci
@@ -31,13 +29,23 @@ from pipedyn.models.drive import Base, Pulsation, Supply
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.motion.simulate import simulate
+from pipedyn.orbits.from_motion import LARGEST_CYCLE
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import TookTooLong, clock, limited
 from pipedyn.util.errors import NotConverged, PipedynError
+from pipedyn.util.later import scipy
+from pipedyn.util.result import Result
 
 LEGENDRE = FAMILIES["legendre"]
+
+MARGIN = 10.0
+"""Least ratio of an error to the error of the reference it is measured against. Such an error is
+known to a tenth."""
+
+LEAST_REFERENCE_ERROR = 1e-14
+"""Least error stated for a reference: the rounding of an eigenvalue or of a quadrature."""
 
 BEFORE_CLUSTER = 0.9
 """Share of 1 / delta up to which eigenvalues are compared; nearer to it they converge slowly."""
@@ -58,6 +66,31 @@ LEAST_TOLERANCE = 1e-10
 RTOL, LOOSEST_RTOL = 1e-8, 1e-2
 """Relative tolerance of a motion or a cycle if none is given, which leaves errors of 2e-7, and the
 loosest tolerance accepted, which leaves errors of a tenth or more."""
+
+
+@saved_as("Answer")
+class Answer(Result):
+    """The answer of a model or, as a reference, of the continuous pipe.
+
+    Attributes:
+        values: the numbers, real or complex; their shape depends on the quantity.
+        kind: a word that must agree besides the numbers, e.g. "flutter" for a loss of stability.
+        error: relative error of the solver; for a reference a bound on its error, from the change
+            between the last two models.
+        damping: delta if the values are roots; roots in the cluster at -1 / delta are not compared.
+        candidates: roots in which those of another model are looked for, if more were computed than
+            asked for; the other model may count one of the surplus roots among those asked for.
+        source: for a reference, the model that gave it.
+        family: for a reference from models of growing size, the name of their family.
+    """
+
+    values: NDArray[Any] = field(repr=False)
+    kind: str = ""
+    error: float = 0.0
+    damping: float = 0.0
+    candidates: NDArray[Any] | None = field(default=None, repr=False)
+    source: str = ""
+    family: str = ""
 
 
 class Quantity(ABC):
@@ -112,10 +145,6 @@ class Quantity(ABC):
     def prepared(self, pipe: Pipe) -> Self:
         """A copy with values for the defaults that depend on the pipe."""
         return self
-
-    def changed(self, conditions: dict[str, Any]) -> Self:
-        """A copy with other conditions."""
-        return replace(self, **conditions)  # type: ignore[type-var]
 
     def extrapolated(self, coarse: Answer, fine: Answer, order: float) -> Answer:
         """Richardson's extrapolation, for errors n^-order, from models of n and 2 n."""
@@ -184,7 +213,7 @@ class _Eigenvalues(Quantity):
             cost = np.abs(own - row) / np.maximum(np.abs(own), 1.0)
             if own.size > row.size or not np.isfinite(cost).all():
                 return math.inf
-            pairs = np.arange(own.size), _core.assignment(cost)
+            pairs = scipy.optimize.linear_sum_assignment(cost)
             worst = max(worst, float(cost[pairs].max(initial=0.0)))
         return worst
 

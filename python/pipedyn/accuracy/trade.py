@@ -19,8 +19,7 @@ from pipedyn.accuracy.convergence import (
     checked_families,
     fitted_law,
 )
-from pipedyn.accuracy.quantities import Quantity, QuantityName, checked_quantity
-from pipedyn.accuracy.reference import MARGIN, Answer
+from pipedyn.accuracy.quantities import MARGIN, Answer, Quantity, QuantityName, checked_quantity
 from pipedyn.models.base import checked_pipe
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check

@@ -17,19 +17,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipedyn.attraction.attractor import Attractor
 from pipedyn.attraction.motion_ends import RECORDED, Case, MotionEnd, motion_ends
 from pipedyn.attraction.motion_options import (
     FIRST_LOOK,
     SAMPLES_A_TIME,
     MotionOptions,
-    initial_bends,
 )
-from pipedyn.attraction.records import turning_points
-from pipedyn.attraction.regions import NOWHERE, STOPPED, Excitation
-from pipedyn.attraction.solutions import Attractor, Solution, equilibria_near
+from pipedyn.attraction.regions import NOWHERE, STOPPED
+from pipedyn.attraction.solutions import Solution, equilibria_near
 from pipedyn.equilibrium.equilibria import EQUILIBRIA_DOF, searched
 from pipedyn.models.base import Model
 from pipedyn.models.drive import LARGEST_SPEED, Harmonic, Pulsation, Supply
+from pipedyn.motion.sampling import turning_points
 from pipedyn.motion.simulate import (
     BATCH,
     LARGEST_ENSEMBLE,
@@ -37,8 +37,10 @@ from pipedyn.motion.simulate import (
     Motion,
     MotionStopped,
     checked_model_in_motion,
+    initial_bends,
     simulate,
 )
+from pipedyn.motion.vector_field import Excitation
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array

@@ -16,11 +16,12 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from pipedyn.attraction.attractor import Attractor, Ending
 from pipedyn.attraction.motion_options import FIRST_LOOK, MotionOptions
 from pipedyn.attraction.records import Stretch
 from pipedyn.attraction.regions import (
@@ -28,26 +29,22 @@ from pipedyn.attraction.regions import (
     PHASES,
     STOPPED,
     Approach,
-    Excitation,
     WatchedTask,
     judged_step,
     watched_outcomes,
 )
 from pipedyn.attraction.solutions import (
-    Attractor,
-    Ending,
     Solution,
     by_record,
     cycle,
     equilibrium,
     irregular,
-    solved_cycle,
 )
 from pipedyn.equilibrium.equilibria import Statics
 from pipedyn.models.base import Model
 from pipedyn.models.chain import Chain
 from pipedyn.models.galerkin import Galerkin
-from pipedyn.motion.integrator import Outcome, Task, decays_fast, fastest_rates
+from pipedyn.motion.integrator import Outcome, Task
 from pipedyn.motion.lyapunov import LyapunovExponent, exponents_together
 from pipedyn.motion.simulate import (
     BATCH,
@@ -57,8 +54,9 @@ from pipedyn.motion.simulate import (
     checked_task,
     in_batches,
 )
+from pipedyn.motion.vector_field import Excitation
+from pipedyn.orbits.from_motion import solved_cycle
 from pipedyn.util.check import Array
-from pipedyn.util.counters import factorised
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import parallel
 from pipedyn.util.threads import one_thread
@@ -86,16 +84,6 @@ TRANSIENT = 1e-4
 1e-5 after some time at it, less than motions differ that go to the same attractor, and right-hand
 sides are half as many. What seems settled goes on at rtol, as does what is recorded."""
 
-EXPLICIT = 4.0
-"""Right-hand sides of implicit steps in the time 1 / |lambda| of the fastest mode beyond which
-explicit ones in batches cost less: motions then excite fast modes, which implicit ones would leap.
-Measured with six functions: at 5.6 explicit ones cost half as much while a motion is on its way,
-and 1.1 times as much at rtol."""
-
-LARGEST_DENSE = 100
-"""Degrees of freedom up to which it is told beforehand, from the eigenvalues at rest, that fast
-modes do not decay by a factor e until the first look: then steps are explicit from the start."""
-
 JOINED = 0.25
 """Share of the transient after which motions from several starts at one flow go on as one, if they
 are irregular and their turning points were spread alike at two looks one after the other. Where
@@ -113,8 +101,8 @@ RECORDED = 5.0
 """Time over which what is irregular is recorded, in durations: some hundred cycles or more."""
 
 LONGER = 1.0, 2.0, 4.0
-"""Times as long as usual that an exponent is measured, one after the other, until it or averages
-over a record as much longer tell what the motion is."""
+"""Factors of the usual time for which a motion is recorded and its exponent measured, one after the
+other, until the exponent or averages over the record tell what the motion is."""
 
 TORUS = 1e-8
 """Relative tolerance of these records at most, whose averages may converge to that."""
@@ -177,7 +165,6 @@ def _ends_of(
             for j, case in enumerate(cases)
             for k, start in enumerate([*starts, *case.starts])
         ]
-        engine.begin(runs)
         engine.finish(runs)
     ends = list[list[MotionEnd]]()
     for j, case in enumerate(cases):
@@ -267,11 +254,13 @@ class _Run:
     approach: Approach = field(default_factory=Approach)  # to a known solution
     like: _Run | None = None  # whose turning points were spread alike at the last look
     alone: bool = False  # whether it does not join another
-    explicit: bool = False  # whether explicit steps cost less
-    size: float = LEAST_SIZE  # of the motion, a power of SHARE
-    rate_size: float = LEAST_SIZE  # and of its rates
+    size: float = field(init=False)  # of the motion, a power of SHARE
+    rate_size: float = field(init=False)  # and of its rates
     under_way: bool = True  # whether the tolerance may be TRANSIENT
     roughly: bool = False  # whether it was in the last record
+
+    def __post_init__(self) -> None:
+        self.resized(*np.abs(np.split(self.state, 2)).max(axis=1).tolist())
 
     def comes_nearer(self, one: Stretch) -> bool:
         """Whether the motion comes nearer to a known solution, to rest or to a cycle.
@@ -289,6 +278,10 @@ class _Run:
         """Takes note of how far its tip or its coordinates range, and how fast they move."""
         self.size = min(size_of(span), 1.0)
         self.rate_size = max(size_of(fastest), self.size)
+
+
+_Alike = tuple[list[_Run], Stretch]
+"""Motions of a case whose turning points are spread alike, and a record of the first of them."""
 
 
 def size_of(span: float) -> float:
@@ -309,14 +302,6 @@ class _Engine:
         self.tolerance = options.rtol * (1.0 if smooth else ACROSS_KINKS)
 
     # ----------------------------------------------------------------------------- integration
-
-    def begin(self, runs: list[_Run]) -> None:
-        """Chooses the steps of motions at their start."""
-        modes = {id(run.case): self.modes(run.case.drive) for run in runs}
-        for run in runs:
-            run.explicit, frequency = modes[id(run.case)]
-            span, fastest = np.abs(np.split(run.state, 2)).max(axis=1).tolist()
-            run.resized(span, max(fastest, frequency * span))
 
     def advance(
         self, runs: list[_Run], before: float, recorded: float, finest: float = 1.0
@@ -347,8 +332,7 @@ class _Engine:
         rules = {key: self.judged(case, recorded, count) for key, case in judged.items()}
         tasks = list[WatchedTask]()
         for run in runs:
-            method = "dop853" if run.explicit else first.method
-            run.roughly = run.under_way and method == "dop853" and first.rtol < TRANSIENT
+            run.roughly = run.under_way and first.method == "dop853" and first.rtol < TRANSIENT
             rtol = TRANSIENT if run.roughly else first.rtol
             task = replace(
                 of_all,
@@ -357,7 +341,6 @@ class _Engine:
                 start=run.state,
                 **rules[id(run.case)],
                 approach=run.approach,
-                method=method,
                 rtol=rtol,
                 atol=rtol * np.repeat([run.size, run.rate_size], run.state.size // 2),
             )
@@ -367,8 +350,6 @@ class _Engine:
         found = in_batches(tasks, watched_outcomes, members=members)
         for run, task, one in zip(runs, tasks, found, strict=True):
             run.approach = one.approach
-            rate = one.outcome[1] / (before + recorded)
-            run.explicit |= task.method == "radau" and rate > self.dearest
             if one.outcome[2] is not None:
                 self.answers[run.member] = STOPPED, self.stopped(run, task, one.outcome)
             elif one.label != NOWHERE:
@@ -401,27 +382,6 @@ class _Engine:
         every = max(round(step / sample), 1)
         block = np.arange(math.ceil(longest / (every * sample) - 1e-6))
         return {"regions": regions, "every": every, "phases": case.drive.phases(step * block)}
-
-    @cached_property
-    def dearest(self) -> float:
-        """Right-hand sides of implicit steps in a unit of time beyond which explicit ones serve."""
-        if decays_fast(self.model):
-            return math.inf
-        fastest, _ = fastest_rates(self.model)
-        return EXPLICIT * fastest
-
-    def modes(self, drive: Excitation) -> tuple[bool, float]:
-        """Whether the fastest mode at rest hardly decays until the first look, and |lambda| of one.
-
-        That is the mode that grows most or decays least.
-        """
-        if drive.period or self.model.integrated > LARGEST_DENSE:
-            return False, 0.0
-        rest = np.concatenate([self.model.resting(), np.zeros(self.model.integrated)])
-        factorised()
-        values = np.linalg.eigvals(self.model.motion_jacobian(rest, drive.mean))
-        fastest, last = values[np.abs(values).argmax()], values[values.real.argmax()]
-        return bool(fastest.real > -1.0 / FIRST_LOOK), float(abs(last))
 
     def stopped(self, run: _Run, task: Task, outcome: Outcome) -> MotionStopped:
         """The error of a motion, by its start and the time since."""
@@ -476,7 +436,10 @@ class _Engine:
         if tries and (late or self.elapsed >= case.next_try):
             _, run, one = min(tries, key=lambda of: of[0])
             try:
-                orbit, stable = solved_cycle(self.model, case.drive, one, back)
+                orbit, stable = solved_cycle(
+                    *(self.model, case.drive, (one.t, one.states)),
+                    *(one.recurrence(case.drive.period), back),
+                )
             except NewtonFailed:
                 stable = False
             else:
@@ -592,7 +555,6 @@ class _Engine:
             trial, engine = Case(self.model, case.drive, [tried]), _Engine(self.model, self.options)
             beside = region.beside(self.model)
             runs = [_Run((0, k), trial, k, state) for k, state in enumerate(beside)]
-            engine.begin(runs)
             stretch = case.drive.whole(max(FIRST_LOOK, 0.25 * self.options.transient))
             while runs and engine.elapsed < self.options.transient:
                 engine.advance(runs, 0.0, stretch)
@@ -603,63 +565,78 @@ class _Engine:
         return one
 
     def named(self, left: list[tuple[_Run, Stretch]], over: bool) -> list[_Run]:
-        """Names motions that neither rest nor repeat; answers those that go on instead.
+        """Names motions that neither rest nor repeat; returns those that go on instead.
 
-        Of those of a case whose turning points are spread alike one is recorded for longer and
-        tried for all.
+        Motions of a case whose turning points are spread alike are recorded and named as one.
         """
-        groups: list[list[tuple[_Run, Stretch]]] = []
+        groups: list[_Alike] = []
         for run, one in left:
             number = run.case.holding_irregular(run.state)
             if number != NOWHERE:
                 self.ends(run, number)
                 continue
             same = (
-                group
-                for group in groups
-                if group[0][0].case is run.case
+                runs
+                for runs, first in groups
+                if runs[0].case is run.case
                 and not run.alone
-                and spread_alike(group[0][1].turnings, one.turnings)
+                and spread_alike(first.turnings, one.turnings)
             )
-            if (group := next(same, None)) is None:
-                groups.append([(run, one)])
+            if (runs := next(same, None)) is None:
+                groups.append(([run], one))
             else:
-                group.append((run, one))
-        on, told = list[_Run](), list[tuple[list[_Run], Stretch]]()
-        longer = self.recorded([group[0] for group in groups])
-        for group, record in zip(groups, longer, strict=True):
-            runs = [run for run, _ in group]
-            leader, new = runs[0], False
-            if record is not None and record is not group[0][1]:
-                new = self.explain([(leader, record)])
-            gone = leader.member in self.answers
-            if record is None or gone or self.is_on_known(leader, record, over):
-                on += _parted(runs[1:])
-            elif (new or leader.comes_nearer(record)) and not over:
-                on += runs
-            elif leader.comes_nearer(record):
-                why = f"it still comes nearer to rest or a cycle after t = {self.elapsed:g}"
-                self.name(runs, record, "unsettled", reason=why)
-            else:
-                told.append((runs, record))
+                runs.append(run)
+        on = list[_Run]()
         for times in LONGER:
-            told = self.named_by_exponents(told, times, on)
+            groups = self.recorded(groups, times, over, on)
+            groups = self.named_by_exponents(groups, times)
         return on
 
-    def named_by_exponents(
-        self, told: list[tuple[list[_Run], Stretch]], times: float, on: list[_Run]
-    ) -> list[tuple[list[_Run], Stretch]]:
-        """Names motions by their exponents and records; answers those that take longer ones.
+    def recorded(
+        self, groups: list[_Alike], times: float, over: bool, on: list[_Run]
+    ) -> list[_Alike]:
+        """Records the first motion of each group for longer, if exponents are asked for.
 
         Args:
-            told: motions that are spread alike, and the record of the first of them.
-            times: as long as usual the exponent is measured.
-            on: takes motions that go on by themselves, as the first has ended meanwhile.
+            groups: motions that are spread alike, with the last record of the first of them.
+            times: factor of the usual length of such a record.
+            over: whether no motion may go on.
+            on: takes the motions that go on instead.
+
+        Returns:
+            The groups that still neither rest nor repeat nor come nearer to something.
         """
-        states = [(runs[0].case.drive, runs[0].state) for runs, _ in told]
-        duration, doubtful = times * self.options.duration, list[tuple[list[_Run], Stretch]]()
+        asked = self.options.exponents
+        records: list[Stretch | None] = [one for _, one in groups]
+        if groups and asked:
+            length = groups[0][0][0].case.drive.whole(RECORDED * times * self.options.duration)
+            records = self.advance([runs[0] for runs, _ in groups], 0.0, length, TORUS)
+            self.elapsed += length
+        left = list[_Alike]()
+        for (runs, _), one in zip(groups, records, strict=True):
+            leader = runs[0]
+            new = one is not None and asked and self.explain([(leader, one)])
+            gone = leader.member in self.answers
+            if one is None or gone or self.is_on_known(leader, one, over):
+                on += _parted(runs[1:])
+            elif (new or leader.comes_nearer(one)) and not over:
+                on += runs
+            elif leader.comes_nearer(one):
+                why = f"it still comes nearer to rest or a cycle after t = {self.elapsed:g}"
+                self.name(runs, one, "unsettled", reason=why)
+            else:
+                left.append((runs, one))
+        return left
+
+    def named_by_exponents(self, groups: list[_Alike], times: float) -> list[_Alike]:
+        """Names motions by their exponents and records; returns those that take longer ones.
+
+        times: factor of the usual time over which an exponent is measured.
+        """
+        states = [(runs[0].case.drive, runs[0].state) for runs, _ in groups]
+        duration, doubtful = times * self.options.duration, list[_Alike]()
         exponents = exponents_of(self.model, states, replace(self.options, duration=duration))
-        for (runs, one), exponent in zip(told, exponents, strict=True):
+        for (runs, one), exponent in zip(groups, exponents, strict=True):
             if exponent is None:
                 self.name(runs, one, "irregular")
             elif isinstance(exponent, MotionStopped):
@@ -683,27 +660,7 @@ class _Engine:
                         f"{one.t[-1]:g} converge no faster than those of chaotic motion"
                     )
                 self.name(runs, one, "unsettled", exponent, why)
-        if not doubtful:
-            return []
-        longer = doubtful[0][0][0].case.drive.whole(2.0 * float(doubtful[0][1].t[-1]))
-        stretches = self.advance([runs[0] for runs, _ in doubtful], 0.0, longer, TORUS)
-        self.elapsed += longer
-        again: list[tuple[list[_Run], Stretch]] = []
-        for (runs, _), stretch in zip(doubtful, stretches, strict=True):
-            if stretch is not None:
-                again.append((runs, stretch))
-                continue
-            on += _parted(runs[1:])
-        return again
-
-    def recorded(self, leaders: list[tuple[_Run, Stretch]]) -> list[Stretch | None]:
-        """Longer records of motions, if their exponents are asked for."""
-        if not self.options.exponents or not leaders:
-            return [one for _, one in leaders]
-        longer = leaders[0][0].case.drive.whole(RECORDED * self.options.duration)
-        found = self.advance([run for run, _ in leaders], 0.0, longer, TORUS)
-        self.elapsed += longer
-        return found
+        return doubtful
 
     def name(
         self,

@@ -1,21 +1,16 @@
 # SPDX-License-Identifier: MIT
-"""What `attractors` and `bifurcation_diagram` ask of motions, and where these start."""
+"""How `attractors` and `bifurcation_diagram` compute motions."""
 
 from __future__ import annotations
 
 import math
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from pipedyn.models.base import Model
 from pipedyn.motion.integrator import MOST_CALLS
-from pipedyn.motion.simulate import LARGEST_SAMPLES, modal_bend, slight_bend
+from pipedyn.motion.simulate import LARGEST_SAMPLES
 from pipedyn.util import check
-from pipedyn.util.check import Array
-from pipedyn.util.errors import PipedynError
 from pipedyn.util.later import futures
 
 FIRST_LOOK = 4.0
@@ -83,20 +78,3 @@ class MotionOptions:
                 f"duration must ask for at most {LARGEST_SAMPLES} numbers a motion, at "
                 f"{SAMPLES_A_TIME} samples a unit of time, got {numbers}"
             )
-
-
-def initial_bends(model: Model, count: int, seed: int) -> list[Array]:
-    """Initial coordinates, the first a slight bend, the others mixtures of three shapes.
-
-    Amplitudes range from a hundredth of a radian to some radians.
-    """
-    random = np.random.default_rng(seed)
-    found = [model.bent(slight_bend)]
-    while len(found) < count:
-        parts = random.uniform(-1.0, 1.0, 3) * np.array([2.0, 1.0, 0.5])
-        parts *= 10.0 ** random.uniform(-1.5, 0.0)
-        for halved in 0.5 ** np.arange(6):
-            with suppress(PipedynError):  # guides and pins that such a bend cannot meet
-                found.append(model.bent(modal_bend(halved * parts)))
-                break
-    return found

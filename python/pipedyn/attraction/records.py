@@ -13,8 +13,8 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipedyn.motion.sampling import maxima, turning_points
 from pipedyn.util.check import Array
 
 AT_REST = 1e-5
@@ -191,40 +191,6 @@ def _lagrange(share: Array) -> Array:
     return np.stack([-b * c * d / 6.0, a * c * d / 2.0, -a * b * d / 2.0, a * b * c / 6.0], axis=1)
 
 
-def turning_points(t: Array, x: Array, velocity: Array) -> tuple[Array, float]:
-    """Values of x where its velocity changes sign, in order, and by how much two may err together.
-
-    Those of the cubics through samples. Cubics through every second sample err 16 times as much
-    where x is smooth, and 8 times across the kinks of forces, so that a quarter of their difference
-    bounds the errors of two values.
-    """
-    cubics, coarse = _cubics(t, x, velocity), _cubics(t[::2], x[::2], velocity[::2])
-    _, slope, bend, rest = cubics
-    with np.errstate(divide="ignore", invalid="ignore"):
-        root = -(bend + np.copysign(np.sqrt(bend**2 - 3.0 * rest * slope), bend))
-        since = np.stack([slope / root, root / (3.0 * rest)], axis=1)
-        since.sort(axis=1)
-        within = (since >= 0.0) & (since < np.diff(t)[:, None])
-    place, since = np.nonzero(within)[0], since[within]
-    turnings = _values(cubics, place, since)
-    pair = np.minimum(place // 2, coarse.shape[1] - 1)
-    missed = _values(coarse, pair, t[place] + since - t[2 * pair]) - turnings
-    return turnings, 0.25 * float(np.abs(missed).max(initial=0.0))
-
-
-def _cubics(t: Array, x: Array, velocity: Array) -> Array:
-    """Coefficients of the cubics between samples by the time since each, (4, S - 1)."""
-    step, first, last = np.diff(t), velocity[:-1], velocity[1:]
-    mean = np.diff(x) / step
-    bend, rest = (3.0 * mean - 2.0 * first - last) / step, (first + last - 2.0 * mean) / step**2
-    return np.stack([x[:-1], first, bend, rest])
-
-
-def _values(cubics: Array, place: NDArray[np.intp], since: Array) -> Array:
-    a, b, c, d = cubics[:, place]
-    return np.asarray(a + since * (b + since * (c + since * d)))
-
-
 def trend_of(x: Array, turnings: Array, error: float) -> tuple[Trend, int]:
     """What kind of motion the samples x of the tip and its turning points show, and its period.
 
@@ -254,12 +220,6 @@ def trend_of(x: Array, turnings: Array, error: float) -> tuple[Trend, int]:
             return "periodic", period
         approaching |= converges or (recurs and all(b < a for a, b in pairwise(parts)))
     return ("settling" if approaching else "irregular"), 0
-
-
-def maxima(turnings: Array) -> Array:
-    """Maxima among turning points; the first and the last point do not count."""
-    inner = turnings[1:-1]
-    return np.asarray(inner[(inner > turnings[:-2]) & (inner > turnings[2:])])
 
 
 def _drift(highs: Array, period: int) -> float:

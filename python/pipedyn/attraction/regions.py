@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""When a motion has reached a known attractor: it is near, and comes nearer.
+"""When a motion has reached a known attractor: it is near to it, and comes nearer.
 
-The distance of a state from an attractor is that from the curve through many states on it, rates
-being multiplied by a time of the attractor's own. A motion has reached it when its largest distance
-over a period is within a radius and later, without having left that, much smaller. What passes a
-saddle or follows an unstable cycle beside the attractor does not come nearer. About an equilibrium
-there may be a basin in which linear decay is known to win: what is in it comes to rest. About a
-cycle there may be Floquet coordinates, each of which has to fall at least half as fast as linear
-theory says, by a quarter in square: what nonlinear forces change grows with a higher power of the
-distance, so that it goes on so.
+The distance of a state from an attractor is measured to a curve through many of its states, with
+rates multiplied by a time scale of the attractor. Two observations show that a motion has reached
+it. Where Floquet coordinates about a cycle are known, or modal coordinates about an equilibrium,
+each must fall at least half as fast as linear theory says, which is seen when its square has lost a
+quarter; what nonlinear forces change grows with a higher power of the distance, so that the motion
+goes on to come nearer. Otherwise the largest distance over a period must be within a radius and,
+while the motion stays within it, fall to a small share of what it was in the first period. A motion
+that passes a saddle or follows an unstable cycle beside the attractor does neither.
 """
 
 from __future__ import annotations
@@ -20,13 +20,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import Model
-from pipedyn.models.drive import Harmonic, Pulsation
 from pipedyn.motion.integrator import Observer, Outcome, Task, integrate
-from pipedyn.motion.vector_field import ForcedField, VectorField
 from pipedyn.orbits.floquet_coordinates import FloquetCoordinates
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
@@ -79,78 +76,22 @@ WHOLE: Array = np.array([0.0, 2.0 * math.pi])
 """Phases of a cycle."""
 
 
-@dataclass(frozen=True)
-class Excitation:
-    """What drives the motions: the flow and, in some, the base, from time 0 on.
-
-    Attributes:
-        u: flow speed, steady or pulsating.
-        base: the base's motion, None at rest.
-    """
-
-    u: float | Pulsation
-    base: Harmonic | None = None
-
-    @property
-    def period(self) -> float:
-        """After which it repeats; 0 where all is steady."""
-        driving = self.base or self.u
-        return 0.0 if isinstance(driving, float) else 2.0 * math.pi / driving.frequency
-
-    @property
-    def mean(self) -> float:
-        """The flow speed, or its mean."""
-        return self.u.mean if isinstance(self.u, Pulsation) else self.u
-
-    def field(self, model: Model, order: int = 1) -> VectorField:
-        """The vector field of a model, if it is driven for orbits of so many of its periods."""
-        if isinstance(self.u, Pulsation):
-            return ForcedField(model, self.u, order, self.base)
-        return ForcedField(model, self.base, order) if self.base else VectorField(model)
-
-    def is_odd(self, model: Model) -> bool:
-        """Whether the mirror image of every motion is one, half a period later if it shifts."""
-        if self.shifts and isinstance(self.u, Pulsation):  # which is another by then
-            return False
-        return VectorField(model).is_odd(self.mean)
-
-    @property
-    def shifts(self) -> bool:
-        """Whether it takes half a period until the mirror image of all that drives acts."""
-        return self.base is not None and self.base.direction == "x"
-
-    def whole(self, time: float) -> float:
-        """The time, rounded up to whole periods."""
-        return math.ceil(time / self.period - 1e-9) * self.period if self.period else time
-
-    def phases(self, t: ArrayLike) -> Array:
-        """Two columns that tell the phases at times apart, (k, 2); none where all is steady."""
-        phase = 2.0 * math.pi * np.asarray(t, dtype=np.float64) / (self.period or 1.0)
-        if not self.period:
-            return np.empty((phase.size, 0))
-        return np.stack([np.cos(phase), np.sin(phase)], axis=1)
-
-
 @dataclass(frozen=True, eq=False)
 class Region:
     """States around an attractor from which motions come nearer to it.
 
     Attributes:
-        points: states [p, p'] on it, dense along it, (M, 2 integrated). Where motions are driven,
-            those
-            at PHASES times in each period of the drive, with `Excitation.phases`, so that states at
-            other phases are far away.
+        points: states [p, p'] on it, dense along it, (M, 2 integrated). Where motions are driven
+            these are states at PHASES times in each period of the drive, with `Excitation.phases`,
+            so that states at other phases are far away.
         unit: time by which rates are multiplied, one over its angular frequency.
         period: of motions on it or, at rest, about it.
         radius: of the region, root mean square of p.
         turn: a whole turn about a hinge at the root, (integrated,), after which all is as before.
         driven: whether points have phases.
         curve: whether the points follow one another on a curve.
-        basin: of rest, rows whose products with how far a state is away have a sum of squares below
-            1 where motions come to rest, as far as samples tell, (k, 2 integrated); None where that
-            is
-            not known.
-        floquet: coordinates about a stable cycle, None where they are not known.
+        floquet: Floquet coordinates about a stable cycle, or modal ones about a stable equilibrium;
+            None where they are not known.
     """
 
     points: Array
@@ -160,7 +101,6 @@ class Region:
     turn: Array | None = None
     driven: bool = False
     curve: bool = False
-    basin: Array | None = None
     floquet: FloquetCoordinates | None = None
 
     @staticmethod
@@ -245,8 +185,7 @@ class Region:
         """Distances of states, (k,), infinite beyond the most, which is the radius if not given.
 
         States have shape (k, 2 integrated). Where motions are driven they are followed by their
-        phases,
-        or else are those when a period begins.
+        phases, or else are those when a period begins.
         """
         most = self.radius if most is None else most
         if states.shape[1] < self.points.shape[1]:
@@ -274,13 +213,6 @@ class Region:
                 found[near] = np.minimum(found[near], np.linalg.norm(missed, axis=1))
             found[found > most] = math.inf
         return np.asarray(found)
-
-    def attracts(self, states: Array) -> NDArray[np.bool_]:
-        """Which of states, (k, 2 integrated), lie in the basin."""
-        if self.basin is None:
-            return np.zeros(len(states), dtype=bool)
-        away = self._unwound(states) - self.points[0]
-        return np.asarray(np.sum((away @ self.basin.T) ** 2, axis=1) < 1.0)
 
     def apart(self, other: Region) -> float:
         """Smallest distance from another, infinite if they are far apart."""
@@ -422,10 +354,6 @@ class _Watch(Observer):
             phases = np.broadcast_to(task.phases, (len(blocks), *task.phases.shape))
             blocks = np.concatenate([blocks, phases], axis=2)
         found: list[int] = []
-        for k, region in enumerate(regions):
-            reached = members[region.attracts(blocks[:, -1])]
-            self.labels[reached] = k
-            found += reached.tolist()
         last = np.stack([region.distances(blocks[:, -1]) for region in regions])
         nearest, before = last.argmin(axis=0), [self.approaches[member] for member in members]
         for member in members:

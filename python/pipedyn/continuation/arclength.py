@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Pseudo-arclength continuation: branches of solutions of G(x, p) = 0, past folds in p.
 
-Equilibria, cycles, boundaries and, by `follow.follow`, equations of the user's own go this way.
+`tracer.Tracer` follows them, be they equilibria, cycles, boundaries or a user's own equations.
 
 From a solution z = (x, p) with unit tangent t the predictor is z + ds t; the corrector is Newton's
 method with the condition <t, Z - z> = ds, which stays regular at a fold. The product is weighted:
@@ -19,9 +19,9 @@ from abc import ABC, abstractmethod
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cached_property
 from itertools import pairwise
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.linalg import LinAlgError
@@ -32,14 +32,6 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed, newton
-
-FLAT = 0.3
-"""Share of a step's steepest slope dp/ds below which there may be two folds within it: a cubic
-through the ends misjudges the slope between them by less, as tangents turn by `Control.turn`."""
-
-BranchEnd = Literal["range", "closed", "points", "not converged"]
-"""Why a branch ends: at a limit, at its beginning, at the last point asked for, or because no next
-point was found."""
 
 EVERY = slice(None)
 
@@ -104,9 +96,8 @@ class Continuation(ABC):
     def relative(self, z: Array, step: Array) -> float:
         """Size of a step of Newton's method relative to that of the solution."""
 
-    @abstractmethod
-    def check(self, z: Array) -> None:
-        """Raises NewtonFailed for what is not to be followed."""
+    def check(self, z: Array) -> None:  # noqa: B027
+        """Raises NewtonFailed for what is not to be followed: nothing unless a problem says."""
 
     def kept(self, equations: Solver, step: float) -> Any:
         """What is worth keeping of the equations about a solution; nothing unless a problem says.
@@ -224,14 +215,9 @@ class Continuation(ABC):
 
         A step ends where an entry of z passes one of the marks, pairs of its index and a value.
         """
-        marked = tuple(marks)
         while True:
             segment, step = self.next(start, step)
-            z, end = start.z, segment.end.z
-            passed = [(i, v) for i, v in marked if (v - z[i]) * (end[i] - v) > 0.0]
-            if passed:
-                cut = min((segment.where(v, i) for i, v in passed), key=segment.reach)
-                segment = replace(segment, end=self.point(cut, start.tangent))
+            segment = segment.up_to(marks)
             yield segment
             start = segment.end
 
@@ -306,6 +292,20 @@ class Segment(Generic[Equations]):
             self._known[s] = found, self._derivative(found)
         return self._known[s][0]
 
+    def up_to(self, marks: Iterable[tuple[int, float]]) -> Segment[Equations]:
+        """The part up to where an entry of z passes one of the marks first; itself if none does."""
+        z, end = self.begin.z, self.end.z
+        passed = [(i, v) for i, v in marks if (v - z[i]) * (end[i] - v) > 0.0]
+        if not passed:
+            return self
+        cut = min((self.where(v, i) for i, v in passed), key=self.reach)
+        return replace(self, end=self.problem.point(cut, self.begin.tangent))
+
+    def miss(self, z: Array) -> float:
+        """Distance of a point from the solution at the same arc length."""
+        s = self.reach(z)
+        return self.problem.length(self.problem.at(self.begin, s, self.guess(s)).z - z)
+
     def parts(self, lengths: list[float]) -> list[Segment[Equations]]:
         """The segments into which points at these arc lengths divide it."""
         points = [self.begin, *map(self.at, lengths), self.end]
@@ -327,153 +327,6 @@ class Segment(Generic[Equations]):
         if not -0.5 * self.length <= self.reach(found) <= 1.5 * self.length:
             raise NewtonFailed("Newton's method left the neighbourhood of its start")
         return found, kept
-
-
-NEAR_LIMIT = 1e-4
-"""Share of a range within which its limit is solved for where no step can be taken: steps that end
-beyond it may, where nothing is defined there, become as short as `Control.shortest`."""
-
-
-def path(
-    problem: Continuation,
-    start: Point,
-    limits: Iterable[tuple[int, float, float]],
-    step: float,
-    most: int,
-    failing: type[Exception] = NewtonFailed,
-) -> tuple[list[Point], tuple[BranchEnd, BranchEnd], tuple[str, str]]:
-    """The branch through a point, both ways, why it ends, and of ends that are failures the reason.
-
-    Args:
-        problem: the equations.
-        start: a solution with its tangent, within the limits.
-        limits: entries of z by index with the least and the largest value.
-        step: first step.
-        most: number of points either way.
-        failing: exceptions that end a branch: beside NewtonFailed those of equations of the user's.
-    """
-    bounds = list(limits)
-    marks = [(i, value) for i, *ends in bounds for value in ends]
-
-    def one_way(begin: Point) -> tuple[list[Point], BranchEnd, str]:
-        points = [begin]
-
-        def is_over() -> bool:
-            z, t = points[-1].z, points[-1].tangent
-            return any(
-                (z[i] <= low and t[i] < 0.0) or (z[i] >= high and t[i] > 0.0)
-                for i, low, high in bounds
-            )
-
-        steps = problem.segments(begin, step, marks)
-        while len(points) <= most:
-            if is_over():
-                return points, "range", ""
-            try:
-                segment = next(steps)
-                if len(points) > 1 and _passes_through(segment, begin):
-                    return [*points, begin], "closed", ""
-            except failing as error:
-                edge = at_edge(points[-1])
-                if edge is not None:
-                    return [*points, edge], "range", ""
-                return points, "not converged", reason_of(error)
-            points.append(segment.end)
-        return points, "points", f"it takes more than {most} points"
-
-    def at_edge(point: Point) -> Point | None:
-        """The point at a limit right ahead, beyond which there may be no equations."""
-        for i, low, high in bounds:
-            edge, slope = (high if point.tangent[i] > 0.0 else low), float(point.tangent[i])
-            gap = edge - float(point.z[i])
-            if gap * slope > 0.0 and abs(gap) <= NEAR_LIMIT * (high - low) < math.inf:
-                away = gap / slope
-                try:
-                    z = problem.fixed(point.z + away * point.tangent, edge, i)
-                    if problem.length(z - point.z) <= 2.0 * away:
-                        return problem.point(z, point.tangent)
-                except failing:
-                    continue
-        return None
-
-    ahead, last, why_last = one_way(start)
-    if last == "closed":
-        return ahead, (last, last), ("", "")
-    back, first, why_first = one_way(Point(start.z, -start.tangent))
-    turned = [Point(point.z, -point.tangent) for point in back[:0:-1]]
-    return turned + ahead, (first, last), (why_first, why_last)
-
-
-def reason_of(error: Exception) -> str:
-    """What an exception says, with what it came from; of others than NewtonFailed its name, too."""
-    text = str(error) if isinstance(error, NewtonFailed) else f"{type(error).__name__}: {error}"
-    cause = error.__cause__
-    known = cause is None or isinstance(cause, LinAlgError | FloatingPointError | NewtonFailed)
-    if known or str(cause) in text:
-        return text
-    return f"{text} ({type(cause).__name__}: {cause})"
-
-
-def _passes_through(segment: Segment[Equations], point: Point) -> bool:
-    """Whether a point of a branch lies on a segment, away from its beginning."""
-    s, length = segment.reach(point.z), segment.length
-    if not 1e-6 * length < s <= length * (1.0 + 1e-9):
-        return False
-    problem = segment.problem
-    if problem.length(segment.guess(s) - point.z) > 0.1 * length:
-        return False
-    found = problem.at(segment.begin, s, segment.guess(s))
-    return problem.length(found.z - point.z) <= 1e-6 * (1.0 + problem.length(point.z))
-
-
-def folds(segment: Segment[Equations], rtol: float) -> list[float]:
-    """Arc lengths within a segment at which the parameter turns back: none, one or two.
-
-    They are known to rtol times the length of the segment.
-    """
-    first, last = segment.slopes
-    length = segment.length
-    ends = [0.0, length]
-    if first * last > 0.0:
-        # Where the cubic with the ends' parameters and slopes is flattest.
-        mean = (segment.end.p - segment.begin.p) / length
-        bend = 6.0 * (0.5 * (first + last) - mean)
-        share = 0.5 - 0.5 * (last - first) / bend if bend else 0.0
-        flattest = first + share * (last - first - bend * (1.0 - share))
-        if 0.0 < share < 1.0 and flattest / max(first, last, key=abs) < FLAT:
-            ends.insert(1, share * length)
-
-    @cache
-    def slope(s: float) -> Array:
-        return np.array([segment.at(s).tangent[-1]])
-
-    changes = (sign_changes(slope, *pair, rtol * length) for pair in pairwise(ends))
-    return [beyond for pairs in changes for _, beyond in pairs]
-
-
-def sign_changes(
-    values: Callable[[float], Array], low: float, high: float, tolerance: float
-) -> Iterator[tuple[float, float]]:
-    """Where the number of positive values changes: lengths right before and right beyond, in order.
-
-    Values at an arc length are in falling order, so that the one that passes 0 is a continuous
-    function of the length unless others pass with it; they are asked for repeatedly.
-    """
-
-    def count(s: float) -> int:
-        return int(np.count_nonzero(values(s) > 0.0))
-
-    for _ in range(8):  # six on one step are the most that have been met
-        first, last = count(low), count(high)
-        if first == last:
-            return
-        passing = first - (last < first)
-        root = scipy.optimize.brentq(lambda s, i: values(s)[i], low, high, (passing,), tolerance)
-        width = tolerance  # more where rounding hides the change
-        while count(max(low, root - width)) == count(min(root + width, high)):
-            width *= 2.0
-        yield max(low, root - width), min(root + width, high)
-        low = min(root + width, high)
 
 
 # ----------------------------------------------------------------------------- dense equations
@@ -515,6 +368,3 @@ class DenseProblem(Continuation):
     def relative(self, z: Array, step: Array) -> float:
         """Length of a step relative to 1 plus that of the point."""
         return self.length(step) / (1.0 + self.length(z))
-
-    def check(self, z: Array) -> None:
-        """Every point may be followed."""

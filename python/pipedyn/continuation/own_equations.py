@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Continuation of a user's own equations: a branch with its folds and the zeros of test functions.
 
-The engine is that of every branch in the package (`arclength.path`).
+The engine is that of every branch in the package (`tracer.Tracer`).
 """
 
 from __future__ import annotations
@@ -16,22 +16,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.continuation.arclength import (
+from pipedyn.continuation.arclength import Continuation, Control, DenseProblem, Point, Segment
+from pipedyn.continuation.tracer import (
     BranchEnd,
-    Continuation,
-    Control,
-    DenseProblem,
-    Point,
-    Segment,
-    folds,
-    path,
+    TestFunction,
+    Tracer,
     reason_of,
+    special_points,
 )
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged
-from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import Result, TableResult, numbered
 
@@ -165,7 +161,8 @@ def follow(
         raise TypeError(
             f"problem must be a function of x and p, or a Continuation, got {check.shown(problem)}"
         )
-    marks = [_Test(name, test, x, p0) for name, test in given.items()]
+    for name, test in given.items():
+        _test_value(name, test, x, p0)
     try:
         start = _start(solver, np.append(x, p0), high - low)
     except NewtonFailed as error:
@@ -175,34 +172,43 @@ def follow(
             f"no solution to follow was found near x0 at p = {p0:g}: {reason}"
         ) from error
     longest = 0.2 * solver.control.longest
-    solutions, ends, reasons = path(solver, start, bounds, longest, most, Exception)
+    tracer = Tracer[Continuation](bounds, most, Exception)
+    solutions, ends, reasons = tracer.both_ways(solver, start, longest)
     every = np.array([point.z for point in solutions])
     failures = [
-        f"the branch was not followed beyond {_spelled(solutions[k].z)}: {reason}"
-        for k, reason in ((0, reasons[0]), (-1, reasons[1]))
-        if reason
+        f"the branch was not followed beyond {_spelled(solutions[k].z)}: "
+        + (f"it takes more than {most} points" if ends[k] == "points" else reasons[k])
+        for k in (0, -1)
+        if reasons[k]
     ]
     if solver is not problem:
         failures += _proportion(every[:, :-1], scale)
     marked: list[MarkedPoint] = []
+    unknown: dict[str, str] = {}
     for i, (a, b) in enumerate(pairwise(solutions)):
-        segment = Segment(solver, a, b)
-        at: list[tuple[float, str]] = []
+        segment, found = Segment(solver, a, b), list[tuple[float, str]]()
         try:
-            at += [(s, "fold") for s in folds(segment, 1e-10)]
+            found += special_points(segment, 1e-10, ())
         except Exception as error:  # whatever the user's functions raise
             failures.append(
                 f"a fold between {_spelled(a.z)} and {_spelled(b.z)} is not known: "
                 f"{reason_of(error)}"
             )
-        for test in marks:
+        for name, test in given.items():
             # Ends may miss a zero by rounding; the first point of a closed branch is its last.
             near = i == 0 and ends[0] != "closed", i == len(solutions) - 2
-            at += [(s, test.name) for s in test.zeros(segment, near)]
-        for s, kind in sorted(at):
+            try:
+                found += special_points(segment, 0.0, [_UserTest(segment, name, test, near)])
+            except Exception as error:
+                unknown.setdefault(
+                    name,
+                    f"zeros of tests[{str(name)!r}] are not known from {_spelled(a.z)} to "
+                    f"{_spelled(b.z)}, or further on: {reason_of(error)}",
+                )
+        for s, kind in sorted(found):
             z = segment.at(s).z
             marked.append(MarkedPoint(kind, z[:-1].copy(), float(z[-1])))
-    failures += [test.failure for test in marks if test.failure]
+    failures += unknown.values()
     tangents = np.array([point.tangent for point in solutions])
     return Branch(
         every[:, :-1], every[:, -1], tangents, tuple(marked), ends, failures=tuple(failures)
@@ -390,48 +396,51 @@ class _UserEquations:
             )
 
 
-class _Test:
-    """A test function of the user's with its name, called first at a start.
+def _test_value(name: Any, test: Callable[[Array, float], float], x: Array, p: float) -> float:
+    """Value of a test function of the user's; raises TypeError for what gives no number."""
+    return float(_function_value(f"tests[{str(name)!r}]", test, x, p, ()).item())
 
-    Raises:
-        TypeError: for what gives no number.
+
+class _UserTest(TestFunction[Continuation]):
+    """A test function of the user's on a step: where it changes sign, or is 0 at the last point.
+
+    Args:
+        step: the step.
+        name: name of the function.
+        test: the function.
+        near: whether it counts as 0 at the first and at the last point if it is up to rounding.
     """
 
     def __init__(
-        self, name: Any, test: Callable[[Array, float], float], x: Array, p: float
+        self,
+        step: Segment[Continuation],
+        name: Any,
+        test: Callable[[Array, float], float],
+        near: tuple[bool, bool],
     ) -> None:
-        self.name, self.test, self.failure = str(name), test, ""
-        self._value(x, p)
+        super().__init__(step, 1e-13 * step.length)
+        self.name, self.test, self.near = str(name), test, near
 
-    def _value(self, x: Array, p: float) -> float:
-        return float(_function_value(f"tests[{self.name!r}]", self.test, x, p, ()).item())
+    def about(self, s: float) -> Array:
+        """The number that the function gives, shape (1,)."""
+        point = self.step.at(s)
+        found = _test_value(self.name, self.test, point.x, point.p)
+        if not math.isfinite(found):
+            raise NewtonFailed(f"it gives {found:g} at {_spelled(point.z)}")
+        return np.array([found])
 
-    def zeros(self, segment: Segment[Continuation], near: tuple[bool, bool]) -> list[float]:
-        """Arc lengths at which it is 0 on a segment: where it changes sign, or at the last point.
+    def found(self, before: float, beyond: float) -> str:
+        """The name of the function."""
+        return self.name
 
-        At those of the ends that are asked for it counts as 0 if it is up to rounding. Where it
-        gives no number that is the failure.
-        """
-
-        def value(s: float) -> float:
-            point = segment.at(s)
-            found = self._value(point.x, point.p)
-            if not math.isfinite(found):
-                raise NewtonFailed(f"it gives {found:g} at {_spelled(point.z)}")
-            return found
-
-        length = segment.length
-        try:
-            first, last = value(0.0), value(length)
-            if first * last < 0.0:
-                return [float(scipy.optimize.brentq(value, 0.0, length, xtol=1e-13 * length))]
-        except Exception as error:  # whatever the user's function raises
-            self.failure = self.failure or (
-                f"zeros of tests[{self.name!r}] are not known from "
-                f"{_spelled(segment.begin.z)} to {_spelled(segment.end.z)}, or further on: "
-                f"{reason_of(error)}"
-            )
-            return []
+    def zeros(self, low: float, high: float) -> Iterator[tuple[float, str]]:
+        """Zeros on the step, those at its ends among them."""
+        first, last = float(self.at(low)[0]), float(self.at(high)[0])
+        if first * last < 0.0:
+            yield from super().zeros(low, high)
+            return
         rounding = 1e-13 * max(abs(first), abs(last))
-        found = [length] if last == 0.0 or (near[1] and abs(last) < rounding) else []
-        return [0.0, *found] if near[0] and abs(first) <= rounding and last != first else found
+        if self.near[0] and abs(first) <= rounding and last != first:
+            yield low, self.name
+        if last == 0.0 or (self.near[1] and abs(last) < rounding):
+            yield high, self.name

@@ -2,7 +2,7 @@
 """Boundaries of stability of the straight pipe in the plane of two of its numbers.
 
 Curves of flutter and of divergence are found where they meet the window's edges or lines across it,
-and are followed by arc length past folds (`continuation.path`) until they leave the window or
+and are followed by arc length past folds (`continuation.tracer`) until they leave the window or
 close. A curve of the continuous pipe is solved for again in larger bases until its points converge.
 """
 
@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import Control, Point
 from pipedyn.curves.boundary_curves import (
+    CurveTracer,
     TracedCurve,
-    Tracer,
     basis_plane,
     converged_curves,
     first_plane,
@@ -305,7 +305,7 @@ def _bounded(
         def wanted(problem: AxisProblem, z: Array) -> bool:
             return not only_stability or others_unstable(coarse, problem, z) == 0
 
-        tracer = Tracer(coarse, starts, wanted)
+        tracer = CurveTracer(coarse, starts, wanted)
         counts: list[NDArray[np.int_]] = []
         found: list[DoublePoint] = []
         on: list[list[tuple[int, int]]] = []  # for each curve, steps and numbers of points in them
@@ -455,8 +455,7 @@ def _boundary_curve(
     slopes = np.array([point.tangent[[-1, -2]] for point in points])
     words = np.array(["", "supercritical", "subcritical"])
     leading = values[:, 1]
-    changes = np.array([problem.change(point) for point in _points_of_change(curve)])
-    changes = np.resize(changes, len(points))
+    changes = [problem.change(point) for point in _points_of_change(curve)]
     organising = [(step, numbers[i]) for step, i in sorted(steps) if i in numbers]
     which = np.where(np.isnan(leading), 0, np.where(leading < 0.0, 1, 2))
     return BoundaryCurve(
@@ -465,7 +464,7 @@ def _boundary_curve(
         y=places[:, 1],
         frequency=np.array([problem.frequency(point.z) for point in points]),
         unstable=counts,
-        change=changes,
+        change=np.resize(changes, len(points)),
         lyapunov=values[:, 0],
         criticality=words[which],
         error=curve.error,

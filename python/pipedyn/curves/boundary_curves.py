@@ -18,7 +18,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import Control, Point, Segment, path
+from pipedyn.continuation.arclength import Control, Point, Segment
+from pipedyn.continuation.tracer import Tracer
 from pipedyn.equilibrium.axis_problems import (
     AxisProblem,
     CoupledModeProblem,
@@ -120,16 +121,14 @@ class TracedCurve:
         self.problem.renew()
         for a, b in pairwise(self.points[max(0, k - 1) : k + 2]):
             segment = Segment(self.problem, a, b)
-            s, length = segment.reach(z), segment.length
-            if -0.01 * length <= s <= 1.01 * length:
+            if -0.01 <= segment.reach(z) / segment.length <= 1.01:
                 with suppress(NewtonFailed):
-                    found = self.problem.at(a, s, segment.guess(s))
-                    if self.problem.length(found.z - z) <= 100.0 * SAME_POINT:
+                    if segment.miss(z) <= 100.0 * SAME_POINT:
                         return True
         return bool(away[k] <= 100.0 * SAME_POINT)
 
 
-class Tracer:
+class CurveTracer:
     """Follows curves in one plane, each once.
 
     Args:
@@ -162,14 +161,12 @@ class Tracer:
         return self.curves[before:]
 
     def _trace(self, start: Array, kept: int | None) -> None:
-        problem: AxisProblem
+        of: type[AxisProblem] = DivergenceProblem
+        z, meeting = start, self.plane.conservative
         if start.size == 3:
-            meeting = self.plane.conservative
             of = CoupledModeProblem if meeting else FlutterProblem
-            problem = of(self.plane, self.control, self.unit)
             z = start / [self.unit, 1.0, 1.0]
-        else:
-            problem, z = DivergenceProblem(self.plane, self.control), start
+        problem = of(self.plane, self.control, self.unit)
         if kept is not None:
             z = problem.fixed(z, float(z[kept]), kept)
         inside = bool((z[-2:] >= -ON_EDGE).all() and (z[-2:] <= 1.0 + ON_EDGE).all())
@@ -183,7 +180,8 @@ class Tracer:
         begin, limits = problem.starting_at(z), [(-1, 0.0, 1.0), (-2, 0.0, 1.0)]
         if z.size == 3 and not meeting:
             limits.append((0, 0.0, math.inf))
-        points, ends, _ = path(problem, begin, limits, 0.3 * LONGEST_STEP, MOST_BOUNDARY_POINTS)
+        tracer = Tracer[AxisProblem](limits, MOST_BOUNDARY_POINTS)
+        points, ends, _ = tracer.both_ways(problem, begin, 0.3 * LONGEST_STEP)
         if len(points) == 1:
             return  # it touches the window in a corner
         points = [_on_edges(problem, point) for point in points]
@@ -252,34 +250,34 @@ def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[CurveS
         number = LINES_OF_SPEED if by_speed else LINES
         places = [np.full(2, value) for value in plane.lines(1 - along, number)]
 
-        def share_of(value: float, along: int = along) -> float:
-            return float((value - window.low[along]) / window.size[along])
-
+        low, size = float(window.low[along]), float(window.size[along])
         for at in places:
             for value in plane.static_roots(at, along):
-                add(along, at, share_of(value), 0.0)
+                add(along, at, (value - low) / size, 0.0)
         if plane.conservative and not by_speed:
             continue
         if by_speed:
-            end = float(window.low[along] + window.size[along])
-            answers = stability_losses([plane.model_at(at) for at in places], end)
+            answers = stability_losses([plane.model_at(at) for at in places], low + size)
             for at, answer in zip(places, answers, strict=True):
                 if isinstance(answer, Exception):
                     failures.append(f"crossings at {at[1 - along]:.6g}: {answer}")
                     continue
                 for crossing in answer[1]:
+                    share = (crossing.speed - low) / size
                     if plane.conservative:
                         if crossing.kind == "flutter":
                             there = at.copy()
                             there[along] = crossing.speed
-                            add(along, at, share_of(crossing.speed), plane.meeting(there))
+                            add(along, at, share, plane.meeting(there))
                         continue
-                    if crossing.speed >= max(window.low[along], 1e-9) and crossing.frequency:
-                        add(along, at, share_of(crossing.speed), crossing.frequency)
+                    if crossing.speed >= max(low, 1e-9) and crossing.frequency:
+                        add(along, at, share, crossing.frequency)
             if plane.conservative:
                 continue
             for at in places[:: LINES_OF_SPEED // 2]:
-                extremes += [(along, at, *one) for one in plane.extremes(at, along)]
+                extremes += [
+                    (along, at, *one) for one in plane.sections(at, along, halved=False)[1]
+                ]
         else:
             for at in places:
                 if plane.speed_at(at) > 0.0:  # without flow only damping moves roots off the axis

@@ -6,25 +6,23 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cache
-from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import Point, Segment, sign_changes
+from pipedyn.continuation.arclength import Point, Segment
+from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
 from pipedyn.curves.event_onset import Onset
 from pipedyn.curves.event_plane import EVENTS, EventPlane
 from pipedyn.curves.event_problem import EventProblem, Followed, event_angle
 from pipedyn.cycles.limit_cycle import amplitude_of
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.motion.vector_field import VectorField
-from pipedyn.orbits.floquet import UNIT, crossing_event, nontrivial, orbit_multipliers
-from pipedyn.orbits.orbit_continuation import FINE, breaking_part, onward
+from pipedyn.orbits.floquet import UNIT, EventKind, nontrivial, orbit_multipliers
+from pipedyn.orbits.orbit_continuation import FINE, PassingMultiplier, breaking_part, onward
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit, resolved_orbit
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import track
 from pipedyn.util.result import Result
@@ -151,8 +149,63 @@ def _growth_of_others(rest: Complex) -> Array:
     return np.sort(np.log(np.maximum(np.abs(rest), 1e-300) / (1.0 + UNIT)))[::-1]
 
 
-class EventFollower:
-    """Follows the curve of one event.
+class _ResonantAngle(TestFunction[EventProblem]):
+    """The angle of a torus on a step, which passes that of a resonance or its opposite."""
+
+    def __init__(self, step: EventStep, name: str, angle: float) -> None:
+        super().__init__(step, 1e-8 * step.length)
+        self.name, self.angle = name, angle
+
+    def about(self, s: float) -> Array:
+        """Difference of the cosines of both angles, shape (1,)."""
+        return np.array([math.cos(self.step.at(s).z[-2]) - math.cos(self.angle)])
+
+    def found(self, before: float, beyond: float) -> str:
+        """The name of the resonance."""
+        return self.name
+
+
+class _OtherMultipliers(PassingMultiplier[EventProblem]):
+    """Multipliers other than those of the event on a step of its curve."""
+
+    beside_folds = 0.0
+
+    def __init__(
+        self, step: EventStep, follower: EventFollower, begin: _Cycle, end: _Cycle
+    ) -> None:
+        super().__init__(step, 1e-6 * step.length, {0.0: begin.rest, step.length: end.rest})
+        self.follower, self.mirrored = follower, end.orbit.symmetric
+
+    def about(self, s: float) -> Complex:
+        """The other multipliers, or their roots."""
+        point = self.step.at(s)
+        motion = self.follower.plane.family.at(point.p)
+        return self.follower.rest(motion, self.step.problem.orbit(point.z), point.z)
+
+    def at(self, s: float) -> Array:
+        """Logarithms of the moduli."""
+        return _growth_of_others(self.known(s))
+
+    def candidates(self, before: float, beyond: float) -> tuple[Complex, bool]:
+        """All other multipliers."""
+        return self.known(beyond), self.mirrored
+
+    def event(self, before: float, beyond: float, kind: EventKind, multiplier: complex) -> str:
+        """The name of the point at which two events happen at once."""
+        own, values, second = self.follower.kind, self.known(beyond), str(kind)
+        # Where three multipliers meet, errors move them by the cube root of their size.
+        nearest = complex(values[int(np.argmin(np.abs(np.log(np.abs(values)))))])
+        root = -1.0 if own in ("pitchfork", "period doubling") else 1.0
+        if own != "torus" and abs(nearest - root) < 0.1:
+            second = own
+        if second != own:
+            return "-".join(sorted((own, second), key=list[str](EVENTS).index))
+        same = {"fold": "1:1 resonance", "torus": "double torus"}
+        return same.get(own, "1:2 resonance")
+
+
+class EventFollower(Tracer[EventProblem]):
+    """Tracer of the curve of one event.
 
     Args:
         plane: the plane of two numbers.
@@ -161,11 +214,19 @@ class EventFollower:
         onset: onset of the branch of cycles, None for forced motions.
     """
 
+    near_limit = 0.01
+
     def __init__(
         self, plane: EventPlane, kind: Followed, shown: bool, onset: Onset | None = None
     ) -> None:
+        first, last = plane.ranges
+        second, (low, high) = (last, first) if plane.own_first else (first, last)
+        self.own = -3 if kind == "torus" else -2  # index of the branch parameter in z
+        limits = [(-1, *second), (self.own, low / plane.order, high / plane.order)]
+        super().__init__(limits, MOST_EVENT_STEPS)
         self.plane, self.kind, self.shown, self.onset = plane, kind, shown, onset
         self.points, self.failures = list[CyclePoint](), list[str]()
+        self.places = list[_Cycle]()  # of the way that is being followed
         self.how = replace(FINE, longest=LONGEST_EVENT_STEP, tolerance=1e-6, stagnation=1e-5)
 
     def start(self, orbit: PeriodicOrbit) -> tuple[EventProblem, Point]:
@@ -217,26 +278,15 @@ class EventFollower:
         if last != "closed":
             back, first = self._one_way(problem, Point(point.z, -point.tangent))
         places = back[:0:-1] + ahead
-        x, y = (
-            np.array(of)
-            for of in zip(*(self.plane.places(p.second, p.own) for p in places), strict=True)
-        )
+        x, y = np.array([self.plane.places(place.second, place.own) for place in places]).T
         second = np.array([place.second for place in places])
-        turns = {"fold": 1.0, "pitchfork": 1.0, "period doubling": -1.0}
-        multiplier = np.array(
-            [
-                self._multiplier(place) if self.kind == "torus" else turns[self.kind]
-                for place in places
-            ],
-            dtype=complex,
-        )
         return CycleCurve(
             kind=self.kind,
             x=x,
             y=y,
             frequency=np.array([place.orbit.frequency * self.plane.order for place in places]),
             amplitude=np.array([place.amplitude for place in places]),
-            multiplier=multiplier,
+            multiplier=np.array([self._multiplier(place) for place in places]),
             unstable=np.array([place.unstable for place in places]),
             opens=np.array([place.opens for place in places]),
             onset=np.full(len(places), math.nan)
@@ -247,6 +297,9 @@ class EventFollower:
         )
 
     def _multiplier(self, place: _Cycle) -> complex:
+        """The multiplier that makes the event, with a positive imaginary part."""
+        if self.kind != "torus":
+            return complex(-1.0 if self.kind == "period doubling" else 1.0)
         root = complex(np.exp(1j * place.z[-2]))
         value = root**2 if place.orbit.symmetric else root
         return complex(value.real, abs(value.imag))
@@ -257,7 +310,7 @@ class EventFollower:
         motion = self.plane.family.at(second)
         own = orbit.frequency * self.plane.order if self.plane.forced else orbit.u
         opens = problem.opens(point.z) if self.kind == "fold" else 0
-        rest = self._rest(motion, orbit, point.z)
+        rest = self.rest(motion, orbit, point.z)
         amplitude = amplitude_of(motion, orbit)[0]
         vanishing = {
             name: float(np.linalg.norm(odd)) for name, odd in self._odd(problem, point.z).items()
@@ -265,7 +318,7 @@ class EventFollower:
         unstable = int(np.count_nonzero(_growth_of_others(rest) > 0.0))
         return _Cycle(point.z, second, own, orbit, amplitude, rest, opens, vanishing, unstable)
 
-    def _rest(self, motion: VectorField, orbit: PeriodicOrbit, z: Array) -> Complex:
+    def rest(self, motion: VectorField, orbit: PeriodicOrbit, z: Array) -> Complex:
         """Multipliers without those of the event.
 
         For a cycle that is its own mirror image they are their roots over half a period.
@@ -283,60 +336,27 @@ class EventFollower:
 
     def _one_way(self, problem: EventProblem, point: Point) -> tuple[list[_Cycle], str]:
         """Points of the curve from one on, until it leaves the window, ends or is lost; and why."""
-        begin = self.place(problem, point)
-        places = [begin]
+        places = self.places = [self.place(problem, point)]
         steps = onward(problem, point, 0.25 * self.how.longest)
-        try:
-            for step in track(islice(steps, MOST_EVENT_STEPS), None, self.kind, self.shown):
-                problem = step.problem
-                ended = self._ending(step)
-                if ended is not None:
-                    return self._ended(places, ended)
-                if len(places) > 3 and (last := self._closing(step, begin)):
-                    return [*places, *self._passed(step, places[-1], last), begin], "closed"
-                cut = self._cut(step)
-                if cut is step.begin:
-                    return places, "range"
-                end = cut or step.end
-                part = replace(step, end=end)
-                here = self.place(step.problem, end)
-                places += [*self._passed(part, places[-1], here), here]
-                if cut is not None:
-                    return places, "range"
-                if (ended := self._near_end(places, NEAR_END)) is not None:
-                    return self._ended(places, ended)
-        except NewtonFailed as reason:
-            if (ended := self._near_end(places, LEADING_TO_END)) is not None:
-                return self._ended(places, ended)
-            if (last := self._at_edge(problem, places[-1])) is not None:
-                return ([*places, last] if last is not places[-1] else places), "range"
-            self._failed(places[-1], str(reason))
-            return places, "not converged"
-        self._failed(places[-1], f"it takes more than {MOST_EVENT_STEPS} steps")
-        return places, "points"
+        steps = track(steps, None, self.kind, self.shown)
+        _, end, reason = self.one_way(steps, problem, point)
+        if end == "not converged" and (name := self._near_end(LEADING_TO_END)) is not None:
+            return places, name
+        if end in ("points", "not converged"):
+            self._failed(places[-1], reason)
+        return places, end
 
-    def _at_edge(self, problem: EventProblem, place: _Cycle) -> _Cycle | None:
-        """The curve's point on an edge of the window that is near to the last point, if any.
-
-        Beyond an edge there may be no pipes, so that no step can pass it.
-        """
-        second = self.plane.ranges[1 if self.plane.own_first else 0]
-        edge = min(second, key=lambda value: abs(value - place.second))
-        if abs(edge - place.second) > 0.01 * self.plane.family.width:
-            return None
-        if abs(edge - place.second) < 1e-9 * self.plane.family.width:
-            return place
-        try:
-            problem = problem.about(place.z)
-            z = problem.fixed(place.z, edge)
-            return self.place(problem, Point(z, z))
-        except NewtonFailed:
-            return None
-
-    def _ended(self, places: list[_Cycle], end: tuple[_Cycle, str]) -> tuple[list[_Cycle], str]:
-        """The points with the named point at which the curve ends, and its kind."""
-        self.points.append(self._named(end[1], end[0]))
-        return [*places, end[0]], end[1]
+    def note(self, step: EventStep) -> str | None:
+        """Keeps the end of a step and the named points on it, and says why the curve ends."""
+        places = self.places
+        if (name := self._ending(step)) is not None:
+            return name
+        if len(places) > 3 and (last := self._closing(step, places[0])):
+            places += [*self._passed(step, places[-1], last), places[0]]
+            return "closed"
+        here = self.place(step.problem, step.end)
+        places += [*self._passed(step, places[-1], here), here]
+        return None if self.is_over(step.end) else self._near_end(NEAR_END)
 
     def _failed(self, place: _Cycle, reason: str) -> None:
         x, y = self.plane.places(place.second, place.own)
@@ -344,35 +364,12 @@ class EventFollower:
             f"the {self.kind} was not followed beyond ({x:.6g}, {y:.6g}): {reason}"
         )
 
-    def _own_of(self, step: EventStep, z: Array) -> float:
-        orbit = step.problem.orbit(z)
-        return orbit.frequency * self.plane.order if self.plane.forced else orbit.u
-
-    def _cut(self, step: EventStep) -> Point | None:
-        """The point at which a step leaves the window, None where it does not."""
-        first, last = self.plane.ranges
-        second, own = (last, first) if self.plane.own_first else (first, last)
-        places, cuts = {-1: (1.0, second)}, list[Array]()
-        places[-1 - step.problem.extra.size] = float(self.plane.order), own
-        for index, (factor, (low, high)) in places.items():
-            begin, end = (factor * float(p.z[index]) for p in (step.begin, step.end))
-            if low <= end <= high:
-                continue
-            edge = low if end < low else high
-            if (begin - edge) * (end - edge) >= 0.0:
-                return step.begin  # on the edge
-            cuts.append(step.where(edge / factor, index))
-        if not cuts:
-            return None
-        z = min(cuts, key=step.reach)
-        return step.problem.point(z, step.begin.tangent)
-
     def _closing(self, step: EventStep, begin: _Cycle) -> _Cycle | None:
         """The first point of the curve as it is met again, if a step passes it; else None."""
         low, high = sorted((step.begin.p, step.end.p))
         if not low <= begin.second <= high:
             return None
-        own = [self._own_of(step, p.z) for p in (step.begin, step.end)]
+        own = [self.plane.order * p.z[self.own] for p in (step.begin, step.end)]
         if min(abs(value / begin.own - 1.0) for value in own) > 0.1:
             return None
         try:
@@ -406,8 +403,8 @@ class EventFollower:
                 kinds["pitchfork"] = "degenerate pitchfork"
         return {name: breaking_part(orbit, kind) for kind, name in kinds.items()}
 
-    def _ending(self, step: EventStep) -> tuple[_Cycle, str] | None:
-        """The point at which the curve ends, and its kind, if a step passes it; else None."""
+    def _ending(self, step: EventStep) -> str | None:
+        """The kind of the point at which the curve ends, which is kept, if a step passes it."""
         problem = step.problem
         begin, end = (self._odd(problem, point.z) for point in (step.begin, step.end))
         for name in begin.keys() & end.keys():
@@ -417,8 +414,14 @@ class EventFollower:
             before, after = float(np.linalg.norm(here)), float(np.linalg.norm(there))
             meeting = step.length * before / (before + after)
             near = [step.begin, *(step.at(share * meeting) for share in (0.4, 0.7))]
-            return self._limit([self.place(problem, point) for point in near], name), name
+            return self._ends_at([self.place(problem, point) for point in near], name)
         return None
+
+    def _ends_at(self, near: list[_Cycle], name: str) -> str:
+        """Keeps the named point at which the curve ends, to which three points lead."""
+        self.places.append(self._limit(near, name))
+        self.points.append(self._named(name, self.places[-1]))
+        return name
 
     def _limit(self, places: list[_Cycle], name: str) -> _Cycle:
         """The point at which a quantity is 0 that falls towards 0 at three points.
@@ -441,35 +444,32 @@ class EventFollower:
         amplitude = 0.0 if name in ("Bautin", "Hopf") else last.amplitude
         return replace(last, second=second, own=own, orbit=orbit, amplitude=amplitude)
 
-    def _near_end(self, places: list[_Cycle], within: float) -> tuple[_Cycle, str] | None:
+    def _near_end(self, within: float) -> str | None:
         """The named end to which the last three points lead, if the quantity that falls is small.
 
-        It must be smaller than `within`.
+        It must be smaller than `within`. The end is kept.
         """
-        if len(places) < 3:
-            return None
-        for name, size in places[-1].vanishing.items():
-            sizes = [place.vanishing.get(name, 0.0) for place in places[-3:]]
+        near = self.places[-3:]
+        for name, size in near[-1].vanishing.items() if len(near) == 3 else ():
+            sizes = [place.vanishing.get(name, 0.0) for place in near]
             falling = sizes[0] > sizes[1] > sizes[2]
-            measure = places[-1].amplitude if name in ("Bautin", "Hopf") else size
+            measure = near[-1].amplitude if name in ("Bautin", "Hopf") else size
             if falling and measure < within and sizes[2] < 0.8 * sizes[0]:
-                return self._limit(places[-3:], name), name
+                return self._ends_at(near, name)
         return None
 
     def _passed(self, step: EventStep, before: _Cycle, after: _Cycle) -> Iterator[_Cycle]:
         """Points of the curve at the named points that a step passes, which are kept as well."""
-        found = list[tuple[float, str]]()
-        if self.kind == "fold" and before.opens * after.opens < 0:
-            found += [(s, "cusp") for s in self._cusps(step)]
+        tests = list[TestFunction[EventProblem]]()
         if self.kind == "torus":
-            for name, angle in (
-                ("1:3 resonance", 2.0 * math.pi / 3.0),
-                ("1:4 resonance", math.pi / 2),
-            ):
-                found += [(s, name) for s in self._resonances(step, angle)]
+            tests.append(_ResonantAngle(step, "1:3 resonance", 2.0 * math.pi / 3.0))
+            tests.append(_ResonantAngle(step, "1:4 resonance", math.pi / 2))
         if before.unstable != after.unstable:
-            found += self._others(step, before, after)
-        for s, name in sorted(found):
+            tests.append(_OtherMultipliers(step, self, before, after))
+        # At a cusp both parameters turn back.
+        cusps = self.kind == "fold" and before.opens * after.opens < 0
+        for s, found in special_points(step, 1e-6 if cusps else 0.0, tests):
+            name = "cusp" if found == "fold" else found
             place = self.place(step.problem, step.at(s))
             self.points.append(self._named(name, place))
             opens = 0 if name == "cusp" else place.opens
@@ -478,53 +478,3 @@ class EventFollower:
     def _named(self, name: str, place: _Cycle) -> CyclePoint:
         x, y = self.plane.places(place.second, place.own)
         return CyclePoint(name, x, y, place.orbit.frequency * self.plane.order, place.amplitude)
-
-    def _cusps(self, step: EventStep) -> Iterator[float]:
-        """Arc lengths on a step at which the second parameter turns back, as both do at a cusp."""
-
-        def turning(s: float) -> Array:
-            return np.array([step.at(s).tangent[-1]])
-
-        if step.slopes[0] * step.slopes[1] < 0.0:
-            for low, high in sign_changes(turning, 0.0, step.length, 1e-4 * step.length):
-                yield 0.5 * (low + high)
-
-    def _resonances(self, step: EventStep, angle: float) -> Iterator[float]:
-        """Arc lengths on a step at which the angle of a torus passes a value or its opposite."""
-
-        def cosine(s: float) -> float:
-            return math.cos(step.at(s).z[-2]) - math.cos(angle)
-
-        if cosine(0.0) * cosine(step.length) < 0.0:
-            yield float(scipy.optimize.brentq(cosine, 0.0, step.length, xtol=1e-8 * step.length))
-
-    def _others(self, step: EventStep, begin: _Cycle, end: _Cycle) -> Iterator[tuple[float, str]]:
-        """Arc lengths at which other multipliers pass the unit circle, with names of the points."""
-
-        @cache
-        def rest(s: float) -> Complex:
-            point = step.at(s)
-            orbit = step.problem.orbit(point.z)
-            return self._rest(self.plane.family.at(point.p), orbit, point.z)
-
-        mirrored = end.orbit.symmetric
-        known = {0.0: begin.rest, step.length: end.rest}
-        for low, high in sign_changes(
-            lambda s: _growth_of_others(known[s] if s in known else rest(s)),
-            *(0.0, step.length, 1e-4 * step.length),
-        ):
-            values = rest(high)
-            kind, _ = crossing_event(values, mirrored, trivial=False)
-            # Where three multipliers meet, errors move them by the cube root of their size.
-            nearest = complex(values[int(np.argmin(np.abs(np.log(np.abs(values)))))])
-            own = -1.0 if self.kind in ("pitchfork", "period doubling") else 1.0
-            if self.kind != "torus" and abs(nearest - own) < 0.1:
-                kind = self.kind
-            pair = sorted((self.kind, kind), key=EVENTS.index)
-            same: dict[str, str] = {
-                "fold": "1:1 resonance",
-                "pitchfork": "1:2 resonance",
-                "torus": "double torus",
-            }
-            name = same.get(kind, "1:2 resonance") if pair[0] == pair[1] else "-".join(pair)
-            yield 0.5 * (low + high), name

@@ -107,9 +107,8 @@ class Onset:
         s, at = _splines(curve, found)
         (left, right), unit = self._ends, float(curve.frequency.max()) or 1.0
         plane, control = found._plane, Control(longest=1.0)
-        problem: AxisProblem = DivergenceProblem(plane, control)
-        if curve.kind == "flutter":
-            problem = FlutterProblem(plane, control, unit)
+        of: type[AxisProblem] = FlutterProblem if curve.kind == "flutter" else DivergenceProblem
+        problem = of(plane, control, unit)
         speeds = np.full(values.size, math.nan)
         for i, value in enumerate(values.tolist()):
             share = self._share(value)

@@ -114,9 +114,9 @@ def plane_of(branch: CycleBranch | ForcedBranch, names: tuple[str, str], given: 
     own = "u" if isinstance(branch, CycleBranch) else "frequency"
     place = 1 if names[0] == own else 0
     name = names[place]
-    forced = isinstance(branch, ForcedBranch)
-    model = branch.motion.model if isinstance(branch, ForcedBranch) else branch.cycles[0].model
-    order = branch.motion.order if isinstance(branch, ForcedBranch) else 1
+    based = branch.motion if isinstance(branch, ForcedBranch) else None
+    forced, order = based is not None, 1 if based is None else based.order
+    model = branch.cycles[0].model if isinstance(branch, CycleBranch) else branch.motion.model
     motions = list[VectorField]()
     others: tuple[str, ...] = (own, *FORCINGS) if forced else (own,)
     number: PipeNumber | None = None
@@ -133,27 +133,20 @@ def plane_of(branch: CycleBranch | ForcedBranch, names: tuple[str, str], given: 
     ranges = check.window(names, given, (rule, varies) if place == 0 else (varies, rule))
     low, high = ranges[place]
 
-    def model_at(value: float) -> Model:
-        return model if number is None else model.with_pipe(number.changed(model.pipe, value))
-
-    def forced_at(value: float) -> VectorField:
-        assert isinstance(branch, ForcedBranch)
-        forcing = branch.motion.forcing
-        if name == "amplitude":
-            return ForcedField(model, replace(forcing, amplitude=value), order)
-        return ForcedField(model_at(value), forcing, order)
-
     def make(value: float) -> VectorField:
-        if forced:
-            motions.append(forced_at(value))
+        varied = model if number is None else model.with_pipe(number.changed(model.pipe, value))
+        if based is None:
+            motions.append(VectorField(varied))
         else:
-            motions.append(VectorField(model_at(value)))
+            forcing = based.forcing
+            if name == "amplitude":
+                forcing = replace(forcing, amplitude=value)
+            motions.append(ForcedField(varied, forcing, order))
         return motions[-1]
 
     if number is not None:
         value = number.of(model.pipe)
-    else:
-        assert isinstance(branch, ForcedBranch)
+    elif isinstance(branch, ForcedBranch):
         forcing = branch.motion.forcing
         value = forcing.amplitude
         if name == "u":

@@ -11,14 +11,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import Control, Segment, sign_changes
+from pipedyn.continuation.arclength import Control, Segment
+from pipedyn.continuation.tracer import TestFunction
 from pipedyn.curves.boundary_curves import CurveStart, TracedCurve
 from pipedyn.equilibrium.axis_problems import (
     AxisProblem,
@@ -33,7 +33,6 @@ from pipedyn.linear.plane import Plane
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged
-from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed, newton
 from pipedyn.util.result import Result
 
@@ -215,9 +214,7 @@ class DoublePoint:
             z = flutter.fixed(np.array([0.0, *self.at]), 0.0, 0)
             roots = 0.0, 0.0
         else:
-            first = (
-                FlutterProblem(plane, control, low) if low else DivergenceProblem(plane, control)
-            )
+            first = (FlutterProblem if low else DivergenceProblem)(plane, control, low)
             start = [1.0, 1.0, *self.at] if low else [1.0, *self.at]
             z = _both_conditions([FlutterProblem(plane, control, high), first], np.array(start))
             roots = (low * float(z[1]) if low else 0.0), high * float(z[0])
@@ -262,7 +259,7 @@ def double_points(
         if before == after:
             continue
         try:
-            for s, guess in _on_segment(plane, segment):
+            for s, guess in _OtherRoots(segment, plane).zeros(0.0, segment.length):
                 one = guess.solved(plane, curve.problem.control)
                 if one.modes == 2 or not plane.conservative_near(one.at[::-1], AT_EDGE):
                     yield (k, s), one
@@ -313,33 +310,37 @@ def _beside(plane: Plane, problem: AxisProblem, z: Array) -> Array:
     return np.delete(values, np.argmin(np.abs(values)))
 
 
-def _on_segment(plane: Plane, segment: Segment[AxisProblem]) -> Iterator[tuple[float, DoublePoint]]:
-    """Arc lengths on a segment near which another root is on the axis, with approximate points."""
-    problem = segment.problem
+class _OtherRoots(TestFunction[AxisProblem]):
+    """Growth of the roots other than those on the axis, on a step of a curve."""
 
-    @cache
-    def roots(s: float) -> tuple[Complex, Array]:
-        return other_roots(plane, problem, segment.at(s).z)
+    def __init__(self, step: Segment[AxisProblem], plane: Plane) -> None:
+        super().__init__(step, BRACKET * step.length)
+        self.plane = plane
 
-    def growth(s: float) -> Array:
-        if plane.conservative:
-            return -_beside(plane, problem, segment.at(s).z)
-        return roots(s)[1]
+    def about(self, s: float) -> tuple[Complex, Array]:
+        """The other roots, and their growth."""
+        return other_roots(self.plane, self.step.problem, self.step.at(s).z)
 
-    length = segment.length
-    for before, beyond in sign_changes(growth, 0.0, length, BRACKET * length):
-        z = segment.at(beyond).z
+    def at(self, s: float) -> Array:
+        """Growth of the roots; in a conservative pipe the negative stiffnesses."""
+        if self.plane.conservative:
+            return -_beside(self.plane, self.step.problem, self.step.at(s).z)
+        return np.asarray(self.known(s)[1])
+
+    def found(self, before: float, beyond: float) -> DoublePoint | None:
+        """The point at which another root is on the axis, approximately."""
+        plane, problem = self.plane, self.step.problem
+        z = self.step.at(beyond).z
         if plane.conservative_near(z[[-1, -2]], AT_EDGE) and not plane.conservative:
-            continue
-        found, grown = roots(beyond)
-        least = min(_unstable(roots(before)[1]), _unstable(grown))
+            return None
+        found, grown = self.known(beyond)
+        least = min(_unstable(self.known(before)[1]), _unstable(grown))
         # Where two eigenvalues of a symmetric K pass 0 at once, it lacks two ranks.
         if plane.conservative or (problem.kind == "divergence" and _lacks_two_ranks(plane, z)):
-            yield beyond, DoublePoint((0.0, 0.0), z[-2:], least, modes=2)
-            continue
-        passing = abs(float(found[np.argmin(np.abs(growth(beyond)))].imag))
-        pair = sorted((passing if passing > STATIC else 0.0, problem.frequency(z)))
-        yield beyond, DoublePoint((pair[0], pair[1]), z[-2:], least)
+            return DoublePoint((0.0, 0.0), z[-2:], least, modes=2)
+        passing = abs(float(found[np.argmin(np.abs(self.at(beyond)))].imag))
+        low, high = sorted((passing if passing > STATIC else 0.0, problem.frequency(z)))
+        return DoublePoint((low, high), z[-2:], least)
 
 
 def _lacks_two_ranks(plane: Plane, z: Array) -> bool:
@@ -454,29 +455,48 @@ def changes_of_criticality(
     for k, segment in enumerate(curve.segments()):
         if counts[k] or counts[k + 1] or not leading[k] * leading[k + 1] < 0.0:
             continue
-        problem, length = segment.problem, segment.length
-
-        def value(s: float, segment: Segment[AxisProblem] = segment) -> float:
-            found = coefficients(plane, segment.problem, segment.at(s).z)[1]
-            if np.isnan(found):
-                raise NewtonFailed("the criticality is not known all along the step")
-            return found
-
-        kind: PointKind = "Bautin" if problem.kind == "flutter" else "degenerate pitchfork"
+        test = _Criticality(segment, plane, leading[k : k + 2])
         try:
-            z = segment.at(scipy.optimize.brentq(value, 0.0, length, xtol=1e-11 * length)).z
-            left = value(segment.reach(z))
+            # Rounding may show more than one zero where there is one.
+            _, point = next(test.zeros(0.0, segment.length), (0.0, None))
         except (NewtonFailed, ValueError) as error:
-            x, y = problem.place(segment.begin.z)
+            x, y = curve.problem.place(segment.begin.z)
             yield (
-                f"a point of kind {kind} near ({x:.6g}, {y:.6g}), where the criticality changes, "
-                f"was not solved for: {error}"
+                f"a point of kind {test.kind} near ({x:.6g}, {y:.6g}), where the criticality "
+                f"changes, was not solved for: {error}"
             )
             continue
-        if abs(left) > 1e-3 * max(abs(leading[k]), abs(leading[k + 1])):
-            continue  # the coefficient passes through infinity, as it does where two pairs meet
-        if plane.conservative_near(z[[-1, -2]], AT_EDGE):
-            continue
+        if point is not None:
+            yield k, point
+
+
+class _Criticality(TestFunction[AxisProblem]):
+    """What decides the criticality on a step of a curve; `ends` has its values at the ends."""
+
+    def __init__(self, step: Segment[AxisProblem], plane: Plane, ends: Array) -> None:
+        known = {0.0: ends[:1], step.length: ends[1:]}
+        super().__init__(step, 1e-11 * step.length, known)
+        self.plane, self.largest = plane, float(np.abs(ends).max())
+        flutter = step.problem.kind == "flutter"
+        self.kind: PointKind = "Bautin" if flutter else "degenerate pitchfork"
+
+    def about(self, s: float) -> Array:
+        """The coefficient that decides, shape (1,)."""
+        found = coefficients(self.plane, self.step.problem, self.step.at(s).z)[1]
+        if np.isnan(found):
+            raise NewtonFailed("the criticality is not known all along the step")
+        return np.array([found])
+
+    def found(self, before: float, beyond: float) -> OrganisingPoint | None:
+        """The point at which the coefficient is 0; None where it passes through infinity.
+
+        It does so where two pairs meet.
+        """
+        middle = 0.5 * (before + beyond)
+        z, problem = self.step.at(middle).z, self.step.problem
+        infinite = abs(float(self.at(middle)[0])) > 1e-3 * self.largest
+        if infinite or self.plane.conservative_near(z[[-1, -2]], AT_EDGE):
+            return None
         x, y = problem.place(z)
         omega = problem.frequency(z)
-        yield k, OrganisingPoint(kind, float(x), float(y), (omega,) if omega else (), 0)
+        return OrganisingPoint(self.kind, float(x), float(y), (omega,) if omega else (), 0)

@@ -10,16 +10,15 @@ passes names it. Cycles that leave a branch at pitchforks and period doublings a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
 from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.attraction.motion_ends import Failed
-from pipedyn.continuation.arclength import folds, sign_changes
+from pipedyn.continuation.tracer import Tracer, special_points
 from pipedyn.cycles.limit_cycle import (
     ON_BRANCH,
     LimitCycle,
@@ -35,11 +34,12 @@ from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.base import BALANCED, Model
 from pipedyn.motion.vector_field import VectorField
+from pipedyn.orbits.collocation import OrbitProblem
 from pipedyn.orbits.floquet import (
     LARGEST_ERROR,
     EventKind,
-    crossing_event,
     log_moduli,
+    nontrivial,
     orbit_multipliers,
     quick_multipliers,
 )
@@ -48,6 +48,7 @@ from pipedyn.orbits.orbit_continuation import (
     BranchStart,
     Grazing,
     Meeting,
+    PassingMultiplier,
     Step,
     both_ways,
     followed_past_grazing,
@@ -70,10 +71,6 @@ from pipedyn.util.units import SPEED
 SAME_CYCLE = 1e-4
 """Relative difference below which two cycles, or the speeds of two events, are the same: measured,
 orbits on a coarse mesh (`orbit_continuation.COARSE`) are off by 4e-6 at most."""
-
-NEAR_FOLD = 0.02
-"""Share of a step around a fold in which its multiplier is too near to the trivial one: measured at
-five folds, both are 1e-5 from 1 at the fold, here the one 9e-4 to 0.1, the other 3e-5 at most."""
 
 UNSURE = 4
 """Steps from the first such cycle on after which a branch ends: they show whether its period grows
@@ -345,7 +342,55 @@ CycleOnStep = tuple[float, LimitCycle, CycleEvent | None]
 """What lies on a step: arc length from its beginning, cycle, and what happens there."""
 
 
-class _Follower:
+class _PassingOfCycles(PassingMultiplier[OrbitProblem]):
+    """Multipliers of the cycles on a step, between folds.
+
+    Args:
+        step: the step.
+        motion: the equations of motion.
+        how: how the cycles are found, in words.
+        first: the cycle at the beginning, if it is known.
+    """
+
+    def __init__(self, step: Step, motion: VectorField, how: str, first: LimitCycle | None) -> None:
+        super().__init__(step, 3e-5 * step.length)
+        self.motion, self.how = motion, how
+        self._cycles = {} if first is None else {0.0: first}
+
+    def cycle(self, s: float) -> LimitCycle:
+        """The cycle at an arc length."""
+        if s not in self._cycles:
+            self._cycles[s] = on_branch(
+                self.motion, orbit_at(self.step, s), FINE.defect, SAMPLES_A_CYCLE, self.how
+            )
+        return self._cycles[s]
+
+    def about(self, s: float) -> Array:
+        """Logarithms of the moduli of all multipliers but the trivial one."""
+        quick = quick_multipliers(self.motion, orbit_at(self.step, s), ON_BRANCH)
+        return log_moduli(self.cycle(s).multipliers if quick is None else quick)
+
+    def candidates(self, before: float, beyond: float) -> tuple[Complex, bool]:
+        """All multipliers but the trivial one, right beyond."""
+        cycle = self.cycle(beyond)
+        roots = cycle.multipliers
+        if cycle.symmetric:
+            roots = orbit_multipliers(self.motion, cycle.orbit)[1]
+        return nontrivial(roots), cycle.symmetric
+
+    def event(
+        self, before: float, beyond: float, kind: EventKind, multiplier: complex
+    ) -> tuple[CycleEvent, bool] | None:
+        """The event, and whether a cycle beside it is stable; folds are found by the tangent."""
+        if kind == "fold":
+            return None
+        first, last = self.step.at(before).p, self.cycle(beyond)
+        speed, error = 0.5 * (first + last.u), 0.5 * abs(first - last.u)
+        stable = last.stable or not self.positive(before)
+        return CycleEvent(kind, speed, error, multiplier, last.amplitude), stable
+
+
+class _Follower(Tracer[OrbitProblem]):
     """A branch in the making, one way from a start, and from an event if it begins at one."""
 
     def __init__(
@@ -357,6 +402,7 @@ class _Follower:
         failed: list[Failed],
         fastest: float = 0.0,
     ) -> None:
+        super().__init__(most=options.most)
         self.motion, self.start, self.begin, self.options = motion, start, begin, options
         self.failed, self.fastest = failed, fastest
         self.onset, self.events = math.nan, list[CycleEvent]()
@@ -371,90 +417,91 @@ class _Follower:
         self.closed = False
         self.repeats = False  # goes on as a branch that is known
         self.again: float | None = None  # speed of a cycle that was passed before
-        self.grazed = False  # whether the next step begins beyond where a stop is grazed
+        self.here = start.orbit  # up to which it was followed
+        self.last: LimitCycle | None = None  # the cycle there, if it is known and kept
+        self.passed, self.frequencies = list[float](), list[float]()
+        self.beyond = self.unsure = 0  # steps in a row outside the speeds, and with unsure cycles
 
     def run(self) -> None:
-        """Follows the branch until it ends, is far from the speeds or its steps run out.
+        """Follows the branch until it ends, is far from the speeds or its steps run out."""
+        _, end, reason = self.one_way(self._steps())
+        if end == "points":
+            reason = "its steps ran out; cycles= allows more"
+        elif end != "not converged":
+            return
+        frequencies = self.frequencies
+        falling = len(frequencies) > 3 and frequencies[-1] < frequencies[-3]
+        slow = falling and frequencies[-1] < 0.5 * max(frequencies)
+        if slow or _steepness(self.passed, frequencies) < STEEP:
+            self._ends("infinite period", self.here)
+            return
+        self._ends("end", self.here)
+        self._fails(self.here, reason)
+
+    def note(self, step: Step) -> str | None:
+        """Keeps what lies on a step, and says why the branch ends there.
 
         Beyond the speeds given multipliers are not computed.
         """
-        here, beyond, unsure, last = self.start.orbit, 0, 0, None
-        speeds, passed, frequencies = self.options.speeds, list[float](), list[float]()
-        lowest = min(float(speeds[speeds > 0.0][0]), here.u) / BEYOND
-        highest = max(float(speeds[-1]), here.u) * BEYOND
-        try:
-            steps = self._steps()
-            if self.begin is None:
-                last = self._finished(here)
-                if last is not None:
-                    self._take([(0.0, last, None)])
-            else:  # up to its first orbit
-                first = next(steps)
-                self._take(self._at_speeds(first, self._leaving(first)))
-            for step in steps:
-                if self.grazed:  # this step does not begin where the last one ended
-                    last, self.grazed = None, False
-                met = self._met(step)
-                if met is not None:
-                    step = met[1].whole
-                here = orbit_at(step, step.length)
-                frequencies.append(here.frequency)
-                passed.append(here.u)
-                low, high = sorted((step.begin.p, here.u))
-                if unsure:
-                    unsure += 1
-                elif low <= speeds[-1] and high >= speeds[0]:
-                    last, beyond = self._noted(step, last), 0
-                    unsure = int(last.multiplier_error > LARGEST_ERROR)
-                    if self.again is not None:
-                        self._forget_repeated()
-                        raise NewtonFailed(
-                            f"it leads back to the cycle at u = {self.again:g}, so that a step "
-                            "went over to another branch, which is closed"
-                        )
-                else:
-                    last, beyond = None, beyond + 1
-                if met is not None:
-                    kind, meets = met
-                    if last is not None:
-                        self._take(self._at_speeds(meets.last, meets.last))
-                    self._ends(kind, replace(here, u=meets.last.end.p), meets.error)
-                    return
-                slow = frequencies[-1] < 0.5 * max(self.fastest, *frequencies)
-                if slow and _steepness(passed, frequencies) < VERTICAL:
-                    self._ends("infinite period", here, abs(passed[-1] - passed[-2]))
-                    if not self.cycles and last is not None:
-                        error = last.multiplier_error
-                        self._fails(here, f"its multipliers are known to {error:.1e} only")
-                    return
-                if unsure == UNSURE and last is not None:
-                    error = last.multiplier_error
-                    raise NewtonFailed(f"its multipliers are known to {error:.1e} only")
-                if self.closed or self.repeats or not lowest < here.u < highest:
-                    return
-                if len(passed) > WINDING and self._winds(passed[-WINDING:]):
-                    width = max(passed[-WINDING:]) - min(passed[-WINDING:])
-                    self._ends("end", here)
-                    self._fails(
-                        here,
-                        f"for {WINDING} steps it has wound within {width:.1e} of the speed: speeds "
-                        "closer together show more",
-                    )
-                    return
-                if len(frequencies) == self.options.most:
-                    raise NewtonFailed("its steps ran out; cycles= allows more")
-                if beyond == MOST_BEYOND:
-                    raise NewtonFailed(f"after {beyond} steps it has not come back")
-                if last is None and here.edges.size > INTERVALS_BEYOND:
-                    raise NewtonFailed(f"beyond the speeds it takes {here.edges.size} intervals")
-        except NewtonFailed as reason:
-            falling = len(frequencies) > 3 and frequencies[-1] < frequencies[-3]
-            slow = falling and frequencies[-1] < 0.5 * max(frequencies)
-            if slow or _steepness(passed, frequencies) < STEEP:
-                self._ends("infinite period", here)
-                return
+        speeds = self.options.speeds
+        met = self._met(step)
+        if met is not None:
+            step = met[1].whole
+        here = self.here = orbit_at(step, step.length)
+        self.frequencies.append(here.frequency)
+        self.passed.append(here.u)
+        low, high = sorted((step.begin.p, here.u))
+        if self.unsure:
+            self.unsure += 1
+        elif low <= speeds[-1] and high >= speeds[0]:
+            self.last, self.beyond = self._noted(step), 0
+            self.unsure = int(self.last.multiplier_error > LARGEST_ERROR)
+            if self.again is not None:
+                self._forget_repeated()
+                raise NewtonFailed(
+                    f"it leads back to the cycle at u = {self.again:g}, so that a step went over "
+                    "to another branch, which is closed"
+                )
+        else:
+            self.last, self.beyond = None, self.beyond + 1
+        if met is not None:
+            kind, meets = met
+            if self.last is not None:
+                self._take(self._at_speeds(meets.last, meets.last))
+            self._ends(kind, replace(here, u=meets.last.end.p), meets.error)
+            return kind
+        return self._is_left()
+
+    def _is_left(self) -> str | None:
+        """Why a branch is followed no further than to where it is; None where it goes on."""
+        here, last, passed = self.here, self.last, self.passed
+        speeds, first = self.options.speeds, self.start.orbit.u
+        unknown = "" if last is None else f"known to {last.multiplier_error:.1e} only"
+        slow = self.frequencies[-1] < 0.5 * max(self.fastest, *self.frequencies)
+        if slow and _steepness(passed, self.frequencies) < VERTICAL:
+            self._ends("infinite period", here, abs(passed[-1] - passed[-2]))
+            if not self.cycles and unknown:
+                self._fails(here, f"its multipliers are {unknown}")
+            return "infinite period"
+        if self.unsure == UNSURE and unknown:
+            raise NewtonFailed(f"its multipliers are {unknown}")
+        lowest = min(float(speeds[speeds > 0.0][0]), first) / BEYOND
+        if self.closed or self.repeats or not lowest < here.u < max(speeds[-1], first) * BEYOND:
+            return "range"
+        if len(passed) > WINDING and self._winds(passed[-WINDING:]):
+            width = max(passed[-WINDING:]) - min(passed[-WINDING:])
             self._ends("end", here)
-            self._fails(here, str(reason))
+            self._fails(
+                here,
+                f"for {WINDING} steps it has wound within {width:.1e} of the speed: speeds closer "
+                "together show more",
+            )
+            return "end"
+        if self.beyond == MOST_BEYOND:
+            raise NewtonFailed(f"after {self.beyond} steps it has not come back")
+        if last is None and here.edges.size > INTERVALS_BEYOND:
+            raise NewtonFailed(f"beyond the speeds it takes {here.edges.size} intervals")
+        return None
 
     def _winds(self, passed: list[float]) -> bool:
         """Whether a branch stays at about one speed, between those given."""
@@ -464,14 +511,28 @@ class _Follower:
         return between and high - low < NARROW * self.options.finest
 
     def _steps(self) -> Iterator[Step]:
-        """Steps along the branch, past places where its cycles begin or cease to touch a stop."""
-        steps = followed_past_grazing(self.motion, self.start, FINE, self._grazes)
-        return track(steps, None, f"cycles {self.how}", self.options.shown)
+        """Steps along the branch, past places where its cycles begin or cease to touch a stop.
+
+        From an event, they begin at the first orbit; what is on the way to it is kept.
+        """
+        followed = followed_past_grazing(self.motion, self.start, FINE, self._grazes)
+        steps = track(followed, None, f"cycles {self.how}", self.options.shown)
+        if self.begin is None:
+            self.last = self._finished(self.here)
+            if self.last is not None:
+                self._take([(0.0, self.last, None)])
+        else:
+            first = next(steps)
+            self._take(self._at_speeds(first, self._leaving(first)))
+        yield from steps
 
     def _grazes(self, grazing: Grazing) -> None:
-        """Notes where its cycles begin or cease to touch a stop."""
+        """Notes where its cycles begin or cease to touch a stop.
+
+        The next step does not begin where the last one ended.
+        """
         self._note("grazing", grazing.middle, grazing.error)
-        self.grazed = True
+        self.last = None
         speeds = self.options.speeds
         for u in speeds[np.abs(speeds - grazing.middle.u) < grazing.error].tolist():
             self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: it grazes a stop there", u)))
@@ -521,30 +582,26 @@ class _Follower:
                 return kind, met
         return None
 
-    def _noted(self, step: Step, last: LimitCycle | None) -> LimitCycle:
-        """Keeps what lies on a step and its events; the cycle at its end.
-
-        `last` is the cycle at its beginning, if that is known and kept.
-        """
-        orbit = cache(partial(orbit_at, step))
-
-        @cache
-        def cycle(s: float) -> LimitCycle:
-            if s == 0.0 and last is not None:
-                return last
-            return on_branch(self.motion, orbit(s), FINE.defect, SAMPLES_A_CYCLE, self.how)
-
-        @cache
-        def passing(s: float) -> Array:
-            quick = quick_multipliers(self.motion, orbit(s), ON_BRANCH)
-            return log_moduli(cycle(s).multipliers if quick is None else quick)
-
-        length = step.length
-        found: list[CycleOnStep] = [] if last is not None else [(0.0, cycle(0.0), None)]
-        found.append((length, cycle(length), None))
-        if max(cycle(s).multiplier_error for s in (0.0, length)) <= LARGEST_ERROR:
-            turns = folds(step, 1e-5)  # the speed of a fold is known to the square of that
-            found += self._events(step, turns, cycle, passing)
+    def _noted(self, step: Step) -> LimitCycle:
+        """Keeps what lies on a step and its events; the cycle at its end."""
+        first, length = self.last, step.length
+        on = _PassingOfCycles(step, self.motion, self.how, first)
+        found: list[CycleOnStep] = [] if first is not None else [(0.0, on.cycle(0.0), None)]
+        found.append((length, on.cycle(length), None))
+        if max(on.cycle(s).multiplier_error for s in (0.0, length)) <= LARGEST_ERROR:
+            # The speed of a fold is known to the square of the length to which it is located.
+            turns = list[float]()
+            for s, special in special_points(step, 1e-5, [on]):
+                cycle = on.cycle(s)
+                if special == "fold":
+                    turns.append(s)
+                    error = max(abs(step.at(s + 1e-3 * length).p - cycle.u), 1e-9)
+                    event = CycleEvent("fold", cycle.u, error, 1.0 + 0j, cycle.amplitude)
+                else:
+                    event, stable = special
+                    if event.kind != "torus" and self.options.holds(event.speed):
+                        self.forks.append((event, cycle.orbit, stable))
+                found.append((s, cycle, event))
             for part in step.parts(turns):
                 found += self._at_speeds(step, part)
         known = self.options.known
@@ -552,7 +609,7 @@ class _Follower:
             self.repeats = True
             found = [one for one in found if one[0] < min(repeated)]
         self._take(found)
-        return cycle(length)
+        return on.cycle(length)
 
     def _take(self, found: Iterable[CycleOnStep]) -> None:
         """Keeps events on a step, and cycles known well enough, in order along the branch."""
@@ -561,37 +618,6 @@ class _Follower:
                 self.cycles.append(cycle)
             if event is not None:
                 self.events.append(event)
-
-    def _events(
-        self,
-        step: Step,
-        turns: list[float],
-        cycle: Callable[[float], LimitCycle],
-        passing: Callable[[float], Array],
-    ) -> Iterator[CycleOnStep]:
-        """Folds, at known lengths, and where multipliers cross the unit circle between them."""
-        length = step.length
-        for s in turns:
-            a = cycle(s)
-            error = max(abs(step.at(s + 1e-3 * length).p - a.u), 1e-9)
-            yield s, a, CycleEvent("fold", a.u, error, 1.0 + 0j, a.amplitude)
-        near = NEAR_FOLD * length
-        ends = [0.0, *(s + side for s in turns for side in (-near, near)), length]
-        for low, high in zip(ends[::2], ends[1::2], strict=True):
-            if not low < high:
-                continue
-            for before, beyond in sign_changes(passing, low, high, 3e-5 * length):
-                b, at = cycle(beyond), step.at(before).p
-                roots = orbit_multipliers(self.motion, b.orbit)[1] if b.symmetric else b.multipliers
-                kind, multiplier = crossing_event(roots, b.symmetric)
-                if kind == "fold":
-                    continue
-                speed, error = 0.5 * (at + b.u), 0.5 * abs(at - b.u)
-                event = CycleEvent(kind, speed, error, multiplier, b.amplitude)
-                if kind != "torus" and self.options.holds(speed):
-                    stable = b.stable or not (passing(before) > 0.0).any()
-                    self.forks.append((event, b.orbit, stable))
-                yield beyond, b, event
 
     def _at_speeds(self, step: Step, part: Step) -> Iterator[CycleOnStep]:
         """The cycles at the speeds given on a part of a step, but for its beginning."""

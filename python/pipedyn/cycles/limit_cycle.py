@@ -21,14 +21,7 @@ import numpy as np
 from pipedyn.attraction.motion_ends import FAR_BACK, Case, motion_ends
 from pipedyn.attraction.motion_options import MotionOptions
 from pipedyn.attraction.records import Stretch
-from pipedyn.attraction.regions import NOWHERE, Excitation
-from pipedyn.attraction.solutions import (
-    CLOSELY,
-    LARGEST_CYCLE,
-    ROUGHLY,
-    last_period,
-    run_through_once,
-)
+from pipedyn.attraction.regions import NOWHERE
 from pipedyn.equilibrium.equilibria import Statics
 from pipedyn.equilibrium.hopf import Hopf, hopf, hopf_point
 from pipedyn.linear.critical_speed import crossings
@@ -45,9 +38,16 @@ from pipedyn.motion.simulate import (
     slight_bend,
     state_of,
 )
-from pipedyn.motion.vector_field import VectorField
+from pipedyn.motion.vector_field import Excitation, VectorField
 from pipedyn.orbits.collocation import residual, solved
 from pipedyn.orbits.floquet import MULTIPLIER_TOLERANCE, nontrivial, orbit_multipliers
+from pipedyn.orbits.from_motion import (
+    CLOSELY,
+    LARGEST_CYCLE,
+    ROUGHLY,
+    last_period,
+    run_through_once,
+)
 from pipedyn.orbits.orbit_continuation import COARSE, breaking_part, continued, solved_anew
 from pipedyn.orbits.periodic_orbit import (
     ORBIT_STAGES,
@@ -267,7 +267,9 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
         states = motion.model.from_user(start.q, start.qdot)
         x, velocity = start.tip[:, 0], start.tip_velocity[:, 0]
         stretch = Stretch.of(start.t, states, x, velocity, 1e-6)
-        _, guess = last_period(motion.model, Excitation(u), stretch, FAR_BACK)
+        _, guess = last_period(
+            *(motion.model, Excitation(u), (stretch.t, states), stretch.recurrence(0.0), FAR_BACK)
+        )
         orbit = solved(motion, guess, COARSE.tolerance)
         _, orbit = run_through_once(motion.model, Excitation(u), motion, orbit, ROUGHLY)
         return as_symmetric(motion, orbit), "from a motion"

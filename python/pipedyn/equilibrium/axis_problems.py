@@ -59,17 +59,17 @@ class AxisProblem(DenseProblem):
     Args:
         plane: gives the matrices at each point of the window.
         control: how steps along a curve are taken.
-        size: number of unknowns.
+        unit: unit of frequency, of no effect where none is among the unknowns.
     """
 
-    kind: CrossingKind
-    unit = 0.0
+    kind: CrossingKind = "flutter"
+    unknowns = 2
 
-    def __init__(self, plane: Plane, control: Control, size: int) -> None:
+    def __init__(self, plane: Plane, control: Control, unit: float = 1.0) -> None:
         # Lengths are those in the window scaled to a square, and a unit of frequency is as long as
         # one of its sides.
-        super().__init__(self._equations, size, math.sqrt(size), control)
-        self.plane = plane
+        super().__init__(self._equations, self.unknowns, math.sqrt(self.unknowns), control)
+        self.plane, self.unit = plane, unit
         self._borders: Borders | None = None
 
     def place(self, z: Array) -> Array:
@@ -89,7 +89,7 @@ class AxisProblem(DenseProblem):
 
     def on_other(self, plane: Plane) -> AxisProblem:
         """These equations with the matrices of another plane, such as those of a larger basis."""
-        raise NotImplementedError
+        return type(self)(plane, self.control, self.unit)
 
     def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
         raise NotImplementedError
@@ -172,16 +172,6 @@ def _largest_real(v: NDArray[Any]) -> Array:
 class FlutterProblem(AxisProblem):
     """Flutter, a pair on the axis: z = (omega / unit, y, x), y and x as shares of the window."""
 
-    kind: CrossingKind = "flutter"
-
-    def __init__(self, plane: Plane, control: Control, unit: float) -> None:
-        super().__init__(plane, control, 2)
-        self.unit = unit
-
-    def on_other(self, plane: Plane) -> FlutterProblem:
-        """These equations with the matrices of another plane."""
-        return FlutterProblem(plane, self.control, self.unit)
-
     def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
         share = max(float(x[0]), LEAST)
         omega = self.unit * share
@@ -214,13 +204,7 @@ class DivergenceProblem(AxisProblem):
     """Divergence, a real eigenvalue 0: z = (y, x) as shares of the window."""
 
     kind: CrossingKind = "divergence"
-
-    def __init__(self, plane: Plane, control: Control) -> None:
-        super().__init__(plane, control, 1)
-
-    def on_other(self, plane: Plane) -> DivergenceProblem:
-        """These equations with the matrices of another plane."""
-        return DivergenceProblem(plane, self.control)
+    unknowns = 1
 
     def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
         matrices, by_x, by_y = self.plane.matrices(self.place(np.append(x, p)))
@@ -241,16 +225,6 @@ class CoupledModeProblem(AxisProblem):
     the equations are g = 0 and dg/ds = 0. Where s > 0 the pairs meet on the axis at the frequency
     sqrt(s) and leave it; where s < 0 two growing real roots meet and become a growing pair.
     """
-
-    kind: CrossingKind = "flutter"
-
-    def __init__(self, plane: Plane, control: Control, unit: float) -> None:
-        super().__init__(plane, control, 2)
-        self.unit = unit
-
-    def on_other(self, plane: Plane) -> CoupledModeProblem:
-        """These equations with the matrices of another plane."""
-        return CoupledModeProblem(plane, self.control, self.unit)
 
     def frequency(self, z: Array) -> float:
         """Angular frequency of the pairs that meet on the axis; 0 where real roots meet."""

@@ -12,21 +12,15 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import field, replace
-from functools import cache, cached_property
+from functools import cached_property
 from itertools import product
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import (
-    Control,
-    DenseProblem,
-    Point,
-    Segment,
-    folds,
-    sign_changes,
-)
+from pipedyn.continuation.arclength import Control, DenseProblem, Point, Segment
+from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.neutral import beyond_rounding, eigenvalues_of, grows
 from pipedyn.models.base import BALANCED, Model, Operators
@@ -880,9 +874,11 @@ def equilibrium_branch(
         except NewtonFailed as error:
             raise NotConverged(f"the equilibrium at u = {u0:g} is a branch point") from error
         up = Point(down.z, -down.tangent)
-        back, ahead = (_Way(statics, branch, point, (low, high)) for point in (down, up))
-        end = back.run()
-        ends = end, "closed" if end == "closed" else ahead.run()
+        back, ahead = (
+            _EquilibriumTracer(statics, point, step, (low, high)) for point in (down, up)
+        )
+        end = back.followed(branch)
+        ends = end, "closed" if end == "closed" else ahead.followed(branch)
     points, growth = back.points[:0:-1] + ahead.points, back.growth[:0:-1] + ahead.growth
     q = statics.to_user(np.array([point.x for point in points]))
     unstable = np.array([np.count_nonzero(one > 0.0) for one in growth])
@@ -898,54 +894,57 @@ def equilibrium_branch(
     )
 
 
-class _Way:
-    """A branch of equilibria followed one way from one of its points.
+class _GrowthOnStep(TestFunction[DenseProblem]):
+    """The growth of small motions about equilibria on a step, up to an arc length."""
 
-    It gets points at the lowest and highest speed, and wherever it passes the speed at which it
-    began.
+    def __init__(
+        self, step: Segment[DenseProblem], statics: Statics, until: float, first: Array
+    ) -> None:
+        super().__init__(step, 1e-10 * (1.0 + until), {0.0: first})
+        self.statics = statics
+
+    def about(self, s: float) -> Array:
+        """The growth, as `Statics.growth` gives it."""
+        point = self.step.at(s)
+        return self.statics.growth(point.x, abs(point.p))
+
+    def found(self, before: float, beyond: float) -> Change:
+        """The kind of the change: that of a pair if the number of eigenvalues changes by two."""
+        if (self.positive(beyond) - self.positive(before)) % 2 == 0:
+            return "hopf"
+        return "pitchfork" if self.statics.straight(self.step.at(beyond).x) else "branch point"
+
+
+class _EquilibriumTracer(Tracer[DenseProblem]):
+    """Tracer of a branch of equilibria, one way from one of its points.
+
+    The branch gets a point wherever it passes the speed at which it began.
     """
 
     def __init__(
-        self, statics: Statics, branch: DenseProblem, start: Point, ends: tuple[float, float]
+        self, statics: Statics, start: Point, longest: float, speeds: tuple[float, float]
     ) -> None:
-        self.statics, self.branch = statics, branch
-        self.marks = ends[0], start.p, ends[1]
-        self.longest = branch.control.longest
+        super().__init__([(-1, *speeds)], MOST_POINTS // 2)
+        self.statics, self.longest = statics, longest
         self.points, self.growth = [start], [statics.growth(start.x, abs(start.p))]
         self.changes: list[BranchPoint] = []
 
-    def run(self) -> str:
-        """Follows the branch, and says why it ends."""
-        low, first, high = self.marks
-        a = self.points[0]
-        steps = self.branch.segments(a, 0.2 * self.longest, [(-1, p) for p in self.marks])
-        while len(self.points) < MOST_POINTS // 2:
-            if (a.p <= low and a.tangent[-1] < 0.0) or (a.p >= high and a.tangent[-1] > 0.0):
-                return "range"
-            try:
-                segment = next(steps)
-                joined = self._record(segment)
-            except NewtonFailed:
-                return "not converged"
-            if joined:
-                return "pitchfork"
-            a = b = segment.end
-            if float(np.abs(b.x).max()) > TEN_TURNS:
-                return "far"
-            if b.p == first and float(np.abs(b.x - self.points[0].x).max()) < DISTINCT:
-                return "closed"
-        return "points"
+    def followed(self, branch: DenseProblem) -> str:
+        """Why the branch ends, after it was followed."""
+        start = self.points[0]
+        steps = branch.segments(start, 0.2 * self.longest, [(-1, start.p)])
+        return self.one_way(steps, branch, start)[1]
 
-    def _record(self, segment: Segment[DenseProblem]) -> bool:
-        """Records the end of a segment and the changes on it.
+    def note(self, step: Segment[DenseProblem]) -> str | None:
+        """Keeps the end of a step and the changes on it, and says why the branch ends there.
 
-        Returns whether the branch ends there on the straight pipe. In an undamped pipe an
-        eigenvalue is like the square root of the distance to a fold, so that by rounding the number
-        of unstable eigenvalues changes next to the fold: both are one change, listed once.
+        In an undamped pipe an eigenvalue is like the square root of the distance to a fold, so that
+        by rounding the number of unstable eigenvalues changes next to the fold: both are one
+        change, listed once.
         """
-        statics, a, b, ds = self.statics, segment.begin, segment.end, segment.length
+        statics, a, b, ds = self.statics, step.begin, step.end, step.length
         sizes = statics.rms(a.x), statics.rms(b.x)
-        meeting, turns, until = None, list[float](), ds
+        meeting, until = None, ds
         # At a pitchfork the next point lies on the branch's mirror image, or Newton's method leads
         # to the straight pipe.
         landed = statics.straight(b.x)
@@ -953,32 +952,22 @@ class _Way:
         across = across and not (statics.resting.any() or statics.straight(a.x))
         if across and max(sizes) <= 2.0 * self.longest:
             meeting = self._pitchfork(a.p)
-        if meeting is None:
-            turns = folds(segment, 1e-12)
-        else:
+        if meeting is not None:
             until = 0.0 if landed else 0.98 * ds * sizes[0] / sum(sizes)
-
-        @cache
-        def growth(s: float) -> Array:
-            if s == 0.0:
-                return self.growth[-1]
-            point = segment.at(s)
-            return statics.growth(point.x, abs(point.p))
-
-        marked: list[tuple[float, Change]] = [(turn, "fold") for turn in turns]
-        for before, beyond in sign_changes(growth, 0.0, until, 1e-10 * (1.0 + until)):
-            if np.count_nonzero((growth(beyond) > 0.0) != (growth(before) > 0.0)) % 2 == 0:
-                marked.append((beyond, "hopf"))
-            elif all(abs(beyond - turn) > 1e-3 * ds for turn in turns):
-                is_straight = statics.straight(segment.at(beyond).x)
-                marked.append((beyond, "pitchfork" if is_straight else "branch point"))
-        self.changes += [self._point(kind, segment.at(s)) for s, kind in sorted(marked)]
-        self.growth.append(growth(until))
+        growth = _GrowthOnStep(step, statics, until, self.growth[-1])
+        found = special_points(step, 1e-12 if meeting is None else 0.0, [growth], until)
+        turns = [s for s, kind in found if kind == "fold"]
+        for s, kind in found:
+            if kind in ("fold", "hopf") or all(abs(s - turn) > 1e-3 * ds for turn in turns):
+                self.changes.append(self._point(kind, step.at(s)))
+        self.growth.append(growth.at(until))
         if meeting is not None:
             b = Point(np.append(statics.resting, meeting), a.tangent)
             self.changes.append(self._point("pitchfork", b))
         self.points.append(b)
-        return meeting is not None
+        if meeting is not None:
+            return "pitchfork"
+        return "far" if float(np.abs(b.x).max()) > TEN_TURNS else None
 
     def _pitchfork(self, u: float) -> float | None:
         """Speed of the pitchfork of the straight pipe nearest to u, or None if none is near.
@@ -996,15 +985,13 @@ class _Way:
         return min(near.tolist(), key=lambda p: abs(p - u), default=None)
 
     def _point(self, kind: Change, point: Point) -> BranchPoint:
-        statics = self.statics
-        frequency = 0.0
+        statics, speed, frequency = self.statics, abs(point.p), 0.0
         if kind == "hopf":
-            found = statics.eigenvalues(point.x, abs(point.p))
+            found = statics.eigenvalues(point.x, speed)
             oscillating = found[np.abs(found.imag) > 1e-6]
             if oscillating.size:
                 crossing = np.argmin(np.abs(oscillating.real))
                 frequency = float(abs(oscillating[crossing].imag))
-        speed = abs(point.p)
         if kind == "pitchfork":  # the roots of det K are more precise than the change of the count
             speed = self._pitchfork(speed) or speed
         q = statics.to_user(point.x[None])[0]

@@ -638,7 +638,7 @@ def _slope(motion: VectorField, rest: Array, u: float, form: NormalForm) -> comp
 
     It includes what the equilibrium's own change with the speed contributes.
     """
-    force = motion.by_speed(rest[:, None], u)[:, 0]
+    force = motion.linearised(rest[:, None], u)[0, 1]
     moved = np.zeros_like(rest)
     if np.abs(force).max() > 1e-10 * (1.0 + u):
         factorised()

@@ -223,19 +223,18 @@ class FewModes:
             inside = one
         else:
             return (seen[-1], seen[-1]), axis
-        for _ in range(20):
-            middle = self.at(0.5 * (outside.frequency + inside.frequency))
-            if middle.real == axis:
-                inside = middle
-            else:
-                outside = middle
-        return (outside, inside), axis
+        return self._end(outside, inside, 20, axis), axis
 
-    def _end(self, outside: Multipliers, inside: Multipliers) -> GrowthEnd:
-        """Multipliers next to the end of an interval of growth, narrowed down by bisection."""
-        for _ in range(12):
+    def _end(
+        self, outside: Multipliers, inside: Multipliers, halvings: int = 12, axis: int = 0
+    ) -> GrowthEnd:
+        """Multipliers next to the end of an interval of growth, narrowed down by bisection.
+
+        With an axis, 1 or -1, motions grow by a multiplier on the real axis with this sign.
+        """
+        for _ in range(halvings):
             middle = self.at(0.5 * (outside.frequency + inside.frequency))
-            if middle.growing:
+            if (middle.real == axis) if axis else middle.growing:
                 inside = middle
             else:
                 outside = middle

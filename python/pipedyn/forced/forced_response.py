@@ -12,13 +12,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import cache
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.continuation.arclength import folds, sign_changes
+from pipedyn.continuation.arclength import Point
+from pipedyn.continuation.tracer import Tracer, between_folds, special_points
 from pipedyn.cycles.limit_cycle import MeasuredOrbit, amplitude_of, refined_until
 from pipedyn.forced.parametric_search import regions
 from pipedyn.forced.pulsating import Hill, PulsatingPipe, require_motion
@@ -30,13 +30,14 @@ from pipedyn.models.base import Model
 from pipedyn.models.drive import Harmonic, Pulsation, require_steady, steady_speed
 from pipedyn.motion.simulate import MotionStopped, Trajectory, checked_model_in_motion, simulate
 from pipedyn.motion.vector_field import ForcedField
-from pipedyn.orbits.collocation import residual, solved
-from pipedyn.orbits.floquet import UNIT, EventKind, crossing_event, orbit_multipliers
+from pipedyn.orbits.collocation import OrbitProblem, residual, solved
+from pipedyn.orbits.floquet import UNIT, EventKind, orbit_multipliers
 from pipedyn.orbits.orbit_continuation import (
     FINE,
     FIRST_AMPLITUDE,
     BranchStart,
     Grazing,
+    PassingMultiplier,
     Step,
     followed_past_grazing,
     from_orbit,
@@ -198,7 +199,7 @@ class ForcedBranch(TableResult):
         found = list[ForcedMotion]()
         with one_thread(self.motion.size):
             for step in self.steps:
-                for part in step.parts(folds(step, 1e-4) if np.prod(step.slopes) < 0.0 else []):
+                for part in between_folds(step, 1e-4) if np.prod(step.slopes) < 0.0 else [step]:
                     if (part.begin.p - omega) * (part.end.p - omega) <= 0.0 != part.end.p - omega:
                         try:
                             orbit = step.problem.orbit(part.where(omega))
@@ -343,7 +344,7 @@ def forced_response(
             first = orbit.frequency * begin.motion.order
             if orbit.size == 0.0 and any(_ends_at(one, first) for one in branches):
                 continue  # the branch was followed to here from the region's other edge
-            branches.append(_branch(begin, shown))
+            branches.append(_ForcedTracer(begin).branch(shown))
     return ForcedResponse(
         branches=tuple(branches),
         forcing=forcing,
@@ -573,8 +574,7 @@ def _leaving_rest(motion: ForcedField, hill: Hill, edge: float, mean: float) -> 
 # -------------------------------------------------------------------------------- following it
 
 
-@dataclass(frozen=True)
-class _ForcedPoint:
+class _ForcedPoint(NamedTuple):
     """A point of a branch; at events and in rest its multiplier is 1 and it is not stable."""
 
     frequency: float
@@ -598,113 +598,134 @@ def _point_of_orbit(motion: ForcedField, orbit: PeriodicOrbit) -> _ForcedPoint:
     return _ForcedPoint(motion.order * orbit.frequency, amplitude, largest, stable)
 
 
-def _branch(begin: Begin, shown: bool) -> ForcedBranch:
-    """The branch from a start until the frequency leaves its window or the motion comes to rest."""
-    kind, motion, (low, high) = begin.kind, begin.motion, begin.window
-    points, events, steps = list[_ForcedPoint](), list[ForcedEvent](), list[Step]()
-    lost: NotConverged | None = None
-    if kind == "base":
-        points.append(_point_of_orbit(motion, begin.start.orbit))
-    else:
-        points.append(_ForcedPoint(motion.order * begin.start.orbit.frequency, 0.0))
+class _PassingOfMotions(PassingMultiplier[OrbitProblem]):
+    """Multipliers of the forced motions on a step."""
 
-    def grazes(grazing: Grazing) -> None:
-        amplitude, _ = amplitude_of(motion, grazing.middle)
-        events.append(ForcedEvent("grazing", motion.order * grazing.middle.frequency, amplitude))
+    def __init__(self, step: Step, motion: ForcedField) -> None:
+        super().__init__(step, 1e-3 * step.length)
+        self.motion = motion
+        self.around = max(self.known(s)[2] for s in (0.0, step.length))
 
-    try:
-        followed = followed_past_grazing(motion, begin.start, FINE, grazes)
-        for step in track(followed, None, "forced response", shown):
-            met = None
-            if kind != "base" and steps:  # a branch that leaves rest may come back to it
-                met = meeting(step, "hopf", begin.rests / motion.order, 1e-3)
-            if met is not None:
-                if not met.known:
-                    raise NewtonFailed(
-                        f"it passes through rest near {motion.order * met.last.end.p:.6g}, where "
-                        "no motion leaves rest"
-                    )
-                step = met.whole
-            found = _events(motion, step) if steps or kind == "base" else []
-            points += [_ForcedPoint(event.frequency, event.amplitude) for event in found]
-            events += found
-            steps.append(step)
-            end = orbit_at(step, step.length)
-            points.append(_point_of_orbit(motion, end))
-            if met is not None:
-                steps.append(met.last)
-                points.append(_ForcedPoint(motion.order * met.last.end.p, 0.0))
-                break
-            if not low <= motion.order * end.frequency <= high:
-                break
-            if len(steps) == MOST_STEPS:
-                raise NewtonFailed(f"it takes more than {MOST_STEPS} steps")
-    except NewtonFailed as reason:
-        last = points[-1]
-        lost = NotConverged(
-            f"the {kind} branch was lost at a frequency of {last.frequency:.6g}, amplitude "
-            f"{last.amplitude:.4g}: {reason}"
-        )
-    events.append(ForcedEvent("end", points[-1].frequency, points[-1].amplitude))
-    frequency, amplitude, largest, stable = (
-        np.array([getattr(point, name) for point in points])
-        for name in ("frequency", "amplitude", "largest", "stable")
-    )
-    return ForcedBranch(
-        kind=kind,
-        frequency=frequency,
-        amplitude=amplitude,
-        largest=largest,
-        stable=stable,
-        events=tuple(events),
-        failure=lost,
-        steps=tuple(steps),
-        motion=motion,
-    )
-
-
-def _events(motion: ForcedField, step: Step) -> list[ForcedEvent]:
-    """Folds on a step, and where multipliers pass the unit circle, in their order along it."""
-    found = list[tuple[float, EventKind]]()
-    turns = folds(step, 1e-4)
-    found += [(s, "fold") for s in turns]
-
-    @cache
-    def multipliers(s: float) -> tuple[Array, Complex, float]:
-        """Logarithms of the multipliers' moduli at arc length s, falling, and what belongs to them.
+    def about(self, s: float) -> tuple[Array, Complex, float]:
+        """Logarithms of the multipliers' moduli, falling, and what belongs to them.
 
         Second come the roots of the multipliers in the same order, which `orbit_multipliers`
         describes, and third the `circle_margin`.
         """
-        values, roots, error = orbit_multipliers(motion, orbit_at(step, s))
+        values, roots, error = orbit_multipliers(self.motion, orbit_at(self.step, s))
         order = np.argsort(-np.abs(values), kind="stable")
-        return np.log(np.maximum(np.abs(values[order]), 1e-300)), roots[order], circle_margin(error)
+        sizes = np.log(np.maximum(np.abs(values[order]), 1e-300))
+        return sizes, roots[order], circle_margin(error)
 
-    around = max(multipliers(s)[2] for s in (0.0, step.length))
+    def at(self, s: float) -> Array:
+        """Logarithms of the moduli, less what their error may make of a modulus 1."""
+        return np.asarray(self.known(s)[0] - self.around)
 
-    def growth(s: float) -> Array:
-        return multipliers(s)[0] - around
+    def candidates(self, before: float, beyond: float) -> tuple[Complex, bool]:
+        """The multiplier that passes, the least of those outside; none if it makes no event.
 
-    for low, high in sign_changes(growth, 0.0, step.length, 1e-3 * step.length):
-        if any(low - 0.02 * step.length < s < high + 0.02 * step.length for s in turns):
-            continue
-        # The multiplier that passes is the least of those outside. Without damping others lie on
-        # the circle, and one that leaves it little by little as the amplitude grows makes no event.
-        outside = max(low, high, key=lambda s: np.count_nonzero(growth(s) > 0.0))
-        passing = np.count_nonzero(growth(outside) > 0.0) - 1
-        neutral = any(abs(multipliers(s)[0][passing]) <= around for s in (0.0, step.length))
-        if neutral and growth(outside)[passing] < around:
-            continue
-        root, symmetric = multipliers(outside)[1][passing], orbit_at(step, outside).symmetric
-        kind, _ = crossing_event([root], symmetric, trivial=False)
-        if kind != "fold":
-            found.append((high, kind))
-    made = list[ForcedEvent]()
-    for s, kind in sorted(found):
-        orbit = orbit_at(step, s)
-        amplitude = amplitude_of(motion, orbit)[0]
-        made.append(ForcedEvent(kind, motion.order * orbit.frequency, amplitude))
-    return made
+        Without damping others lie on the circle, and one that leaves it little by little as the
+        amplitude grows makes no event.
+        """
+        outside = max(before, beyond, key=self.positive)
+        passing = self.positive(outside) - 1
+        ends = (0.0, self.step.length)
+        neutral = any(abs(self.known(s)[0][passing]) <= self.around for s in ends)
+        roots = self.known(outside)[1][[passing]]
+        if neutral and self.at(outside)[passing] < self.around:
+            roots = roots[:0]
+        return roots, orbit_at(self.step, outside).symmetric
+
+    def event(
+        self, before: float, beyond: float, kind: EventKind, multiplier: complex
+    ) -> EventKind | None:
+        """The kind of the event; folds are found by the tangent."""
+        return None if kind == "fold" else kind
+
+
+class _ForcedTracer(Tracer[OrbitProblem]):
+    """Tracer of the branch from a start, until its frequency leaves its window or it rests."""
+
+    def __init__(self, begin: Begin) -> None:
+        super().__init__(most=MOST_STEPS)
+        self.begin, self.motion = begin, begin.motion
+        self.from_rest = begin.kind != "base"
+        self.points, self.events = list[_ForcedPoint](), list[ForcedEvent]()
+        self.steps = list[Step]()
+        if not self.from_rest:
+            self.points.append(_point_of_orbit(self.motion, begin.start.orbit))
+        else:
+            self._rests(begin.start.orbit.frequency)
+
+    def branch(self, shown: bool) -> ForcedBranch:
+        """The branch, after it was followed."""
+        motion, kind = self.motion, self.begin.kind
+        followed = followed_past_grazing(motion, self.begin.start, FINE, self._grazes)
+        _, end, reason = self.one_way(track(followed, None, "forced response", shown))
+        lost: NotConverged | None = None
+        last = self.points[-1]
+        if end in ("points", "not converged"):
+            lost = NotConverged(
+                f"the {kind} branch was lost at a frequency of {last.frequency:.6g}, amplitude "
+                f"{last.amplitude:.4g}: {reason}"
+            )
+        self.events.append(ForcedEvent("end", last.frequency, last.amplitude))
+        frequency, amplitude, largest, stable = map(np.array, zip(*self.points, strict=True))
+        return ForcedBranch(
+            kind=kind,
+            frequency=frequency,
+            amplitude=amplitude,
+            largest=largest,
+            stable=stable,
+            events=tuple(self.events),
+            failure=lost,
+            steps=tuple(self.steps),
+            motion=motion,
+        )
+
+    def note(self, step: Step) -> str | None:
+        """Keeps a step, its events and the motion at its end, and says why the branch ends."""
+        order, rests = self.motion.order, self.begin.rests
+        met = None
+        if self.from_rest and self.steps:  # a branch that leaves rest may come back to it
+            met = meeting(step, "hopf", rests / order, 1e-3)
+        if met is not None:
+            if not met.known:
+                raise NewtonFailed(
+                    f"it passes through rest near {order * met.last.end.p:.6g}, where no motion "
+                    "leaves rest"
+                )
+            step = met.whole
+        if self.steps or not self.from_rest:
+            for s, kind in special_points(step, 1e-4, [_PassingOfMotions(step, self.motion)]):
+                event = self._event(kind, orbit_at(step, s))
+                self.points.append(_ForcedPoint(event.frequency, event.amplitude))
+        self.steps.append(step)
+        self.points.append(_point_of_orbit(self.motion, orbit_at(step, step.length)))
+        if met is not None:
+            self.steps.append(met.last)
+            self._rests(met.last.end.p)
+            return "hopf"
+        return None
+
+    def is_over(self, point: Point) -> bool:
+        """Whether the frequency of the forcing leaves the window."""
+        low, high = self.begin.window
+        return not low <= self.motion.order * point.p <= high
+
+    def _rests(self, frequency: float) -> None:
+        """Notes that the motion is rest at a frequency of the orbits."""
+        self.points.append(_ForcedPoint(self.motion.order * frequency, 0.0))
+
+    def _event(self, kind: EventKind, orbit: PeriodicOrbit) -> ForcedEvent:
+        """Notes the event at an orbit."""
+        amplitude, frequency = amplitude_of(self.motion, orbit)[0], orbit.frequency
+        self.events.append(ForcedEvent(kind, self.motion.order * frequency, amplitude))
+        return self.events[-1]
+
+    def _grazes(self, grazing: Grazing) -> None:
+        """Notes where the motion begins or ceases to touch a stop."""
+        self._event("grazing", grazing.middle)
 
 
 def _ends_at(branch: ForcedBranch, frequency: float) -> bool:

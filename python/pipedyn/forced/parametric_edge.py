@@ -11,20 +11,14 @@ however thin the region is: it is followed in place of the edges.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from pipedyn.continuation.arclength import (
-    Continuation,
-    Control,
-    Point,
-    Segment,
-    Solver,
-)
+from pipedyn.continuation.arclength import Control, DenseProblem, Point, Segment
 from pipedyn.forced.pulsating import Hill
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.util.check import Array
@@ -102,7 +96,7 @@ def det_derivative(a: Complex, b: Complex) -> complex:
     return complex(a[0, 0] * b[1, 1] + a[1, 1] * b[0, 0] - a[0, 1] * b[1, 0] - a[1, 0] * b[0, 1])
 
 
-class Edge(Continuation):
+class Edge(DenseProblem):
     """Equations of an edge of a region.
 
     The unknowns z are w / scale, on combination edges also nu / scale, and the amplitude. On the
@@ -124,7 +118,7 @@ class Edge(Continuation):
         self.hill, self.kind, self.scale = hill, kind, scale
         share = SHARES[kind]
         size = 2 if share is None else 1
-        super().__init__(np.append(np.full(size, 1.0 / size), largest**-2), CONTROL)
+        super().__init__(self._equations, size, largest, CONTROL)
         self.share, self.centre = share, centre
         self._of = hill.polynomial(share)
         self.largest = largest
@@ -165,8 +159,9 @@ class Edge(Continuation):
                 second[k, j] = det_derivative(first[i].g, first[j].g) + det_derivative(at.g, both)
         return 0.5 * det_derivative(at.g, at.g), by, second
 
-    def residual(self, z: Array) -> tuple[Array, Array]:
+    def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
         """Functions that vanish on the edge, shape (n,), and their derivatives, (n, n + 1)."""
+        z = np.append(x, p)
         if self.centre:
             _, by, second = self.derivatives(z, 0, 1)
             return by[:2].real, second.real
@@ -192,17 +187,6 @@ class Edge(Continuation):
             return []
         half = math.sqrt(square)
         return [z + np.array([way, -way * wn / nn, 0.0]) for way in (-half, half)]
-
-    def linearised(self, z: Array) -> Solver:
-        """Solver of the equations linearised about unknowns z."""
-        residual, derivative = self.residual(z)
-
-        def change(row: Array, gap: float, share: float) -> Array:
-            return np.asarray(
-                np.linalg.solve(np.vstack([derivative, row]), np.append(-share * residual, gap))
-            )
-
-        return change
 
     def relative(self, z: Array, step: Array) -> float:
         """Length of a step, which is relative as unknowns are of the order of 1."""
@@ -280,16 +264,10 @@ class Edge(Continuation):
             z = newton(z, correction, tolerance=1e-11, stagnation=1e-8, check=self.check)
         return self.place(z)
 
-    def steps(self, point: Point) -> Iterator[Segment[Edge]]:
-        """Steps along the edge from a point on, as long as steps can be taken."""
-        length = 0.02
-        for _ in range(400):
-            self.renew(point.z)
-            # Below amplitude 0 the edge goes on as its own mirror image: no step may lead there.
-            length = min(length, max(0.4 * point.p / self.largest, 1e-9))
-            try:
-                segment, length = self.next(point, length)
-            except NewtonFailed:
-                return
-            yield segment
-            point = segment.end
+    def next(
+        self, start: Point, step: float, ahead: Callable[[float], Array] | None = None
+    ) -> tuple[Segment[Edge], float]:
+        """The step to the next point with borders of its own, and the length to try after it."""
+        self.renew(start.z)
+        # Below amplitude 0 the edge goes on as its own mirror image: no step may lead there.
+        return super().next(start, min(step, max(0.4 * start.p / self.largest, 1e-9)), ahead)

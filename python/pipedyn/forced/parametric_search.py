@@ -4,25 +4,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
-from pipedyn.continuation.arclength import (
-    Point,
-    Segment,
-    folds,
-)
+from pipedyn.continuation.arclength import Point, Segment
+from pipedyn.continuation.tracer import Tracer, between_folds
 from pipedyn.forced.combinations import FewModes, Growth
-from pipedyn.forced.parametric_edge import (
-    SHARES,
-    THINNEST,
-    Edge,
-    RegionKind,
-)
+from pipedyn.forced.parametric_edge import SHARES, THINNEST, Edge, RegionKind
 from pipedyn.forced.pulsating import Hill
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
@@ -47,12 +39,14 @@ class RegionEdges:
         nus: their nu, shape (A, 2).
         bottom: least amplitude, with its w and nu, shape (3,); NaN where it lies outside the range
             in which edges were followed.
+        followed: frequencies w of the edges that were followed, for each amplitude.
     """
 
     def __init__(self, kind: RegionKind, count: int) -> None:
         self.kind = kind
         self.edges, self.nus = np.full((2, count, 2), math.nan)
         self.bottom = np.full(3, math.nan)
+        self.followed: list[list[float]] = [[] for _ in range(count)]
 
     def add(self, index: int, frequency: float, nu: float) -> None:
         """Widens the region to an edge with a frequency and nu at the amplitude with an index."""
@@ -125,34 +119,6 @@ class RegionSearch:
         few = self.hill.fewer(self.low, frequency)
         return Edge(few, kind, frequency, float(self.amplitudes[-1]), centre)
 
-    def along(self, edge: Edge, z: Array, way: float) -> Iterator[Segment[Edge]]:
-        """Steps along an edge from z, first to higher (way 1) or lower amplitudes (way -1).
-
-        The steps end below the amplitude of `lowest`, above the largest amplitude, where the edge
-        leads far outside the range of frequencies, and where a combination edge reaches the real
-        axis.
-        """
-        largest = float(self.amplitudes[-1])
-        if way > 0.0 and z[-1] == largest:
-            return
-        edge.renew(z)
-        for step in edge.steps(edge.point(z, np.append(np.zeros(z.size - 1), way))):
-            yield step
-            frequency = edge.scale * step.end.z[0]
-            if not self.lowest(edge) < step.end.p <= largest or not self.is_near(frequency):
-                return
-            if edge.is_on_axis(step.end.z):  # beyond, the region is subharmonic or harmonic
-                return
-
-    def lowest(self, edge: Edge) -> float:
-        """Amplitude below which an edge is taken to lead to amplitude 0."""
-        share = 0.1 if self.hill.is_hermitian or self.hill.is_real else LOWEST_AMPLITUDE
-        return share * float(self.amplitudes[-1])
-
-    def is_near(self, frequency: float) -> bool:
-        """Whether an edge is followed at a frequency, which is not far outside the range."""
-        return 0.2 * self.low < frequency < 5.0 * self.high
-
     def passed(self, step: Segment[Edge]) -> Iterator[tuple[int, Array]]:
         """Indices of the amplitudes asked for that a step passes, with the unknowns there.
 
@@ -166,67 +132,19 @@ class RegionSearch:
 
     def followed(
         self, kind: RegionKind, start: tuple[float, float, float], outward: int = 0
-    ) -> tuple[RegionEdges, list[list[float]]]:
+    ) -> RegionEdges:
         """The region that an edge bounds, followed from `start`: a frequency, nu and amplitude.
 
-        Second come the frequencies w of the edge at each amplitude asked for. `outward` is that of
-        `Edge.near`.
+        `outward` is that of `Edge.near`.
 
         Raises:
             NewtonFailed: if no edge is there.
         """
         edge, found = self.edge(kind, start[0]), RegionEdges(kind, self.amplitudes.size)
-        points: list[list[float]] = [[] for _ in self.amplitudes]
-
-        def add(index: int, z: Array) -> None:
-            _, w, nu = edge.place(z).tolist()
-            found.add(index, w, nu)
-            points[index].append(w)
-
         z = edge.near(*start, outward)
         for way in (-1.0, 1.0):
-            sharp = SHARP
-            for step in self.along(edge, z, way):
-                end = step.end
-                turns = folds(step, 1e-6)[:1]
-                if not turns and step.length < sharp and end.tangent[-1] < 0.0:
-                    sharp = 0.1 * step.length
-                    with suppress(NewtonFailed):
-                        bottom = edge.bottom(end.z)
-                        if 0.0 < end.p - bottom[0] < 0.05 * end.p:
-                            found.bottom = bottom
-                            self.down(edge, end, add, bottom)
-                            break
-                if edge.is_on_axis(end.z):
-                    break
-                for part in step.parts(turns)[: 1 if turns else None]:
-                    for index, at in self.passed(part):
-                        add(index, at)
-                if turns:  # what follows is the region's other edge, which has its own start
-                    if way < 0.0:
-                        with suppress(NewtonFailed):
-                            found.bottom = edge.bottom(step.at(turns[0]).z)
-                    break
-                if end.p <= self.lowest(edge):
-                    # In a conservative pipe both edges of a region end in a corner at amplitude 0.
-                    at = edge.place(end.z - end.p / end.tangent[-1] * end.tangent)
-                    resonance = self.hill.pipe.resonance(kind, float(at[1]))
-                    found.bottom = np.array([0.0, resonance, at[2]])
-        return found, points
-
-    def down(
-        self, edge: Edge, end: Point, add: Callable[[int, Array], None], bottom: Array
-    ) -> None:
-        """Adds the edge at amplitudes between a point and the least amplitude nearby.
-
-        There the unknowns change with the square root of the distance from the least amplitude.
-        """
-        turn = edge.unknowns(*bottom[[1, 2, 0]].tolist())
-        ways = (self.amplitudes - bottom[0]) / (end.p - bottom[0])
-        for index in np.flatnonzero((ways > 0.0) & (ways < 1.0)).tolist():
-            guess = turn + math.sqrt(ways[index]) * (end.z - turn)
-            with suppress(NewtonFailed):
-                add(index, edge.fixed(guess, float(self.amplitudes[index])))
+            _OneEdge(self, edge, found, way).run(z)
+        return found
 
     def meeting(self, start: tuple[float, float, float]) -> RegionEdges:
         """The combination region about `start`, in a pipe that is conservative or has real H.
@@ -240,12 +158,7 @@ class RegionSearch:
         found = RegionEdges("combination", self.amplitudes.size)
         z = edge.near(*start)
         for way in (-1.0, 1.0):
-            for step in self.along(edge, z, way):
-                for index, at in self.passed(step):
-                    self.put(found, index, edge, at)
-                if step.end.p <= self.lowest(edge):
-                    edge.renew(step.end.z)
-                    found.bottom = edge.place(edge.fixed(step.end.z, 0.0))
+            _BothEdges(self, edge, found, way).run(z)
         return found
 
     def put(self, found: RegionEdges, index: int, centre: Edge, z: Array) -> None:
@@ -306,7 +219,7 @@ class RegionSearch:
                 continue
             way = 2 * side - 1
             try:
-                part, _ = self.followed("combination", (w, growth.nus[side], amplitude), way)
+                part = self.followed("combination", (w, growth.nus[side], amplitude), way)
             except NewtonFailed:
                 ends = growth.outside[side] * (1.0 + 1e-3 * way), 0.5 * sum(growth.inside)
                 part = RegionEdges("combination", self.amplitudes.size)
@@ -343,7 +256,7 @@ class RegionSearch:
 
     def on_axis(self, kind: RegionKind, share: float) -> list[RegionEdges]:
         """Subharmonic or harmonic regions, where a real multiplier lies beyond -1 or 1."""
-        curves = list[tuple[RegionEdges, list[list[float]]]]()
+        curves = list[RegionEdges]()
         roots: list[Array] = [np.empty(0) for _ in self.amplitudes]
         for index in self.samples():
             amplitude = float(self.amplitudes[index])
@@ -354,24 +267,25 @@ class RegionSearch:
             # the whole range.
             first, last = np.searchsorted(at, self.around(amplitude))
             for w in at[max(first - 1, 0) : last + 1].tolist():
-                if any(abs(x - w) < 1e-6 * w for _, points in curves for x in points[index]):
+                if any(abs(x - w) < 1e-6 * w for one in curves for x in one.followed[index]):
                     continue
                 with suppress(NewtonFailed):
                     curves.append(self.followed(kind, (w, share * w, amplitude)))
         for index, at in enumerate(roots):
-            every = [x for _, points in curves for x in points[index]]
+            every = [x for region in curves for x in region.followed[index]]
             if not every:
                 continue
             at = at if at.size else np.sort(every)
             first, last = np.searchsorted(at, [0.99999 * min(every), 1.00001 * max(every)])
             within = self._unstable(share, float(self.amplitudes[index]), at, first, last)
-            for region, points in curves:
+            for region in curves:
+                points = region.followed[index]
                 region.edges[index] = region.nus[index] = math.nan
                 for low, high in within:
-                    if any(low * (1.0 - 1e-6) <= x <= high * (1.0 + 1e-6) for x in points[index]):
+                    if any(low * (1.0 - 1e-6) <= x <= high * (1.0 + 1e-6) for x in points):
                         region.add(index, low, share * low)
                         region.add(index, high, share * high)
-        return _merged([region for region, _ in curves])
+        return _merged(curves)
 
     def _unstable(
         self, share: float, amplitude: float, roots: Array, first: int, last: int
@@ -412,6 +326,111 @@ class RegionSearch:
                 begin = None
             i += 1
         return found
+
+
+class _EdgeTracer(Tracer[Edge]):
+    """Tracer of an edge one way, which takes what a region needs from its steps.
+
+    The edge ends below the least amplitude that is followed, above the largest amplitude, where it
+    leads far outside the range of frequencies, and where a combination edge reaches the real axis:
+    beyond, the region is subharmonic or harmonic.
+
+    Args:
+        search: the search for regions.
+        edge: equations of the edge.
+        found: the region, to which is added what is found.
+        way: 1 to higher amplitudes first, -1 to lower ones.
+    """
+
+    def __init__(self, search: RegionSearch, edge: Edge, found: RegionEdges, way: float) -> None:
+        super().__init__(most=400, failing=())
+        self.search, self.edge, self.found, self.way = search, edge, found, way
+        share = 0.1 if search.hill.is_hermitian or search.hill.is_real else LOWEST_AMPLITUDE
+        self.largest = float(search.amplitudes[-1])
+        self.lowest = share * self.largest  # below which the edge is taken to lead to 0
+
+    def run(self, z: Array) -> None:
+        """Follows the edge from unknowns z; raises NewtonFailed if a point on it is not found."""
+        if self.way < 0.0 or z[-1] != self.largest:
+            self.edge.renew(z)
+            self.one_way(self._steps(self.edge.point(z, np.append(np.zeros(z.size - 1), self.way))))
+
+    def _steps(self, start: Point) -> Iterator[Segment[Edge]]:
+        """Steps along the edge as long as steps can be taken."""
+        with suppress(NewtonFailed):
+            yield from self.edge.segments(start, 0.02)
+
+    def is_over(self, point: Point) -> bool:
+        """Whether the edge ends at a point."""
+        within = self.lowest < point.p <= self.largest
+        near = 0.2 * self.search.low < self.edge.scale * point.z[0] < 5.0 * self.search.high
+        return not (within and near) or self.edge.is_on_axis(point.z)
+
+
+class _OneEdge(_EdgeTracer):
+    """Tracer of an edge that bounds a region, to each amplitude asked for."""
+
+    sharp = SHARP
+
+    def note(self, step: Segment[Edge]) -> str | None:
+        """Adds the edge at the amplitudes on a step, and where the least amplitude is."""
+        edge, end = self.edge, step.end
+        first, *turned = between_folds(step, 1e-6)
+        if not turned and step.length < self.sharp and end.tangent[-1] < 0.0:
+            self.sharp = 0.1 * step.length
+            with suppress(NewtonFailed):
+                bottom = edge.bottom(end.z)
+                if 0.0 < end.p - bottom[0] < 0.05 * end.p:
+                    self.found.bottom = bottom
+                    self._add_down_to(bottom, end)
+                    return "fold"
+        if edge.is_on_axis(end.z):
+            return "axis"
+        for index, at in self.search.passed(first):
+            self._add(index, at)
+        if turned:  # what follows is the region's other edge, which has its own start
+            if self.way < 0.0:
+                with suppress(NewtonFailed):
+                    self.found.bottom = edge.bottom(first.end.z)
+            return "fold"
+        if end.p <= self.lowest:
+            # In a conservative pipe both edges of a region end in a corner at amplitude 0.
+            at = edge.place(end.z - end.p / end.tangent[-1] * end.tangent)
+            resonance = self.search.hill.pipe.resonance(edge.kind, float(at[1]))
+            self.found.bottom = np.array([0.0, resonance, at[2]])
+        return None
+
+    def _add(self, index: int, z: Array) -> None:
+        """Adds the edge at unknowns z, at the amplitude with an index."""
+        _, w, nu = self.edge.place(z).tolist()
+        self.found.add(index, w, nu)
+        self.found.followed[index].append(w)
+
+    def _add_down_to(self, bottom: Array, end: Point) -> None:
+        """Adds the edge at amplitudes between a point and the least amplitude nearby.
+
+        There the unknowns change with the square root of the distance from the least amplitude.
+        """
+        edge, amplitudes = self.edge, self.search.amplitudes
+        turn = edge.unknowns(*bottom[[1, 2, 0]].tolist())
+        ways = (amplitudes - bottom[0]) / (end.p - bottom[0])
+        for index in np.flatnonzero((ways > 0.0) & (ways < 1.0)).tolist():
+            guess = turn + math.sqrt(ways[index]) * (end.z - turn)
+            with suppress(NewtonFailed):
+                self._add(index, edge.fixed(guess, float(amplitudes[index])))
+
+
+class _BothEdges(_EdgeTracer):
+    """Tracer of the saddle between the two edges of a combination region."""
+
+    def note(self, step: Segment[Edge]) -> None:
+        """Adds both edges at the amplitudes on a step."""
+        search, edge, found = self.search, self.edge, self.found
+        for index, at in search.passed(step):
+            search.put(found, index, edge, at)
+        if step.end.p <= self.lowest:
+            edge.renew(step.end.z)
+            found.bottom = edge.place(edge.fixed(step.end.z, 0.0))
 
 
 def _merged(parts: list[RegionEdges]) -> list[RegionEdges]:

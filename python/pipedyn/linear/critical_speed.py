@@ -595,7 +595,7 @@ class _Search:
         pipe, pencil = self.model.pipe, self.problem.pencil
         if pipe.end_held or pipe.flow != "ejecting":
             return pipe.end_held
-        if not (pipe.terms or pipe.supports or pipe.stiffness or pipe.mass):
+        if pipe.bare:
             return True  # slow flow damps each mode of a uniform cantilever alike
         if modes is None:
             return False

@@ -25,13 +25,13 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from pipedyn.linear.critical_speed import CriticalSpeed, critical_speed
-from pipedyn.linear.differences import STENCIL
 from pipedyn.linear.modes import root_loci
 from pipedyn.models.base import Operators, checked_pipe
 from pipedyn.models.continuum import Continuum
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.pipe_numbers import checked_number
+from pipedyn.models.reduced_supports import STENCIL
 from pipedyn.models.scales import Scales
 from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import converted

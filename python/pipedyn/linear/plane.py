@@ -404,13 +404,15 @@ class Plane:
         between = np.linspace(even.of(low), even.of(high), number)[1:-1]
         return np.array([low, *(even.back(value) for value in between), high])
 
-    def sections(self, at: Array, index: int) -> tuple[list[RootOnLine], list[RootOnLine]]:
+    def sections(
+        self, at: Array, index: int, halved: bool = True
+    ) -> tuple[list[RootOnLine], list[RootOnLine]]:
         """Pairs that cross the imaginary axis on the line through (x, y) along x or y; extremes.
 
         Extremes are pairs whose real part comes nearest to the axis there, from either side,
         without crossing. Both are estimates from which Newton's method goes on. Eigenvalues are
         followed from sample to sample with their derivatives, and steps are halved within which one
-        may have crossed unseen.
+        may have crossed unseen, unless `halved` is False.
         """
         low, size = self.window.low[index], self.window.size[index]
 
@@ -427,23 +429,13 @@ class Plane:
         while waiting:
             a, b = waiting.pop()
             guesses, doubtful = _passed(a, b)
-            if doubtful and b[0] - a[0] > SHORTEST_STEP:
+            if halved and doubtful and b[0] - a[0] > SHORTEST_STEP:
                 middle = sample(0.5 * (a[0] + b[0]))
                 waiting += [(middle, b), (a, middle)]
             else:
                 found += guesses
                 extremes += _nearest(a, b)
         return found, extremes
-
-    def extremes(self, at: Array, index: int) -> list[RootOnLine]:
-        """The extremes of `sections`, found without halving steps."""
-        samples = []
-        for share in np.linspace(0.0, 1.0, SAMPLES + 1).tolist():
-            there = at.copy()
-            there[index] = self.window.low[index] + share * self.window.size[index]
-            values, slopes = self.pairs(there)
-            samples.append((share, values, slopes[index]))
-        return [one for pair in pairwise(samples) for one in _nearest(*pair)]
 
     def pairs(self, at: Array) -> tuple[Complex, Complex]:
         """The k eigenvalues above the real axis and not far from the imaginary one, and slopes.

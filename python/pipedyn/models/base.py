@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn import _core
 from pipedyn.models.drive import drive_of
 from pipedyn.models.pencil import DensePencil, Pencil
-from pipedyn.models.pipe import Pipe
+from pipedyn.models.pipe import OWN_NUMBERS, Pipe
 from pipedyn.models.profile import values_along
 from pipedyn.util import check
 from pipedyn.util.archive import Saved, saved_as
@@ -168,6 +168,8 @@ def projected(operators: Operators, basis: Array) -> Operators:
     return replace(operators, **matrices)
 
 
+own_numbers = attrgetter(*OWN_NUMBERS)
+
 UNIFORM = _core.Profile()
 """What does not vary along the pipe, as the core takes it."""
 
@@ -175,21 +177,14 @@ UNIFORM = _core.Profile()
 def core_pipe(pipe: Pipe) -> _core.Pipe:
     """The pipe's numbers as the core takes them."""
     return _core.Pipe(  # by place: names take as long as all the rest
-        pipe.beta,
-        pipe.gamma,
-        pipe.alpha,
-        pipe.drag,
-        pipe.damping,
+        own_numbers(pipe),
         pipe.flow == "aspirating",
         [(t.law, t.place or 0.0, t.law_numbers(pipe.damping)) for t in pipe.terms],
         pipe.root_stiffness,
         pipe.end,
         pipe.supports,
-        pipe.inflow_share,
-        pipe.jet_angle,
         UNIFORM if pipe.stiffness is None else pipe.stiffness.core,
         UNIFORM if pipe.mass is None else pipe.mass.core,
-        pipe.hysteresis,
     )
 
 

@@ -22,7 +22,14 @@ from pipedyn.models.base import (
     projected,
     stored,
 )
-from pipedyn.models.chain_supports import MET, SAME, ChainSupports, closest, held_ends
+from pipedyn.models.chain_supports import (
+    MET,
+    SAME,
+    ChainSupports,
+    closest,
+    held_ends,
+    rest_moments,
+)
 from pipedyn.models.galerkin import Galerkin, basis_joints
 from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
 from pipedyn.models.pipe import Pipe
@@ -519,12 +526,8 @@ class Chain(Model):
         chain = operators_from(self.core.operators(theta), self._pipe)
         if self.supported is None:
             return chain
-        at_rest = np.append(theta, 0.0 * theta)[:, None] * np.ones(2)
-        turning = self.core.rhs(0.0, at_rest, np.array([0.0, 1.0]))[theta.size :]
-        still, flowing = (chain.mass @ turning).T
-        return self.supported.bent(
-            chain, theta, still, (flowing - still) / (self.pipe.alpha or 1.0)
-        )
+        moments = rest_moments(self.core, theta, self._lengths, self._pipe)
+        return self.supported.bent(chain, theta, moments, self.elastic_scale)
 
     def basis(self, q: ArrayLike | None = None) -> Array:
         """Angles of the segments by the degrees of freedom of `operators`, shape (n, dof).

@@ -53,23 +53,53 @@ class ChainSupports:
         vectors, _, _ = np.linalg.svd(held)
         return np.asarray(vectors[:, 2 * by_angles.shape[1] :])
 
-    def bent(self, chain: Operators, theta: Array, still: Array, thrust: Array) -> Operators:
-        """The chain's operators in its angles, with what the forces that hold nodes add.
+    def bent(self, chain: Operators, theta: Array, moments: Array, scale: Array) -> Operators:
+        """A chain's operators in its angles, with what the forces that hold nodes add.
 
-        These change their moments as the segments turn.
+        These forces balance the moments at rest and change their own as the segments turn. They are
+        found by least squares in elastic coordinates, in which stiff springs do not hide soft ones.
 
         Args:
-            chain: the chain's.
+            chain: the operators of the chain alone.
             theta: angles of the segments, shape (n,).
-            still: moments on the segments at rest without flow, shape (n,).
-            thrust: those of the flow by a u^2, shape (n,).
+            moments: the columns of `rest_moments`, shape (n, 3).
+            scale: joint angle of one elastic coordinate, shape (n,).
         """
-        loads = np.stack([still, thrust], axis=1)
+        rows, loads = (
+            scale[:, None] * np.cumsum(of[::-1], axis=0)[::-1] for of in (self.rows(theta), moments)
+        )
         # The rows are independent, so that no singular value is rounding: none is cut off.
-        forces, *_ = np.linalg.lstsq(self.rows(theta), -loads, rcond=0.0)
-        by_still, by_thrust = (self.rows(theta + 0.5 * math.pi) @ forces).T
-        stiffness, flux = chain.stiffness - np.diag(by_still), chain.flux - np.diag(by_thrust)
-        return replace(chain, stiffness=stiffness, flux=flux)
+        forces, *_ = np.linalg.lstsq(rows, -loads, rcond=0.0)
+        by_turning = self.rows(theta + 0.5 * math.pi) @ forces
+        still, thrust, push = map(np.diag, by_turning.T)
+        return replace(
+            chain,
+            stiffness=chain.stiffness - still,
+            flux=chain.flux - thrust,
+            unsteady=chain.unsteady - push,
+        )
+
+
+def rest_moments(core: _core.Chain, theta: Array, lengths: Array, pipe: Pipe) -> Array:
+    """Moments on the segments of a chain at rest, shape (n, 3).
+
+    The first column holds those without flow, the others those by a u^2 and by s u'.
+
+    Args:
+        core: the compiled chain.
+        theta: angles of the segments, shape (n,).
+        lengths: their lengths, shape (n,).
+        pipe: the pipe.
+    """
+    still = core.rhs(0.0, np.append(theta, 0.0 * theta), 0.0, refuses=False)[theta.size :]
+    if still.any():
+        still = core.operators(theta).mass @ still
+    end = (0.0 if pipe.end_directed else theta[-1]) + pipe.jet_angle
+    # For directions written exp(i theta), products give the sines of their differences.
+    turned = lengths * np.exp(1j * theta)
+    beyond = np.cumsum(turned[::-1])[::-1] - turned
+    push = -math.sqrt(pipe.beta) * (np.conj(turned) * beyond).imag
+    return np.stack([still, lengths * np.sin(theta - end), push], axis=1)
 
 
 def held_ends(pipe: Pipe, ends: Array) -> NDArray[np.intp]:

@@ -57,6 +57,8 @@ class OwnNumber:
         not_small: why small motions about the straight pipe do not know it; empty where they do.
         not_large: why motions in time do not; empty where they do.
         unit: in SI; None where it has none.
+        effect: name of the effect that `relevant` switches off by setting the number to its
+            default; empty where the effect vanishes with the number, as gravity does with gamma.
     """
 
     word: str
@@ -67,6 +69,7 @@ class OwnNumber:
     not_small: str = ""
     not_large: str = ""
     unit: Unit | None = None
+    effect: str = ""
 
     @property
     def letter(self) -> str:
@@ -79,7 +82,10 @@ OWN_NUMBERS = {
         "mass ratio", r"\beta", {"low": 0.0, "high": 1.0, "open_high": True}, (0.02, 0.95)
     ),
     "gamma": OwnNumber("gravity", r"\gamma", {"low": -1e6, "high": 1e6}, (-20.0, 60.0)),
-    "alpha": OwnNumber("end coefficient", r"\alpha", {"low": 0.0, "high": 1e6}, (0.0, 2.0)),
+    "alpha": OwnNumber(
+        *("end coefficient", r"\alpha", {"low": 0.0, "high": 1e6}, (0.0, 2.0)),
+        effect="end coefficient",
+    ),
     "drag": OwnNumber(
         *("drag", r"\kappa", {"low": 0.0, "high": 1e9}),
         not_small="drag has no part in small motions",
@@ -90,18 +96,24 @@ OWN_NUMBERS = {
         not_large="a pipe with hysteresis has no equation of motion in time",
     ),
     "inflow_share": OwnNumber(
-        "inflow share", "c", {"low": 0.0, "high": 1.0}, (0.0, 1.0), flow="aspirating"
+        *("inflow share", "c", {"low": 0.0, "high": 1.0}, (0.0, 1.0)),
+        flow="aspirating",
+        effect="inflow",
     ),
     "jet_angle": OwnNumber(
         *("jet angle", r"\psi", {"low": -math.pi, "high": math.pi}),
         flow="ejecting",
         not_small="the straight pipe is no equilibrium of an inclined jet",
+        effect="jet angle",
+    ),
+    "rotary_inertia": OwnNumber(
+        *("rotary inertia", "J", {"low": 0.0, "high": 1e3}), effect="rotary inertia"
     ),
 }
-"""The numbers of a pipe by their names as arguments."""
+"""The numbers of a pipe by their names as arguments, in the order of `own_numbers` in pipe.hpp."""
 
 
-@saved_as("Pipe")
+@saved_as("Pipe", added=("rotary_inertia",))
 @dataclass(frozen=True)
 class Pipe(Saved):
     """A pipe conveying fluid, a cantilever if not told, in units of L, mu_p + mu_f and EI.
@@ -131,6 +143,9 @@ class Pipe(Saved):
         jet_angle: of an ejecting pipe, angle psi in rad, in [-pi, pi], from the tangent at its free
             end to the jet of an inclined nozzle: at theta(1) + psi from the downward vertical. Such
             a pipe rests bent, see `equilibria`; the straight one is no equilibrium of the flow.
+        rotary_inertia: J >= 0, moment of inertia of a cross-section about the axis across the plane
+            of motion, by length, in units of (mu_p + mu_f) L^2, with that of the fluid in it as far
+            as it turns with the pipe. It is the same all along the pipe, and 0 of a slender one.
         terms: what else acts on the pipe, such as `PointMass` and `Spring`: a sequence of at most
             400 terms, kept as a tuple.
         root: how the pipe is held at s = 0: "clamped", "pinned" (a hinge) or a `RootSpring`, a
@@ -161,8 +176,9 @@ class Pipe(Saved):
 
     Source: Orsino and Di Giulio, eqs. (1)-(9); delta, mu and inflow_share are not in the paper. Of
     mu Paidoussis (1970). The last is Hamilton's principle for open systems (McIver 1973) with an
-    inflow of that velocity. Of inclined nozzles Lundgren, Sethna and Bajaj (1979). Of supported
-    pipes Paidoussis, Fluid-Structure Interactions, vol. 1, ch. 3.
+    inflow of that velocity. Of inclined nozzles Lundgren, Sethna and Bajaj (1979). Of rotary
+    inertia Rayleigh, The Theory of Sound, vol. 1, sec. 162. Of supported pipes Paidoussis,
+    Fluid-Structure Interactions, vol. 1, ch. 3.
     """
 
     beta: float
@@ -174,6 +190,7 @@ class Pipe(Saved):
     hysteresis: float = field(default=0.0, kw_only=True)
     inflow_share: float = field(default=1.0, kw_only=True)
     jet_angle: float = field(default=0.0, kw_only=True)
+    rotary_inertia: float = field(default=0.0, kw_only=True)
     terms: Sequence[Term] = field(default=(), kw_only=True)
     root: Root = field(default="clamped", kw_only=True)
     end: End = field(default="free", kw_only=True)
@@ -231,6 +248,7 @@ class Pipe(Saved):
         nozzle_ratio: float | None = None,
         inflow_share: float = 1.0,
         jet_angle: float = 0.0,
+        rotary_inertia: float = 0.0,
         terms: Sequence[Term] = (),
         root: Root = "clamped",
         end: End = "free",
@@ -265,6 +283,8 @@ class Pipe(Saved):
                 say a nozzle's mass.
             inflow_share: share of the free end's velocity that the fluid has before it enters.
             jet_angle: angle of an inclined nozzle's jet to the tangent at the free end, rad.
+            rotary_inertia: kg m, density times second moment of area of the pipe's section, with
+                what of the fluid turns along.
             terms: what else acts on the pipe, its numbers in SI units, `at` in m; `terms_si` gives
                 them back.
             root: "clamped", "pinned" or a `RootSpring`, its stiffness in N m/rad.
@@ -345,6 +365,10 @@ class Pipe(Saved):
             ),
             "drag": (drag, f"drag_coefficient, {outside}, length and the masses"),
             "damping": (damping_time / time, f"damping_time, {every}"),
+            "rotary_inertia": (
+                check.real("rotary_inertia", rotary_inertia, low=0.0) / (mass * length * length),
+                "its SI value, length and the masses",
+            ),
         }
         checked = {
             name: check.real(f"{name} from {causes}", value, **OWN_NUMBERS[name].rule)
@@ -400,6 +424,16 @@ class Pipe(Saved):
         """
         across = self.alpha * abs(math.sin(self.jet_angle))
         return 0.0 if self.end_held or across < 1e-15 else across
+
+    @property
+    def bare(self) -> bool:
+        """Whether it is uniform, nothing but the flow acts on it, and no support holds it between.
+
+        Weight, damping and drag, which are uniform along the pipe, are allowed. Rotary inertia is
+        not, as high modes have more of it than low ones.
+        """
+        varied = self.terms or self.supports or self.stiffness or self.mass
+        return not varied and self.rotary_inertia == 0.0
 
     @property
     def cantilevered(self) -> bool:

@@ -18,6 +18,9 @@ from pipedyn.util.check import Array
 from pipedyn.util.errors import resolved
 from pipedyn.util.later import scipy
 
+STENCIL = np.array([45.0, -9.0, 1.0]) / 60.0
+"""Weights of central differences of sixth order, for 1, 2 and 3 steps to either side."""
+
 SUPPORT_MISSED = 1e-13
 """x at a support, in L, that counts as 0: a hundred times rounding."""
 
@@ -85,12 +88,11 @@ class ReducedSupports:
         They are orthonormal; the state keeps meeting the supports and their rates along them.
         """
         q, rates = np.split(y, 2)
-        # The derivative of the rates of x by q is that of the derivatives of x along the motion:
-        # central differences of sixth order.
+        # The derivative of the rates of x by q is that of the derivatives of x along the motion.
         turning = float(np.abs(self.core.basis(np.linspace(0.0, 1.0, 41), 1) @ rates).max())
         step = 0.01 / max(turning, 1e-100)
         _, by = self.held(q[:, None] + step * np.arange(-3, 4) * rates[:, None])
-        drift = np.tensordot(np.array([-1, 9, -45, 0, 45, -9, 1]) / (60.0 * step), by, 1)
+        drift = np.tensordot(np.array([*-STENCIL[::-1], 0.0, *STENCIL]) / step, by, 1)
         vectors, _ = np.linalg.qr(np.block([[by[3], 0.0 * drift], [drift, by[3]]]).T, "complete")
         return np.asarray(vectors[:, 2 * len(drift) :])
 

@@ -3,7 +3,6 @@
 
 from pipedyn.models.terms import PointMass
 from pipedyn.modular.assembly import Assembly
-from pipedyn.modular.enforcement import Mechanism
 from pipedyn.modular.parts import (
     Clamp,
     Constraint,
@@ -28,7 +27,6 @@ __all__ = [
     "Guide",
     "InternalFlow",
     "Joint",
-    "Mechanism",
     "Module",
     "Pin",
     "PointMass",

@@ -28,7 +28,6 @@ from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.terms import Stretching, Term
 from pipedyn.modular.custom import CustomForces
-from pipedyn.modular.enforcement import ENFORCEMENTS, Enforcement, projection
 from pipedyn.modular.layout import CONSTRAINTS, MODULES, Layout
 from pipedyn.modular.linearisation import SmallMotions
 from pipedyn.modular.motion import SceneMotion
@@ -42,15 +41,14 @@ from pipedyn.modular.parts import (
     TorsionalSpring,
     part_text,
 )
-from pipedyn.modular.redundant import RedundantForm
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged, resolved
 from pipedyn.util.newton import NewtonFailed, newton
 
-LARGEST_JACOBIAN, LARGEST_RECURSION = 1300, 400
-"""Most segments for a dense Jacobian (6 n, 6 n), 0.5 GB, and for dense recursions, seconds."""
+LARGEST_JACOBIAN = 1300
+"""Largest number of segments for a dense Jacobian (6 n, 6 n), which has 0.5 GB then."""
 
 
 @saved_as("Assembly")
@@ -85,8 +83,6 @@ class Assembly(Model):
             among them are added to those of the pipe.
         constraints: constraints in any order, each a group of its own: `Clamp`, a `Joint` for each
             further segment, and what else holds the pipe. Redundant constraints are accepted.
-        enforcement: "orthonormal" (accelerations as by a basis built group by group, found in O(n)
-            along the chain) or "udwadia-kalaba" (dense, to compare); both give the same motion.
 
     Example:
         >>> scene = pp.modular.chain(pp.Pipe(0.2), 4)
@@ -101,7 +97,7 @@ class Assembly(Model):
             nothing that moves, a span that is taut, a direction without inertia.
         TypeError: for arguments that are no pipe, modules or constraints.
 
-    Source: Orsino and Di Giulio, eqs. (1)-(11); Orsino (2017) for the recursion.
+    Source: Orsino and Di Giulio, eqs. (1)-(11).
     """
 
     def __init__(
@@ -109,14 +105,12 @@ class Assembly(Model):
         pipe: Pipe,
         modules: Iterable[Module | Term],
         constraints: Iterable[Constraint],
-        enforcement: Enforcement = "orthonormal",
     ) -> None:
         given = _parts("modules", modules, (Module, Term))
         terms = tuple(part for part in given if isinstance(part, Term))
         super().__init__(pipe)
         if terms:
             self._pipe = replace(pipe, terms=(*pipe.terms, *terms))
-        self._enforcement = check.choice("enforcement", enforcement, ENFORCEMENTS)
         self._layout = Layout(
             [part for part in given if isinstance(part, Module)],
             _parts("constraints", constraints, (Constraint,)),
@@ -137,12 +131,19 @@ class Assembly(Model):
 
     def archived(self) -> dict[str, Any]:
         """Arguments, by name, from which a file restores the scene, and the choice of `about`."""
-        parts = {"modules": self.modules, "constraints": self.constraints}
-        return {**super().archived(), **parts, "enforcement": self.enforcement}
+        return {
+            **super().archived(),
+            "modules": self.modules,
+            "constraints": self.constraints,
+        }
 
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> Self:
-        """The scene with these arguments and, if there is one, the choice of `about`."""
+        """The scene with these arguments and, if there is one, the choice of `about`.
+
+        Older files also say by which of two methods, with one answer, accelerations were found.
+        """
+        fields.pop("enforcement", None)
         reference = fields.pop("reference")
         made = cls(**fields)
         if reference is not None:
@@ -167,21 +168,18 @@ class Assembly(Model):
     @cached_property
     def motion(self) -> SceneMotion:
         """The equations of motion in the angles of the segments, as integrators take them."""
-        dense = None if self._enforcement == "orthonormal" else ENFORCEMENTS[self._enforcement]
-        pipe = self._layout.acting(self._pipe)
-        return SceneMotion(RedundantForm(pipe, self._layout, self.core, self._customs), dense)
+        return SceneMotion(self._layout.acting(self._pipe), self._layout, self.core, self._customs)
 
     @property
     def motion_core(self) -> Any:
-        return self.motion.core
+        return self.core
 
     @property
     def compiled(self) -> Any:
-        motion = self.motion
-        if not motion.is_compiled:
-            return None  # Python computes custom modules and dense recursions
+        if self._customs:
+            return None  # Python computes these modules
         # A scene without held nodes and without further inertia is a chain.
-        return motion.core if motion.core.compliance.size else motion.core.chain
+        return self.core if self.core.compliance.size else self.core.chain
 
     def __repr__(self) -> str:
         layout = self._layout
@@ -191,13 +189,10 @@ class Assembly(Model):
             parts.append(f"base={layout.base:g}")
         others = [p for p in self.modules if not (isinstance(p, Segment) or _is_plain_spring(p))]
         parts += [part_text(part) for part in (*others, *layout.guides_and_pins)]
-        if self._enforcement != "orthonormal":
-            parts.append(repr(self._enforcement))
         return f"Assembly({self._pipe!r}, {', '.join(parts)}{self._about_shown})"
 
     modules = stored("_layout.modules", "The parts with inertia or forces, a tuple.")
-    constraints = stored("_layout.constraints", "The constraints, in the order of enforcement.")
-    enforcement = stored("_enforcement", "How accelerations are found.")
+    constraints = stored("_layout.constraints", "The constraints, those of supports last.")
     integrated = stored("_layout.size", "Number of angles that an integrator advances, n.")
 
     @property
@@ -274,7 +269,6 @@ class Assembly(Model):
             pipe,
             (*own, *modules),
             (*self._layout.given, *constraints),
-            self._enforcement,
         )
         chosen = self._reference
         if chosen is not None and chosen.size == more.integrated and more._misses(chosen) <= MET:
@@ -420,7 +414,7 @@ class Assembly(Model):
 
         def correction(theta: Array) -> tuple[Array, float]:
             """Newton's step of the angles, and its largest entry."""
-            linear = SmallMotions(self.motion.form, theta)
+            linear = SmallMotions(self.motion, theta)
             _, _, stiffness = linear.elastic_operators().at(u)
             # Along a direction whose stiffness is rounding of the largest stiffness, no force tells
             # how far to go, and the step has no part.
@@ -442,7 +436,7 @@ class Assembly(Model):
         except NewtonFailed as reason:
             raise NotConverged(f"no equilibrium was found at u = {u:g} near start") from reason
         configuration = self._configuration(found)
-        left = self._left(SmallMotions(self.motion.form, found), u)
+        left = self._left(SmallMotions(self.motion, found), u)
         if left > BALANCED:
             raise NotConverged(
                 f"no equilibrium was found at u = {u:g} near start: a force of {left:.2g} times "
@@ -458,7 +452,7 @@ class Assembly(Model):
         """Small motions about the configuration that `about` chose, else the straight pipe."""
         if self.as_chain is None:
             self._check_dense()
-        return SmallMotions(self.motion.form, self.reference)
+        return SmallMotions(self.motion, self.reference)
 
     @property
     def reference(self) -> Array:
@@ -516,7 +510,7 @@ class Assembly(Model):
         self._check_dense()
         if q is None:
             return self.linear
-        return SmallMotions(self.motion.form, self._angles_of("q", q))
+        return SmallMotions(self.motion, self._angles_of("q", q))
 
     def elastic_operators(self) -> Operators:
         """Operators in elastic coordinates, see `pipedyn.modular.linearisation`."""
@@ -533,46 +527,6 @@ class Assembly(Model):
         return angles.reshape(columns.shape)
 
     # -------------------------------------------------------------------------- nonlinear motion
-
-    def projection(self, q: ArrayLike | None = None) -> Array:
-        """Basis C_R of the rates that constraints leave free, found by the recursion over groups.
-
-        Args:
-            q: a configuration; where not given, that of `about`, else the straight pipe or, where
-                that misses a constraint, a configuration that does not.
-
-        Returns:
-            C_R with orthonormal columns, shape (3 n, dof).
-
-        Raises:
-            ValueError, TypeError: for a q that is no such configuration.
-        """
-        self._check_size(LARGEST_RECURSION)
-        theta = self.resting() if q is None else self._angles_of("q", q)
-        still = self.core.from_angles(theta, np.zeros_like(theta))
-        return projection(self.motion.groups(still), self.coordinates)[0]
-
-    def accelerations(self, y: ArrayLike, u: float, enforcement: Enforcement) -> Array:
-        """Accelerations q'' by one of the dense recursions, to compare with `rhs`; O(n^3).
-
-        Args:
-            y: state [q, q'], shape (6 n,).
-            u: flow speed >= 0.
-            enforcement: "orthonormal" or "udwadia-kalaba".
-
-        Returns:
-            Accelerations, shape (3 n,).
-
-        Raises:
-            Mechanism: if a free direction has no inertia at the state.
-            ValueError, TypeError: for bad arguments.
-        """
-        name = check.choice("enforcement", enforcement, ENFORCEMENTS)
-        u = check.real("u", u, low=0.0, high=1e100)
-        self._check_size(LARGEST_RECURSION)
-        state = check.array("y", y, size=2 * self.coordinates)
-        ask = self.equations.enforced
-        return resolved("accelerations", lambda: ask(ENFORCEMENTS[name], state, u))
 
     def require_base(self) -> None:
         super().require_base()
@@ -596,16 +550,17 @@ class Assembly(Model):
         Accelerations depend on the angles of the joints and their rates alone, see the class. The
         arguments are those of `Model.jacobian`.
         """
-        self._check_size(LARGEST_JACOBIAN)
+        if self.integrated > LARGEST_JACOBIAN:
+            raise ValueError(
+                f"dense results need at most {LARGEST_JACOBIAN} segments, got {self.integrated}"
+            )
         size = self.coordinates
         state = check.doubles("y", y, "an array of real numbers")
         if state.shape != (2 * size,):
             raise ValueError(f"y must have shape ({2 * size},), got {state.shape}")
-        self.core.redundant_power(state, u, refuses=False)  # checks y and u
-        angles = np.cumsum(state.reshape(-1, 3)[:, 2].reshape(2, -1), axis=1).ravel()
-        drive = self._drive(state, u_dot, base)
+        angles, drive = self.core.angles(state), self._drive(state, u_dot, base)
         ask = self.equations.accelerations_by_state
-        by_angles = resolved("jacobian", lambda: ask(angles, float(np.asarray(u)), drive))
+        by_angles = resolved("jacobian", lambda: ask(angles, u, drive))
         # A segment's angle is the sum of joints' angles up to it; no other coordinate changes it.
         by_joints = np.cumsum(by_angles.reshape(size, 2, -1)[:, :, ::-1], axis=2)[:, :, ::-1]
         whole = np.eye(2 * size, k=size)
@@ -689,11 +644,6 @@ class Assembly(Model):
 
     # ----------------------------------------------------------------------------------- arguments
 
-    def _check_size(self, most: int) -> None:
-        """Raises ValueError for a dense result of more than `most` segments."""
-        if self.integrated > most:
-            raise ValueError(f"dense results need at most {most} segments, got {self.integrated}")
-
     @staticmethod
     def _rows(
         name: str, given: ArrayLike, sizes: tuple[int, ...], high: float = LARGEST_ANGLE
@@ -713,8 +663,7 @@ class Assembly(Model):
         rows = self._rows(name, given, sizes or (self.integrated, self.coordinates))
         theta = rows if rows.size == self.integrated else np.cumsum(rows[2::3])
         q = rows if rows.size == self.coordinates else self._configuration(theta)
-        residual, _, _ = self.motion.form.constraints(q, np.zeros_like(q))
-        self._require_met(f"{name} must meet", residual, MET)
+        self._require_met(f"{name} must meet", MET, q, self._configuration(theta))
         return np.array(theta)
 
     def _rates_of(
@@ -725,19 +674,21 @@ class Assembly(Model):
             return np.zeros(self.integrated)
         rows = self._rows(name, given, sizes or (self.integrated, self.coordinates), 1e6)
         omega = rows if rows.size == self.integrated else np.cumsum(rows[2::3])
-        q, qdot = np.split(self.core.from_angles(theta, omega), 2)
-        given_rates = rows if rows.size == self.coordinates else qdot
-        _, drift, _ = self.motion.form.constraints(q, given_rates)
-        self._require_met(f"{name} must keep", drift, MET * (1.0 + float(np.abs(omega).max())))
+        exact = self.core.from_angles(theta, omega)[self.coordinates :]
+        rates = rows if rows.size == self.coordinates else exact
+        most = MET * (1.0 + float(np.abs(omega).max()))
+        self._require_met(f"{name} must keep", most, rates, exact, order=1)
         return np.array(omega)
 
-    def _require_met(self, rule: str, residual: Array, most: float) -> None:
-        """Raises ValueError, which names the constraint, if a residual is too large."""
-        worst = int(np.argmax(np.abs(residual)))
-        if not abs(residual[worst]) <= most:
+    def _require_met(
+        self, rule: str, most: float, given: Array, exact: Array, order: int = 0
+    ) -> None:
+        """Raises ValueError, which names the constraint, if one is missed by more than `most`."""
+        missed, part = self._layout.worst_met(given, exact, order)
+        if not missed <= most:
             raise ValueError(
-                f"{rule} {self._layout.row_text(worst)}, got a deviation of "
-                f"{abs(residual[worst]):.1e}; admissible(angles) gives angles that meet all"
+                f"{rule} {part_text(part)}, got a deviation of {missed:.1e}; "
+                "admissible(angles) gives angles that meet all"
             )
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from operator import itemgetter
 from typing import Any, TypeVar
 
 import numpy as np
@@ -111,7 +112,6 @@ class Layout:
         self._refuse_taut()
         if self.independent.size == self.size:
             raise ValueError(f"{self.guides_text()} must leave something that moves, got nothing")
-        self.group_rows = self._found_group_rows()
 
     # -------------------------------------------------------------------------------- what is where
 
@@ -183,21 +183,6 @@ class Layout:
                     )
         return {coordinate: part for coordinate, (_, part) in found.items()}
 
-    def _found_group_rows(self) -> list[list[int]]:
-        """Rows in `RedundantForm.constraints` of each constraint, in the order of constraints."""
-        place = {int(coordinate): i for i, coordinate in enumerate(self.held)}
-        rows: list[list[int]] = []
-        for part in self.constraints:
-            joint = 2 * getattr(part, "segment", 1) - 2
-            held = [2 * self.size + place[coordinate] for coordinate, _ in _held_by(part)]
-            rows.append(held or [joint, joint + 1])
-        return rows
-
-    def row_text(self, row: int) -> str:
-        """Text for messages of the constraint to which a row of `RedundantForm` belongs."""
-        groups = zip(self.constraints, self.group_rows, strict=True)
-        return next(part_text(part) for part, rows in groups if row in rows)
-
     @property
     def guides_and_pins(self) -> list[Constraint]:
         """Guides and pins that hold coordinates, each once."""
@@ -223,6 +208,21 @@ class Layout:
         found[0, 1] = 0.0 if order else self.base
         found[1:] = columns.reshape(self.size, 3, *columns.shape[1:])[:, :2]
         return found
+
+    def worst_met(self, given: Array, exact: Array, order: int = 0) -> tuple[float, Constraint]:
+        """How far coordinates, or rates, are off the constraint that they miss most, and that one.
+
+        Args:
+            given: the coordinates or rates, shape (3 n,).
+            exact: those that follow from the same angles of the joints and meet all these.
+            order: 0 for coordinates, 1 for rates.
+        """
+        torn = np.diff(self.nodes(given, order) - self.nodes(exact, order), axis=0)
+        missed = np.abs(exact[self.held] - (0.0 if order else self.held_values))
+        ties = _of(self.constraints, (Clamp, Joint))
+        gaps = [float(np.abs(torn[getattr(part, "segment", 1) - 1]).max()) for part in ties]
+        every = zip([*missed.tolist(), *gaps], [*self.holding, *ties], strict=True)
+        return max(every, key=itemgetter(0))
 
     def moments(self, theta: Array, forces: Array) -> Array:
         """Moments on the segments, shape (n, r), by forces on the coordinates, shape (3 n, r).
@@ -344,8 +344,8 @@ def coordinates_by_angles(lengths: Array, theta: Array) -> Array:
     return derivative
 
 
-def _of(parts: Iterable[Part], kind: type[P]) -> list[P]:
-    """The parts of one kind."""
+def _of(parts: Iterable[Part], kind: type[P] | tuple[type[P], ...]) -> list[P]:
+    """The parts of one kind, or of some."""
     return [part for part in parts if isinstance(part, kind)]
 
 

@@ -12,18 +12,17 @@ stiffness is the identity. Springs enter in phi, in which stiff springs do not h
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn import _core
-from pipedyn.models.base import Operators
+from pipedyn.models.base import Operators, operators_from
 from pipedyn.models.chain import elastic_scale
-from pipedyn.models.drive import ROWS
+from pipedyn.models.chain_supports import rest_moments
 from pipedyn.models.pencil import real_columns
-from pipedyn.modular.redundant import RedundantForm
+from pipedyn.modular.motion import SceneMotion
 from pipedyn.util.check import Array
 
 
@@ -31,7 +30,7 @@ class SmallMotions:
     """Operators of small motions about a configuration, and the bases that they use.
 
     Args:
-        form: the scene in redundant coordinates.
+        motion: the equations of motion of the scene.
         theta: angles of the segments, which meet guides and pins, shape (n,).
 
     Attributes:
@@ -39,28 +38,33 @@ class SmallMotions:
         elastic: orthonormal basis, (n, dof), of the chain's elastic coordinates that they allow.
     """
 
-    def __init__(self, form: RedundantForm, theta: Array) -> None:
-        self.form, self.layout, self.theta = form, form.layout, theta
-        self.still = form.core.from_angles(theta, np.zeros_like(theta))
-        self.scale = elastic_scale(form.joints[: theta.size, 0])[:, None]
-        self.held = self.layout.unit_loads[:, self.layout.independent]
-        self.basis = _core.Complement(self.layout.moments(theta, self.held))
-        self.rows = self._elastic_loads(self.held)
-        self.elastic = _core.Complement(self.rows)
-        self.dof = theta.size - self.held.shape[1]
+    def __init__(self, motion: SceneMotion, theta: Array) -> None:
+        self.motion, self.layout, self.theta = motion, motion.layout, theta
+        chain = motion.core.chain
+        self.joints = chain.joints
+        self.scale = elastic_scale(self.joints[: theta.size, 0])
+        rows = self.layout.independent_rows(theta)
+        self.basis = _core.Complement(rows)
+        self.elastic = _core.Complement(self._elastic_loads(rows))
+        self.dof = theta.size - rows.shape[1]
+        self.custom_moments, self.custom_by_state = motion.custom_moments(
+            np.append(theta, 0.0 * theta)
+        )
+        self.moments = rest_moments(chain, theta, self.layout.lengths, motion.pipe)
+        self.moments[:, 0] += self.custom_moments
 
-    def _elastic_loads(self, forces: Array) -> Array:
-        """Loads on the chain's elastic coordinates, (n, r), by forces of shape (3 n, r)."""
-        moments = self.layout.moments(self.theta, forces)
-        return self.scale * np.cumsum(moments[::-1], axis=0)[::-1]
+    def _elastic_loads(self, moments: Array) -> Array:
+        """Loads on the chain's elastic coordinates, (n, r), by moments on the segments, (n, r)."""
+        return self.scale[:, None] * np.cumsum(moments[::-1], axis=0)[::-1]
 
     def unbalanced(self, u: float) -> Array:
         """Unbalanced force at rest in elastic coordinates, shape (dof, 1); 0 at an equilibrium."""
-        return self.elastic.gathered(self._elastic_loads(self.form.forces(self.still, u)[:, None]))
+        moments = self.moments @ [[1.0], [self.motion.pipe.alpha * u**2], [0.0]]
+        return self.elastic.gathered(self._elastic_loads(moments))
 
     def joint_angles(self, zeta: NDArray[Any]) -> NDArray[Any]:
         """Angles of the joints, shape (n, r), of elastic coordinates, shape (dof, r)."""
-        result: NDArray[Any] = self.scale * real_columns(self.elastic.spread, zeta)
+        result: NDArray[Any] = self.scale[:, None] * real_columns(self.elastic.spread, zeta)
         return result
 
     def operators(self) -> Operators:
@@ -73,9 +77,9 @@ class SmallMotions:
 
     def _operators(self, joints: Array) -> Operators:
         """Operators in coordinates whose unit vectors turn joints by columns of (n, dof)."""
-        form, layout, theta, n = self.form, self.layout, self.theta, self.theta.size
-        chain, angles = form.unsprung.operators(theta), np.cumsum(joints, axis=0)
-
+        motion, n, angles = self.motion, self.theta.size, np.cumsum(joints, axis=0)
+        unheld = operators_from(motion.unsprung.operators(self.theta), motion.pipe)
+        chain = motion.held.bent(unheld, self.theta, self.moments, self.scale)
         sizes = np.linalg.norm(angles, axis=0)
 
         def of_angles(matrix: Array) -> Array:
@@ -93,36 +97,19 @@ class SmallMotions:
             every = np.vstack([joints, -angles[-1:]])[: values.size]
             return every.T @ (values[:, None] * every)
 
-        compliance = form.core.compliance
+        compliance = motion.core.compliance
         inert = compliance != 0.0
-        rows = layout.moments(theta, form.core.weights[inert].T)
-        # Moments of forces that keep their direction change as the segments turn.
-        reaction, by_thrust, by_push = self._reactions()
-        own = form.customs.force(*np.split(self.still, 2))
-        by_state = form.moments_by_state(theta, np.zeros(n), own + reaction)
-        turned, pushed = layout.moments(theta + 0.5 * math.pi, np.stack([by_thrust, by_push], 1)).T
+        rows = self.layout.moments(self.theta, motion.core.weights[inert].T)
+        by_angles, by_rates = np.hsplit(self.custom_by_state, [n])
+        stiffness, damping, _ = self.joints.T
         return Operators(
             mass=of_angles(chain.mass + (rows / compliance[inert]) @ rows.T),
             gyroscopic=of_angles(chain.gyroscopic),
             end_flux=of_angles(chain.end_flux),
-            damping=of_angles(chain.damping - by_state[:, n:]) + of_joints(form.joints[:, 1]),
-            stiffness=of_angles(chain.stiffness - by_state[:, :n]) + of_joints(form.joints[:, 0]),
-            flux=layout.has_flow * of_angles(chain.flux - np.diag(turned)),
-            unsteady=of_angles(chain.unsteady - np.diag(pushed)),
-            direction=form.pipe.direction,
-            centrifugal=form.pipe.alpha,
+            damping=of_angles(chain.damping - by_rates) + of_joints(damping),
+            stiffness=of_angles(chain.stiffness - by_angles) + of_joints(stiffness),
+            flux=self.layout.has_flow * of_angles(chain.flux),
+            unsteady=of_angles(chain.unsteady),
+            direction=chain.direction,
+            centrifugal=chain.centrifugal,
         )
-
-    def _reactions(self) -> Array:
-        """Forces of guides and pins at rest, and derivatives by a u^2 and by s u': (3, 3 n)."""
-        force = self.form.forces(self.still, 0.0)
-        faster = np.zeros(ROWS)
-        faster[0] = self.form.pipe.direction
-        push = self.form.forces(self.still, 0.0, faster) - force
-        end = 0.0 if self.layout.guided else self.theta[-1]
-        thrust, end = np.zeros_like(force), end + self.form.pipe.jet_angle
-        thrust[-3:-1] = -np.sin(end), -np.cos(end)
-        loads = self._elastic_loads(np.stack([force, thrust, push], axis=1))
-        # The rows are independent, so that no singular value is rounding and none is cut off.
-        multipliers, *_ = np.linalg.lstsq(self.rows, loads, rcond=0.0)
-        return -(self.held @ multipliers).T

@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
+from pipedyn import _core
 from pipedyn.models.chain_supports import ChainSupports
-from pipedyn.modular.enforcement import Enforce, Group
-from pipedyn.modular.layout import coordinates_by_angles, nodes_by_angles
-from pipedyn.modular.redundant import RedundantForm
-from pipedyn.util import check
+from pipedyn.models.pipe import Pipe
+from pipedyn.modular.custom import CustomForces
+from pipedyn.modular.layout import Layout, coordinates_by_angles, nodes_by_angles
 from pipedyn.util.check import Array
 from pipedyn.util.errors import resolved
 
@@ -29,16 +29,22 @@ class SceneMotion:
     """Equations of motion of a scene, in redundant coordinates and in the segments' angles.
 
     Args:
-        form: the scene in redundant coordinates.
-        enforce: a dense recursion that finds the accelerations from `form`; None for the core's
-            method.
+        pipe: the pipe, without effects of modules that the scene does not have.
+        layout: the parts of the scene and their places.
+        core: the compiled scene.
+        customs: custom modules of the scene.
     """
 
-    def __init__(self, form: RedundantForm, enforce: Enforce | None) -> None:
-        self.form, self.enforce = form, enforce
-        self.core, self.layout, self.customs = form.core, form.layout, form.customs
-        self.is_compiled = not form.customs and enforce is None
-        self.held = ChainSupports(form.core, form.layout.independent_rows)
+    def __init__(
+        self, pipe: Pipe, layout: Layout, core: _core.Scene, customs: CustomForces
+    ) -> None:
+        self.pipe, self.layout, self.core, self.customs = pipe, layout, core, customs
+        self.held = ChainSupports(core, layout.independent_rows)
+
+    @functools.cached_property
+    def unsprung(self) -> _core.Chain:
+        """The compiled chain without springs and dampers at its joints, for linear operators."""
+        return self.layout.compiled(self.pipe, sprung=False).chain
 
     # --------------------------------------------------------------------- redundant coordinates
 
@@ -49,45 +55,13 @@ class SceneMotion:
 
         Raises NotResolved, if `refuses`, where they are not finite.
         """
-        if self.is_compiled:
-            return self.core.redundant_rhs(t, y, u, drive=drive, refuses=refuses)
-        if not refuses:
-            return self._rates(t, y, u, drive)
-        return resolved("rhs", lambda: self._rates(t, y, u, drive), np.ndim(y) == 2)
-
-    def _rates(self, t: float, y: Any, u: Any, drive: Array | None) -> Array:
-        """Rates of redundant states of a scene with custom modules or a dense recursion."""
-        size = self.core.coordinates
-        y = check.doubles("y", y, "an array of real numbers")
-        self.core.redundant_power(y, u, drive, refuses=False)  # checks the arguments
-        if self.enforce is None:
-            moments = self._moments(*self._places(y))
-            return self.core.redundant_rhs(t, y, u, moments, drive, refuses=False)
-        rates = np.concatenate([y[size:], np.empty_like(y[:size])])
-        speeds = np.broadcast_to(np.asarray(u, dtype=np.float64), y.shape[1:])
-        for j in np.ndindex(y.shape[1:]):
-            own = None if drive is None else drive[(slice(None), *j)]
-            state = y[(slice(None), *j)].copy()
-            enforced = self.enforced(self.enforce, state, float(speeds[j]), own)
-            rates[(slice(size, None), *j)] = enforced
-        return rates
-
-    def enforced(self, enforce: Enforce, y: Array, u: float, drive: Array | None = None) -> Array:
-        """Accelerations q'' of one redundant state by a dense recursion, shape (3 n,)."""
-        mass = self.form.mass(np.split(y, 2)[0])
-        return enforce(mass, self.form.forces(y, u, drive), self.groups(y))
-
-    def groups(self, y: Array) -> list[Group]:
-        """The pair A_r and b_r of each constraint at a state, in the order given."""
-        q, rates = np.split(y, 2)
-        _, matrix, _ = self.form.constraints(q, np.eye(q.size))
-        _, _, wanted = self.form.constraints(q, rates)
-        return [(matrix[rows], wanted[rows]) for rows in self.layout.group_rows]
+        with np.errstate(all="ignore"):
+            moments = self._moments(*self._places(y)) if self.customs else None
+        return self.core.redundant_rhs(t, y, u, moments, drive, refuses)
 
     def _places(self, y: Any) -> tuple[Array, Array]:
         """Coordinates and rates, (3 n, ...) each, recomputed from angles in redundant states."""
-        q, rates = np.split(np.asarray(y, dtype=np.float64), 2)
-        angles = (np.cumsum(of[2::3], axis=0) for of in (q, rates))
+        angles = np.split(self.core.angles(y), 2)
         place, moving = np.split(self.core.from_angles(*angles), 2)
         return place, moving
 
@@ -98,7 +72,7 @@ class SceneMotion:
 
     def energy(self, y: Any, drive: Array | None = None, refuses: bool = True) -> float | Array:
         """Energy of redundant states [q, q'], a number or shape (k,); NotResolved as in `rhs`."""
-        energy = self.core.redundant_energy(y, drive, refuses)
+        energy = self.core.energy(self.core.angles(y), drive, refuses)
         if not self.customs:
             return energy
         own = functools.partial(self.customs.energy, self._places(y)[0])
@@ -106,7 +80,7 @@ class SceneMotion:
 
     def power(self, y: Any, u: Any, drive: Array | None = None) -> tuple[float | Array, ...]:
         """Powers of flow, joints, drag, other parts (terms and custom modules) and base."""
-        flow, joints, drag, others, base = self.core.redundant_power(y, u, drive)
+        flow, joints, drag, others, base = self.core.power(self.core.angles(y), u, drive)
         if self.customs:
             own = functools.partial(self.customs.work, *self._places(y))
             others = others + resolved("power", own, np.ndim(y) == 2)
@@ -116,18 +90,11 @@ class SceneMotion:
 
     def rhs_and_power(self, t: float, y: Array, u: Any, drive: Array | None = None) -> Array:
         """Rates of states [theta, theta', work done], shape (2 n + 1,) or (2 n + 1, k)."""
-        if self.is_compiled:
+        if not self.customs:
             return self.core.rhs_and_power(t, y, u, drive=drive)
-        n, size = self.layout.size, self.core.coordinates
-        state = self.core.from_angles(y[:n], y[n : 2 * n])
-        q, moving = np.split(state, 2)
-        moments = self._moments(q, moving)
-        rates = self.core.rhs_and_power(t, y, u, moments, drive)
-        if self.enforce is not None:  # the return to guides and pins stays
-            other = self._rates(t, state, u, drive) - self.core.redundant_rhs(
-                t, state, u, moments, drive, refuses=False
-            )
-            rates[n : 2 * n] += np.cumsum(other[size + 2 :: 3], axis=0)
+        n = self.layout.size
+        q, moving = np.split(self.core.from_angles(y[:n], y[n : 2 * n]), 2)
+        rates = self.core.rhs_and_power(t, y, u, self._moments(q, moving), drive)
         rates[2 * n] += self.customs.work(q, moving)
         return rates
 
@@ -154,11 +121,29 @@ class SceneMotion:
             speeds = np.broadcast_to(u, y.shape[1:]).tolist()
             columns = zip(y.T.copy(), speeds, each, strict=True)
             return np.array([self.jacobian(one, own, returns, by) for one, own, by in columns])
+        return self.core.derivative(y, u, *self.custom_moments(y), returns, drive)
+
+    def custom_moments(self, y: Array) -> tuple[Array, Array]:
+        """Moments of the custom modules on the segments, (n,), and these by the state, (n, 2 n).
+
+        The state is [theta, theta'], shape (2 n,).
+        """
+        n, layout = self.layout.size, self.layout
+        if not self.customs:
+            return np.zeros(n), np.zeros((n, 2 * n))
         theta, omega = np.split(y, 2)
-        force = self.customs.force(*np.split(self.core.from_angles(theta, omega), 2))
-        moments = self.layout.moments(theta, force[:, None])[:, 0]
-        change = self.form.moments_by_state(theta, omega, force)
-        return self.core.derivative(y, u, moments, change, returns, drive)
+        q, rates = np.split(self.core.from_angles(theta, omega), 2)
+        force, (by_q, by_rate) = self.customs.force(q, rates), self.customs.derivatives(q, rates)
+        turning = coordinates_by_angles(layout.lengths, theta)
+        swinging = nodes_by_angles(layout.lengths * omega, theta + 0.5 * math.pi)
+        change = layout.moments(
+            theta, np.hstack([by_q @ turning + by_rate @ swinging, by_rate @ turning])
+        )
+        # The moments of forces on nodes that keep their direction change as the segments turn.
+        on_nodes = force[:, None].copy()
+        on_nodes[2::3] = 0.0
+        change[:, :n] += np.diag(layout.moments(theta + 0.5 * math.pi, on_nodes)[:, 0])
+        return layout.moments(theta, force[:, None])[:, 0], change
 
     def accelerations_by_state(self, y: Array, u: float, drive: Array | None = None) -> Array:
         """Derivative of the accelerations q'' in `rhs` by [theta, theta'], shape (3 n, 2 n)."""

@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike
 from pipedyn.models.chain import Chain, SpringRule
 from pipedyn.models.pipe import Pipe
 from pipedyn.modular.assembly import Assembly
-from pipedyn.modular.enforcement import Enforcement
 from pipedyn.modular.parts import (
     Clamp,
     Drag,
@@ -31,7 +30,6 @@ def chain(
     drag_points: ArrayLike | None = None,
     base: float = 0.0,
     masses: ArrayLike | None = None,
-    enforcement: Enforcement = "orthonormal",
 ) -> Assembly:
     """The chain of `pipedyn.Chain`, put together from parts, with internal flow and drag.
 
@@ -45,7 +43,6 @@ def chain(
         drag_points: places at which drag acts, as fractions of the lengths.
         base: length of the fixed part at the clamp, in L.
         masses: masses of the segments, as for `Chain`.
-        enforcement: how accelerations are found, as for `Assembly`.
 
     Example:
         >>> scene = pp.modular.chain(pp.Pipe(0.2), 10)
@@ -76,4 +73,4 @@ def chain(
     modules += [TorsionalSpring(j, k) for j, k in enumerate(springs, start=1)]
     modules += [InternalFlow(), Drag()]
     joints = [Joint(j) for j in range(2, plain.coordinates + 1)]
-    return Assembly(pipe, modules, [Clamp(plain.base), *joints], enforcement)
+    return Assembly(pipe, modules, [Clamp(plain.base), *joints])

@@ -64,30 +64,25 @@ class ConstantHead:
         n, state = model.integrated, y[:-1]
         u = max(float(y[-1]), 0.0)  # an implicit step may try less, where there are no rates
         change = float(self.rates(0.0, np.concatenate([state, [0.0, u]]), drive)[-1])
-        # Accelerations are affine in u' and of second degree in u: four have all derivatives.
-        h = max(u, 1.0)
-        drives = np.zeros((ROWS, 4)) if drive is None else np.tile(drive[:, None], 4)
-        drives[0] = (change, change + 1.0, change, change)
-        speeds = np.array([u, u, u + h, u + 2.0 * h])
-        rates = model.motion_rates(np.tile(state[:, None], 4), speeds, drives)
-        acceleration, pushed, ahead, further = rates[n:].T
-        response = pushed - acceleration
-        by_speed = (4.0 * ahead - further - 3.0 * acceleration) / (2.0 * h)
-        now = drives[:, 0].copy()
-        slopes = model.motion_jacobian(state, u, now)
+        now = np.zeros(ROWS) if drive is None else drive.copy()
+        now[0] = change
+        rates, by_speed, *slopes = model.motion_linearised(state[:, None], u, now[:, None])[0]
+        acceleration = rates[n:]
+        pushed = now + np.eye(ROWS)[0]  # accelerations are affine in u'
+        response = model.motion_rates(state, u, pushed)[n:] - acceleration
         axial = model.motion_core.axial(np.concatenate([state, acceleration]), now)
         by_q, by_rates, by_acceleration, depth = np.split(axial[2:], 4)
         share = pipe.direction * pipe.beta
         pull = share * by_acceleration
         gradient = np.append(
             share * np.concatenate([by_q, by_rates]) + pull @ slopes[n:],
-            pull @ by_speed + supply.friction * u,
+            pull @ by_speed[n:] + supply.friction * u,
         )
         gradient[:n] -= pipe.direction * supply.weight_in(pipe) * depth
         change_by = -gradient / (math.sqrt(pipe.beta) + pull @ response)
         whole = np.zeros((2 * n + 1, 2 * n + 1))
         whole[:-1, :-1] = slopes
-        whole[n:-1, -1] = by_speed
+        whole[n:-1, -1] = by_speed[n:]
         whole[n:-1] += np.outer(response, change_by)
         whole[-1] = change_by
         return whole

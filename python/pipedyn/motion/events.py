@@ -100,14 +100,10 @@ class DenseOutput(Result):
         Raises ValueError for times outside the motion.
         """
         at = check.array("t", np.atleast_1d(t), low=float(self.t[0]), high=float(self.t[-1]))
-        p, pdot = np.split(self._integrated(at), 2, axis=1)
-        states = np.concatenate(self.model.to_user(p, pdot), axis=1)
+        step = np.clip(np.searchsorted(self.t, at, "right") - 1, 0, len(self.coefficients) - 1)
+        y = powers(self.coefficients[step], (at - self.t[step]) / np.diff(self.t)[step])
+        states = np.concatenate(self.model.to_user(*np.split(y, 2, axis=1)), axis=1)
         return np.asarray(states[0] if np.ndim(t) == 0 else states.T)
-
-    def _integrated(self, t: Array) -> Array:
-        """The states [p, p'] that the integrator advances, (k, 2 integrated), at times (k,)."""
-        step = np.clip(np.searchsorted(self.t, t, "right") - 1, 0, len(self.coefficients) - 1)
-        return powers(self.coefficients[step], (t - self.t[step]) / np.diff(self.t)[step])
 
 
 def powers(coefficients: Array, x: Array) -> Array:
@@ -126,17 +122,15 @@ def checked_events(given: Any) -> tuple[Event, ...]:
     events = []
     for i, one in enumerate(given if isinstance(given, tuple | list) else [given]):
         name = f"events[{i}]"
-        if not isinstance(one, Event):
-            if not callable(one):
-                message = f"{name} must be an Event or a function g(t, q, qdot)"
-                raise TypeError(f"{message}, got {check.shown(one)}")
-            _require_arguments(name, one)
+        if not isinstance(one, Event) and callable(one):
             options = {key: getattr(one, key, 0) for key in ("direction", "terminal")}
             one = Event(one, **options)
-        elif not callable(one.function):
+        if not isinstance(one, Event):
+            message = f"{name} must be an Event or a function g(t, q, qdot)"
+            raise TypeError(f"{message}, got {check.shown(one)}")
+        if not callable(one.function):
             raise TypeError(f"{name}.function must be a function, got {check.shown(one.function)}")
-        else:
-            _require_arguments(name, one.function)
+        _require_arguments(name, one.function)
         direction = check.real(f"{name}.direction", one.direction)
         terminal = one.terminal
         if not isinstance(terminal, bool | np.bool_):

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Number of samples that shows a motion: cubics through positions and velocities must follow it."""
+"""Samples of a motion: how many show it, and where cubics through them turn."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
@@ -61,3 +62,43 @@ def coarse(
     missed = max(missed, 0.125 * missed_rate * np.diff(t[::2]).max())
     lost = bool(missed > max(invisible, 0.05 * np.ptp(positions, axis=0).max()))
     return lost or (rates_shown and bool(missed_rate > 0.25 * np.abs(velocities).max()))
+
+
+def turning_points(t: Array, x: Array, velocity: Array) -> tuple[Array, float]:
+    """Values of x where its velocity changes sign, in order, and by how much two may err together.
+
+    Those of the cubics through samples. Cubics through every second sample err 16 times as much
+    where x is smooth, and 8 times across the kinks of forces, so that a quarter of their difference
+    bounds the errors of two values.
+    """
+    cubics, coarse = _cubics(t, x, velocity), _cubics(t[::2], x[::2], velocity[::2])
+    _, slope, bend, rest = cubics
+    with np.errstate(divide="ignore", invalid="ignore"):
+        root = -(bend + np.copysign(np.sqrt(bend**2 - 3.0 * rest * slope), bend))
+        since = np.stack([slope / root, root / (3.0 * rest)], axis=1)
+        since.sort(axis=1)
+        within = (since >= 0.0) & (since < np.diff(t)[:, None])
+    place, since = np.nonzero(within)[0], since[within]
+    turnings = _values(cubics, place, since)
+    pair = np.minimum(place // 2, coarse.shape[1] - 1)
+    missed = _values(coarse, pair, t[place] + since - t[2 * pair]) - turnings
+    return turnings, 0.25 * float(np.abs(missed).max(initial=0.0))
+
+
+def _cubics(t: Array, x: Array, velocity: Array) -> Array:
+    """Coefficients of the cubics between samples by the time since each, (4, S - 1)."""
+    step, first, last = np.diff(t), velocity[:-1], velocity[1:]
+    mean = np.diff(x) / step
+    bend, rest = (3.0 * mean - 2.0 * first - last) / step, (first + last - 2.0 * mean) / step**2
+    return np.stack([x[:-1], first, bend, rest])
+
+
+def _values(cubics: Array, place: NDArray[np.intp], since: Array) -> Array:
+    a, b, c, d = cubics[:, place]
+    return np.asarray(a + since * (b + since * (c + since * d)))
+
+
+def maxima(turnings: Array) -> Array:
+    """Maxima among turning points; the first and the last point do not count."""
+    inner = turnings[1:-1]
+    return np.asarray(inner[(inner > turnings[:-2]) & (inner > turnings[2:])])

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from contextvars import copy_context
 from dataclasses import field, replace
 from functools import partial
@@ -22,7 +22,6 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.linear.critical_speed import critical_speed
 from pipedyn.models.base import Model
 from pipedyn.models.drive import LARGEST_SPEED, Base, Drive, DriveFailed, Speed, Supply
 from pipedyn.modular.assembly import Assembly
@@ -697,6 +696,23 @@ def modal_bend(parts: ArrayLike) -> Callable[[Array], Array]:
     return bend
 
 
+def initial_bends(model: Model, count: int, seed: int) -> list[Array]:
+    """Initial coordinates, the first a slight bend, the others mixtures of three shapes.
+
+    Amplitudes range from a hundredth of a radian to some radians.
+    """
+    random = np.random.default_rng(seed)
+    found = [model.bent(slight_bend)]
+    while len(found) < count:
+        parts = random.uniform(-1.0, 1.0, 3) * np.array([2.0, 1.0, 0.5])
+        parts *= 10.0 ** random.uniform(-1.5, 0.0)
+        for halved in 0.5 ** np.arange(6):
+            with suppress(PipedynError):  # guides and pins that such a bend cannot meet
+                found.append(model.bent(modal_bend(halved * parts)))
+                break
+    return found
+
+
 def checked_model_in_motion(
     model: Any, name: str = "model", largest: float = math.inf, purpose: str = ""
 ) -> Model:
@@ -710,33 +726,17 @@ def checked_model_in_motion(
         many = f"{largest} degrees of freedom for {purpose}"
         raise ValueError(f"{name} must have at most {many}, got {model.dof}")
     if model.pipe.hysteresis:
-        instead = _at_rest(model) if purpose == "equilibria" else _instead(model)
-        raise ValueError(f"{name} must be a pipe without hysteresis, {instead}")
+        instead = (
+            "it does not act on what is at rest, so ask the pipe without it, and "
+            "eigenvalues(model.about(q), u) with it for small motions about what is found"
+            if purpose == "equilibria"
+            else "a loss factor has no equation of motion; damping=pipe.equivalent_damping("
+            "critical_speed(model).frequency) loses as much at the onset of flutter"
+        )
+        raise ValueError(
+            f"{name} must be a pipe without hysteresis, got {model.pipe.hysteresis:g}: {instead}"
+        )
     return model
-
-
-def _at_rest(model: Model) -> str:
-    """Advice for equilibria with hysteresis, which does not act on static loads."""
-    return (
-        f"got {model.pipe.hysteresis:g}: it does not act on what is at rest, so ask the pipe "
-        "without it, and eigenvalues(model.about(q), u) with it for small motions about what is "
-        "found"
-    )
-
-
-def _instead(model: Model) -> str:
-    """Advice on damping to take in place of hysteresis, which has no equation of motion."""
-    pipe = model.pipe
-    got = f"got {pipe.hysteresis:g}: a loss factor has no equation of motion"
-    rule = "pipe.equivalent_damping(frequency)"
-    try:
-        onset = critical_speed(model)
-        delta = pipe.equivalent_damping(onset.frequency)
-    except (PipedynError, ValueError):  # no onset, divergence, or too large a model
-        return f"{got}; {rule} is the Kelvin-Voigt damping that loses as much at a frequency"
-    si = "" if pipe.scales is None else f" ({pipe.time_si(delta):.4g} s)"
-    at = f"the onset, u = {onset.speed:.6g} and frequency {onset.frequency:.6g}"
-    return f"{got}; damping = {delta:.6g}{si} loses as much at {at}, see {rule}"
 
 
 def checked_task(

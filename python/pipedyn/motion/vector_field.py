@@ -5,14 +5,15 @@ from __future__ import annotations
 
 import math
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from pipedyn.linear.differences import STENCIL
 from pipedyn.models.base import Model
 from pipedyn.models.drive import ROWS, Harmonic, Pulsation
+from pipedyn.models.reduced_supports import STENCIL
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated
@@ -23,6 +24,11 @@ class VectorField:
 
     forced = False
     """Whether f depends on time as well, as it does in a `ForcedField`."""
+
+    order = 1
+    """Forcing periods in the period of an orbit."""
+
+    _frequency = 1.0  # of the forcing; without forcing nothing depends on it
 
     reach = 1.0
     """Displacement of the free end, in L, that is the unit of steps along a branch of orbits."""
@@ -44,10 +50,17 @@ class VectorField:
         self.evaluations += states
         evaluated(states)
 
+    def _driven(self, u: Any) -> tuple[Any, Array | None]:
+        """Flow speed or speeds, (k,), and other forcing, (ROWS, k), or None, for k states."""
+        return u, None
+
     def __call__(self, y: Array, u: float | Array) -> Array:
-        """Rates of the k states in the columns, (2 integrated, k), at one flow speed or at k."""
+        """Rates of the k states in the columns, shape (2 integrated, k), at one flow speed or at k.
+
+        Where the field is forced, the states are at the k phases that `along` was given.
+        """
         self._count(y.shape[1])
-        return self.model.motion_rates(y, u)
+        return self.model.motion_rates(y, *self._driven(u))
 
     def along(self, phases: Array, frequency: float) -> VectorField:
         """The field for states at phases of an orbit, which is this one as f has no time."""
@@ -60,17 +73,15 @@ class VectorField:
     def jacobians(self, y: Array, u: float) -> Array:
         """df/dy of the k states in the columns, shape (k, 2 integrated, 2 integrated)."""
         self._count(y.shape[1])
-        return self.model.motion_jacobian(y, u)
+        return self.model.motion_jacobian(y, *self._driven(u))
 
     def linearised(self, y: Array, u: float) -> Array:
-        """f, df/du and df/dy at states (2 integrated, k), (k, 2 + 2 integrated, 2 integrated)."""
-        self._count(2 * y.shape[1])
-        return self.model.motion_linearised(y, u)
+        """f, df/du and df/dy at states (2 integrated, k), (k, 2 + 2 integrated, 2 integrated).
 
-    def by_speed(self, y: Array, u: float) -> Array:
-        """df/du of the states in the columns at u > 0, exact since f is of second degree in u."""
-        h = 0.5 * u
-        return (self(y, u + h) - self(y, u - h)) / (2.0 * h)
+        The relative amplitude of a pulsating flow is constant in df/du.
+        """
+        self._count(2 * y.shape[1])
+        return self.model.motion_linearised(y, *self._driven(u))
 
     def jacobian_by_speed(self, y: Array, u: float, moved: Array) -> Array:
         """d/du of df/dy along states with dy/du = moved, at u > 0, (2 integrated, 2 integrated).
@@ -89,19 +100,24 @@ class VectorField:
 
     def kinks(self, y: Array) -> Array:
         """Functions, (functions, k), of k states that change sign where derivatives of f jump."""
-        return self.model.kinks(*np.split(y, 2))
+        (p, rates), (_, drive) = np.split(y, 2), self._driven(0.0)
+        return self.model.kinks(p, rates, drive)
 
     def by_frequency(self, y: Array, u: float) -> Array:
         """df/dw by the frequency w of an orbit, for each column; 0 unless the motion is forced."""
         return np.zeros_like(y)
 
     def is_odd(self, u: float) -> bool:
-        """Whether the mirror image of every motion is a motion, tested at three states."""
+        """Whether the mirror image of every motion is a motion, tested at three states.
+
+        Of a forced motion it is one half an orbit later.
+        """
         if self.resting().any():
             return False
-        y = self.some_states()
-        rates = self(np.concatenate([y, -y], axis=1), u)
-        ahead, behind = rates[:, :3], rates[:, 3:]
+        y, phases = self.some_states(), np.array([0.3, 1.1, 2.5])
+        frequency = self._frequency / self.order
+        ahead = self.along(phases, frequency)(y, u)
+        behind = self.along(phases + math.pi, frequency)(-y, u)
         return bool(np.abs(ahead + behind).max() <= 1e-9 * np.abs(ahead).max())
 
     def some_states(self) -> Array:
@@ -168,8 +184,7 @@ class ForcedField(VectorField):
             return replace(self.forcing, frequency=self.order * frequency)
         return float(u)
 
-    def _driven(self, u: float) -> tuple[Array, Array]:
-        """Flow speeds, (k,), and other forcing, (ROWS, k), at the phases."""
+    def _driven(self, u: Any) -> tuple[Any, Array | None]:
         flow, base, phases, w = self.forcing, self.base, self._phases, self._frequency
         drive, speeds = np.zeros((ROWS, phases.size)), np.full(phases.size, u)
         if isinstance(flow, Pulsation):
@@ -182,41 +197,60 @@ class ForcedField(VectorField):
             drive[row + 4] = -base.amplitude * w**2 * np.cos(phases)
         return speeds, drive
 
-    def __call__(self, y: Array, u: float | Array) -> Array:
-        """Rates of the states in the columns, shape (2 integrated, k), at the k phases."""
-        self._count(y.shape[1])
-        speeds, drive = self._driven(float(u))
-        return self.model.motion_rates(np.ascontiguousarray(y), speeds, drive)
-
-    def jacobians(self, y: Array, u: float) -> Array:
-        """df/dy of the states in the columns at the k phases, (k, 2 integrated, 2 integrated)."""
-        self._count(y.shape[1])
-        speeds, drive = self._driven(u)
-        return self.model.motion_jacobian(np.ascontiguousarray(y), speeds, drive)
-
-    def linearised(self, y: Array, u: float) -> Array:
-        """f, df/du at constant relative pulsation, df/dy, (k, 2 + 2 integrated, 2 integrated)."""
-        self._count(2 * y.shape[1])
-        speeds, drive = self._driven(u)
-        return self.model.motion_linearised(np.ascontiguousarray(y), speeds, drive)
-
-    def kinks(self, y: Array) -> Array:
-        """Functions, (functions, k), of states at the phases that change sign where f has kinks."""
-        (p, rates), (_, drive) = np.split(y, 2), self._driven(0.0)
-        return self.model.kinks(p, rates, drive)
-
     def by_frequency(self, y: Array, u: float) -> Array:
         """df/dw by the frequency w of the orbit, exact since f is of second degree in it."""
         ahead, behind, h = copy(self), copy(self), 0.5 * self._frequency
         ahead._frequency, behind._frequency = self._frequency + h, self._frequency - h
         return self.order * (ahead(y, u) - behind(y, u)) / (2.0 * h)
 
-    def is_odd(self, u: float) -> bool:
-        """Whether the mirror image of a motion, half an orbit later, is a motion as well."""
-        if self.resting().any():
+
+@dataclass(frozen=True)
+class Excitation:
+    """What drives the motions: the flow and, in some, the base, from time 0 on.
+
+    Attributes:
+        u: flow speed, steady or pulsating.
+        base: the base's motion, None at rest.
+    """
+
+    u: float | Pulsation
+    base: Harmonic | None = None
+
+    @property
+    def period(self) -> float:
+        """After which it repeats; 0 where all is steady."""
+        driving = self.base or self.u
+        return 0.0 if isinstance(driving, float) else 2.0 * math.pi / driving.frequency
+
+    @property
+    def mean(self) -> float:
+        """The flow speed, or its mean."""
+        return self.u.mean if isinstance(self.u, Pulsation) else self.u
+
+    def field(self, model: Model, order: int = 1) -> VectorField:
+        """The vector field of a model, if it is driven for orbits of so many of its periods."""
+        if isinstance(self.u, Pulsation):
+            return ForcedField(model, self.u, order, self.base)
+        return ForcedField(model, self.base, order) if self.base else VectorField(model)
+
+    def is_odd(self, model: Model) -> bool:
+        """Whether the mirror image of every motion is one, half a period later if it shifts."""
+        if self.shifts and isinstance(self.u, Pulsation):  # which is another by then
             return False
-        y = self.some_states()
-        phases, w = np.array([0.3, 1.1, 2.5]), self.forcing.frequency / self.order
-        ahead = self.along(phases, w)(y, u)
-        behind = self.along(phases + math.pi, w)(-y, u)
-        return bool(np.abs(ahead + behind).max() <= 1e-9 * np.abs(ahead).max())
+        return VectorField(model).is_odd(self.mean)
+
+    @property
+    def shifts(self) -> bool:
+        """Whether it takes half a period until the mirror image of all that drives acts."""
+        return self.base is not None and self.base.direction == "x"
+
+    def whole(self, time: float) -> float:
+        """The time, rounded up to whole periods."""
+        return math.ceil(time / self.period - 1e-9) * self.period if self.period else time
+
+    def phases(self, t: ArrayLike) -> Array:
+        """Two columns that tell the phases at times apart, (k, 2); none where all is steady."""
+        phase = 2.0 * math.pi * np.asarray(t, dtype=np.float64) / (self.period or 1.0)
+        if not self.period:
+            return np.empty((phase.size, 0))
+        return np.stack([np.cos(phase), np.sin(phase)], axis=1)

@@ -18,7 +18,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn import _core
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import (
@@ -276,7 +275,7 @@ def _by_pairs(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None
 def _worst_change(before: Complex, after: Complex) -> float:
     """How far the worst of the multipliers moves, relative where above 1."""
     moved = np.abs(before[:, None] - after) / np.maximum(np.abs(after), 1.0)
-    return float(moved[np.arange(len(moved)), _core.assignment(moved)].max())
+    return float(moved[scipy.optimize.linear_sum_assignment(moved)].max())
 
 
 def _roots_of_maps(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units: Array) -> Complex:
@@ -350,17 +349,17 @@ def log_moduli(multipliers: ArrayLike) -> Array:
     return np.asarray(np.log(np.maximum(sizes, 1e-300) / (1.0 + UNIT)))
 
 
-def crossing_event(
-    roots: ArrayLike, mirrored: bool, trivial: bool = True
-) -> tuple[EventKind, complex]:
+def crossing_event(others: Complex, mirrored: bool) -> tuple[EventKind, complex]:
     """What a multiplier that passes the unit circle does, and that multiplier.
 
     One that passes 1 makes a fold. With a mirror symmetry of the cycle the multipliers are squares
-    of their `roots`, the eigenvalues of the map over half a period and the reflection, which
+    of their roots, the eigenvalues of the map over half a period and the reflection, which
     distinguish a pitchfork from a fold. Without one the roots are the multipliers themselves.
-    Of a forced motion none of them is trivial.
+
+    Args:
+        others: roots of the multipliers without the trivial one, shape (k,).
+        mirrored: whether the cycle has the mirror symmetry.
     """
-    others = nontrivial(roots) if trivial else np.asarray(roots, dtype=np.complex128)
     nearest = complex(others[int(np.argmin(np.abs(np.abs(others) - 1.0)))])
     kind: EventKind = "torus"
     if abs(nearest.imag) < 1e-3 * abs(nearest):  # two that meet split by sqrt(error)

@@ -75,9 +75,34 @@ class FloquetCoordinates:
         # To third order in how far it is ahead of the point.
         along = once * self.units**2
         ahead = np.sum(along * away, axis=1, keepdims=True)
-        ahead /= np.sum(along * once, axis=1, keepdims=True)
+        ahead /= np.maximum(np.sum(along * once, axis=1, keepdims=True), 1e-300)  # 0 at rest
         away = away - ahead * once - 0.5 * ahead**2 * twice
         return np.asarray(np.einsum("nki,ni->nk", self.rows[near % len(self.rows)], away))
+
+
+def modal_coordinates(
+    motion: VectorField, rest: Array, u: float, units: Array
+) -> FloquetCoordinates | None:
+    """Floquet coordinates about a stable equilibrium, which are its modal coordinates.
+
+    Args:
+        motion: the vector field.
+        rest: the equilibrium, a state [p, p'], shape (2 integrated,).
+        u: flow speed.
+        units: see `FloquetCoordinates`; eigenvectors have length 1 in them.
+
+    Returns:
+        The coordinates, or None if two eigenvectors coincide.
+    """
+    factorised()
+    values, vectors = np.linalg.eig(motion.jacobian(rest, u))
+    kept = np.argsort(-values.real)[:MOST_COORDINATES]
+    try:
+        rows = np.linalg.inv(vectors / np.linalg.norm(vectors * units[:, None], axis=0))[kept]
+    except np.linalg.LinAlgError:
+        return None
+    rates = np.zeros((2, 1, rest.size))
+    return FloquetCoordinates(rest[None], rates, rows[None], -values.real[kept], units)
 
 
 def floquet_coordinates(

@@ -9,18 +9,22 @@ orbit. The mesh is refined and coarsened on the way. Whatever solves for an orbi
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import islice, product
-from typing import TypeVar, cast
+from itertools import product
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from pipedyn.continuation.arclength import Point, Segment, folds
+from pipedyn.continuation.arclength import Point, Segment
+from pipedyn.continuation.tracer import TestFunction, Tracer, between_folds
 from pipedyn.equilibrium.hopf import Hopf, HopfPoint
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import OrbitControl, OrbitProblem, solved
+from pipedyn.orbits.floquet import EventKind, crossing_event
 from pipedyn.orbits.periodic_orbit import (
     COARSEST,
     PROBES,
@@ -64,6 +68,10 @@ how often a branch may graze."""
 SYMMETRY_ROUNDING = 1e-9
 """Share of an orbit's size below which the part of it that breaks a symmetry is rounding: Newton's
 method leaves steps of 1e-8 at most, of which their square is left."""
+
+NEAR_FOLD = 0.02
+"""Share of a step around a fold in which its multiplier is too near to the trivial one: measured at
+five folds, both are 1e-5 from 1 at the fold, here the one 9e-4 to 0.1, the other 3e-5 at most."""
 
 Step = Segment[OrbitProblem]
 """A step along a branch of orbits."""
@@ -342,10 +350,35 @@ def meeting(step: Step, kind: str, beginnings: Array, within: float) -> Meeting 
     return Meeting(replace(step, end=small), last, error, known)
 
 
-# -------------------------------------------------------------------------------- following it
-
-
 AnyOrbitProblem = TypeVar("AnyOrbitProblem", bound=OrbitProblem)
+
+
+class PassingMultiplier(TestFunction[AnyOrbitProblem]):
+    """Multipliers that pass the unit circle on a step along a branch of orbits.
+
+    Values are the logarithms of their moduli, in falling order.
+    """
+
+    beside_folds = NEAR_FOLD
+
+    @abstractmethod
+    def candidates(self, before: float, beyond: float) -> tuple[Complex, bool]:
+        """Multipliers of which one passes between two arc lengths, without the trivial one.
+
+        Of an orbit with a mirror, which is told second, they are the roots over half a period.
+        """
+
+    @abstractmethod
+    def event(self, before: float, beyond: float, kind: EventKind, multiplier: complex) -> Any:
+        """What the multiplier makes that passes between two arc lengths; None if nothing."""
+
+    def found(self, before: float, beyond: float) -> Any:
+        """What lies between two arc lengths."""
+        roots, mirrored = self.candidates(before, beyond)
+        return self.event(before, beyond, *crossing_event(roots, mirrored)) if roots.size else None
+
+
+# -------------------------------------------------------------------------------- following it
 
 
 def followed(motion: VectorField, start: BranchStart, how: OrbitControl) -> Iterator[Step]:
@@ -452,37 +485,62 @@ def _on_mesh_to(
     return (finer, tangent), lambda s: z + s * (slope + s * bend)
 
 
+class _OnTheWay(Tracer[OrbitProblem]):
+    """Tracer of the orbits that a Hopf point leads to, up to a speed.
+
+    Attributes:
+        orbit: the orbit at the speed; None until it is found.
+        turns: speeds at which the branch turned back on its way.
+        here: speed up to which it was followed.
+        stopped: why it was followed no further.
+    """
+
+    def __init__(self, motion: VectorField, point: Hopf, u: float) -> None:
+        # Sixty of the longest steps change the amplitude by up to 18 L.
+        super().__init__(most=60)
+        self.motion, self.point, self.u = motion, point, u
+        self.last_evaluation = motion.evaluations + MOST_EVALUATIONS
+        self.orbit: PeriodicOrbit | None = None
+        self.turns, self.here = list[float](), point.speed
+        self.stopped = "it takes too many steps"
+
+    def note(self, step: Step) -> str | None:
+        """Looks for the speed on a step, and says why the branch is followed no further."""
+        u, first = self.u, step.slopes[0]
+        # It turns back on its way, or just beyond.
+        turned = first * step.slopes[1] < 0.0 and first * (u - self.here) > 0.0
+        parts = between_folds(step, 1e-3) if turned else [step]
+        self.turns += [part.begin.p for part in parts[1:]]
+        for part in parts:
+            if (part.begin.p - u) * (part.end.p - u) <= 0.0:
+                self.orbit = step.problem.orbit(part.where(u))
+                return "reached"
+        here = self.here = step.end.p
+        before, after = (breaking_part(orbit_at(step, s), "hopf") for s in (0.0, step.length))
+        if np.sum(before * after) < 0.0:
+            self.stopped = f"its amplitude falls to 0 near u = {here:.6g}"
+            return "hopf"
+        if not 0.5 * min(u, self.point.speed) < here < 1.5 * max(u, self.point.speed):
+            self.stopped = f"it leads to u = {here:.6g}"
+            return "range"
+        return "points" if self.motion.evaluations > self.last_evaluation else None
+
+
 def continued(motion: VectorField, point: Hopf, u: float) -> PeriodicOrbit:
     """The orbit at a speed to which those of a Hopf point lead; NewtonFailed says why if none."""
-    begun, stopped, here = motion.evaluations, "it takes too many steps", point.speed
-    turns = list[float]()
     amplitude = FIRST_AMPLITUDE
     with suppress(ValueError):  # one step may do, up to what the amplitude equation holds for
         amplitude = min(1.05 * point.amplitude(u) or FIRST_AMPLITUDE, LARGEST_AMPLITUDE)
-    try:
-        # Sixty of the longest steps change the amplitude by up to 18 L.
-        for step in islice(followed(motion, from_hopf(motion, point, amplitude, u), COARSE), 60):
-            first, last = step.slopes
-            turned = first * last < 0.0 and first * (u - here) > 0.0  # on its way, or just beyond
-            parts = step.parts(folds(step, 1e-3) if turned else [])
-            turns += [part.begin.p for part in parts[1:]]
-            for part in parts:
-                if (part.begin.p - u) * (part.end.p - u) <= 0.0:
-                    return step.problem.orbit(part.where(u))
-            here = step.end.p
-            before, after = (breaking_part(orbit_at(step, s), "hopf") for s in (0.0, step.length))
-            if np.sum(before * after) < 0.0:
-                stopped = f"its amplitude falls to 0 near u = {here:.6g}"
-                break
-            if not 0.5 * min(u, point.speed) < here < 1.5 * max(u, point.speed):
-                stopped = f"it leads to u = {here:.6g}"
-                break
-            if motion.evaluations > begun + MOST_EVALUATIONS:
-                break
-    except NewtonFailed as reason:
-        stopped = f"it could not be followed beyond u = {here:.6g}: {reason}"
+    tracer = _OnTheWay(motion, point, u)
+    steps = followed(motion, from_hopf(motion, point, amplitude, u), COARSE)
+    _, end, reason = tracer.one_way(steps)
+    if tracer.orbit is not None:
+        return tracer.orbit
+    stopped = tracer.stopped
+    if end == "not converged":
+        stopped = f"it could not be followed beyond u = {tracer.here:.6g}: {reason}"
     report = f"does not reach u = {u:g}: {stopped}"
-    turn = min(turns, key=lambda turn: abs(turn - u), default=None)
+    turn = min(tracer.turns, key=lambda turn: abs(turn - u), default=None)
     if turn is not None and (turn < point.speed) == (u < point.speed):
         report = f"reaches {'down' if u < turn else 'up'} to u = {turn:.6g} only"
     raise NewtonFailed(f"the cycle of the Hopf point at u = {point.speed:.6g} {report}")

@@ -3,9 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import cycle as repeated
-from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -134,20 +133,44 @@ def _draw_branch(
     if speeds.size > 1:
         special = np.isin(speeds.round(6), np.round([event.speed for event in events], 6))
         stable = np.where(special[:-1], stable[1:], stable[:-1])
-    ends = [0, *(np.flatnonzero(np.diff(stable)) + 1), stable.size]
-    curve = one * smooth(speeds, heights)
-    for start, stop in pairwise(ends):
+    draw_pieces(
+        ax,
+        one * smooth(speeds, heights),
+        stable,
+        colour,
+        {w: f"{name}, {w}" for w in STABILITY_STYLES},
+    )
+    for event, height in zip(events, at, strict=True):
+        if (name, event.kind) != ("cycle", "hopf"):
+            mark_event(ax, event.kind, one * [event.speed, height])
+
+
+def draw_pieces(
+    ax: Axes, curve: Array, stable: Any, colour: str, labels: Mapping[str, str]
+) -> None:
+    """Draws a curve on finer steps, solid where it is stable and dashed where it is not.
+
+    Args:
+        ax: the Axes.
+        curve: points with `A_STEP` pieces a step, shape (A_STEP steps + 1, 2).
+        stable: whether each step is stable, shape (steps,).
+        colour: colour of the curve.
+        labels: entries of the legend for "stable" and "unstable" pieces.
+    """
+    for start, stop in common.runs(np.asarray(stable)):
         word = "stable" if stable[start] else "unstable"
         part = curve[start * A_STEP : stop * A_STEP + 1]
-        look = {"color": colour, "label": f"{name}, {word}", **STABILITY_STYLES[word]}
+        look = {"color": colour, "label": labels[word], **STABILITY_STYLES[word]}
         ax.plot(part[:, 0], part[:, 1], **look)
-    for event, height in zip(events, at, strict=True):
-        if event.kind in MARKS and (name, event.kind) != ("cycle", "hopf"):
-            look = {"linestyle": "none", "markersize": 5.0, "zorder": 4.0, **MARKS[event.kind]}
-            look |= {"markeredgecolor": "white", "markeredgewidth": 0.6}
-            ax.plot(
-                *(one * [event.speed, height]), label=event.kind.replace("hopf", "Hopf"), **look
-            )
+
+
+def mark_event(ax: Axes, kind: str, place: Any) -> None:
+    """Draws the marker of an event of a branch at (x, y), if its kind has one."""
+    if kind not in MARKS:
+        return
+    look = {"linestyle": "none", "markersize": 5.0, "zorder": 4.0, **MARKS[kind]}
+    look |= {"markeredgecolor": "white", "markeredgewidth": 0.6}
+    ax.plot(*place, label=kind.replace("hopf", "Hopf"), **look)
 
 
 def smooth(speeds: Array, heights: Array) -> Array:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, suppress
+from itertools import pairwise
 from typing import Any, cast
 
 import matplotlib
@@ -217,6 +218,13 @@ def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
         fontsize=size,
         columnspacing=1.2,
     )
+
+
+def runs(values: NDArray[Any]) -> list[tuple[int, int]]:
+    """Begin and end of each run of equal entries; the end is the index after the last one."""
+    if not values.size:
+        return []
+    return list(pairwise([0, *(np.flatnonzero(values[1:] != values[:-1]) + 1), values.size]))
 
 
 def notice(text: str, *, ax: Axes | None = None) -> Axes:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from itertools import cycle as repeated
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from pipedyn.curves.boundary import Boundary
 from pipedyn.curves.cycle_boundary import CycleBoundary
 from pipedyn.curves.event_curve import CycleCurve
 from pipedyn.plot import common
-from pipedyn.plot.bifurcation import A_STEP, STABILITY_STYLES
+from pipedyn.plot.bifurcation import A_STEP, draw_pieces
 from pipedyn.plot.stability_map import parts_of_stability
 from pipedyn.plot.units import PlaneView, Units
 from pipedyn.util.check import Array
@@ -62,13 +61,11 @@ def cycle_boundary(
     ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
     across = found.names[0] == "u"  # the speed is x
     for curve in found.curves:
-        x, y = _finer_curve(curve)
-        for kind, part in _stability_pieces(curve):
-            cycles = "a stable cycle" if kind == "stable" else "unstable cycles"
-            label = f"{curve.kind} of {cycles}"
-            look: dict[str, Any] = {"color": COLOURS[curve.kind], "label": label}
-            look |= STABILITY_STYLES[kind]
-            ax.plot(*plane.at(x[part], y[part]), **look)
+        x, y = (_on_finer_steps(curve, of) for of in (curve.x, curve.y))
+        steady = np.maximum(curve.unstable[:-1], curve.unstable[1:]) == 0
+        labels = {"stable": f"{curve.kind} of a stable cycle"}
+        labels["unstable"] = f"{curve.kind} of unstable cycles"
+        draw_pieces(ax, plane.at(x, y).T, steady, COLOURS[curve.kind], labels)
         if found.onsets is None or curve.kind != "fold":
             continue
         second, speed = (y, x) if across else (x, y)
@@ -76,16 +73,16 @@ def cycle_boundary(
         shade = ax.fill_betweenx if across else ax.fill_between
         place = np.arange(len(x) - 1) // A_STEP
         opens = np.where(curve.opens[:-1] != 0, curve.opens[:-1], curve.opens[1:])
-        stable = np.maximum(curve.unstable[:-1], curve.unstable[1:]) == 0
-        both = np.append(((opens > 0) & stable)[place], False)
+        both = np.append(((opens > 0) & steady)[place], False)
         both[1:] |= both[:-1]
         until = _stable_until(found.onsets, second, speed, across)
         both &= np.isfinite(until) & ~(speed >= onset)
         if both.any():
-            look = {"color": common.ORANGE, "alpha": 0.25, "linewidth": 0.0, "zorder": 0.5}
+            look: dict[str, Any] = {"color": common.ORANGE, "alpha": 0.25, "linewidth": 0.0}
+            look |= {"zorder": 0.5, "label": "rest and flutter both stable"}
             along, bottom = plane.at(x, y)[:: -1 if across else 1]
             top = plane.at(until, y)[0] if across else plane.at(x, until)[1]
-            shade(along, bottom, top, where=both, label="rest and flutter both stable", **look)
+            shade(along, bottom, top, where=both, **look)
     black: dict[str, Any] = {"color": common.BLACK, "linewidth": 1.4, "zorder": 2.5}
     if found.onsets is not None:
         for bound in found.onsets.curves:
@@ -99,8 +96,7 @@ def cycle_boundary(
         ax.plot(*at, clip_on=False, label=kind, **look)
     xlim, ylim = plane.limits(found.ranges)
     ax.set(xlim=xlim, ylim=ylim)
-    named = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
-    common.legend_below(ax, named)
+    common.legend_below(ax)
     plane.second_axes(ax, *plane.quantities)
     return ax
 
@@ -153,20 +149,3 @@ def _on_finer_steps(curve: CycleCurve, values: Array) -> Array:
         return np.interp(at, s[known], values[known], np.nan, np.nan)
     smooth = scipy.interpolate.CubicSpline(s[known], values[known], extrapolate=False)
     return np.asarray(smooth(at))
-
-
-def _finer_curve(curve: CycleCurve) -> tuple[Array, Array]:
-    """The numbers x and y of a curve on finer steps."""
-    return _on_finer_steps(curve, curve.x), _on_finer_steps(curve, curve.y)
-
-
-def _stability_pieces(curve: CycleCurve) -> list[tuple[str, slice]]:
-    """Pieces of the curve on finer steps, each with the word "stable" or "unstable"."""
-    if len(curve) < 2:
-        return []
-    unstable = np.maximum(curve.unstable[:-1], curve.unstable[1:]) > 0
-    ends = [0, *(np.flatnonzero(np.diff(unstable)) + 1), unstable.size]
-    return [
-        ("unstable" if unstable[a] else "stable", slice(A_STEP * a, A_STEP * b + 1))
-        for a, b in pairwise(ends)
-    ]

@@ -120,6 +120,8 @@ class Exploration:
             of a spring at the root, numbers of the terms, and all other numbers of the pipe that
             are not at their default.
         values: current values of these numbers, by name.
+        model: the chain with these numbers.
+        curve: critical speeds against the number `against`, with all other numbers as they are.
 
     Example:
         >>> at_hand = plot.Exploration(pp.Pipe(0.2, terms=[pp.PointMass(1.0, 0.1)]), n=10)
@@ -165,16 +167,11 @@ class Exploration:
         if u is None:
             u = 4.0 if self._loss is None else 1.05 * self._loss[0].speed
         u = check.real("u", u, low=0.0, high=1e3)
-        first = [name for name in ALWAYS if name in own]
-        rest = [name for name in own if name not in first]
-        self.values: dict[str, float] = {"u": u}
-        self.values |= {name: own[name] for name in first}
-        self.values |= {"segments": float(n)}
-        self.values |= {name: own[name] for name in rest}
+        always = {name: own[name] for name in ALWAYS if name in own}
+        self.values: dict[str, float] = {"u": u, **always, "segments": float(n)} | own
         self.sliders = tuple(self._slider(name, given) for name in self.values)
-        turned = [name for name in own if name != "segments"]
-        self.against = check.choice("against", against, turned)
-        self._model, self._curve = model, self._curve_of(model)
+        self.against = check.choice("against", against, tuple(own))
+        self.model, self.curve = model, self._curve_of(model)
 
     # ------------------------------------------------------------------------------- numbers
 
@@ -195,7 +192,6 @@ class Exploration:
             ValueError: for another name, or a value outside the range; nothing is changed then.
             TypeError: if `value` is not a number.
         """
-        check.choice("name", name, tuple(self.values))
         slider = self.slider(name)
         if name == "segments":
             value = check.count(name, value, low=round(slider.low), high=round(slider.high))
@@ -204,28 +200,23 @@ class Exploration:
             return
         before = self.values
         self.values = before | {name: value}
-        if name == "u":
-            self._forget("modes", "film")
-            return
-        try:
-            model = Chain(self._turned(), round(self.values["segments"]), springs=self._springs)
-            loss = _loss(model)
-            if name != self.against:
-                self._curve = self._curve_of(model)
-        except Exception:
-            self.values = before
-            raise
-        self._model, self._loss = model, loss
-        self._forget("modes", "film", "loci", "_stability")
+        if name != "u":
+            try:
+                model = Chain(self._turned(), round(self.values["segments"]), springs=self._springs)
+                loss = _loss(model)
+                curve = self.curve if name == self.against else self._curve_of(model)
+            except Exception:
+                self.values = before
+                raise
+            self.model, self._loss, self.curve = model, loss, curve
+        # Answers are computed again when they are asked for; two do not depend on the flow speed.
+        for one in ("modes", "film", *(("loci", "stable_speeds") if name != "u" else ())):
+            self.__dict__.pop(one, None)
 
     def slider(self, name: str) -> Slider:
         """The slider of a name; raises ValueError or TypeError if there is none."""
         check.choice("name", name, tuple(one.name for one in self.sliders))
         return next(one for one in self.sliders if one.name == name)
-
-    def _forget(self, *names: str) -> None:
-        for name in names:
-            self.__dict__.pop(name, None)
 
     def _turned(self) -> Pipe:
         pipe = self._pipe
@@ -246,11 +237,8 @@ class Exploration:
             return Slider(name, low, high)
         if name == "u":
             critical = self.critical
-            if critical is None or critical.unstable_before:
-                reach = max(value, 4.0)
-            else:
-                reach = max(value, 1.2 * critical.speed)
-            return Slider(name, 0.0, rounded_up(1.4 * reach))
+            lost = 4.0 if critical is None or critical.unstable_before else 1.2 * critical.speed
+            return Slider(name, 0.0, rounded_up(1.4 * max(value, lost)))
         if name == "segments":
             return Slider(name, self._fewest_segments(), MOST_SEGMENTS)
         rule = self._numbers[name].rule
@@ -279,19 +267,9 @@ class Exploration:
     # ------------------------------------------------------------------------------- answers
 
     @property
-    def model(self) -> Chain:
-        """The chain with the numbers that are set."""
-        return self._model
-
-    @property
     def critical(self) -> CriticalSpeed | None:
         """The critical speed of the model; None if there is none up to u = 100."""
         return None if self._loss is None else self._loss[0]
-
-    @property
-    def curve(self) -> StabilityCurve:
-        """Critical speeds against the number `against`, with all other numbers as they are set."""
-        return self._curve
 
     @cached_property
     def loci(self) -> RootLoci:
@@ -367,9 +345,8 @@ class Exploration:
             state = f"unstable, {kind} grows" if self.unstable else "stable"
             pair = f" ± {value.imag:.4g}i" if value.imag else ""
             now = f"u = {u:.4g}{si}: {state}. Least stable mode: λ = {value.real:.3g}{pair}."
-        return now, self._stability
+        return now, self._stability()
 
-    @cached_property
     def _stability(self) -> str:
         """A sentence on the flow speeds at which the pipe is stable, and how it loses stability."""
         pipe, lost = self.model.pipe, self.critical
@@ -409,7 +386,7 @@ class Exploration:
             lambda value: model.with_pipe(number.changed(model.pipe, value)), values
         )
 
-    @property
+    @cached_property
     def stable_speeds(self) -> Array:
         """Ends of the lowest range of stable speeds at each value of the curve, shape (S, 2).
 
@@ -471,12 +448,7 @@ def _checked_ranges(ranges: Any, pipe: Pipe) -> dict[str, tuple[float, float]]:
         elif name != "u":
             number = checked_number("a name in ranges", name, pipe, others=("u", "segments"))
             rule = number.rule
-        low, high = map(float, check.array(f"ranges[{name!r}]", ranges[name], size=2))
-        for end in (low, high):
-            check.real(f"ranges[{name!r}]", end, **rule)
-        if not low < high:
-            raise ValueError(f"ranges[{name!r}] must be (low, high), got ({low:g}, {high:g})")
-        found[name] = low, high
+        found[name] = check.interval(f"ranges[{name!r}]", ranges[name], **rule)
     return found
 
 

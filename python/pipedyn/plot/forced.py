@@ -15,7 +15,7 @@ from pipedyn.forced.forced_response import ForcedResponse
 from pipedyn.forced.parametric_regions import ParametricRegion, ParametricRegions
 from pipedyn.linear.frequency_response import FrequencyResponse
 from pipedyn.plot import common
-from pipedyn.plot.bifurcation import A_STEP, smooth
+from pipedyn.plot.bifurcation import draw_pieces, mark_event, smooth
 from pipedyn.plot.units import AMPLITUDE, OMEGA, PER_FORCE, PER_MOMENT, Measure, Units, View
 from pipedyn.util import check
 
@@ -148,7 +148,6 @@ def parametric_regions(
     ylabel = r"amplitude $\mu$ of the pulsation"
     ax = common.axes(ax, (6.4, 4.2), xlabel=view.label(pulsation), ylabel=ylabel)
     per = view.one(OMEGA)
-    named = set[str]()
     for region in regions:
         look = REGION_STYLES[region.kind]
         inside = np.isfinite(region.edges).all(axis=1)
@@ -156,17 +155,16 @@ def parametric_regions(
         if math.isfinite(region.threshold):
             amplitude = np.append(region.threshold, amplitude)
             edges = np.vstack([np.full(2, per * region.threshold_frequency), edges])
-        label = "_" if region.kind in named else region.kind
-        named.add(region.kind)
         fill = {"facecolor": look["color"], "alpha": 0.25, "hatch": look["hatch"]}
+        fill |= {"linewidth": 0.0, "label": region.kind}
         line = {"color": look["color"], "linestyle": look["linestyle"], "linewidth": 1.2}
         if math.isfinite(region.threshold):  # the outline goes down one side and up the other
             around = np.append(edges[:0:-1, 0], edges[:, 1]), np.append(amplitude[:0:-1], amplitude)
             outline = smooth(*around)
-            ax.fill(*outline.T, linewidth=0.0, label=label, **fill)
+            ax.fill(*outline.T, **fill)
             ax.plot(*outline.T, **line)
         else:
-            ax.fill_betweenx(amplitude, *edges.T, linewidth=0.0, label=label, **fill)
+            ax.fill_betweenx(amplitude, *edges.T, **fill)
             for side in edges.T:
                 ax.plot(*smooth(side, amplitude).T, **line)
         if math.isfinite(region.threshold):
@@ -205,36 +203,16 @@ def forced_response(
     labels = {"xlabel": view.label(OMEGA), "ylabel": view.label(AMPLITUDE)}
     ax = common.axes(ax, (6.4, 4.2), **labels)
     per, one = view.one(OMEGA), view.one(AMPLITUDE)
-    shown = set[str]()
     for branch, look in zip(response.branches, cycle(common.CURVE_STYLES), strict=False):
         curve = smooth(per * branch.frequency, one * branch.amplitude)
         steady = branch.stable[:-1] | branch.stable[1:]  # a step to an event is stable up to it
-        for stable, line in ((True, "-"), (False, (0, (4, 2)))):
-            there = np.where(steady == stable)[0]
-            runs = np.split(there, np.flatnonzero(np.diff(there) > 1) + 1) if there.size else []
-            for run in runs:
-                part = curve[run[0] * A_STEP : (run[-1] + 1) * A_STEP + 1]
-                label = f"{branch.kind}, {'stable' if stable else 'unstable'}"
-                ax.plot(
-                    *part.T,
-                    color=look["color"],
-                    linestyle=line,
-                    linewidth=1.2,
-                    label="_" if label in shown else label,
-                )
-                shown.add(label)
+        labels = {word: f"{branch.kind}, {word}" for word in ("stable", "unstable")}
+        draw_pieces(ax, curve, steady, look["color"], labels)
         for event in branch.events:
-            if event.kind == "end":
-                continue
-            marker = {"fold": "o", "pitchfork": "s", "period doubling": "D"}.get(event.kind, "^")
-            ax.plot(
-                *([per * event.frequency], [one * event.amplitude]),
-                label="_" if event.kind in shown else event.kind,
-                **common.open_marker(5.0, marker=marker, zorder=4.0),
-            )
-            shown.add(event.kind)
+            if event.kind != "end":
+                mark_event(ax, event.kind, [per * event.frequency, one * event.amplitude])
     ax.set_ylim(bottom=0.0)
-    if shown:
+    if response.branches:
         common.legend_below(ax)
     view.second_axes(ax, OMEGA)
     return ax

@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 import html
-import math
 from collections.abc import Mapping
 from typing import Any
 
 from pipedyn.models.pipe import OWN_NUMBERS, Pipe
 from pipedyn.plot import common
+from pipedyn.plot.common import rounded_up
 from pipedyn.plot.exploration import Exploration, Slider
 from pipedyn.plot.units import Units
 from pipedyn.util.errors import PipedynError
@@ -27,8 +27,8 @@ LABELS = {
 SAME_PLACE = "1 / 1 / 2 / 2"
 """Cell of a grid in which the moving pipe lies on top of the pixels."""
 
-STEPS = 200
-"""Least number of steps of a slider; a step is 1, 2 or 5 times a power of ten."""
+STEPS = 300
+"""Number of steps that a slider has at most; a step is a round number."""
 
 
 def explore(
@@ -74,7 +74,13 @@ def explore(
         ImportError: if ipywidgets, which is in the extra "notebook", is not installed.
         ValueError, TypeError: for bad arguments, as for `Exploration`.
     """
-    widgets = _ipywidgets()
+    try:
+        import ipywidgets as widgets
+    except ImportError as error:
+        raise ImportError(
+            'plot.explore needs ipywidgets, which the extra "notebook" brings: '
+            "pip install pipedyn[notebook]"
+        ) from error
     state = Exploration(pipe, n, u, springs=springs, against=against, ranges=ranges, units=units)
     cell = widgets.Layout(grid_area=SAME_PLACE, width="100%", margin="0")
     pixels = widgets.Image(format="png", layout=cell)
@@ -93,8 +99,18 @@ def explore(
             text.value = _as_html(state, f"No answer for {name} = {change['new']:g}: {error}")
 
     def control(slider: Slider) -> Any:
-        made = _slider(widgets, slider, state.values[slider.name])
-        made.observe(lambda change: follow(slider.name, change), "value")
+        name, whole = slider.name, slider.name == "segments"
+        made = (widgets.IntSlider if whole else widgets.FloatSlider)(
+            int(state.values[name]) if whole else state.values[name],
+            min=slider.low,
+            max=slider.high,
+            step=1 if whole else rounded_up((slider.high - slider.low) / STEPS),
+            readout_format="d" if whole else ".4g",
+            description=LABELS.get(name, name),
+            style={"description_width": "105px"},
+            layout=widgets.Layout(width="auto"),
+        )
+        made.observe(lambda change: follow(name, change), "value")
         return made
 
     show()
@@ -107,41 +123,6 @@ def explore(
     box = widgets.VBox([every, text, stack], layout=widgets.Layout(max_width="1060px"))
     box.exploration = state
     return box
-
-
-def _ipywidgets() -> Any:
-    try:
-        import ipywidgets
-    except ImportError as error:
-        raise ImportError(
-            'plot.explore needs ipywidgets, which the extra "notebook" brings: '
-            "pip install pipedyn[notebook]"
-        ) from error
-    return ipywidgets
-
-
-def _slider(widgets: Any, slider: Slider, value: float) -> Any:
-    """The widget of a slider, set to a value."""
-    label = LABELS.get(slider.name, slider.name)
-    look = {
-        "description": label,
-        "style": {"description_width": "105px"},
-        "layout": widgets.Layout(width="auto"),
-        "continuous_update": True,
-    }
-    if slider.name == "segments":
-        return widgets.IntSlider(int(value), min=int(slider.low), max=int(slider.high), **look)
-    step = step_of(slider)
-    digits = max(0, -math.floor(math.log10(step) + 1e-9))
-    bounds = {"min": slider.low, "max": slider.high, "step": step}
-    return widgets.FloatSlider(value, readout_format=f".{digits}f", **bounds, **look)
-
-
-def step_of(slider: Slider) -> float:
-    """Step of a slider: the largest 1, 2 or 5 times a power of ten with at least `STEPS` steps."""
-    finest = (slider.high - slider.low) / STEPS
-    power = 10.0 ** math.floor(math.log10(finest))
-    return power * max(step for step in (1.0, 2.0, 5.0) if step * power <= finest * (1.0 + 1e-9))
 
 
 def _as_html(state: Exploration, trouble: str) -> str:

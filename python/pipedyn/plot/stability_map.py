@@ -86,27 +86,18 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
     shade[stable[row, column] & searched] = to_rgba(STABLE)
     within = (left, right, low, high)
     ax.imshow(shade, origin="lower", extent=within, aspect="auto", zorder=0.2, label="_shade")
-    named = set[str]()
-
-    def new(label: str) -> str:
-        shown = "_" if label in named else label
-        named.add(label)
-        return shown
-
     for curve in found.curves:
         places, of, _ = _dense(curve, found)
         kinds, others = curve.criticality[of], curve.unstable[of] > 0
-        differ = (kinds[:-1] != kinds[1:]) | (others[:-1] != others[1:])
-        changes = [0, *(np.flatnonzero(differ) + 1), kinds.size]
-        for first, last in pairwise(changes):
+        for first, last in common.runs(np.char.add(kinds, others.astype(str))):
             look = curve.kind, str(kinds[first])
             beside = OTHERS_UNSTABLE if others[first] and not look[1] else ""
-            label = new(", ".join(word for word in (*look, beside) if word))
+            label = ", ".join(word for word in (*look, beside) if word)
             part = plane.at(*places[first : last + 1].T)
             ax.plot(*part, linestyle=DASHES[look[1]], label=label, **LOOKS[look])
     for point in found.points:
         mark = common.open_marker(5.5, marker=ORGANISING_MARKERS[point.kind], zorder=4.0)
-        ax.plot(*plane.at(point.x, point.y), label=new(point.kind), **mark)
+        ax.plot(*plane.at(point.x, point.y), label=point.kind, **mark)
     if not searched.all():
         hatch = ax.contourf(x, y, searched, [-0.5, 0.5], colors="none", hatches=["////"])
         hatch.set(edgecolor=UNSEARCHED["edgecolor"], linewidth=0.0)
@@ -484,7 +475,6 @@ def parts_of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[
     """
     places, of, certain = _dense(curve, found)
     pieces = certain & (curve.unstable[of] == 0)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], pieces.view(np.int8), [0]])))
-    for first, last in edges.reshape(-1, 2):
-        left = curve.change[of[first]] > 0
-        yield places[first : last + 1], curve.kind, bool(left)
+    for first, last in common.runs(pieces):
+        if pieces[first]:
+            yield places[first : last + 1], curve.kind, bool(curve.change[of[first]] > 0)

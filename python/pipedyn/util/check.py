@@ -156,15 +156,19 @@ def window(
         raise TypeError(f"ranges must map x and y to (low, high), got {shown(ranges)}")
     if set(ranges) != set(names):
         raise ValueError(f"ranges must have {names[0]!r} and {names[1]!r}, got {list(ranges)}")
-    bounds = []
-    for name, rule in zip(names, rules, strict=True):
-        label = f"ranges[{name!r}]"
-        low, high = map(float, array(label, ranges[name], size=2))
-        low, high = real(label, low, **rule), real(label, high, **rule)
-        if not high - low > 1e-9 * (1.0 + abs(high)):
-            raise ValueError(f"{label} must be (low, high), got ({low:g}, {high:g})")
-        bounds.append((low, high))
-    return bounds[0], bounds[1]
+    first, second = (
+        interval(f"ranges[{name!r}]", ranges[name], **rule)
+        for name, rule in zip(names, rules, strict=True)
+    )
+    return first, second
+
+
+def interval(name: str, value: Any, **rule: Any) -> tuple[float, float]:
+    """The value as a range (low, high), whose ends `real` checks by a rule."""
+    low, high = (real(name, float(end), **rule) for end in array(name, value, size=2))
+    if not high - low > 1e-9 * (1.0 + abs(high)):
+        raise ValueError(f"{name} must be (low, high), got ({low:g}, {high:g})")
+    return low, high
 
 
 def entries(name: str, values: NDArray[Any], good: NDArray[np.bool_], rule: str) -> None:

@@ -1,0 +1,326 @@
+# SPDX-License-Identifier: MIT
+"""The tracer of branches: it takes steps along a branch, ends it, and finds special points on it.
+
+Equilibria, cycles, forced motions, curves in the plane of two numbers and equations of the user's
+own are problems that one tracer follows. A special point is a zero of a test function: a fold, a
+branch point, a multiplier on the unit circle, or any value that is passed.
+
+Source: Kuznetsov, Elements of Applied Bifurcation Theory, ch. 10, for test functions.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any, Generic, Literal, cast
+
+import numpy as np
+from numpy.linalg import LinAlgError
+
+from pipedyn.continuation.arclength import Equations, Point, Segment
+from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
+from pipedyn.util.newton import NewtonFailed
+
+FLAT = 0.3
+"""Share of a step's steepest slope dp/ds below which there may be two folds within it: a cubic
+through the ends misjudges the slope between them by less, as tangents turn by `Control.turn`."""
+
+BranchEnd = Literal["range", "closed", "points", "not converged"]
+"""Why a branch ends: at a limit, at its beginning, at the last point asked for, or because no next
+point was found."""
+
+
+# ------------------------------------------------------------------------------ special points
+
+
+class TestFunction(ABC, Generic[Equations]):
+    """A function along a step of a branch, whose zeros are special points.
+
+    It may have several values, in falling order: a special point lies where the number of positive
+    values changes.
+
+    Args:
+        step: the step.
+        tolerance: length to which zeros are located.
+        known: what is known `about` some places, by their arc length.
+    """
+
+    beside_folds = 0.0
+    """Share of the step on either side of a fold in which zeros are not looked for."""
+
+    def __init__(
+        self, step: Segment[Equations], tolerance: float, known: Mapping[float, Any] | None = None
+    ) -> None:
+        self.step, self.tolerance, self._known = step, tolerance, dict(known or {})
+
+    @abstractmethod
+    def about(self, s: float) -> Any:
+        """What the values at an arc length follow from: the values, unless a function says."""
+
+    @abstractmethod
+    def found(self, before: float, beyond: float) -> Any:
+        """What lies between two arc lengths with a zero between them; None if nothing of note."""
+
+    def known(self, s: float) -> Any:
+        """What is known about an arc length, which is computed once."""
+        if s not in self._known:
+            self._known[s] = self.about(s)
+        return self._known[s]
+
+    def at(self, s: float) -> Array:
+        """Values at an arc length from the beginning of the step."""
+        return np.asarray(self.known(s))
+
+    def positive(self, s: float) -> int:
+        """Number of positive values at an arc length."""
+        return int(np.count_nonzero(self.at(s) > 0.0))
+
+    def changes(self, low: float, high: float) -> Iterator[tuple[float, float]]:
+        """Arc lengths right before and right beyond zeros between two arc lengths, in order.
+
+        A value that passes 0 is a continuous function of the length unless others pass with it.
+        """
+        for _ in range(8):  # six on one step are the most that have been met
+            first, last = self.positive(low), self.positive(high)
+            if first == last:
+                return
+            passing = first - (last < first)
+            root = scipy.optimize.brentq(
+                lambda s, i: self.at(s)[i], low, high, (passing,), self.tolerance
+            )
+            width = self.tolerance  # more where rounding hides the change
+            while self.positive(max(low, root - width)) == self.positive(min(root + width, high)):
+                width *= 2.0
+            yield max(low, root - width), min(root + width, high)
+            low = min(root + width, high)
+
+    def zeros(self, low: float, high: float) -> Iterator[tuple[float, Any]]:
+        """Special points between two arc lengths: the length right beyond, and what is there."""
+        for before, beyond in self.changes(low, high):
+            if (found := self.found(before, beyond)) is not None:
+                yield beyond, found
+
+
+class Fold(TestFunction[Equations]):
+    """The slope of the parameter along a step: it passes 0 where the parameter turns back.
+
+    Args:
+        step: the step, on which there are none, one or two folds.
+        rtol: share of the step to which they are located.
+    """
+
+    def __init__(self, step: Segment[Equations], rtol: float) -> None:
+        super().__init__(step, rtol * step.length)
+
+    def about(self, s: float) -> Array:
+        """The slope of the parameter, shape (1,)."""
+        return np.array([self.step.at(s).tangent[-1]])
+
+    def found(self, before: float, beyond: float) -> str:
+        """The name of the special point."""
+        return "fold"
+
+    def lengths(self) -> list[float]:
+        """Arc lengths of the folds."""
+        first, last = self.step.slopes
+        length = self.step.length
+        ends = [0.0, length]
+        if first * last > 0.0:
+            # Where the cubic with the ends' parameters and slopes is flattest.
+            mean = (self.step.end.p - self.step.begin.p) / length
+            bend = 6.0 * (0.5 * (first + last) - mean)
+            share = 0.5 - 0.5 * (last - first) / bend if bend else 0.0
+            flattest = first + share * (last - first - bend * (1.0 - share))
+            if 0.0 < share < 1.0 and flattest / max(first, last, key=abs) < FLAT:
+                ends.insert(1, share * length)
+        return [beyond for pair in pairwise(ends) for beyond, _ in self.zeros(*pair)]
+
+
+def between_folds(step: Segment[Equations], rtol: float) -> list[Segment[Equations]]:
+    """The parts of a step on which the parameter does not turn back.
+
+    Folds are located to `rtol` times the length of the step.
+    """
+    return step.parts(Fold(step, rtol).lengths())
+
+
+def special_points(
+    step: Segment[Equations],
+    fold_rtol: float,
+    tests: Iterable[TestFunction[Equations]],
+    until: float | None = None,
+) -> list[tuple[float, Any]]:
+    """Special points on a step in order: the arc length right beyond each, and what is there.
+
+    Args:
+        step: the step.
+        fold_rtol: share of the step to which folds are located; these are "fold". With 0 they are
+            not looked for.
+        tests: test functions on the step.
+        until: arc length up to which zeros of tests are looked for; the whole step if not given.
+    """
+    length = step.length if until is None else until
+    turns = Fold(step, fold_rtol).lengths() if fold_rtol else []
+    found: list[tuple[float, Any]] = [(s, "fold") for s in turns]
+    for test in tests:
+        near = test.beside_folds * step.length
+        ends = [0.0, *(s + side for s in turns if near for side in (-near, near)), length]
+        for low, high in zip(ends[::2], ends[1::2], strict=True):
+            if low < high:
+                found += test.zeros(low, high)
+    return sorted(found, key=lambda one: one[0])
+
+
+# --------------------------------------------------------------------------- along the branch
+
+
+class Tracer(Generic[Equations]):
+    """Follows a branch step by step until it ends, and says why it does.
+
+    What becomes of each step is said by `note`, which a tracer of a kind of branch overrides.
+
+    Args:
+        limits: entries of z by index with their least and largest value, at which a branch ends.
+        most: number of steps either way.
+        failing: exceptions that end a branch, those of equations of the user's among them.
+    """
+
+    near_limit = 1e-4
+    """Share of a range within which its limit is solved for where no step can be taken: steps that
+    end beyond it may, where nothing is defined there, become as short as `Control.shortest`."""
+
+    def __init__(
+        self,
+        limits: Iterable[tuple[int, float, float]] = (),
+        most: int = 1000,
+        failing: type[Exception] | tuple[()] = NewtonFailed,
+    ) -> None:
+        self.limits, self.most, self.failing = list(limits), most, failing
+
+    def note(self, step: Segment[Equations]) -> str | None:
+        """Takes note of a step, and says why the branch ends with it, None where it goes on.
+
+        A NewtonFailed ends the branch, too, as one that was not followed further.
+        """
+        return None
+
+    def one_way(
+        self,
+        steps: Iterator[Segment[Equations]],
+        problem: Equations | None = None,
+        begin: Point | None = None,
+    ) -> tuple[list[Point], str, str]:
+        """Points of a branch, why it ends, and the reason where it was not followed further.
+
+        Args:
+            steps: steps along the branch; NewtonFailed says why none can be taken.
+            problem: the equations at the beginning, if they are known before the first step.
+            begin: the point at the beginning, likewise; it is the first that is returned.
+        """
+        points = [] if begin is None else [begin]
+        if begin is not None and self.is_over(begin):
+            return points, "range", ""
+        try:
+            for count, step in enumerate(self._within_limits(steps, problem, begin), 1):
+                closes = begin is not None and count > 1 and _passes_through(step, begin)
+                step = replace(step, end=points[0]) if closes else step
+                end = self.note(step)
+                points.append(step.end)
+                if closes or end is not None:
+                    return points, end or "closed", ""
+                if self.is_over(step.end):
+                    break
+                if count == self.most:
+                    return points, "points", f"it takes more than {self.most} steps"
+        except self.failing as error:
+            return points, "not converged", reason_of(error)
+        return points, "range", ""
+
+    def both_ways(
+        self, problem: Equations, start: Point, step: float
+    ) -> tuple[list[Point], tuple[BranchEnd, BranchEnd], tuple[str, str]]:
+        """Points of the branch through a point, why it ends at either end, and the reasons.
+
+        Args:
+            problem: the equations.
+            start: a solution with its tangent, within the limits.
+            step: length of the first step.
+        """
+        ahead, last, why_last = self.one_way(problem.segments(start, step), problem, start)
+        if last == "closed":
+            return ahead, ("closed", "closed"), ("", "")
+        turned = Point(start.z, -start.tangent)
+        back, first, why_first = self.one_way(problem.segments(turned, step), problem, turned)
+        before = [Point(point.z, -point.tangent) for point in back[:0:-1]]
+        ends = cast("tuple[BranchEnd, BranchEnd]", (first, last))
+        return before + ahead, ends, (why_first, why_last)
+
+    def is_over(self, point: Point) -> bool:
+        """Whether the branch leaves the limits at a point."""
+        return any(
+            (point.z[i] <= low and point.tangent[i] < 0.0)
+            or (point.z[i] >= high and point.tangent[i] > 0.0)
+            for i, low, high in self.limits
+        )
+
+    def _within_limits(
+        self,
+        steps: Iterator[Segment[Equations]],
+        problem: Equations | None,
+        begin: Point | None,
+    ) -> Iterator[Segment[Equations]]:
+        """The steps up to a limit; at last one to a limit right ahead if no other can be taken."""
+        marks = [(i, value) for i, *ends in self.limits for value in ends]
+        try:
+            for step in steps:
+                within = step.up_to(marks)
+                yield within
+                if within is not step:
+                    return
+                problem, begin = step.problem, step.end
+        except self.failing:
+            if problem is None or begin is None or not (edge := self._at_edge(problem, begin)):
+                raise
+            yield Segment(problem, begin, edge)
+
+    def _at_edge(self, problem: Equations, point: Point) -> Point | None:
+        """The point at a limit right ahead, beyond which there may be no equations."""
+        for i, low, high in self.limits:
+            edge, slope = (high if point.tangent[i] > 0.0 else low), float(point.tangent[i])
+            gap = edge - float(point.z[i])
+            if gap * slope > 0.0 and abs(gap) <= self.near_limit * (high - low) < math.inf:
+                away = gap / slope
+                try:
+                    z = problem.fixed(point.z + away * point.tangent, edge, i)
+                    if problem.length(z - point.z) <= 2.0 * away:
+                        return problem.point(z, point.tangent)
+                except self.failing:
+                    continue
+        return None
+
+
+def reason_of(error: Exception) -> str:
+    """What an exception says, with what it came from; of others than NewtonFailed its name, too."""
+    text = str(error) if isinstance(error, NewtonFailed) else f"{type(error).__name__}: {error}"
+    cause = error.__cause__
+    known = cause is None or isinstance(cause, LinAlgError | FloatingPointError | NewtonFailed)
+    if known or str(cause) in text:
+        return text
+    return f"{text} ({type(cause).__name__}: {cause})"
+
+
+def _passes_through(step: Segment[Equations], point: Point) -> bool:
+    """Whether a point of a branch lies on a step, away from its beginning."""
+    if point.z.size != step.begin.z.size:  # of an orbit on another mesh
+        return False
+    s, length, problem = step.reach(point.z), step.length, step.problem
+    ahead = 1e-6 * length < s <= length * (1.0 + 1e-9)
+    if ahead and problem.length(step.guess(s) - point.z) <= 0.1 * length:
+        with suppress(NewtonFailed):
+            return step.miss(point.z) <= 1e-6 * (1.0 + problem.length(point.z))
+    return False

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: MIT
+"""The cycle near the last period of a motion that comes back to an earlier state."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pipedyn.models.base import Model
+from pipedyn.motion.vector_field import Excitation, ForcedField, VectorField
+from pipedyn.orbits.collocation import solved
+from pipedyn.orbits.floquet import LARGEST_ERROR, nontrivial, orbit_multipliers
+from pipedyn.orbits.orbit_continuation import COARSE, FINE
+from pipedyn.orbits.periodic_orbit import PeriodicOrbit, interpolated, refined, resolved_orbit
+from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
+from pipedyn.util.newton import NewtonFailed
+
+NEWTON_STEPS = 5
+"""Steps of Newton's method from a motion's last period after which no cycle is near: it took one to
+three to those of seven pipes."""
+
+REST_EXTENT = 1e-5
+"""Extent of an orbit, in rad or in coordinates of a reduced model, below which it is at rest."""
+
+ROUGHLY, CLOSELY = 1e-3, 1e-6
+"""Shares of its range up to which rounds of an orbit are the same, on its first mesh and when it is
+known: near a period doubling motions go twice round for long, and what is solved for from them may
+be the cycle that is run through once."""
+
+LARGEST_CYCLE = 100
+"""Degrees of freedom of a cycle that is solved for. An undamped chain of 20 takes 0.06 s, of 40
+0.4, of 100 seven, half of it for the multipliers."""
+
+Samples = tuple[Array, Array]
+"""Times, shape (S,), and states [p, p'] at these, shape (S, 2 integrated)."""
+
+Recurrence = tuple[float, float, float, int]
+"""Distance to which a motion comes back, relative to its size; the times at which the period begins
+and ends after which it does; and how many periods of the drive this holds, if there is one."""
+
+
+def last_period(
+    model: Model, drive: Excitation, samples: Samples, recurrence: Recurrence, farthest: float
+) -> tuple[VectorField, PeriodicOrbit]:
+    """An orbit through the last period of a motion, and the vector field that it is an orbit of.
+
+    Args:
+        model: the model.
+        drive: what drives it.
+        samples: times t, (S,), since the beginning of a period of the drive, and states [p, p']
+            there, (S, 2 integrated).
+        recurrence: how near the motion comes back to an earlier state, see `Recurrence`.
+        farthest: distance to which it must come back.
+
+    Raises:
+        NewtonFailed: if it does not.
+    """
+    back, first, last, turns = recurrence
+    if not back <= farthest:
+        raise NewtonFailed("the motion does not come back to an earlier state")
+    motion = drive.field(model, turns)
+    begin, end = np.searchsorted(samples[0], [first, last])
+    some = slice(max(int(begin) - 2, 0), int(end) + 3)
+    t, states = (of[some] for of in samples)
+    frequency = 2.0 * math.pi / (last - first)
+    along = motion.along(frequency * (t - first), frequency)
+    # With constraints f gives another rate of p than p'.
+    rates = along(np.ascontiguousarray(states.T), drive.mean)[motion.half :].T
+    rates = np.concatenate([states[:, motion.half :], rates], axis=1)
+    spline = scipy.interpolate.CubicHermiteSpline(t, states, rates)
+
+    def through(phase: Array) -> Array:
+        return np.ascontiguousarray(spline(first + phase / frequency).T)
+
+    return motion, resolved_orbit(motion, through, frequency, drive.mean, False, COARSE.defect)
+
+
+def solved_cycle(
+    model: Model, drive: Excitation, samples: Samples, recurrence: Recurrence, farthest: float
+) -> tuple[PeriodicOrbit, bool]:
+    """The cycle near the last period of a motion, and whether its multipliers say that it attracts.
+
+    Arguments and errors are those of `last_period`; `NewtonFailed` is raised also where no cycle is
+    found near the motion's last period or its multipliers are not known.
+    """
+    if model.dof > LARGEST_CYCLE:
+        raise NewtonFailed(f"no cycle is solved for with more than {LARGEST_CYCLE} freedoms")
+    motion, guess = last_period(model, drive, samples, recurrence, farthest)
+    orbit = solved(motion, guess, COARSE.tolerance, iterations=NEWTON_STEPS)
+    if orbit.size < REST_EXTENT:
+        raise NewtonFailed("the motion comes to rest")
+    for within in (ROUGHLY, CLOSELY):
+        motion, once = run_through_once(model, drive, motion, orbit, within)
+        if once is orbit and within == CLOSELY:
+            break
+        orbit = resolved_orbit(motion, once.states, once.frequency, drive.mean, False, FINE.defect)
+        orbit = solved(motion, orbit, FINE.tolerance, iterations=NEWTON_STEPS)
+    if model.pipe.has_kinks and model.kinks_known:  # multipliers need a mesh that ends at these
+        twice = np.full(len(orbit.starts), 2)
+        orbit = solved(motion, refined(motion, orbit, twice, at_kinks=True), FINE.tolerance)
+    multipliers, _, error = orbit_multipliers(motion, orbit, FINE.stagnation)
+    if not error <= LARGEST_ERROR:
+        raise NewtonFailed(f"its multipliers are known to {error:.1e} only")
+    others = multipliers if drive.period else nontrivial(multipliers)
+    return orbit, float(np.abs(others).max(initial=0.0)) < 1.0 - error
+
+
+def run_through_once(
+    model: Model, drive: Excitation, motion: VectorField, orbit: PeriodicOrbit, within: float
+) -> tuple[VectorField, PeriodicOrbit]:
+    """An orbit that is run through several times as one that is so once, with its vector field.
+
+    Args:
+        model: the model.
+        drive: what drives it.
+        motion: the vector field of the orbit.
+        orbit: not solved for anew.
+        within: share of its range up to which states of several rounds count as the same.
+    """
+    phases = np.linspace(0.0, 2.0 * math.pi, 17)
+    order = motion.order if isinstance(motion, ForcedField) else 0
+    across = motion.tip(orbit.states(np.linspace(0.0, 2.0 * math.pi, 8 * len(orbit.starts) + 1)))
+    most = int(np.count_nonzero((across[1:-1] >= across[:-2]) & (across[1:-1] > across[2:]))) + 1
+
+    def is_run_through(times: int) -> bool:
+        if order % times:
+            return False
+        apart = orbit.states(phases + 2.0 * math.pi / times) - orbit.states(phases)
+        return bool(np.abs(apart).max() <= within * np.ptp(orbit.starts))
+
+    times = next(filter(is_run_through, range(order or most, 1, -1)), 1)
+    if times == 1:
+        return motion, orbit
+    if order:
+        motion = drive.field(model, order // times)
+
+    def once(phase: Array) -> Array:
+        return orbit.states(phase / times)
+
+    edges = np.linspace(0.0, 2.0 * math.pi, len(orbit.starts) + 1)
+    return motion, interpolated(motion, once, edges, times * orbit.frequency, orbit.u)

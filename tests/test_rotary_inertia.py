@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: MIT
+"""Rotary inertia J of cross-sections: E w'''' + ... + w_ddot - J w_ddot'' = 0, and at any angle."""
+
+import math
+from dataclasses import replace
+
+import mpmath
+import numpy as np
+import pytest
+from independent import quadratic_eigenvalues
+
+import pipedyn as pp
+
+BETA, J = 0.2, 0.01
+THICK = pp.Pipe(BETA, rotary_inertia=J)
+RICH = pp.Pipe(
+    *(0.3, 4.0),
+    drag=0.5,
+    damping=0.01,
+    rotary_inertia=0.05,
+    terms=[pp.PointMass(0.6, 0.2), pp.AddedMass(0.4), pp.Spring(1.0, 2.0)],
+)
+
+
+def determinant(value, u, delta=0.0):
+    """Of the pipe's four exponentials exp(a s + lambda tau), clamped and free, without gravity.
+
+    At the free end w'' = 0 and the force across is (1 + delta lambda) w''' - J lambda^2 w' = 0.
+    """
+    elastic, thrust = 1 + delta * value, u * u - J * value**2
+    coriolis = 2 * mpmath.sqrt(BETA) * u * value
+    a = mpmath.polyroots([elastic, 0, thrust, coriolis, value**2], maxsteps=200, extraprec=60)
+    largest = max(x.real for x in a)
+    end = [mpmath.exp(x - largest) for x in a]
+    rows = [
+        [mpmath.mpf(1)] * 4,
+        a,
+        [x**2 * e for x, e in zip(a, end, strict=True)],
+        [(elastic * x**3 - J * value**2 * x) * e for x, e in zip(a, end, strict=True)],
+    ]
+    apart = mpmath.fprod(a[i] - a[j] for i in range(4) for j in range(i))
+    return mpmath.det(mpmath.matrix(rows)) / apart
+
+
+def test_critical_speeds_are_where_a_determinant_of_exponentials_vanishes():
+    found = pp.critical_speed(pp.Continuum(THICK))
+    with mpmath.workdps(25):
+
+        def parts(u, omega):
+            value = determinant(1j * omega, u)
+            return value.real, value.imag
+
+        exact = mpmath.findroot(parts, (mpmath.mpf(found.speed), mpmath.mpf(found.frequency)))
+    assert [found.speed, found.frequency] == pytest.approx([float(x) for x in exact], rel=1e-9)
+    slender = pp.critical_speed(pp.Continuum(pp.Pipe(BETA)))
+    assert found.speed != pytest.approx(slender.speed, rel=1e-2)
+
+
+@pytest.mark.parametrize("basis", ["beam", "legendre"])
+def test_eigenvalues_are_roots_of_that_determinant(basis):
+    pipe = replace(THICK, damping=1e-3)
+    values = pp.eigenvalues(pp.Galerkin(pipe, 24, basis), 4.0, 6)
+    for value in values[values.imag > 0.0]:
+        with mpmath.workdps(25):
+            exact = mpmath.findroot(lambda x: determinant(x, 4.0, 1e-3), mpmath.mpmathify(value))
+        assert value == pytest.approx(complex(exact), rel=1e-9 if basis == "legendre" else 1e-3)
+
+
+def test_a_long_chain_converges_to_it_with_second_order():
+    exact = pp.critical_speed(pp.Continuum(THICK)).speed
+    coarse, fine = (pp.critical_speed(pp.Chain(THICK, n)).speed - exact for n in (20, 40))
+    assert abs(fine) < 1.3e-3 * exact  # as without rotary inertia
+    assert coarse / fine == pytest.approx(4.0, rel=0.02)
+
+
+@pytest.mark.parametrize("of", [pp.Chain, pp.modular.chain])
+def test_segments_turn_as_with_larger_radii_of_gyration(of):
+    """Those, which users may give, are checked against a Lagrangian."""
+    n, random = 4, np.random.default_rng(0)
+    own = np.full(n, 1.0 / (n * math.sqrt(12.0)))
+    model = of(RICH, n)
+    given = of(
+        replace(RICH, rotary_inertia=0.0),
+        n,
+        gyration_radii=np.sqrt(own**2 + RICH.rotary_inertia),
+    )
+    y = random.normal(size=2 * n)
+    if of is pp.Chain:
+        assert model.rhs(0.0, y, 3.0) == pytest.approx(given.rhs(0.0, y, 3.0), rel=1e-12)
+        assert model.energy(y) == pytest.approx(given.energy(y), rel=1e-14)
+    for one, other in zip(
+        vars(model.operators()).values(), vars(given.operators()).values(), strict=True
+    ):
+        assert one is None or one == pytest.approx(other, abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        pp.Chain(RICH, 4),
+        pp.Galerkin(RICH, 4),
+        pp.Galerkin(RICH, 6, "legendre"),
+        pp.Galerkin(replace(RICH, stiffness=lambda s: 1.0 + s, mass=lambda s: 1.0 + s), 6),
+    ],
+    ids=["chain", "beam", "legendre", "nonuniform"],
+)
+def test_what_the_flow_and_losses_do_is_what_the_energy_changes_by(model):
+    """Of any state, at large angles; the energy counts how fast cross-sections turn."""
+    y, h = 0.7 * np.random.default_rng(1).normal(size=2 * model.dof), 1e-5
+    rates = model.rhs(0.0, y, 4.0)
+    ends = [model.energy(y + share * h * rates) for share in (1.0, -1.0, 2.0, -2.0)]
+    change = (8.0 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / (12.0 * h)
+    assert change == pytest.approx(model.power(y, 4.0).total, rel=1e-5)
+    still = np.zeros(2 * model.dof)
+    still[model.dof :] = y[model.dof :]
+    slender = model.with_pipe(replace(model.pipe, rotary_inertia=0.0))
+    assert model.energy(still) > 1.01 * slender.energy(still)
+
+
+def test_large_motions_of_chain_and_reduced_model_tend_to_each_other():
+    def end(model):
+        def start(s):
+            return 0.9 * np.sin(0.5 * np.pi * s)
+
+        return pp.simulate(model, 4.0, 0.3, start, samples=2, rtol=1e-9).tip[-1]
+
+    pipe = replace(THICK, gamma=3.0, damping=1e-2, rotary_inertia=0.05)
+    exact = end(pp.Galerkin(pipe, 12, "legendre"))
+    slender = end(pp.Galerkin(replace(pipe, rotary_inertia=0.0), 12, "legendre"))
+    coarse, fine = (np.hypot(*(end(pp.Chain(pipe, n)) - exact)) for n in (20, 40))
+    assert fine < 0.05 * np.hypot(*(slender - exact))
+    assert coarse / fine == pytest.approx(4.0, rel=0.05)
+
+
+def test_flutter_emerges_from_chains_and_scenes_as_from_the_reduced_model():
+    """Speed, frequency and first Lyapunov coefficient, whose distance falls with the square."""
+    pipe = replace(THICK, damping=2e-3)
+    numbers = [
+        np.array([onset.speed, onset.frequency, onset.lyapunov])
+        for onset in map(
+            pp.hopf,
+            (
+                *(pp.Galerkin(pipe, 10, "legendre"), pp.Chain(pipe, 40), pp.Chain(pipe, 20)),
+                pp.modular.chain(pipe, 20),
+            ),
+        )
+    ]
+    exact, fine, coarse, scene = numbers
+    assert fine == pytest.approx(exact, rel=2e-3)
+    assert (coarse - exact) / (fine - exact) == pytest.approx(4.0, rel=0.1)
+    assert scene == pytest.approx(coarse, rel=1e-9)
+
+
+def test_supports_hold_it_and_a_pinned_pipe_has_the_frequencies_of_a_textbook():
+    """Of a simply supported Rayleigh beam omega_k^2 = (k pi)^4 / (1 + J (k pi)^2)."""
+    pipe = replace(THICK, root="pinned", end="pinned")
+    waves = np.pi * np.arange(1.0, 4.0)
+    expected = waves**2 / np.sqrt(1.0 + J * waves**2)
+    for model, error in (
+        (pp.Continuum(pipe), 1e-10),
+        (pp.Galerkin(pipe, 8), 1e-10),
+        (pp.Chain(pipe, 60), 1e-2),
+    ):
+        values = pp.eigenvalues(model, 0.0, 6)
+        assert values.imag[values.imag > 0.0] == pytest.approx(expected, rel=error)
+    state = pp.simulate(pp.Galerkin(pipe, 6), 2.0, 1.0, lambda s: 0.3 * np.cos(np.pi * s))
+    assert state.audit < 1e-5
+
+
+def test_linear_operators_are_those_of_small_motions_about_any_configuration():
+    model = pp.Galerkin(RICH, 6, "legendre")
+    for q in (np.zeros(6), 0.2 * np.sin(np.arange(6.0))):
+        operators = model.operators(q)
+        y = np.concatenate([q, np.zeros(6)])
+        slopes = model.jacobian(0.0, y, 0.0)
+        found = np.linalg.solve(operators.mass, -operators.damping)
+        assert slopes[6:, 6:] == pytest.approx(found, rel=1e-8, abs=1e-8)
+    values = pp.eigenvalues(model, 3.0, 12)
+    dense = quadratic_eigenvalues(*model.operators().at(3.0))
+    for value in values[:6]:
+        assert np.abs(dense - value).min() < 1e-8 * abs(value)
+
+
+def test_all_that_treats_numbers_alike_knows_it():
+    found = pp.relevant(THICK, 5.0, tolerance=1e-3)["rotary inertia"]
+    assert (found.verdict, found.strength) == ("relevant", "J = 0.01")
+    assert "rotary inertia" not in {one.name for one in pp.relevant(pp.Pipe(BETA), 5.0).effects}
+    hose = pp.Pipe.from_si(
+        length=2.0, bending_stiffness=4.0, pipe_mass=3.0, fluid_mass=1.0, rotary_inertia=0.16
+    )
+    assert hose.rotary_inertia == pytest.approx(0.01, rel=1e-15)
+    curve = pp.boundary(
+        *(pp.Galerkin(THICK, 6), "rotary_inertia", "u"),
+        {"rotary_inertia": (0.0, 0.02), "u": (4.0, 7.0)},
+    )
+    for one in curve.curves:
+        k = len(one.x) // 2
+        pipe = replace(THICK, rotary_inertia=float(one.x[k]))
+        speeds = [crossing.speed for crossing in pp.crossings(pp.Galerkin(pipe, 6), 8.0).crossings]
+        assert min(abs(speed - one.y[k]) for speed in speeds) < 1e-8
+    assert curve.curves
+    for bad in (-1e-9, math.nan, 1e4):
+        with pytest.raises(ValueError, match="rotary_inertia"):
+            pp.Pipe(BETA, rotary_inertia=bad)
+    with pytest.raises(ValueError, match="rotary_inertia"):
+        pp.Pipe.from_si(
+            length=2.0, bending_stiffness=4.0, pipe_mass=3.0, fluid_mass=1.0, rotary_inertia=-1.0
+        )
