@@ -198,8 +198,11 @@ def test_linear_questions_about_the_straight_pipe_are_refused():
         pp.hopf,
     )
     for model in (pp.Chain(pipe, 4), pp.Galerkin(pipe, 4), pp.modular.chain(pipe, 4)):
+        scene = isinstance(model, pp.modular.Assembly)
+        straight = "" if scene else r": straight it does not with jet_angle = 0\.3"
+        rule = rf"must rest at u = .*{straight}; .* ask equilibrium_branch\(model, q, u, speeds\)"
         for ask in questions:
-            with pytest.raises(ValueError, match=r"must rest at u = .* ask equilibrium_branch"):
+            with pytest.raises(ValueError, match=rule):
                 ask(model)
         about = model.about(pp.equilibria(model, 2.0).q[0])
         assert pp.modes(about, 2.0).converged.all()
@@ -246,18 +249,11 @@ def test_a_jet_does_not_bend_a_pipe_whose_end_is_held(end):
 
 def test_what_cannot_be_asked_of_a_bent_pipe_says_what_can():
     model = pp.Galerkin(pp.Pipe(0.2, damping=0.002, jet_angle=0.5), 8)
-    pump = pp.Pulsation(4.0, 0.1, 20.0)
-    for call, message in (
-        (lambda: pp.critical_speed(model), r"straight it does not with jet_angle = 0.5"),
-        (lambda: pp.hopf(model), r"equilibrium_branch\(model, q, u, speeds\)"),
-        (
-            lambda: pp.floquet(model, pump),
-            r"^model must be of a pipe that rests straight .* jet_angle = 0.5: it bends",
-        ),
-        (lambda: pp.relevant(model.pipe, 4.0), r"equilibrium_branch for its onset"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            call()
+    rule = r"^model must be of a pipe that rests straight .* jet_angle = 0.5: it bends"
+    with pytest.raises(ValueError, match=rule):
+        pp.floquet(model, pp.Pulsation(4.0, 0.1, 20.0))
+    with pytest.raises(ValueError, match=r"equilibrium_branch for its onset"):
+        pp.relevant(model.pipe, 4.0)
     lossy = pp.Galerkin(pp.Pipe(0.2, hysteresis=0.05, jet_angle=0.5), 8)
     with pytest.raises(
         ValueError, match=r"it does not act on what is at rest, so ask the pipe wit"

@@ -5,6 +5,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
@@ -222,7 +223,12 @@ def test_energy_changes_by_the_power_of_what_acts(model, u, seed, size):
     largest = 1.0 + abs(model.pipe.gamma) + abs(model.energy(y))  # of what the energy sums
     assert abs(change - power.total) <= 1e-6 * sizes + 1e-11 * fast * largest
     assert power.joints <= 0.0
-    assert power.drag <= 0.0
+    assert power.drag <= 0.0 if model.pipe.drag else power.drag == 0.0
+    assert power.flow == 0.0 or u > 0.0
+    assert power.total == pytest.approx(sum(parts), rel=1e-12, abs=1e-14 * sizes)
+    if not model.pipe.terms and not isinstance(model, modular.Assembly):
+        assert power.others == 0.0
+        assert power.joints == 0.0 or model.pipe.damping
 
 
 @settings(max_examples=60)
