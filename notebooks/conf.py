@@ -71,7 +71,7 @@ INTERNAL = """
 archived as_chain bounds by_coordinates cantilevered compiled compiled_rates coordinate_kind core
 elastic_operators elastic_scale elastic_share end_directed end_held end_spring equations
 free_directions free_states from_elastic from_user frozen has_kinks index initial_state integrated
-kinks kinks_known largest_angle law_numbers linear linear_cost motion motion_core motion_jacobian
+kinks kinks_known largest_angle law_numbers linear linear_cost motion motion_jacobian
 motion_rates numbers panels place reference require_base require_equilibrium resisted resolution
 resolved_modes resting restored sampled series size supported term_stiffness thrust_across to_user
 watched weight_in

@@ -415,16 +415,9 @@ class Model(OfPipe, ABC):
         return self.core
 
     @property
-    def motion_core(self) -> Any:
-        """What of these is compiled: of a scene all but custom modules."""
-        return self.motion
-
-    @property
     def compiled(self) -> Any:
-        """The compiled equations of motion where they are all; else None."""
-        motion = self.motion
-        compiled = isinstance(motion, _core.Chain | _core.Galerkin | _core.Scene)
-        return motion if compiled else None
+        """The compiled equations of motion; None if Python computes a part of them."""
+        return self.motion
 
     @property
     def compiled_rates(self) -> Any:

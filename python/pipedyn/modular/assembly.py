@@ -171,10 +171,6 @@ class Assembly(Model):
         return SceneMotion(self._layout.acting(self._pipe), self._layout, self.core, self._customs)
 
     @property
-    def motion_core(self) -> Any:
-        return self.core
-
-    @property
     def compiled(self) -> Any:
         if self._customs:
             return None  # Python computes these modules

@@ -47,7 +47,7 @@ class ConstantHead:
         """The compiled part."""
         pipe, supply = self.model.pipe, self.supply
         numbers = (supply.head, supply.friction, supply.weight_in(pipe))
-        return _core.Supply(self.model.motion_core, *numbers, math.sqrt(pipe.beta), pipe.direction)
+        return _core.Supply(self.model.core, *numbers, math.sqrt(pipe.beta), pipe.direction)
 
     def rates(self, t: float, y: Array, drive: Array | None = None) -> Array:
         """Rates of a state [p, p', W, u]; drive: the forcing but for u', (ROWS,)."""
@@ -70,7 +70,7 @@ class ConstantHead:
         acceleration = rates[n:]
         pushed = now + np.eye(ROWS)[0]  # accelerations are affine in u'
         response = model.motion_rates(state, u, pushed)[n:] - acceleration
-        axial = model.motion_core.axial(np.concatenate([state, acceleration]), now)
+        axial = model.core.axial(np.concatenate([state, acceleration]), now)
         by_q, by_rates, by_acceleration, depth = np.split(axial[2:], 4)
         share = pipe.direction * pipe.beta
         pull = share * by_acceleration
