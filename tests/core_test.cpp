@@ -586,7 +586,9 @@ struct Wild {
     for (Index i = 0; i < count; ++i) {
       const auto law = static_cast<std::size_t>(dice.between(0.0, std::size(Laws::names)));
       const double at = one_of({1e-300, 0.6, 1.0, dice.between(0.01, 0.99)});
-      const double first = one_of({0.0, 1e-300, 1.0, 1e6}), second = one_of({0.0, 1.0, 1e6});
+      const bool turns = std::string(Laws::names[law]) == "point_mass";  // by its second number
+      const double first = one_of({0.0, 1e-300, 1.0, 1e6});
+      const double second = one_of({0.0, 1.0, turns ? 1e3 : 1e6});
       made.push_back(pipedyn::make_term(Laws::names[law], at, {first, second}));
     }
     return made;

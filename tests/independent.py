@@ -225,12 +225,13 @@ def _inertia(chain, digits=0):
     np.fill_diagonal(coupling, own)
     forces = []
     for term in chain.pipe.terms:
-        (number,) = term.numbers.values()
+        number, *_ = term.numbers.values()
         for j, at, weight in places(chain, term.place):
             lever = np.where(np.arange(n) < j, length, 0.0)
             lever[j] = at
             if term.law == "point_mass":
                 coupling += number * np.outer(lever, lever)
+                coupling[j, j] += term.inertia
                 moment = moment + number * lever
             else:
                 share = 1.0 if term.law == "damper" else weight
@@ -618,11 +619,11 @@ def clamp_misfit(chain, value, u):
         for term, (j, at, weight) in placed:
             if j != k:
                 continue
-            (number,) = term.numbers.values()
+            number, *_ = term.numbers.values()
             factor = {"point_mass": square, "damper": value}.get(term.law, weight)
             loads.append((at, factor * number))
             if term.law == "point_mass":
-                turned += pipe.gamma * number * at
+                turned += pipe.gamma * number * at + square * term.inertia
                 beyond += number
         for (tip_angle, tip), column in zip(ends, columns, strict=True):
             angle, node, force, moment = column

@@ -90,7 +90,8 @@ def forces(scene, y, u, drive=None):
     size = np.hypot(*tangent.T)[:, None]
     turning = np.sum(across(tangent) / size**2 * np.diff(velocities, axis=0)[segment], axis=1)
     where, moving = (between(of, share, segment) for of in (nodes, velocities))
-    stations = np.column_stack([where + place, tangent / size, moving + speed, turning])
+    angle = np.cumsum(q[2::3])[segment]
+    stations = np.column_stack([where + place, angle, tangent / size, moving + speed, turning])
     loads = weight[:, None] * chain.loads(stations)
     add(share, loads[:, :2], segment)
     couple = (normal / lengths[:, None])[segment] * loads[:, 2:]  # two opposite forces on the nodes

@@ -39,6 +39,14 @@ def test_a_pinned_pipe_on_a_foundation_buckles_at_the_first_of_its_half_waves(ma
     assert found.speed == pytest.approx(on_soil(first, k), abs=error + 1e-9)
 
 
+def test_hardly_any_fluid_mass_leaves_a_held_pipe_its_divergences():
+    """It is conservative: nothing need be extrapolated from stronger gyroscopic forces."""
+    found = pp.crossings(pp.Continuum(pinned(3e-13, terms=(pp.Foundation(351.267),))), 17.0)
+    expected = sorted(on_soil(n, 351.267) for n in range(1, 6))
+    assert {one.kind for one in found} == {"divergence"}
+    np.testing.assert_allclose([one.speed for one in found], expected, rtol=1e-11)
+
+
 @pytest.mark.parametrize("k", [0.0, 250.0, 500.0, 750.0, 800.0, 1300.0, 2000.0])
 def test_no_range_between_two_divergences_is_missed_however_short(k):
     """K of own beam elements, cubic, clamped at both ends: its eigenproblem in u^2."""

@@ -378,5 +378,5 @@ def test_wrong_sizes_are_refused():
         core.project(np.zeros((3, 1)), np.zeros((2, 1)))
     with pytest.raises(ValueError, match="omega must have the shape of theta"):
         core.from_angles(np.zeros(2), np.zeros((2, 1)))
-    with pytest.raises(ValueError, match="one row of 7 numbers a place"):
+    with pytest.raises(ValueError, match="one row of 8 numbers a place"):
         core.chain.loads(np.zeros((1, 7)))

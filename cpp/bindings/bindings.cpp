@@ -84,7 +84,12 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
            "numbers"_a, "aspirating"_a, "terms"_a, "root"_a, "end"_a, "supports"_a, "stiffness"_a,
            "mass"_a)
       .def_property_readonly("resisted",
-                             [](const Pipe& pipe) { return pipedyn::resist(pipe.terms); });
+                             [](const Pipe& pipe) { return pipedyn::resist(pipe.terms); })
+      .def_property_readonly("added_stiffness", [](const Pipe& pipe) {
+        const auto [across, turning] = pipedyn::added_stiffness(pipe.terms);
+        return std::tuple(across, turning);
+      });
+  m.def("is_felt_by_small_motions", &pipedyn::is_felt_by_small_motions, "law"_a);
 
   py::class_<Operators>(m, "Operators")
       .def_readonly("mass", &Operators::mass)

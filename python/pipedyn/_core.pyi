@@ -80,6 +80,8 @@ class Pipe:
         mass: Profile,
     ) -> None: ...
     @property
+    def added_stiffness(self) -> tuple[float, float]: ...
+    @property
     def resisted(self) -> bool: ...
 
 class Operators:
@@ -676,6 +678,7 @@ def eliminated(
     mirror: typing.SupportsFloat | typing.SupportsIndex = 1.0,
     units: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None,
 ) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
+def is_felt_by_small_motions(law: str) -> bool: ...
 def orbit_states(
     edges: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],

@@ -14,6 +14,10 @@ namespace pipedyn {
 
 namespace {
 
+/// Places on the pipe that are no further apart are one: at which segment's end a place lies must
+/// not depend on how lengths were rounded.
+constexpr double at_joint = 1e-12;
+
 void require_rows(Index rows, Index dof) {
   if (rows != dof) {
     throw std::invalid_argument("expected one row a segment, " + std::to_string(dof) + ", got " +
@@ -24,7 +28,8 @@ void require_rows(Index rows, Index dof) {
 /// Calls body(law, term, segment, arm, weight) for each place where a term acts, segments counted
 /// from 0. The weight is 1, or the length that a Gauss point stands for: a law per length acts at
 /// two of each segment, which is exact where it is linear in position and velocity. What acts at a
-/// place of the fixed base moves nothing and is left out. base: length of that part.
+/// place of the fixed base moves nothing and is left out, and what acts where two segments meet
+/// turns with the one that ends there. base: length of that part.
 template <class Body>
 void for_each_place(const Terms& terms, const Vector& length, double base, const Body& body) {
   const Index n = length.size();
@@ -42,18 +47,19 @@ void for_each_place(const Terms& terms, const Vector& length, double base, const
       if (term.at <= base) return;
       Index j = 0;
       double start = base;
-      while (j + 1 < n && term.at > start + length[j]) start += length[j++];
+      while (j + 1 < n && term.at > start + length[j] + at_joint) start += length[j++];
       body(law, term, j, std::min(term.at - start, length[j]), 1.0);
     });
   }
 }
 
 /// The moments of each segment's loads at rest.
-std::vector<LoadMoments<double>> loads_at(const MotionModel& model, const Vector& sine,
-                                          const Vector& cosine) {
+std::vector<LoadMoments<double>> loads_at(const MotionModel& model, const Vector& angles,
+                                          const Vector& sine, const Vector& cosine) {
   std::vector<LoadMoments<double>> sums(static_cast<std::size_t>(model.size));
   load_moments(
-      model, sine.data(), cosine.data(), [](Index) { return 0.0; }, Driven<double>{}, sums.data());
+      model, sine.data(), cosine.data(), [&](Index j) { return angles[j]; },
+      [](Index) { return 0.0; }, Driven<double>{}, sums.data());
   return sums;
 }
 
@@ -96,12 +102,20 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
     chi[j] += share * apart / l[j];
     masses[j] = total;
   };
-  for_each_place(pipe_.terms, l, base,
-                 [&](const auto& law, const Term& term, Index j, double arm, double weight) {
-                   if (law.mass() != 0.0) add_mass(j, arm, weight * law.mass());
-                   across_alone[j] += weight * law.normal_mass();
-                   if (law.loads) loads_.push_back({j, arm, weight, term});
-                 });
+  const auto add_inertia = [&](Index j, double added) {
+    if (masses[j] == 0.0) {
+      throw std::invalid_argument("a segment without mass has no rotary inertia");
+    }
+    eta[j] = std::sqrt(eta[j] * eta[j] + added / masses[j]);
+  };
+  for_each_place(
+      pipe_.terms, l, base,
+      [&]<class Law>(const Law& law, const Term& term, Index j, double arm, double weight) {
+        if (law.mass() != 0.0) add_mass(j, arm, weight * law.mass());
+        if (law.inertia() != 0.0) add_inertia(j, law.inertia());
+        across_alone[j] += weight * law.normal_mass();
+        if (has_load<Law>) loads_.push_back({j, arm, weight, term});
+      });
   std::stable_sort(
       loads_.begin(), loads_.end(),
       [](const SegmentTerm& one, const SegmentTerm& other) { return one.segment < other.segment; });
@@ -141,7 +155,7 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
 void Chain::linearise() {
   const Index n = dof();
   std::vector<LoadMoments<double>> sums;
-  if (!loads_.empty()) sums = loads_at(motion(), Vector::Zero(n), Vector::Ones(n));
+  if (!loads_.empty()) sums = loads_at(motion(), Vector::Zero(n), Vector::Zero(n), Vector::Ones(n));
   double tension = 0.0;  // of loads along the pipe beyond
   impedances_.resize(static_cast<std::size_t>(n));
   for (Index j = n - 1; j >= 0; --j) {
@@ -169,22 +183,30 @@ void Chain::linearise() {
     }
     if (sums.empty()) continue;
     const auto& [load, slopes, any] = sums[static_cast<std::size_t>(j)];
-    const double pulled = link.length * tension + load[1][1] - slopes[1].by_angle[0];
-    const double turned = slopes[0].by_angle[0];
+    const double pulled = link.length * tension + load[1][1];
     tension += load[0][1];
-    // By the power of the arm.
-    ImpedanceParts* const parts[4] = {&made.force, &made.across, &made.turned, &made.moment};
-    constexpr int powers[4] = {0, 1, 1, 2};
-    for (int k = 0; k < 4; ++k) {
-      parts[k]->still -= slopes[powers[k]].by_position[0][0];
-      parts[k]->rate -= slopes[powers[k]].by_velocity[0][0];
-      made.loaded = made.loaded || parts[k]->rate != 0.0 || (k < 3 && parts[k]->still != 0.0);
-    }
-    made.turned_size = std::abs(made.turned.still) + std::abs(turned);
-    made.moment_size += std::abs(slopes[2].by_position[0][0]) + std::abs(pulled);
-    made.turned.still -= turned;
+    // Slopes of the force across and the moment by place and angle, or by their rates.
+    const auto add_slopes = [&, &of = slopes](int place, int angle, double ImpedanceParts::* to) {
+      const double force[2] = {-of[1].by[0][place], -of[0].by[0][angle]};
+      const double moment[3] = {-of[2].by[0][place], -of[1].by[0][angle] - of[1].by[2][place],
+                                -of[0].by[2][angle]};
+      made.force.*to -= of[0].by[0][place];
+      made.across.*to -= of[1].by[0][place] + of[0].by[2][place];
+      made.turned.*to += force[0] + force[1];
+      made.moment.*to += moment[0] + moment[1] + moment[2];
+      return std::array{std::abs(force[0]) + std::abs(force[1]),
+                        std::abs(moment[0]) + std::abs(moment[1]) + std::abs(moment[2])};
+    };
+    const auto [turned_size, moment_size] =
+        add_slopes(by_position, by_angle, &ImpedanceParts::still);
+    add_slopes(by_velocity, by_rate, &ImpedanceParts::rate);
+    made.turned_size = turned_size;
+    made.moment_size += moment_size + std::abs(pulled);
     made.moment.still += pulled;
-    made.loaded = made.loaded || turned != 0.0;
+    made.loaded = made.loaded || made.moment.rate != 0.0;
+    for (const ImpedanceParts* const part : {&made.force, &made.across, &made.turned}) {
+      made.loaded = made.loaded || part->rate != 0.0 || part->still != 0.0;
+    }
   }
   for (std::size_t j = 1; j < impedances_.size(); ++j) {
     impedances_[j - 1].repeats = impedances_[j - 1] == impedances_[j];
@@ -329,7 +351,7 @@ Operators Chain::operators(const Vector& angles) const {
     damping_beyond = link.damping;
   }
   if (!loads_.empty()) {
-    add_loads(sine, cosine, ops);
+    add_loads(angles.size() > 0 ? angles : Vector(Vector::Zero(n)), sine, cosine, ops);
     add_normal_mass(sine, cosine, ops.mass);
   }
   return ops;
@@ -355,8 +377,9 @@ void Chain::add_normal_mass(const Vector& sine, const Vector& cosine, Matrix& ma
   }
 }
 
-void Chain::add_loads(const Vector& sine, const Vector& cosine, Operators& ops) const {
-  const std::vector<LoadMoments<double>> sums = loads_at(motion(), sine, cosine);
+void Chain::add_loads(const Vector& angles, const Vector& sine, const Vector& cosine,
+                      Operators& ops) const {
+  const std::vector<LoadMoments<double>> sums = loads_at(motion(), angles, sine, cosine);
   const auto normal = [&](Index k) { return Plane<double>{cosine[k], -sine[k]}; };
   Slopes<double> beyond;  // of all loads beyond segment i
   Plane<double> load{0.0, 0.0};
@@ -367,19 +390,20 @@ void Chain::add_loads(const Vector& sine, const Vector& cosine, Operators& ops) 
     Slopes<double> arm = slopes[1], own = slopes[2];  // with the arms from the joint of segment i
     add(arm, l, beyond);
     add(own, l * l, beyond);
-    const Plane<double> turned = plus(times(arm.by_position, across), plane(slopes[0].by_angle));
-    const Plane<double> moved = times(arm.by_velocity, across);
-    for (Index k = 0; k < i; ++k) {
-      const Plane<double> other = scaled(link(k).length, normal(k));
-      ops.stiffness(k, i) -= dot(other, turned);
-      ops.stiffness(i, k) -= dot(across, times(arm.by_position, other));
-      ops.damping(k, i) -= dot(other, moved);
-      ops.damping(i, k) -= dot(across, times(arm.by_velocity, other));
-    }
-    ops.stiffness(i, i) -=
-        dot(across, plus(times(own.by_position, across), plane(slopes[1].by_angle)));
+    const auto add_slopes = [&, &of = slopes](Variable place, Variable angle, Matrix& to) {
+      const Plane<double> moved = plus(force_by(arm, place, across), force_by(of[0], angle));
+      const Plane<double> turned = plus(work_by(arm, place, across), couple_by(of[0], place));
+      for (Index k = 0; k < i; ++k) {
+        const Plane<double> other = scaled(link(k).length, normal(k));
+        to(k, i) -= dot(other, moved);
+        to(i, k) -= dot(turned, other);
+      }
+      to(i, i) -= dot(across, plus(force_by(own, place, across), force_by(of[1], angle)));
+      to(i, i) -= dot(across, couple_by(of[1], place)) + of[0].by[2][angle];
+    };
+    add_slopes(by_position, by_angle, ops.stiffness);
+    add_slopes(by_velocity, by_rate, ops.damping);
     ops.stiffness(i, i) += dot(along, plus(scaled(l, load), plane(loads[1])));
-    ops.damping(i, i) -= dot(across, times(own.by_velocity, across));
     add(beyond, 1.0, slopes[0]);
     load = plus(load, plane(loads[0]));
   }
@@ -494,15 +518,15 @@ Matrix Chain::places() const {
 }
 
 Matrix Chain::loads(const Matrix& stations) const {
-  if (stations.rows() != static_cast<Index>(loads_.size()) || stations.cols() != 7) {
-    throw std::invalid_argument("stations must have one row of 7 numbers a place");
+  if (stations.rows() != static_cast<Index>(loads_.size()) || stations.cols() != 8) {
+    throw std::invalid_argument("stations must have one row of 8 numbers a place");
   }
   Matrix out(stations.rows(), 3);
   for (Index i = 0; i < out.rows(); ++i) {
     const auto row = stations.row(i);
-    const Station<double> at{row[0], row[1], row[2], row[3], row[4], row[5], row[6]};
+    const Station<double> at{row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7]};
     Laws::with(loads_[static_cast<std::size_t>(i)].term, [&](const auto& law) {
-      const Load<double> load = law.load(at);
+      const Acting<double> load(law.load(at));
       out.row(i) << load.x, load.y, load.couple;
     });
   }

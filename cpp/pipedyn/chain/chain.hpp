@@ -54,10 +54,11 @@
 // does not vary.
 //
 // The terms of the pipe (terms/) act at places of the segments (stations.hpp). A mass on a segment
-// changes the segment's own mass, centre and radius of gyration. A load f at an arm a of segment j
-// adds -n_k . f times l_k, k < j, or a, k = j, to row k. Mass that moves across the segments alone
-// adds sum_j m_j (n_j . n_k) (n_j . n_i) l_k l_i, j beyond both, and its own share on the last of
-// them.
+// changes the segment's own mass, centre and radius of gyration, and rotary inertia its radius. A
+// load f at an arm a of segment j adds -n_k . f times l_k, k < j, or a, k = j, to row k, and a
+// couple c adds -c to row j: what acts where two segments meet turns with the one that ends there.
+// Mass that moves across the segments alone adds sum_j m_j (n_j . n_k) (n_j . n_i) l_k l_i, j
+// beyond both, and its own share on the last of them.
 #pragma once
 
 #include <complex>
@@ -132,7 +133,7 @@ class Chain {
 
   /// The places of the terms' loads: segment from 0, arm, and weight, which a load counts (k, 3).
   Matrix places() const;
-  /// The laws' loads there (k, 3), without the weights, at stations (k, 7) with the columns of
+  /// The laws' loads there (k, 3), without the weights, at stations (k, 8) with the columns of
   /// Station. Throws std::invalid_argument unless there is a station for each place.
   Matrix loads(const Matrix& stations) const;
 
@@ -177,7 +178,8 @@ class Chain {
 
   const Link& link(Index j) const { return links_[static_cast<std::size_t>(j)]; }
   void linearise();
-  void add_loads(const Vector& sine, const Vector& cosine, Operators& ops) const;
+  void add_loads(const Vector& angles, const Vector& sine, const Vector& cosine,
+                 Operators& ops) const;
   void add_normal_mass(const Vector& sine, const Vector& cosine, Matrix& mass) const;
   MotionModel motion() const;
 };

@@ -14,8 +14,8 @@
 //   R_{j-1} = R_j + r_j n_j n_j^T + c_j q_j^T,   R_n = -(1 - c) sqrt(beta) U,
 // one (2, 2) matrix R_j for all columns. The slopes of the terms' loads by velocity, summed over
 // the places of segment j as V_j and with the arms as V'_j, add -V_j to R_{j-1} and n_j . V'_j /
-// H_j to q_j^T. Their slopes by position do the same in a second pair of R_j and q_j, for the
-// change of position l_m n_m of all beyond by the angle of m; those of couples add to the second.
+// H_j to q_j^T, as the slopes of couples do. Their slopes by position do the same in a second pair
+// of R_j and q_j, for the change of position l_m n_m of all beyond by the angle of m.
 // Row m, where all of it changes, starts the column. The rows go from the tip to the clamp and
 // back, each over its columns: as vectors of one state, or with a state in each lane.
 //
@@ -129,15 +129,18 @@ void add_loads_to(Source<Real>& source, const MotionModel& model, const Link& li
   const double first_moment = 0.5 * link.length * link.added;
   // The velocity changes with the arm by:
   const Plane<Real> by = angle ? Plane<Real>{-w * frame.t.x, -w * frame.t.y} : frame.n;
-  Plane<Real> force = times(loads.slopes[1].by_velocity, by);
-  Plane<Real> about = times(loads.slopes[2].by_velocity, by);
+  const Slopes<Real>(&slopes)[3] = loads.slopes;
+  Plane<Real> force = force_by(slopes[1], by_velocity, by);
+  Plane<Real> about = force_by(slopes[2], by_velocity, by);
+  const Variable own = angle ? by_angle : by_rate;
+  force = plus(force, force_by(slopes[0], own));
+  about = plus(about, force_by(slopes[1], own));
+  source.moment += slopes[0].by[2][own] + dot(couple_by(slopes[1], by_velocity), by);
   if (angle) {
-    force = plus(force, times(loads.slopes[1].by_position, frame.n));
-    about = plus(about, times(loads.slopes[2].by_position, frame.n));
-    force = plus(force, plane(loads.slopes[0].by_angle));
-    about = plus(about, plane(loads.slopes[1].by_angle));
+    force = plus(force, force_by(slopes[1], by_position, frame.n));
+    about = plus(about, force_by(slopes[2], by_position, frame.n));
+    source.moment += dot(couple_by(slopes[1], by_position), frame.n);
     source.moment -= dot(frame.t, plane(loads.load[1]));
-    source.moment += loads.slopes[0].couple_by_angle;
     // The acceleration of the joint, without the clamp's that stands for gravity.
     const Real at = here.at + model.gravity * frame.t.y, an = here.an + model.gravity * frame.n.y;
     source.force_t -= link.added * an;
@@ -145,10 +148,7 @@ void add_loads_to(Source<Real>& source, const MotionModel& model, const Link& li
     source.moment += first_moment * (at - here.at);
   } else {
     source.force_t += 2.0 * first_moment * w;
-    force = plus(force, plane(loads.slopes[0].by_rate));
-    about = plus(about, plane(loads.slopes[1].by_rate));
   }
-  source.moment += dot(plane(loads.slopes[1].couple_by_velocity), by);
   source.force_t -= dot(frame.t, force);
   source.force_n -= dot(frame.n, force);
   source.moment += dot(frame.n, about);
@@ -160,18 +160,18 @@ struct Response {
   Real rows[2][2] = {};  // R
 
   /// Goes one segment nearer to the clamp and gives the answer q of its row. drag: r_j, and arm
-  /// that of the drag; slope and moment: of the terms' loads.
+  /// that of the drag; slopes by the variables from `by` on, and moment: of the terms' loads.
   Plane<Real> pass(const Frame<Real>& frame, double l, const Real& inverse, const Plane<Real>& c,
-                   const Real& drag, double arm, const Real (&slope)[2][2],
+                   const Real& drag, double arm, const Slopes<Real>& slopes, Variable by,
                    const Plane<Real>& loads) {
     const Plane<Real> across = frame.n, beyond = transposed_times(rows, across);
     const Real own = arm * drag;
     const Plane<Real> q{-(l * beyond.x + own * across.x - loads.x) * inverse,
                         -(l * beyond.y + own * across.y - loads.y) * inverse};
-    rows[0][0] += drag * across.x * across.x + c.x * q.x - slope[0][0];
-    rows[0][1] += drag * across.x * across.y + c.x * q.y - slope[0][1];
-    rows[1][0] += drag * across.y * across.x + c.y * q.x - slope[1][0];
-    rows[1][1] += drag * across.y * across.y + c.y * q.y - slope[1][1];
+    rows[0][0] += drag * across.x * across.x + c.x * q.x - slopes.by[0][by];
+    rows[0][1] += drag * across.x * across.y + c.x * q.y - slopes.by[0][by + 1];
+    rows[1][0] += drag * across.y * across.x + c.y * q.x - slopes.by[1][by];
+    rows[1][1] += drag * across.y * across.y + c.y * q.y - slopes.by[1][by + 1];
     return q;
   }
 };
@@ -207,8 +207,9 @@ struct Linearised {
     accelerations_of<true>(model, members, sweep, nullptr, false, kept);
     for (Count j = 0; j < n; ++j) sweep.set(sweep.turn, j, members.row(j));
     sincos(sweep.array(sweep.turn), n * lanes<Real>, sine, cosine);
+    const auto angle_of = [this](Count j) { return members.row(j); };
     const auto rate_of = [this](Count j) { return rate(j); };
-    if (loaded()) load_moments(model, sine, cosine, rate_of, driven, loads);
+    if (loaded()) load_moments(model, sine, cosine, angle_of, rate_of, driven, loads);
   }
   bool loaded() const { return model.load_count > 0; }
   Real rate(Count k) const { return members.row(model.size + k); }
@@ -216,12 +217,9 @@ struct Linearised {
     return {load<Real>(sine + k * lanes<Real>), load<Real>(cosine + k * lanes<Real>)};
   }
   /// Change of the loads' moment on a segment by the velocity of its joint, or by its position.
-  Plane<Real> moment_by_velocity(Count k) const {
+  Plane<Real> moment_by(Variable variable, Count k) const {
     const Slopes<Real>(&of)[3] = loads[k].slopes;
-    return plus(transposed_times(of[1].by_velocity, frame(k).n), plane(of[0].couple_by_velocity));
-  }
-  Plane<Real> moment_by_position(Count k) const {
-    return transposed_times(loads[k].slopes[1].by_position, frame(k).n);
+    return plus(work_by(of[1], variable, frame(k).n), couple_by(of[0], variable));
   }
   Real drag_slope(Count k) const {
     return model.drag ? Real(2.0 * model.links[k].drag * absolute(kept[k].v)) : Real{};
@@ -290,8 +288,8 @@ void columns_inward(const Linearised<Real>& about, const Columns<Real>& columns,
   const Count n = model.size;
   const bool loaded = about.loaded();
   const LoadMoments<Real> none{};
-  Response<Real> by_velocity, by_position;
-  by_velocity.rows[0][0] = by_velocity.rows[1][1] = -model.entry * about.u;
+  Response<Real> to_velocity, to_position;
+  to_velocity.rows[0][0] = to_velocity.rows[1][1] = -model.entry * about.u;
   Plane<Real> e_beyond{};  // e of the segment beyond
   for (Count k = n - 1; k >= 0; --k) {
     const Link& link = model.links[k];
@@ -316,21 +314,21 @@ void columns_inward(const Linearised<Real>& about, const Columns<Real>& columns,
       Source<Real> source = about.source(k, angle);
       source.moment -= joint(model, k, angle) + spring;
       const Plane<Real> v = frame.plane(source.v_t, source.v_n);
-      const Plane<Real> moved = times(by_velocity.rows, v);
+      const Plane<Real> moved = times(to_velocity.rows, v);
       Plane<Real> b{moved.x + e_beyond.x * spring, moved.y + e_beyond.y * spring};
       if (k + 1 == n) b = plus(b, frame.plane(source.end_t, source.end_n));
-      if (loaded && angle) b = plus(b, times(by_position.rows, {l * frame.n.x, l * frame.n.y}));
+      if (loaded && angle) b = plus(b, times(to_position.rows, {l * frame.n.x, l * frame.n.y}));
       start_column(about, columns, k, block + k, source, b, c, row);
     }
     e_beyond = {c.x * inverse, c.y * inverse};
     if (!model.resists()) continue;
     const LoadMoments<Real>& sums = loaded ? about.loads[k] : none;
-    columns.answer[k] = by_velocity.pass(frame, l, inverse, c, about.drag_slope(k), link.drag_arm,
-                                         sums.slopes[0].by_velocity,
-                                         loaded ? about.moment_by_velocity(k) : Plane<Real>{});
+    columns.answer[k] =
+        to_velocity.pass(frame, l, inverse, c, about.drag_slope(k), link.drag_arm, sums.slopes[0],
+                         by_velocity, loaded ? about.moment_by(by_velocity, k) : Plane<Real>{});
     if (!loaded) continue;
-    columns.position_answer[k] = by_position.pass(
-        frame, l, inverse, c, Real{}, 0.0, sums.slopes[0].by_position, about.moment_by_position(k));
+    columns.position_answer[k] = to_position.pass(frame, l, inverse, c, Real{}, 0.0, sums.slopes[0],
+                                                  by_position, about.moment_by(by_position, k));
   }
 }
 

@@ -31,13 +31,13 @@ namespace {
 
 /// Calls body(law, place, station) for each place with a load, of angles and rates that were read.
 template <class Real, class Body>
-void for_each_load(const MotionModel& model, Sweep<Real> sweep, const Driven<Real>& driven,
+void for_each_load(const MotionModel& model, const Members<Real>& members, Sweep<Real> sweep,
                    const Body& body) {
   if (model.load_count == 0) return;
-  Walk<Real> walk(model, driven);
+  Walk<Real> walk(model, members.drive());
   for (Count j = 0; j < model.size; ++j) {
     walk.turn(sweep.at(sweep.sine, j), sweep.at(sweep.cosine, j));
-    walk.pass(j, model.links[j].length, sweep.at(sweep.rate, j), body);
+    walk.pass(j, model.links[j].length, members.row(j), sweep.at(sweep.rate, j), body);
   }
 }
 
@@ -69,7 +69,7 @@ void energy_of(const MotionModel& model, const Members<Real>& members, Sweep<Rea
   const auto add = [&](const auto& law, const SegmentTerm& place, const auto& at) {
     twice += (2.0 * place.weight) * law.energy(at);
   };
-  for_each_load(model, sweep, members.drive(), add);
+  for_each_load(model, members, sweep, add);
   const Real angle = members.row(n - 1);
   twice += model.end_spring * (angle * angle);
   members.set_row(out, 0, 0.5 * twice);

@@ -150,20 +150,21 @@ void factorise_shifted(const Linearised<double>& about, const ShiftedFactors<siz
       const double drag = about.drag_slope(j), n[2] = {frame.n.x, frame.n.y};
       const bool loaded = about.loaded();
       const LoadMoments<double> none{}, &loads = loaded ? about.loads[j] : none;
-      const Plane<double> zero_moment{0.0, 0.0};
-      const Plane<double> by_velocity = loaded ? about.moment_by_velocity(j) : zero_moment;
-      const Plane<double> by_position = loaded ? about.moment_by_position(j) : zero_moment;
+      const auto moment_by = [&](Variable variable) {
+        return loaded ? about.moment_by(variable, j) : Plane<double>{0.0, 0.0};
+      };
+      const Plane<double> moved = moment_by(by_velocity), placed = moment_by(by_position);
       for (int i = 0; i < 2; ++i) {
         for (int k = 0; k < 2; ++k) {
-          force_own[i][2 + k] = drag * n[i] * n[k] - loads.slopes[0].by_velocity[i][k];
-          force_own[i][4 + k] = -loads.slopes[0].by_position[i][k];
+          force_own[i][2 + k] = drag * n[i] * n[k] - loads.slopes[0].by[i][by_velocity + k];
+          force_own[i][4 + k] = -loads.slopes[0].by[i][by_position + k];
         }
         moment_own[2 + i] += link.drag_arm * drag * n[i];
       }
-      moment_own[2] -= by_velocity.x;
-      moment_own[3] -= by_velocity.y;
-      moment_own[4] -= by_position.x;
-      moment_own[5] -= by_position.y;
+      moment_own[2] -= moved.x;
+      moment_own[3] -= moved.y;
+      moment_own[4] -= placed.x;
+      moment_own[5] -= placed.y;
     }
     for (Count i = 0; i < size; ++i) {
       here.force_by[0][i] = force[0][i];

@@ -38,6 +38,28 @@ inline Plane<Real> plane(const Real (&entries)[2]) {
   return {entries[0], entries[1]};
 }
 
+/// Change of a load's force by a variable of its station, or along v by its position or velocity;
+/// then of its couple.
+template <class Real>
+inline Plane<Real> force_by(const Slopes<Real>& slopes, Variable variable) {
+  return {slopes.by[0][variable], slopes.by[1][variable]};
+}
+template <class Real>
+inline Plane<Real> force_by(const Slopes<Real>& slopes, Variable first, const Plane<Real>& v) {
+  return {slopes.by[0][first] * v.x + slopes.by[0][first + 1] * v.y,
+          slopes.by[1][first] * v.x + slopes.by[1][first + 1] * v.y};
+}
+template <class Real>
+inline Plane<Real> couple_by(const Slopes<Real>& slopes, Variable first) {
+  return {slopes.by[2][first], slopes.by[2][first + 1]};
+}
+/// Change of the force along v by each component of its station's position or velocity.
+template <class Real>
+inline Plane<Real> work_by(const Slopes<Real>& slopes, Variable first, const Plane<Real>& v) {
+  return {slopes.by[0][first] * v.x + slopes.by[1][first] * v.y,
+          slopes.by[0][first + 1] * v.x + slopes.by[1][first + 1] * v.y};
+}
+
 /// A matrix, by rows, times a vector, and its transpose times one.
 template <class Real>
 inline Plane<Real> times(const Real (&rows)[2][2], const Plane<Real>& v) {
@@ -88,13 +110,14 @@ struct Walk {
     cosine = c * cosine - s * before;
   }
 
-  /// Calls body(law, place, station) for each place of segment j, then goes on to its end.
+  /// Calls body(law, place, station) for each place of segment j, which has this angle and rate,
+  /// then goes on to its end.
   template <class Body>
-  void pass(Count j, double length, const Real& rate, const Body& body) {
+  void pass(Count j, double length, const Real& angle, const Real& rate, const Body& body) {
     for (; next != end && next->segment == j; ++next) {
       const double arm = next->arm;
       const Real swing = arm * rate;
-      const Station<Real> at{x + arm * sine,      y + arm * cosine,  sine, cosine,
+      const Station<Real> at{x + arm * sine,      y + arm * cosine,  angle, sine, cosine,
                              vx + swing * cosine, vy - swing * sine, rate};
       Laws::with(next->term, [&]<class Law>(const Law& law) {
         if constexpr (Law::on_base) {
@@ -112,7 +135,7 @@ struct Walk {
   }
 };
 
-/// Sums over the places of one segment, with powers 0, 1, 2 of the arm.
+/// Sums over the places of one segment, with powers 0, 1, 2 of the arm as far as they are met.
 template <class Real>
 struct LoadMoments {
   Real load[2][2];  // by power: x, y
@@ -120,25 +143,12 @@ struct LoadMoments {
   bool any;  // whether there is a place
 };
 
-template <class Real>
-inline void add(Slopes<Real>& sum, double weight, const Slopes<Real>& more) {
-  for (int i = 0; i < 2; ++i) {
-    for (int k = 0; k < 2; ++k) {
-      sum.by_position[i][k] += weight * more.by_position[i][k];
-      sum.by_velocity[i][k] += weight * more.by_velocity[i][k];
-    }
-    sum.by_angle[i] += weight * more.by_angle[i];
-    sum.by_rate[i] += weight * more.by_rate[i];
-    sum.couple_by_velocity[i] += weight * more.couple_by_velocity[i];
-  }
-  sum.couple_by_angle += weight * more.couple_by_angle;
-}
-
 /// The moments of each segment of a chain in a state, given by sines and cosines of its angles, one
-/// Real a segment, and by rate(j).
-template <class Real, class Rate>
+/// Real a segment, by angle(j) and by rate(j).
+template <class Real, class Angle, class Rate>
 inline void load_moments(const MotionModel& model, const double* sine, const double* cosine,
-                         const Rate& rate, const Driven<Real>& driven, LoadMoments<Real>* out) {
+                         const Angle& angle, const Rate& rate, const Driven<Real>& driven,
+                         LoadMoments<Real>* out) {
   Walk<Real> walk(model, driven);
   for (Count j = 0; j < model.size; ++j) {
     LoadMoments<Real>& sum = out[j];
@@ -146,20 +156,24 @@ inline void load_moments(const MotionModel& model, const double* sine, const dou
     walk.sine = load<Real>(sine + j * lanes<Real>);
     walk.cosine = load<Real>(cosine + j * lanes<Real>);
     const auto visit = [&](const auto& law, const SegmentTerm& place, const Station<Real>& at) {
-      const Load<Real> force = law.load(at);
-      const Slopes<Real> slopes = law.slopes(at);
-      double weight = place.weight;
+      const auto load = differentiated_load(law, at);
+      const Acting<Real> force(load);
+      const double first = place.weight * place.arm;
+      const double weights[3] = {place.weight, first, first * place.arm};
       sum.any = true;
-      for (int power = 0; power < 3; ++power) {
-        add(sum.slopes[power], weight, slopes);
-        if (power < 2) {
-          sum.load[power][0] += weight * force.x;
-          sum.load[power][1] += weight * force.y;
-        }
-        weight *= place.arm;
+      for (int power = 0; power < 2; ++power) {
+        sum.load[power][0] += weights[power] * force.x;
+        sum.load[power][1] += weights[power] * force.y;
       }
+      for_each_slope(load, [&](auto row, auto k, const Real& slope) {
+        // One arm for the work of a force, and one for the motion of its place.
+        constexpr int powers = 1 + (row < 2) + (k != by_angle && k != by_rate);
+        for (int power = 0; power < powers; ++power) {
+          sum.slopes[power].by[row][k] += weights[power] * slope;
+        }
+      });
     };
-    walk.pass(j, model.links[j].length, rate(j), visit);
+    walk.pass(j, model.links[j].length, angle(j), rate(j), visit);
   }
 }
 

@@ -211,12 +211,12 @@ PIPEDYN_NOINLINE LoadPower<Real> add_all_loads(const MotionModel& model,
     if (moments != nullptr) moment -= members.read_row(moments, j);
     walk.turn(sweep.at(sweep.sine, j), sweep.at(sweep.cosine, j));
     const auto visit = [&](const auto& law, const SegmentTerm& place, const Station<Real>& at) {
-      const Load<Real> load = law.load(at);
+      const Acting<Real> load(law.load(at));
       const Real normal = place.weight * (at.cosine * load.x - at.sine * load.y);
       along -= place.weight * (at.sine * load.x + at.cosine * load.y);
       across -= normal;
       moment -= place.arm * normal;
-      if (law.couples) moment -= place.weight * load.couple;
+      if (turns<std::remove_cvref_t<decltype(law)>>) moment -= place.weight * load.couple;
       power.terms += place.weight * law.power(at);
       if (drives) power.base += place.weight * base_power(law, at, load, driven.vx, driven.vy);
     };
@@ -225,7 +225,7 @@ PIPEDYN_NOINLINE LoadPower<Real> add_all_loads(const MotionModel& model,
       vx = walk.vx - driven.vx;
       vy = walk.vy - driven.vy;
     }
-    walk.pass(j, link.length, rate, visit);
+    walk.pass(j, link.length, members.row(j), rate, visit);
     if (link.added != 0.0) {  // has no weight, and no inertia along the segment
       const double arm = 0.5 * link.length;
       const Real lift = (model.gravity * link.added) * walk.sine;

@@ -17,11 +17,11 @@ namespace {
 
 using pipedyn::Batch, pipedyn::Drive, pipedyn::MotionEffects, pipedyn::PanelTerm;
 
-/// Whether a law that acts on the pipe has a couple.
-inline bool any_couples(const MotionEffects& effects) {
+/// Whether a law that acts on the pipe has a couple, or a force that changes with theta'.
+inline bool any_turns(const MotionEffects& effects) {
   bool any = false;
   for (Count k = 0; k < effects.load_count; ++k) {
-    Laws::with(effects.loads[k].term, [&]<class Law>(const Law&) { any = any || Law::couples; });
+    Laws::with(effects.loads[k].term, [&]<class Law>(const Law&) { any = any || turns<Law>; });
   }
   return any;
 }
@@ -42,7 +42,7 @@ struct Block {
   const Count holds = effects.held_count;
   const bool drags = effects.drag != 0.0, loads = effects.load_count > 0 || holds > 0;
   const bool resists = drags || loads || effects.entry != 0.0;
-  const bool across_alone = effects.normal_mass != 0.0, couples = any_couples(effects);
+  const bool across_alone = effects.normal_mass != 0.0, couples = any_turns(effects);
 
   // The columns that are integrated: derivatives of the position by the orthonormal coordinates, x
   // then y, of several members without any that are 0; acceleration at q'' = 0; velocity, where
@@ -184,13 +184,14 @@ struct Block {
   void for_each_station(const Batch& batch, Count row, Count column, const Body& body) const {
     const auto station = [&](Count p) {
       const double* const v = moments + p * row + column * lanes<Real>;
-      return Station<Real>{at<Real>(v, 2), at<Real>(v, 3), at<Real>(sine, p), at<Real>(cosine, p),
-                           at<Real>(v, 0), at<Real>(v, 1), at<Real>(omega, p)};
+      return Station<Real>{at<Real>(v, 2),    at<Real>(v, 3),      at<Real>(theta, p),
+                           at<Real>(sine, p), at<Real>(cosine, p), at<Real>(v, 0),
+                           at<Real>(v, 1),    at<Real>(omega, p)};
     };
     for (Count k = 0; k < effects.load_count; ++k) {
       const PanelTerm& placed = effects.loads[k];
       Laws::with(placed.term, [&]<class Law>(const Law& law) {
-        if constexpr (Law::loads) {
+        if constexpr (has_load<Law>) {
           const auto seen = [&](Count p) {
             if constexpr (!Law::on_base) return station(p);
             constexpr Count place = Drive::position, rate = Drive::velocity;
@@ -274,10 +275,10 @@ struct Block {
     }
     for_each_station(batch, row, bias + 2,
                      [&]<class Law>(const Law& law, const auto& station, Count p, double w) {
-                       const auto load = law.load(station);
+                       const Acting<Real> load(law.load(station));
                        add(load_x, p, Real(w * load.x));
                        add(load_y, p, Real(w * load.y));
-                       if constexpr (Law::couples) add(couple, p, Real(w * load.couple));
+                       if constexpr (turns<Law>) add(couple, p, Real(w * load.couple));
                      });
     gather(row);
     elastic(batch.y);
@@ -406,6 +407,16 @@ struct Block {
           return grid.mass[k >> 1] * load<Pack>(displacements(k) + j * lanes<Real>);
         },
         mass, mass_stride(), Product::lower_half);
+    if (grid.inertia != nullptr) {
+      const auto turning = [&](Count panel) {
+        return grid.orthonormal + (panel * block + nodes) * padded;
+      };
+      product_of(
+          grid.panels,
+          [&](Count panel, Count i) { return all<Real>(grid.inertia[panel] * turning(panel)[i]); },
+          [&](Count panel, Count j) { return load<Numbers>(turning(panel) + j); }, mass,
+          mass_stride(), Product::added);
+    }
     if (effects.rotary_inertia != 0.0) {
       product_of(
           points, [&](Count p, Count i) { return Real{} + grid.orthonormal[p * padded + i]; },
@@ -429,32 +440,26 @@ struct Block {
         mass, mass_stride(), Product::added);
   }
 
-  /// mass x = force by Cholesky's factors, in place; a negative pivot leaves NaN.
-  void solve(double* x) {
-    const Count stride = mass_stride();
-    for (Count i = 0; i < m; ++i) {
-      Real remaining = at<Real>(force, i);
+  /// Cholesky's factor of a symmetric matrix (rows, stride), in place of its lower triangle and
+  /// with its diagonal inverted; a negative pivot leaves NaN.
+  static void factorise(double* a, Count rows, Count stride) {
+    for (Count i = 0; i < rows; ++i) {
       for (Count j = 0; j <= i; ++j) {
-        Real sum = at<Real>(mass, i * stride + j);
+        Real sum = at<Real>(a, i * stride + j);
         for (Count k = 0; k < j; ++k) {
-          sum -= at<Real>(mass, i * stride + k) * at<Real>(mass, j * stride + k);
+          sum -= at<Real>(a, i * stride + k) * at<Real>(a, j * stride + k);
         }
-        if (j < i) {
-          const Real entry = sum * at<Real>(mass, j * stride + j);
-          set(mass, i * stride + j, entry);
-          remaining -= entry * at<Real>(x, j);
-        } else {
-          const Real inverse = 1.0 / square_root(sum);
-          set(mass, i * stride + i, inverse);
-          set(x, i, Real(remaining * inverse));
-        }
+        set(a, i * stride + j,
+            j < i ? Real(sum * at<Real>(a, j * stride + j)) : Real(1.0 / square_root(sum)));
       }
     }
-    for (Count i = m - 1; i >= 0; --i) {
-      const Real value = at<Real>(x, i) * at<Real>(mass, i * stride + i);
-      set(x, i, value);
-      for (Count j = 0; j < i; ++j) add(x, j, Real(-at<Real>(mass, i * stride + j) * value));
-    }
+  }
+
+  /// mass x = force by Cholesky's factors, which take the place of the mass matrix.
+  void solve(double* x) {
+    factorise(mass, m, mass_stride());
+    for (Count i = 0; i < m; ++i) set(x, i, at<Real>(force, i));
+    solve_mass(x);
   }
 
   /// Where the pipe is held.
@@ -500,17 +505,14 @@ struct Block {
       }
       set(reaction, b, missed);
       solve_mass(own);
-      for (Count c = 0; c <= b; ++c) {  // Cholesky's factor, row by row
+      for (Count c = 0; c <= b; ++c) {
         const double* const other = moments + support(c) * row;
         Real sum{};
         for (Count i = 0; i < m; ++i) sum += at<Real>(other, i) * at<Real>(own, i);
-        for (Count d = 0; d < c; ++d) {
-          sum -= at<Real>(products, b * holds + d) * at<Real>(products, c * holds + d);
-        }
-        set(products, b * holds + c,
-            c < b ? Real(sum * at<Real>(products, c * holds + c)) : Real(1.0 / square_root(sum)));
+        set(products, b * holds + c, sum);
       }
     }
+    factorise(products, holds, holds);
     solve_supports(reaction);
     for (Count b = 0; b < holds; ++b) {
       const Real force_of = at<Real>(reaction, b);
@@ -612,6 +614,10 @@ struct Block {
       const Real w = at<Real>(omega, p);
       twice += (grid.weight[p] * effects.rotary_inertia) * (w * w);
     }
+    for (Count panel = 0; grid.inertia != nullptr && panel < grid.panels; ++panel) {
+      const Real rate = at<Real>(omega, panel * block + nodes);
+      twice += grid.inertia[panel] * (rate * rate);
+    }
     add_elastic_product(1.0, batch.y, twice);
     if (across_alone) {
       for (Count p = 0; p < points; ++p) {
@@ -689,7 +695,7 @@ struct Block {
     for_each_station(batch, row, 0, [&](const auto& law, const auto& station, Count, double w) {
       others += w * law.power(station);
       if (batch.drive == nullptr) return;
-      based += w * base_power(law, station, law.load(station), base_x, base_y);
+      based += w * base_power(law, station, Acting<Real>(law.load(station)), base_x, base_y);
     });
     set(out, 0, Real(pushed + flow));
     set(out, 1, joints);

@@ -38,7 +38,8 @@
 //   J_i(s_f) . (mu a(s_f) - mu gamma (0, 1) - f).
 //
 // Mass that moves across the pipe alone (terms/added_mass.hpp) adds chi int (n . J_i) (n . a), and
-// a couple c the virtual work -int c Theta_i.
+// a couple c the virtual work -c Theta_i(s_f), or its integral. Rotary inertia I at s_f adds
+// I Theta_i Theta_j to the mass matrix, at any amplitude, since theta is linear in q.
 //
 // The quadrature is Gauss collocation on each panel between the places of terms and the steps of e
 // and m: integrals from the

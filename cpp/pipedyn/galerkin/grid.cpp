@@ -157,7 +157,11 @@ Panels::Panels(const Basis& basis, const Pipe& pipe) : pipe_mass(pipe.mass) {
       if (!Law::along && panel < 0) return;  // what acts at the root moves nothing
       (Law::along ? mass_per_length : mass[panel]) += law.mass();
       normal_mass += law.normal_mass();
-      if (Law::loads) loads.push_back({term, Law::along ? -1 : panel});
+      if (law.inertia() != 0.0) {
+        if (inertia.size() == 0) inertia = Vector::Zero(count());
+        inertia[panel] += law.inertia();
+      }
+      if (has_load<Law>) loads.push_back({term, Law::along ? -1 : panel});
     });
   }
   for (const double support : pipe.supports) {
@@ -236,6 +240,7 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
     arc_[k] = rule_.node[k];
   }
   arc_[nodes] = 1.0;
+  inertia_ = panels.inertia;
   elastic_ = panels.elastic;
   if (elastic_.size() > 0) elastic_forces_ = elastic_ * orthonormal.to_basis;
   turned_ = panels.turned;
@@ -257,6 +262,7 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
             .length = length_.data(),
             .weight = weight_.data(),
             .mass = mass.data(),
+            .inertia = inertia_.size() > 0 ? inertia_.data() : nullptr,
             .density = panels.pipe_mass.varies() ? density_.data() : nullptr,
             .beyond = beyond_.data(),
             .arc = arc_.data(),

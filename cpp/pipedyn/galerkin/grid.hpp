@@ -62,6 +62,7 @@ struct Orthonormal {
 struct Panels {
   Vector ends;                   // from 0 to 1, (P + 1,)
   Vector mass;                   // at the end of each, (P,)
+  Vector inertia;                // rotary inertia there, (P,); empty where all are 0
   double mass_per_length = 0.0;  // all along, the pipe's 1 not counted
   double normal_mass = 0.0;      // that of what moves across the pipe alone
   std::vector<PanelTerm> loads;  // terms that have one
@@ -92,6 +93,7 @@ struct Grid {
  private:
   Quadrature rule_;
   Matrix slope_by_function_, orthonormal_, from_basis_, from_sums_, from_differences_, recurrence_;
+  Vector inertia_;
   Matrix elastic_, elastic_forces_;
   Vector turned_, turned_forces_;
   Vector length_, arc_, weight_, beyond_, density_, stiffness_;

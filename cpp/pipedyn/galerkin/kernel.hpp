@@ -42,6 +42,7 @@ struct GridTables {
   const double* length;             // of each panel, (P,)
   const double* weight;             // of the quadrature, 0 at the panels' ends, (N,)
   const double* mass;               // of the pipe and its terms at each point, (N,)
+  const double* inertia;            // rotary, at the end of each panel, (P,); none where all are 0
   const double* density;            // per length at the nodes, 1 at ends; none where uniform, (N,)
   const double* beyond;             // mass beyond each point, (N,)
   const double* arc;                // of a panel's points, from 0 to 1, (Q + 1,)

@@ -43,7 +43,7 @@ struct Linearisation : Block<Real> {
   double *own, *acceleration, *spin;  // q'' in orthonormal coordinates and in the basis; theta''
   double* beyond;                     // a row of columns
   double *pushed_n, *pushed_t;        // chi w n . a and chi w t . a, of what moves across alone
-  double *by_angle, *by_rate, *system, *resistance;  // of `linearise`
+  double *from_angle, *from_rate, *system, *resistance;  // of `linearise`
   double *turned, *returned;  // of supports: derivatives of x by q; of what its motion is to be at
                               // held q'', by q, then by q'
 
@@ -58,8 +58,8 @@ struct Linearisation : Block<Real> {
     beyond = take(Base::row_length(last));
     pushed_n = take(across_alone ? points : 0);
     pushed_t = take(across_alone ? points : 0);
-    by_angle = take(points * mass_stride());
-    by_rate = take(points * mass_stride());
+    from_angle = take(points * mass_stride());
+    from_rate = take(points * mass_stride());
     system = take(padded * 2 * mass_stride());
     resistance = take(padded * mass_stride());
     turned = take(holds * m);
@@ -143,30 +143,23 @@ struct Linearisation : Block<Real> {
         batch, row, bias + 2, [&](const auto& law, const auto& station, Count p, double w) {
           double* const x = moments + p * row;
           double* const y = x + each * lanes<Real>;
-          const Slopes<Real> slopes = law.slopes(station);
-          const double share = -w / unit(p);
           const double* const turning = grid.orthonormal + p * padded;
-          for (Count i = 0; i < each; ++i) {
-            const Real by_x = at<Real>(x, i), by_y = at<Real>(y, i);
-            const auto times = [&](const Real& a, const Real& b) {
-              return Real(a * by_x + b * by_y);
-            };
-            for (Count c = 0; c < 2; ++c) {
-              add(x, resisted + c * each + i,
-                  Real(share * times(slopes.by_velocity[0][c], slopes.by_velocity[1][c])));
-              if (law.couples) {
-                add(x, resisted + c * each + i,
-                    Real((share * turning[i]) * slopes.couple_by_velocity[c]));
-              }
-              add(x, held + c * each + i,
-                  Real(w * times(slopes.by_position[0][c], slopes.by_position[1][c])));
+          const Count entry = p * mass_stride() * lanes<Real>;
+          const auto add_slope = [&](int component, int k, const Real& slope) {
+            double weight = w;
+            double* to = k == by_angle ? from_angle + entry : from_rate + entry;
+            if (k < by_angle) to = x + (held + k * each) * lanes<Real>;
+            if (k >= by_velocity && k < by_rate) {
+              to = x + (resisted + (k - by_velocity) * each) * lanes<Real>;
+              weight *= -1.0 / unit(p);
             }
-            const Count entry = p * mass_stride() + i;
-            add(by_angle, entry, Real(w * times(slopes.by_angle[0], slopes.by_angle[1])));
-            if (!law.couples) continue;
-            add(by_angle, entry, Real((w * turning[i]) * slopes.couple_by_angle));
-            add(by_rate, entry, Real(w * times(slopes.by_rate[0], slopes.by_rate[1])));
-          }
+            const Real own = weight * slope;
+            const double* const moved = component == 0 ? x : y;
+            for (Count i = 0; i < each; ++i) {
+              add(to, i, component == 2 ? Real(turning[i] * own) : Real(own * at<Real>(moved, i)));
+            }
+          };
+          for_each_slope(differentiated_load(law, station), add_slope);
         });
   }
 
@@ -180,10 +173,10 @@ struct Linearisation : Block<Real> {
     const Real coriolis = effects.coriolis * u;
     const auto thrust = Base::thrust(u);
     if (loads) {
-      for (Count k = 0; k < points * stride; ++k) set(by_angle, k, Real{});
+      for (Count k = 0; k < points * stride; ++k) set(from_angle, k, Real{});
     }
     if (couples) {
-      for (Count k = 0; k < points * stride; ++k) set(by_rate, k, Real{});
+      for (Count k = 0; k < points * stride; ++k) set(from_rate, k, Real{});
     }
     set_loads(row);
     if (loads) add_slopes_of_terms(batch, row);
@@ -240,11 +233,11 @@ struct Linearisation : Block<Real> {
         if (resists) {
           angle += beyond_of(resisted + i) * (s * w) + beyond_of(resisted + each + i) * (c * w);
         }
-        double* const to = by_angle + (p * stride + i) * lanes<Real>;
+        double* const to = from_angle + (p * stride + i) * lanes<Real>;
         if (loads) angle += load<Pack>(to);
         store(to, angle);
         Pack rate = beyond_t * (2.0 * w) - normal * flow;
-        double* const rate_to = by_rate + (p * stride + i) * lanes<Real>;
+        double* const rate_to = from_rate + (p * stride + i) * lanes<Real>;
         if (couples) rate += load<Pack>(rate_to);
         store(rate_to, rate);
       }
@@ -255,8 +248,8 @@ struct Linearisation : Block<Real> {
           [&](Count p, Count j) { return load<Numbers>(grid.slope + p * padded + j); }, to,
           2 * stride, Product::all);
     };
-    by_slopes(by_angle, system);
-    by_slopes(by_rate, system + stride * lanes<Real>);
+    by_slopes(from_angle, system);
+    by_slopes(from_rate, system + stride * lanes<Real>);
     if (loads) add_moved(row, held, [](Count) { return 1.0; }, system);
     if (resists) {
       add_moved(row, resisted, [&](Count p) { return -unit(p); }, system + stride * lanes<Real>);

@@ -210,16 +210,13 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
   panels_.resize(static_cast<std::size_t>(count));
   std::vector<Polynomial> masses, stiffnesses, weights;
   double mass_along = 0.0, normal_along = 0.0;
-  const Station<double> rest{0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0};
   Slopes<double> along;
   for (const Term& term : pipe.terms) {
     Laws::with(term, [&](const auto& law) {
       if (!law.along) return;
       mass_along += law.mass();
       normal_along += law.normal_mass();
-      const Slopes<double> slopes = law.slopes(rest);
-      along.by_position[0][0] += slopes.by_position[0][0];
-      along.by_velocity[0][0] += slopes.by_velocity[0][0];
+      add(along, 1.0, AtRest(law, 0.0).slopes);
     });
   }
   for (Index p = 0; p < count; ++p) {
@@ -251,14 +248,16 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
     for (const Term& term : pipe.terms) {
       Laws::with(term, [&](const auto& law) {
         if (law.along || term.at != ends[p + 1]) return;
-        Station<double> at = rest;
-        at.y = term.at;
-        const Load<double> load = law.load(at);
-        const Slopes<double> slopes = law.slopes(at);
         add_station(mass, 0, 0, law.mass());
-        add_station(Part::rest, 0, 0, -slopes.by_position[0][0]);
-        add_station(Part::rest, 0, 1, -slopes.by_angle[0]);
-        add_station(resistance, 0, 0, -slopes.by_velocity[0][0]);
+        add_station(mass, 1, 1, law.inertia());
+        const auto [load, slopes] = AtRest(law, term.at);
+        for (const int i : {0, 1}) {
+          for (const int j : {0, 1}) {
+            const double* const by = slopes.by[small_rows[i]];
+            add_station(Part::rest, i, j, -by[small_still[j]]);
+            add_station(resistance, i, j, -by[small_moving[j]]);
+          }
+        }
         carried += law.mass();
         pulled += load.y;
       });
@@ -282,9 +281,16 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
     add(velocity, shape, {1.0}, slope, 2.0 * flow * h3);
     add(flux, shape, {1.0}, curvature, jet * h2);
     add(elastic, curvature, stiffnesses[static_cast<std::size_t>(p)], curvature, 1.0);
-    add(Part::rest, shape, {1.0}, shape, -along.by_position[0][0] * h4);
     add(Part::rest, slope, {1.0}, slope, pulled * h2);
-    add(resistance, shape, {1.0}, shape, -along.by_velocity[0][0] * h4);
+    const std::vector<Series>* const moves[] = {&shape, &slope};
+    for (const int i : {0, 1}) {
+      for (const int j : {0, 1}) {
+        const double* const by = along.by[small_rows[i]];
+        const double share = i + j == 0 ? h4 : i + j == 1 ? h3 : h2;
+        add(Part::rest, *moves[i], {1.0}, *moves[j], -by[small_still[j]] * share);
+        add(resistance, *moves[i], {1.0}, *moves[j], -by[small_moving[j]] * share);
+      }
+    }
     Polynomial weight = beyond(mass_here);
     for (double& one : weight) one *= h;
     weight[0] += carried;

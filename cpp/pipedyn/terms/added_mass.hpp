@@ -15,31 +15,16 @@ namespace {
 struct AddedMass : NoLaw {
   static constexpr const char* name = "added_mass";
   static constexpr bool along = true;
-  static constexpr bool loads = true;
-  static constexpr bool couples = true;
   double chi;
 
   explicit AddedMass(const pipedyn::Term& term) : chi(term.numbers[0]) {}
   double normal_mass() const { return chi; }
-  template <class Real>
-  Load<Real> load(const Station<Real>& at) const {
-    const Real normal = at.cosine * at.vx - at.sine * at.vy;
-    const Real forward = at.sine * at.vx + at.cosine * at.vy, swing = chi * at.omega;
-    return {swing * (forward * at.cosine + normal * at.sine),
-            swing * (normal * at.cosine - forward * at.sine), -chi * (normal * forward)};
-  }
-  template <class Real>
-  Slopes<Real> slopes(const Station<Real>& at) const {
-    const Real s = at.sine, k = at.cosine, normal = k * at.vx - s * at.vy;
-    const Real forward = s * at.vx + k * at.vy, swing = chi * at.omega;
-    const Real twice = 2.0 * s * k, apart = k * k - s * s;
-    const Real x = chi * (forward * k + normal * s), y = chi * (normal * k - forward * s);
-    return {.by_velocity = {{swing * twice, swing * apart}, {swing * apart, -swing * twice}},
-            .by_angle = {2.0 * swing * (normal * k - forward * s),
-                         -2.0 * swing * (normal * s + forward * k)},
-            .by_rate = {x, y},
-            .couple_by_velocity = {-x, -y},
-            .couple_by_angle = chi * (forward * forward - normal * normal)};
+  auto load(const auto& at) const {
+    const auto normal = at.cosine * at.vx - at.sine * at.vy;
+    const auto forward = at.sine * at.vx + at.cosine * at.vy;
+    const auto swing = chi * at.omega;
+    return Load(swing * (forward * at.cosine + normal * at.sine),
+                swing * (normal * at.cosine - forward * at.sine), -chi * (normal * forward));
   }
 };
 

@@ -11,18 +11,10 @@ namespace {
 
 struct CubicSpring : NoLaw {
   static constexpr const char* name = "cubic_spring";
-  static constexpr bool loads = true;
   double k;
 
   explicit CubicSpring(const pipedyn::Term& term) : k(term.numbers[0]) {}
-  template <class Real>
-  Load<Real> load(const Station<Real>& at) const {
-    return {-k * (at.x * at.x * at.x), Real{}};
-  }
-  template <class Real>
-  Slopes<Real> slopes(const Station<Real>& at) const {
-    return {.by_position = {{-3.0 * k * at.x * at.x, Real{}}, {Real{}, Real{}}}};
-  }
+  auto load(const auto& at) const { return Load(-k * (at.x * at.x * at.x), none); }
   template <class Real>
   Real energy(const Station<Real>& at) const {
     const Real square = at.x * at.x;

@@ -11,18 +11,10 @@ namespace {
 
 struct Damper : NoLaw {
   static constexpr const char* name = "damper";
-  static constexpr bool loads = true;
   double c;
 
   explicit Damper(const pipedyn::Term& term) : c(term.numbers[0]) {}
-  template <class Real>
-  Load<Real> load(const Station<Real>& at) const {
-    return {-c * at.vx, Real{}};
-  }
-  template <class Real>
-  Slopes<Real> slopes(const Station<Real>&) const {
-    return {.by_velocity = {{all<Real>(-c), Real{}}, {Real{}, Real{}}}};
-  }
+  auto load(const auto& at) const { return Load(-c * at.vx, none); }
   template <class Real>
   Real power(const Station<Real>& at) const {
     return -c * (at.vx * at.vx);

@@ -9,6 +9,8 @@
 #include "pipedyn/terms/damper.hpp"
 #include "pipedyn/terms/foundation.hpp"
 #include "pipedyn/terms/point_mass.hpp"
+#include "pipedyn/terms/rotational_damper.hpp"
+#include "pipedyn/terms/rotational_spring.hpp"
 #include "pipedyn/terms/spring.hpp"
 #include "pipedyn/terms/stop.hpp"
 #include "pipedyn/terms/stretching.hpp"
@@ -29,15 +31,17 @@ struct LawTable {
   static constexpr const char* names[] = {Rows::name...};
 };
 
-using Laws = LawTable<PointMass,    //
-                      Spring,       //
-                      Damper,       //
-                      Foundation,   //
-                      Viscosity,    //
-                      CubicSpring,  //
-                      Stop,         //
-                      AddedMass,    //
-                      Tension,      //
-                      Stretching>;
+using Laws = LawTable<PointMass,         //
+                      Spring,            //
+                      Damper,            //
+                      Foundation,        //
+                      Viscosity,         //
+                      CubicSpring,       //
+                      Stop,              //
+                      AddedMass,         //
+                      Tension,           //
+                      Stretching,        //
+                      RotationalSpring,  //
+                      RotationalDamper>;
 
 }  // namespace

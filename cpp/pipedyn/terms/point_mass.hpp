@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// A mass m without extent at one place of the pipe: kinetic energy m |v|^2 / 2, weight m gamma.
+// A body of mass m and rotary inertia J, its centre at one place of the pipe: kinetic energy
+// m |v|^2 / 2 + J theta'^2 / 2, weight m gamma.
 #pragma once
 
 #include "pipedyn/terms/station.hpp"
@@ -10,10 +11,11 @@ namespace {
 
 struct PointMass : NoLaw {
   static constexpr const char* name = "point_mass";
-  double m;
+  double m, turned;
 
-  explicit PointMass(const pipedyn::Term& term) : m(term.numbers[0]) {}
+  explicit PointMass(const pipedyn::Term& term) : m(term.numbers[0]), turned(term.numbers[1]) {}
   double mass() const { return m; }
+  double inertia() const { return turned; }
 };
 
 }  // namespace

@@ -11,18 +11,10 @@ namespace {
 
 struct Spring : NoLaw {
   static constexpr const char* name = "spring";
-  static constexpr bool loads = true;
   double k;
 
   explicit Spring(const pipedyn::Term& term) : k(term.numbers[0]) {}
-  template <class Real>
-  Load<Real> load(const Station<Real>& at) const {
-    return {-k * at.x, Real{}};
-  }
-  template <class Real>
-  Slopes<Real> slopes(const Station<Real>&) const {
-    return {.by_position = {{all<Real>(-k), Real{}}, {Real{}, Real{}}}};
-  }
+  auto load(const auto& at) const { return Load(-k * at.x, none); }
   template <class Real>
   Real energy(const Station<Real>& at) const {
     return 0.5 * k * (at.x * at.x);

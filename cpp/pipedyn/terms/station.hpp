@@ -2,68 +2,75 @@
 //
 // What a law of force knows of the pipe, and what it answers. A term is a law at one place of the
 // pipe, or per length all along it. It knows nothing of chains, functions or scenes: each of these
-// says once where its stations are and how it takes loads, slopes and mass.
+// says once where its stations are and how it takes loads, slopes, mass and inertia.
 //
 // x is across the straight pipe and y along it, downward; t = (sin theta, cos theta). At a station
 // with virtual displacement dr a term does the virtual work load . dr; with the velocity v and the
 // acceleration a it adds mass a . dr to the inertia's, and its mass has weight like the pipe's. A
-// couple does the virtual work couple dtheta.
+// couple does the virtual work couple dtheta, and rotary inertia adds inertia theta'' dtheta.
+//
+// A law states its load alone. The slopes of the load follow from it by forward differentiation at
+// compile time: the types of numbers say by which variables of the station they change.
 //
 // Local to each translation unit, like vector/pack.hpp, since the kernels of all vector levels
 // include it.
 #pragma once
 
+#include <utility>
+
+#include "pipedyn/terms/dual.hpp"
 #include "pipedyn/vector/pack.hpp"
 
 namespace {
 
-/// A place of the moving pipe. Real is a number or a pack of them.
-template <class Real>
+/// The variables of a station, by which loads have slopes; y and vy follow x and vx.
+enum Variable : int { by_position = 0, by_angle = 2, by_velocity = 3, by_rate = 5 };
+constexpr int variables = 6;
+static_assert(variables == most_variables);
+
+/// A place of the moving pipe. Real is a number or a pack of them; with `differentiated` each entry
+/// has derivatives by the variables of the station that it depends on.
+template <class Real, bool differentiated = false>
 struct Station {
-  Real x, y;          // position
-  Real sine, cosine;  // of the angle theta, so the tangent
-  Real vx, vy;        // velocity
-  Real omega;         // theta'
+  template <int variable>
+  using Number = std::conditional_t<differentiated, Dual<Real, 1u << variable>, Real>;
+  Number<by_position> x;                 // position
+  Number<by_position + 1> y;             //
+  Number<by_angle> theta, sine, cosine;  // angle of the tangent
+  Number<by_velocity> vx;                // velocity
+  Number<by_velocity + 1> vy;            //
+  Number<by_rate> omega;                 // theta'
 };
 
-/// A force, or a force per length, and a couple that does work as theta turns.
-template <class Real>
+/// What a law leaves out of its load.
+struct None {};
+constexpr None none;
+
+/// A force, or a force per length, and a couple that does work as theta turns. Rows of slopes have
+/// this order.
+template <class X, class Y, class Couple>
 struct Load {
-  Real x, y, couple{};
+  X x;
+  Y y;
+  Couple couple = {};
 };
-
-/// Derivatives of a load; rows are its components.
-template <class Real>
-struct Slopes {
-  Real by_position[2][2] = {};  // by x, by y
-  Real by_velocity[2][2] = {};  // by vx, by vy
-  Real by_angle[2] = {};        // by theta, position and velocity held
-  Real by_rate[2] = {};         // by theta', velocity held
-  Real couple_by_velocity[2] = {};
-  Real couple_by_angle{};
-};
+template <class X, class Y, class Couple = None>
+Load(X, Y, Couple = {}) -> Load<X, Y, Couple>;
 
 /// A law without effect; each law redefines those of these functions in which it has one.
 struct NoLaw {
   static constexpr bool along = false;  // acts per length, all along the pipe
-  static constexpr bool loads = false;  // has a load
   // Stands on the base and not on the ground: where the base moves, its station is about that.
   static constexpr bool on_base = false;
-  // Has a couple, along the pipe; of second degree in velocities, as are slopes by theta', so that
-  // about rest neither has a part.
-  static constexpr bool couples = false;
 
-  double mass() const { return 0.0; }  // or mass per length
-  /// Mass per length that moves with v_n = v . n alone, without weight: adds (n . a) n . dr.
+  double mass() const { return 0.0; }     // or mass per length
+  double inertia() const { return 0.0; }  // of rotation, at one place
+  /// Mass per length that moves with v_n = v . n alone, without weight: adds (n . a) n . dr. Its
+  /// law's load is the rest of this inertia, of second degree in velocities.
   double normal_mass() const { return 0.0; }
-  template <class Real>
-  Load<Real> load(const Station<Real>&) const {
-    return {Real{}, Real{}};
-  }
-  template <class Real>
-  Slopes<Real> slopes(const Station<Real>&) const {
-    return {};
-  }
+  /// The load at a station, of numbers or of numbers with derivatives; `none` where it has no such
+  /// component.
+  Load<None, None, None> load(const auto&) const { return {none, none, none}; }
   /// Potential of the load, 0 on the straight pipe.
   template <class Real>
   Real energy(const Station<Real>&) const {
@@ -76,23 +83,133 @@ struct NoLaw {
   }
 };
 
+// --------------------------------------------------------------------------- what models ask
+
+template <class Law>
+using DifferentiatedLoad =
+    decltype(std::declval<const Law&>().load(std::declval<const Station<double, true>&>()));
+
+/// Whether a law has a load.
+template <class Law>
+constexpr bool has_load = !std::is_same_v<DifferentiatedLoad<Law>, Load<None, None, None>>;
+
+template <class Component>
+constexpr bool reads_rate = (variables_of<Component> >> by_rate & 1u) != 0;
+
+/// Whether a law has a couple, or a force that changes with the rate of rotation.
+template <class Law>
+constexpr bool turns = []<class X, class Y, class Couple>(const Load<X, Y, Couple>*) {
+  return !std::is_same_v<Couple, None> || reads_rate<X> || reads_rate<Y>;
+}(static_cast<DifferentiatedLoad<Law>*>(nullptr));
+
+/// A component of a load as a number, 0 where a law leaves it out.
+template <class Real>
+inline Real number_of(const None&) {
+  return Real{};
+}
+template <class Real, class Number>
+inline Real number_of(const Number& x) {
+  return Real{} + x;
+}
+template <class Real, unsigned mask>
+inline Real number_of(const Dual<Real, mask>& x) {
+  return x.value;
+}
+
+/// A load in numbers.
+template <class Real>
+struct Acting {
+  Real x, y, couple;
+
+  template <class X, class Y, class Couple>
+  explicit Acting(const Load<X, Y, Couple>& load)
+      : x(number_of<Real>(load.x)),
+        y(number_of<Real>(load.y)),
+        couple(number_of<Real>(load.couple)) {}
+};
+
+template <int variable, class Real>
+PIPEDYN_INLINE inline auto seeded(const Real& value, const Real& slope) {
+  return dual<1u << variable>(value, [&](int) { return slope; });
+}
+
+/// The load of a law with its slopes.
+template <class Law, class Real>
+PIPEDYN_FLATTEN inline auto differentiated_load(const Law& law, const Station<Real>& at) {
+  const Real one = all<Real>(1.0);
+  return law.load(Station<Real, true>{
+      seeded<by_position>(at.x, one), seeded<by_position + 1>(at.y, one),
+      seeded<by_angle>(at.theta, one), seeded<by_angle>(at.sine, at.cosine),
+      seeded<by_angle>(at.cosine, Real(-at.sine)), seeded<by_velocity>(at.vx, one),
+      seeded<by_velocity + 1>(at.vy, one), seeded<by_rate>(at.omega, one)});
+}
+
+/// Calls body(row, variable, slope) for the slopes of a load that are not 0 for all stations. Row
+/// and variable are constants, of types of their own.
+template <int row, class Body>
+inline void for_each_slope(const auto&, const Body&) {}
+template <int row, class Body, class Real, unsigned mask>
+inline void for_each_slope(const Dual<Real, mask>& component, const Body& body) {
+  for_each_variable<mask>(
+      [&](auto k) { body(std::integral_constant<int, row>(), k, component.slope(k)); });
+}
+template <class X, class Y, class Couple, class Body>
+inline void for_each_slope(const Load<X, Y, Couple>& load, const Body& body) {
+  for_each_slope<0>(load.x, body);
+  for_each_slope<1>(load.y, body);
+  for_each_slope<2>(load.couple, body);
+}
+
+/// Derivatives of a load: rows are its components, columns the variables of the station.
+template <class Real>
+struct Slopes {
+  Real by[3][variables] = {};
+};
+
+inline void add(Slopes<double>& sum, double weight, const Slopes<double>& more) {
+  for (int row = 0; row < 3; ++row) {
+    for (int k = 0; k < variables; ++k) sum.by[row][k] += weight * more.by[row][k];
+  }
+}
+
+/// A law's load and slopes at a place of the straight pipe at rest.
+struct AtRest {
+  Acting<double> load;
+  Slopes<double> slopes;
+
+  template <class Law>
+  AtRest(const Law& law, double at) : AtRest(differentiated_load(law, straight(at))) {}
+
+ private:
+  static Station<double> straight(double at) { return {0.0, at, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0}; }
+  template <class X, class Y, class Couple>
+  explicit AtRest(const Load<X, Y, Couple>& found) : load(found) {
+    for_each_slope(found, [&](int row, int k, double slope) { slopes.by[row][k] = slope; });
+  }
+};
+
+/// Variables by which small motions change loads across the pipe and couples, at rest and in
+/// motion; those rows of slopes.
+constexpr int small_still[] = {by_position, by_angle}, small_moving[] = {by_velocity, by_rate};
+constexpr int small_rows[] = {0, 2};
+
 /// A station about a place with a velocity.
 template <class Real>
 Station<Real> about(const Station<Real>& at, const Real& x, const Real& y, const Real& vx,
                     const Real& vy) {
-  return {at.x - x, at.y - y, at.sine, at.cosine, at.vx - vx, at.vy - vy, at.omega};
+  return {at.x - x, at.y - y, at.theta, at.sine, at.cosine, at.vx - vx, at.vy - vy, at.omega};
 }
 
 /// What a law's load adds to the energy, beside its power, as the base moves with the velocity (vx,
 /// vy); of the fluid that moves with the pipe the energy is counted about the base, of springs on
 /// the ground.
 template <class Law, class Real>
-Real base_power(const Law& law, const Station<Real>& at, const Load<Real>& load, const Real& vx,
+Real base_power(const Law& law, const Station<Real>& at, const Acting<Real>& load, const Real& vx,
                 const Real& vy) {
   if constexpr (Law::on_base) return Real{};
-  if constexpr (Law::couples) {
+  if (law.normal_mass() != 0.0) {
     const Station<Real> alone = about(at, Real{}, Real{}, vx, vy);
-    const Load<Real> own = law.load(alone);
+    const Acting<Real> own(law.load(alone));
     return (load.x - own.x) * alone.vx + (load.y - own.y) * alone.vy +
            (load.couple - own.couple) * at.omega;
   }

@@ -12,24 +12,16 @@ namespace {
 
 struct Stop : NoLaw {
   static constexpr const char* name = "stop";
-  static constexpr bool loads = true;
   double gap, k;
 
   explicit Stop(const pipedyn::Term& term) : gap(term.numbers[0]), k(term.numbers[1]) {}
   /// Twice what x is beyond g, 0 before it; without a branch, so that packs may take it.
-  template <class Real>
-  static Real twice_beyond(const Real& x, double g) {
-    const Real apart = x - g;
+  static auto twice_beyond(const auto& x, double g) {
+    const auto apart = x - g;
     return apart + absolute(apart);
   }
-  template <class Real>
-  Load<Real> load(const Station<Real>& at) const {
-    return {(0.5 * k) * (twice_beyond(Real(-at.x), gap) - twice_beyond(at.x, gap)), Real{}};
-  }
-  template <class Real>
-  Slopes<Real> slopes(const Station<Real>& at) const {
-    const Real none{}, slope = absolute(at.x) > all<Real>(gap) ? all<Real>(-k) : none;
-    return {.by_position = {{slope, none}, {none, none}}};
+  auto load(const auto& at) const {
+    return Load((0.5 * k) * (twice_beyond(-at.x, gap) - twice_beyond(at.x, gap)), none);
   }
   template <class Real>
   Real energy(const Station<Real>& at) const {

@@ -12,21 +12,11 @@ namespace {
 
 struct Stretching : NoLaw {
   static constexpr const char* name = "stretching";
-  static constexpr bool loads = true;
   static constexpr bool on_base = true;
   double k, c;
 
   explicit Stretching(const pipedyn::Term& term) : k(term.numbers[0]), c(term.numbers[1]) {}
-  template <class Real>
-  Load<Real> load(const Station<Real>& at) const {
-    return {Real{}, k * (1.0 - at.y) - c * at.vy};
-  }
-  template <class Real>
-  Slopes<Real> slopes(const Station<Real>&) const {
-    const Real none{};
-    return {.by_position = {{none, none}, {none, all<Real>(-k)}},
-            .by_velocity = {{none, none}, {none, all<Real>(-c)}}};
-  }
+  auto load(const auto& at) const { return Load(none, k * (1.0 - at.y) - c * at.vy); }
   template <class Real>
   Real energy(const Station<Real>& at) const {
     return 0.5 * k * ((1.0 - at.y) * (1.0 - at.y));

@@ -11,14 +11,10 @@ namespace {
 
 struct Tension : NoLaw {
   static constexpr const char* name = "tension";
-  static constexpr bool loads = true;
   double force;
 
   explicit Tension(const pipedyn::Term& term) : force(term.numbers[0]) {}
-  template <class Real>
-  Load<Real> load(const Station<Real>&) const {
-    return {Real{}, Real{} + force};
-  }
+  auto load(const auto&) const { return Load(none, force); }
   template <class Real>
   Real energy(const Station<Real>& at) const {
     return force * (1.0 - at.y);

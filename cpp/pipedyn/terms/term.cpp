@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <iterator>
+#include <optional>
 #include <stdexcept>
 
 #include "pipedyn/terms/laws.hpp"
@@ -28,15 +29,49 @@ Term make_term(const std::string& law, double at, const std::vector<double>& num
   return term;
 }
 
+namespace {
+
+/// A term's law at its place on the straight pipe.
+AtRest at_rest(const Term& term) {
+  std::optional<AtRest> found;
+  Laws::with(term, [&](const auto& law) { found.emplace(law, term.at); });
+  return *found;
+}
+
+bool any_slope(const AtRest& of, const int (&variables)[2]) {
+  bool any = false;
+  for (const int row : small_rows) {
+    for (const int k : variables) any = any || of.slopes.by[row][k] != 0.0;
+  }
+  return any;
+}
+
+}  // namespace
+
 bool resist(const Terms& terms) {
-  return std::any_of(terms.begin(), terms.end(), [](const Term& term) {
-    bool resists = false;
-    const Station<double> straight{0.0, term.at, 0.0, 1.0, 0.0, 0.0, 0.0};
-    Laws::with(term, [&](const auto& law) {
-      for (const auto& row : law.slopes(straight).by_velocity) resists |= row[0] != 0.0;
-    });
-    return resists;
+  return std::any_of(terms.begin(), terms.end(),
+                     [](const Term& term) { return any_slope(at_rest(term), small_moving); });
+}
+
+std::array<double, 2> added_stiffness(const Terms& terms) {
+  std::array<double, 2> sum{};
+  for (const Term& term : terms) {
+    const Slopes<double> slopes = at_rest(term).slopes;
+    sum[0] -= slopes.by[0][by_position];
+    sum[1] -= slopes.by[2][by_angle];
+  }
+  return sum;
+}
+
+bool is_felt_by_small_motions(const std::string& law) {
+  const Term one = make_term(law, 1.0, {1.0, 1.0, 1.0});
+  const AtRest acting = at_rest(one);
+  bool has_inertia = false;
+  Laws::with(one, [&](const auto& of) {
+    has_inertia = of.mass() + of.inertia() + of.normal_mass() != 0.0;
   });
+  return has_inertia || acting.load.y != 0.0 || any_slope(acting, small_still) ||
+         any_slope(acting, small_moving);
 }
 
 }  // namespace pipedyn

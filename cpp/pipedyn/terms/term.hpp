@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <array>
 #include <string>
 #include <vector>
 
@@ -21,5 +22,12 @@ Term make_term(const std::string& law, double at, const std::vector<double>& num
 
 /// Whether one of them resists small velocities of the straight pipe.
 bool resist(const Terms& terms);
+
+/// What terms add to the stiffness of the straight pipe, summed over their places or along it: by
+/// displacement across and by rotation.
+std::array<double, 2> added_stiffness(const Terms& terms);
+
+/// Whether small motions about the straight pipe feel a law, named as for make_term.
+bool is_felt_by_small_motions(const std::string& law);
 
 }  // namespace pipedyn

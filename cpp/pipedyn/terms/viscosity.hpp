@@ -12,25 +12,13 @@ namespace {
 struct Viscosity : NoLaw {
   static constexpr const char* name = "viscosity";
   static constexpr bool along = true;
-  static constexpr bool loads = true;
   double c;
 
   explicit Viscosity(const pipedyn::Term& term) : c(term.numbers[0]) {}
-  template <class Real>
-  static Real normal(const Station<Real>& at) {
-    return at.cosine * at.vx - at.sine * at.vy;
-  }
-  template <class Real>
-  Load<Real> load(const Station<Real>& at) const {
-    const Real force = -c * normal(at);
-    return {force * at.cosine, -(force * at.sine)};
-  }
-  template <class Real>
-  Slopes<Real> slopes(const Station<Real>& at) const {
-    const Real s = at.sine, k = at.cosine;
-    const Real across = c * normal(at), forward = c * (s * at.vx + k * at.vy);
-    return {.by_velocity = {{-c * k * k, c * k * s}, {c * k * s, -c * s * s}},
-            .by_angle = {across * s + forward * k, across * k - forward * s}};
+  static auto normal(const auto& at) { return at.cosine * at.vx - at.sine * at.vy; }
+  auto load(const auto& at) const {
+    const auto force = -c * normal(at);
+    return Load(force * at.cosine, -(force * at.sine));
   }
   template <class Real>
   Real power(const Station<Real>& at) const {

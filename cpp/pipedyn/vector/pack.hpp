@@ -36,11 +36,13 @@ constexpr Count width = PIPEDYN_WIDTH;
 #if PIPEDYN_WIDTH > 1
 #define PIPEDYN_NOINLINE [[gnu::noinline]]
 #define PIPEDYN_INLINE [[gnu::always_inline]]
+#define PIPEDYN_FLATTEN [[gnu::flatten]]
 typedef double Pack __attribute__((vector_size(8 * PIPEDYN_WIDTH)));
 typedef std::int64_t Bits __attribute__((vector_size(8 * PIPEDYN_WIDTH)));
 #else
 #define PIPEDYN_NOINLINE
 #define PIPEDYN_INLINE
+#define PIPEDYN_FLATTEN
 using Pack = double;
 using Bits = std::int64_t;
 #endif

@@ -25,14 +25,13 @@ from pipedyn.cycles.limit_cycle import NoCycle
 from pipedyn.linear.critical_speed import NoCrossing, largest_tension
 from pipedyn.linear.modes import CONTINUUM_SPEED, modes
 from pipedyn.linear.neutral import growth
-from pipedyn.models.base import checked_pipe
+from pipedyn.models.base import checked_pipe, core_pipe
 from pipedyn.models.continuum import LARGEST, Continuum
 from pipedyn.models.drive import Pulsation, Supply
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import DEFAULTS, OWN_NUMBERS, Pipe
 from pipedyn.models.profile import Profile
 from pipedyn.models.supports import RootSpring
-from pipedyn.models.terms import Foundation, Spring
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.errors import PipedynError
@@ -409,13 +408,12 @@ def _growth_at(pipe: Pipe, u: float) -> float:
     soft, stiff = (1.0, 1.0) if pipe.stiffness is None else pipe.stiffness.bounds
     light = 1.0 if pipe.mass is None else pipe.mass.bounds[0]
     weight = largest_tension(pipe)
-    springs = (Spring, Foundation)
-    stiffness = sum(term.stiffness for term in pipe.terms if isinstance(term, springs))
+    across, turning = core_pipe(pipe).added_stiffness
     thrust = (max(pipe.alpha, 1.0) * u**2 + max(-weight, 0.0)) / soft
     half_waves = 4 + math.ceil(math.sqrt(thrust) / math.pi)
     wave = math.pi * half_waves
     elastic = wave * math.hypot(math.sqrt(stiff) * wave, math.sqrt(abs(weight)))
-    largest = math.hypot(elastic, math.sqrt(stiffness)) / math.sqrt(light)
+    largest = math.hypot(elastic, math.sqrt(across + turning * wave**2)) / math.sqrt(light)
 
     def least_damped(rom: Galerkin) -> float:
         values = modes(rom, u).eigenvalues

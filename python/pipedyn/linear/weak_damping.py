@@ -43,8 +43,13 @@ def _size(pipe: Pipe) -> float:
 
 
 def is_weakly_damped(pipe: Pipe) -> bool:
-    """Whether gyroscopic force and damping are present, but so weak that rounding hides them."""
-    return 0.0 < _size(pipe) < WEAK
+    """Whether gyroscopic force and damping are present, but so weak that rounding hides them.
+
+    They are not hidden in a pipe that is held at both ends and that nothing damps: it is
+    conservative, and the search knows that its roots lie on the axis.
+    """
+    conservative = pipe.end_held and not (pipe.damping or pipe.hysteresis)
+    return 0.0 < _size(pipe) < WEAK and not conservative
 
 
 def strengthened(pipe: Pipe) -> list[Pipe]:

@@ -16,9 +16,6 @@ from pipedyn.models.terms import Term
 from pipedyn.util import check
 from pipedyn.util.units import SPEED, Unit
 
-LARGE_MOTIONS = ("cubic_spring", "stop", "stretching")
-"""Terms that small motions do not feel."""
-
 
 @dataclass(frozen=True)
 class PipeNumber:
@@ -63,7 +60,7 @@ def pipe_numbers(pipe: Pipe, motions: bool = False) -> dict[str, PipeNumber]:
         found["root.stiffness"] = PipeNumber("root.stiffness", "stiffness", None, rule)
     laws = [term.law for term in pipe.terms]
     for i, term in enumerate(pipe.terms):
-        if term.law in LARGE_MOTIONS and not motions:
+        if not (motions or term.is_felt_by_small_motions):
             continue
         for item in fields(term):
             if item.name == "at":

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import field
+from dataclasses import MISSING, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,7 +55,8 @@ def number(
     time: int = 0,
     low: float = 0.0,
     open_low: bool = False,
+    default: Any = MISSING,
 ) -> Any:
     """A field of a term: its range, and the powers of the units in its SI value, see `Scales`."""
     rule = {"low": low, "high": high, "open_low": open_low}
-    return field(metadata={"range": rule, "powers": (mass, length, time)})
+    return field(default=default, metadata={"range": rule, "powers": (mass, length, time)})

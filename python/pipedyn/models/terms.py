@@ -2,9 +2,9 @@
 """Terms: laws of force on a pipe, besides its own elasticity, gravity, drag and flow.
 
 A term is a frozen dataclass: the place where it acts, if it acts at one, and the numbers of its
-law. The law itself (load, slopes, mass, energy and power at a station of the pipe) stands in the
-core under the term's name, cpp/pipedyn/terms/. Terms belong to the pipe, so that every model has
-them.
+law. The law itself (load, mass, inertia, energy and power at a station of the pipe) stands in the
+core under the term's name, cpp/pipedyn/terms/; slopes of the load follow from it. Terms belong to
+the pipe, so that every model has them.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
+from pipedyn import _core
 from pipedyn.models.scales import SLACK, Scales, number
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
@@ -56,8 +57,9 @@ class Term:
             object.__setattr__(self, item.name, value)
 
     def __repr__(self) -> str:
-        values = ", ".join(f"{item.name}={getattr(self, item.name):.12g}" for item in fields(self))
-        return f"{type(self).__name__}({values})"
+        given = {item.name: getattr(self, item.name) for item in fields(self)}
+        told = (item.name for item in fields(self) if given[item.name] != item.default)
+        return f"{type(self).__name__}({', '.join(f'{name}={given[name]:.12g}' for name in told)})"
 
     @property
     def place(self) -> float | None:
@@ -68,6 +70,11 @@ class Term:
     def kinks(self) -> tuple[float, ...]:
         """Transverse displacements of its place at which the slope of its load jumps, in L."""
         return ()
+
+    @property
+    def is_felt_by_small_motions(self) -> bool:
+        """Whether small motions about the straight pipe feel the law."""
+        return _core.is_felt_by_small_motions(self.law)
 
     @property
     def largest_angle(self) -> float:
@@ -84,20 +91,26 @@ class Term:
         return list(self.numbers.values())
 
 
-@saved_as("PointMass")
+@saved_as("PointMass", added=("inertia",))
 @dataclass(frozen=True, repr=False)
 class PointMass(Term):
-    """A mass without extent at one place of the pipe, with its weight.
+    """A mass at one place of the pipe, with its weight, that moves and turns with the pipe.
 
-    It has no rotary inertia and no part in the flow: the jet leaves through the pipe's own section.
+    It has no part in the flow: the jet leaves through the pipe's own section. A nozzle or an
+    accelerometer that is fixed to the pipe has rotary inertia besides. It turns with the tangent at
+    its place, in a chain with the segment on which that lies; where two segments meet, with the one
+    that ends there.
 
     Attributes:
-        at: arc length from the clamp in L, 0 < at <= 1.
+        at: arc length of the centre of mass from the clamp in L, 0 < at <= 1.
         mass: >= 0, in the pipe's whole mass (mu_p + mu_f) L.
+        inertia: moment of inertia about the centre of mass, across the plane of motion, in
+            [0, 1000], in (mu_p + mu_f) L^3.
 
-    In `Pipe.from_si`: at in m, mass in kg.
+    In `Pipe.from_si`: at in m, mass in kg, inertia in kg m^2.
 
-    Source: d'Alembert's principle, mass * (acceleration - gamma) at the place.
+    Source: d'Alembert's principle, mass * (acceleration - gamma) at the place and the couple
+    -inertia * theta'', theta the angle of the tangent.
 
     Example:
         >>> import pipedyn as pp
@@ -109,6 +122,7 @@ class PointMass(Term):
     law: ClassVar[str] = "point_mass"
     at: float = place()
     mass: float = number(1e6, mass=1, length=1)
+    inertia: float = number(1e3, mass=1, length=3, default=0.0)
 
 
 @saved_as("Spring")
@@ -137,6 +151,64 @@ class Spring(Term):
     law: ClassVar[str] = "spring"
     at: float = place()
     stiffness: float = number(1e9, mass=1, length=1, time=-2)
+
+
+@saved_as("RotationalSpring")
+@dataclass(frozen=True, repr=False)
+class RotationalSpring(Term):
+    """A rotational spring between one place of the pipe and the ground.
+
+    Its couple -stiffness * theta acts against the angle theta between the tangent of the pipe and
+    the straight axis; it is linear at any amplitude. In a chain theta is the angle of the segment
+    on which the place lies; where two segments meet, of the one that ends there.
+
+    Attributes:
+        at: arc length from the clamp in L, 0 < at <= 1; a spring at the root is `RootSpring`.
+        stiffness: >= 0, in EI / L.
+
+    In `Pipe.from_si`: at in m, stiffness in N m/rad.
+
+    Source: energy stiffness * theta^2 / 2.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(beta=0.2, end="pinned", terms=[pp.RotationalSpring(1.0, 1e9)])
+        >>> round(pp.critical_speed(pp.Continuum(pipe)).speed, 4)
+        6.2832
+    """
+
+    law: ClassVar[str] = "rotational_spring"
+    at: float = place()
+    stiffness: float = number(1e9, mass=1, length=3, time=-2)
+
+
+@saved_as("RotationalDamper")
+@dataclass(frozen=True, repr=False)
+class RotationalDamper(Term):
+    """A viscous damper between one place of the pipe and the ground that resists rotation.
+
+    Its couple is -coefficient * theta', theta' the rate at which the tangent of the pipe turns; it
+    is linear at any amplitude. In a chain theta' is the rate of the segment on which the place
+    lies; where two segments meet, of the one that ends there.
+
+    Attributes:
+        at: arc length from the clamp in L, 0 < at <= 1.
+        coefficient: >= 0, in sqrt(EI (mu_p + mu_f)) L.
+
+    In `Pipe.from_si`: at in m, coefficient in N m s/rad.
+
+    Source: power -coefficient * theta'^2.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(beta=0.2, terms=[pp.RotationalDamper(at=0.5, coefficient=0.1)])
+        >>> round(pp.critical_speed(pp.Continuum(pipe)).speed, 4)
+        5.5483
+    """
+
+    law: ClassVar[str] = "rotational_damper"
+    at: float = place()
+    coefficient: float = number(1e9, mass=1, length=3, time=-1)
 
 
 @saved_as("Damper")

@@ -26,7 +26,7 @@ from pipedyn.models.chain import LARGEST_CHAIN, Chain, along, elastic_scale, tur
 from pipedyn.models.chain_supports import MET, SAME
 from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
 from pipedyn.models.pipe import Pipe
-from pipedyn.models.terms import Stretching, Term
+from pipedyn.models.terms import Term
 from pipedyn.modular.custom import CustomForces
 from pipedyn.modular.layout import CONSTRAINTS, MODULES, Layout
 from pipedyn.modular.linearisation import SmallMotions
@@ -296,7 +296,7 @@ class Assembly(Model):
             self._pipe,
             supports=(),
             end="guided" if layout.guided else "free",
-            terms=tuple(term for term in self._pipe.terms if not isinstance(term, Stretching)),
+            terms=tuple(term for term in self._pipe.terms if term.is_felt_by_small_motions),
         )
         try:
             return Chain(

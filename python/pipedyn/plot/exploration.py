@@ -117,8 +117,8 @@ class Exploration:
     Attributes:
         view: the units of the picture.
         sliders: numbers that can be set: "u", "beta", "gamma", "damping", "segments", the stiffness
-            of a spring at the root, numbers of the terms, and all other numbers of the pipe that
-            are not at their default.
+            of a spring at the root, numbers of the terms, and all other numbers of the pipe, if
+            these have no default or are not at it.
         values: current values of these numbers, by name.
         model: the chain with these numbers.
         curve: critical speeds against the number `against`, with all other numbers as they are.
@@ -460,11 +460,11 @@ def _turnable(pipe: Pipe, given: Mapping[str, Any]) -> dict[str, PipeNumber]:
         if place in by_place and by_place[place][0] in given:
             continue
         by_place[place] = name, number
-    plain = Pipe(0.5)
     found = {}
     for name, number in by_place.values():
-        own = number.term is None and name != "root.stiffness"
-        usual = own and name not in ALWAYS and number.of(pipe) == number.of(plain)
+        holder = type(pipe if number.term is None else pipe.terms[number.term])
+        default = None if name == "root.stiffness" else getattr(holder, number.attribute, None)
+        usual = name not in ALWAYS and number.of(pipe) == default
         if name in given or not usual:
             found[name] = number
     return found

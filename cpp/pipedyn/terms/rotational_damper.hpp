@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: MIT
+//
+// A rotational dashpot between one place of the pipe and the ground: couple -c theta' against the
+// rate theta' at which the tangent turns there, which takes the power c theta'^2.
+#pragma once
+
+#include "pipedyn/terms/station.hpp"
+#include "pipedyn/terms/term.hpp"
+
+namespace {
+
+struct RotationalDamper : NoLaw {
+  static constexpr const char* name = "rotational_damper";
+  double c;
+
+  explicit RotationalDamper(const pipedyn::Term& term) : c(term.numbers[0]) {}
+  auto load(const auto& at) const { return Load(none, none, -c * at.omega); }
+  template <class Real>
+  Real power(const Station<Real>& at) const {
+    return -c * (at.omega * at.omega);
+  }
+};
+
+}  // namespace

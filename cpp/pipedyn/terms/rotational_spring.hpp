@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: MIT
+//
+// A rotational spring between one place of the pipe and the ground: couple -k theta against the
+// angle theta of the tangent there, energy k theta^2 / 2. It is linear at any amplitude.
+#pragma once
+
+#include "pipedyn/terms/station.hpp"
+#include "pipedyn/terms/term.hpp"
+
+namespace {
+
+struct RotationalSpring : NoLaw {
+  static constexpr const char* name = "rotational_spring";
+  double k;
+
+  explicit RotationalSpring(const pipedyn::Term& term) : k(term.numbers[0]) {}
+  auto load(const auto& at) const { return Load(none, none, -k * at.theta); }
+  template <class Real>
+  Real energy(const Station<Real>& at) const {
+    return 0.5 * k * (at.theta * at.theta);
+  }
+};
+
+}  // namespace
