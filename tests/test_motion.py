@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Motion of chains and reduced models alike: batches, vector levels, threads and arguments."""
+"""Motion of every model alike: batches, vector levels, threads, energy and arguments."""
 
 import math
 import re

@@ -21,6 +21,7 @@ HOSE = {
     "external_density": 1.2,
     "damping_time": 2e-3,
 }
+DRY = {name: HOSE[name] for name in ("length", "bending_stiffness", "pipe_mass", "fluid_mass")}
 
 
 def test_units_of_a_pipe_from_si_follow_from_length_mass_and_stiffness():
@@ -42,23 +43,22 @@ def test_units_of_a_pipe_from_si_follow_from_length_mass_and_stiffness():
 
 def test_a_pipe_in_water_is_lifted_by_what_it_displaces_and_moves_some_of_it():
     """The numbers of the pipe in water of physics section 2: gamma (1 - m_w), chi = C_m m_w."""
-    dry = {name: HOSE[name] for name in ("length", "bending_stiffness", "pipe_mass", "fluid_mass")}
     water = {"external_diameter": 0.0157, "external_density": 1e3}
     mass = HOSE["pipe_mass"] + HOSE["fluid_mass"]
     share = 1e3 * math.pi * 0.0157**2 / 4 / mass
     assert 0.8 < share < 0.9
-    air, wet = pp.Pipe.from_si(**dry), pp.Pipe.from_si(**dry, **water)
+    air, wet = pp.Pipe.from_si(**DRY), pp.Pipe.from_si(**DRY, **water)
     assert wet.gamma == pytest.approx(air.gamma * (1.0 - share), rel=1e-13)
     assert (wet.drag, wet.terms) == (0.0, ())
     tank = (0.1**2 + 0.0157**2) / (0.1**2 - 0.0157**2)
-    held = pp.Pipe.from_si(**dry, **water, added_mass_coefficient=tank, drag_coefficient=1.2)
+    held = pp.Pipe.from_si(**DRY, **water, added_mass_coefficient=tank, drag_coefficient=1.2)
     assert held.gamma == wet.gamma
     assert held.drag == pytest.approx(1.2 * 1e3 * 0.0157 * 0.68 / (2.0 * mass), rel=1e-14)
     [added] = held.terms
     assert added.chi == pytest.approx(share * tank, rel=1e-14)
     assert held.terms_si[0].chi == pytest.approx(1e3 * math.pi * 0.0157**2 / 4 * tank, rel=1e-14)
     water["external_density"] = 1.5e3  # it floats up
-    assert pp.Pipe.from_si(**dry, **water).gamma < 0.0
+    assert pp.Pipe.from_si(**DRY, **water).gamma < 0.0
 
 
 def test_a_mass_at_the_end_of_a_pipe_that_floats_pulls_it_down():
@@ -86,11 +86,10 @@ def test_a_mass_at_the_end_of_a_pipe_that_floats_pulls_it_down():
     ],
 )
 def test_surroundings_in_part_are_refused(part):
-    dry = {name: HOSE[name] for name in ("length", "bending_stiffness", "pipe_mass", "fluid_mass")}
     with pytest.raises(
         ValueError, match="external_diameter and external_density must be given together"
     ):
-        pp.Pipe.from_si(**dry, **part)
+        pp.Pipe.from_si(**DRY, **part)
 
 
 def test_the_centrifugal_force_of_a_speed_in_si_is_u_squared_in_units_of_the_beam():
@@ -109,10 +108,9 @@ def test_arrays_convert_elementwise_and_numbers_stay_numbers():
 
 
 def test_a_pipe_without_gravity_or_surroundings_has_neither_weight_nor_drag():
-    few = {name: HOSE[name] for name in ("length", "bending_stiffness", "pipe_mass", "fluid_mass")}
-    pipe = pp.Pipe.from_si(**few, gravity=0.0)
+    pipe = pp.Pipe.from_si(**DRY, gravity=0.0)
     assert (pipe.gamma, pipe.drag, pipe.damping) == (0.0, 0.0, 0.0)
-    assert pp.Pipe.from_si(**few, gravity=-9.81).gamma == -pp.Pipe.from_si(**few).gamma
+    assert pp.Pipe.from_si(**DRY, gravity=-9.81).gamma == -pp.Pipe.from_si(**DRY).gamma
 
 
 def test_pipes_with_equal_numbers_are_equal_and_hash_alike():

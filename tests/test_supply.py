@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 import pytest
+from independent import panels
+from test_terms import derivative, jacobian_by_differences
 
 import pipedyn as pp
 from pipedyn.motion.constant_head import ConstantHead
@@ -21,10 +23,6 @@ LOADED = dataclasses.replace(
 ASPIRATING = pp.Pipe(0.4, -3.0, "aspirating", inflow_share=0.5)
 HELD = pp.Pipe(0.3, 2.0, root="pinned", end="pinned")
 SUPPLY = pp.Supply(40.0, 2.5, start=2.0)
-
-
-def guided():
-    return pp.modular.assemble(pp.modular.chain(PIPE, 6).modules, pp.modular.Guide(node=3))
 
 
 def drawn(model, size=0.3, u=2.0):
@@ -52,32 +50,26 @@ def test_energy_of_pipe_and_fluid_together_is_balanced(model):
     It enters with that of its speed and leaves with the free end's besides; head and weight work
     on what flows through, friction takes its share. The pipe is the model's shape, by differences.
     """
-    pipe, (nodes, weights) = model.pipe, np.polynomial.legendre.leggauss(20)
-    b, sign, u = math.sqrt(pipe.beta), pipe.direction, 2.0
-    edges = np.linspace(0.0, 1.0, 6)
-    lengths = np.diff(edges)[:, None]
-    s = (edges[:-1, None] + 0.5 * lengths * (nodes + 1.0)).ravel()
-    weights = (0.5 * lengths * weights).ravel()
+    pipe, u = model.pipe, 2.0
+    b, sign = math.sqrt(pipe.beta), pipe.direction
+    s, weights = panels(np.linspace(0.0, 1.0, 6), 20)
     y = drawn(model, 0.2, u)
     n, rates = model.integrated, ConstantHead(model, SUPPLY).rates(0.0, y)
 
-    def tangent_and_velocity(p, pdot, s):
-        e = 1e-5
-        at = [model.shape(model.to_user(p[None], pdot[None])[0][0], s + d) for d in (e, -e)]
-        moved = [model.to_user((p + d * pdot)[None], pdot[None])[0][0] for d in (e, -e)]
-        ahead, behind = (model.shape(q, s) for q in moved)
-        return (at[0] - at[1]) / (2.0 * e), (ahead - behind) / (2.0 * e)
-
     def energy(state):
-        t, v = tangent_and_velocity(state[:n], state[n : 2 * n], s)
-        flowing = b * sign * state[-1] * (weights * (t * v).sum(axis=1)).sum()
-        q, qdot = model.to_user(state[None, :n], state[None, n : 2 * n])
+        p, pdot = state[:n], state[n : 2 * n]
+
+        def shape(at, places):
+            return model.shape(model.to_user(at[None], pdot[None])[0][0], places)
+
+        t = derivative(lambda at: shape(p, at), s, np.ones_like(s), step=1e-5)
+        v = derivative(lambda at: shape(at, s), p, pdot, step=1e-5)
+        q, qdot = model.to_user(p[None], pdot[None])
         own = model.energy(np.concatenate([q[0], qdot[0]]))
+        flowing = b * sign * state[-1] * (weights @ np.sum(t * v, axis=1))
         return own + flowing + 0.5 * state[-1] ** 2
 
-    h = 5e-5
-    near = [energy(y + k * h * rates) for k in (-2, -1, 1, 2)]
-    gained = np.array([1.0, -8.0, 8.0, -1.0]) @ near / (12.0 * h)
+    gained = derivative(energy, y, rates, step=5e-5)
     q, qdot = model.to_user(y[None, :n], y[None, n : 2 * n])
     power = model.power(np.concatenate([q[0], qdot[0]]), u)
     velocity = model.tip_velocities(q.T, qdot.T)[0]
@@ -90,7 +82,6 @@ def test_energy_of_pipe_and_fluid_together_is_balanced(model):
 
 
 def models():
-    held = pp.Galerkin(HELD, 4, "legendre")
     return [
         pp.Chain(PIPE, 4),
         pp.Chain(LOADED, 4),
@@ -98,7 +89,7 @@ def models():
         pp.Chain(HELD, 5),
         pp.Galerkin(LOADED, 4, "legendre"),
         pp.Galerkin(ASPIRATING, 4),
-        held,
+        pp.Galerkin(HELD, 4, "legendre"),
         pp.modular.chain(LOADED, 4),
     ]
 
@@ -112,13 +103,8 @@ def test_the_jacobian_is_the_derivative_of_the_rates(model):
     def rates(state):
         return np.delete(head.rates(0.0, np.insert(state, work, 0.0), drive), work)
 
-    h = 2e-4
     state = np.delete(y, work)
-    columns = []
-    for move in h * np.eye(state.size):
-        near = [rates(state + k * move) for k in (-2, -1, 1, 2)]
-        columns.append(np.array([1.0, -8.0, 8.0, -1.0]) @ near / (12.0 * h))
-    by_differences = np.array(columns).T
+    by_differences = jacobian_by_differences(rates, state, 1.0, step=2e-4)
     assert np.abs(found - by_differences).max() < 1e-8 * np.abs(found).max()
 
 
