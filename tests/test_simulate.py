@@ -113,6 +113,7 @@ def test_the_audit_sees_a_force_that_does_no_work_it_should(monkeypatch):
             return rates
 
     core = CHAIN.core
+    monkeypatch.setattr(pp.Chain, "compiled", None)
     monkeypatch.setattr(pp.Chain, "motion", property(lambda chain: Wrong(core)))
     assert honest < 1e-8 < 1e-6 < pp.simulate(CHAIN, 6.0, 1.0, bow).audit
 
@@ -258,6 +259,7 @@ def test_what_goes_wrong_on_the_way_ends_a_motion_and_is_not_lost(monkeypatch, m
                 raise self.error
             return core.rhs_and_power(t, y, u)
 
+    monkeypatch.setattr(pp.Chain, "compiled", None)
     bursting = Failing(ValueError("y must be finite, got inf at index 0"))
     monkeypatch.setattr(pp.Chain, "motion", property(lambda chain: bursting))
     with pytest.raises(pp.MotionStopped, match="no longer finite") as caught:
