@@ -711,7 +711,8 @@ def _models() -> Iterator[Target]:
         y = Kind(any_of(rates.good, *([] if closed else [batch.good])), rates.bad)
         columns = array((n, 2), (-0.5, 0.5))
         small = Kind(
-            any_of(array(model.dof).good, array((model.dof, 3)).good), array(model.dof).bad
+            any_of(array(model.dof).good, array((model.dof, 3)).good),
+            array(model.dof, any_size=model.dof != model.coordinates).bad,
         )
         complexes = Kind(small.good, _no_complex(small.bad))
         yield target(f"{cls}.rhs{tag}", lambda y, u, m=model: m.rhs(0.0, y, u), y=y, u=U)

@@ -38,6 +38,7 @@ __all__: list[str] = [
     "crossings",
     "dense_limit",
     "eliminated",
+    "is_felt_by_small_motions",
     "orbit_states",
     "rounding",
     "set_vector_level",

@@ -46,8 +46,8 @@
 // solved in O(n). The base, with the clamp, may stand at (X, Y), functions of time: inflow and drag
 // then see its velocity, too.
 //
-// Rotary inertia J of the cross-sections adds J l_j to the inertia of segment j about its centre, as
-// a larger radius of gyration does.
+// Rotary inertia J of the cross-sections adds J l_j to the inertia of segment j about its centre,
+// as a larger radius of gyration does.
 //
 // Segments of a pipe whose mass per length varies have masses m_j in place of l_j: sum_{i>k} l_i in
 // M and p_k becomes the mass beyond, while the flow's terms keep the lengths, as the fluid's share

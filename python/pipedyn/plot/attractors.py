@@ -243,7 +243,7 @@ def films(
     Raises:
         ValueError, TypeError: for bad arguments, and for motions that `animate` refuses.
     """
-    how: dict[str, Any] = {"fps": fps, "units": units}
+    how: dict[str, Any] = {"fps": check.real("fps", fps, low=1.0, high=50.0), "units": units}
     if isinstance(found, Attractors):
         moving = [k for k, basin in enumerate(found.basins) if basin.ending != "rest"]
         view = View(units, found.model.pipe)
