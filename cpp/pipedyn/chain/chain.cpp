@@ -368,8 +368,8 @@ void Chain::add_normal_mass(const Vector& sine, const Vector& cosine, Matrix& ma
     const Link& link = this->link(i);
     const Plane<double> across{cosine[i], -sine[i]}, own = scaled(link.added, across);
     // Momentum of the masses on segment i and beyond, by the rate of segment i.
-    const Plane<double> moved =
-        plus(scaled(link.length, times(beyond, across)), scaled(0.5 * link.length, own));
+    const Plane<double> moved = plus(scaled(link.length, times(beyond, across)),  // beyond
+                                     scaled(0.5 * link.length, own));             // segment i
     for (Index k = 0; k < i; ++k) {
       const double both = this->link(k).length * dot({cosine[k], -sine[k]}, moved);
       mass(k, i) += both;
