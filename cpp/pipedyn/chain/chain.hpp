@@ -115,8 +115,8 @@ class Chain {
   /// rest are theta'' = M^-1 f.
   Chain without_forces() const;
 
-  /// This chain with guides at the ends of the segments that `held` (n) names. Only `impedance`,
-  /// `held_rows` and `coarser` read the guides.
+  /// This chain with guides at the ends of the segments for which `held` (n) is true. The guides
+  /// act in the linear problem of `impedance` alone.
   Chain guided(std::vector<bool> held) const;
 
   /// The segments with the masses of terms on them: columns mass, center, gyration_radius, and the

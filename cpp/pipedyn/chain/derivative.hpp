@@ -73,14 +73,14 @@ inline void row_outward(Count count, Plane<Real> e, Plane<Real> step, Real* __re
 /// components along (t) and across (n) the segment.
 template <class Real>
 struct Source {
-  Real jump_t{}, jump_n{};    // of the difference in acceleration between the segment's ends
-  Real force_t{}, force_n{};  // of the force on the segment
-  Real moment{};              // of the moment on the segment, without its joints' moments
-  Real v_t{}, v_n{};          // of the velocity of all segments beyond
-  Real end_t{}, end_n{};      // of the follower force
+  Real jump_t{}, jump_n{};    // difference in acceleration between the segment's ends
+  Real force_t{}, force_n{};  // force on the segment
+  Real moment{};              // moment on the segment, without its joints' moments
+  Real v_t{}, v_n{};          // velocity of all segments beyond
+  Real end_t{}, end_n{};      // follower force
 };
 
-/// Stiffness of joint j (angle), or its damping; joint n is that of a guided end.
+/// Stiffness of joint j if angle, else its damping; joint n is the joint of a guided end.
 inline double joint(const MotionModel& model, Count j, bool angle) {
   if (j == model.size) return angle ? model.end_spring : model.end_damping;
   return angle ? model.links[j].spring : model.links[j].damping;

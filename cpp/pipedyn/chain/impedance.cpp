@@ -150,7 +150,7 @@ void log_derivative(const ImpedanceModel& model, const Points& points, double* o
         own = coefficients(segment, problem.powers);
         change = problem.by_lambda(segment);
       }
-      if (segment.held) {  // its pivot is constant
+      if (segment.held) {  // the pivot of a held segment is constant
         by = before_held(segment.length, by, change, 0.0);
         at = before_held(segment.length, at, own, problem.thrust);
         continue;

@@ -43,7 +43,7 @@ struct ShiftedSegment {
   Complex by[size], inverse, joint, follow;     // X, 1 / D, c, c / D
 
   /// Computes e_j, which b alone adds to m across the segment. angle: b1 / mu, the change of its
-  /// angle for x2 = 0; rate: b2, of which the acceleration is the negative.
+  /// angle for x2 = 0; rate: b2; the acceleration is -b2 for x2 = 0.
   void passed(const Complex& angle, const Complex& rate, Complex (&e)[size]) const {
     e[0] = (-l * normal.x) * rate + jump.x * angle;
     e[1] = (-l * normal.y) * rate + jump.y * angle;

@@ -98,7 +98,7 @@ struct Sweep {
   Sweep(Count n, Layout& layout) : stride(whole_packs(n * lanes<Real>)) {
     first = layout.take(arrays * stride);
     if (first == nullptr) return;
-    for (Count i = n * lanes<Real>; i < stride; ++i) first[i] = 0.0;  // angles that fill a pack up
+    for (Count i = n * lanes<Real>; i < stride; ++i) first[i] = 0.0;  // angles that fill up a pack
   }
 
   double* array(Count which) const { return first + which * stride; }
@@ -110,7 +110,8 @@ struct Sweep {
   }
 };
 
-/// Calls body(members) for every block of members; the last one overlaps its neighbour to be whole.
+/// Calls body(members) for every block of members; the last block overlaps the one before, so that
+/// it has as many members.
 template <class Body>
 void for_each_members(const Batch& batch, const Body& body) {
   const Count members = batch.members;

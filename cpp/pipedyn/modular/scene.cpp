@@ -30,9 +30,9 @@ void require(const char* name, Index size, Index expected) {
 
 constexpr double no_flow = 0.0;
 
-/// Whether the last segment has too little inertia: a chain refuses a segment whose centre of mass
-/// is so near to its joint and whose radius of gyration is so small, in L, that its inertia is
-/// lost in the rounding of that of the others.
+/// Whether the last segment has too little inertia: a chain refuses it if its centre of mass is so
+/// near to its joint and its radius of gyration so small, in L, that its inertia is lost in the
+/// rounding of the other segments' inertia.
 bool lacks_own_inertia(const Chain& chain, const Vector& length) {
   constexpr double least = 1e-8;
   const Index last = chain.dof() - 1;
@@ -51,7 +51,7 @@ Segments lend_inertia(Segments segments) {
 /// the first `positive` without a pivot depend on others: they are returned, and their mu is 0. If
 /// a later row has no pivot, mu is NaN.
 std::vector<Index> solve_member(Matrix& s, Matrix& right, Index positive) {
-  // Smallest pivots: relative to a row's own diagonal, of which rounding leaves 1e-16 in a
+  // Smallest pivots: relative to a row's own diagonal, a share 1e-16 of which rounding leaves in a
   // dependent row; relative to the largest diagonal; and as a share of the added inertia.
   constexpr double redundant = 1e-12;
   constexpr double smallest = 1e-20;
