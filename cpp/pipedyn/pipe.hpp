@@ -29,7 +29,7 @@ struct Pipe {
   double centrifugal = 1.0;  // a: factor of u^2 in the centrifugal term
   double drag = 0.0;         // kappa, quadratic drag
   double damping = 0.0;      // delta, Kelvin-Voigt damping
-  bool aspirating = false;   // the flow enters at the free end
+  bool aspirating = false;   // whether the flow enters at the free end
   // c: share of the free end's velocity that the inflow has before it enters
   double inflow_share = 1.0;
   double jet_angle = 0.0;  // psi, from the free end's tangent to the thrust's direction
@@ -52,8 +52,7 @@ struct Pipe {
   double direction() const { return aspirating ? -1.0 : 1.0; }
   /// Thrust of the flow divided by u^2: its components along and across the free end.
   std::array<double, 2> thrust() const {
-    if (jet_angle == 0.0)
-      return {centrifugal, 0.0};  // saves time: each evaluation of the rates asks
+    if (jet_angle == 0.0) return {centrifugal, 0.0};  // saves time in each evaluation of rates
     return {centrifugal * std::cos(jet_angle), centrifugal * std::sin(jet_angle)};
   }
   /// Factor of u v in the force on the free end, v its velocity: the change of velocity of the

@@ -24,7 +24,7 @@
 // with U = s u. A joint may have a damping c_k of its own in place of delta k_k, and an angle psi_k
 // at which it has no moment, so that its moment is k_k (phi_k - psi_k). Two sets of coordinates are
 // used: the angles theta, and the joint angles phi, in which the elastic stiffness is diagonal and
-// rounding leaves small eigenvalues accurate at any n.
+// small eigenvalues stay accurate despite rounding at any n.
 //
 // How the pipe is held (pipe.hpp): a root's spring k_r lies in series with the first joint. In
 // place of 1 / k_1 both together have the compliance 1 / k = 1 / k_1 + 1 / k_r and, to first order
@@ -34,7 +34,7 @@
 // the axis, so that a U^2 l_k (theta_n - theta_k) has 0 in place of theta_n. Supports that hold x
 // of nodes are not part of the chain; they are in modular/scene.hpp.
 //
-// At any amplitude, with c_ki = l_min(k,i) p_max(k,i) (k != i) and c_kk = M_kk, row k is
+// At any amplitude, with c_ki = l_min(k,i) p_max(k,i) (k != i) and c_kk = M_kk, row k reads
 //   sum_i c_ki (cos(theta_k - theta_i) theta_i'' + sin(theta_k - theta_i) theta_i'^2)
 //     + sqrt(beta) U (l_k^2 theta_k' + 2 sum_{i>k} l_k l_i cos(theta_k - theta_i) theta_i')
 //     - (1 - c) sqrt(beta) U l_k sum_i l_i cos(theta_k - theta_i) theta_i'

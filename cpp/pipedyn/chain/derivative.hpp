@@ -5,14 +5,14 @@
 // a derivative, in the frame of the clamp,
 //   D a_j = D a_{j-1} + l_j D theta_j'' n_j + [j = m] jump_m,
 //   D theta_j'' = g_j - e_j . D a_{j-1},
-//   jump_m = -l_m (theta_m'' t_m + w_m^2 n_m) for the angle, -2 l_m w_m t_m for the rate,
+//   jump_m = -l_m (theta_m'' t_m + w_m^2 n_m) for the angle, -2 l_m w_m t_m for the rate.
 // The segments beyond node j need the force A_j D a_j + b_j, where for each column
 //   g_j = (tau_j - l_j n_j . b_j) / H_j,   b_{j-1} = b_j + c_j g_j   for j < m,
 // and the moment tau_j, of the joint's spring, acts on the neighbours of m alone. The velocity of
 // all segments beyond m changes by V_m = -l_m w_m t_m for the angle, or l_m n_m for the rate, so
 // that only drag changes there, with r_j = 2 kappa l_j |v_j|:
 //   b_j = R_j V_m,   g_j = q_j . V_m,   q_j = -(l_j R_j^T n_j + xi_j l_j r_j n_j) / H_j,
-//   R_{j-1} = R_j + r_j n_j n_j^T + c_j q_j^T,   R_n = -(1 - c) sqrt(beta) U,
+//   R_{j-1} = R_j + r_j n_j n_j^T + c_j q_j^T,   R_n = -(1 - c) sqrt(beta) U.
 // The (2, 2) matrix R_j is the same for all columns. Let V_j be the sum over the places of segment
 // j of the derivatives of the terms' loads by velocity, and V'_j the same sum weighted with the
 // arms. V_j adds -V_j to R_{j-1} and V'_j adds n_j . V'_j / H_j to q_j^T; derivatives of couples
