@@ -11,14 +11,15 @@
 
 namespace pipedyn {
 
-/// A number that varies along the pipe, such as its bending stiffness, in units of that at the
-/// clamp: on each of some stretches a Chebyshev series in x, which goes from -1 to 1. Immutable.
+/// A number that varies along the pipe, for example its bending stiffness, in units of its value at
+/// the clamp. The pipe is divided into stretches; on each the number is a Chebyshev series in x,
+/// which runs from -1 to 1 along the stretch. Immutable.
 class Profile {
  public:
-  Profile() = default;  // 1 all along
+  Profile() = default;  // the constant 1
 
-  /// ends: of the stretches, from 0 to 1. Throws std::invalid_argument unless these ascend and have
-  /// a series each.
+  /// ends: ends of the stretches, from 0 to 1; series: coefficients on each stretch. Throws
+  /// std::invalid_argument unless the ends ascend and each stretch has a series.
   Profile(std::vector<double> ends, std::vector<std::vector<double>> series)
       : ends_(std::move(ends)), series_(std::move(series)) {
     const bool ascend =
@@ -33,7 +34,8 @@ class Profile {
   bool varies() const { return !series_.empty(); }
   const std::vector<double>& ends() const { return ends_; }
 
-  /// Highest degree of a coefficient above a share of its series' largest; 0 where nothing varies.
+  /// Highest degree at which a coefficient exceeds a share of the largest of its series; 0 if the
+  /// profile is constant.
   Eigen::Index degree(double share) const {
     std::size_t highest = 0;
     for (const std::vector<double>& one : series_) {
@@ -46,7 +48,8 @@ class Profile {
     return static_cast<Eigen::Index>(highest);
   }
 
-  /// The value at arc length s, by Clenshaw's recurrence; at a step that beyond.
+  /// The value at arc length s, by Clenshaw's recurrence. Where two stretches meet, the value is
+  /// that of the stretch beyond.
   double operator()(double s) const {
     if (!varies()) return 1.0;
     const auto beyond = std::upper_bound(ends_.begin() + 1, ends_.end() - 1, s);

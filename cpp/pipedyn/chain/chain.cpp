@@ -14,8 +14,8 @@ namespace pipedyn {
 
 namespace {
 
-/// Places on the pipe that are no further apart are one: at which segment's end a place lies must
-/// not depend on how lengths were rounded.
+/// Distance up to which two places on the pipe count as the same place: rounding of the lengths
+/// must not decide at which segment's end a place lies.
 constexpr double at_joint = 1e-12;
 
 void require_rows(Index rows, Index dof) {
@@ -25,11 +25,11 @@ void require_rows(Index rows, Index dof) {
   }
 }
 
-/// Calls body(law, term, segment, arm, weight) for each place where a term acts, segments counted
-/// from 0. The weight is 1, or the length that a Gauss point stands for: a law per length acts at
-/// two of each segment, which is exact where it is linear in position and velocity. What acts at a
-/// place of the fixed base moves nothing and is left out, and what acts where two segments meet
-/// turns with the one that ends there. base: length of that part.
+/// Calls body(law, term, segment, arm, weight) for each place where a term acts, with segments
+/// counted from 0. The weight is 1, or the length that a Gauss point represents: a law per length
+/// acts at two Gauss points of each segment, which is exact if it is linear in position and
+/// velocity. A term at a place of the fixed base moves nothing and is left out; a term where two
+/// segments meet acts on the segment that ends there. base: length of the fixed base.
 template <class Body>
 void for_each_place(const Terms& terms, const Vector& length, double base, const Body& body) {
   const Index n = length.size();
@@ -53,7 +53,7 @@ void for_each_place(const Terms& terms, const Vector& length, double base, const
   }
 }
 
-/// The moments of each segment's loads at rest.
+/// Sums of each segment's loads, LoadMoments, for the chain at rest at the angles.
 std::vector<LoadMoments<double>> loads_at(const MotionModel& model, const Vector& angles,
                                           const Vector& sine, const Vector& cosine) {
   std::vector<LoadMoments<double>> sums(static_cast<std::size_t>(model.size));
@@ -86,7 +86,7 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
   held_.resize(static_cast<std::size_t>(n));
   if (std::isfinite(pipe_.root)) {
     const double share = pipe_.root > 0.0 ? pipe_.root / (pipe_.root + spring[0]) : 0.0;
-    spring[0] *= share;  // of both in series
+    spring[0] *= share;  // spring of both in series
     rest_moment[0] *= share;
     damping[0] *= share * share;
     damped_springs_[0] *= share * share;
@@ -127,7 +127,8 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
   for (Index j = n - 1; j >= 0; --j) {
     const double own = masses[j], arm = chi[j] * l[j], rest = l[j] - arm, square = eta[j] * eta[j];
     const double inertia = own * (arm * arm + square);
-    // What moves across alone is homogeneous; across the segment it is one body with the rest.
+    // Mass with inertia only across the segment is spread evenly along it; in that direction it and
+    // the segment's own mass form one body.
     const double more = across_alone[j], apart = arm - 0.5 * l[j], twelfth = l[j] * l[j] / 12.0;
     const double about_centres = own * (square + apart * apart) + (own + more) * twelfth;
     first_moment_[j] = l[j] * (beyond + own * chi[j]);
@@ -156,7 +157,7 @@ void Chain::linearise() {
   const Index n = dof();
   std::vector<LoadMoments<double>> sums;
   if (!loads_.empty()) sums = loads_at(motion(), Vector::Zero(n), Vector::Zero(n), Vector::Ones(n));
-  double tension = 0.0;  // of loads along the pipe beyond
+  double tension = 0.0;  // sum of the loads along the pipe beyond the segment
   impedances_.resize(static_cast<std::size_t>(n));
   for (Index j = n - 1; j >= 0; --j) {
     const Link& link = this->link(j);
@@ -185,7 +186,8 @@ void Chain::linearise() {
     const auto& [load, slopes, any] = sums[static_cast<std::size_t>(j)];
     const double pulled = link.length * tension + load[1][1];
     tension += load[0][1];
-    // Slopes of the force across and the moment by place and angle, or by their rates.
+    // Derivatives of the transverse force and the moment by displacement and angle, or by their
+    // rates.
     const auto add_slopes = [&, &of = slopes](int place, int angle, double ImpedanceParts::* to) {
       const double force[2] = {-of[1].by[0][place], -of[0].by[0][angle]};
       const double moment[3] = {-of[2].by[0][place], -of[1].by[0][angle] - of[1].by[2][place],
@@ -241,12 +243,12 @@ Matrix Chain::held_rows(const Vector& scale) const {
 }
 
 Chain Chain::coarser(Index segments) const {
-  // Cut where length and compliance together have grown by equal parts.
+  // Groups end where the sum of relative length and relative compliance has grown by equal parts.
   const auto& [l, chi, eta, spring, xi, base, own_damping, rest_moment, own_mass] = segments_;
   const Index n = dof();
   const Vector soft = spring.cwiseMax(1e-6 * spring.mean() + 1e-300).cwiseInverse();
   const Vector measure = l / l.sum() + soft / soft.sum();
-  std::vector<Index> ends;  // one past the last of each group
+  std::vector<Index> ends;  // one past the last segment of each group
   std::vector<bool> held_ends;
   double grown = 0.0;
   Index parts = 1;
@@ -269,7 +271,8 @@ Chain Chain::coarser(Index segments) const {
                   .drag_point = Vector::Constant(groups, 0.5),
                   .base = base};
   joined.mass = Vector::Zero(groups);
-  // Of 1 / (k + c lambda), the joint of a guided end among them.
+  // Coefficients of 1 / (k + c lambda) = compliance - loss lambda of each joint of the coarser
+  // chain, the joint of a guided end among them.
   const bool guided = pipe_.is_guided();
   Vector compliance = Vector::Zero(groups + (guided ? 1 : 0)), loss = compliance;
   const auto add_joint = [&](Index to, double softness, double own) {
@@ -279,7 +282,8 @@ Chain Chain::coarser(Index segments) const {
   if (guided) add_joint(groups, 1.0 / std::max(end_spring_, 1.0 / soft.maxCoeff()), end_damping_);
   for (Index group = 0, j = 0; group < groups; ++group) {
     const Index start = j, end = ends[static_cast<std::size_t>(group)];
-    double mass = 0.0, first = 0.0, second = 0.0;  // with powers of the distance from its joint
+    // Moments of the group's mass, of orders 0, 1 and 2, about its joint.
+    double mass = 0.0, first = 0.0, second = 0.0;
     double at = 0.0;
     const double length = l.segment(start, end - start).sum();
     for (; j < end; at += l[j], ++j) {
@@ -287,7 +291,8 @@ Chain Chain::coarser(Index segments) const {
       mass += own;
       first += own * middle;
       second += own * (middle * middle + eta[j] * eta[j]);
-      // A joint beyond the middle moves what follows; beyond the last group's nothing does.
+      // A joint beyond the middle of its group counts towards the next group's joint; in the last
+      // group there may be no next joint.
       const Index nearest = at <= 0.5 * length ? group : group + 1;
       if (nearest < compliance.size()) add_joint(nearest, soft[j], own_damping[j]);
     }
@@ -299,9 +304,9 @@ Chain Chain::coarser(Index segments) const {
   }
   joined.spring = compliance.cwiseInverse();
   joined.damping = loss.cwiseProduct(joined.spring.cwiseAbs2());
-  Pipe clamped = pipe_;  // what a root adds to the first joint is in it
+  Pipe clamped = pipe_;  // the first joint's spring includes the root's
   clamped.root = std::numeric_limits<double>::infinity();
-  clamped.rotary_inertia = 0.0;  // is in the radii
+  clamped.rotary_inertia = 0.0;  // the radii of gyration include it
   return Chain(clamped, std::move(joined)).guided(std::move(held_ends));
 }
 
@@ -362,8 +367,9 @@ void Chain::add_normal_mass(const Vector& sine, const Vector& cosine, Matrix& ma
   for (Index i = dof() - 1; i >= 0; --i) {
     const Link& link = this->link(i);
     const Plane<double> across{cosine[i], -sine[i]}, own = scaled(link.added, across);
-    const Plane<double> moved = plus(scaled(link.length, times(beyond, across)),  // by its rate
-                                     scaled(0.5 * link.length, own));
+    // Momentum of the masses on segment i and beyond, by the rate of segment i.
+    const Plane<double> moved = plus(scaled(link.length, times(beyond, across)),  // beyond
+                                     scaled(0.5 * link.length, own));             // segment i
     for (Index k = 0; k < i; ++k) {
       const double both = this->link(k).length * dot({cosine[k], -sine[k]}, moved);
       mass(k, i) += both;
@@ -381,13 +387,14 @@ void Chain::add_loads(const Vector& angles, const Vector& sine, const Vector& co
                       Operators& ops) const {
   const std::vector<LoadMoments<double>> sums = loads_at(motion(), angles, sine, cosine);
   const auto normal = [&](Index k) { return Plane<double>{cosine[k], -sine[k]}; };
-  Slopes<double> beyond;  // of all loads beyond segment i
+  Slopes<double> beyond;  // derivatives of all loads beyond segment i
   Plane<double> load{0.0, 0.0};
   for (Index i = dof() - 1; i >= 0; --i) {
     const auto& [loads, slopes, any] = sums[static_cast<std::size_t>(i)];
     const double l = link(i).length;
     const Plane<double> across = normal(i), along{sine[i], cosine[i]};
-    Slopes<double> arm = slopes[1], own = slopes[2];  // with the arms from the joint of segment i
+    // Sums with arm and arm^2 about the joint of segment i, the loads beyond it included.
+    Slopes<double> arm = slopes[1], own = slopes[2];
     add(arm, l, beyond);
     add(own, l * l, beyond);
     const auto add_slopes = [&, &of = slopes](Variable place, Variable angle, Matrix& to) {
@@ -439,7 +446,7 @@ Matrix Chain::joint_times(const Matrix& x, const LinearPart& part) const {
   using Row = Eigen::RowVectorXd;
   Matrix out(n, columns), force(n, columns);
   Row angle = Row::Zero(columns), place = angle, moment = angle;
-  double left = segments_.length.sum();  // of the pipe beyond a segment
+  double left = segments_.length.sum();  // length of the pipe beyond a segment
   for (Index j = 0; j < n; ++j) {
     const ImpedanceSegment& at = impedances_[static_cast<std::size_t>(j)];
     const double l = at.length;

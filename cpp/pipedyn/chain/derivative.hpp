@@ -1,23 +1,26 @@
 // SPDX-License-Identifier: MIT
 //
-// Derivative of the chain's motion in O(n^2): the sweeps (sweeps.hpp) differentiated with respect
-// to the angle or the rate of one segment m, a column each. With D for that derivative, in the
-// frame of the clamp,
+// Derivative of the chain's motion in O(n^2): the sweeps (sweeps.hpp) are differentiated with
+// respect to the angle and the rate of each segment m, and each derivative is a column. With D for
+// a derivative, in the frame of the clamp,
 //   D a_j = D a_{j-1} + l_j D theta_j'' n_j + [j = m] jump_m,
 //   D theta_j'' = g_j - e_j . D a_{j-1},
-//   jump_m = -l_m (theta_m'' t_m + w_m^2 n_m) for the angle, -2 l_m w_m t_m for the rate,
-// and the force that all beyond node j needs is A_j D a_j + b_j, with this column's
+//   jump_m = -l_m (theta_m'' t_m + w_m^2 n_m) for the angle, -2 l_m w_m t_m for the rate.
+// The segments beyond node j need the force A_j D a_j + b_j, where for each column
 //   g_j = (tau_j - l_j n_j . b_j) / H_j,   b_{j-1} = b_j + c_j g_j   for j < m,
-// where tau_j, of the spring between them, acts on the neighbours of m alone. Beyond m everything
-// moves with V_m = -l_m w_m t_m or l_m n_m, so that only drag acts there, r_j = 2 kappa l_j |v_j|:
+// and the moment tau_j, of the joint's spring, acts on the neighbours of m alone. The velocity of
+// all segments beyond m changes by V_m = -l_m w_m t_m for the angle, or l_m n_m for the rate, so
+// that only drag changes there, with r_j = 2 kappa l_j |v_j|:
 //   b_j = R_j V_m,   g_j = q_j . V_m,   q_j = -(l_j R_j^T n_j + xi_j l_j r_j n_j) / H_j,
-//   R_{j-1} = R_j + r_j n_j n_j^T + c_j q_j^T,   R_n = -(1 - c) sqrt(beta) U,
-// one (2, 2) matrix R_j for all columns. The slopes of the terms' loads by velocity, summed over
-// the places of segment j as V_j and with the arms as V'_j, add -V_j to R_{j-1} and n_j . V'_j /
-// H_j to q_j^T, as the slopes of couples do. Their slopes by position do the same in a second pair
-// of R_j and q_j, for the change of position l_m n_m of all beyond by the angle of m.
-// Row m, where all of it changes, starts the column. The rows go from the tip to the clamp and
-// back, each over its columns: as vectors of one state, or with a state in each lane.
+//   R_{j-1} = R_j + r_j n_j n_j^T + c_j q_j^T,   R_n = -(1 - c) sqrt(beta) U.
+// The (2, 2) matrix R_j is the same for all columns. Let V_j be the sum over the places of segment
+// j of the derivatives of the terms' loads by velocity, and V'_j the same sum weighted with the
+// arms. V_j adds -V_j to R_{j-1} and V'_j adds n_j . V'_j / H_j to q_j^T; derivatives of couples
+// add to q_j^T as well. The derivatives of loads by position do the same in a second pair of R_j
+// and q_j: by the angle of m, the position of all segments beyond changes by l_m n_m.
+// A column starts in row m, since all forces on segment m itself change. One sweep takes the rows
+// from the tip to the clamp and one back; each row is computed for all its columns, either as
+// vectors along the columns of one state, or with one state in each lane.
 //
 // Local to each translation unit, like pack.hpp.
 #pragma once
@@ -37,7 +40,7 @@ struct Frame {
   }
 };
 
-/// The sweeps of one row over the columns, the parts of the derivative that cost O(n^2).
+/// Updates of one row for all its columns, the parts of the derivative that cost O(n^2).
 template <class Real>
 inline void row_inward(Count count, Plane<Real> moment, Plane<Real> force, Real* __restrict bx,
                        Real* __restrict by, Real* __restrict row) {
@@ -66,17 +69,18 @@ inline void row_outward(Count count, Plane<Real> e, Plane<Real> step, Real* __re
   }
 }
 
-/// What a column starts from: segment m itself changes, in angle or in rate.
+/// Changes with which a column starts in segment m, per change of the segment's angle or rate;
+/// components along (t) and across (n) the segment.
 template <class Real>
 struct Source {
-  Real jump_t{}, jump_n{};    // of the acceleration from one end to the other
-  Real force_t{}, force_n{};  // on the segment
-  Real moment{};              // in its own row, without the joints'
-  Real v_t{}, v_n{};          // change of velocity of all beyond
-  Real end_t{}, end_n{};      // change of the follower force
+  Real jump_t{}, jump_n{};    // difference in acceleration between the segment's ends
+  Real force_t{}, force_n{};  // force on the segment
+  Real moment{};              // moment on the segment, without its joints' moments
+  Real v_t{}, v_n{};          // velocity of all segments beyond
+  Real end_t{}, end_n{};      // follower force
 };
 
-/// What joint j resists a turn with, its angle or its rate; that of the end if it is guided.
+/// Stiffness of joint j if angle, else its damping; joint n is the joint of a guided end.
 inline double joint(const MotionModel& model, Count j, bool angle) {
   if (j == model.size) return angle ? model.end_spring : model.end_damping;
   return angle ? model.links[j].spring : model.links[j].damping;
@@ -120,14 +124,14 @@ Source<Real> rate_source(const MotionModel& model, const Kept<Real>& here, Count
           .v_n = all<Real>(l)};
 }
 
-/// Adds the change of the loads on a segment itself, with the rate w, by its angle or its rate, and
-/// of the inertia of mass that moves across it alone.
+/// Adds to a source the change of the loads on the segment by its own angle or rate, and the change
+/// of the forces of mass that has inertia only across the segment. w: rate of the segment.
 template <class Real>
 void add_loads_to(Source<Real>& source, const MotionModel& model, const Link& link,
                   const Kept<Real>& here, const LoadMoments<Real>& loads, const Frame<Real>& frame,
                   bool angle, const Real& w) {
   const double first_moment = 0.5 * link.length * link.added;
-  // The velocity changes with the arm by:
+  // Change of the velocity of a place, per unit of its arm.
   const Plane<Real> by = angle ? Plane<Real>{-w * frame.t.x, -w * frame.t.y} : frame.n;
   const Slopes<Real>(&slopes)[3] = loads.slopes;
   Plane<Real> force = force_by(slopes[1], by_velocity, by);
@@ -141,7 +145,7 @@ void add_loads_to(Source<Real>& source, const MotionModel& model, const Link& li
     about = plus(about, force_by(slopes[2], by_position, frame.n));
     source.moment += dot(couple_by(slopes[1], by_position), frame.n);
     source.moment -= dot(frame.t, plane(loads.load[1]));
-    // The acceleration of the joint, without the clamp's that stands for gravity.
+    // Acceleration of the joint, without the acceleration of the clamp that represents gravity.
     const Real at = here.at + model.gravity * frame.t.y, an = here.an + model.gravity * frame.n.y;
     source.force_t -= link.added * an;
     source.force_n -= link.added * at - first_moment * w * w;
@@ -154,13 +158,16 @@ void add_loads_to(Source<Real>& source, const MotionModel& model, const Link& li
   source.moment += dot(frame.n, about);
 }
 
-/// Force that all beyond a segment needs for a change of its motion.
+/// The matrix R_j: force that the segments beyond node j need per change of the velocity, or the
+/// position, of all of them.
 template <class Real>
 struct Response {
   Real rows[2][2] = {};  // R
 
-  /// Goes one segment nearer to the clamp and gives the answer q of its row. drag: r_j, and arm
-  /// that of the drag; slopes by the variables from `by` on, and moment: of the terms' loads.
+  /// Replaces R_j by R_{j-1} and returns q_j. frame, l, inverse, c: frame, length, 1 / H_j and c_j
+  /// of segment j; drag, arm: r_j and the arm of the drag point; slopes: derivatives of the loads,
+  /// of which those by the variables `by` and by + 1 are V_j; loads: derivatives of the loads'
+  /// moment on the segment by the same variables.
   Plane<Real> pass(const Frame<Real>& frame, double l, const Real& inverse, const Plane<Real>& c,
                    const Real& drag, double arm, const Slopes<Real>& slopes, Variable by,
                    const Plane<Real>& loads) {
@@ -176,17 +183,17 @@ struct Response {
   }
 };
 
-/// A state, or a block of some, about which the motion is linearised, and what its derivatives are
-/// made of.
+/// A state, or a block of states, about which the motion is linearised, and the quantities from
+/// which its derivatives are computed.
 template <class Real>
 struct Linearised {
   const MotionModel& model;
   Members<Real> members;
-  Real u, push;  // the second: sqrt(beta) U'
+  Real u, push;  // u and sqrt(beta) U'
   Sweep<Real> sweep;
   double *sine, *cosine;  // of each segment's angle
   Kept<Real>* kept;
-  LoadMoments<Real>* loads;  // where there are any
+  LoadMoments<Real>* loads;  // filled if the model has loads
 
   Linearised(const MotionModel& of, const Members<Real>& about, Layout& layout)
       : model(of),
@@ -199,7 +206,7 @@ struct Linearised {
         kept(layout.take<Kept<Real>>(of.size)),
         loads(layout.take<LoadMoments<Real>>(loaded() ? of.size : 0)) {}
 
-  /// Computes what the arrays hold.
+  /// Fills the arrays for the state.
   void linearise() {
     const Count n = model.size;
     const Driven<Real> driven = members.drive();
@@ -216,7 +223,7 @@ struct Linearised {
   Frame<Real> frame(Count k) const {
     return {load<Real>(sine + k * lanes<Real>), load<Real>(cosine + k * lanes<Real>)};
   }
-  /// Change of the loads' moment on a segment by the velocity of its joint, or by its position.
+  /// Derivatives of the loads' moment on segment k by the velocity, or the position, of its joint.
   Plane<Real> moment_by(Variable variable, Count k) const {
     const Slopes<Real>(&of)[3] = loads[k].slopes;
     return plus(work_by(of[1], variable, frame(k).n), couple_by(of[0], variable));
@@ -224,7 +231,7 @@ struct Linearised {
   Real drag_slope(Count k) const {
     return model.drag ? Real(2.0 * model.links[k].drag * absolute(kept[k].v)) : Real{};
   }
-  /// What changes with the angle or the rate of segment k.
+  /// Source of the column for the angle of segment k, or for its rate.
   Source<Real> source(Count k, bool angle) const {
     const Real w = rate(k);
     Source<Real> found =
@@ -232,21 +239,21 @@ struct Linearised {
     if (loaded() && loads[k].any) {
       add_loads_to(found, model, model.links[k], kept[k], loads[k], frame(k), angle, w);
     }
-    const double* const slopes = members.batch.slopes;  // of further moments
+    const double* const slopes = members.batch.slopes;  // derivatives of the batch's moments
     if (angle && slopes != nullptr) found.moment += members.read_row(slopes, k);
     if (angle) found.force_n += push * model.links[k].length;
     return found;
   }
 };
 
-/// Scratch: n columns for the angles, then n for the rates.
+/// Scratch of the 2 n columns: n for the angles, then n for the rates.
 template <class Real>
 struct Columns {
   Real *bx, *by;                         // force b
-  Real *ax, *ay;                         // change of the node's acceleration
+  Real *ax, *ay;                         // change D a of the node's acceleration
   Real *vx, *vy;                         // V
   Real *jump_x, *jump_y;                 // jump
-  Plane<Real>*answer, *position_answer;  // q of each segment, where forces answer its motion
+  Plane<Real>*answer, *position_answer;  // q of each segment, for velocity and for position
 
   Columns(const MotionModel& model, Layout& layout) {
     Real** const each[] = {&bx, &by, &ax, &ay, &vx, &vy, &jump_x, &jump_y};
@@ -256,7 +263,8 @@ struct Columns {
   }
 };
 
-/// Starts the column of a source in segment k; b: what the segments beyond need of k.
+/// Starts the column of a source in row k. b: change of the force that the segments beyond need; c:
+/// c_k; row: row k of the result.
 template <class Real>
 void start_column(const Linearised<Real>& about, const Columns<Real>& columns, Count k,
                   Count column, const Source<Real>& source, Plane<Real> b, Plane<Real> c,
@@ -281,7 +289,7 @@ void start_column(const Linearised<Real>& about, const Columns<Real>& columns, C
   columns.jump_y[column] = jump.y;
 }
 
-/// From the tip to the clamp: leaves g_k of the columns m >= k in row k of out (n, 2 n).
+/// Sweep from the tip to the clamp. Writes g_k of the columns m >= k to row k of out (n, 2 n).
 template <class Real>
 void columns_inward(const Linearised<Real>& about, const Columns<Real>& columns, Real* out) {
   const MotionModel& model = about.model;
@@ -332,7 +340,7 @@ void columns_inward(const Linearised<Real>& about, const Columns<Real>& columns,
   }
 }
 
-/// From the clamp to the tip: turns the g of every column into the change of theta''.
+/// Sweep from the clamp to the tip. Replaces g in every column by the change of theta''.
 template <class Real>
 void columns_outward(const Linearised<Real>& about, const Columns<Real>& columns, Real* out) {
   const MotionModel& model = about.model;
@@ -353,7 +361,8 @@ void columns_outward(const Linearised<Real>& about, const Columns<Real>& columns
         add_row_of_motion(k, columns.answer[k], columns.vx + block, columns.vy + block,
                           row + block);
       }
-      if (loaded && block == 0) {  // positions change by an angle as velocities do by its rate
+      // An angle changes positions by the vectors by which its rate changes velocities.
+      if (loaded && block == 0) {
         add_row_of_motion(k, columns.position_answer[k], columns.vx + n, columns.vy + n, row);
       }
       if (k > 0) row[block + k - 1] += joint(model, k, block == 0) * inverse;
@@ -366,7 +375,8 @@ void columns_outward(const Linearised<Real>& about, const Columns<Real>& columns
   }
 }
 
-/// Writes the derivatives of a state, or of each of a block, from its rows of accelerations.
+/// Writes the Jacobian (2 n, 2 n) of a state, or of each state of a block: n rows of derivatives of
+/// theta', which are 0 and 1, then n rows of derivatives of theta''.
 template <class Real>
 void jacobian_of(const MotionModel& model, const Members<Real>& members, double* out) {
   const Count n = model.size, rows = 2 * n, half = n * rows;
@@ -401,9 +411,9 @@ void jacobian_of(const MotionModel& model, const Members<Real>& members, double*
   }
 }
 
-/// Segments up to which the states of a batch are differentiated in the lanes of packs. Measured
-/// with 2, 4 and 8 lanes: three times as fast for few segments, no faster from 50 on, where the
-/// columns of one state fill packs as well and take less memory.
+/// Largest number of segments for which a batch is differentiated with one state in each lane of a
+/// pack. Measured with 2, 4 and 8 lanes: this is three times as fast for few segments, and no
+/// faster from 50 on, where the columns of one state fill packs as well and take less memory.
 constexpr Count side_by_side = 40;
 
 void jacobian(const MotionModel& model, const Batch& batch, double* out) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// The recursion of one vector level. This source is compiled once for each, with PIPEDYN_LEVEL and
-// PIPEDYN_WIDTH set.
+// The recursion of impedance.hpp for one vector level. This source is compiled once for each level,
+// with PIPEDYN_LEVEL and PIPEDYN_WIDTH set.
 #include "pipedyn/chain/impedance.hpp"
 
 #include "pipedyn/vector/lanes.hpp"
@@ -15,13 +15,14 @@ using pipedyn::ImpedanceSegment;
 using pipedyn::PairsAsked;
 using pipedyn::Points;
 
-/// lambda and what comes of it, or the sizes of these.
+/// lambda and its products in the coefficients, or their absolute values.
 template <class Number>
 struct Powers {
   Number one, square;  // lambda, lambda^2
   Number coriolis;     // sqrt(beta) U lambda
 };
 
+/// Coefficients of one segment, the flow's contributions included.
 template <class Number>
 struct Coefficients {
   Number elastic, force, across, turned, moment;  // e k, z, f, t, g
@@ -44,7 +45,7 @@ inline Coefficients<Lanes> coefficients(const ImpedanceSegment& at, const Powers
   return sum;
 }
 
-/// The sums of the absolute values of what these are sums of.
+/// Sums of the absolute values of the numbers whose sums are the coefficients of a segment.
 inline Coefficients<Pack> coefficient_sizes(const ImpedanceSegment& at, const Powers<Pack>& by) {
   const double l = at.length;
   Coefficients<Pack> sum{at.joint.rate * by.one + (at.joint.still + at.joint_loss),
@@ -60,7 +61,7 @@ inline Coefficients<Pack> coefficient_sizes(const ImpedanceSegment& at, const Po
   return sum;
 }
 
-/// T at so many lambda.
+/// Numbers of T at as many lambda as Lanes has lanes, one in each.
 struct Problem {
   Powers<Lanes> powers;
   double flow, entry, thrust;  // sqrt(beta) U, (1 - c) sqrt(beta) U and a U^2
@@ -94,12 +95,12 @@ struct Problem {
   }
 };
 
-/// How all beyond the end of a segment answers its motion.
+/// Reaction of the segments beyond the end of a segment to its motion: A, B, C, D of impedance.hpp.
 struct Impedance {
   Lanes a, b, c, d;
 };
 
-/// Beyond the last segment.
+/// Impedance at the end of the last segment.
 inline Impedance end_impedance(const ImpedanceModel& model, const Problem& problem) {
   Impedance end;
   end.a = -problem.entry * problem.powers.one;
@@ -107,7 +108,7 @@ inline Impedance end_impedance(const ImpedanceModel& model, const Problem& probl
   return end;
 }
 
-/// What eliminates a segment, or its derivative.
+/// The numbers R, W, H and p that eliminate a segment, or their derivatives by lambda.
 struct Step {
   Lanes r, w, h, p;
 
@@ -120,7 +121,8 @@ struct Step {
   }
 };
 
-/// Before a segment whose end is held; linear in what it takes.
+/// Impedance before a segment whose end is held. It is linear in beyond, at and thrust, so that it
+/// gives derivatives as well.
 inline Impedance before_held(double l, const Impedance& beyond, const Coefficients<Lanes>& at,
                              double thrust) {
   const double share = 1.0 / l;
@@ -138,7 +140,7 @@ void log_derivative(const ImpedanceModel& model, const Points& points, double* o
   for (Count first = 0; first < points.count; first += width) {
     const Lanes lambda = taken(points, first);
     const Problem problem(model, lambda, points.u);
-    Impedance at = end_impedance(model, problem), by;  // and its derivative by lambda
+    Impedance at = end_impedance(model, problem), by;  // by: derivative of `at` by lambda
     by.a.re = all<Pack>(-problem.entry);
     Lanes sum = -1.0 * poles(points, lambda);
     Coefficients<Lanes> own, change;
@@ -148,12 +150,12 @@ void log_derivative(const ImpedanceModel& model, const Points& points, double* o
         own = coefficients(segment, problem.powers);
         change = problem.by_lambda(segment);
       }
-      if (segment.held) {  // its pivot is constant
+      if (segment.held) {  // the pivot of a held segment is constant
         by = before_held(segment.length, by, change, 0.0);
         at = before_held(segment.length, at, own, problem.thrust);
         continue;
       }
-      // In shares of p = e k + R: d(e k / p) = -d(R / p) = kept / p.
+      // Numbers divided by p = e k + R: d(e k / p) = -d(R / p) = kept / p.
       const Step step(segment.length, at, own), moved(segment.length, by, change);
       const Lanes share = inverse(step.p), pushed = (step.h + problem.thrust) * share;
       const Lanes w = step.w * share, r = step.r * share, e = own.elastic * share;
@@ -168,13 +170,14 @@ void log_derivative(const ImpedanceModel& model, const Points& points, double* o
   }
 }
 
-/// Joint angle, angle, and displacement of a segment's joint and end. Inlined: called, it takes a
-/// third of the time of `pairs` more.
+/// Joint angle, angle, and displacements of the joint and of the end of a segment. Inlined: as a
+/// function call it would make `pairs` slower by a third.
 struct Motion {
   Lanes turn, angle, joint, end;
 
-  /// From the segment before and what loads turn this one by, none by a difference of the others.
-  /// by_joint: W of the step, or H + a U^2 for the left vector; by_end: p - l by_joint.
+  /// Replaces the motion of a segment by that of the next one, without a difference of nearly equal
+  /// numbers. share: 1 / p; by_joint: W of the step, or H + a U^2 for the left vector; by_end: p -
+  /// l by_joint; loaded: angle by which loads turn the next segment.
   PIPEDYN_INLINE void move(double l, const Lanes& share, const Lanes& elastic, const Lanes& r,
                            const Lanes& by_joint, const Lanes& by_end, const Lanes& loaded) {
     joint = end;
@@ -182,7 +185,7 @@ struct Motion {
     end = l * loaded + (by_end * joint + l * (elastic * angle)) * share;
     angle = loaded + (elastic * angle - by_joint * joint) * share;
   }
-  /// The same where the end is held.
+  /// Replaces the motion of a segment by that of the next one, whose end is held.
   void move_to_guide(double l) {
     joint = end;
     end = {};
@@ -191,15 +194,15 @@ struct Motion {
   }
 };
 
-/// Of loads on all beyond a segment: the force and the moment that they add to its impedance, and
-/// by what angle they turn it.
+/// Effect of the loads on all segments beyond: the force and the moment at the segment's end that
+/// they add to its impedance, and the angle by which they turn the segment.
 struct LoadBeyond {
   Lanes force, moment, turned;
 };
 
-/// Y^T (dT/dlambda) X by its parts, summed over the segments.
+/// The parts of Y^T (dT/dlambda) X, summed over the segments.
 struct Rates {
-  Lanes mass, flow, damping;  // times 2 lambda, sqrt(beta) U and 1
+  Lanes mass, flow, damping;  // their factors are 2 lambda, sqrt(beta) U and 1
 
   PIPEDYN_INLINE void add(const ImpedanceSegment& at, const Motion& dual, const Motion& motion) {
     const double l = at.length;
@@ -217,20 +220,20 @@ struct Rates {
   }
 };
 
-/// What the way back needs of a segment: the impedance of all beyond, and 1 / p.
+/// Numbers of a segment that the sweep from the clamp needs: impedance of all beyond, and 1 / p.
 struct Segment {
   Impedance beyond;
   Lanes share;
 };
 
-/// What the loads of right and left vector turn a segment by.
+/// Angles by which the loads of the right and the left vector turn a segment.
 struct Turned {
   Lanes right, left;
 };
 
 void pairs(const ImpedanceModel& model, const Points& points, const PairsAsked& out) {
   const Count n = model.size;
-  Count start = 0;  // the first segment that moves
+  Count start = 0;  // first segment that moves
   while (model.segments[start].held) ++start;
   struct Scratch {
     Segment* segments;
@@ -243,13 +246,13 @@ void pairs(const ImpedanceModel& model, const Points& points, const PairsAsked& 
     const Problem problem(model, taken(points, first), points.u);
     Impedance at = end_impedance(model, problem);
     LoadBeyond load, dual;
-    double weight = 0.5;  // of the load on a joint
+    double weight = 0.5;  // factor of the load on a joint
     Coefficients<Lanes> own;
     for (Count j = n - 1; j >= 0; --j) {
       const ImpedanceSegment& segment = model.segments[j];
       const double l = segment.length;
       if (!segment.repeats) own = coefficients(segment, problem.powers);
-      if (segment.held) {  // the guide takes forces, and moments as forces
+      if (segment.held) {  // the guide balances forces; moments act as forces on the joint before
         segments[j].beyond = at;
         at = before_held(l, at, own, problem.thrust);
         load = {(-1.0 / l) * load.moment, {}, {}};
@@ -267,14 +270,15 @@ void pairs(const ImpedanceModel& model, const Points& points, const PairsAsked& 
         dual.force += step.w * dual.turned;
         load.moment = Lanes{} - own.elastic * load.turned;
         dual.moment = Lanes{} - own.elastic * dual.turned;
-        weight += weight < 1.0 ? 0.382 : -0.618;  // irregular, to excite every mode
+        weight += weight < 1.0 ? 0.382 : -0.618;  // irregular, so that it excites every mode
         turned_by[j] = {load.turned, dual.turned};
       }
       segments[j] = {at, share};
       at = {at.a + own.force - pushed * (step.w * share),
             step.h * e - problem.thrust * (step.r * share), step.w * e, step.r * e};
     }
-    const Lanes free{all<Pack>(out.loaded ? 0.0 : 1.0), {}};  // 1 / p may be infinite
+    // First angle of vectors without loads: it is set, because 1 / p may be infinite.
+    const Lanes free{all<Pack>(out.loaded ? 0.0 : 1.0), {}};
     Motion x, y;
     const Powers<Pack> sizes = problem.sizes();
     Rates rates, own_rates;
@@ -315,11 +319,12 @@ void pairs(const ImpedanceModel& model, const Points& points, const PairsAsked& 
       if (out.by_right != nullptr)
         own_rates.add(segment, {conjugate(x.turn), conjugate(x.angle), conjugate(x.joint), {}}, x);
       pressed += y.joint * x.turn;
-      // |Y|^T |T X|; the joint's moment of the segment before is complete now.
+      // Sums of Y^T (T X) and |Y|^T |T X|; now that this segment's joint is known, the row of the
+      // moments of the segment before is complete.
       const Lanes elastic = own.elastic * x.turn;
       const Lanes dual_moment = own.elastic * y.turn + problem.thrust * y.joint;
       Lanes force = at.a * x.end + at.b * x.angle, dual_force = at.a * y.end + at.c * y.angle;
-      if (segment.held) {  // with the guide's
+      if (segment.held) {  // the force of the guide included
         const Lanes turned = own.moment + at.d;
         force = (-1.0 / l) * (elastic + turned * x.angle + own.across * x.joint);
         dual_force = (-1.0 / l) * (dual_moment + turned * y.angle + own.turned * y.joint);
@@ -337,7 +342,8 @@ void pairs(const ImpedanceModel& model, const Points& points, const PairsAsked& 
                          force_before);
       }
       joint_moment = elastic + own.moment * x.angle + own.across * x.joint + l * force;
-      // What Y^T T X sums, and what theta, w and their duals are sums of.
+      // Absolute values of the terms of Y^T T X, and of the terms whose sums are theta, w and the
+      // corresponding entries of Y.
       const Pack turns = size_of(x.turn), angles = size_of(x.angle), joints = size_of(x.joint);
       entries +=
           terms.elastic * size_of(y.turn) * turns +

@@ -1,28 +1,29 @@
 // SPDX-License-Identifier: MIT
 //
-// The linear problem T(lambda, u) X = 0 of a straight chain, nothing eliminated, in the unknowns
-// (phi_j, theta_j, w_j, Q_j) of each segment: joint angle, angle, transverse displacement of the
-// end, and the force that all beyond the end exerts, less a U^2 theta_j. Four equations a segment:
+// The linear problem T(lambda, u) X = 0 of a straight chain, without eliminating unknowns. Each
+// segment has the unknowns (phi_j, theta_j, w_j, Q_j): joint angle, angle, transverse displacement
+// of its end, and the force that the segments beyond exert on its end, less a U^2 theta_j. There
+// are four equations a segment:
 //   theta_j - theta_{j-1} - phi_j = 0,   w_j - w_{j-1} - l_j theta_j = 0,
 //   e k_j phi_j - e k_{j+1} phi_{j+1} + g_j theta_j + f_j w_{j-1} + l_j Q_j = 0   (row j of P),
 //   Q_{j-1} = Q_j + z_j w_{j-1} + t_j theta_j + a U^2 phi_j,
-//   Q_n = -(1 - c) sqrt(beta) U lambda w_n, less a U^2 theta_n where the end is guided, with the
-//   spring of its joint in g_n,
-// e k_j being k_j + c_j lambda, with a loss factor + i mu dc_j / ddelta. No entry is a difference
-// of nearly equal numbers; beyond a joint that nothing holds all is of the order of lambda, with
-// all its digits. What lies beyond segment j answers a motion of its end by Q_j = A w_j + B theta_j
-// and -e k_{j+1} phi_{j+1} = C w_j
-// + D theta_j. With
+//   Q_n = -(1 - c) sqrt(beta) U lambda w_n; if the end is guided, less a U^2 theta_n, and g_n
+//   contains the spring of its joint,
+// where e k_j is k_j + c_j lambda, and with a loss factor mu also + i mu dc_j / ddelta. No entry is
+// a difference of nearly equal numbers; beyond a joint without a spring all entries are of the
+// order of lambda, and accurate to all digits. The segments beyond segment j react to a motion of
+// its end by Q_j = A w_j + B theta_j and -e k_{j+1} phi_{j+1} = C w_j + D theta_j. With
 //   G = l A + B,  R = g + D + l (C + G),  W = f + C + l A,  H = G + t,  p = e k + R
-// row j says phi_j = -(R theta_{j-1} + W w_{j-1}) / p, and before the segment
+// row j gives phi_j = -(R theta_{j-1} + W w_{j-1}) / p, and one segment nearer to the clamp
 //   A + z - (H + a U^2) W / p,   (H e k - a U^2 R) / p,   e k W / p,   e k R / p
-// stand in place of A, B, C, D. Where a guide holds the end, w_j = 0, its force is unknown and
-// theta_j = -w_{j-1} / l; what stands before is the limit for a stiff spring there,
+// take the place of A, B, C, D. If a guide holds the end of segment j, w_j = 0, its force is
+// unknown and theta_j = -w_{j-1} / l; A, B, C, D are then the limit for a stiff spring there,
 //   (e k + D + g) / l^2 - (f + t + a U^2) / l + z,   e k / l - a U^2,   e k / l,   e k.
-// det P is the product of the other segments' pivots p; without damping and flow the negative ones
-// are as many as roots lie below |lambda|. The left vector Y, in psi_j = y_j -
-// y_{j-1}, obeys the same with W and H + a U^2 exchanged. O(n) for each lambda, without pivoting:
-// the residual of T, and what rounding does to its entries, say how good a root is.
+// det P is the product of the pivots p of the segments that are not held; without damping and flow,
+// the number of negative pivots is the number of roots below |lambda|. The left vector Y, with
+// psi_j = y_j - y_{j-1}, satisfies the same equations with W and H + a U^2 exchanged. The cost is
+// O(n) for each lambda, without pivoting; the residual of T, compared with the effect of rounding
+// on its entries, shows how accurate a root is.
 #pragma once
 
 #include <cstddef>
@@ -31,45 +32,48 @@
 
 namespace pipedyn {
 
-/// What multiplies lambda^0, lambda^1 and lambda^2.
+/// Factors of lambda^0, lambda^1 and lambda^2 in a coefficient.
 struct ImpedanceParts {
   double still, rate, square;
 
   bool operator==(const ImpedanceParts&) const = default;
 };
 
-/// One segment, all but the flow's share of each coefficient.
+/// Coefficients of one segment, without the contributions of the flow.
 struct ImpedanceSegment {
   double length;
   ImpedanceParts joint;            // e k, of the joint, which has no inertia
-  ImpedanceParts force;            // z: on all beyond the joint, by its displacement
-  ImpedanceParts across;           // f: moment about the joint, by its displacement
+  ImpedanceParts force;            // z: force on all beyond the joint, by the joint's displacement
+  ImpedanceParts across;           // f: moment about the joint, by the joint's displacement
   ImpedanceParts turned;           // t: force on all beyond the joint, by the angle
   ImpedanceParts moment;           // g: moment about the joint, by the angle
   double joint_loss, moment_loss;  // imaginary parts of e k and of g
-  // Sums of the absolute values of what t and g are at rest.
+  // Sums of the absolute values of the numbers whose sums are t and g at lambda = 0.
   double turned_size, moment_size;
   bool held;     // whether a guide holds its end
-  bool loaded;   // whether z, f and t are more than inertia, or g has a rate or a loss
+  bool loaded;   // whether z, f or t is more than inertia, or g has a rate or a loss
   bool repeats;  // whether the next segment equals it in all of the above
 
   bool operator==(const ImpedanceSegment&) const = default;
 };
 
+/// The linear problem of a chain.
 struct ImpedanceModel {
   const ImpedanceSegment* segments;
   std::ptrdiff_t size;  // n
   double coriolis;      // sqrt(beta) s
   double entry;         // (1 - c) sqrt(beta) s
-  double thrust;        // a cos psi, a for short
+  double thrust;        // a cos psi, which the formulas above call a
   bool guided;          // whether the end keeps its direction
 };
 
+/// The functions of one vector level.
 struct ImpedanceKernel {
-  /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k), real and imaginary parts of count
-  /// values; roots k at lambda itself add nothing.
+  /// Computes d log det P / dlambda - sum_k 1 / (lambda - lambda_k) at each lambda of the points:
+  /// all real parts, then all imaginary parts. Roots lambda_k equal to lambda are left out.
   void (*log_derivative)(const ImpedanceModel&, const Points&, double* out);
-  /// Vectors of roots, or of values near them. Uses the thread's scratch (vector/scratch.hpp).
+  /// Computes right and left vectors, and numbers from them, at roots or at values near roots. Uses
+  /// the thread's scratch (vector/scratch.hpp).
   void (*pairs)(const ImpedanceModel&, const Points&, const PairsAsked&);
 };
 

@@ -1,19 +1,21 @@
 // SPDX-License-Identifier: MIT
 //
-// The functions of one vector level. This source is compiled once for each, with PIPEDYN_LEVEL and
-// PIPEDYN_WIDTH set.
+// The functions of one vector level. This source is compiled once for each level, with
+// PIPEDYN_LEVEL and PIPEDYN_WIDTH set.
 //
-// Energy: kinetic + sum k_j phi_j (phi_j / 2 - psi_j) + gamma sum p_j (1 - cos theta_j). Power,
-// with the velocity v of the end and v_j of the drag points: flow -c sqrt(beta) U |v|^2 - a U^2
-// (cos psi t_n + sin psi n_n) . v, joints -sum c_j phi_j'^2, drag -kappa sum l_j |v_j|^3. Where the
-// end is guided its joint counts, with phi_{n+1} = -theta_n, and the axis stands for segment n in
-// the direction of the jet. To both come the terms', as their laws say. A change of speed adds
-// -sqrt(beta) U' sum l_j t_j . r_j' to the flow's.
+// Energy: kinetic energy + sum k_j phi_j (phi_j / 2 - psi_j) + gamma sum p_j (1 - cos theta_j).
+// Powers, with the velocity v of the end and v_j of the drag points: flow -c sqrt(beta) U |v|^2 -
+// a U^2 (cos psi t_n + sin psi n_n) . v, joints -sum c_j phi_j'^2, drag -kappa sum l_j |v_j|^3. If
+// the end is guided, its joint with phi_{n+1} = -theta_n is included, and the axis replaces segment
+// n in the direction of the jet. The terms add their energies and powers, given by their laws. A
+// change of speed adds -sqrt(beta) U' sum l_j t_j . r_j', with r_j' the velocity in the middle of
+// segment j, to the power of the flow.
 //
-// Where the base moves the energy is that in its frame, but for the terms', which stand on the
-// ground, and v and r_j' are about it; of the flow the part -(1 - c) sees the whole velocity. With
-// the momentum P about the base and the force R of drag and terms, whose own power is that on the
-// ground, the base adds -(X'', Y'') . P - (X', Y') . R.
+// If the base moves, the energy is that in the frame of the base, except for the terms' energy,
+// which is that on the ground; v and r_j' are relative to the base, but the part -(1 - c) of the
+// flow's force contains the whole velocity. Let P be the momentum relative to the base, and R the
+// force of drag and terms, whose own power is that on the ground. The base adds the power -(X'',
+// Y'') . P - (X', Y') . R.
 #include "pipedyn/chain/motion.hpp"
 
 #include "pipedyn/chain/derivative.hpp"
@@ -29,7 +31,8 @@
 
 namespace {
 
-/// Calls body(law, place, station) for each place with a load, of angles and rates that were read.
+/// Calls body(law, place, station) for each place with a load. sweep: angles and rates after
+/// read_state.
 template <class Real, class Body>
 void for_each_load(const MotionModel& model, const Members<Real>& members, Sweep<Real> sweep,
                    const Body& body) {
@@ -100,7 +103,8 @@ void power_of(const MotionModel& model, const Members<Real>& members, Sweep<Real
   const Real u = members.speed(), end_rate = sweep.at(sweep.rate, n - 1);
   joints -= model.end_damping * (end_rate * end_rate);
   const Thrust<Real> thrust(model, members);
-  const Real along = vt - parts.base_along, across = vn - parts.base_across;  // about the base
+  // Velocity of the end relative to the base.
+  const Real along = vt - parts.base_along, across = vn - parts.base_across;
   const Real entry = model.entry * u, own = (model.entry - model.coriolis) * u;
   const Real flow = (own * along + entry * parts.base_along - thrust.along) * along +
                     (own * across + entry * parts.base_across - thrust.across) * across;
@@ -111,7 +115,8 @@ void power_of(const MotionModel& model, const Members<Real>& members, Sweep<Real
   members.set_row(out, 4, parts.base);
 }
 
-/// With the acceleration A_j of joint j and D_j = r(1) - r_{j+1},
+/// Implements MotionKernel::axial. With the acceleration A_j of joint j, the vector D_j from joint
+/// j + 1 to the end and the integral along the pipe,
 ///   int t . r'' = sum_j l_j (t_j . A_j - l_j w_j^2 / 2),
 /// whose derivatives are l_j (n_j . A_j - (w_j' t_j + w_j^2 n_j) . D_j) by the angle of segment j,
 /// -l_j w_j (2 t_j . D_j + l_j) by its rate, and l_j n_j . D_j by its acceleration.
@@ -135,7 +140,7 @@ void axial_of(const MotionModel& model, const Members<Real>& members, Sweep<Real
   }
   members.set_row(out, 0, along);
   members.set_row(out, 1, depth);
-  Real x{}, y{};  // of D_j
+  Real x{}, y{};  // components of D_j
   for (Count j = n - 1; j >= 0; --j) {
     const double l = model.links[j].length;
     const Real s = sweep.at(sweep.sine, j), c = sweep.at(sweep.cosine, j);
@@ -183,7 +188,7 @@ bool all_finite(const double* x, Count count) {
   double sum = 0.0;
   for_each_pack(count, [&]<class Real, Count packs>(Count first) {
     for (Count p = 0; p < packs; ++p) {
-      const Real none = 0.0 * load<Real>(x + first + p * lanes<Real>);  // or NaN
+      const Real none = 0.0 * load<Real>(x + first + p * lanes<Real>);  // 0, or NaN if not finite
       if constexpr (lanes<Real> == lanes<Pack>) {
         sums[p] += none;
       } else {

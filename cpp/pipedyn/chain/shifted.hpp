@@ -1,24 +1,26 @@
 // SPDX-License-Identifier: MIT
 //
-// (mu - J) x = b for a chain in O(n), J = d(dy/dtau)/dy about any state and mu complex, for four mu
-// at once, which lie in the lanes of a vector: what implicit integrators solve.
+// Solution of (mu - J) x = b for a chain in O(n), with J = d(dy/dtau)/dy about any state and mu
+// complex, the linear system of implicit integrators. Four mu are solved for at once, one in each
+// lane of a vector.
 //
 // With b = [b1, b2] and x = [x1, x2] the angle of segment j changes by (x2_j + b1_j) / mu, its rate
 // by x2_j and its angular acceleration by mu x2_j - b2_j. Let m_j be the changes of acceleration,
-// velocity and position of node j, the last two only where drag, loads or the entering flow see
-// them. Across segment j
+// velocity and position of node j; the last two are left out unless drag, loads or the entering
+// flow depend on them. Across segment j
 //   m_j = m_{j-1} + g_j x2_j + e_j,
-// e_j by b alone. All beyond node j answers with a force and with the moment of joint j + 1,
-//   f_j = Z_j m_j + z_j x2_j + f0_j,   k_j = K_j m_j + s_j x2_j + k0_j,
-// f_n by the follower force and the entering flow alone, k_n by the joint of a guided end alone.
-// Segment j's moments about its joint then give
+// where e_j depends on b alone. The segments beyond node j need a force at node j, and joint j + 1
+// exerts a moment,
+//   f_j = Z_j m_j + z_j x2_j + f0_j,   k_j = K_j m_j + s_j x2_j + k0_j.
+// f_n comes from the follower force and the entering flow alone, k_n from the joint of a guided end
+// alone. The moments on segment j about its joint then give
 //   x2_j = X_j m_{j-1} + (c_j / D_j) x2_{j-1} + x0_j,   c_j = spring_j / mu + damping_j,
 //   D_j = c_j + R_j,
-// R_j of everything but its own joint; so one segment nearer to the clamp
+// where R_j contains everything but the segment's own joint. One segment nearer to the clamp,
 //   k_{j-1} = c_j X_j m_{j-1} - (c_j R_j / D_j) x2_{j-1} + ...,
-// which takes no difference of nearly equal numbers however stiff joints are. One sweep to the
-// clamp finds the answers, one back x. What a segment adds by its own angle and rate is the source
-// of their columns in derivative.hpp.
+// without a difference of nearly equal numbers however stiff joints are. One sweep to the clamp
+// computes the coefficients of f and k, and one sweep back computes x. The forces that a segment
+// adds by its own angle and rate are the sources of these columns in derivative.hpp.
 //
 // Local to each translation unit, like pack.hpp.
 #pragma once
@@ -28,18 +30,20 @@
 
 namespace {
 
-/// What the solves read of a segment. size: of m, 2 or with velocities and positions 6.
+/// Numbers of segment j that the solves read. size: entries of m, 2, or 6 with velocities and
+/// positions.
 template <Count size>
 struct ShiftedSegment {
   double l, lever, spring, inertia;             // lever: m chi
-  Plane<double> normal, jump, velocity, force;  // the last three by its angle
-  double moment;                                // by its angle
+  Plane<double> normal, jump, velocity, force;  // the last three: derivatives by its angle
+  double moment;                                // derivative by its angle
   Complex step[size];                           // g
   Complex force_by[2][size], moment_by[size];   // Z and K of node j
-  Complex push[2];                              // force at its clamped side by x2_j
+  Complex push[2];                              // derivative of the force at its joint by x2_j
   Complex by[size], inverse, joint, follow;     // X, 1 / D, c, c / D
 
-  /// What b alone adds to m across the segment: rest has angle b1 / mu and acceleration -b2.
+  /// Computes e_j, which b alone adds to m across the segment. angle: b1 / mu, the change of its
+  /// angle for x2 = 0; rate: b2; the acceleration is -b2 for x2 = 0.
   void passed(const Complex& angle, const Complex& rate, Complex (&e)[size]) const {
     e[0] = (-l * normal.x) * rate + jump.x * angle;
     e[1] = (-l * normal.y) * rate + jump.y * angle;
@@ -59,7 +63,8 @@ inline Complex product(const Complex (&row)[size], const Complex (&column)[size]
   return sum;
 }
 
-/// Where the factors of some shifts are in an array: mu and 1 / mu, then the segments.
+/// Pointers into the array of factors for the shifts of one pass: to mu and 1 / mu, and to the
+/// segments.
 template <Count size>
 struct ShiftedFactors {
   using Segment = ShiftedSegment<size>;
@@ -98,7 +103,8 @@ void factorise_shifted(const Linearised<double>& about, const ShiftedFactors<siz
   const Complex mu = *out.mu, inverse_mu = inverse(mu), zero = 0.0 * mu;
   *out.inverse = inverse_mu;
   const Plane<double> end = turned_thrust(model, about.u, about.frame(n - 1).n);
-  Complex force[2][size], moment[size], at_rate[2], moment_at_rate = zero;  // Z, K, z, s
+  // Z, K, z and s of node j.
+  Complex force[2][size], moment[size], at_rate[2], moment_at_rate = zero;
   for (Count i = 0; i < size; ++i) force[0][i] = force[1][i] = moment[i] = zero;
   if constexpr (size == 6) {
     force[0][2] = force[1][3] = zero + (-model.entry * about.u);
@@ -142,7 +148,8 @@ void factorise_shifted(const Linearised<double>& about, const ShiftedFactors<siz
     here.inverse = ::inverse(here.joint + rest);
     here.follow = here.joint * here.inverse;
 
-    const Plane<double> added = scaled(link.added, frame.n);  // across alone
+    // Mass that has inertia only across the segment.
+    const Plane<double> added = scaled(link.added, frame.n);
     double force_own[2][size] = {{link.mass + added.x * frame.n.x, added.x * frame.n.y},
                                  {added.y * frame.n.x, link.mass + added.y * frame.n.y}};
     double moment_own[size] = {here.lever * arm.x, here.lever * arm.y};
@@ -183,7 +190,7 @@ void factorise_shifted(const Linearised<double>& about, const ShiftedFactors<siz
   }
 }
 
-/// b becomes x. alone: room for n numbers of each shift.
+/// Replaces b in x by the solution. alone: scratch for n numbers of each shift.
 template <Count size>
 void solve_shifted(const MotionModel& model, double u, const ShiftedFactors<size>& factors,
                    Count pass, double* alone, double* x) {
@@ -221,13 +228,13 @@ void solve_shifted(const MotionModel& model, double u, const ShiftedFactors<size
   }
 }
 
-/// What body.operator()<size>() is for the motion that factors carry.
+/// Returns body.operator()<size>() with the size of m that the model needs.
 template <class Body>
 auto with_carried(const MotionModel& model, const Body& body) {
   return model.resists() ? body.template operator()<6>() : body.template operator()<2>();
 }
 
-/// Calls body(factors, pass) with the factors of all shifts, as many at a time as a vector holds.
+/// Calls body(factors, pass) for each pass, which has as many shifts as a vector has lanes.
 template <class Body>
 void for_each_pass(const MotionModel& model, double* array, const Body& body) {
   with_carried(model, [&]<Count size>() {

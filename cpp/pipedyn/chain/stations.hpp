@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: MIT
 //
-// Where the terms of a pipe are on a chain. A place at arc length s lies on segment j at an arm a
-// from its joint. With r_j the joint of segment j and v_j its velocity,
+// Places of a pipe's terms on a chain. A place at arc length s lies on segment j at an arm a from
+// its joint. With the position r_j and the velocity v_j of that joint, its position and velocity
+// are
 //   r = r_j + a t_j,   v = v_j + a theta_j' n_j.
-// Terms but those on the base stand on the ground: where the base moves they see its motion, too.
+// All terms but those on the base stand on the ground: if the base moves, r and v include its
+// motion.
 //
 // Local to each translation unit, like pack.hpp.
 #pragma once
@@ -38,8 +40,9 @@ inline Plane<Real> plane(const Real (&entries)[2]) {
   return {entries[0], entries[1]};
 }
 
-/// Change of a load's force by a variable of its station, or along v by its position or velocity;
-/// then of its couple.
+/// Derivative of a load's force by one variable of its station; with v, the change of the force if
+/// the station's position or velocity changes by v. `couple_by`: derivatives of the load's couple
+/// by both components of the position or velocity.
 template <class Real>
 inline Plane<Real> force_by(const Slopes<Real>& slopes, Variable variable) {
   return {slopes.by[0][variable], slopes.by[1][variable]};
@@ -53,14 +56,15 @@ template <class Real>
 inline Plane<Real> couple_by(const Slopes<Real>& slopes, Variable first) {
   return {slopes.by[2][first], slopes.by[2][first + 1]};
 }
-/// Change of the force along v by each component of its station's position or velocity.
+/// Derivatives of the force's component along v by both components of its station's position or
+/// velocity.
 template <class Real>
 inline Plane<Real> work_by(const Slopes<Real>& slopes, Variable first, const Plane<Real>& v) {
   return {slopes.by[0][first] * v.x + slopes.by[1][first] * v.y,
           slopes.by[0][first + 1] * v.x + slopes.by[1][first + 1] * v.y};
 }
 
-/// A matrix, by rows, times a vector, and its transpose times one.
+/// Product of a matrix, given by rows, and a vector; `transposed_times`: with its transpose.
 template <class Real>
 inline Plane<Real> times(const Real (&rows)[2][2], const Plane<Real>& v) {
   return {rows[0][0] * v.x + rows[0][1] * v.y, rows[1][0] * v.x + rows[1][1] * v.y};
@@ -70,25 +74,28 @@ inline Plane<Real> transposed_times(const Real (&rows)[2][2], const Plane<Real>&
   return {rows[0][0] * v.x + rows[1][0] * v.y, rows[0][1] * v.x + rows[1][1] * v.y};
 }
 
-/// What drives a member, see Drive; all 0 where nothing does.
+/// The drive of a member, in the order of the rows of Drive; all 0 if the batch has none.
 template <class Real>
 struct Driven {
   Real rate{}, x{}, y{}, vx{}, vy{}, ax{}, ay{};
 
-  /// row(k): row k of a batch's drive, which it has.
+  /// The drive of a member of a batch. row(k): entry of the member in row k of the batch's drive;
+  /// called only if the batch has one.
   template <class Row>
   static Driven of(const pipedyn::Batch& batch, const Row& row) {
     const bool driven = batch.drive != nullptr;
-    // One by one: all zeros at once were written by eights of bytes and read by packs.
+    // Entries are set one by one: a struct of zeros was written in pieces of eight bytes and read
+    // in packs, which is slow.
     const auto entry = [&](Count k) { return driven ? row(k) : Real{}; };
     return {entry(0), entry(1), entry(2), entry(3), entry(4), entry(5), entry(6)};
   }
 };
 
-/// From segment to segment, from the clamp on, past the places with a load.
+/// Position, velocity and direction of one segment after the other, from the clamp to the end, and
+/// of the places with a load on them.
 template <class Real>
 struct Walk {
-  Real x, y, vx, vy;    // of the joint
+  Real x, y, vx, vy;    // position and velocity of the joint
   Real sine{}, cosine;  // of the segment's angle
   const SegmentTerm *next, *end;
   Driven<Real> driven;
@@ -103,15 +110,15 @@ struct Walk {
         end(model.loads + model.load_count),
         driven(base) {}
 
-  /// Into the next segment, by sine and cosine of its joint angle.
+  /// Turns to the direction of the next segment. s, c: sine and cosine of its joint angle.
   void turn(const Real& s, const Real& c) {
     const Real before = sine;
     sine = c * before + s * cosine;
     cosine = c * cosine - s * before;
   }
 
-  /// Calls body(law, place, station) for each place of segment j, which has this angle and rate,
-  /// then goes on to its end.
+  /// Calls body(law, place, station) for each place of segment j, then moves to the segment's end.
+  /// angle, rate: theta_j and theta_j'.
   template <class Body>
   void pass(Count j, double length, const Real& angle, const Real& rate, const Body& body) {
     for (; next != end && next->segment == j; ++next) {
@@ -135,16 +142,17 @@ struct Walk {
   }
 };
 
-/// Sums over the places of one segment, with powers 0, 1, 2 of the arm as far as they are met.
+/// Sums of the loads over the places of one segment, weighted with powers 0, 1, 2 of the arm; only
+/// the sums that the equations need are computed.
 template <class Real>
 struct LoadMoments {
-  Real load[2][2];  // by power: x, y
-  Slopes<Real> slopes[3];
-  bool any;  // whether there is a place
+  Real load[2][2];         // [power]: x and y of the load
+  Slopes<Real> slopes[3];  // [power]: derivatives of the loads
+  bool any;                // whether there is a place
 };
 
-/// The moments of each segment of a chain in a state, given by sines and cosines of its angles, one
-/// Real a segment, by angle(j) and by rate(j).
+/// Computes the LoadMoments of each segment of a chain in a state. The state is given by sines and
+/// cosines of the angles, one Real a segment, by angle(j) and by rate(j). out: (n,).
 template <class Real, class Angle, class Rate>
 inline void load_moments(const MotionModel& model, const double* sine, const double* cosine,
                          const Angle& angle, const Rate& rate, const Driven<Real>& driven,
@@ -166,7 +174,7 @@ inline void load_moments(const MotionModel& model, const double* sine, const dou
         sum.load[power][1] += weights[power] * force.y;
       }
       for_each_slope(load, [&](auto row, auto k, const Real& slope) {
-        // One arm for the work of a force, and one for the motion of its place.
+        // The moment of a force multiplies by the arm once, and the motion of its place once more.
         constexpr int powers = 1 + (row < 2) + (k != by_angle && k != by_rate);
         for (int power = 0; power < powers; ++power) {
           sum.slopes[power].by[row][k] += weights[power] * slope;

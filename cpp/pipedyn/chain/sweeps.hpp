@@ -1,42 +1,45 @@
 // SPDX-License-Identifier: MIT
 //
 // The chain's motion in O(n) a state, in the frames of the segments: t_j along segment j, n_j
-// across it, phi_j = theta_j - theta_{j-1} from one to the next. Whatever turns with no bend in the
-// chain takes the sine of a small angle, not a difference of large ones.
+// across it, and the angle phi_j = theta_j - theta_{j-1} from one frame to the next. If the chain
+// as a whole turns far but bends little, all sines are then those of small angles, and no small
+// number is a difference of large ones.
 //
-// With w_j = theta_j' and the acceleration a_j of node j, gravity as an acceleration of the clamp,
+// With w_j = theta_j', the acceleration a_j of node j, and gravity as an acceleration of the clamp,
 //   a_j = a_{j-1} + l_j (theta_j'' n_j - w_j^2 t_j),   a_0 = -gamma (0, 1).
-// All beyond node j answers a_j with the force A_j a_j + b_j, A_j symmetric (2, 2), A_n = 0,
-// b_n = a U^2 (cos psi t_n + sin psi n_n) - (1 - c) sqrt(beta) U r_n' (follower force, entering
-// flow), with the axis for segment n in the first where the end is guided. The moments about the
-// joint of segment j give
+// The segments beyond node j need the force A_j a_j + b_j at node j, where A_j is symmetric (2, 2),
+// A_n = 0, and b_n = a U^2 (cos psi t_n + sin psi n_n) - (1 - c) sqrt(beta) U r_n' is the follower
+// force and the force of the entering flow; if the end is guided, the axis replaces segment n in
+// the first of the two. The moments about the joint of segment j give
 //   theta_j'' = g_j - e_j . a_{j-1},   e_j = c_j / H_j,   c_j = l_j A_j n_j + m_j chi_j l_j n_j,
 //   H_j = l_j^2 n_j . A_j n_j + m_j (chi_j^2 l_j^2 + eta_j^2),
 //   g_j = (tau_j - l_j n_j . (b_j - l_j w_j^2 A_j t_j)) / H_j,
 //   tau_j = K_{j+1} - K_j - sqrt(beta) U l_j^2 w_j - xi_j l_j d_j,
 // with the joint's moment K_j = k_j (phi_j - psi_j) + c_j phi_j' and the drag d_j = kappa l_j |v_j|
-// v_j, and one segment nearer to the clamp
+// v_j. One segment nearer to the clamp,
 //   A_{j-1} = A_j + m_j - c_j e_j^T,
 //   b_{j-1} = b_j - w_j^2 (l_j A_j + m_j chi_j l_j) t_j + c_j g_j
 //             + (2 sqrt(beta) U l_j w_j + d_j) n_j.
-// K_{n+1} = -k_{n+1} theta_n - c_{n+1} theta_n' of the joint that holds a guided end.
-// A load f at an arm a of segment j adds a n_j . f to tau_j and -f to b_{j-1}. Mass that moves
-// across a segment alone, as AddedMass has, adds to m_j, chi_j and eta_j but along t_j, where
-// A_{j-1} takes what is called mass below; the weight and the centripetal force that it is given so
-// are taken back. Where the speed changes, the fluid's acceleration is the load -sqrt(beta) U' l_j
-// t_j in the middle; where the base moves, a_0 has its acceleration besides, and drag and terms see
-// its velocity and position: the flow's other forces do not.
+// The joint of a guided end has the moment K_{n+1} = -k_{n+1} theta_n - c_{n+1} theta_n'.
+// A load f at an arm a of segment j adds a n_j . f to tau_j and -f to b_{j-1}. Mass that has
+// inertia only across a segment, as in AddedMass, adds to m_j, chi_j and eta_j except along t_j,
+// where only Link::mass adds to A_{j-1}; the weight and the centripetal force that the equations so
+// give to this mass are subtracted again as loads. If the flow speed changes, the fluid's
+// acceleration is a load -sqrt(beta) U' l_j t_j in the middle of segment j. If the base moves, a_0
+// includes its acceleration, and the velocity and position seen by drag and terms include those of
+// the base; the other forces of the flow do not depend on them.
 //
-// 1 / H_j enters last wherever it can, so that a segment waits for its neighbour's division alone.
-// These are eqs. (1)-(11) of Orsino and Di Giulio, solved by one sweep to the tip (velocities, only
-// with drag), one back and one out. Across the segment, differences of nearly equal numbers are
-// taken by hand: with I_j the inertia about the joint,
+// 1 / H_j is multiplied last wherever possible, so that a segment waits only for the division of
+// its neighbour. These are eqs. (1)-(11) of Orsino and Di Giulio, solved by one sweep to the tip
+// for the velocities (only if forces depend on them), one to the clamp and one to the tip. Across
+// the segment, differences of nearly equal numbers are avoided by formulas in which they cancel
+// exactly: with I_j the inertia about the joint,
 //   n . A_{j-1} n = m_j (n . A_j n ((1 - chi_j)^2 l_j^2 + eta_j^2) + m_j eta_j^2) / H_j,
 //   t . A_{j-1} n = t . A_j n (I_j - m_j chi_j l_j^2) / H_j,   and n . b_{j-1} likewise,
 //   1 - l_j n . e_j = (I_j - m_j chi_j l_j^2) / H_j.
 //
-// Local to each translation unit, like pack.hpp. A batch goes through in blocks of one pack of
-// members; a single state takes its sines by packs of segments.
+// Local to each translation unit, like pack.hpp. A batch is computed in blocks of one pack of
+// members. For a single state, sines are computed in packs of segments.
 #pragma once
 
 #include "pipedyn/chain/motion.hpp"
@@ -47,7 +50,8 @@ namespace {
 
 using pipedyn::Batch, pipedyn::Link, pipedyn::MotionModel;
 
-/// Some members of a batch, as many as a Real holds or, in a narrow batch, fewer.
+/// A block of members of a batch: one for each lane of a Real, or fewer in a batch of fewer
+/// members.
 template <class Real>
 struct Members {
   const Batch& batch;
@@ -82,8 +86,8 @@ struct Members {
   }
 };
 
-/// Scratch of the sweeps: arrays of one Real a segment, some of which serve twice. In two numbers,
-/// which functions are given in registers.
+/// Scratch of the sweeps: arrays of one Real a segment, some of which are used for two quantities
+/// one after the other. It consists of two numbers, so that it is passed to functions in registers.
 template <class Real>
 struct Sweep {
   static constexpr Count turn = 0, rate = 1, sine = 2, cosine = 3, drag = 4, free = 5, along = 6,
@@ -94,7 +98,7 @@ struct Sweep {
   Sweep(Count n, Layout& layout) : stride(whole_packs(n * lanes<Real>)) {
     first = layout.take(arrays * stride);
     if (first == nullptr) return;
-    for (Count i = n * lanes<Real>; i < stride; ++i) first[i] = 0.0;  // angles that fill a pack up
+    for (Count i = n * lanes<Real>; i < stride; ++i) first[i] = 0.0;  // angles that fill up a pack
   }
 
   double* array(Count which) const { return first + which * stride; }
@@ -106,7 +110,8 @@ struct Sweep {
   }
 };
 
-/// Calls body(members) for every block of members; the last one overlaps its neighbour to be whole.
+/// Calls body(members) for every block of members; the last block overlaps the one before, so that
+/// it has as many members.
 template <class Body>
 void for_each_members(const Batch& batch, const Body& body) {
   const Count members = batch.members;
@@ -129,13 +134,16 @@ void for_each_block(const MotionModel& model, const Batch& batch, const Body& bo
   for_each_members(batch, [&](const Members<Pack>& block) { body(block, sweep); });
 }
 
-/// What the derivative needs of the sweeps: A_j and b_j . t_j, a_{j-1} and the velocities.
+/// Results of the sweeps in segment j that the derivative needs: A_j (tt, tn, nn), 1 / H_j,
+/// b_j . t_j, a_{j-1} (at, an), the velocity vt of the joint along the segment, the velocity v of
+/// the drag point across it, and theta_j''.
 template <class Real>
 struct Kept {
   Real tt, tn, nn, inverse, bt, at, an, vt, v, acceleration;
 };
 
-/// Force of the flow on the end, along and across the last segment, with the signs of resistance.
+/// Force of the flow on the end along and across the last segment, with the opposite sign, that of
+/// a resistance.
 template <class Real>
 struct Thrust {
   Real along, across;
@@ -148,7 +156,8 @@ struct Thrust {
   }
 
  private:
-  /// Apart from the sweeps, whose registers it would take.
+  /// Turns the force from the axis to the frame of the last segment. Not inlined: it would take
+  /// registers from the sweeps.
   PIPEDYN_NOINLINE void turn(const MotionModel& model, const Members<Real>& members) {
     double angle[width] = {}, sine[width], cosine[width];
     store(angle, members.row(model.size - 1));
@@ -171,8 +180,8 @@ void read_state(const Members<Real>& members, Count n, Sweep<Real> sweep) {
   sweep.take_sines(n);
 }
 
-/// Calls body(j, vt, vn, w) with the velocity of the clamped side of each segment in its frame, the
-/// clamp's to begin with, which the last two arguments have; returns that of the free end in these.
+/// Calls body(j, vt, vn, w) for each segment j with the velocity of its joint, along and across it,
+/// and its rate w. vt, vn: the velocity of the clamp on entry, that of the free end on return.
 template <class Real, class Body>
 void for_each_velocity(const MotionModel& model, Sweep<Real> sweep, const Body& body, Real& vt,
                        Real& vn) {
@@ -187,14 +196,14 @@ void for_each_velocity(const MotionModel& model, Sweep<Real> sweep, const Body& 
   }
 }
 
-/// Power of terms, of a change of the flow speed and of the base's motion; the base's velocity in
-/// the frame of the last segment.
+/// Powers of the terms, of a change of the flow speed (flow) and of the base's motion (base); and
+/// the base's velocity in the frame of the last segment.
 template <class Real>
 struct LoadPower {
   Real terms{}, flow{}, base{}, base_along{}, base_across{};
 };
 
-/// See `add_loads`. drives: whether the batch's drive does.
+/// Implements `add_loads`. drives: whether the batch has a drive.
 template <bool drives, class Real>
 PIPEDYN_NOINLINE LoadPower<Real> add_all_loads(const MotionModel& model,
                                                const Members<Real>& members, Sweep<Real> sweep) {
@@ -220,13 +229,13 @@ PIPEDYN_NOINLINE LoadPower<Real> add_all_loads(const MotionModel& model,
       power.terms += place.weight * law.power(at);
       if (drives) power.base += place.weight * base_power(law, at, load, driven.vx, driven.vy);
     };
-    Real vx{}, vy{};  // of the joint, relative to the base
+    Real vx{}, vy{};  // velocity of the joint relative to the base
     if (drives) {
       vx = walk.vx - driven.vx;
       vy = walk.vy - driven.vy;
     }
     walk.pass(j, link.length, members.row(j), rate, visit);
-    if (link.added != 0.0) {  // has no weight, and no inertia along the segment
+    if (link.added != 0.0) {  // this mass has no weight, and no inertia along the segment
       const double arm = 0.5 * link.length;
       const Real lift = (model.gravity * link.added) * walk.sine;
       along += (arm * link.added) * (rate * rate);
@@ -253,9 +262,10 @@ PIPEDYN_NOINLINE LoadPower<Real> add_all_loads(const MotionModel& model,
   return power;
 }
 
-/// Adds the terms' loads, the moments of bent joints at rest, the batch's further moments and what
-/// drives it to the drag on each segment: what acts across it, along it and about its joint, with
-/// the signs of resistance.
+/// Adds to the drag on each segment the terms' loads, the moments of joints that are bent at rest,
+/// the batch's moments and the forces of its drive. The sweep's arrays drag, along and moment then
+/// hold the force across the segment, the force along it and the moment about its joint, with the
+/// signs of a resistance. Returns the powers.
 template <class Real>
 LoadPower<Real> add_loads(const MotionModel& model, const Members<Real>& members,
                           Sweep<Real> sweep) {
@@ -263,13 +273,12 @@ LoadPower<Real> add_loads(const MotionModel& model, const Members<Real>& members
                                         : add_all_loads<false>(model, members, sweep);
 }
 
-/// What acts on the segments besides inertia, a steady flow and joints: drag or, at the free end,
-/// what the entering flow lacks of its velocity; loads as in add_loads, with the former if there
-/// are any.
+/// Forces on the segments besides inertia, steady flow and joints. nothing: none; drag: drag, or at
+/// the free end the force of the entering flow; loads: these and the loads of add_loads.
 enum class Outer { nothing, drag, loads };
 
-/// Rates (2 n, members), and below them the power where it is asked for. Not inlined: beside the
-/// others each would have fewer registers.
+/// Computes rates (2 n, members) and, if with_power, the power in row 2 n. keep: fills kept
+/// instead. Not inlined: each instance would have fewer registers next to the others.
 template <class Real, Outer outer, bool keep>
 PIPEDYN_NOINLINE void accelerations(const MotionModel& model, const Members<Real>& members,
                                     Sweep<Real> sweep, double* rates, bool with_power,
@@ -369,7 +378,8 @@ PIPEDYN_NOINLINE void accelerations(const MotionModel& model, const Members<Real
     const Real force_across = (cn * (tau * inverse) + across) + exchange * b;
     const Real s = sweep.at(sweep.sine, j), c = sweep.at(sweep.cosine, j);
     const Real ss = s * s, cc = c * c, sc = s * c;
-    // A_{j-1} in the segment's frame, but for M t t^T divided by `inverse`.
+    // In the frame of segment j, A_{j-1} = mass t t^T + inverse (across_across n n^T
+    // + along_across (t n^T + n t^T) - along_along t t^T); it is turned to the frame before.
     const Real mass = tt + link.mass;
     const Real along_along = ct * ct;
     const Real along_across = link.exchange * tn;
@@ -404,7 +414,7 @@ PIPEDYN_NOINLINE void accelerations(const MotionModel& model, const Members<Real
       end_along = c * before + s * end_across;
       end_across = c * end_across + (l * w - s * before);
     }
-    // across + l acceleration
+    // The next `an` is across + l acceleration, without a difference of nearly equal numbers.
     const Real exchange = sweep.at(sweep.moment, j), lever = l * et;
     const Real beside = exchange * s + lever * c;
     an = (exchange * c - lever * s) * an + (l * g - beside * at);

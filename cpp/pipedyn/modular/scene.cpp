@@ -30,9 +30,9 @@ void require(const char* name, Index size, Index expected) {
 
 constexpr double no_flow = 0.0;
 
-/// Whether the last segment turns without inertia: chains refuse one whose centre of mass and
-/// radius of gyration are so near to its joint, in L, that its inertia is lost in the others'
-/// rounding.
+/// Whether the last segment has too little inertia: a chain refuses it if its centre of mass is so
+/// near to its joint and its radius of gyration so small, in L, that its inertia is lost in the
+/// rounding of the other segments' inertia.
 bool lacks_own_inertia(const Chain& chain, const Vector& length) {
   constexpr double least = 1e-8;
   const Index last = chain.dof() - 1;
@@ -40,23 +40,25 @@ bool lacks_own_inertia(const Chain& chain, const Vector& length) {
   return body[1] * length[last] + body[2] < least;
 }
 
-/// With a radius of gyration of its length for the last one.
+/// The segments with an inertia added to the last one: its radius of gyration is its length.
 Segments lend_inertia(Segments segments) {
   const Index last = segments.length.size() - 1;
   segments.gyration_radius[last] = segments.length[last];
   return segments;
 }
 
-/// Of one member: solves s mu = right by symmetric elimination, mu in place of right. Rows without
-/// pivot among the first `positive` follow from others: these are returned, and mu is 0 there. NaN
-/// where a later one has none.
+/// Solves s mu = right for one member by symmetric elimination and replaces right by mu. Rows among
+/// the first `positive` without a pivot depend on others: they are returned, and their mu is 0. If
+/// a later row has no pivot, mu is NaN.
 std::vector<Index> solve_member(Matrix& s, Matrix& right, Index positive) {
-  constexpr double redundant = 1e-12;  // of a pivot: rounding leaves 1e-16 of such a row's diagonal
-  constexpr double smallest = 1e-20;   // and this against the largest diagonal
-  constexpr double massless = 1e-10;   // of the inertia lent, which the diagonal is a share of
+  // Smallest pivots: relative to a row's own diagonal, a share 1e-16 of which rounding leaves in a
+  // dependent row; relative to the largest diagonal; and as a share of the added inertia.
+  constexpr double redundant = 1e-12;
+  constexpr double smallest = 1e-20;
+  constexpr double massless = 1e-10;
   const Index count = s.rows();
   thread_local Vector diagonal;
-  thread_local std::vector<Index> order;  // those done and, from `left` on, those that are not
+  thread_local std::vector<Index> order;  // eliminated rows, then from `left` on the others
   diagonal = s.diagonal();
   const double least = smallest * diagonal.cwiseAbs().maxCoeff();
   order.resize(static_cast<std::size_t>(count));
@@ -72,7 +74,7 @@ std::vector<Index> solve_member(Matrix& s, Matrix& right, Index positive) {
         best = i;
       }
     }
-    // What is left of these follows from others.
+    // The remaining rows among the first `positive` depend on others.
     if (best == order.end()) best = std::lower_bound(left, order.end(), positive);
     if (best == order.end()) break;
     const Index row = *best;
@@ -97,7 +99,8 @@ std::vector<Index> solve_member(Matrix& s, Matrix& right, Index positive) {
   return {left, order.end()};
 }
 
-/// The same of several members, s of each in a column, by rows; what is idle of the last.
+/// Solves the systems of several members as `solve_member` does. systems: s of each in a column, by
+/// rows. Returns the dependent rows of the last member.
 std::vector<Index> solve_rows(const Matrix& systems, Matrix& right, Index positive) {
   const Index size = right.rows();
   std::vector<Index> idle;
@@ -111,7 +114,7 @@ std::vector<Index> solve_rows(const Matrix& systems, Matrix& right, Index positi
   return idle;
 }
 
-/// n rows of numbers of some members, each `stride` after the one before.
+/// Rows of numbers of some members; each begins `stride` numbers after the one before.
 struct Columns {
   const double* from;
   Index stride;
@@ -119,7 +122,7 @@ struct Columns {
   const double* operator[](Index j) const { return from + j * stride; }
 };
 
-/// Work on some of the members from the first on, eight at once, then one after the other.
+/// Calls work<count>(first) for all members: for eight at once, then for the rest one by one.
 template <class Work>
 void for_some(Index members, const Work& work) {
   constexpr Index some = 8;
@@ -128,7 +131,7 @@ void for_some(Index members, const Work& work) {
   for (; first < members; ++first) work.template operator()<1>(first);
 }
 
-/// Sums over n rows of products.
+/// Computes for each member the sum over n rows of the products of a and b.
 void set_products(const Columns& a, const Columns& b, Index n, Index members, double* sums) {
   for_some(members, [&]<Index count>(Index first) {
     double own[count] = {};
@@ -166,13 +169,14 @@ Scene::Scene(const Pipe& pipe, const Segments& segments, const Matrix& inertia,
     }
     weights_(row++, coordinate) = 1.0;
   }
-  if (lends_) {  // w . q is the angle, the sum of the joints'
+  if (lends_) {  // w . q is a multiple of the last segment's angle, the sum of the joints' angles
     const double last = length_[dof() - 1];
     for (Index j = 0; j < dof(); ++j) weights_(row, 3 * j + 2) = std::sqrt(last * last * last);
     compliance_[row] = -1.0;
   }
   across_ = along_ = joints_ = Matrix::Zero(count, dof());
-  Vector x = Vector::Zero(count), y = x, angle = x;  // weights of nodes beyond, of the joint beyond
+  // Sums of the weights of the nodes beyond, and weights of the joint beyond.
+  Vector x = Vector::Zero(count), y = x, angle = x;
   for (Index j = dof() - 1; j >= 0; --j) {
     x += weights_.col(3 * j);
     y += weights_.col(3 * j + 1);
@@ -303,7 +307,7 @@ std::vector<Index> Scene::enforce(const Matrix& theta, Rows& rows, double rate, 
 void Scene::add_rows(const Batch& batch, double rate, double* rates) const {
   const Index n = dof(), members = batch.members, count = compliance_.size();
   if (count == 0) return;
-  constexpr Index most = 64;  // columns of X at once: whole packs, and what they need is cached
+  constexpr Index most = 64;  // columns of X at once: whole packs, and small enough for the cache
   const Index block = std::max<Index>(1, most / count), below = n * members;
   const Eigen::Map<const Matrix> angles(batch.y, n, members);
   thread_local Matrix theta;
@@ -448,7 +452,7 @@ void Scene::derivative(const Batch& batch, double rate, const Matrix& by_state, 
 // ------------------------------------------------------------------------------- guides and pins
 
 double Scene::project_one(Vector& theta, Vector& omega) const {
-  constexpr double longest = 0.5;  // rad a step, so that segments do not turn over
+  constexpr double longest = 0.5;  // largest turn in a step, rad, so that no segment turns over
   constexpr int most_steps = 100;
   const Index held = value_.size();
   Vector closest = theta;
@@ -458,7 +462,7 @@ double Scene::project_one(Vector& theta, Vector& omega) const {
     set_rows(theta, rows);
     const auto by_angles = rows.by_angles.middleCols(held_from_, held);
     Matrix system = by_angles.transpose().lazyProduct(by_angles);
-    Matrix lacking(held, 2);  // how far each coordinate is off its place, and its rate
+    Matrix lacking(held, 2);  // distance of each held coordinate from its value, and its rate
     lacking << origin_.segment(held_from_, held) - value_ -
                    rows.turning.middleCols(held_from_, held).colwise().sum().transpose(),
         by_angles.transpose().lazyProduct(omega);
@@ -468,7 +472,7 @@ double Scene::project_one(Vector& theta, Vector& omega) const {
       closest = theta;
     }
     solve_member(system, lacking, held);
-    const Matrix change = by_angles.lazyProduct(lacking);  // the least that does it
+    const Matrix change = by_angles.lazyProduct(lacking);  // the change of least norm
     if (missed <= met) {
       omega -= change.col(1);
       break;

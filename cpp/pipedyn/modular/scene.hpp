@@ -1,37 +1,41 @@
 // SPDX-License-Identifier: MIT
 //
-// A scene: a chain (chain/chain.hpp) of which guides and pins hold nodes, and on which modules
-// written in Python act, with forces and inertia of their own. These speak redundant coordinates,
-// q = (x_j, y_j, phi_j) at 3 (j - 1): where the end of segment j stands, x across and y down from
-// the clamp, and the angle of joint j. All follow from the angles theta of the segments,
+// A scene: a chain (chain/chain.hpp) whose nodes guides and pins may hold, and on which modules
+// written in Python may act with forces and inertia of their own. These modules use redundant
+// coordinates q, with x_j, y_j and phi_j at 3 (j - 1): the position of the end of segment j, x
+// across and y down from the clamp, and the angle of joint j. All follow from the angles theta of
+// the segments,
 //
 //   r_j = r_{j-1} + l_j (sin theta_j, cos theta_j), r_0 = (0, base), phi_j = theta_j - theta_{j-1},
 //
-// so that clamp and joints, eqs. (10) and (11) of Orsino and Di Giulio, are met at any angles.
+// so that any angles satisfy the constraints of clamp and joints, eqs. (10) and (11) of Orsino and
+// Di Giulio.
 //
-// A row of weights w makes one number w . q of the coordinates, with the rate R theta'. A guide or
-// pin holds it; an inertia (w . q')^2 / 2 acts on it with the force -(R theta')'. With mu the force
-// along each row and M^-1 the chain's recursion, which takes O(n),
+// A row of weights w defines one number w . q, whose rate is a row of R theta'. A guide or pin
+// holds this number; an inertia with the kinetic energy (w . q')^2 / 2 acts along it with the force
+// -(R theta')'. With the forces mu along the rows and the chain's recursion M^-1, which takes O(n),
 //
 //   theta'' = M^-1 f + X mu,   X = M^-1 R^T,   (R theta')' + compliance mu = 0,
 //
-// where compliance is 0 of what is held and 1 of an inertia. A last segment may have no inertia but
-// that of a row, and M no inverse then: it is lent one, which a row with compliance -1 takes back.
+// where compliance is 0 for a row that is held and 1 for an inertia. If the last segment has only
+// the inertia of a row, M has no inverse; an inertia is then added to the segment, and a row with
+// compliance -1 subtracts it again.
 //
-// Integrators' states may miss guides and pins by g, which decays as in a critically damped
-// oscillator, k the return rate:
+// The states of an integrator may miss guides and pins by a distance g. It decays as in a
+// critically damped oscillator, with the return rate k:
 //
 //   (R theta')' = -2 k R theta' - k^2 g.
 //
-// An integrator's errors off guides and pins do not grow then, and a state that meets them moves as
+// An integrator's errors therefore do not grow, and a state that meets guides and pins moves as
 // above (Baumgarte 1972).
 //
-// Of changes x of a state the accelerations change by J x = J_0 x + X z, where J_0 holds z = mu. At
-// held accelerations the rows change by E x besides, from which z follows,
+// If a state changes by x, the accelerations change by J x = J_0 x + X z, where J_0 is the Jacobian
+// at constant mu and z the change of mu. At constant accelerations the left sides of the rows
+// change by E x; z follows from
 //
-//   R J x + E x + compliance z = 0:
+//   R J x + E x + compliance z = 0.
 //
-// the dense J in O(n^2) a row, (nu - J) x = b in O(n) a row.
+// The dense J takes O(n^2) a row, and the solution of (nu - J) x = b takes O(n) a row.
 
 #pragma once
 
@@ -41,103 +45,115 @@
 
 namespace pipedyn {
 
-/// Immutable; one scene may serve many threads. A state is [theta, theta'], or redundant [q, q'].
+/// A chain with guides, pins and further inertia. A state is [theta, theta'], or the redundant
+/// state [q, q']. Immutable; many threads may use one scene.
 class Scene {
  public:
-  /// inertia: rows of what has inertia besides the chain (rows, 3 n). held: x or y of nodes that
-  /// guides or pins hold, each once, at value. Throws std::invalid_argument where arrays differ in
-  /// length, a length is not positive or a coordinate is not the scene's.
+  /// inertia: rows of weights of the inertia besides the chain's (rows, 3 n). held: indices of the
+  /// coordinates x or y of nodes that guides or pins hold, each once; value: their values. Throws
+  /// std::invalid_argument if arrays differ in length, a length is not positive or an index is not
+  /// that of a node's coordinate.
   Scene(const Pipe& pipe, const Segments& segments, const Matrix& inertia,
         const std::vector<Index>& held, const Vector& value);
 
   const Chain& chain() const { return chain_; }
   Index dof() const { return length_.size(); }
   Index coordinates() const { return 3 * dof(); }
-  /// The weights of each row (rows, 3 n): inertia first, then what is held, then what is lent.
+  /// Weights of each row (rows, 3 n): first those of inertia, then held coordinates, then the row
+  /// that subtracts the added inertia.
   const Matrix& weights() const { return weights_; }
   const Vector& compliance() const { return compliance_; }
-  /// As Chain::bodies, without the inertia that is lent.
+  /// Chain::bodies without the added inertia.
   Matrix bodies() const;
 
-  /// Redundant states (6 n, k) of segments at angles theta (n, k) that turn at omega (n, k).
+  /// Redundant states (6 n, k) for angles theta (n, k) and rates omega (n, k) of the segments.
   Matrix redundant(const Matrix& theta, const Matrix& omega) const;
-  /// The angles and their rates (2 n, members) in redundant states (6 n, members).
+  /// Angles of the segments and their rates (2 n, members) from the angles of the joints and their
+  /// rates in redundant states (6 n, members).
   Matrix angles(const Batch& states) const;
 
-  /// Rates of [theta, theta'] (2 n, members), O(n) a member and row. They return to guides and
-  /// pins, and keep those that are met; what these say twice is enforced once. NaN where a
-  /// direction has no inertia.
+  /// Rates of [theta, theta'] (2 n, members), in O(n) a member and row. Motions return to guides
+  /// and pins at the return rate, and keep those that are met. Rows that depend on others are
+  /// enforced once. NaN if a direction has no inertia.
   void rhs(const Batch& batch, double* rates) const;
-  /// The same of redundant states (6 n, members), of which the angles of the joints and their rates
-  /// are read, and which do not return.
+  /// Rates of redundant states (6 n, members), of which only the angles of the joints and their
+  /// rates are read. Motions do not return to guides and pins.
   void redundant_rhs(const Batch& states, double* rates) const;
-  /// Those of [theta, theta', work done] (2 n + 1, members).
+  /// Rates of [theta, theta', work done] (2 n + 1, members).
   void rhs_and_power(const Batch& batch, double* rates) const;
 
-  /// What J_0 takes of one state, and what z follows from. Rows that follow from others have no z.
+  /// Linearisation about one state: the moments that J_0 needs, and the system for z. Rows that
+  /// depend on others have no entry in z.
   struct Linear {
-    Vector moments, slopes;  // of forces along the rows and further ones on the segments, and of
-                             // each by its segment's angle; empty without any
-    Matrix r, e, x;          // (size of z, n), (size of z, 2 n), (n, size of z)
+    // Moments of forces along the rows and further moments on the segments (n), and derivative of
+    // each by its segment's angle (n); empty if there are none.
+    Vector moments, slopes;
+    Matrix r, e, x;  // R (size of z, n), E (size of z, 2 n), X (n, size of z)
     Vector compliance;
   };
-  /// rate: k, 0 of `redundant_rhs`.
+  /// Linearisation about the state of the batch. rate: k; it is 0 for `redundant_rhs`.
   Linear linearised(const Batch& one, double rate) const;
-  /// J of each member (members, 2 n, 2 n), row-major: of `rhs`.
+  /// Jacobian of `rhs` for each member (members, 2 n, 2 n), row-major.
   void jacobian(const Batch& batch, double* out) const {
     derivative(batch, return_rate, Matrix(), out);
   }
-  /// The same at any k. by_state: derivatives of further moments (n, 2 n) of a single member, which
-  /// are else held.
+  /// Jacobian as in `jacobian`, for any return rate. by_state: derivatives of the batch's moments
+  /// by the state (n, 2 n), for a single member; if empty, the moments are constant.
   void derivative(const Batch& batch, double rate, const Matrix& by_state, double* out) const;
 
-  /// Energy of states [theta, theta']; 0 at rest on the straight pipe.
+  /// Energy of states [theta, theta'] (members,); 0 for the straight pipe at rest.
   void energy(const Batch& batch, double* out) const;
-  /// What flow, joints, drag and the pipe's terms add to it in unit time.
+  /// Powers of flow, joints, drag, terms and base, as in Chain::power.
   void power(const Batch& batch, double* out) const { chain_.power(batch, out); }
   void axial(const Batch& batch, double* out) const { chain_.axial(batch, out); }
 
-  /// Angles and rates (n, k) close to those given that meet guides and pins, by Newton's method in
-  /// least steps. Returns how far the angles miss them (k), which is above `met` where no such
-  /// angles are close by; then they are the closest found.
+  /// Replaces angles and rates (n, k) by close ones that meet guides and pins, by Newton's method
+  /// with steps of least norm. Returns the largest distance of each from guides and pins (k). If no
+  /// angles close by meet them, it exceeds `met`, and the angles are the closest found.
   Vector project(Matrix& theta, Matrix& omega) const;
-  static constexpr double met = 1e-13;  // in L: a hundred times rounding
+  static constexpr double met = 1e-13;  // in L; a hundred times the rounding error
 
-  /// Rate k at which a state off guides and pins returns to them, faster than flutter turns. Lower
-  /// ones leave more of an implicit integrator's errors, higher ones of an explicit integrator's.
+  /// Rate k at which a state off guides and pins returns to them. It exceeds the rate at which
+  /// flutter turns. With lower rates more of an implicit integrator's errors remain, with higher
+  /// rates more of an explicit integrator's.
   static constexpr double return_rate = 60.0;
 
  private:
   Vector length_;
   double base_;
   bool lends_;
-  Chain chain_, inertia_;  // the second without forces
-  Index held_from_;        // the first row that is held
-  Vector value_;           // of what is held
+  Chain chain_, inertia_;  // the second is without forces
+  Index held_from_;        // first row that is held
+  Vector value_;           // values of the held coordinates
   Matrix weights_;
   Vector compliance_;
-  // Of w . q: at rest on the axis of the base, by each sine and cosine, and by angles of joints.
+  // Coefficients of w . q for each row: the constant from the base; the factors of sin theta_j and
+  // cos theta_j; and those of theta_j, from the angles of the joints.
   Vector origin_;
   Matrix across_, along_, joints_;
 
-  /// What `enforce` needs of one state or some, members: scratch that the next call may reuse.
+  /// Scratch of `enforce` for one state or several members; the next call may reuse it.
   struct Rows {
     Matrix sine, cosine;  // of theta, (n, members)
-    /// R and the derivative of each entry by its angle, (n, rows members) with the members of a row
-    /// together. Where it weighs nodes, w . q is origin_ less the sum of the derivatives.
+    /// R, and the derivative of each entry by its angle, (n, rows members); the members of a row
+    /// are neighbours. If a row weighs nodes alone, w . q is origin_ less the sum of the
+    /// derivatives.
     Matrix by_angles, turning;
-    Matrix still, response;   // states at rest and X below their rates, (2 n, rows members)
-    Matrix products, forces;  // R X + compliance, a member in a column, and mu (rows, members)
+    Matrix still, response;   // states at rest, and rates with X below (2 n, rows members)
+    Matrix products, forces;  // R X + compliance, a member in a column; mu (rows, members)
   };
+  /// Computes sine, cosine, by_angles and turning at the angles theta (n, members).
   void set_rows(const Matrix& theta, Rows& rows) const;
-  /// Turns the chain's accelerations, those and omega n rows of `stride` numbers, into the scene's.
-  /// Returns the rows of the last member that follow from others.
+  /// Adds the effect of the forces along the rows to the chain's accelerations. omega and
+  /// acceleration have n rows, each `stride` numbers after the one before; rate: k. Returns the
+  /// rows of the last member that depend on others.
   std::vector<Index> enforce(const Matrix& theta, Rows& rows, double rate, const double* omega,
                              double* acceleration, Index stride) const;
-  /// Turns the chain's rates into the scene's.
+  /// Adds the effect of the forces along the rows to the chain's rates (2 n, members).
   void add_rows(const Batch& batch, double rate, double* rates) const;
+  /// `project` for one state.
   double project_one(Vector& theta, Vector& omega) const;
-  /// M^-1 times moments (n, k) where the angles are theta (n, k).
+  /// Product of M^-1 and moments (n, k) at the angles theta (n, k).
   Matrix solve(const Matrix& theta, const Matrix& moments) const;
 };
 

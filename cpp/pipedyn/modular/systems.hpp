@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
 //
-// (mu - J) x = b of a scene about states that meet guides and pins nearly. With S b the solution of
-// the chain that holds forces along rows (chain/shifted.hpp), and R, E and X as in scene.hpp, R and
-// X of accelerations,
+// Solution of (mu - J) x = b for a scene, about states that meet guides and pins nearly. S b is the
+// solution for the chain with constant forces along the rows (chain/shifted.hpp), and R, E and X
+// are those of scene.hpp, where R and X apply to accelerations. Then
 //
 //   x = S (b + X z),   ((mu R + E) S X + compliance) z = R b - (mu R + E) S b.
 //
-// A chain's solve each, and one for each z where mu changes.
+// Each right side costs one solve of the chain; each new mu costs one more for each entry of z.
 #pragma once
 
 #include "pipedyn/modular/scene.hpp"
@@ -14,6 +14,7 @@
 
 namespace pipedyn {
 
+/// The linear systems of implicit integrators for a scene.
 class SceneSystems final : public ShiftedSystems {
  public:
   SceneSystems(const Scene& scene, FlowAt flow);
@@ -24,7 +25,7 @@ class SceneSystems final : public ShiftedSystems {
 
  private:
   static constexpr Index shifts = MotionKernel::shifts;
-  /// Real parts first (rows, 2 shifts).
+  /// Rows of complex numbers, real parts before imaginary parts (rows, 2 shifts).
   using Shifted = Eigen::Array<double, Eigen::Dynamic, 2 * shifts, Eigen::RowMajor>;
   using Parts = Eigen::Array<double, 1, shifts>;
 
@@ -35,12 +36,13 @@ class SceneSystems final : public ShiftedSystems {
   Scene::Linear about_;
   std::vector<double> factors_;
   Parts mu_re_, mu_im_;
-  std::vector<Matrix> responses_;  // S X, (2 n, 2 shifts) each
-  Shifted systems_;                // of z, factorised (size of z squared, 2 shifts)
+  std::vector<Matrix> responses_;  // columns of S X, (2 n, 2 shifts) each
+  Shifted systems_;                // factors of the systems for z (size of z squared, 2 shifts)
   std::vector<Index> pivots_;
 
+  /// Product of rows (r, k) and x (k, 2 shifts), shape (r, 2 shifts).
   static Shifted product(const Matrix& rows, const double* x);
-  /// (mu R + E) x, (size of z, 2 shifts).
+  /// Product (mu R + E) x, shape (size of z, 2 shifts).
   Shifted shifted_rows(const double* x) const;
 };
 

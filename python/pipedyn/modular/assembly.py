@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Scenes made from parts: modules in redundant coordinates, tied together by constraints."""
+"""Scenes made from parts: modules in redundant coordinates, connected by constraints."""
 
 from __future__ import annotations
 
@@ -48,41 +48,41 @@ from pipedyn.util.errors import NotConverged, resolved
 from pipedyn.util.newton import NewtonFailed, newton
 
 LARGEST_JACOBIAN = 1300
-"""Largest number of segments for a dense Jacobian (6 n, 6 n), which has 0.5 GB then."""
+"""Largest number of segments for a dense Jacobian (6 n, 6 n), which then takes 0.5 GB."""
 
 
 @saved_as("Assembly")
 class Assembly(Model):
-    """A scene made from parts: a pipe of rigid segments with whatever else is added to it.
+    """A scene made from parts: a pipe of rigid segments, and further parts.
 
     Every part has its inertia, forces or constraints in redundant coordinates, independently of all
     other parts. Effects at a place of the pipe, or per length, are terms of the pipe; their places
     may lie anywhere along a segment. The supports belong to the pipe as well: a root's spring lies
     in series with joint 1, supports hold the nodes at their places as a `Guide` does, and a guided
-    or clamped end needs a `TorsionalSpring` of joint n + 1, between it and the last segment.
+    or clamped end needs a `TorsionalSpring` of joint n + 1, between the end and the last segment.
 
     States are given in the redundant coordinates q = (x_1, y_1, phi_1, x_2, ...), shape (3 n,):
     x_j transverse and y_j downward from the clamp is the position of node j, the end of segment j,
-    and phi_j is the angle of joint j. `rhs`, `energy` and `power` read the angles of the joints and
-    their rates, from which all else follows where clamp and joints are met; guides and pins need
-    not be met exactly. Accelerations satisfy all constraints, take O(n), and are NaN where a
-    direction has lost its inertia.
+    and phi_j is the angle of joint j. `rhs`, `energy` and `power` read only the angles of the
+    joints and their rates; all other coordinates follow from these through the clamp and the
+    joints. Guides and pins need not be met exactly. Accelerations satisfy all constraints, take
+    O(n), and are NaN if a direction has lost its inertia.
 
-    Operators live in the degrees of freedom that the constraints leave: the angles of the segments,
-    theta_j = phi_1 + .. + phi_j, or, where guides and pins tie them, coordinates along an
-    orthonormal basis of what these leave. Methods that take a configuration take the angles, shape
-    (n,), or redundant coordinates, shape (3 n,), that meet the constraints. Linear questions cost
-    O(n^3); about the straight pipe, a scene that is a `Chain` with terms, free or held by guides,
-    costs as much as that chain.
+    Operators use the degrees of freedom that the constraints leave. Without guides and pins these
+    are the angles of the segments, theta_j = phi_1 + .. + phi_j; with them, they are coordinates
+    along an orthonormal basis of the angles that guides and pins allow. Methods that take a
+    configuration take the angles, shape (n,), or redundant coordinates, shape (3 n,), that meet the
+    constraints. Linear problems cost O(n^3); about the straight pipe, a scene that is a `Chain`
+    with terms, free or held by guides, costs as much as that chain.
 
-    A scene is immutable; `plus` makes another.
+    A scene is immutable; `plus` returns another scene.
 
     Args:
-        pipe: the pipe, whose numbers flow, gravity, drag and Kelvin-Voigt damping take.
+        pipe: the pipe, whose numbers determine flow, gravity, drag and Kelvin-Voigt damping.
         modules: parts with inertia or forces, the segments in their order from the clamp; terms
             among them are added to those of the pipe.
-        constraints: constraints in any order, each a group of its own: `Clamp`, a `Joint` for each
-            further segment, and what else holds the pipe. Redundant constraints are accepted.
+        constraints: constraints in any order: `Clamp`, a `Joint` for each further segment, and
+            guides and pins that hold the pipe. Redundant constraints are accepted.
 
     Example:
         >>> scene = pp.modular.chain(pp.Pipe(0.2), 4)
@@ -130,7 +130,7 @@ class Assembly(Model):
         self._reference = straight if self._misses(straight) <= MET else None
 
     def archived(self) -> dict[str, Any]:
-        """Arguments, by name, from which a file restores the scene, and the choice of `about`."""
+        """Arguments by name and the configuration of `about`, from which files restore a scene."""
         return {
             **super().archived(),
             "modules": self.modules,
@@ -139,9 +139,10 @@ class Assembly(Model):
 
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> Self:
-        """The scene with these arguments and, if there is one, the choice of `about`.
+        """The scene with these arguments and, if there is one, the configuration of `about`.
 
-        Older files also say by which of two methods, with one answer, accelerations were found.
+        Older files also name one of two methods for the accelerations, which had the same result;
+        the name is ignored.
         """
         fields.pop("enforcement", None)
         reference = fields.pop("reference")
@@ -173,7 +174,7 @@ class Assembly(Model):
     @property
     def compiled(self) -> Any:
         if self._customs:
-            return None  # Python computes these modules
+            return None  # Python computes custom modules
         # A scene without held nodes and without further inertia is a chain.
         return self.core if self.core.compliance.size else self.core.chain
 
@@ -202,7 +203,7 @@ class Assembly(Model):
 
     @property
     def approximates_pipe(self) -> bool:
-        """False, since the user chooses the parts and what they tend to."""
+        """False: the user chooses the parts, and which pipe they approximate, if any."""
         return False
 
     @property
@@ -259,7 +260,7 @@ class Assembly(Model):
         modules: tuple[Module | Term, ...] = (),
         constraints: tuple[Constraint, ...] = (),
     ) -> Assembly:
-        """The scene on another pipe with further parts; without an end its spring goes as well."""
+        """The scene on another pipe, with further parts; a free or pinned end has no spring."""
         own = [m for m in self.modules if pipe.end_directed or not _holds_end(m, self.integrated)]
         more = Assembly(
             pipe,
@@ -278,17 +279,17 @@ class Assembly(Model):
 
     @cached_property
     def as_chain(self) -> Chain | None:
-        """The chain that equals the scene without guides, about the straight pipe; else None."""
+        """The chain that equals the scene without guides, about the straight pipe, or None."""
         layout = self._layout
         plain = layout.has_flow and all(
             isinstance(part, Segment | InternalFlow | Drag) or _is_plain_spring(part)
             for part in self.modules
         )
-        # The compliance is not 0 only of parts that have inertia besides the segments.
+        # Only rows of inertia besides the segments' have a compliance that is not 0.
         straight = self._reference is not None and not self._reference.any()
         if not plain or not straight or self.core.compliance.any():
             return None
-        free = replace(  # small motions do not stretch the pipe, so that those terms do not act
+        free = replace(  # without the terms that do not act in small motions
             self._pipe,
             supports=(),
             end="guided" if layout.guided else "free",
@@ -315,7 +316,7 @@ class Assembly(Model):
         if not layout.independent.size:
             return plain.pencil()
         held = np.zeros(self.integrated, dtype=np.bool_)
-        held[layout.held[layout.independent] // 3] = True  # all are x_j there
+        held[layout.held[layout.independent] // 3] = True  # all held coordinates are x_j
         return ChainPencil(plain, held, self.linear.elastic)
 
     # ------------------------------------------------------------------------------------ states
@@ -325,7 +326,7 @@ class Assembly(Model):
 
         Args:
             angles: theta_j from the axis, rad, shape (n,).
-            rates: theta_j', rad / T, shape (n,); at rest where not given.
+            rates: theta_j', rad / T, shape (n,); 0 if not given.
 
         Returns:
             State, shape (6 n,).
@@ -412,8 +413,8 @@ class Assembly(Model):
             """Newton's step of the angles, and its largest entry."""
             linear = SmallMotions(self.motion, theta)
             _, _, stiffness = linear.elastic_operators().at(u)
-            # Along a direction whose stiffness is rounding of the largest stiffness, no force tells
-            # how far to go, and the step has no part.
+            # The step has no component in directions whose stiffness is of the order of rounding of
+            # the largest stiffness: the forces do not determine it there.
             rounding = len(stiffness) * float(np.finfo(float).eps)
             step = np.linalg.lstsq(stiffness, linear.unbalanced(u), rcond=rounding)[0]
             turn = np.cumsum(linear.joint_angles(step)[:, 0])
@@ -455,7 +456,7 @@ class Assembly(Model):
         """Angles of the configuration about which the scene is linearised, shape (n,).
 
         Raises:
-            ValueError: where the straight pipe misses a constraint and `about` chose nothing.
+            ValueError: if the straight pipe misses a constraint and `about` was not called.
         """
         if self._reference is None:
             raise ValueError(
@@ -473,15 +474,15 @@ class Assembly(Model):
         return float(np.abs(linear.unbalanced(u)).max(initial=0.0)) / size
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        """Operators of small motions about a configuration at rest, see `Model.operators`.
+        """Operators of small motions about a configuration at rest, as of `Model.operators`.
 
         Without guides and pins their degrees of freedom are the angles of the segments, else the
-        columns of `basis`. `stiffness` has the forces of all modules but the flow and, on a bent
-        pipe, what the constraint forces add; `flux` has the forces of the flow and of constraints
-        against it.
+        coordinates along the columns of `basis`. `stiffness` contains the forces of all modules but
+        the flow and, for a bent pipe, the constraint forces that balance them; `flux` contains the
+        forces of the flow and the constraint forces that balance it.
 
         Args:
-            q: the configuration; where not given, that of `about`, else the straight pipe.
+            q: the configuration; if not given, that of `about`, else the straight pipe.
 
         Raises:
             ValueError: for a q that misses a constraint or has another shape, or more than 4000
@@ -491,9 +492,9 @@ class Assembly(Model):
         return self._with_loss(lambda scene: scene._linear_at(q).operators())
 
     def basis(self, q: ArrayLike | None = None) -> Array:
-        """Angles of the segments by the degrees of freedom of `operators`, shape (n, dof).
+        """Angles of the segments for unit degrees of freedom of `operators`, shape (n, dof).
 
-        It is the identity without guides and pins; with them its columns are orthonormal. The
+        Without guides and pins it is the identity; with them its columns are orthonormal. The
         argument and exceptions are those of `operators`.
         """
         return self._linear_at(q).basis.spread(np.eye(self.dof))
@@ -502,7 +503,7 @@ class Assembly(Model):
         return self.basis(p)
 
     def _linear_at(self, q: ArrayLike | None) -> SmallMotions:
-        """Small motions about q, else about the reference; ValueError for too many dof."""
+        """Small motions about q, or about the reference if None; ValueError for too many dof."""
         self._check_dense()
         if q is None:
             return self.linear
@@ -543,8 +544,8 @@ class Assembly(Model):
     ) -> Array:
         """Derivative (6 n, 6 n) of `rhs` by one state, in O(n^2), for at most 1300 segments.
 
-        Accelerations depend on the angles of the joints and their rates alone, see the class. The
-        arguments are those of `Model.jacobian`.
+        Accelerations depend on the angles of the joints and their rates alone, as the class says.
+        The arguments are those of `Model.jacobian`.
         """
         if self.integrated > LARGEST_JACOBIAN:
             raise ValueError(
@@ -557,7 +558,8 @@ class Assembly(Model):
         angles, drive = self.core.angles(state), self._drive(state, u_dot, base)
         ask = self.equations.accelerations_by_state
         by_angles = resolved("jacobian", lambda: ask(angles, u, drive))
-        # A segment's angle is the sum of joints' angles up to it; no other coordinate changes it.
+        # A segment's angle is the sum of the joints' angles up to it; it depends on no other
+        # coordinate.
         by_joints = np.cumsum(by_angles.reshape(size, 2, -1)[:, :, ::-1], axis=2)[:, :, ::-1]
         whole = np.eye(2 * size, k=size)
         whole[size:, 2::3] = by_joints.reshape(size, -1)
@@ -592,7 +594,7 @@ class Assembly(Model):
 
     def _centreline(self, q: ArrayLike, s: Array) -> Array:
         rows, base = self._rows("q", q, (self.integrated, self.coordinates)), self._layout.base
-        # Redundant coordinates may miss constraints: lines then join their nodes as given.
+        # If redundant coordinates miss constraints, the line connects their nodes as given.
         places = self._configuration(rows) if rows.size == self.integrated else rows
         steps = np.diff(self._layout.nodes(places), axis=0)
         line = along(steps, base, self._layout.lengths, s)
@@ -611,7 +613,7 @@ class Assembly(Model):
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         """Redundant coordinates, (3 n,), with angles theta(s) at the segments' middles.
 
-        Where guides and pins are, angles are close to these. The argument is that of `Model.bent`.
+        With guides and pins, the angles are close to these. The argument is that of `Model.bent`.
 
         Raises:
             NotConverged: if no angles close to these meet guides and pins.
@@ -655,7 +657,7 @@ class Assembly(Model):
         return self._angles_of("q", q)
 
     def _angles_of(self, name: str, given: ArrayLike, sizes: tuple[int, ...] = ()) -> Array:
-        """Angles of segments from angles or redundant coordinates, which must meet constraints."""
+        """Angles of segments from angles or redundant coordinates that must meet constraints."""
         rows = self._rows(name, given, sizes or (self.integrated, self.coordinates))
         theta = rows if rows.size == self.integrated else np.cumsum(rows[2::3])
         q = rows if rows.size == self.coordinates else self._configuration(theta)
@@ -665,7 +667,7 @@ class Assembly(Model):
     def _rates_of(
         self, name: str, given: ArrayLike | None, theta: Array, sizes: tuple[int, ...] = ()
     ) -> Array:
-        """Rates of the angles, from these or redundant rates, which must keep the constraints."""
+        """Rates of angles, from rates of angles or coordinates that must keep the constraints."""
         if given is None:
             return np.zeros(self.integrated)
         rows = self._rows(name, given, sizes or (self.integrated, self.coordinates), 1e6)
@@ -679,7 +681,7 @@ class Assembly(Model):
     def _require_met(
         self, rule: str, most: float, given: Array, exact: Array, order: int = 0
     ) -> None:
-        """Raises ValueError, which names the constraint, if one is missed by more than `most`."""
+        """Raises ValueError, naming the constraint, if one is missed by more than `most`."""
         missed, part = self._layout.worst_met(given, exact, order)
         if not missed <= most:
             raise ValueError(
@@ -689,17 +691,17 @@ class Assembly(Model):
 
 
 def _holds_end(part: Module, segments: int) -> bool:
-    """Whether a part is the spring between the last segment and an end that is held."""
+    """Whether a part is the spring between the last segment and a guided or clamped end."""
     return isinstance(part, TorsionalSpring) and part.joint > segments
 
 
 def _is_plain_spring(part: Module) -> bool:
-    """Whether a part is a joint's spring with the pipe's damping, straight at rest."""
+    """Whether a part is a joint's spring with the pipe's damping and without moment at phi = 0."""
     return isinstance(part, TorsionalSpring) and part.damping is None and part.rest_angle == 0.0
 
 
 def _parts(name: str, given: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, ...]:
-    """An argument that must be a sequence of parts of the kinds, as a tuple."""
+    """The parts in an argument as a tuple, which must be a sequence of parts of the kinds."""
     if isinstance(given, str | bytes) or not np.iterable(given):
         raise TypeError(f"{name} must be parts in a sequence, got {check.shown(given)}")
     parts = tuple(given)

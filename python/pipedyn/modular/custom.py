@@ -17,20 +17,20 @@ from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 
 STRIDE = 1e-3
-"""Step of differences of a complex-step gradient: being of order 4, they err by some 1e-12."""
+"""Step of differences, of order 4, of a complex-step gradient; their error is some 1e-12."""
 
 TRIAL_STEP, AGREEMENT = 1e-5, 1e-4
-"""Step of the differences that check derivatives, and the relative error up to which both agree.
+"""Step of the differences that check derivatives, and the largest relative difference accepted.
 
-The differences err by some 1e-10; a wrong derivative seldom agrees to four digits.
+The differences have an error of some 1e-10; a wrong derivative seldom agrees to four digits.
 """
 
 TRIAL_SIZES = (1e-3, -0.03, 0.03, -0.3, 0.3, -1.0, 1.0)
-"""Displacements at which functions are checked, in L and rad, on both sides of any wall."""
+"""Displacements, in L and rad, at which functions are checked, on both sides of any wall."""
 
 
 class CustomForce:
-    """One module of the user's own, as functions of the k coordinates that it touches.
+    """A module written by the user, as functions of the k coordinates that it touches.
 
     Args:
         module: description of the module.
@@ -81,7 +81,7 @@ class CustomForce:
     def _complex_step(
         self, name: str, shape: tuple[int, ...], arguments: UserLaw, at: Array
     ) -> Array:
-        """Derivative, (*shape, k), of a function by complex step in one of its arguments."""
+        """Derivative, (*shape, k), of a function by one of its arguments, by complex step."""
         columns = []
         for i in range(at.size):
             moved = at.astype(np.complex128)
@@ -111,12 +111,13 @@ class CustomForce:
     def validate(self, q: Array) -> None:
         """Calls every function near q and compares derivatives with differences.
 
-        Raises ValueError or TypeError for a function that returns another shape or no finite
-        numbers, or for derivatives that are not those of the function.
+        Raises ValueError or TypeError for a function that returns another shape or numbers that
+        are not finite, or for derivatives that are not those of the function.
         """
         rates = 0.1 * np.sin(1.0 + self.index)
         with warnings.catch_warnings():
-            warnings.simplefilter("error", np.exceptions.ComplexWarning)  # imaginary part lost
+            # The warning says that a function lost the imaginary part.
+            warnings.simplefilter("error", np.exceptions.ComplexWarning)
             for size in TRIAL_SIZES:
                 self._validate_at(
                     q + size * np.cos(1.0 + self.index), rates, size == TRIAL_SIZES[0]
@@ -127,7 +128,7 @@ class CustomForce:
         if not (np.isfinite(force).all() and np.isfinite(energy)):
             if must_be_finite:
                 raise ValueError(f"{self.module.name} must give finite forces and energies")
-            return  # the module is not made for this place
+            return  # the module need not be defined at this displacement
         name, by = self.module.name, "must be the force's derivative"
         if self.module.energy is not None:
             rule = f"energy of {name} must have its gradient by complex step"
@@ -164,11 +165,11 @@ def _differences(function: UserLaw, at: Array, steps: Array) -> Array:
 
 
 class CustomForces:
-    """All custom modules of a scene, evaluated at one state or at k.
+    """All custom modules of a scene, evaluated at one state or at k states.
 
     Args:
         modules: descriptions of the modules.
-        straight: redundant coordinates of the straight pipe, where their energy counts as 0.
+        straight: redundant coordinates of the straight pipe, for which the energy is 0.
     """
 
     def __init__(self, modules: Sequence[Custom], straight: Array) -> None:
@@ -187,7 +188,7 @@ class CustomForces:
         return total
 
     def derivatives(self, q: Array, qdot: Array) -> tuple[Any, Any]:
-        """Sparse derivatives of the forces at one state by q and by q', (3 n, 3 n) each."""
+        """Sparse derivatives of the forces by q and by q' at one state, (3 n, 3 n) each."""
         found: list[Any] = [scipy.sparse.csr_array((q.size, q.size)) for _ in range(2)]
         for custom in self.each:
             at = custom.index
@@ -207,11 +208,11 @@ class CustomForces:
         return self._summed(CustomForce.energy, self._straight)
 
     def work(self, q: Array, qdot: Array) -> float | Array:
-        """Power of the parts of forces that come from no potential energy, a number or (k,)."""
+        """Power of the forces that do not come from a potential energy, a number or (k,)."""
         return self._summed(CustomForce.work, q, qdot)
 
     def _summed(self, function: Callable[..., float], *states: Array) -> Any:
-        """Sum of a function over the modules, at one state a number, at k states shape (k,)."""
+        """Sum of a function over the modules: a number at one state, shape (k,) at k states."""
         sums = [
             sum(function(custom, *(row[custom.index] for row in rows)) for custom in self.each)
             for rows in zip(*map(_columns, states), strict=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The layout of a scene: its parts in order, checked once to fit when the scene is made."""
+"""The layout of a scene: its parts in order, which are checked when the scene is made."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ MODULES = (Segment, TorsionalSpring, InternalFlow, Drag, Custom)
 """Kinds of modules."""
 
 DEPENDENT = 1e-9
-"""Relative size, well above rounding, below which a guide or pin depends on the others."""
+"""Relative size of a pivot, well above rounding, below which a guide or pin is dependent."""
 
 TAUT = 1e-5
-"""Relative size below which guides and pins depend on one another where they hold a span taut.
+"""Relative size of a pivot below which guides and pins are dependent because a span is taut.
 
 Newton's method meets them to 1e-12, which leaves angles of some 1e-6 on a span without slack.
 """
@@ -62,7 +62,7 @@ class Layout:
         pipe: the pipe of the scene.
 
     Raises:
-        ValueError: if the parts do not fit one another, or the way in which the pipe is held.
+        ValueError: if the parts do not fit one another or the supports of the pipe.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class Layout:
     ) -> None:
         self.modules, self.constraints = tuple(modules), tuple(constraints)
         self.given, self.guided = self.constraints, pipe.end_directed
-        """Constraints without those of the pipe's supports, and whether there is a joint n + 1."""
+        """Constraints without those of the pipe's supports; whether there is a joint n + 1."""
         self.segments = segments = _of(modules, Segment)
         self.customs = _of(modules, Custom)
         self.size = len(segments)
@@ -89,7 +89,7 @@ class Layout:
         self.drag_points = np.array([segment.drag_point for segment in segments])
         self.masses = np.array([s.length if s.mass is None else s.mass for s in segments])
         self.springs, self.rest_moments = np.zeros(self.size + self.guided), np.zeros(self.size)
-        """Stiffness k_j of each joint without a root's spring, and moment k_j psi_j at angle 0."""
+        """Stiffness k_j of each joint, without a root's spring, and moment k_j psi_j at angle 0."""
         for spring in _of(modules, TorsionalSpring):
             self.springs[spring.joint - 1] += spring.stiffness
             if spring.joint <= self.size:
@@ -116,7 +116,7 @@ class Layout:
     # -------------------------------------------------------------------------------- what is where
 
     def _check_places(self) -> None:
-        """Raises ValueError for parts at places that are not there, or parts that are missing."""
+        """Raises ValueError for parts at places that do not exist, and for missing parts."""
         n = self.size
         for part in (*self.modules, *self.constraints):
             for name in ("node", "joint", "segment", "nodes", "joints"):
@@ -152,7 +152,7 @@ class Layout:
             )
 
     def _checked_base(self) -> float:
-        """Length of the fixed part of the pipe, on which all clamps must agree."""
+        """Length of the fixed part of the pipe; ValueError if clamps give different lengths."""
         bases = [clamp.base for clamp in _of(self.constraints, Clamp)]
         if max(bases) - min(bases) > SAME:
             raise ValueError(
@@ -171,7 +171,7 @@ class Layout:
         return tuple(Guide(node) for node in (held_ends(pipe, self.ends[1:]) + 1).tolist())
 
     def _found_holding(self) -> dict[int, Constraint]:
-        """Redundant coordinates that are held, each with the first guide or pin that holds it."""
+        """Held redundant coordinates, each with the first guide or pin that holds it."""
         found: dict[int, tuple[float, Constraint]] = {}
         for part in self.constraints:
             for coordinate, value in _held_by(part):
@@ -185,11 +185,11 @@ class Layout:
 
     @property
     def guides_and_pins(self) -> list[Constraint]:
-        """Guides and pins that hold coordinates, each once."""
+        """Guides and pins, each once; duplicates that hold the same coordinates are left out."""
         return list(dict.fromkeys(self.holding))
 
     def guides_text(self) -> str:
-        """Text for messages that lists the guides and pins."""
+        """List of the guides and pins as text for messages."""
         return ", ".join(part_text(part) for part in self.guides_and_pins)
 
     def _found_inertia(self) -> Array:
@@ -210,11 +210,12 @@ class Layout:
         return found
 
     def worst_met(self, given: Array, exact: Array, order: int = 0) -> tuple[float, Constraint]:
-        """How far coordinates, or rates, are off the constraint that they miss most, and that one.
+        """Largest deviation of coordinates, or rates, from a constraint, and that constraint.
 
         Args:
             given: the coordinates or rates, shape (3 n,).
-            exact: those that follow from the same angles of the joints and meet all these.
+            exact: coordinates or rates that follow from the same angles of the joints, so that they
+                meet clamp and joints.
             order: 0 for coordinates, 1 for rates.
         """
         torn = np.diff(self.nodes(given, order) - self.nodes(exact, order), axis=0)
@@ -227,7 +228,7 @@ class Layout:
     def moments(self, theta: Array, forces: Array) -> Array:
         """Moments on the segments, shape (n, r), by forces on the coordinates, shape (3 n, r).
 
-        The angles have the shape (n,), or (n, r) if each column of forces has angles of its own.
+        The angles have shape (n,), or (n, r) if each column of forces has its own angles.
         """
         columns = theta.reshape(self.size, -1)
         across, along = (self.lengths[:, None] * of(columns) for of in (np.cos, np.sin))
@@ -245,16 +246,16 @@ class Layout:
         return self.rows(theta)[:, self.independent]
 
     def closed(self, core: _core.Scene, theta: Array) -> tuple[Array, float]:
-        """Angles close to those given that meet guides and pins, and the distance left.
+        """Angles close to those given that meet guides and pins, and the remaining distance.
 
-        Where Newton's method fails, as for segments in line with a pin, it starts again from points
+        If Newton's method fails, as for segments in line with a pin, it starts again from points
         between the given angles and a known configuration that meets all constraints.
         """
         shares = (0.0, 0.25, 0.5, 0.75, 1.0)
         return closest(core, (theta + share * (self.rest - theta) for share in shares))
 
     def _found_rest(self) -> Array:
-        """Angles that meet all constraints: the straight pipe if that meets them."""
+        """Angles that meet all constraints: those of the straight pipe if it meets them."""
         straight = np.zeros(self.size)
         if not self.holding:
             return straight
@@ -286,7 +287,7 @@ class Layout:
         return np.sort(order[:rank]).astype(np.intp)
 
     def _refuse_taut(self) -> None:
-        """Raises ValueError for a span pulled straight, in which constraints lose their rank."""
+        """Raises ValueError for a span pulled straight, for which the constraints lose rank."""
         if not self.holding:
             return
         bent = self.rest + 0.3 * np.cos(1.0 + 1.7 * np.arange(self.size))
@@ -299,7 +300,7 @@ class Layout:
     # ------------------------------------------------------------------------------------- the core
 
     def acting(self, pipe: Pipe) -> Pipe:
-        """The pipe, without the forces of flow or the drag that no module of the scene brings."""
+        """The pipe, without flow or drag if the scene has no module for it."""
         flow: dict[str, Any] = {} if self.has_flow else {"beta": 0.0, "alpha": 0.0}
         return replace(pipe, **flow, drag=pipe.drag if self.has_drag else 0.0)
 
@@ -345,12 +346,12 @@ def coordinates_by_angles(lengths: Array, theta: Array) -> Array:
 
 
 def _of(parts: Iterable[Part], kind: type[P] | tuple[type[P], ...]) -> list[P]:
-    """The parts of one kind, or of some."""
+    """The parts of one kind or of several kinds."""
     return [part for part in parts if isinstance(part, kind)]
 
 
 def _held_by(part: Constraint) -> list[tuple[int, float]]:
-    """Redundant coordinates that a guide or pin holds, each with its value; none of others."""
+    """Redundant coordinates that a guide or pin holds, with their values; else an empty list."""
     if isinstance(part, Guide):
         return [(3 * part.node - 3, 0.0)]
     return (

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: MIT
 """Small motions of a scene about a configuration at rest.
 
-The chain's own operators, in the angles of the segments, are compiled. Added are the inertia of
-custom modules, the derivatives of their forces, and the change of moments by forces at rest, those
-of guides and pins among them, as the segments turn. Guides and pins enforce B dtheta = 0, which an
-orthonormal basis Z of all other directions satisfies.
+The chain's own operators, in the angles of the segments, are compiled. Here the inertia of custom
+modules and the derivatives of their forces are added, and the change of the moments of the forces
+at rest, including those of guides and pins, as the segments turn. Guides and pins enforce
+B dtheta = 0; the columns of an orthonormal basis Z span all dtheta that satisfy this.
 
 In elastic coordinates zeta the angles of the joints are phi = scale * Z zeta, and the elastic
-stiffness is the identity. Springs enter in phi, in which stiff springs do not hide soft ones.
+stiffness is the identity. Springs are added in phi, so that the rounding of stiff springs does not
+hide soft ones.
 """
 
 from __future__ import annotations
@@ -54,16 +55,16 @@ class SmallMotions:
         self.moments[:, 0] += self.custom_moments
 
     def _elastic_loads(self, moments: Array) -> Array:
-        """Loads on the chain's elastic coordinates, (n, r), by moments on the segments, (n, r)."""
+        """Loads on the chain's elastic coordinates, (n, r), from moments on segments, (n, r)."""
         return self.scale[:, None] * np.cumsum(moments[::-1], axis=0)[::-1]
 
     def unbalanced(self, u: float) -> Array:
-        """Unbalanced force at rest in elastic coordinates, shape (dof, 1); 0 at an equilibrium."""
+        """Unbalanced force at rest, in elastic coordinates, (dof, 1); it is 0 at an equilibrium."""
         moments = self.moments @ [[1.0], [self.motion.pipe.alpha * u**2], [0.0]]
         return self.elastic.gathered(self._elastic_loads(moments))
 
     def joint_angles(self, zeta: NDArray[Any]) -> NDArray[Any]:
-        """Angles of the joints, shape (n, r), of elastic coordinates, shape (dof, r)."""
+        """Angles of the joints, shape (n, r), for elastic coordinates, shape (dof, r)."""
         result: NDArray[Any] = self.scale[:, None] * real_columns(self.elastic.spread, zeta)
         return result
 
@@ -76,24 +77,27 @@ class SmallMotions:
         return self._operators(self.joint_angles(np.eye(self.dof)))
 
     def _operators(self, joints: Array) -> Operators:
-        """Operators in coordinates whose unit vectors turn joints by columns of (n, dof)."""
+        """Operators in coordinates whose unit vectors turn the joints by the columns of `joints`.
+
+        The shape of `joints` is (n, dof).
+        """
         motion, n, angles = self.motion, self.theta.size, np.cumsum(joints, axis=0)
         unheld = operators_from(motion.unsprung.operators(self.theta), motion.pipe)
         chain = motion.held.bent(unheld, self.theta, self.moments, self.scale)
         sizes = np.linalg.norm(angles, axis=0)
 
         def of_angles(matrix: Array) -> Array:
-            """A matrix of the segments' angles in the coordinates, without what is rounding."""
+            """A matrix of the segments' angles in the coordinates; rounding errors are set to 0."""
             made = angles.T @ matrix @ angles
-            # Constraints may take away a part wholly, such as a damper at a guide. What rounding
-            # leaves of it is removed, and so is any asymmetry of a symmetric or skew matrix.
+            # Constraints may cancel an effect, for example of a damper at a guide. Its rounding
+            # error is set to 0, and so is that in the asymmetry of a symmetric or skew matrix.
             lost = 4.0 * np.finfo(float).eps * np.abs(matrix).max() * np.outer(sizes, sizes)
             parts = 0.5 * (made + made.T), 0.5 * (made - made.T)
             symmetric, skew = (np.where(np.abs(part) <= lost, 0.0, part) for part in parts)
             return symmetric + skew
 
         def of_joints(values: Array) -> Array:
-            """A diagonal matrix of the joints in the coordinates."""
+            """A diagonal matrix of the joints' angles in the coordinates."""
             every = np.vstack([joints, -angles[-1:]])[: values.size]
             return every.T @ (values[:, None] * every)
 

@@ -4,7 +4,7 @@
 Integrators advance the angles of the segments. Redundant coordinates that follow from the angles
 meet every clamp and joint to rounding, at any time. The distance of a state from guides and pins
 decays in its motion, so that an integrator's errors do not grow. The state shown to users is
-projected onto guides and pins. All but the functions of custom modules is compiled
+projected onto guides and pins. Everything but the functions of custom modules is compiled
 (cpp/pipedyn/modular/scene.hpp).
 """
 
@@ -53,14 +53,14 @@ class SceneMotion:
     ) -> Array:
         """Rates of redundant states [q, q'], shape (6 n,) or (6 n, k), under forcing `drive`.
 
-        Raises NotResolved, if `refuses`, where they are not finite.
+        Raises NotResolved if they are not finite, unless `refuses` is False.
         """
         with np.errstate(all="ignore"):
             moments = self._moments(*self._places(y)) if self.customs else None
         return self.core.redundant_rhs(t, y, u, moments, drive, refuses)
 
     def _places(self, y: Any) -> tuple[Array, Array]:
-        """Coordinates and rates, (3 n, ...) each, recomputed from angles in redundant states."""
+        """Coordinates and rates, (3 n, ...) each, computed from the angles in redundant states."""
         angles = np.split(self.core.angles(y), 2)
         place, moving = np.split(self.core.from_angles(*angles), 2)
         return place, moving
@@ -71,7 +71,7 @@ class SceneMotion:
         return self.layout.moments(theta, forces.reshape(len(forces), -1)).reshape(theta.shape)
 
     def energy(self, y: Any, drive: Array | None = None, refuses: bool = True) -> float | Array:
-        """Energy of redundant states [q, q'], a number or shape (k,); NotResolved as in `rhs`."""
+        """Energy of redundant states [q, q'], a number or (k,); raises NotResolved like `rhs`."""
         energy = self.core.energy(self.core.angles(y), drive, refuses)
         if not self.customs:
             return energy
@@ -79,7 +79,7 @@ class SceneMotion:
         return energy + (resolved("energy", own, np.ndim(y) == 2) if refuses else own())
 
     def power(self, y: Any, u: Any, drive: Array | None = None) -> tuple[float | Array, ...]:
-        """Powers of flow, joints, drag, other parts (terms and custom modules) and base."""
+        """Powers of flow, joints, drag, others (terms and custom modules) and base."""
         flow, joints, drag, others, base = self.core.power(self.core.angles(y), u, drive)
         if self.customs:
             own = functools.partial(self.customs.work, *self._places(y))
@@ -105,13 +105,13 @@ class SceneMotion:
     def jacobian(
         self, y: Array, u: float | Array, returns: bool = True, drive: Array | None = None
     ) -> Array:
-        """Derivative of the angles' rates by [theta, theta'], (2 n, 2 n), or (k, ...) of k states.
+        """Derivative of the rates by [theta, theta'], (2 n, 2 n), or (k, 2 n, 2 n) for k states.
 
         Args:
             y: states, shape (2 n,) or (2 n, k).
-            u: flow speed, for k states also one each, (k,).
-            returns: whether to differentiate the rates of `rhs_and_power`, which return to guides
-                and pins; if not, those of the angles in `rhs`.
+            u: flow speed, a number or, for k states, shape (k,).
+            returns: whether to differentiate the rates of `rhs_and_power`, under which states
+                return to guides and pins; if not, the rates of the angles in `rhs`.
             drive: forcing of the states, (ROWS,) or (ROWS, k).
         """
         if not self.customs:
@@ -124,9 +124,9 @@ class SceneMotion:
         return self.core.derivative(y, u, *self.custom_moments(y), returns, drive)
 
     def custom_moments(self, y: Array) -> tuple[Array, Array]:
-        """Moments of the custom modules on the segments, (n,), and these by the state, (n, 2 n).
+        """Moments of custom modules on the segments, (n,), and their derivatives, (n, 2 n).
 
-        The state is [theta, theta'], shape (2 n,).
+        The derivatives are by the state [theta, theta'], shape (2 n,).
         """
         n, layout = self.layout.size, self.layout
         if not self.customs:
@@ -139,7 +139,7 @@ class SceneMotion:
         change = layout.moments(
             theta, np.hstack([by_q @ turning + by_rate @ swinging, by_rate @ turning])
         )
-        # The moments of forces on nodes that keep their direction change as the segments turn.
+        # Forces on nodes keep their direction, so that their moments change as the segments turn.
         on_nodes = force[:, None].copy()
         on_nodes[2::3] = 0.0
         change[:, :n] += np.diag(layout.moments(theta + 0.5 * math.pi, on_nodes)[:, 0])

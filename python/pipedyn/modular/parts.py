@@ -2,8 +2,8 @@
 """Parts of a scene: modules, which have inertia and forces, and the constraints between them.
 
 A part is a description in numbers; its effect on a state is compiled (cpp/pipedyn/modular/). Only
-`Custom` modules, a user's own, compute in Python. Effects at a place of the pipe, such as a point
-mass or a spring to the axis, are terms of the pipe: see `pipedyn.models.terms`.
+`Custom` modules, which users write, compute in Python. Effects at a place of the pipe, for example
+of a point mass or a spring to the axis, are terms of the pipe: see `pipedyn.models.terms`.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 
 MOST_MASS = 1e6
-"""Largest mass of a Custom module, which is also that of a pipe's terms."""
+"""Largest mass of a Custom module; a pipe's terms have the same limit."""
 
 MASSLESS = 1e-10
-"""Share of the largest inertia below which one is 0 but for rounding."""
+"""Share of the largest inertia below which an inertia counts as rounding of 0."""
 
 PART_RANGES: dict[str, dict[str, Any]] = {
     "length": {"low": 1e-7, "high": 1.0},
@@ -40,17 +40,17 @@ PART_RANGES: dict[str, dict[str, Any]] = {
     "x": {"low": -1e3, "high": 1e3},
     "y": {"low": -1e3, "high": 1e3},
 }
-"""Ranges of parts' numbers: as of `Chain` and of a pipe's terms, the others far beyond use."""
+"""Ranges of parts' numbers: those of `Chain` and of a pipe's terms, or limits far beyond use."""
 
 FIRST = {"joint": 1, "segment": 2, "node": 1}
-"""Least number of a place; the largest is that of the segments that a chain may have."""
+"""Least number of a place; the largest is the largest number of segments of a chain."""
 
 
 class Part:
-    """Base of modules and constraints, which checks their numbers."""
+    """Base class of modules and constraints, which checks their numbers."""
 
     def __post_init__(self) -> None:
-        """Replaces each number by one of its own type, if it lies in its range."""
+        """Checks that each number lies in its range, and converts it to its type."""
         for item in fields(self):  # type: ignore[arg-type]
             value, name = getattr(self, item.name), f"{item.name} of {type(self).__name__}"
             if item.name in FIRST:
@@ -65,7 +65,7 @@ class Module(Part):
 
 
 class Constraint(Part):
-    """A part that ties coordinates together."""
+    """A part that prescribes a relation between coordinates."""
 
 
 @saved_as("Segment")
@@ -78,10 +78,10 @@ class Segment(Module):
     Attributes:
         length: l_j in L, > 0.
         centre: its centre of mass, as a fraction chi_j of the length, in [0, 1].
-        gyration_radius: eta_j in L about the centre of mass, >= 0; where None, that of a
-            homogeneous segment, l_j / sqrt(12).
+        gyration_radius: eta_j in L about the centre of mass, >= 0; if None, that of a homogeneous
+            segment, l_j / sqrt(12).
         drag_point: place at which drag acts, as a fraction xi_j of the length, in [0, 1].
-        mass: mass with the fluid inside, > 0, in units of the pipe's, (mu_p + mu_f) L; where None,
+        mass: mass with the fluid inside, > 0, in units of the pipe's mass (mu_p + mu_f) L; if None,
             that of a uniform pipe, which equals the length.
     """
 
@@ -103,12 +103,12 @@ class TorsionalSpring(Module):
     """A spring that bends a joint: the moment -stiffness (phi_j - rest_angle) - damping phi_j'.
 
     Attributes:
-        joint: number of the joint, from 1; joint j holds segment j to segment j - 1, joint 1 holds
-            segment 1 to the root, and joint n + 1, where the pipe has one, a guided or clamped end
-            to segment n.
-        stiffness: in EI / L, >= 0.
-        damping: moment per rate of the angle, in EI T / L, >= 0; where None, the pipe's
-            Kelvin-Voigt damping, delta times the stiffness.
+        joint: number of the joint, from 1; joint j connects segment j to segment j - 1, joint 1
+            connects segment 1 to the root, and joint n + 1 connects a guided or clamped end, if
+            the pipe has one, to segment n.
+        stiffness: moment per angle, in EI / L, >= 0.
+        damping: moment per rate of the angle, in EI T / L, >= 0; if None, the pipe's Kelvin-Voigt
+            damping, delta times the stiffness.
         rest_angle: angle phi_j at which the spring has no moment, rad.
     """
 
@@ -137,31 +137,32 @@ class Drag(Module):
 
 
 UserLaw: TypeAlias = Callable[..., Any]
-"""A law of the user's own: a function for an energy, a force or a derivative of it."""
+"""A function that a user writes: an energy, a force or a derivative of a force."""
 
 
 @saved_as("Custom")
 @dataclass(frozen=True)
 class Custom(Module):
-    """A module of the user's own, written in Python: slower than the others, with any forces.
+    """A module that a user writes in Python: it may have any forces, and is slower than the others.
 
     Its functions take the coordinates it touches, q = (x, y of each node, then phi of each joint),
-    shape (k,), and their rates. Derivatives that are not given are taken by complex step, so the
+    shape (k,), and their rates. Derivatives that are not given are computed by complex step, so the
     functions must accept complex arrays and be built of analytic functions (no abs, sign, conj,
-    norm or real part; with these, derivatives must be given). When an `Assembly` is made the
-    functions are called, and all derivatives compared with differences, at displacements up to a
-    pipe's length. Scenes pickle, for use in processes, if the functions do, as those defined at the
-    top of a module do.
+    norm or real part; with these, derivatives must be given). When an `Assembly` is made, the
+    functions are called at displacements up to a pipe's length, and all derivatives are compared
+    with differences. Scenes can be pickled, for use in processes, if the functions can, for example
+    if they are defined at the top of a module.
 
     Attributes:
         nodes: numbers of the nodes it touches, from 1; y is measured downward from the clamp.
         joints: numbers of the joints it touches, from 1.
         energy: potential energy energy(q), in EI / L.
-        force: generalized force force(q, qdot), shape (k,); where None, minus the energy's
-            gradient. Power of the force beyond that of minus the gradient counts in `Power.others`.
+        force: generalized force force(q, qdot), shape (k,); if None, minus the energy's gradient.
+            `Power.others` contains the power of the force without that of minus the gradient.
         force_by_q: derivative of the force by q, shape (k, k), a row for each force.
         force_by_qdot: derivative of the force by qdot, shape (k, k), a row for each force.
-        mass: constant inertia, shape (k, k), symmetric, positive semidefinite; none where None.
+        mass: constant inertia, shape (k, k), symmetric, positive semidefinite; if None, there is
+            no inertia.
         name: name of the module in error messages.
     """
 
@@ -222,7 +223,7 @@ class Custom(Module):
         return raw
 
     def _inertia_rows(self, coordinates: int) -> Array:
-        """Rows W, (rank, coordinates), of its mass W^T W in redundant coordinates."""
+        """Rows W, (rank, coordinates), of the module's mass W^T W in redundant coordinates."""
         if self.mass is None:
             return np.zeros((0, coordinates))
         values, vectors = np.linalg.eigh(np.array(self.mass, dtype=np.float64))
@@ -247,7 +248,7 @@ class Custom(Module):
 @saved_as("Clamp")
 @dataclass(frozen=True)
 class Clamp(Constraint):
-    """The constraint that holds segment 1 at the fixed end, in the direction phi_1 from the axis.
+    """The constraint that holds segment 1 at the fixed end, turned by phi_1 from the axis.
 
     Attributes:
         base: length of a fixed part of the pipe between the clamp and joint 1, in L, in [0, 1).
@@ -261,7 +262,7 @@ class Clamp(Constraint):
 @saved_as("Joint")
 @dataclass(frozen=True)
 class Joint(Constraint):
-    """The constraint that holds a segment to the one before, turned by phi from its direction.
+    """The constraint that connects a segment to the segment before, turned by phi_j from it.
 
     Attributes:
         segment: number of the segment, from 2.
@@ -275,7 +276,7 @@ class Joint(Constraint):
 @saved_as("Guide")
 @dataclass(frozen=True)
 class Guide(Constraint):
-    """The constraint that holds a node on the axis, x = 0, along which it can slide.
+    """The constraint that holds a node on the axis, x = 0; the node can slide along the axis.
 
     Attributes:
         node: number of the node, from 1.
@@ -291,8 +292,8 @@ class Pin(Constraint):
 
     Attributes:
         node: number of the node, from 1.
-        x: transverse place, in L.
-        y: place along the axis, in L, downward from the clamp.
+        x: transverse coordinate of the place, in L.
+        y: coordinate of the place along the axis, in L, downward from the clamp.
     """
 
     node: int

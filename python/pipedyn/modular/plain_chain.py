@@ -35,7 +35,7 @@ def chain(
 
     Args:
         pipe: the pipe.
-        n: number of segments; not needed where an array tells it.
+        n: number of segments; not needed if an array gives it.
         springs: a rule, or the stiffness of each joint, as for `Chain`.
         lengths: lengths of the segments in L, as for `Chain`.
         centres: centres of mass, as fractions of the lengths.
@@ -51,7 +51,7 @@ def chain(
 
     Raises:
         ValueError: as for `Chain` and `Assembly`.
-        TypeError: for what is no number, array or pipe.
+        TypeError: for arguments that are not numbers, arrays or pipes.
     """
     plain = Chain(
         *(pipe, n),
