@@ -257,8 +257,8 @@ class _Run:
     approach: Approach = field(default_factory=Approach)  # approach to a known solution
     like: _Run | None = None  # motion whose turning points were spread alike at the last look
     alone: bool = False  # whether it does not join another
-    size: float = field(init=False)  # amplitude, rounded down to a power of SHARE
-    rate_size: float = field(init=False)  # size of its rates, likewise
+    size: float = field(init=False)  # range of the motion, rounded down to a power of SHARE
+    rate_size: float = field(init=False)  # range of its rates, likewise
     under_way: bool = True  # whether the tolerance may be TRANSIENT
     roughly: bool = False  # whether the tolerance was TRANSIENT in the last record
 

@@ -37,7 +37,7 @@ class MotionOptions:
     seed: int = 0  # seed of random starts
     executor: futures.Executor | None = None  # to which batches are submitted
     shown: bool = False  # whether progress is shown
-    back: float = BACK  # `BACK`, while a motion is on its way
+    back: float = BACK  # distance to an earlier state, see `BACK`
     most: float = MOST_CALLS  # most right-hand sides of a motion between two looks
 
     @staticmethod

@@ -149,7 +149,7 @@ class Stretch:
             nodes = at[:, None] + np.arange(-1, 3)
             rise = across[at + 1] - across[at]
             share = -across[at] / rise
-            for _ in range(4):  # Newton's method for the root of the cubic through four samples
+            for _ in range(4):  # chord method for the root of the cubic through four samples
                 share -= np.sum(_lagrange(share) * across[nodes], axis=1) / rise
             times = self.t[at] + share * (self.t[at + 1] - self.t[at])
             states = np.einsum("kn,kns->ks", _lagrange(share), self.states[nodes])

@@ -219,7 +219,7 @@ class Linearised:
             more[2 * pairs + 1 :] = ends[pairs + 1 :]
             ends = more
         count, n, columns = len(self._carried), self._units.size, factors.shape[1]
-        if self._runs is None:  # all intervals follow from
+        if self._runs is None:  # all intervals follow from the first state
             given = np.concatenate([ends[0], factors])
             later = self._carried.reshape(-1, len(given)) @ given
             later = later.reshape(count, n, columns)
@@ -292,7 +292,7 @@ class OrbitControl(Control):
 
     shortest: float = 1e-4
     turn: float = math.acos(0.8)
-    patience: int | None = 3  # a good start takes
+    patience: int | None = 3  # a good start takes 2 to 4 iterations
     longest_change: float = 0.5
     defect: float = math.inf  # largest defect of an orbit that is allowed
 

@@ -206,7 +206,7 @@ def by_series(
         except NewtonFailed:  # parts may be too long for the fastest modes
             return roots, math.inf
         last, error = error, _worst_change(plain**power, roots**power)
-        if error > 0.5 * last:  # near two roots that meet at 1, as at a Hopf point
+        if error > 0.5 * last:  # two that meet at 1, as at a Hopf point, have half the digits
             break
         more = min(max((2.0 * error / tolerance) ** 0.25, 1.5), 2.0)
     return roots, error

@@ -103,7 +103,7 @@ class BranchStart:
 
     orbit: PeriodicOrbit  # equilibrium or orbit from which the branch sets out
     towards: Array = field(repr=False)  # direction and length of the first step
-    speeds: tuple[float, float] = (0.0, math.inf)  # between which the first step ends
+    speeds: tuple[float, float] = (0.0, math.inf)  # speeds between which the first step ends
 
 
 def from_hopf(
@@ -348,7 +348,7 @@ def meeting(step: Step, kind: str, beginnings: Array, within: float) -> Meeting 
     through = where(0.0, step.reach(small.z), step.length)
     z, beside = step.guess(through), 1e-3 * step.length
     onward = step.guess(through + beside) - step.guess(through - beside)
-    if onward[-1] * small.tangent[-1] < 0.0:  # as if the opposite of an orbit is an orbit, too
+    if onward[-1] * small.tangent[-1] < 0.0:  # e.g. where the opposite of an orbit is one, too
         onward[-1] = 0.0
     z[-1] = p
     problem = step.problem.about(small.z)

@@ -119,7 +119,7 @@ class PeriodicOrbit:
     frequency: float
     u: float
     forced: bool = False
-    closing: Closing | None = field(default=None, repr=False, compare=False)  # if it is known
+    closing: Closing | None = field(default=None, repr=False, compare=False)  # None if unknown
 
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> PeriodicOrbit:
