@@ -19,7 +19,7 @@ Ending = Literal[
 
 @saved_as("Attractor", shapes={"K": "turnings", "n": "end"}, added=("reason",))
 class Attractor(Result, units={"turnings": LENGTH, "period": None}):
-    """Where one motion ends.
+    """An attractor on which a motion ends.
 
     Attributes:
         speed: u.

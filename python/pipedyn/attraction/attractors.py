@@ -131,7 +131,7 @@ class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
 
     @property
     def ending(self) -> str:
-        """How motions end on it: "rest", "periodic", "quasi-periodic", "chaotic", "irregular"."""
+        """Ending of its motions: "rest", "periodic", "quasi-periodic", "chaotic" or "irregular"."""
         return self.attractor.ending
 
 
@@ -519,7 +519,7 @@ def _share(ends: NDArray[np.int_], end: int) -> Share:
     return Share(count, value, error)
 
 
-# --------------------------------------------------------------------------------- what moves there
+# ---------------------------------------------------------------------------- motions on attractors
 
 
 def _basin(

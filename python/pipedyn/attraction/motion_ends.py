@@ -403,7 +403,7 @@ class _Engine:
         """The motions that have not ended yet."""
         return [run for run in runs if run.member not in self.answers]
 
-    # ----------------------------------------------------------------- what a stretch leads to
+    # -------------------------------------------------------------------- results of a stretch
 
     def look(self, runs: list[_Run], stretch: float) -> list[_Run]:
         """Integrates for a stretch; returns the motions that have neither ended nor joined one."""
@@ -475,7 +475,7 @@ class _Engine:
         return joined
 
     def finish(self, runs: list[_Run]) -> None:
-        """Follows motions to where they end."""
+        """Follows motions until they end."""
         options, drive = self.options, runs[0].case.drive
         stretch, longest = FIRST_LOOK, max(FIRST_LOOK, 0.5 * options.duration)
         if self.elapsed:

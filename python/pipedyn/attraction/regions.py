@@ -51,7 +51,7 @@ factor by which looks are rarer at most for a batch with fewer members. Looks at
 fifth as long as the motions between them, measured with two segments."""
 
 MEMBERS = 128
-"""Number of members of a batch for which one look is made."""
+"""Number of members of a batch at which looks are LOOK right-hand sides apart."""
 
 NEARER = 0.05
 """Share of the largest distance in the first period within a region at which a motion has reached
@@ -351,7 +351,7 @@ class _Watch(Observer):
         return found
 
     def _judge(self, task: WatchedTask, members: Any, blocks: Array) -> list[int]:
-        """Those of some members, with tasks of equal regions, that have reached a region.
+        """Selects the members, with tasks of equal regions, that have reached a region.
 
         blocks: judged samples of each member, (k, samples, rows).
         """

@@ -91,15 +91,15 @@ cycles."""
 BEYOND, MOST_BEYOND, INTERVALS_BEYOND = 1.25, 40, 100
 """Factor by which a branch may go beyond both the speeds and its beginning, since it may come back;
 largest number of consecutive steps out there; and number of mesh intervals beyond which an orbit is
-too costly there. Measured on branches of seven pipes, they came back six times from up to 1.22
-times as far, after 10 steps and with 21 intervals at most, and once from 2.3 times as far, after 32
+too costly there. Measured on seven pipes, branches came back six times from up to 1.22 times as
+far, after 10 steps and with 21 intervals at most, and once from 2.3 times as far, after 32
 steps."""
 
 RESOLVED_RANGE, NARROW, WINDING = 0.05, 0.05, 24
-"""Share of the range of speeds, or less if they are closer together, that a branch has to span so
-that branches that leave it are followed; the share of this within which a winding branch, such as
-one that comes near to a homoclinic orbit, is followed no further, and the number of steps after
-which it ends. Speeds that are closer together ask for narrower branches."""
+"""Share of the range of speeds that a branch has to span so that branches that leave it are
+followed, or the least gap of the speeds if that is smaller; the share of this within which a
+winding branch, for example one near a homoclinic orbit, is followed no further; and the number of
+steps after which it ends. Speeds that are closer together ask for narrower branches."""
 
 GENERATIONS = 2
 """Number of generations of cycles that leave cycles that are followed: all of the first, then those
@@ -235,7 +235,7 @@ class Traced:
         return self.branch is not None and bool(np.ptp(self.branch.speeds) >= speeds)
 
     def is_reverse(self, other: Traced) -> bool:
-        """Whether it is the other branch followed in the opposite direction."""
+        """Whether it is another branch followed in the opposite direction."""
         pairs = ((self.end, other.begin), (self.begin, other.end))
         return all(a is not None and b is not None and a.same(b) for a, b in pairs)
 
@@ -319,7 +319,7 @@ def traced(
 
 
 def _as_one_branch(ways: list[_Follower]) -> Traced:
-    """One branch of what was followed one way, or both ways from the same cycle."""
+    """The branch that was followed one way, or both ways from the same cycle."""
     way = ways[-1]
     cycles, events, begin = way.cycles, way.events, way.begin
     if len(ways) == 2:

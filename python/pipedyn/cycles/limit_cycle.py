@@ -3,7 +3,7 @@
 
 A cycle is found on a coarse mesh, from a Hopf point, a motion or another cycle. It is refined until
 amplitude and frequency converge and the trivial multiplier is 1. Mesh intervals are short where the
-motion changes fast; modes that decay far faster than the cycle's period need no shorter ones, as
+motion changes fast; modes that decay within a small part of the period need no shorter ones, as
 Radau's method is L-stable.
 """
 
@@ -68,16 +68,17 @@ SEARCHED, SEEN = 60.0, 20.0
 recorded; a motion that comes nearer to something is followed for longer."""
 
 SEARCH, SEARCH_FACTOR = 600_000, 3
-"""Number of right-hand sides of that motion between two looks beyond which it is given up, and the
-factor allowed for up to 6 degrees of freedom, where they are cheap. Motions that wind up without
-end turn ever faster."""
+"""Number of right-hand sides of that motion, from one look to the next, beyond which it is given
+up, and the factor by which more are allowed up to 6 degrees of freedom, where they are cheap.
+Motions that wind up without end turn ever faster."""
 
 MOST_CYCLE_INTERVALS = 2000
 """Largest number of intervals of a mesh: with more, one Newton step of a chain of 20 segments takes
 some seconds."""
 
 DEFECT_ROUNDING = 1e-11
-"""Defect below which it may be rounding, so that only halving intervals reduces it."""
+"""Defect of an interval below which the defect may be rounding, so that only halving intervals
+reduces it."""
 
 LAST_CHANGE = 0.1
 """Largest share of the tolerance by which the last halving of all intervals with a large defect
@@ -249,7 +250,7 @@ def limit_cycle(
         return found if once is found.orbit else converged_cycle(motion, once, rtol, samples, how)
 
 
-# ----------------------------------------------------------------------------- where it begins
+# ---------------------------------------------------------------------------------- beginnings
 
 
 def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit, str]:
@@ -355,7 +356,7 @@ def _check_own(motion: VectorField, onset: Hopf) -> None:
 
 
 def _from_damped_pipe(motion: VectorField, u: float) -> PeriodicOrbit:
-    """The cycle found from that of the pipe with some damping, which is then left out.
+    """The cycle found from the cycle of a damped pipe, whose damping is then left out.
 
     An aspirating pipe without damping has no onset: it is unstable from u = 0 on.
     """
@@ -375,11 +376,11 @@ def _from_damped_pipe(motion: VectorField, u: float) -> PeriodicOrbit:
     return solved(motion, orbit, COARSE.tolerance)
 
 
-# ------------------------------------------------------------------------------ from a motion
+# ------------------------------------------------------------------------ cycles from motions
 
 
 def _simulated(motion: VectorField, u: float, start: Array, patience: float = 1.0) -> PeriodicOrbit:
-    """The cycle on which the motion from a state [p, p'] ends, or one that it has passed.
+    """The cycle on which the motion from a state [p, p'] ends, or else one that it has passed.
 
     patience: factor of the time after which a motion that comes nearer to nothing is given up.
     """
@@ -417,7 +418,7 @@ def as_symmetric(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
     return solved_anew(motion, orbit, orbit.u, True, COARSE)
 
 
-# -------------------------------------------------------------- what it is, and how well known
+# -------------------------------------------------------------------- the cycle and its errors
 
 
 def converged_cycle(
@@ -440,7 +441,8 @@ def converged_cycle(
             whatever the remaining defects: half as many intervals or fewer are then needed.
 
     Raises:
-        NotConverged: if the tolerance is out of reach; `result` holds what was reached.
+        NotConverged: if the tolerance is out of reach; `result` holds the cycle as far as it
+            converged.
     """
     # Largest defect with which the first answer mostly meets rtol, as the mesh follows kinks of
     # forces.

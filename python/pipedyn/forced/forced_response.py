@@ -374,7 +374,7 @@ def _checked_forcing(u: Any, base: Any) -> Pulsation | Harmonic:
     return base
 
 
-# ------------------------------------------------------------------------------ where it begins
+# ----------------------------------------------------------------------------------- beginnings
 
 
 @dataclass(frozen=True)
@@ -573,7 +573,7 @@ def _leaving_rest(motion: ForcedField, hill: Hill, edge: float, mean: float) -> 
     return BranchStart(base, scale * towards, (0.98 * w, 1.02 * w))
 
 
-# -------------------------------------------------------------------------------- following it
+# -------------------------------------------------------------------------- following branches
 
 
 class _ForcedPoint(NamedTuple):

@@ -336,7 +336,7 @@ def _turns(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     return np.asarray(orbit.durations * np.abs(rates[persist]).max(initial=0.0))
 
 
-# ----------------------------------------------------------------- what passes the unit circle
+# --------------------------------------------------------------------- passing the unit circle
 
 
 def nontrivial(multipliers: ArrayLike) -> Complex:

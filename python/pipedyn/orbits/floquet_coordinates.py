@@ -2,9 +2,9 @@
 """Floquet coordinates about a stable cycle: distances of a state along each Floquet vector.
 
 They are the products of the adjoint solutions of the variational equation with the difference of a
-state from the cycle. To first order a shift along the cycle has none, and the modulus of each
-decays at its own constant rate, without the swing between the axes of an ellipse that distances
-show.
+state from the cycle. To first order they do not change with a shift along the cycle, and the
+modulus of each decays at its own constant rate, whereas distances swing between the axes of an
+ellipse.
 """
 
 from __future__ import annotations

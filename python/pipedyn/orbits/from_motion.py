@@ -84,7 +84,7 @@ def solved_cycle(
 ) -> tuple[PeriodicOrbit, bool]:
     """The cycle near the last period of a motion, and whether its multipliers say that it attracts.
 
-    Arguments and errors are those of `last_period`; `NewtonFailed` is also raised if no cycle is
+    The arguments and errors are as for `last_period`; `NewtonFailed` is also raised if no cycle is
     found near the motion's last period or its multipliers are not known.
     """
     if model.dof > LARGEST_CYCLE:

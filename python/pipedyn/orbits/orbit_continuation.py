@@ -94,7 +94,7 @@ def solved_anew(
     return solved(motion, guess, how.tolerance)
 
 
-# ---------------------------------------------------------------------------- where it begins
+# --------------------------------------------------------------------------------- beginnings
 
 
 @dataclass(frozen=True)
@@ -385,7 +385,7 @@ class PassingMultiplier(TestFunction[AnyOrbitProblem]):
         return self.event(before, beyond, *crossing_event(roots, mirrored)) if roots.size else None
 
 
-# -------------------------------------------------------------------------------- following it
+# -------------------------------------------------------------------------- following branches
 
 
 def followed(motion: VectorField, start: BranchStart, how: OrbitControl) -> Iterator[Step]:

@@ -19,8 +19,8 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 
 ORBIT_STAGES = 8
-"""Number of stages of the Radau IIA method, which has order 2 STAGES - 1 = 15. Cycles of two pipes
-take 2.5 times as long to 1e-6 with 6 stages, and 1.1 times as long with 10."""
+"""Number of stages of the Radau IIA method, which has order 2 ORBIT_STAGES - 1 = 15. Cycles of two
+pipes take 2.5 times as long to 1e-6 with 6 stages, and 1.1 times as long with 10."""
 
 COARSEST = 4
 """Number of intervals in half a period of the coarsest mesh: 32 stages resolve some 10 odd
