@@ -65,37 +65,41 @@ from pipedyn.util.result import Result, TableResult, joined
 from pipedyn.util.threads import one_thread
 
 MOST_MOTIONS = 100_000
-"""Of one call: an hour at 30 ms each."""
+"""Largest number of motions of one call: an hour at 30 ms each."""
 
 STEPS_AHEAD = 8
-"""Along a branch of cycles, after which its steps grow no more: beside an onset they are short."""
+"""Number of steps along a branch of cycles after which the steps grow no more: near an onset they
+are short."""
 
 SPARSE = 4
-"""Speeds for each one at which motions are integrated first: cycles that these lead to are followed
-to the others, where motions then end sooner. A choice: other numbers were not measured."""
+"""Number of speeds for each one at which motions are integrated first: cycles to which these
+motions lead are followed to the other speeds, where motions then end sooner. This number was
+chosen; others were not measured."""
 
 NEAR_BRANCH = 0.1
-"""Relative difference of speeds up to which motions begin beside the nearest cycle of a branch that
-has none at a speed: what is born where a branch ends or is lost attracts few other starts."""
+"""Largest relative difference of speeds at which motions begin beside the nearest cycle of a branch
+that has none at a speed: an attractor that is born where a branch ends or is lost attracts few of
+the other starts."""
 
 MOST_FROM_MOTIONS = 12
-"""Cycles, at most, that motions end on and that are followed from there: a second or more each."""
+"""Largest number of cycles on which motions end and which are followed from there: each takes a
+second or more."""
 
 
 @saved_as("BifurcationDiagram", shapes={"S": "speeds"})
 class BifurcationDiagram(TableResult):
-    """What a pipe does over the flow speed.
+    """Equilibria, cycles and ends of motions of a pipe over the flow speed.
 
     Attributes:
-        speeds: u as given, shape (S,).
-        equilibria: branches over the range of these, the straight pipe's first, mirror images
-            included.
+        speeds: flow speeds u as given, shape (S,).
+        equilibria: branches of equilibria over the range of the speeds, the straight pipe's first,
+            mirror images included.
         cycles: branches of cycles within these speeds, those from onsets of flutter first, each
-            followed by those that leave it; of two that are mirror images one.
-        motions: where motions from a batch of starts end; empty where they were not wanted. An
-            attractor with the start -1 was reached by none of these, but by a motion that began
+            followed by the branches that leave it; only one of two mirror images.
+        motions: ends of motions from a batch of starts; empty if they were not asked for. An
+            attractor with the start -1 was reached by none of these motions, but by one that began
             beside a cycle at a neighbouring speed.
-        failures: points that failed, with what they raised, by speed; `value` is the flow speed and
+        failures: points that failed, with the errors, by speed; `value` is the flow speed and
             `index` its place among `speeds`, -1 where a branch failed at none of these.
         model: the model.
 
@@ -115,7 +119,7 @@ class BifurcationDiagram(TableResult):
     model: Model
 
     def at(self, u: float) -> tuple[Attractor, ...]:
-        """Where motions end at the speed nearest to u >= 0; raises ValueError or TypeError."""
+        """Ends of motions at the speed nearest to u >= 0; raises ValueError or TypeError."""
         u = check.real("u", u, low=0.0)
         if not self.motions:
             return ()
@@ -151,43 +155,43 @@ def bifurcation_diagram(
     executor: futures.Executor | None = None,
     progress: bool = False,
 ) -> BifurcationDiagram:
-    """Equilibria and cycles over a range of flow speeds and, on request, where motions end.
+    """Equilibria and cycles over a range of flow speeds and, on request, ends of motions.
 
     Equilibria are followed by arc length, past folds, and so are the cycles from each onset of
     flutter of straight and bent pipes, up to 1.5 times the highest speed given. Cycles are followed
-    up to a quarter beyond both the speeds and the onset, since they may come back. So are, for two
-    generations, cycles that leave them at pitchforks and period doublings within the speeds, if the
-    branch that they leave goes over a twentieth of the range of speeds, or over the least gap
-    between these where that is smaller; what leaves at a torus is no cycle. Motions are integrated
-    at the speeds given. Where one ends on a cycle that no onset leads to, that is followed both
-    ways. Without `brute_force` motions look for one at the first, the middle and the last speed, if
-    no cycle and no stable equilibrium is known there.
+    up to a quarter beyond both the speeds and the onset, since they may come back. Cycles that
+    leave these at pitchforks and period doublings within the speeds are followed as well, for two
+    generations, if the branch that they leave spans a twentieth of the range of speeds, or the
+    least gap between speeds if that is smaller; no cycles leave at a torus. Motions are integrated
+    at the speeds given. If a motion ends on a cycle to which no onset leads, that cycle is followed
+    both ways. Without `brute_force`, motions look for a cycle at the first, the middle and the last
+    speed, if no cycle and no stable equilibrium is known there.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
         speeds: flow speeds, increasing, at least 2, shape (S,).
-        cycles: number of steps along each branch of cycles at most; 0 for no cycles. Models of more
+        cycles: largest number of steps along each branch of cycles; 0 for no cycles. Models of more
             than 100 degrees of freedom have to be given 0.
         brute_force: number of initial states for each speed; 0 for none.
         transient: time in T that is left out before motions are recorded. A motion that has reached
-            a known equilibrium or cycle ends earlier; known is also what another has led to, see
-            `attractors`. Irregular ones at one speed whose turning points are spread alike go on as
-            one after a quarter of this time, as long as that stays irregular.
-        duration: time over which they are then recorded; those that come nearer to something are
-            followed for up to eight times as long as both.
-        exponents: whether the largest Lyapunov exponent of irregular motions is computed, by which
-            chaos and quasi-periodic motion are told apart; without it they are "irregular".
-        rtol: relative tolerance of cycles at the speeds given, and of the steps of motions that are
-            recorded, relative to the motion's size. On the way there explicit steps take 1e-4 where
-            rtol is less.
-        seed: of the initial states; the first is always a slight bend.
+            a known equilibrium or cycle ends earlier; those to which another motion has led are
+            known as well, see `attractors`. Irregular motions at one speed whose turning points are
+            spread alike go on as one after a quarter of this time, as long as that stays irregular.
+        duration: time in T over which motions are then recorded; a motion that comes nearer to
+            something is followed for up to eight times the sum of both times.
+        exponents: whether the largest Lyapunov exponent of irregular motions is computed, which
+            tells chaos from quasi-periodic motion; without it they are "irregular".
+        rtol: relative tolerance of cycles at the speeds given, and of the steps of recorded
+            motions, relative to the motion's size. Before a motion is recorded, explicit steps take
+            1e-4 if rtol is less.
+        seed: seed of the initial states; the first state is always a slight bend.
         executor: a `concurrent.futures.Executor`; its tasks are branches of cycles and batches of
-            motions. Those that it does not answer, since a worker died or it is broken or shut
-            down, fail.
-        progress: show progress on stderr, and before that what `diagram_cost` answers.
+            motions. Tasks fail if it does not return them, since a worker died or it is broken or
+            shut down.
+        progress: show progress on stderr, after the result of `diagram_cost`.
 
     Returns:
-        BifurcationDiagram; what fails is recorded in `failures` and the rest is kept.
+        BifurcationDiagram; failures are recorded in `failures` and the rest is kept.
 
     Example:
         >>> model = pp.Chain(pp.Pipe(0.2), 2)
@@ -234,16 +238,16 @@ def bifurcation_diagram(
 
 @saved_as("DiagramCost")
 class DiagramCost(Result):
-    """What a bifurcation diagram takes, as far as short pieces of its work foretell.
+    """Cost of a bifurcation diagram, as far as short pieces of its work predict it.
 
     Attributes:
-        cycles: right-hand sides and Jacobians for the branches of cycles from onsets, at least:
-            what their events take, and the branches that leave them, is not foreseen.
-        motions: right-hand sides for the motions and, if asked for, their exponents, as if no cycle
-            were known on which they end: with chains of two to four segments and six functions, at
-            40 speeds with four starts, 1.1 to 3.3 times what the diagram took.
-        seconds: for both and for the branches of equilibria, of one thread; of the same diagrams
-            0.5 to 1 times what they took, as branches are not all foreseen.
+        cycles: least number of right-hand sides and Jacobians for the branches of cycles from
+            onsets: the cost of their events, and of branches that leave them, is not predicted.
+        motions: number of right-hand sides for the motions and, if asked for, their exponents, as
+            if no cycle were known on which they end: with chains of two to four segments and six
+            functions, at 40 speeds with four starts, it was 1.1 to 3.3 times the diagram's.
+        seconds: time for both and for the branches of equilibria, on one thread; for the same
+            diagrams it was 0.5 to 1 times the actual time, as not all branches are predicted.
     """
 
     cycles: float
@@ -258,7 +262,7 @@ class DiagramCost(Result):
 
 
 def diagram_cost(model: Model, speeds: ArrayLike, **options: Any) -> DiagramCost:
-    """What `bifurcation_diagram` takes with these arguments, from short pieces of its work.
+    """Cost of `bifurcation_diagram` with these arguments, from short pieces of its work.
 
     The pieces are the branches of equilibria, the first eight steps along the first branch of
     cycles, one cycle to the tolerance, and the motions from one or two starts at three or six of
@@ -267,7 +271,7 @@ def diagram_cost(model: Model, speeds: ArrayLike, **options: Any) -> DiagramCost
     Args:
         model: as for `bifurcation_diagram`.
         speeds: flow speeds, increasing, at least 2, shape (S,).
-        options: any others of its arguments; `executor` and `progress` change nothing.
+        options: any others of its arguments; `executor` and `progress` have no effect.
 
     Returns:
         DiagramCost.
@@ -296,8 +300,8 @@ class _Asked:
 
     model: Model
     speeds: Array
-    steps: int  # along each branch of cycles
-    starts: list[Array]  # of motions
+    steps: int  # largest number along each branch of cycles
+    starts: list[Array]  # initial states of motions
     options: MotionOptions
 
 
@@ -326,7 +330,7 @@ def _asked(
 
 
 def _cost(asked: _Asked, branches: tuple[EquilibriumBranch, ...], seconds: float) -> DiagramCost:
-    """The cost of a diagram; seconds: what its branches of equilibria have taken."""
+    """The cost of a diagram; seconds: time that its branches of equilibria have taken."""
     begun = clock()
     cycles, done = _cycles_cost(asked, branches) if asked.steps else (0.0, 0)
     seconds += (clock() - begun) * cycles / max(done, 1)
@@ -342,7 +346,7 @@ def _cost(asked: _Asked, branches: tuple[EquilibriumBranch, ...], seconds: float
         share = speeds * len(asked.starts) / (some.size * len(starts))
         motions = share * work.right_hand_sides
         seconds += share * (clock() - begun)
-        if asked.options.exponents:  # one at a speed
+        if asked.options.exponents:  # one exponent at each speed
             begun = clock()
             first = [one for one in ended if one.start == 0 and one.ending == "irregular"]
             states = [(Excitation(one.speed), one.end) for one in first]
@@ -354,13 +358,14 @@ def _cost(asked: _Asked, branches: tuple[EquilibriumBranch, ...], seconds: float
 
 
 def _cycles_cost(asked: _Asked, branches: tuple[EquilibriumBranch, ...]) -> tuple[float, int]:
-    """Right-hand sides and Jacobians for branches of cycles from the onsets, and of the pieces."""
+    """Numbers of right-hand sides and Jacobians: those predicted for cycles, and those spent."""
     end = float(asked.speeds[-1])
     onsets = sorted(hopf_points(asked.model, branches, 1.5 * end, []), key=lambda one: one.speed)
     if not onsets:
         return 0.0, 0
     first = onsets[0]
-    # Also where the speeds begin later: only within them are the multipliers computed.
+    # The range includes the onset even if the speeds begin later: only within it are multipliers
+    # computed.
     within = np.array([min(first.speed, float(asked.speeds[0])), max(first.speed, end)])
     most = min(asked.steps, STEPS_AHEAD)
     with counted() as work:
@@ -369,7 +374,7 @@ def _cycles_cost(asked: _Asked, branches: tuple[EquilibriumBranch, ...]) -> tupl
     if branch is None or len(branch) < 2 or not first.speed < end:
         return float(len(onsets) * done), done
     u, step = float(branch.speeds[-1]), abs(float(branch.speeds[-1] - branch.speeds[-2]))
-    last = BEYOND * end  # as far as branches are followed
+    last = BEYOND * end  # speed up to which branches are followed
     steps = most + min(max(last - u, 0.0) / max(step, 1e-3 * end), asked.steps - most)
     with counted() as work, suppress(PipedynError):
         limit_cycle(asked.model, u, branch.cycles[-1], rtol=asked.options.rtol)
@@ -382,7 +387,7 @@ def _cycles_cost(asked: _Asked, branches: tuple[EquilibriumBranch, ...]) -> tupl
 
 
 def seeds(speeds: Array) -> list[float]:
-    """Where to look for what lies on no branch: the middle, the first and the last speed."""
+    """Speeds at which solutions on no branch are looked for: the middle, first and last one."""
     return [float(speeds[i]) for i in dict.fromkeys([speeds.size // 2, 0, speeds.size - 1])]
 
 
@@ -394,7 +399,7 @@ def equilibrium_branches(
 ) -> tuple[tuple[EquilibriumBranch, ...], set[float]]:
     """Branches through the equilibria at three of the speeds, each once.
 
-    The second answer is at which of the three an equilibrium is stable.
+    The second result holds those of the three speeds at which an equilibrium is stable.
     """
     ends = float(speeds[0]), float(speeds[-1])
     branches: list[EquilibriumBranch] = []
@@ -408,7 +413,7 @@ def equilibrium_branches(
         if found.stable.any():
             stable.add(u)
         for q in found.q:
-            # Branches have points at both ends and at the speed at which they were begun.
+            # Branches have points at both ends and at the speed at which they began.
             passing = np.concatenate([q[None] + math.inf, *(b.q[b.speeds == u] for b in branches)])
             if np.abs(passing - q).max(axis=1).min() < 1e-5 * (1.0 + np.abs(q).max()):
                 continue
@@ -423,7 +428,7 @@ def equilibrium_branches(
 
 
 def _sparse_first(speeds: Array) -> list[Array]:
-    """Some of the speeds, and then the others, where cycles that the first lead to are known."""
+    """Some of the speeds, then the others, at which cycles that the first lead to are known."""
     if speeds.size <= SPARSE:
         return [speeds]
     first = np.zeros(speeds.size, dtype=bool)
@@ -462,9 +467,10 @@ def motions_at(
     options: MotionOptions,
     failed: list[Failed],
 ) -> tuple[tuple[Attractor, ...], list[Case]]:
-    """Where motions from each start end at each speed, and what is known there then.
+    """Ends of motions from each start at each speed, and the cases with the solutions known.
 
-    Of those from cycles of branches nearby, with the start -1, only what no other ends on.
+    Motions that begin beside cycles of branches nearby, with the start -1, only count if no other
+    motion ends on their attractor.
     """
     ends, cases = motion_ends(model, cases, starts, options, "brute force")
     found = list[Attractor]()
@@ -484,13 +490,13 @@ def motions_at(
 
 
 def _off(model: Model, one: LimitCycle) -> Array:
-    """A start a hundredth off a cycle, which may be unstable: rows p and p', (2, integrated)."""
+    """A start a hundredth away from a cycle, maybe unstable: rows p and p', (2, integrated)."""
     p, rates = np.split(np.asarray(model.initial_state(one.q[0], one.qdot[0])), 2)
     return np.stack(model.onto_constraints(1.01 * p, rates))
 
 
 def _passing(branch: EquilibriumBranch, u: float) -> Array:
-    """About the coordinates where a branch passes a speed, (k, coordinates)."""
+    """Coordinates where a branch passes a speed, by linear interpolation, (k, coordinates)."""
     before, after = branch.speeds[:-1], branch.speeds[1:]
     within = np.flatnonzero((before - u) * (after - u) <= 0.0)
     step = after[within] - before[within]
@@ -503,7 +509,7 @@ def _passing(branch: EquilibriumBranch, u: float) -> Array:
 
 
 class _Cycles:
-    """Branches of cycles that were found so far, each once."""
+    """The branches of cycles found so far, each once."""
 
     def __init__(self, model: Model, options: BranchOptions, failed: list[Failed]) -> None:
         self.model, self.options, self.failed = model, options, failed
@@ -514,7 +520,7 @@ class _Cycles:
         return [one.branch for one in self.found if one.branch is not None]
 
     def add(self, found: list[Traced], failed: list[Failed]) -> None:
-        """Takes the branches of one beginning, and what failed on them."""
+        """Adds the branches of one beginning, and their failures."""
         self.failed += failed
         for one in found:
             known = one.repeats(self.branches, self.options.speeds)
@@ -528,7 +534,7 @@ class _Cycles:
         shown: bool,
     ) -> None:
         """Follows the branches of cycles that begin at onsets of flutter."""
-        highest = 1.5 * float(self.options.speeds[-1])  # cycles from beyond may come back
+        highest = 1.5 * float(self.options.speeds[-1])  # cycles from onsets beyond may come back
         with one_thread(self.model.dof):
             onsets = hopf_points(self.model, equilibria, highest, self.failed)
         self.options = replace(self.options, onsets=tuple(point.speed for point in onsets))
@@ -541,7 +547,7 @@ class _Cycles:
                 self.add(*answer)
 
     def _traced(self, begin: HopfPoint | PeriodicOrbit) -> tuple[list[Traced], list[Failed]]:
-        """What begins at an onset, or goes through an orbit, as far as no branch has it by then."""
+        """Branches from an onset, or through an orbit, except parts that are already known."""
         if isinstance(begin, HopfPoint) and self._ends_at(begin):
             return [], []
         return traced(self.model, begin, replace(self.options, known=tuple(self.branches)))
@@ -552,7 +558,10 @@ class _Cycles:
         return any(end.kind == "hopf" and end.speed == point.speed for end in ends if end)
 
     def through(self, u: float, begin: PeriodicOrbit | Array) -> None:
-        """Through a cycle, or that which a motion from coordinates at rest ends on."""
+        """Follows the branch through a cycle, or through the one on which a motion ends.
+
+        begin: the cycle, or coordinates at rest at which the motion begins.
+        """
         motion = VectorField(self.model)
         try:
             with one_thread(motion.size):
@@ -571,7 +580,7 @@ class _Cycles:
             self.failed.append((u, error))
 
     def from_motions(self, cases: list[Case]) -> None:
-        """Through cycles that motions led to and that lie on no branch."""
+        """Follows the branches through cycles that motions led to and that lie on no branch."""
         followed = 0
         for case in cases:
             u = case.drive.mean

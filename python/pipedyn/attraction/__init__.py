@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""Where motions end: one engine for attractors, their names, basins and exponents."""
+"""Ends of motions: one engine for attractors, their names, basins and exponents."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a motion ends on, as users see it."""
+"""The attractor on which a motion ends, as users see it."""
 
 from __future__ import annotations
 
@@ -19,25 +19,26 @@ Ending = Literal[
 
 @saved_as("Attractor", shapes={"K": "turnings", "n": "end"}, added=("reason",))
 class Attractor(Result, units={"turnings": LENGTH, "period": None}):
-    """Where one motion ends.
+    """An attractor on which a motion ends.
 
     Attributes:
         speed: u.
         start: number of the start of the motion, counted from 0. It is -1 for an attractor of a
-            bifurcation diagram on which no motion from the starts ended, but one that began beside
-            a cycle at a neighbouring speed.
-        ending: "rest"; "periodic", of motions that reach a cycle; "quasi-periodic", where the
+            bifurcation diagram that no motion from the starts reached, but a motion that began
+            beside a cycle at a neighbouring speed.
+        ending: "rest"; "periodic" for a motion that reaches a cycle; "quasi-periodic" where the
             largest Lyapunov exponent is not above 0 beyond its spread and averages over the record
-            converge as they do on a torus only; "chaotic", where the exponent is above 0 by more
-            than three times its spread; "irregular" where exponents are not asked for; "unsettled",
+            converge as they do only on a torus; "chaotic" where the exponent is above 0 by more
+            than three times its spread; "irregular" where exponents are not asked for; "unsettled"
             where none of these was shown, for the `reason`; or "failed".
-        period: maxima of the tip's transverse position in a period, 0 unless "periodic".
-        turnings: transverse position of the tip where its velocity changes sign, in order, over
-            four periods of a cycle and the time recorded of others, shape (K,); at rest the
-            position itself.
-        end: [p, p'] on it, shape (2 integrated,), empty where it failed.
-        exponent: the largest Lyapunov exponent, if asked for and the motion is irregular; of one
-            motion for all at a speed whose turning points are spread alike.
+        period: number of maxima of the tip's transverse position in a period; 0 unless "periodic".
+        turnings: transverse positions of the tip where its velocity changes sign, in order, over
+            four periods of a cycle or over the recorded time of other motions, shape (K,); at rest
+            the position itself.
+        end: state [p, p'] on the attractor, shape (2 integrated,); empty where the motion failed.
+        exponent: the largest Lyapunov exponent, if it is asked for and the motion is irregular.
+            Motions at one speed whose turning points are spread alike share the exponent of one of
+            them.
         reason: why the motion is "unsettled"; empty otherwise.
     """
 
@@ -52,7 +53,7 @@ class Attractor(Result, units={"turnings": LENGTH, "period": None}):
 
     @property
     def name(self) -> str:
-        """The ending in words, with the maxima in a period or the exponent of chaos."""
+        """The ending in words, with the number of maxima in a period or the exponent of chaos."""
         if self.ending == "periodic":
             return f"periodic, {self.period} maxim{'um' if self.period == 1 else 'a'}"
         if self.ending == "chaotic" and self.exponent is not None:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The attractors at one flow speed and their basins: where motions from many starts end.
 
-A few of the starts are followed first. Most of the others soon reach what these, or stable
-equilibria, have shown, and end there.
+A few of the starts are followed first. Most of the other motions soon reach an attractor that these
+have shown, or a stable equilibrium, and end there.
 """
 
 from __future__ import annotations
@@ -51,17 +51,19 @@ from pipedyn.util.result import Result, TableResult
 from pipedyn.util.units import LENGTH, RATE
 
 PILOTS, TOGETHER = BATCH, 128
-"""Starts that are followed first, one batch: what attracts a tenth of all starts is missed once in
-30 times, and then found by the others, of which so many are followed together."""
+"""Number of starts that are followed first, in one batch, and of those that are followed together
+afterwards. The first batch misses an attractor of a tenth of all starts once in 30 times; the other
+starts then find it."""
 
 RECORDED_PERIODS, SAMPLES_A_MAXIMUM = 16, 256
-"""Periods of a cycle that are recorded for its basin, and samples between two of its maxima."""
+"""Number of periods of a cycle that are recorded for its basin, and of samples between two
+maxima."""
 
 DRIVE_PERIODS = 48
-"""Periods of what drives a motion that are recorded, rounded down to whole ones of the motion."""
+"""Number of periods of the drive that are recorded, rounded down to whole periods of the motion."""
 
 MOST_SAMPLES = 2**16
-"""Samples of a motion that is recorded."""
+"""Largest number of samples of a motion that is recorded."""
 
 RECORD_TOLERANCE = 1e-9
 """Relative tolerance of the motions that are recorded."""
@@ -69,14 +71,14 @@ RECORD_TOLERANCE = 1e-9
 
 @saved_as("Share")
 class Share(Result):
-    """How many of all starts.
+    """A share of all starts.
 
     Attributes:
         count: number of starts.
-        value: the same as a share of all.
-        error: its standard error where the starts are drawn at random, independently; half the
-            width of Wilson's interval, which is above 0 also where all starts or none count. For
-            a plane or starts of one's own it is a measure of how few they are.
+        value: the number divided by that of all starts.
+        error: standard error of the value if the starts are drawn at random, independently: half
+            the width of Wilson's interval, which is above 0 even if all starts or none count. For a
+            plane or given starts it only measures how few starts there are.
     """
 
     count: int
@@ -89,27 +91,30 @@ class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
     """An attractor, and the starts that end on it.
 
     Attributes:
-        attractor: where one of these ends; its exponent is measured if it is irregular.
-        share: of the starts that end on it.
-        attracts: whether eigenvalues or Floquet multipliers say that it attracts what is near.
-            Where these are not known, as of more than 100 degrees of freedom and of driven pipes at
-            rest, whether motions from beside it in sixteen directions drawn at random come nearer.
-            Where it does not, the starts lie on what an unstable equilibrium or cycle attracts, as
-            the straight pipe at rest does. Of irregular ones not known: False.
+        attractor: the attractor, with the end of one of these motions; its exponent is measured if
+            it is irregular.
+        share: share of the starts that end on it.
+        attracts: whether motions nearby come to it, as eigenvalues or Floquet multipliers say.
+            Where these are not known, as for more than 100 degrees of freedom and for driven pipes
+            at rest, motions from beside it in sixteen directions drawn at random are tested. If
+            False, the starts lie on the set that an unstable equilibrium or cycle attracts, as the
+            straight pipe at rest does. For irregular motions it is not known: False.
         period: in T; 0 at rest, NaN where irregular.
         amplitude: half the peak-to-peak transverse motion of the free end, in L.
-        exponent: largest Lyapunov exponent in 1 / T: of rest the largest real part of an eigenvalue
-            and of a cycle 0, as its phase is neutral; measured where irregular, NaN if not asked
-            for. Of rest and cycles where the flow pulsates or the base oscillates NaN.
-        mirror_image: which of the basins is its mirror image, itself where it is symmetric; -1
-            where the pipe has no mirror symmetry or no start ends there.
-        frequencies: angular, in 1 / T, shape (F,); empty at rest.
-        spectrum: amplitude of the free end's transverse motion by frequency, in L, shape (F,): of a
-            cycle, those of its harmonics; where irregular, through Hann's window.
-        section: Poincare section: states [q, q'] on it where the free end is at a maximum of its
-            transverse position, in order, shape (K, 2 coordinates); empty at rest. Where the flow
-            pulsates or the base oscillates, the stroboscopic one: when a period of that begins.
-        motion: on it, as it was recorded: of a cycle 16 periods, if driven 48 of the drive's.
+        exponent: largest Lyapunov exponent in 1 / T: at rest the largest real part of an
+            eigenvalue, and on a cycle 0, as its phase is neutral; measured for irregular motions,
+            NaN if not asked for. NaN for rest and cycles if the flow pulsates or the base
+            oscillates.
+        mirror_image: index of the basin that is its mirror image, its own index if it is symmetric;
+            -1 if the pipe has no mirror symmetry or no start ends there.
+        frequencies: angular frequencies of the spectrum, in 1 / T, shape (F,); empty at rest.
+        spectrum: amplitude of the free end's transverse motion at each frequency, in L, shape (F,):
+            the amplitudes of a cycle's harmonics; for irregular motions through Hann's window.
+        section: Poincare section: states [q, q'] on the attractor where the free end is at a
+            maximum of its transverse position, in order, shape (K, 2 coordinates); empty at rest.
+            If the flow pulsates or the base oscillates, the stroboscopic section: the states at the
+            beginning of each period of the drive.
+        motion: recorded motion on it: 16 periods of a cycle, or 48 periods of the drive.
     """
 
     attractor: Attractor
@@ -126,7 +131,7 @@ class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
 
     @property
     def ending(self) -> str:
-        """How motions end on it: "rest", "periodic", "quasi-periodic", "chaotic", "irregular"."""
+        """Ending of its motions: "rest", "periodic", "quasi-periodic", "chaotic" or "irregular"."""
         return self.attractor.ending
 
 
@@ -135,11 +140,11 @@ class StartPlane(Result):
     """Starts on a plane of two coordinates or rates, such as two initial angles.
 
     Attributes:
-        x: values of the first, increasing, shape (X,).
-        y: values of the second, increasing, shape (Y,).
-        indices: which entries of the state [q, q'] they are, counted from 0.
-        state: [q, q'] elsewhere, shape (2 coordinates,), or coordinates at rest; the pipe at rest
-            where not given.
+        x: values of the first entry, increasing, shape (X,).
+        y: values of the second entry, increasing, shape (Y,).
+        indices: indices of the two entries in the state [q, q'], counted from 0.
+        state: the other entries, as a state [q, q'], shape (2 coordinates,), or as coordinates at
+            rest; the pipe at rest if not given.
 
     Example:
         >>> angles = np.linspace(-1.0, 1.0, 5)
@@ -170,17 +175,17 @@ class StartPlane(Result):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(Y, X): starts go along x first."""
+        """Shape (Y, X) of the grid of starts, in which x runs first."""
         return self.y.size, self.x.size
 
 
 @saved_as("StartFailure")
 class StartFailure(Result):
-    """A start whose motion stopped or was not computed, or that has none.
+    """A start whose motion stopped or was not computed, or that has no motion.
 
     Attributes:
-        index: of the start.
-        error: why.
+        index: number of the start.
+        error: the exception that tells why.
     """
 
     index: int
@@ -198,16 +203,17 @@ class Attractors(TableResult, units={"exponent": RATE}):
     Attributes:
         u: flow speed, as given.
         basins: attractors with their shares, the largest first.
-        unsettled: share of the starts of which it could not be told where their motions end.
+        unsettled: share of the starts whose motions could not be shown to end anywhere.
         failed: share of the starts whose motions stopped or were not computed.
         starts: states [q, q'], shape (N, 2 coordinates).
-        ends: of each start which of the basins it lies in; -1 if unsettled, -2 if failed, shape
+        ends: index of the basin in which each start lies; -1 if unsettled, -2 if failed, shape
             (N,).
         failures: the starts whose motions stopped or were not computed, with the reasons.
         model: the model.
-        plane: that was given, None for other starts.
+        plane: the plane of starts that was given, None for other starts.
         base: motion of the base, as given.
-        unsettled_motions: these motions, each with the `reason`, as many as `unsettled` counts.
+        unsettled_motions: the unsettled motions, each with its `reason`, as many as `unsettled`
+            counts.
 
     Example:
         >>> found = pp.attractors(pp.Chain(pp.Pipe(0.2), 2), 4.0, 8)
@@ -256,42 +262,42 @@ def attractors(
     """All attractors that motions from many starts end on, with the share of starts of each.
 
     A motion ends as soon as it has reached a known attractor: it is near, and comes nearer as
-    linear theory says. Known are stable equilibria and, from then on, whatever a motion has led to:
-    a cycle is solved for where one comes back to an earlier state, and attracts if its Floquet
-    multipliers say so. What neither rests nor repeats after the transient is followed on as long as
-    it comes nearer to something. Else it is "chaotic" where its largest Lyapunov exponent is above
-    0 by more than three times its spread, and "quasi-periodic" where that is not so and averages
-    over its record converge as they do on a torus only. What cannot be told is unsettled, with the
-    reason. A motion and its mirror image, x to -x, end on two attractors, unless these are the
-    same.
+    linear theory says. Stable equilibria are known from the beginning; attractors to which motions
+    lead are known from then on: a cycle is solved for where a motion comes back to an earlier
+    state, and attracts if its Floquet multipliers say so. A motion that neither rests nor repeats
+    after the transient is followed on as long as it comes nearer to something. Otherwise it is
+    "chaotic" if its largest Lyapunov exponent is above 0 by more than three times its spread, and
+    "quasi-periodic" if that is not so and averages over its record converge as they do only on a
+    torus. If neither can be shown, it is unsettled, with the reason. A motion and its mirror image,
+    x to -x, end on two attractors, unless these are the same.
 
-    Where the flow pulsates or the base oscillates, motions begin with a period of that, and states
-    are compared at the same phase of it.
+    Where the flow pulsates or the base oscillates, motions begin together with a period of the
+    drive, and states are compared at the same phase of the drive.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom. Its free end must move.
         u: flow speed >= 0, in sqrt(EI / mu_f) / L, or a `Pulsation`.
         starts: a number of starts at rest, drawn at random: the angle theta(s) is the sum of sin((k
             - 1/2) pi s), k = 1, 2, 3, times a_k, uniform in [-2, 2], [-1, 1] and [-1/2, 1/2] rad,
-            all times 10^-a, a uniform in [0, 1.5]; shares are of this distribution. Or states
-            [q, q'], shape (N, 2 coordinates), or coordinates at rest, (N, coordinates); or a
+            all times 10^-a, a uniform in [0, 1.5]; shares refer to this distribution. Or states [q,
+            q'], shape (N, 2 coordinates), or coordinates at rest, (N, coordinates); or a
             `StartPlane`.
-        base: motion of the base, of the frequency of a pulsating flow; None at rest.
+        base: motion of the base, with the frequency of a pulsating flow; None if it is at rest.
         transient: time in T after which a motion that has reached nothing known is recorded.
-        duration: time over which it is; what comes nearer to something is followed for up to eight
-            times as long as both.
+        duration: time in T over which it is recorded; a motion that comes nearer to something is
+            followed for up to eight times the sum of both times.
         exponents: whether the largest Lyapunov exponent of irregular motions is computed. Without
             it they are "irregular".
-        rtol: relative tolerance of the motions. Where those of the first batch are on their way,
+        rtol: relative tolerance of the motions. While those of the first batch are on their way,
             explicit steps take 1e-4 if rtol is less.
-        seed: of the random starts, and of the choice of the first batch.
-        executor: a `concurrent.futures.Executor`, of which batches are the tasks, instead of the
-            threads of this process. Motions that it does not answer, since a worker died or it is
-            broken or shut down, fail.
+        seed: seed of the random starts, and of the choice of the first batch.
+        executor: a `concurrent.futures.Executor` that computes batches as tasks, instead of the
+            threads of this process. Motions fail if it does not return their batch, since a worker
+            died or it is broken or shut down.
         progress: show progress on stderr.
 
     Returns:
-        Attractors; a start whose motion fails is reported and leaves the others.
+        Attractors; if the motion of a start fails, it is reported and the others are kept.
 
     Raises:
         ValueError, TypeError: for bad arguments.
@@ -344,7 +350,7 @@ def attractors(
 
 
 def _checked_drive(model: Model, u: Any, base: Any) -> Excitation:
-    """The arguments `u` and `base`, if motions end on something."""
+    """The drive that `u` and `base` describe; refuses drives with which no motion ends."""
     if isinstance(u, Supply) or (callable(u) and not isinstance(u, Pulsation)):
         rule = "u must be a flow speed or a Pulsation"
         raise TypeError(
@@ -373,7 +379,7 @@ def _checked_drive(model: Model, u: Any, base: Any) -> Excitation:
 
 
 def _given_starts(model: Model, starts: Any, seed: int) -> Array:
-    """The argument as states [q, q'], (N, 2 coordinates)."""
+    """The argument `starts` as states [q, q'], shape (N, 2 coordinates)."""
     size = model.coordinates
     if isinstance(starts, StartPlane):
         return _plane_states(starts, model)
@@ -395,7 +401,7 @@ def _given_starts(model: Model, starts: Any, seed: int) -> Array:
 
 
 def _plane_states(plane: StartPlane, model: Model) -> Array:
-    """The states [q, q'] of a plane, (Y X, 2 coordinates)."""
+    """States [q, q'] of the starts on a plane, shape (Y X, 2 coordinates)."""
     size = 2 * model.coordinates
     if max(plane.indices) >= size:
         raise ValueError(
@@ -418,7 +424,7 @@ def _plane_states(plane: StartPlane, model: Model) -> Array:
 
 
 def _require_moving_end(model: Model) -> None:
-    """Motions are told by their free end: a held one tells nothing."""
+    """Refuses a model whose free end is held: motions are told apart by the tip's motion."""
     resting = model.resting()
     bent = np.column_stack([resting, resting[:, None] + 0.1 * model.free_directions(resting)])
     p, rates = model.onto_constraints(bent, np.zeros_like(bent))
@@ -437,11 +443,11 @@ def _require_moving_end(model: Model) -> None:
 def _ends(
     model: Model, drive: Excitation, starts: Array, options: MotionOptions
 ) -> tuple[NDArray[np.int_], list[Attractor], dict[int, Exception], Case]:
-    """Where motions from states [q, q'] end.
+    """Ends of the motions from states [q, q'].
 
     Returns:
-        The numbers of solutions of a case, (N,); the motions that are unsettled; why others stopped
-        or were not computed, by their starts; and the case.
+        The index of the case's solution on which each motion ends, (N,); the unsettled motions; by
+        start, the error of each motion that stopped or was not computed; and the case.
     """
     states, errors, unsettled = dict[int, Array](), dict[int, Exception](), list[Attractor]()
     for i, start in enumerate(starts):
@@ -485,14 +491,14 @@ def _ends(
 
 
 def _of_start(error: Exception, i: int) -> Exception:
-    """The error of a motion with the number of its start."""
+    """The error of a motion, with the number of its start added."""
     if not isinstance(error, MotionStopped):
         return error
     return MotionStopped(re.sub(r"start \d+ ", f"start {i} ", str(error), count=1), error.motion)
 
 
 def _stable_equilibria(model: Model, drive: Excitation) -> list[Solution]:
-    """Equilibria that attract, as far as they are found; none where motions are driven."""
+    """Stable equilibria, as far as they are found; none if motions are driven."""
     if drive.period:
         return []
     try:
@@ -506,14 +512,14 @@ def _stable_equilibria(model: Model, drive: Excitation) -> list[Solution]:
 
 
 def _share(ends: NDArray[np.int_], end: int) -> Share:
-    """The share of the starts that end there."""
+    """The share of the starts whose entry in `ends` is a given index."""
     n, count = len(ends), int(np.count_nonzero(ends == end))
     value = count / n
     error = math.sqrt(value * (1.0 - value) / n + 0.25 / n**2) / (1.0 + 1.0 / n)
     return Share(count, value, error)
 
 
-# --------------------------------------------------------------------------------- what moves there
+# ---------------------------------------------------------------------------- motions on attractors
 
 
 def _basin(
@@ -525,7 +531,7 @@ def _basin(
     start: int,
     image: int,
 ) -> Basin:
-    """A solution with the motion on it and what that tells."""
+    """The basin of a solution, with a recorded motion on it and the quantities measured on that."""
     end, period = one.attractor, one.period
     ending, repeats, none = end.ending, not math.isnan(period), np.zeros(0)
     duration, samples = drive.whole(RECORDED * options.duration), 0
@@ -553,7 +559,7 @@ def _basin(
     if ending != "rest":
         section = _begins(motion, drive.period) if drive.period else _states_at_maxima(motion)
         frequencies, spectrum = _lines(motion.t[:-1], motion.tip[:-1, 0], whole=repeats)
-        # Lines between the harmonics are 0 but for errors.
+        # Between the harmonics the spectrum is 0 but for errors.
         every = slice(0, None, round(duration / period) if repeats else 1)
         frequencies, spectrum = frequencies[every], spectrum[every]
     exponent = one.growth
@@ -577,21 +583,21 @@ def _basin(
 
 
 def _begins(motion: Motion, drive: float) -> Array:
-    """States [q, q'] when periods of the drive begin, (K, 2 coordinates)."""
+    """States [q, q'] at the beginnings of periods of the drive, shape (K, 2 coordinates)."""
     assert motion.dense is not None
     count = math.floor(motion.t[-1] / drive + 1e-6)
     return np.ascontiguousarray(motion.dense(drive * np.arange(count)).T)
 
 
 def _amplitude(motion: Motion) -> float:
-    """Half the peak-to-peak of the free end."""
+    """Half the peak-to-peak transverse motion of the free end."""
     x, rate = motion.tip[:, 0], motion.tip_velocity[:, 0]
     turnings, _ = turning_points(motion.t, x, rate)
     return 0.5 * float(np.ptp(turnings)) if turnings.size else 0.0
 
 
 def _states_at_maxima(motion: Motion) -> Array:
-    """States [q, q'] where the free end is at a maximum of its position across, (K, 2 q)."""
+    """States [q, q'] where the transverse position of the free end is at a maximum, (K, 2 q)."""
     dense, model, half = motion.dense, motion.model, motion.model.coordinates
     assert dense is not None
 
@@ -614,9 +620,9 @@ def _states_at_maxima(motion: Motion) -> Array:
 
 
 def _lines(t: Array, x: Array, *, whole: bool) -> tuple[Array, Array]:
-    """Angular frequencies and amplitudes of evenly spaced samples of x.
+    """Angular frequencies and amplitudes of the Fourier series of evenly spaced samples of x.
 
-    Of a whole number of periods, or else through Hann's window.
+    whole: whether the samples span a whole number of periods; otherwise Hann's window is applied.
     """
     window = np.ones(x.size) if whole else np.hanning(x.size + 1)[:-1]
     found = np.asarray(np.abs(np.fft.rfft((x - x.mean()) * window)) * 2.0 / window.sum())

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: MIT
-"""Where motions end: from many starts, at one flow or several, to attractors that are shown.
+"""Ends of motions, from many starts, at one flow or several, as attractors that are shown.
 
-Motions go on in batches and are looked at after ever longer stretches. One that has reached a
-solution that is known ends. One that comes to rest, or back to an earlier state, shows where to
-look for an equilibrium or a cycle: that is solved for, and if its eigenvalues or multipliers say
-that it attracts, it is known from then on. What neither rests nor repeats after the transient is
-followed on as long as it comes nearer to something; else it is chaotic with a positive exponent,
-quasi-periodic where averages converge as on a torus only, or unsettled, with the reason. Irregular
-motions at one flow that cannot be told apart go on as one.
+Motions are integrated in batches and examined after ever longer stretches. A motion that has
+reached a known solution ends. A motion that comes to rest, or back to an earlier state, shows where
+to look for an equilibrium or a cycle: that is solved for, and if its eigenvalues or multipliers say
+that it attracts, it is known from then on. A motion that neither rests nor repeats after the
+transient is followed on as long as it comes nearer to something; otherwise it is chaotic if its
+exponent is positive, quasi-periodic if averages converge as they do only on a torus, or unsettled,
+with the reason. Irregular motions at one flow that cannot be told apart go on as one.
 """
 
 from __future__ import annotations
@@ -62,57 +62,60 @@ from pipedyn.util.parallel import parallel
 from pipedyn.util.threads import one_thread
 
 Failed = tuple[float, Exception]
-"""A flow speed and what was raised there."""
+"""A flow speed and the exception that was raised there."""
 
 MotionEnd = tuple[int, Attractor | Exception]
-"""Where a motion ended: the number of a solution of its case, NOWHERE or STOPPED, and as what."""
+"""End of a motion: the number of a solution of its case, NOWHERE or STOPPED, and the attractor or
+the error."""
 
 ACROSS_KINKS = 0.1
-"""Share of rtol that motions take where drag, stops or a scene's modules may have kinks. Turnings
-are compared to 10 rtol of the range; over ten periods of 36 cycles, from just above the onset to
-1.5 times its speed, motions missed 0.06 of that at most without drag, but 0.6 of it once; with
-drag all of it at rtol, and a tenth of it, once 0.6, at rtol / 10."""
+"""Factor of rtol in the integration of motions where drag, stops or a scene's modules may have
+kinks. Turnings are compared to 10 rtol of the range; over ten periods of 36 cycles, from just above
+the onset to 1.5 times its speed, motions missed 0.06 of that at most without drag, but once 0.6 of
+it; with drag they missed all of it at rtol, and at rtol / 10 a tenth of it, once 0.6."""
 
 SHARE, LEAST_SIZE = 4.0, 1.0 / 64.0
-"""Factor between the sizes of motions that are told apart, and the least. Steps of a motion err by
-rtol of its size where a coordinate is smaller than that: at rtol of each coordinate the small ones
-of fast modes, which nobody sees, ask for 1.5 times as many right-hand sides, measured with six
-functions, and the tip then errs by 1e-9 after some time and not by 1e-7."""
+"""Factor between the sizes of motions that are told apart, and the least size. Steps of a motion
+err by rtol of its size where a coordinate is smaller than the size: with rtol of each coordinate
+the small coordinates of fast modes, which nobody sees, ask for 1.5 times as many right-hand sides,
+measured with six functions, and the tip then errs by 1e-9 after some time instead of 1e-7."""
 
 TRANSIENT = 1e-4
-"""Tolerance of explicit steps while a motion is on its way, if larger than rtol: the tip errs by
-1e-5 after some time at it, less than motions differ that go to the same attractor, and right-hand
-sides are half as many. What seems settled goes on at rtol, as does what is recorded."""
+"""Tolerance of explicit steps while a motion is on its way, if larger than rtol: the tip then errs
+by 1e-5 after some time, less than the difference of motions that go to the same attractor, and half
+as many right-hand sides are needed. A motion that seems settled, or is recorded, goes on at
+rtol."""
 
 JOINED = 0.25
 """Share of the transient after which motions from several starts at one flow go on as one, if they
-are irregular and their turning points were spread alike at two looks one after the other. Where
-that one does not stay irregular, the others go on from where they were."""
+are irregular and their turning points were spread alike at two consecutive looks. If that motion
+does not stay irregular, the others go on from their own states."""
 
 FAR_BACK = 0.1
-"""Distance to an earlier state, relative to the motion's size, from which a cycle is solved for
-where a motion has taken the transient; on the way `MotionOptions.back` is."""
+"""Distance to an earlier state, relative to the motion's size, below which a cycle is solved for
+after the transient; before that it is `MotionOptions.back`."""
 
 FOLLOWED = 8.0
-"""Times as long as transient and record for which a motion is followed that comes nearer to
-something all the time: what e times nearer comes in each of these is 3e-4 as far away by then."""
+"""Factor of the sum of transient and record for which a motion is followed that comes nearer to
+something all the time: if its distance falls by a factor e in each of them, it has fallen to 3e-4
+by then."""
 
 RECORDED = 5.0
-"""Time over which what is irregular is recorded, in durations: some hundred cycles or more."""
+"""Time over which an irregular motion is recorded, in durations: some hundred cycles or more."""
 
 LONGER = 1.0, 2.0, 4.0
 """Factors of the usual time for which a motion is recorded and its exponent measured, one after the
-other, until the exponent or averages over the record tell what the motion is."""
+other, until the exponent or averages over the record show what the motion is."""
 
 TORUS = 1e-8
-"""Relative tolerance of these records at most, whose averages may converge to that."""
+"""Largest relative tolerance of these records, whose averages may converge to that."""
 
 WOUND = 1e3
-"""Coordinates, in rad or of a reduced model, beyond which a motion winds up: it turns ever faster
-and asks for ever more steps until numbers overflow."""
+"""Size of coordinates, in rad or of a reduced model, beyond which a motion winds up: it turns ever
+faster and needs ever more steps until numbers overflow."""
 
 HALVINGS = 5
-"""How often a region is halved in which trials do not all come nearer."""
+"""Number of times that a region is halved if trial motions do not all come nearer."""
 
 
 def motion_ends(
@@ -122,20 +125,20 @@ def motion_ends(
     options: MotionOptions,
     label: str = "",
 ) -> tuple[list[list[MotionEnd]], list[Case]]:
-    """Where motions end, from each start in each case, and the cases with what was found.
+    """Ends of motions from each start in each case, and the cases with the solutions found.
 
-    Motions of a case are computed together, those of several in one batch.
+    Motions of a case are computed together, and those of several cases in one batch.
 
     Args:
         model: the model.
-        cases: flows, and what is known there.
-        starts: coordinates at rest, or p and p' in rows, (2, integrated). Those of a case alone
-            follow.
+        cases: flows, and the solutions that are known at each.
+        starts: coordinates at rest, or p and p' in rows, (2, integrated), for all cases. The starts
+            of a single case follow them.
         options: how motions are computed.
-        label: of what is counted on stderr.
+        label: label of the progress on stderr.
     """
     most = max(LARGEST_SAMPLES // (options.samples * model.coordinates), len(starts))
-    if options.executor is not None:  # else batches are filled up and spread over threads
+    if options.executor is not None:  # otherwise batches are filled up and spread over threads
         most = max(min(BATCH, most), len(starts))
     count = math.ceil(len(cases) / (most // len(starts)))
     parts = [[cases[i] for i in part] for part in np.array_split(np.arange(len(cases)), count)]
@@ -157,7 +160,7 @@ def motion_ends(
 def _ends_of(
     model: Model, cases: list[Case], starts: Sequence[Array], options: MotionOptions
 ) -> tuple[list[list[MotionEnd]], list[Case]]:
-    """The ends of motions of one batch, by case."""
+    """Ends of the motions of one batch, by case."""
     engine = _Engine(model, options)
     with one_thread(model.dof):
         runs = [
@@ -174,7 +177,7 @@ def _ends_of(
 
 
 class Case:
-    """A flow, the solutions that are known there, and starts of its own: p and p' in rows."""
+    """A flow, the solutions that are known there, and its own starts, with p and p' in rows."""
 
     def __init__(
         self,
@@ -197,11 +200,11 @@ class Case:
         return [k for k, one in enumerate(self.solutions) if one.attracts]
 
     def holding(self, one: Attractor, period: float) -> int:
-        """Number of the solution on which a motion has ended, NOWHERE if it is not known.
+        """Number of the solution on which a motion has ended, NOWHERE if it is unknown.
 
         Args:
             one: the end of the motion.
-            period: time after which it was seen to repeat, 0 at rest.
+            period: time after which the motion was seen to repeat, 0 at rest.
         """
         held = (k for k, known in enumerate(self.solutions) if known.holds(one, period))
         return next(held, NOWHERE)
@@ -214,7 +217,7 @@ class Case:
         return NOWHERE
 
     def learn(self, one: Solution) -> int:
-        """Takes another solution, and its mirror image where there is one; answers its number."""
+        """Adds a solution, and its mirror image if there is one; returns the solution's number."""
         shifts = self.drive.shifts
         images = [one]
         if self.odd and not one.is_mirror_image(one, shifts):
@@ -232,7 +235,7 @@ class Case:
 def spread_alike(a: Array, b: Array) -> bool:
     """Whether two sets of values may have one distribution.
 
-    A Kolmogorov-Smirnov test decides at 99 %; sets of less than two values may not.
+    A Kolmogorov-Smirnov test decides at 99 %; a set of less than two values never passes.
     """
     if min(a.size, b.size) < 2:
         return False
@@ -245,19 +248,19 @@ def spread_alike(a: Array, b: Array) -> bool:
 
 @dataclass(eq=False)
 class _Run:
-    """A motion that goes on from a state."""
+    """A motion under way, with its present state."""
 
-    member: tuple[int, int]  # numbers of its case and its start
+    member: tuple[int, int]  # number of its case and number of its start
     case: Case
     start: int
     state: Array  # [p, p']
-    approach: Approach = field(default_factory=Approach)  # to a known solution
-    like: _Run | None = None  # whose turning points were spread alike at the last look
+    approach: Approach = field(default_factory=Approach)  # approach to a known solution
+    like: _Run | None = None  # motion whose turning points were spread alike at the last look
     alone: bool = False  # whether it does not join another
-    size: float = field(init=False)  # of the motion, a power of SHARE
-    rate_size: float = field(init=False)  # and of its rates
+    size: float = field(init=False)  # range of the motion, rounded down to a power of SHARE
+    rate_size: float = field(init=False)  # range of its rates, likewise
     under_way: bool = True  # whether the tolerance may be TRANSIENT
-    roughly: bool = False  # whether it was in the last record
+    roughly: bool = False  # whether the tolerance was TRANSIENT in the last record
 
     def __post_init__(self) -> None:
         self.resized(*np.abs(np.split(self.state, 2)).max(axis=1).tolist())
@@ -265,17 +268,18 @@ class _Run:
     def comes_nearer(self, one: Stretch) -> bool:
         """Whether the motion comes nearer to a known solution, to rest or to a cycle.
 
-        one: its last stretch, of which the trend tells the latter two.
+        one: the last stretch of the motion, whose trend tells whether it comes to rest or to a
+            cycle.
         """
         return self.is_near or one.trend in ("rest", "settling")
 
     @property
     def is_near(self) -> bool:
-        """Whether it was in the region of something known at the end of its last stretch."""
+        """Whether the motion ended its last stretch in the region of a known solution."""
         return self.approach.region != NOWHERE
 
     def resized(self, span: float, fastest: float) -> None:
-        """Takes note of how far its tip or its coordinates range, and how fast they move."""
+        """Sets the sizes by the range of its tip or coordinates and its largest rate."""
         self.size = min(size_of(span), 1.0)
         self.rate_size = max(size_of(fastest), self.size)
 
@@ -285,17 +289,17 @@ _Alike = tuple[list[_Run], Stretch]
 
 
 def size_of(span: float) -> float:
-    """A power of SHARE at most as large as the range of a motion, or of its rates."""
+    """The range of a motion, or of its rates, rounded down to a power of SHARE."""
     steps = math.floor(math.log(max(span, LEAST_SIZE)) / math.log(SHARE) + 1e-9)
     return float(SHARE**steps)
 
 
 class _Engine:
-    """The motions of one batch, and where those ended that have."""
+    """The motions of one batch, and the ends of those that have ended."""
 
     def __init__(self, model: Model, options: MotionOptions) -> None:
         self.model, self.options, self.elapsed = model, options, 0.0
-        self.joined: list[tuple[_Run, _Run, float]] = []  # one, another, and since when
+        self.joined: list[tuple[_Run, _Run, float]] = []  # a motion, the one joined, and when
         self.answers: dict[tuple[int, int], MotionEnd] = {}
         self.statics = Statics(model)
         smooth = isinstance(model, (Chain, Galerkin)) and not model.pipe.has_kinks
@@ -306,9 +310,9 @@ class _Engine:
     def advance(
         self, runs: list[_Run], before: float, recorded: float, finest: float = 1.0
     ) -> list[Stretch | None]:
-        """Goes on for some time and then a time that is recorded; None of one that has ended.
+        """Integrates for a time, then records for another; None for each motion that ends.
 
-        Where motions are driven both are whole periods of the drive. finest: largest tolerance.
+        If motions are driven, both times are whole periods of the drive. finest: largest tolerance.
         """
         if not runs:
             return []
@@ -345,7 +349,7 @@ class _Engine:
                 atol=rtol * np.repeat([run.size, run.rate_size], run.state.size // 2),
             )
             tasks.append(task)
-        # A thread takes some; the members of a chain's batch cost less the more they are.
+        # Each thread takes a batch; in larger batches a member of a chain's batch costs less.
         members = BATCH if self.model.linear_cost else BATCH // 2
         found = in_batches(tasks, watched_outcomes, members=members)
         for run, task, one in zip(runs, tasks, found, strict=True):
@@ -371,7 +375,7 @@ class _Engine:
         return stretches
 
     def judged(self, case: Case, recorded: float, count: int) -> dict[str, Any]:
-        """Fields of a task by which it is told whether a motion has reached what is known."""
+        """Fields of a task that tell whether a motion has reached a known solution."""
         regions = tuple(case.solutions[k].region for k in case.attracting)
         if not regions:
             return {}
@@ -384,7 +388,7 @@ class _Engine:
         return {"regions": regions, "every": every, "phases": case.drive.phases(step * block)}
 
     def stopped(self, run: _Run, task: Task, outcome: Outcome) -> MotionStopped:
-        """The error of a motion, by its start and the time since."""
+        """The error of a motion that stopped, with its start and the time since the start."""
         [motion] = assembled([task], [outcome])
         reached = self.elapsed + float(motion.t[-1] if motion.t.size else 0.0)
         report = f"the motion from start {run.start} stopped after t = {reached:g}: {outcome[2]}"
@@ -399,16 +403,16 @@ class _Engine:
         """The motions that have not ended yet."""
         return [run for run in runs if run.member not in self.answers]
 
-    # ----------------------------------------------------------------- what a stretch leads to
+    # -------------------------------------------------------------------- results of a stretch
 
     def look(self, runs: list[_Run], stretch: float) -> list[_Run]:
-        """Goes on for a stretch; returns the motions that have neither ended nor joined another."""
+        """Integrates for a stretch; returns the motions that have neither ended nor joined one."""
         stretches = self.advance(runs, 0.0, stretch)
         self.elapsed += stretch
         seen = [(run, one) for run, one in zip(runs, stretches, strict=True) if one is not None]
         for run, one in seen:
             run.under_way &= not one.seems_settled()
-        # Others will soon have reached what they come nearer to.
+        # The other motions will soon have reached the solution that they come nearer to.
         unknown = [(run, one) for run, one in seen if not run.is_near]
         for same in _by_case(unknown):
             self.explain(same)
@@ -416,11 +420,11 @@ class _Engine:
         return [run for run in self.going(runs) if run not in joined]
 
     def explain(self, some: list[tuple[_Run, Stretch]]) -> bool:
-        """Solves for what motions of a case show; answers whether an attracting solution is new.
+        """Solves for solutions that motions of a case show; tells if an attracting one is new.
 
-        On the way a cycle is solved for where a motion has come very near to an earlier state, and
-        after one that does not attract not again before the time is twice as long; when motions
-        have taken the transient, from farther away, and always.
+        Before the transient is over a cycle is solved for if a motion has come very near to an
+        earlier state, and after a cycle that does not attract only when the time has doubled. After
+        the transient it is always solved for, and from farther away.
         """
         if not some:
             return False
@@ -429,7 +433,7 @@ class _Engine:
         for run, one in some:
             if one.trend == "rest" and not case.drive.period:
                 place, u = np.split(run.state, 2)[0], case.drive.mean
-                with suppress(NewtonFailed):  # as where a slow motion passes what is none
+                with suppress(NewtonFailed):  # e.g. where a slow motion passes no equilibrium
                     case.learn(equilibrium(self.statics, self.statics.solved(place, u), u))
         tries = [(one.recurrence(case.drive.period)[0], run, one) for run, one in some]
         tries = [(far, run, one) for far, run, one in tries if far <= back and one.trend != "rest"]
@@ -453,8 +457,8 @@ class _Engine:
         return len(case.attracting) > before
 
     def joining(self, irregular: list[tuple[_Run, Stretch]]) -> list[_Run]:
-        """Which irregular motions go on as another one of their case."""
-        first: list[tuple[_Run, Stretch]] = []  # with which the others are compared
+        """The irregular motions that from now on go on as another motion of their case."""
+        first: list[tuple[_Run, Stretch]] = []  # motions with which the others are compared
         joined: list[_Run] = []
         for run, one in irregular:
             same = (
@@ -471,7 +475,7 @@ class _Engine:
         return joined
 
     def finish(self, runs: list[_Run]) -> None:
-        """Follows motions to where they end."""
+        """Follows motions until they end."""
         options, drive = self.options, runs[0].case.drive
         stretch, longest = FIRST_LOOK, max(FIRST_LOOK, 0.5 * options.duration)
         if self.elapsed:
@@ -484,7 +488,8 @@ class _Engine:
         self.after_transient(runs)
         joined, self.joined = self.joined, []
         again: list[tuple[_Run, float]] = []
-        # The last first: what one joined may have joined another later, and go on by itself.
+        # In reverse order: the motion that another joined may itself have joined a third one later,
+        # and go on by itself.
         for run, other, since in reversed(joined):
             number, end = self.answers.get(other.member, (NOWHERE, None))
             if isinstance(end, Attractor) and end.ending not in ("rest", "periodic"):
@@ -498,7 +503,7 @@ class _Engine:
     # ----------------------------------------------------------------------- after the transient
 
     def after_transient(self, runs: list[_Run]) -> None:
-        """Records motions, and follows on those that come nearer to something."""
+        """Records motions, and follows further those that come nearer to something."""
         before, duration = self.options.transient - self.elapsed, self.options.duration
         last = FOLLOWED * (self.options.transient + duration)
         while runs:
@@ -521,8 +526,8 @@ class _Engine:
     def is_on_known(self, run: _Run, one: Stretch, over: bool) -> bool:
         """Whether a motion ends at rest or on a cycle, as its record shows.
 
-        Either may be unstable, or a cycle that cannot be solved for. What is beside an unstable
-        equilibrium, however near, has time to leave it.
+        Rest or cycle may be unstable, and the cycle may be one that cannot be solved for. A motion
+        beside an unstable equilibrium, however near, is given time to leave it.
         """
         case, drive = run.case, run.case.drive
         rests = one.trend == "rest"
@@ -545,9 +550,10 @@ class _Engine:
         return True
 
     def attracted(self, case: Case, one: Solution) -> Solution:
-        """A solution with what it attracts, as motions show that begin beside it in all directions.
+        """A solution, with the region that it attracts found by motions from beside it.
 
-        That is for what is known of neither by eigenvalues nor by multipliers.
+        The motions begin in all directions. This serves solutions whose eigenvalues or multipliers
+        are not known.
         """
         for halved in range(HALVINGS + 1):
             region = replace(one.region, radius=one.region.radius * 0.5**halved)
@@ -565,7 +571,7 @@ class _Engine:
         return one
 
     def named(self, left: list[tuple[_Run, Stretch]], over: bool) -> list[_Run]:
-        """Names motions that neither rest nor repeat; returns those that go on instead.
+        """Names motions that neither rest nor repeat; returns the others, which go on.
 
         Motions of a case whose turning points are spread alike are recorded and named as one.
         """
@@ -604,7 +610,7 @@ class _Engine:
             on: takes the motions that go on instead.
 
         Returns:
-            The groups that still neither rest nor repeat nor come nearer to something.
+            The groups whose motions still neither rest nor repeat nor come nearer to something.
         """
         asked = self.options.exponents
         records: list[Stretch | None] = [one for _, one in groups]
@@ -629,7 +635,7 @@ class _Engine:
         return left
 
     def named_by_exponents(self, groups: list[_Alike], times: float) -> list[_Alike]:
-        """Names motions by their exponents and records; returns those that take longer ones.
+        """Names motions by exponents and records; returns the groups that need longer records.
 
         times: factor of the usual time over which an exponent is measured.
         """
@@ -670,7 +676,7 @@ class _Engine:
         exponent: LyapunovExponent | None = None,
         reason: str = "",
     ) -> None:
-        """Names a motion that does not repeat, by its record, and others that are spread alike."""
+        """Names the ending of motions that are spread alike, from the record of one of them."""
         leader, drive = runs[0], runs[0].case.drive
         end = Attractor(
             *(drive.mean, leader.start, ending, 0, one.turnings, leader.state, exponent, reason)
@@ -685,9 +691,9 @@ class _Engine:
 def exponents_of(
     model: Model, states: Sequence[tuple[Excitation, Array]], options: MotionOptions
 ) -> list[LyapunovExponent | MotionStopped] | list[None]:
-    """The largest exponents, if asked for, of motions that go on from states [p, p'].
+    """Largest Lyapunov exponents, if asked for, of motions that go on from states [p, p'].
 
-    Those that are driven are all driven alike, and begin with a period of that.
+    Driven motions all have the same drive, and begin together with a period of it.
     """
     if not options.exponents or not states:
         return [None] * len(states)
@@ -706,14 +712,14 @@ def exponents_of(
 
 
 def _parted(runs: list[_Run]) -> list[_Run]:
-    """Motions that went on as another one, and go on by themselves from now on."""
+    """Motions that had joined another one, made to go on by themselves from now on."""
     for run in runs:
         run.alone = True
     return runs
 
 
 def _by_case(some: list[tuple[_Run, Stretch]]) -> list[list[tuple[_Run, Stretch]]]:
-    """Motions of each case together."""
+    """The motions and stretches, grouped by case."""
     groups: dict[int, list[tuple[_Run, Stretch]]] = {}
     for run, one in some:
         groups.setdefault(id(run.case), []).append((run, one))
@@ -721,5 +727,5 @@ def _by_case(some: list[tuple[_Run, Stretch]]) -> list[list[tuple[_Run, Stretch]
 
 
 def _state(model: Model, start: Array) -> Array:
-    """[p, p'] of coordinates at rest, (coordinates,), or of p and p' in rows, (2, integrated)."""
+    """State [p, p'] of coordinates at rest, (coordinates,), or of p and p', (2, integrated)."""
     return start.ravel() if start.ndim == 2 else np.asarray(model.initial_state(start, None))

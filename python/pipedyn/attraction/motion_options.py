@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How `attractors` and `bifurcation_diagram` compute motions."""
+"""Options with which `attractors` and `bifurcation_diagram` compute motions."""
 
 from __future__ import annotations
 
@@ -14,30 +14,31 @@ from pipedyn.util import check
 from pipedyn.util.later import futures
 
 FIRST_LOOK = 4.0
-"""Time after which motions are looked at for the first time, some ten periods of flutter; then
-after as much again or half the time so far. Of 3, 4, 5, 6 and 8 the cheapest, measured."""
+"""Time after which motions are examined for the first time, some ten periods of flutter; then they
+are examined after as much time again or half the time so far. Of 3, 4, 5, 6 and 8 it was measured
+to be the cheapest."""
 
 SAMPLES_A_TIME = 100
-"""Samples in a unit of time: cubics through them give a maximum of flutter to 1e-6."""
+"""Number of samples in a unit of time: cubics through them give a maximum of flutter to 1e-6."""
 
 BACK = 0.005
-"""Distance to an earlier state, relative to a motion's size, from which a cycle is solved for while
-the motion is on its way: chaotic ones come back to a fiftieth all the time."""
+"""Distance to an earlier state, relative to a motion's size, below which a cycle is solved for
+while the motion is on its way: chaotic motions keep coming back to within a fiftieth."""
 
 
 @dataclass(frozen=True)
 class MotionOptions:
-    """How motions are computed, and whether the exponents of irregular ones are."""
+    """Options of motions, including whether exponents of irregular motions are computed."""
 
     transient: float = 100.0  # time left out
     duration: float = 40.0  # time recorded
     rtol: float = 1e-6
     exponents: bool = True
-    seed: int = 0  # of random starts
-    executor: futures.Executor | None = None  # of batches
-    shown: bool = False  # whether progress is
-    back: float = BACK  # distance to an earlier state, on the way
-    most: float = MOST_CALLS  # right-hand sides of one motion from one look to the next
+    seed: int = 0  # seed of random starts
+    executor: futures.Executor | None = None  # to which batches are submitted
+    shown: bool = False  # whether progress is shown
+    back: float = BACK  # distance to an earlier state, see `BACK`
+    most: float = MOST_CALLS  # most right-hand sides of a motion between two looks
 
     @staticmethod
     def checked(
@@ -49,7 +50,7 @@ class MotionOptions:
         executor: Any,
         progress: Any,
     ) -> MotionOptions:
-        """Options with the values that a caller gives; raises ValueError or TypeError."""
+        """Options with the values that a caller gives, checked; raises ValueError or TypeError."""
         check.executor("executor", executor)
         return MotionOptions(
             transient=check.real("transient", transient, low=0.0, high=1e6),

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""What a stretch of a motion shows: rest, repetition, approach, or averages that converge.
+"""Stretches of motions, which show rest, repetition, approach, or averages that converge.
 
-The free end's turning points, where its transverse velocity changes sign, are those of cubics
-through samples. At rest there is none, a cycle leaves a few values, a torus or chaos many.
+The free end's turning points, where its transverse velocity changes sign, are computed from cubics
+through samples. A motion at rest has none, a cycle has a few values, a torus or chaos has many.
 """
 
 from __future__ import annotations
@@ -18,38 +18,39 @@ from pipedyn.motion.sampling import maxima, turning_points
 from pipedyn.util.check import Array
 
 AT_REST = 1e-5
-"""Range of the tip, in L, below which it is at rest: ten times what rtol = 1e-6 lets it err."""
+"""Range of the tip, in L, below which it is at rest: ten times its error with rtol = 1e-6."""
 
 RECURRENCE = 1e-3
-"""By how much maxima that still converge may differ from those a period before, relative to the
-range: beyond, a record is too short to show that they do."""
+"""Largest difference, relative to the range, between maxima that still converge and those a period
+before: if it is larger, a record is too short to show that they converge."""
 
 GROWN = 1.5
-"""Factor by which a change over two periods may exceed that over one where both are errors: of a
-motion that drifts it is 2."""
+"""Factor by which a change over two periods may exceed a change over one period if both are errors:
+for a motion that drifts the factor is 2."""
 
 FASTER, CONVERGED = 0.15, 1e-3
-"""Share of their differences that weighted averages over twice the time may keep if they converge
-faster than any power of it, as on a torus only: chaotic ones keep about 0.7. And what is left of
-them then, relative to the spread of what is averaged."""
+"""Largest share of their differences that weighted averages keep over twice the time if they
+converge faster than any power of the time, as they do only on a torus: averages of chaotic motions
+keep about 0.7. Second, the largest difference that may then be left, relative to the spread of the
+averaged quantity."""
 
 Trend = Literal["rest", "periodic", "settling", "irregular"]
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """What a motion did over some time.
+    """A motion over some time, sampled.
 
     Attributes:
         t: times of evenly spaced samples, shape (S,).
         states: [p, p'], shape (S, 2 integrated).
         x: transverse positions of the tip, shape (S,).
         turnings: values of x where its velocity changes sign, in order, shape (K,).
-        error: by how much two of these may err together.
+        error: by how much two turnings may differ owing to errors.
         rtol: relative tolerance to which the motion was integrated.
-        trend: "rest", "periodic" (maxima repeat to the error, or converge geometrically to such),
-            "settling" (it still approaches rest or a cycle) or "irregular".
-        maxima: of x in a period, 0 unless "periodic".
+        trend: "rest", "periodic" (maxima repeat to the error, or converge geometrically to maxima
+            that do), "settling" (it still approaches rest or a cycle) or "irregular".
+        maxima: number of maxima of x in a period, 0 unless "periodic".
     """
 
     t: Array
@@ -67,18 +68,18 @@ class Stretch:
 
         Args:
             t: times of samples, (S,).
-            states: [p, p'] there, (S, 2 integrated).
-            x: transverse position of the tip there, (S,).
-            velocity: of the tip in x, (S,).
+            states: states [p, p'] at these times, (S, 2 integrated).
+            x: transverse position of the tip at these times, (S,).
+            velocity: transverse velocity of the tip at these times, (S,).
             rtol: relative tolerance to which the motion was integrated.
         """
         turnings, error = turning_points(t, x, velocity)
-        # Errors of an integrator's steps add up over the ten or more that a period takes.
+        # The errors of an integrator's steps add up over the ten or more steps of a period.
         error += 10.0 * rtol * float(np.ptp(x))
         return Stretch(t, states, x, turnings, error, rtol, *trend_of(x, turnings, error))
 
     def seems_settled(self) -> bool:
-        """Whether it is at rest in the end, or three periods show no change that could be seen."""
+        """Whether the motion ends at rest, or three periods show no visible change."""
         if self.trend == "rest":
             return True
         highs = maxima(self.turnings)
@@ -86,18 +87,18 @@ class Stretch:
         return any(_largest_change(highs[-3 * k :], k) <= self.error for k in periods)
 
     def recurrence(self, drive: float) -> tuple[float, float, float, int]:
-        """How near the state comes back to an earlier one, relative to its size in the later half.
+        """Smallest distance of a state from an earlier one, relative to its size in the later half.
 
-        Compared are the states at which the tip passes the middle of its range to positive x or, if
-        the motion is driven, those whole periods of the drive apart.
+        The states compared are those at which the tip passes the middle of its range towards
+        positive x or, if the motion is driven, those that are whole periods of the drive apart.
 
         Args:
             drive: period of what drives the motion, 0 where all is steady.
 
         Returns:
-            The distance, infinite where nothing is compared; the times at which the shortest period
-            begins and ends whose distance is at most twice the least or 0.01; and how many
-            passages, or periods of the drive, it holds.
+            The distance, infinite if no states are compared; the times at which the shortest period
+            begins and ends whose distance is at most twice the least or 0.01; and the number of
+            passages, or of periods of the drive, in that period.
         """
         times, passed = self._passages(drive)
         if times.size < 2:
@@ -107,11 +108,12 @@ class Stretch:
         return float(back[turns]), float(times[-2 - turns]), float(times[-1]), turns + 1
 
     def repeats(self, drive: float) -> float:
-        """The period after which the motion repeats, as three of them show; 0 if none does.
+        """Period after which the motion repeats, as three periods show; 0 if it does not repeat.
 
-        What two periods change may not be more than what one does: near a resonance a motion on a
-        torus drifts by as little from one to the next, but on and on, and so does one that comes
-        nearer to a cycle slowly. Several of such periods are none either.
+        Two periods may not change the state more than one does: near a resonance a motion on a
+        torus drifts by as little from one period to the next, but on and on, and so does a motion
+        that comes nearer to a cycle slowly. Several periods of a drifting motion are no period
+        either.
 
         Args:
             drive: period of what drives the motion, 0 where all is steady.
@@ -131,10 +133,10 @@ class Stretch:
         return 0.0
 
     def _passages(self, drive: float) -> tuple[Array, Array]:
-        """Times, (k,), and states, (k, 2 integrated), that are compared.
+        """Times, (k,), and states, (k, 2 integrated), that are compared with one another.
 
-        Each position and rate is in units of how far it ranges in the later half, or of a
-        thousandth of how far the position or rate does that ranges farthest.
+        Each position and rate is divided by its range in the later half, or by a thousandth of the
+        largest range of a position or rate if its own is smaller.
         """
         if drive:
             every = round(drive / float(self.t[1] - self.t[0]))
@@ -147,7 +149,7 @@ class Stretch:
             nodes = at[:, None] + np.arange(-1, 3)
             rise = across[at + 1] - across[at]
             share = -across[at] / rise
-            for _ in range(4):  # the root of the cubic through four samples
+            for _ in range(4):  # chord method for the root of the cubic through four samples
                 share -= np.sum(_lagrange(share) * across[nodes], axis=1) / rise
             times = self.t[at] + share * (self.t[at + 1] - self.t[at])
             states = np.einsum("kn,kns->ks", _lagrange(share), self.states[nodes])
@@ -158,8 +160,9 @@ class Stretch:
     def averages_converge(self) -> bool:
         """Whether averages over its time show that it is quasi-periodic, or periodic.
 
-        Averages with a weight that is smooth and ends with all derivatives 0 converge faster than
-        any power of the time on a torus, and like its square root where motion is chaotic.
+        On a torus, averages with a smooth weight all of whose derivatives are 0 at both ends
+        converge faster than any power of the time; for a chaotic motion they converge like its
+        square root.
 
         Source: Das, Saiki, Sander and Yorke (2017), Quantitative quasiperiodicity, Nonlinearity 30.
         """
@@ -186,13 +189,13 @@ class Stretch:
 
 
 def _lagrange(share: Array) -> Array:
-    """Weights of evenly spaced samples 1 before to 2 beyond, at shares of the way, (k, 4)."""
+    """Lagrange weights, (k, 4), of samples at -1, 0, 1 and 2 for places `share`, (k,)."""
     a, b, c, d = share + 1.0, share, share - 1.0, share - 2.0
     return np.stack([-b * c * d / 6.0, a * c * d / 2.0, -a * b * d / 2.0, a * b * c / 6.0], axis=1)
 
 
 def trend_of(x: Array, turnings: Array, error: float) -> tuple[Trend, int]:
-    """What kind of motion the samples x of the tip and its turning points show, and its period.
+    """Trend of a motion, and maxima in its period, from samples x of the tip and turning points.
 
     Two turning points may differ by the error although the motion repeats.
     """
@@ -209,9 +212,10 @@ def trend_of(x: Array, turnings: Array, error: float) -> tuple[Trend, int]:
             return "periodic", period
         if change.size < 4 * period:
             continue
-        # A Floquet multiplier that still acts shrinks the changes by a constant factor. Near a
-        # torus they may shrink for a while as well, but not twice as much in each quarter. Where
-        # one acts slowly, changes are too small to be seen from one period to the next.
+        # A Floquet multiplier whose motion still decays shrinks the changes by a constant factor.
+        # Near a torus the changes may shrink for a while as well, but not by a further factor of 2
+        # in each quarter. If the decay is slow, the changes are too small to be seen from one
+        # period to the next.
         changes = (float(part.max()) for part in np.array_split(change, 4))
         drifts = (_drift(part, period) if recurs else 0.0 for part in np.array_split(highs, 4))
         parts = [max(*both, error) for both in zip(changes, drifts, strict=True)]

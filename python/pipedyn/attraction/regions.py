@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: MIT
-"""When a motion has reached a known attractor: it is near to it, and comes nearer.
+"""Regions around known attractors, and how a motion is seen to have reached one.
 
-The distance of a state from an attractor is measured to a curve through many of its states, with
-rates multiplied by a time scale of the attractor. Two observations show that a motion has reached
-it. Where Floquet coordinates about a cycle are known, or modal coordinates about an equilibrium,
-each must fall at least half as fast as linear theory says, which is seen when its square has lost a
-quarter; what nonlinear forces change grows with a higher power of the distance, so that the motion
-goes on to come nearer. Otherwise the largest distance over a period must be within a radius and,
-while the motion stays within it, fall to a small share of what it was in the first period. A motion
-that passes a saddle or follows an unstable cycle beside the attractor does neither.
+The distance of a state from an attractor is measured to a curve through many states of the
+attractor, with rates multiplied by a time scale of the attractor. Two observations show that a
+motion has reached it. If Floquet coordinates about a cycle are known, or modal coordinates about an
+equilibrium, each must fall at least half as fast as linear theory says, which is seen when its
+square has lost a quarter; the effect of nonlinear forces grows with a higher power of the distance,
+so that the motion goes on coming nearer. Otherwise the largest distance over a period must be
+within a radius and, while the motion stays within it, fall to a small share of the distance in the
+first period. A motion that passes a saddle or follows an unstable cycle beside the attractor does
+neither.
 """
 
 from __future__ import annotations
@@ -34,46 +35,48 @@ FLOOR = 1e-4
 """Distance within which a state counts as on an attractor."""
 
 COARSE_CURVE, FINE_CURVE = 256, 2**14
-"""Steps along the curve of a cycle, at least and at most: doubled until chords miss it by less than
-a quarter of `FLOOR`."""
+"""Least and largest number of steps along the curve of a cycle: doubled until chords miss it by
+less than a quarter of `FLOOR`."""
 
 SAMPLES_A_PERIOD, LONGEST_BLOCK = 6, 200
-"""Samples in the shortest period of a region, and at most in a block, which spans the longest."""
+"""Number of samples in the shortest period of a region, and the most in a block, which spans the
+longest period."""
 
 PHASES = 12
-"""Of a period of the drive, at which states are compared."""
+"""Number of phases in a period of the drive at which states are compared."""
 
 LOOK, SLOWER = 200, 4
-"""Right-hand sides of a member between two looks, a sixth of the time of some ten periods: looks at
-a full batch take a fifth as long as the motions between them, measured with two segments. With
-fewer members they are so much rarer, at most."""
+"""Right-hand sides of a member between two looks, a sixth of the time of some ten periods, and the
+factor by which looks are rarer at most for a batch with fewer members. Looks at a full batch take a
+fifth as long as the motions between them, measured with two segments."""
 
 MEMBERS = 128
-"""Of a batch, for whom one look does."""
+"""Number of members of a batch at which looks are LOOK right-hand sides apart."""
 
 NEARER = 0.05
 """Share of the largest distance in the first period within a region at which a motion has reached
-the attractor: so much nearer comes nothing that leaves again."""
+the attractor: a motion that leaves again never comes this near."""
 
 FALLEN, ACTING = 0.75, 0.01
-"""Share of its square that a Floquet coordinate has kept at most when a motion is said to come
-nearer, and of the sum of all squares below which one may do what it likes: others drive it."""
+"""Largest share of its square that a Floquet coordinate keeps when a motion is said to come nearer;
+and the share of the sum of all squares below which a coordinate is ignored, as others drive it."""
 
 WIDEST = 0.05
-"""Radius of a region, root mean square in rad, where nothing else that is known is near."""
+"""Radius of a region, root mean square in rad, if no other known solution is near."""
 
 TRIALS = 16
-"""Motions from beside an attractor, in directions drawn at random, that show that it attracts."""
+"""Number of motions from beside an attractor, in directions drawn at random, that show that it
+attracts."""
 
 SLOWEST = 2.0
-"""Period of what does not oscillate at rest, at most."""
+"""Largest period that is assumed for equilibria about which nothing oscillates."""
 
 COMPARED, REGION_SHARE = 256, 0.25
-"""States of another attractor from which the distance of two is taken; and the share of the way
-to anything else that is known that a region reaches at most."""
+"""Number of states of another attractor from which the distance of two attractors is computed; and
+the largest share of the way to any other known solution that a region extends."""
 
 WHOLE: Array = np.array([0.0, 2.0 * math.pi])
-"""Phases of a cycle."""
+"""First and last phase of a cycle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,17 +84,18 @@ class Region:
     """States around an attractor from which motions come nearer to it.
 
     Attributes:
-        points: states [p, p'] on it, dense along it, (M, 2 integrated). Where motions are driven
-            these are states at PHASES times in each period of the drive, with `Excitation.phases`,
-            so that states at other phases are far away.
-        unit: time by which rates are multiplied, one over its angular frequency.
-        period: of motions on it or, at rest, about it.
-        radius: of the region, root mean square of p.
-        turn: a whole turn about a hinge at the root, (integrated,), after which all is as before.
-        driven: whether points have phases.
+        points: states [p, p'] on the attractor, dense along it, (M, 2 integrated). If motions are
+            driven, these are states at PHASES times in each period of the drive, with
+            `Excitation.phases` appended, so that states at other phases are far away.
+        unit: time by which rates are multiplied: the inverse of the attractor's angular frequency.
+        period: period of motions on the attractor or, at rest, about it.
+        radius: radius of the region, root mean square of p.
+        turn: change of p in a whole turn about a hinge at the root, (integrated,), which changes
+            nothing.
+        driven: whether `points` contain phases of the drive.
         curve: whether the points follow one another on a curve.
-        floquet: Floquet coordinates about a stable cycle, or modal ones about a stable equilibrium;
-            None where they are not known.
+        floquet: Floquet coordinates about a stable cycle, or modal coordinates about a stable
+            equilibrium; None if they are not known.
     """
 
     points: Array
@@ -105,7 +109,7 @@ class Region:
 
     @staticmethod
     def about_rest(place: Array, values: Complex) -> Region:
-        """About an equilibrium at p, with the eigenvalues there."""
+        """The region about an equilibrium at p, whose eigenvalues are given."""
         omega = float(np.abs(values).min()) if not values.imag.any() else 0.0
         omega = omega or float(np.abs(values[values.imag != 0.0]).min())
         unit = 1.0 / max(omega, 1e-3)
@@ -130,17 +134,18 @@ class Region:
         mesh: Array = WHOLE,
         finest: int = FINE_CURVE,
     ) -> Region:
-        """About a cycle with states, (k, 2 integrated), at phases from 0 to 2 pi, (k,).
+        """The region about a cycle whose states, (k, 2 integrated), are a function of phase, (k,).
 
-        mesh: phases between which the same number of steps lie.
-        finest: steps at most.
+        mesh: phases, from 0 to 2 pi, between which the same number of steps lie.
+        finest: largest number of steps.
         """
         count = COARSE_CURVE
         while True:
             places = np.linspace(0.0, mesh.size - 1.0, count + 1)
             points = states(np.interp(places, np.arange(mesh.size), mesh))
             region = Region(points, unit, period, curve=True)
-            # Second differences across the curve are eight times what the chord of a step misses.
+            # Second differences perpendicular to the curve are eight times the error of the chord
+            # of a step.
             along, bend = region._steps[1:] + region._steps[:-1], np.diff(region._steps, axis=0)
             share = np.sum(bend * along, axis=1) / np.maximum(np.sum(along**2, axis=1), 1e-300)
             missed = np.linalg.norm(bend - share[:, None] * along, axis=1).max() / 8.0
@@ -150,7 +155,7 @@ class Region:
 
     @cached_property
     def _reach(self) -> float:
-        """How far a state on the curve may be from the points."""
+        """Largest distance of a state on the curve from the nearest of the points."""
         if not self.curve:
             return 0.0
         return 0.5 * float(np.linalg.norm(self._steps, axis=1).max(initial=0.0))
@@ -182,10 +187,10 @@ class Region:
         return states
 
     def distances(self, states: Array, most: float | None = None) -> Array:
-        """Distances of states, (k,), infinite beyond the most, which is the radius if not given.
+        """Distances of states, (k,), infinite where larger than `most`, by default the radius.
 
-        States have shape (k, 2 integrated). Where motions are driven they are followed by their
-        phases, or else are those when a period begins.
+        States have shape (k, 2 integrated). If motions are driven, the phases of the drive are
+        appended to the states; without phases, the states are those at the beginning of a period.
         """
         most = self.radius if most is None else most
         if states.shape[1] < self.points.shape[1]:
@@ -200,7 +205,7 @@ class Region:
         return found
 
     def _nearest(self, states: Array, most: float) -> Array:
-        """Distances from the points or the curve through them, infinite beyond the most."""
+        """Distances from the points or the curve through them, infinite if beyond `most`."""
         scaled = self._scaled(states)
         found, places = self._tree.query(scaled, distance_upper_bound=most + self._reach)
         near = np.flatnonzero(np.isfinite(found))
@@ -215,7 +220,7 @@ class Region:
         return np.asarray(found)
 
     def apart(self, other: Region) -> float:
-        """Smallest distance from another, infinite if they are far apart."""
+        """Smallest distance from another region's states, infinite if they are far apart."""
         most = 4.0 * max(self.radius, other.radius)
         points = other.points[:: max(len(other.points) // COMPARED, 1)]
         return float(self.distances(points, most).min())
@@ -223,13 +228,13 @@ class Region:
     def kept_apart(self, distance: float) -> Region:
         """The region, made so small that it leaves out a solution at a distance.
 
-        It reaches the share APART of the way there at most. As a cycle may cross or touch another
-        in the space of states, ten times FLOOR is always left.
+        It extends over the share REGION_SHARE of the way there at most. As a cycle may cross or
+        touch another in the state space, a radius of ten times FLOOR is always left.
         """
         return replace(self, radius=max(min(self.radius, REGION_SHARE * distance), 10.0 * FLOOR))
 
     def mirrored(self, shifts: bool = False) -> Region:
-        """The region of the mirror image, which is half a period later if the drive shifts."""
+        """The region of the mirror image; it is half a period later if `shifts` is true."""
         signs = -np.ones(self.points.shape[1])
         if not shifts:
             signs[2 * self.half :] = 1.0
@@ -237,10 +242,10 @@ class Region:
         return replace(self, points=signs * self.points, floquet=floquet)
 
     def beside(self, model: Model, seed: int = 0) -> Array:
-        """States nearly a radius away, in directions drawn at random, (k, 2 integrated)."""
+        """States nearly a radius away, in random directions, shape (k, 2 integrated)."""
         random = np.random.default_rng(seed)
         half, at = self.half, np.arange(len(self.points))
-        if self.driven:  # when a period begins
+        if self.driven:  # points at the beginning of a period of the drive
             at = np.flatnonzero(self.points[:, -2] > 1.0 - 1e-9)
         on = self.points[random.choice(at, TRIALS), : 2 * half]
         away = random.normal(size=on.shape)
@@ -256,13 +261,13 @@ class Region:
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """How a motion has come nearer to what a region is about.
+    """Record of how a motion has come nearer to the attractor of a region.
 
     Attributes:
-        region: in which it was before, or NOWHERE.
-        first: its largest distance in its first period there.
-        squares: of its Floquet coordinates when they were last compared, the mean over a period.
-        since: time since then.
+        region: number of the region in which the motion was before, or NOWHERE.
+        first: its largest distance in its first period in the region.
+        squares: mean squares over a period of its Floquet coordinates when they were last compared.
+        since: time since that comparison.
     """
 
     region: int = NOWHERE
@@ -273,7 +278,8 @@ class Approach:
     def later(self, time: float, squares: Array, decay: Array) -> tuple[Approach, bool]:
         """The approach after a time, and whether Floquet coordinates have fallen as they must.
 
-        They are compared when at half its rate the slowest would have fallen so much.
+        They are compared when the slowest coordinate, falling at half its rate, would have fallen
+        to `FALLEN`.
         """
         if self.squares is None:
             return replace(self, squares=squares, since=0.0), False
@@ -287,13 +293,13 @@ class Approach:
 
 @dataclass(frozen=True)
 class WatchedTask(Task):
-    """A motion that ends where it has reached a region.
+    """A motion to be integrated until it has reached a region.
 
     Attributes:
-        regions: that it may reach.
-        every: of its samples one in so many is judged.
-        phases: of those in a block, `Excitation.phases`.
-        approach: how it has come nearer to one before.
+        regions: regions that it may reach.
+        every: every how many samples one is judged.
+        phases: `Excitation.phases` of the judged samples of a block.
+        approach: how it came nearer to one of the regions before.
     """
 
     regions: Sequence[Region] = ()
@@ -304,7 +310,7 @@ class WatchedTask(Task):
 
 @dataclass(frozen=True)
 class Watched:
-    """What came of it: which region it has reached, and how it has come nearer to one."""
+    """Outcome of a watched motion: the region that it has reached, and its approach to one."""
 
     outcome: Outcome
     label: int
@@ -312,23 +318,23 @@ class Watched:
 
 
 class _Watch(Observer):
-    """Ends the motions of a batch that have reached a region. Judged are blocks of samples."""
+    """Ends motions of a batch that have reached a region, which is judged by blocks of samples."""
 
     def __init__(self, tasks: Sequence[WatchedTask]) -> None:
         super().__init__()
         self.stretch = LOOK * min(max(MEMBERS // len(tasks), 1), SLOWER)
         self.tasks, self.rows = tasks, 2 * tasks[0].model.integrated
         self.labels = np.full(len(tasks), NOWHERE)
-        self.judged = np.zeros(len(tasks), dtype=int)  # blocks
-        self.approaches = [task.approach for task in tasks]  # up to the last block
-        members_of: dict[int, list[int]] = {}  # each list of regions
+        self.judged = np.zeros(len(tasks), dtype=int)  # number of blocks judged
+        self.approaches = [task.approach for task in tasks]  # approaches up to the last block
+        members_of: dict[int, list[int]] = {}  # members with the same list of regions
         for member, task in enumerate(tasks):
             if task.regions:
                 members_of.setdefault(id(task.regions), []).append(member)
         self.groups = [np.array(some) for some in members_of.values()]
 
     def ended(self, states: Array, samples: Array) -> list[int]:
-        """Members of the batch that have reached a region, as an `Observer` says them."""
+        """Members of the batch that have reached a region, as `Observer` requires."""
         found: list[int] = []
         for members in self.groups:
             task = self.tasks[members[0]]
@@ -345,9 +351,9 @@ class _Watch(Observer):
         return found
 
     def _judge(self, task: WatchedTask, members: Any, blocks: Array) -> list[int]:
-        """Which of some members, with a task like this, have reached a region.
+        """Selects the members, with tasks of equal regions, that have reached a region.
 
-        blocks: of samples of each, (k, samples, rows).
+        blocks: judged samples of each member, (k, samples, rows).
         """
         regions = task.regions
         if task.phases.size:
@@ -395,7 +401,7 @@ class _Watch(Observer):
 def watched_outcomes(
     tasks: Sequence[WatchedTask], shown: bool, observer: Observer
 ) -> list[Watched]:
-    """What comes of each motion of a batch, as for `in_batches`."""
+    """Outcomes of the motions of a batch, in the form that `in_batches` requires."""
     watch = _Watch(tasks)
     outcomes: list[Outcome] = integrate(tasks, shown, watch if watch.groups else observer)
     states = zip(outcomes, watch.labels.tolist(), watch.approaches, strict=True)
@@ -403,7 +409,7 @@ def watched_outcomes(
 
 
 def judged_step(regions: Sequence[Region], most: float) -> tuple[float, float]:
-    """Time between two samples that are judged, and between two blocks."""
+    """Time between two samples that are judged, and time between two blocks."""
     periods = [region.period for region in regions] or [most]
     longest = max(periods)
     return min(max(min(periods) / SAMPLES_A_PERIOD, longest / LONGEST_BLOCK), most), longest

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Equilibria, cycles and irregular motions that are known at a flow, with what they attract.
+"""Equilibria, cycles and irregular motions known at a flow, with the regions that they attract.
 
-An equilibrium attracts if its eigenvalues decay, a cycle if its Floquet multipliers, but for the
-trivial one, lie within the unit circle. The region of either reaches a quarter of the way to
-anything else that is known: to an unstable cycle, for one.
+An equilibrium attracts if its eigenvalues have negative real parts, a cycle if its nontrivial
+Floquet multipliers lie within the unit circle. The region of either extends a quarter of the way to
+any other known solution, such as an unstable cycle.
 """
 
 from __future__ import annotations
@@ -29,14 +29,15 @@ from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
 TURNING_PERIODS, SAMPLES_AN_INTERVAL = 4, 32
-"""Periods of a cycle of which the turning points are told, and samples in each interval of its
-mesh."""
+"""Number of periods of a cycle whose turning points are listed, and number of samples in each
+interval of its mesh."""
 
 SAME_ATTRACTOR = 3e-3
-"""Distance up to which two motions are on the same attractor: either is known to 1e-3."""
+"""Distance up to which two motions are on the same attractor: each is known to 1e-3."""
 
 FARTHEST = 0.1
-"""How far an equilibrium may be from where it is looked for, in rad or in a coordinate."""
+"""Largest distance of an equilibrium from the place where it is looked for, in rad or in a
+coordinate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,13 +45,14 @@ class Solution:
     """An equilibrium, a cycle or an irregular motion.
 
     Attributes:
-        attractor: what it is, as an end of motions; of no start.
-        region: around it; of an irregular motion, around many of its states, with twice the largest
-            distance of those of the later half of a record from the others as radius.
-        attracts: whether motions from nearby are known to come to it; of irregular ones False.
-        period: in T; 0 at rest, NaN where irregular.
-        growth: at rest, the largest real part of an eigenvalue; else NaN.
-        orbit: of a cycle that was solved for.
+        attractor: the solution as an end of motions; its start is -1.
+        region: region around the solution. For an irregular motion it lies around many of its
+            states, and its radius is twice the largest distance of the states of the later half of
+            a record from the others.
+        attracts: whether motions from nearby are known to come to it; False for irregular ones.
+        period: period in T; 0 at rest, NaN for irregular motions.
+        growth: largest real part of an eigenvalue of an equilibrium; NaN for other solutions.
+        orbit: orbit of a cycle that was solved for.
     """
 
     attractor: Attractor
@@ -62,23 +64,23 @@ class Solution:
 
     @property
     def settles(self) -> bool:
-        """Whether motions from elsewhere end on it: not where multipliers say that it repels."""
+        """Whether motions from elsewhere may end on it; False if it is known to repel."""
         repels = not self.attracts and (self.orbit is not None or self.period == 0.0)
         return not repels
 
     @property
     def near(self) -> float:
-        """Distance up to which a motion is on it."""
+        """Distance up to which a motion counts as on the solution."""
         if math.isnan(self.period):
             return self.region.radius
         return min(self.region.radius, SAME_ATTRACTOR)
 
     def holds(self, one: Attractor, period: float) -> bool:
-        """Whether a motion that was seen to repeat after a time ended on it.
+        """Whether the solution is the end of a motion that was seen to repeat after a period.
 
-        Beside a cycle that attracts a motion may repeat to the accuracy of its record after two
-        periods before it does after one; beside one that does not, it is on a cycle that has left
-        that at a period doubling.
+        Beside an attracting cycle a motion may repeat to the accuracy of its record after two
+        periods before it does so after one; beside a cycle that does not attract, it is on a cycle
+        that branches off from it at a period doubling.
         """
         if one.ending != self.attractor.ending:
             return False
@@ -88,7 +90,7 @@ class Solution:
         return bool(np.isfinite(self.region.distances(one.end[None], self.near))[0])
 
     def is_mirror_image(self, other: Solution, shifts: bool) -> bool:
-        """Whether the other is its image in the axis, half a period later if the drive shifts."""
+        """Whether the other is its image in the axis, half a period later if `shifts` is true."""
         if other.attractor.ending != self.attractor.ending:
             return False
         points = self.region.mirrored(shifts).points
@@ -97,13 +99,13 @@ class Solution:
         return bool(np.mean(within) > 0.9)
 
     def mirrored(self, shifts: bool) -> Solution:
-        """The solution's mirror image in the axis of the pipe, which is a solution as well.
+        """The mirror image of the solution in the axis of the pipe, which is a solution as well.
 
-        shifts: whether what drives the motion becomes its own mirror image half a period later.
+        shifts: whether the drive becomes its own mirror image half a period later.
         """
         one, region = self.attractor, self.region.mirrored(shifts)
         end = -one.end
-        if shifts:  # when a period begins
+        if shifts:  # state at the beginning of a period of the drive
             end = region.points[np.argmax(region.points[:, -2]), : end.size].copy()
         image, orbit = replace(one, end=end, turnings=-one.turnings), self.orbit
         if orbit is not None:
@@ -112,14 +114,14 @@ class Solution:
         return replace(self, attractor=image, region=region, orbit=orbit)
 
     def kept_apart(self, distance: float) -> Solution:
-        """Itself with a region that leaves out something else that is known so far away."""
+        """The solution, with a region that leaves out another known solution at a distance."""
         if math.isnan(self.period):
             return self
         return replace(self, region=self.region.kept_apart(distance))
 
 
 def kept_apart(solutions: Sequence[Solution]) -> list[Solution]:
-    """Solutions whose regions leave out all others, if they attract."""
+    """Solutions, with regions that leave out all other solutions if they attract."""
     found: list[Solution] = []
     for one in solutions:
         apart = [one.region.apart(o.region) for o in solutions if one.attracts and o is not one]
@@ -131,7 +133,7 @@ def kept_apart(solutions: Sequence[Solution]) -> list[Solution]:
 
 
 def equilibria_near(model: Model, places: Iterable[Array], u: float) -> list[Solution]:
-    """Equilibria within `FARTHEST` of positions p, (integrated,) each, at a flow speed."""
+    """Equilibria within `FARTHEST` of given positions p, (integrated,) each, at a flow speed."""
     found: list[Solution] = []
     statics = Statics(model)
     for place in places:
@@ -163,15 +165,16 @@ def equilibrium(statics: Statics, p: Array, u: float) -> Solution:
 def around(
     model: Model, drive: Excitation, t: Array, states: Array, unit: float, period: float
 ) -> Region:
-    """The region around states [p, p'] of a motion, which are not taken for points of a curve.
+    """The region around states [p, p'] of a motion, which are not joined to a curve.
 
     Args:
         model: the model.
         drive: what drives the motion.
         t: time of each state since the beginning of a period of the drive, (k,).
-        states: if the motion is driven at PHASES times in each period, (k, 2 integrated).
+        states: states [p, p'], (k, 2 integrated); if the motion is driven, at PHASES times in each
+            period.
         unit: time by which rates are multiplied.
-        period: of the motion.
+        period: period of the motion.
     """
     points = np.concatenate([states, drive.phases(t)], axis=1)
     driven, turn = bool(drive.period), Statics(model).whole_turn
@@ -179,7 +182,7 @@ def around(
 
 
 def cycle(model: Model, drive: Excitation, orbit: PeriodicOrbit, stable: bool) -> Solution:
-    """The solution of an orbit, during which a drive has a whole number of periods."""
+    """The solution of an orbit whose period is a whole number of periods of the drive."""
     field, period = drive.field(model), 2.0 * math.pi / orbit.frequency
     t = np.linspace(
         0.0, TURNING_PERIODS * period, TURNING_PERIODS * SAMPLES_AN_INTERVAL * len(orbit.starts) + 1
@@ -200,7 +203,7 @@ def cycle(model: Model, drive: Excitation, orbit: PeriodicOrbit, stable: bool) -
     mesh = orbit.edges
     if orbit.symmetric:
         mesh = np.append(mesh, orbit.span + mesh[1:])
-    # Of what is unstable nothing but its distance from others is asked for.
+    # For an unstable cycle only its distance from other solutions is needed.
     finest = FINE_CURVE if stable else COARSE_CURVE
     region = Region.about_cycle(lambda phase: orbit.states(phase).T, unit, period, mesh, finest)
     region = replace(region, turn=Statics(model).whole_turn)
@@ -212,12 +215,12 @@ def cycle(model: Model, drive: Excitation, orbit: PeriodicOrbit, stable: bool) -
 def by_record(
     model: Model, drive: Excitation, end: Attractor, stretch: Stretch, period: float
 ) -> Solution:
-    """The solution that a motion is on at the end of a stretch, of which that alone is known.
+    """The solution on which a motion is at the end of a stretch, known from the stretch alone.
 
-    period: after which the motion repeats; 0 at rest.
+    period: period after which the motion repeats; 0 at rest.
     """
     statics, last = Statics(model), float(stretch.t[-1])
-    span = period or drive.period  # driven motions rest over each period of the drive
+    span = period or drive.period  # for driven motions rest also has the drive's period
     unit = span / (2.0 * math.pi * max(end.period, 1))
     if drive.period:
         step = drive.period / PHASES
@@ -238,7 +241,7 @@ def by_record(
 
 
 def irregular(model: Model, drive: Excitation, end: Attractor, stretch: Stretch) -> Solution:
-    """The solution of a motion that does not repeat, by its record."""
+    """The solution of a motion that does not repeat, computed from its record."""
     count = max(maxima(stretch.turnings).size, 1)
     unit = float(stretch.t[-1]) / (2.0 * math.pi * count)
     every = round(drive.period / PHASES / float(stretch.t[1] - stretch.t[0])) or 1

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""Branches of cycles over the flow speed: from where they begin, past folds, with their events.
+"""Branches of cycles over the flow speed, from their beginnings, past folds, with their events.
 
-A branch is followed by arc length (`orbit_continuation.followed`), within the speeds with Floquet
-multipliers at every point. Folds are where the tangent turns back; where the number of multipliers
-outside the unit circle changes, the step is narrowed down to the event, and the multiplier that
-passes names it. Cycles that leave a branch at pitchforks and period doublings are followed in turn.
+A branch is followed by arc length (`orbit_continuation.followed`), with Floquet multipliers at
+every point within the speeds. A fold is a point where the tangent turns back; where the number of
+multipliers outside the unit circle changes, the step is narrowed down to the event, and the
+multiplier that passes the circle names it. Cycles that leave a branch at pitchforks and period
+doublings are followed in turn.
 """
 
 from __future__ import annotations
@@ -69,43 +70,47 @@ from pipedyn.util.threads import one_thread
 from pipedyn.util.units import SPEED
 
 SAME_CYCLE = 1e-4
-"""Relative difference below which two cycles, or the speeds of two events, are the same: measured,
-orbits on a coarse mesh (`orbit_continuation.COARSE`) are off by 4e-6 at most."""
+"""Relative difference below which two cycles, or the speeds of two events, are the same: orbits on
+a coarse mesh (`orbit_continuation.COARSE`) were measured to err by 4e-6 at most."""
 
 UNSURE = 4
-"""Steps from the first such cycle on after which a branch ends: they show whether its period grows
-without end, as it does where multipliers are too far apart to be known."""
+"""Number of steps, from the first cycle with unsure multipliers on, after which a branch ends:
+these steps show whether its period grows without end, as it does where multipliers are too far
+apart to be known."""
 
 VERTICAL, STEEP = 3e-5, 1e-3
 """Relative change of the speed while the frequency falls by a factor e, over three steps. Below the
-first, at less than half the largest frequency, a branch ends there with an infinite period: the
-speed comes to a limit exponentially. Below the second a branch does that cannot be followed."""
+first value, at less than half the largest frequency, a branch ends with an infinite period: the
+speed converges exponentially to a limit. Below the second, a branch that cannot be followed ends
+so."""
 
 SAMPLES_A_CYCLE = 65
-"""States kept of each cycle: measured, cubics through them miss five cycles by 1.5e-6 at most."""
+"""Number of states kept of each cycle: measured, cubics through them err by 1.5e-6 at most in five
+cycles."""
 
 BEYOND, MOST_BEYOND, INTERVALS_BEYOND = 1.25, 40, 100
-"""Factor by which a branch may leave both the speeds and its beginning, since it may come back;
-steps out there in a row; and mesh intervals beyond which an orbit is too costly there. Measured on
-branches of seven pipes, they came back six times from up to 1.22 times as far, after 10 steps and
-with 21 intervals at most, and once from 2.3 times as far, after 32 steps."""
+"""Factor by which a branch may go beyond both the speeds and its beginning, since it may come back;
+largest number of consecutive steps out there; and number of mesh intervals beyond which an orbit is
+too costly there. Measured on seven pipes, branches came back six times from up to 1.22 times as
+far, after 10 steps and with 21 intervals at most, and once from 2.3 times as far, after 32
+steps."""
 
 RESOLVED_RANGE, NARROW, WINDING = 0.05, 0.05, 24
-"""Share of the range of speeds, or less if they are closer together, over which a branch has to go
-so that those that leave it are followed; the share of that within which a branch that winds, as one
-that comes near to a homoclinic orbit does, is followed no further, and after how many steps. What
-is narrower is asked for by speeds that are closer together."""
+"""Share of the range of speeds that a branch has to span so that branches that leave it are
+followed, or the least gap of the speeds if that is smaller; the share of this within which a
+winding branch, for example one near a homoclinic orbit, is followed no further; and the number of
+steps after which it ends. Speeds that are closer together ask for narrower branches."""
 
 GENERATIONS = 2
-"""Generations followed of cycles that leave cycles: all of the first, then those that leave stable
-ones, since their number may grow without end (a cascade of period doublings)."""
+"""Number of generations of cycles that leave cycles that are followed: all of the first, then those
+that leave stable ones, since their number may grow without end (a cascade of period doublings)."""
 
 Origin = Literal["hopf", "pitchfork", "period doubling", "motion"]
 
 
 @saved_as("CycleEvent")
 class CycleEvent(Result, units={"error": SPEED}):
-    """Where the stability of a branch of cycles changes, or the branch turns or ends.
+    """Event at which the stability of a branch of cycles changes, or the branch turns or ends.
 
     Attributes:
         kind: "fold" (the branch turns back), "pitchfork" (a cycle that is its own mirror image
@@ -115,10 +120,10 @@ class CycleEvent(Result, units={"error": SPEED}):
             frequency falls towards 0, as where a cycle meets an equilibrium) or "end" (it was not
             followed further).
         speed: u.
-        error: half the interval of speeds that is known to hold it.
-        multiplier: the one that passes, where it does, on the unit circle: 1 at a fold and a
-            pitchfork, as where the branch begins or ends or grazes, -1 at a doubling.
-        amplitude: of the cycle.
+        error: half the length of the interval of speeds that is known to contain the event.
+        multiplier: the multiplier that passes, on the unit circle: 1 at a fold and a pitchfork, and
+            where the branch begins, ends or grazes; -1 at a doubling.
+        amplitude: amplitude of the cycle.
     """
 
     kind: EventKind
@@ -128,7 +133,7 @@ class CycleEvent(Result, units={"error": SPEED}):
     amplitude: float
 
     def same(self, other: CycleEvent) -> bool:
-        """Whether two branches meet in one event; raises TypeError for what is no event."""
+        """Whether two branches meet in one event; raises TypeError if `other` is no event."""
         if not isinstance(other, CycleEvent):
             raise TypeError(f"other must be a CycleEvent, got {check.shown(other)}")
         apart = abs(self.speed - other.speed)
@@ -142,24 +147,25 @@ class CycleEvent(Result, units={"error": SPEED}):
     shapes={"S": "speeds amplitudes highest frequencies stable", "S n": "multipliers"},
 )
 class CycleBranch(TableResult):
-    """Cycles along a branch, which may turn in the flow speed, in order from where it begins.
+    """Cycles along a branch, which may turn in the flow speed, in order from its beginning.
 
     Attributes:
         speeds: u, shape (S,).
         amplitudes: half the peak-to-peak transverse motion of the free end in L, shape (S,).
         highest: largest transverse position of the free end in L, shape (S,); the smallest lies two
             amplitudes below.
-        frequencies: angular, in 1 / T, shape (S,).
-        stable: shape (S,).
+        frequencies: angular frequencies, in 1 / T, shape (S,).
+        stable: whether each cycle is stable, shape (S,).
         multipliers: Floquet multipliers, the largest first, the trivial one among them, shape
             (S, n).
-        events: in order along the branch.
+        events: events, in order along the branch.
         cycles: the cycles themselves; those at the speeds given meet the tolerance of
             `limit_cycle` or are listed as failures, those between some 1e-5.
         mirrored: whether the mirror images of its cycles are other cycles; they are not listed.
-        origin: where it begins: "hopf" (at an equilibrium), "pitchfork" or "period doubling" (of a
-            branch of cycles), or "motion": a motion ended on it, from where it was followed both
-            ways, and it is listed from its end on the side of lower speeds.
+        origin: beginning of the branch: "hopf" (at an equilibrium), "pitchfork" or "period
+            doubling" (of a branch of cycles), or "motion": a motion ended on one of its cycles,
+            from which it was followed both ways, and it is listed from its end on the side of lower
+            speeds.
         onset: flow speed at which it begins, NaN if that is unknown.
     """
 
@@ -195,18 +201,18 @@ class CycleBranch(TableResult):
 
 @dataclass(frozen=True)
 class BranchOptions:
-    """How branches are followed."""
+    """Options with which branches are followed."""
 
-    speeds: Array  # at which cycles are solved for, increasing
-    rtol: float  # of the cycles there
-    most: int  # steps along one branch
-    onsets: tuple[float, ...] = ()  # of flutter, at any of which a branch may end
+    speeds: Array  # speeds at which cycles are solved for, increasing
+    rtol: float  # relative tolerance of the cycles there
+    most: int  # largest number of steps along one branch
+    onsets: tuple[float, ...] = ()  # speeds of flutter onsets, where a branch may end
     shown: bool = False  # whether steps are counted on stderr
-    known: tuple[CycleBranch, ...] = ()  # which one that meets them repeats from there on
+    known: tuple[CycleBranch, ...] = ()  # a branch that meets one of these repeats it from there
 
     @property
     def finest(self) -> float:
-        """The least gap of the speeds, or a share of their range: what is narrower is left out."""
+        """Least range of speeds that is resolved: their smallest gap, or a share of their range."""
         return float(min(np.diff(self.speeds).min(), RESOLVED_RANGE * np.ptp(self.speeds)))
 
     def holds(self, u: float) -> bool:
@@ -218,18 +224,18 @@ class BranchOptions:
 
 @dataclass(frozen=True)
 class Traced:
-    """A branch that was followed."""
+    """A branch that was followed, with the events at its two ends."""
 
-    branch: CycleBranch | None  # what of it lies within the speeds given, if anything does
-    begin: CycleEvent | None  # wherever that is; None where the branch goes on
+    branch: CycleBranch | None  # its part within the speeds given, if any
+    begin: CycleEvent | None  # wherever its beginning is; None where the branch goes on
     end: CycleEvent | None
 
     def spans(self, speeds: float) -> bool:
-        """Whether its cycles lie over so wide a range of speeds."""
+        """Whether its cycles span at least a given range of speeds."""
         return self.branch is not None and bool(np.ptp(self.branch.speeds) >= speeds)
 
     def is_reverse(self, other: Traced) -> bool:
-        """Whether it leads from where the other ends to where that begins."""
+        """Whether it is another branch followed in the opposite direction."""
         pairs = ((self.end, other.begin), (self.begin, other.end))
         return all(a is not None and b is not None and a.same(b) for a, b in pairs)
 
@@ -243,9 +249,9 @@ class Traced:
 def hopf_points(
     model: Model, branches: tuple[EquilibriumBranch, ...], highest: float, failed: list[Failed]
 ) -> list[HopfPoint]:
-    """Hopf points of equilibria up to a speed, of mirror images one.
+    """Hopf points of equilibria up to a speed, one for each pair of mirror images.
 
-    Where the straight pipe is an equilibrium all its onsets count, on branches followed or not.
+    If the straight pipe is an equilibrium, all its onsets count, on branches followed or not.
     """
     motion = VectorField(model)
     points: list[Crossing | BranchPoint] = []
@@ -269,9 +275,10 @@ def hopf_points(
 def traced(
     model: Model, begin: HopfPoint | PeriodicOrbit, options: BranchOptions
 ) -> tuple[list[Traced], list[Failed]]:
-    """The branch of cycles from an onset, or both ways through a cycle, and those that leave it.
+    """The branch of cycles from an onset, or both ways through a cycle, and its offshoots.
 
-    The second list holds the speeds that failed. Models have up to 100 degrees of freedom.
+    The offshoots leave it at pitchforks and period doublings. The second list holds speeds that
+    failed, with the errors. Models have up to 100 degrees of freedom.
     """
     motion = VectorField(model)
     found: list[Traced] = []
@@ -280,7 +287,7 @@ def traced(
     def trace(
         starts: list[BranchStart], begin: CycleEvent | None, generations: int, fastest: float = 0.0
     ) -> None:
-        """One way from an event or both ways from a cycle, and branches that leave there."""
+        """Follows one way from an event or both ways from a cycle, then the offshoots."""
         ways: list[_Follower] = []
         siblings = (one.branch for one in found if one.branch is not None)
         its = replace(options, known=(*options.known, *siblings))
@@ -312,7 +319,7 @@ def traced(
 
 
 def _as_one_branch(ways: list[_Follower]) -> Traced:
-    """What was followed one way, or both ways from the same cycle."""
+    """The branch that was followed one way, or both ways from the same cycle."""
     way = ways[-1]
     cycles, events, begin = way.cycles, way.events, way.begin
     if len(ways) == 2:
@@ -339,11 +346,11 @@ def _as_one_branch(ways: list[_Follower]) -> Traced:
 
 
 CycleOnStep = tuple[float, LimitCycle, CycleEvent | None]
-"""What lies on a step: arc length from its beginning, cycle, and what happens there."""
+"""A cycle on a step: arc length from the beginning of the step, cycle, and event there, if any."""
 
 
 class _PassingOfCycles(PassingMultiplier[OrbitProblem]):
-    """Multipliers of the cycles on a step, between folds.
+    """Test functions for the multipliers of the cycles on a step, between folds.
 
     Args:
         step: the step.
@@ -366,12 +373,12 @@ class _PassingOfCycles(PassingMultiplier[OrbitProblem]):
         return self._cycles[s]
 
     def about(self, s: float) -> Array:
-        """Logarithms of the moduli of all multipliers but the trivial one."""
+        """Logarithms of the moduli of all nontrivial multipliers."""
         quick = quick_multipliers(self.motion, orbit_at(self.step, s), ON_BRANCH)
         return log_moduli(self.cycle(s).multipliers if quick is None else quick)
 
     def candidates(self, before: float, beyond: float) -> tuple[Complex, bool]:
-        """All multipliers but the trivial one, right beyond."""
+        """Roots of the nontrivial multipliers just beyond, and whether the cycle is symmetric."""
         cycle = self.cycle(beyond)
         roots = cycle.multipliers
         if cycle.symmetric:
@@ -391,7 +398,7 @@ class _PassingOfCycles(PassingMultiplier[OrbitProblem]):
 
 
 class _Follower(Tracer[OrbitProblem]):
-    """A branch in the making, one way from a start, and from an event if it begins at one."""
+    """A branch being followed, one way from a start, and from an event if it begins at one."""
 
     def __init__(
         self,
@@ -415,15 +422,15 @@ class _Follower(Tracer[OrbitProblem]):
         self.forks: list[tuple[CycleEvent, PeriodicOrbit, bool]] = []
         self.end: CycleEvent | None = None
         self.closed = False
-        self.repeats = False  # goes on as a branch that is known
+        self.repeats = False  # whether it goes on as a branch that is known
         self.again: float | None = None  # speed of a cycle that was passed before
-        self.here = start.orbit  # up to which it was followed
+        self.here = start.orbit  # last orbit up to which it was followed
         self.last: LimitCycle | None = None  # the cycle there, if it is known and kept
         self.passed, self.frequencies = list[float](), list[float]()
         self.beyond = self.unsure = 0  # steps in a row outside the speeds, and with unsure cycles
 
     def run(self) -> None:
-        """Follows the branch until it ends, is far from the speeds or its steps run out."""
+        """Follows the branch until it ends, is far from the speeds or has used all its steps."""
         _, end, reason = self.one_way(self._steps())
         if end == "points":
             reason = "its steps ran out; cycles= allows more"
@@ -439,9 +446,9 @@ class _Follower(Tracer[OrbitProblem]):
         self._fails(self.here, reason)
 
     def note(self, step: Step) -> str | None:
-        """Keeps what lies on a step, and says why the branch ends there.
+        """Keeps the cycles and events of a step, and returns why the branch ends there, or None.
 
-        Beyond the speeds given multipliers are not computed.
+        Outside the given speeds multipliers are not computed.
         """
         speeds = self.options.speeds
         met = self._met(step)
@@ -473,7 +480,7 @@ class _Follower(Tracer[OrbitProblem]):
         return self._is_left()
 
     def _is_left(self) -> str | None:
-        """Why a branch is followed no further than to where it is; None where it goes on."""
+        """Why the branch is followed no further than to its last orbit; None if it goes on."""
         here, last, passed = self.here, self.last, self.passed
         speeds, first = self.options.speeds, self.start.orbit.u
         unknown = "" if last is None else f"known to {last.multiplier_error:.1e} only"
@@ -504,7 +511,7 @@ class _Follower(Tracer[OrbitProblem]):
         return None
 
     def _winds(self, passed: list[float]) -> bool:
-        """Whether a branch stays at about one speed, between those given."""
+        """Whether the branch stays near one speed, between those given."""
         low, high = min(passed), max(passed)
         given = self.options.speeds
         between = not ((given >= low) & (given <= high)).any()
@@ -513,7 +520,7 @@ class _Follower(Tracer[OrbitProblem]):
     def _steps(self) -> Iterator[Step]:
         """Steps along the branch, past places where its cycles begin or cease to touch a stop.
 
-        From an event, they begin at the first orbit; what is on the way to it is kept.
+        From an event, the steps begin at the first orbit; cycles on the way to it are kept.
         """
         followed = followed_past_grazing(self.motion, self.start, FINE, self._grazes)
         steps = track(followed, None, f"cycles {self.how}", self.options.shown)
@@ -527,7 +534,7 @@ class _Follower(Tracer[OrbitProblem]):
         yield from steps
 
     def _grazes(self, grazing: Grazing) -> None:
-        """Notes where its cycles begin or cease to touch a stop.
+        """Keeps the event at which cycles begin or cease to touch a stop.
 
         The next step does not begin where the last one ended.
         """
@@ -538,7 +545,7 @@ class _Follower(Tracer[OrbitProblem]):
             self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: it grazes a stop there", u)))
 
     def _fails(self, here: PeriodicOrbit, reason: str) -> None:
-        """Takes note of a failure beyond an orbit."""
+        """Keeps a failure beyond an orbit."""
         where = f"u = {here.u:g}"
         if not self.options.holds(here.u):
             where += ", outside the speeds given, from where they might come back"
@@ -546,7 +553,7 @@ class _Follower(Tracer[OrbitProblem]):
         self.failed.append((here.u, NotConverged(report)))
 
     def _ends(self, kind: EventKind, orbit: PeriodicOrbit, error: float = 0.0) -> None:
-        """Takes note of the orbit at which the branch ends, or ("end") is not followed further."""
+        """Keeps the event at the orbit where the branch ends or ("end") is not followed further."""
         self._note(kind, orbit, error)
         self.end = self.events[-1] if kind != "end" else None
 
@@ -556,9 +563,10 @@ class _Follower(Tracer[OrbitProblem]):
         self.events.append(CycleEvent(kind, orbit.u, error, 1.0 + 0j, size))
 
     def _finished(self, orbit: PeriodicOrbit) -> LimitCycle | None:
-        """The cycle of the orbit at one of the speeds given; None where there is none.
+        """The cycle of the orbit at one of the speeds given; None if there is none.
 
-        What fails to meet the tolerance is a failure, and kept for what it is.
+        A cycle that does not meet the tolerance counts as a failure, and is kept as well as it is
+        known.
         """
         try:
             return converged_cycle(
@@ -570,7 +578,7 @@ class _Follower(Tracer[OrbitProblem]):
             return reached
 
     def _met(self, step: Step) -> tuple[EventKind, Meeting] | None:
-        """Where the branch meets an equilibrium within a step, or cycles of more symmetry."""
+        """The meeting with an equilibrium, or with cycles of more symmetry, within a step."""
         begin = orbit_at(step, 0.0)
         kinds: list[EventKind] = ["hopf"] if begin.symmetric else ["hopf", "period doubling"]
         if not begin.symmetric and self.motion.is_odd(begin.u):
@@ -583,13 +591,13 @@ class _Follower(Tracer[OrbitProblem]):
         return None
 
     def _noted(self, step: Step) -> LimitCycle:
-        """Keeps what lies on a step and its events; the cycle at its end."""
+        """Keeps the cycles and events on a step; returns the cycle at its end."""
         first, length = self.last, step.length
         on = _PassingOfCycles(step, self.motion, self.how, first)
         found: list[CycleOnStep] = [] if first is not None else [(0.0, on.cycle(0.0), None)]
         found.append((length, on.cycle(length), None))
         if max(on.cycle(s).multiplier_error for s in (0.0, length)) <= LARGEST_ERROR:
-            # The speed of a fold is known to the square of the length to which it is located.
+            # The error of a fold's speed is the square of that of its location in arc length.
             turns = list[float]()
             for s, special in special_points(step, 1e-5, [on]):
                 cycle = on.cycle(s)
@@ -620,7 +628,7 @@ class _Follower(Tracer[OrbitProblem]):
                 self.events.append(event)
 
     def _at_speeds(self, step: Step, part: Step) -> Iterator[CycleOnStep]:
-        """The cycles at the speeds given on a part of a step, but for its beginning."""
+        """The cycles at the given speeds on a part of a step, without its beginning."""
         low, high = sorted((part.begin.p, part.end.p))
         speeds = self.options.speeds
         for u in speeds[(speeds >= low) & (speeds <= high) & (speeds != part.begin.p)].tolist():
@@ -637,27 +645,27 @@ class _Follower(Tracer[OrbitProblem]):
                     self.again = u
 
     def _leaving(self, first: Step) -> Step:
-        """The first step, as the speed changes with the square of what grows on it."""
-        if self.motion.model.pipe.has_kinks:  # with drag it changes linearly
+        """The first step, made so that the speed changes with the square of the amplitude."""
+        if self.motion.model.pipe.has_kinks:  # with drag the speed changes linearly
             return first
         return replace(first, begin=first.problem.starting(first.begin.z, self.start.towards))
 
     def _is_first(self, cycle: LimitCycle) -> bool:
-        """Whether a cycle is that from which the branch set out: the branch is then closed."""
+        """Whether a cycle is the first one of the branch, which is then closed."""
         first = self.start.orbit
         if self.begin is not None or cycle.u != first.u or len(self.cycles) < 4:
             return False
         return same_cycle(cycle, first.frequency, amplitude_of(self.motion, first)[0])
 
     def _is_passed(self, cycle: LimitCycle) -> bool:
-        """Whether a cycle is one that was passed before, but not right before."""
+        """Whether a cycle was passed before, except as one of the last four."""
         return any(
             one.u == cycle.u and same_cycle(cycle, one.frequency, one.amplitude)
             for one in self.cycles[:-4]
         )
 
     def _forget_repeated(self) -> None:
-        """Leaves out events that were met a second time."""
+        """Removes events that were met a second time."""
         every = self.events
         self.events = [
             event for i, event in enumerate(every) if not any(map(event.same, every[:i]))
@@ -665,9 +673,9 @@ class _Follower(Tracer[OrbitProblem]):
 
 
 def _steepness(speeds: list[float], frequencies: list[float]) -> float:
-    """Relative change of the speed for a factor e by which the frequency falls, over three steps.
+    """Relative change of the speed while the frequency falls by a factor e, over three steps.
 
-    It is infinite where the frequency does not fall all the time, or in fewer steps.
+    It is infinite if the frequency does not fall in each step, or there are fewer steps.
     """
     if len(speeds) < 4:
         return math.inf
@@ -678,7 +686,7 @@ def _steepness(speeds: list[float], frequencies: list[float]) -> float:
 
 
 def is_on_any(branches: Sequence[CycleBranch], cycle: LimitCycle) -> bool:
-    """Whether one of the branches has a cycle at its speed."""
+    """Whether one of the branches contains the cycle at its speed."""
     return any(
         one.symmetric == cycle.symmetric and same_cycle(one, cycle.frequency, cycle.amplitude)
         for branch in branches
@@ -687,6 +695,6 @@ def is_on_any(branches: Sequence[CycleBranch], cycle: LimitCycle) -> bool:
 
 
 def same_cycle(cycle: LimitCycle, frequency: float, amplitude: float) -> bool:
-    """Whether a cycle has a frequency and an amplitude."""
+    """Whether a cycle has a given frequency and amplitude, up to `SAME_CYCLE`."""
     apart = max(abs(cycle.frequency / frequency - 1.0), abs(cycle.amplitude / amplitude - 1.0))
     return apart < SAME_CYCLE

@@ -3,7 +3,7 @@
 
 A cycle is found on a coarse mesh, from a Hopf point, a motion or another cycle. It is refined until
 amplitude and frequency converge and the trivial multiplier is 1. Mesh intervals are short where the
-motion asks for it; modes that decay far faster than the cycle turns need no shorter ones, as
+motion changes fast; modes that decay within a small part of the period need no shorter ones, as
 Radau's method is L-stable.
 """
 
@@ -64,47 +64,50 @@ from pipedyn.util.result import TableResult
 from pipedyn.util.threads import one_thread
 
 SEARCHED, SEEN = 60.0, 20.0
-"""Time in T of a motion that looks for a cycle, and of its record after that; one that comes nearer
-to something is followed for longer."""
+"""Time in T for which a motion is integrated in search of a cycle, and time for which it is then
+recorded; a motion that comes nearer to something is followed for longer."""
 
 SEARCH, SEARCH_FACTOR = 600_000, 3
-"""Right-hand sides of that from one look to the next, beyond which it is given up, and how many
-times as many are allowed up to 6 degrees of freedom, where they are cheap. Motions that wind up
-without end turn ever faster."""
+"""Number of right-hand sides of that motion, from one look to the next, beyond which it is given
+up, and the factor by which more are allowed up to 6 degrees of freedom, where they are cheap.
+Motions that wind up without end turn ever faster."""
 
 MOST_CYCLE_INTERVALS = 2000
-"""Intervals of a mesh: beyond, one Newton step of a chain of 20 segments takes some seconds."""
+"""Largest number of intervals of a mesh: with more, one Newton step of a chain of 20 segments takes
+some seconds."""
 
 DEFECT_ROUNDING = 1e-11
-"""Defects below may be rounding, and are lessened by halving intervals only."""
+"""Defect of an interval below which the defect may be rounding, so that only halving intervals
+reduces it."""
 
 LAST_CHANGE = 0.1
-"""Share of the tolerance that the last halving of all intervals with a large defect may change
-where forces are smooth: what is left is smaller by some 2^-15."""
+"""Largest share of the tolerance by which the last halving of all intervals with a large defect
+changes the answer where forces are smooth: the remaining error is smaller by some 2^-15."""
 
 SAMPLES_A_STAGE = 2
-"""Samples for each stage of an orbit, from which its farthest displacements are narrowed down."""
+"""Number of samples for each stage of an orbit, from which its extreme displacements are narrowed
+down."""
 
 MULTIPLIER_MESHES = 3
-"""Meshes on which the multipliers are asked for, each for a hundredth of the defect of the last: by
-the third that is 1e-7 of rtol, where rounding is all that is left."""
+"""Largest number of meshes on which the multipliers are computed, each for a hundredth of the
+defect before: on the third it is 1e-7 of rtol, where only rounding is left."""
 
 ON_BRANCH = 1e-5
-"""Error of multipliers that is looked for on a branch, whose orbits under drag allow no less."""
+"""Error of multipliers that is aimed at on a branch: under drag its orbits allow no less."""
 
 QUARTIC = np.linalg.inv(np.vander(np.arange(-2.0, 3.0)))
-"""Coefficients, the highest first, of the polynomial through values at -2 .. 2."""
+"""Matrix from values at -2 .. 2 to the coefficients of their polynomial, the highest first."""
 
 TRIVIAL, SHARE_OF_NEXT = 1e-6, 0.01
-"""How far the trivial multiplier may be from 1: the tolerance to which users ask for cycles or, if
-that is more, this share of the distance from 1 of the next multiplier. What moves the one moves the
-other about as far, and up to a hundredth the next one's side of 1 is certain."""
+"""Allowed distance of the trivial multiplier from 1: the tolerance to which users ask for cycles
+or, if that is more, this share of the distance from 1 of the next multiplier. An error moves both
+about as far, so that up to a hundredth the next one's side of 1 is certain."""
 
 CycleStart: TypeAlias = "LimitCycle | Hopf | Motion | Start | None"
-"""Where the search for a cycle begins."""
+"""Start of the search for a cycle."""
 
 KINDS = "a LimitCycle, a Hopf, a Motion, an angle theta(s), coordinates or a state [q, q']"
-"""What a start may be."""
+"""Kinds of starts, in words."""
 
 
 @saved_as(
@@ -121,26 +124,26 @@ class LimitCycle(Trajectory, TableResult):
 
     Attributes:
         amplitude: half the peak-to-peak transverse motion of the free end, in L.
-        frequency: angular, in 1 / T.
-        period: in T.
-        multipliers: Floquet multipliers, complex, shape (2 dof,), the largest modulus first; the
-            trivial one, 1, among them.
-        stable: whether all others are smaller than 1 in modulus.
+        frequency: angular frequency, in 1 / T.
+        period: period, in T.
+        multipliers: Floquet multipliers, complex, shape (2 dof,), the largest modulus first, with
+            the trivial one, 1.
+        stable: whether all nontrivial multipliers are smaller than 1 in modulus.
         t: times from 0, where the free end is farthest to positive x, to the period, shape (S,).
         q, qdot: coordinates and rates, shape (S, coordinates).
         u: flow speed.
         model: the model.
-        error: of amplitude and frequency, relative, estimated by refinement: what the last
-            halving of mesh intervals changed.
-        multiplier_error: distance of the trivial multiplier from 1, or what shorter intervals
-            change in the worst, relative if above 1, or rounding, whichever is most.
+        error: relative error of amplitude and frequency, estimated by refinement as their change in
+            the last halving of mesh intervals.
+        multiplier_error: the largest of: the distance of the trivial multiplier from 1; the change
+            of the worst multiplier with shorter intervals, relative if above 1; and rounding.
         residual: largest |dy/dt - f(y)| half-way between the stages at which the equations were
             solved, relative to the largest |f|, of the accelerations.
         symmetric: whether the second half of the period was taken as the mirror image of the first.
-        phases: number of states solved for.
-        evaluations: right-hand sides and Jacobians.
-        method: how it was found.
-        orbit: the solution of the collocation equations, from which other searches set out.
+        phases: number of states that were solved for.
+        evaluations: number of right-hand sides and Jacobians.
+        method: how the cycle was found.
+        orbit: solution of the collocation equations, from which other searches start.
 
     Example:
         >>> cycle = pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 4), 6.0)
@@ -204,15 +207,16 @@ def limit_cycle(
     Args:
         model: chain, reduced model or scene, up to 100 degrees of freedom.
         u: flow speed > 0, in sqrt(EI / mu_f) / L.
-        start: where to begin: a `LimitCycle` in the model's coordinates (at another speed, or of
-            another pipe); a `Hopf` of the model, whose cycle is followed to u; a `Motion` that ends
-            near the cycle; or what a simulation sets out from, as for `lyapunov_exponent`: an angle
-            theta(s) or coordinates (at rest), or a state [q, q'], shape (2 coordinates,). Where not
-            given, the cycles of the model's flutter onsets are followed to u, the nearest onset
-            first; where that leads nowhere and rest is unstable, a simulation from a slight bend;
-            and of pipes with drag that are unstable without an onset, the cycle of a damped pipe,
-            whose damping is left out. What is found so may be unstable, as `stable` says: then a
-            `Motion` or a state leads to what motions end on.
+        start: where the search begins: a `LimitCycle` in the model's coordinates (at another speed,
+            or of another pipe); a `Hopf` of the model, whose cycle is followed to u; a `Motion`
+            that ends near the cycle; or the initial state of a simulation, as for
+            `lyapunov_exponent`: an angle theta(s) or coordinates (at rest), or a state [q, q'],
+            shape (2 coordinates,). If not given, the cycles of the model's flutter onsets are
+            followed to u, the nearest onset first; if that leads nowhere and rest is unstable, a
+            simulation starts from a slight bend; and for pipes with drag that are unstable without
+            an onset, the search starts from the cycle of a damped pipe, whose damping is then left
+            out. A cycle found so may be unstable, as `stable` says: then a `Motion` or a state
+            leads to the attractor of motions.
         rtol: relative tolerance of amplitude and frequency, in [1e-10, 1e-2].
         samples: number of states that are given, from the start of the period to its end.
 
@@ -246,7 +250,7 @@ def limit_cycle(
         return found if once is found.orbit else converged_cycle(motion, once, rtol, samples, how)
 
 
-# ----------------------------------------------------------------------------- where it begins
+# ---------------------------------------------------------------------------------- beginnings
 
 
 def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit, str]:
@@ -278,7 +282,7 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
 
 
 def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
-    """The cycle to which an onset of flutter leads, the nearest first, or else a motion."""
+    """The cycle to which an onset leads, the nearest first, or else a motion, and the way."""
     model, reasons = motion.model, list[str]()
     try:
         model.require_equilibrium(u)
@@ -314,8 +318,9 @@ def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
             "conserved: no cycle attracts, and none comes from an onset",
             u,
         )
-    # All modes of a pipe under drag alone grow, about as fast: motions come late to a cycle that
-    # attracts. A chain's are cheap, others' cost more than to follow a damped pipe's cycle.
+    # Without damping all modes of a pipe with drag grow, about equally fast: motions take long to
+    # reach a cycle that attracts. A chain's motions are cheap; those of other models cost more than
+    # following a damped pipe's cycle.
     alone = not onsets and pipe.drag > 0.0 and pipe.damping == 0.0
 
     def simulated() -> PeriodicOrbit:
@@ -336,12 +341,12 @@ def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
 
 
 def _how_followed(onset: Hopf) -> str:
-    """How a cycle was found that comes from an onset."""
+    """Description of how a cycle was found that comes from an onset."""
     return f"followed from the onset at u = {onset.speed:.6g}"
 
 
 def _check_own(motion: VectorField, onset: Hopf) -> None:
-    """Refuses an onset of another model."""
+    """Raises ValueError for an onset of another model."""
     own = onset.model.coordinate_kind == motion.model.coordinate_kind
     with suppress(PipedynError, ValueError):
         if own:
@@ -351,14 +356,15 @@ def _check_own(motion: VectorField, onset: Hopf) -> None:
 
 
 def _from_damped_pipe(motion: VectorField, u: float) -> PeriodicOrbit:
-    """The cycle that is found from that of the pipe with some damping, which is then left out.
+    """The cycle found from the cycle of a damped pipe, whose damping is then left out.
 
     An aspirating pipe without damping has no onset: it is unstable from u = 0 on.
     """
     pipe = motion.model.pipe
-    # The flow feeds the first mode with 2 sqrt(beta) u and damping takes omega^2 / 2 = 6 times its
-    # number, so that flutter sets in at some 0.15 u. Of eleven pipes nine then converge without the
-    # damping; with an eighth of it branches are long, and five do.
+    # The flow feeds the first mode at the rate 2 sqrt(beta) u, and damping takes omega^2 / 2 = 6
+    # times its coefficient, so that flutter sets in at some 0.15 u. For nine of eleven pipes the
+    # cycle without damping is then found; with an eighth of the damping branches are long, and it
+    # is found for five.
     damping = 0.05 * math.sqrt(pipe.beta) * u
     damped = VectorField(motion.model.with_pipe(replace(pipe, damping=damping)))
     try:
@@ -370,17 +376,17 @@ def _from_damped_pipe(motion: VectorField, u: float) -> PeriodicOrbit:
     return solved(motion, orbit, COARSE.tolerance)
 
 
-# ------------------------------------------------------------------------------ from a motion
+# ------------------------------------------------------------------------ cycles from motions
 
 
 def _simulated(motion: VectorField, u: float, start: Array, patience: float = 1.0) -> PeriodicOrbit:
-    """The cycle on which the motion from a state [p, p'] ends, or one that it has passed.
+    """The cycle on which the motion from a state [p, p'] ends, or else one that it has passed.
 
-    patience: by which the time is multiplied after which a motion comes nearer to nothing.
+    patience: factor of the time after which a motion that comes nearer to nothing is given up.
     """
     model, none = motion.model, f"no limit cycle at u = {u:g} by simulation"
     most = SEARCH * (SEARCH_FACTOR if model.dof <= 6 else 1)
-    back = FAR_BACK  # where right-hand sides are dear a cycle is solved for early
+    back = FAR_BACK  # right-hand sides may be costly: a cycle is solved for early
     options = MotionOptions(patience * SEARCHED, SEEN, exponents=False, most=most, back=back)
     with counted() as work:
         cases = [Case(model, Excitation(u))]
@@ -390,7 +396,7 @@ def _simulated(motion: VectorField, u: float, start: Array, patience: float = 1.
         raise NoCycle(f"{none}: {end}", u) from None
     solutions = list(case.solutions)
     if number != NOWHERE:
-        solutions.append(case.solutions[number])  # on which the motion ends, for the last
+        solutions.append(case.solutions[number])  # the motion ends on this one, so it comes last
     orbits = [one.orbit for one in solutions if one.orbit is not None]
     if end.ending == "rest":
         away = np.abs(end.end - motion.resting()).max()
@@ -403,7 +409,7 @@ def _simulated(motion: VectorField, u: float, start: Array, patience: float = 1.
 def as_symmetric(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
     """The orbit with its mirror symmetry imposed, if it has one up to rounding, else as it is.
 
-    What rounding leaves of asymmetry would be taken for a pitchfork where the branch is followed.
+    Asymmetry from rounding would be taken for a pitchfork where the branch is followed.
     """
     if not motion.is_odd(orbit.u):
         return orbit
@@ -412,7 +418,7 @@ def as_symmetric(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
     return solved_anew(motion, orbit, orbit.u, True, COARSE)
 
 
-# -------------------------------------------------------------- what it is, and how well known
+# -------------------------------------------------------------------- the cycle and its errors
 
 
 def converged_cycle(
@@ -427,17 +433,19 @@ def converged_cycle(
 
     Args:
         motion: the vector field.
-        orbit: near it.
+        orbit: orbit near the cycle.
         rtol: tolerance of amplitude and frequency.
-        samples: number of states that are given.
-        how: it was found.
-        at_once: whether one refinement is enough where forces are smooth and it changes little, be
-            the defects that are left what they may: half as many intervals or fewer.
+        samples: number of states of the cycle that the result holds.
+        how: how the cycle was found.
+        at_once: whether one refinement is enough where forces are smooth and it changes little,
+            whatever the remaining defects: half as many intervals or fewer are then needed.
 
     Raises:
-        NotConverged: if the tolerance is out of reach; `result` holds what was reached.
+        NotConverged: if the tolerance is out of reach; `result` holds the cycle as far as it
+            converged.
     """
-    # Defects with which the first answer mostly meets rtol: the mesh follows kinks of forces.
+    # Largest defect with which the first answer mostly meets rtol, as the mesh follows kinks of
+    # forces.
     largest = rtol * (1e-1 if motion.model.pipe.has_kinks else 1e-3)
     tolerance = min(1e-7, 1e-2 * rtol)
     for _ in range(MULTIPLIER_MESHES):
@@ -468,7 +476,7 @@ def converged_cycle(
 
 @dataclass(frozen=True)
 class MeasuredOrbit:
-    """An orbit with its `amplitude_of`, and what it was refined from."""
+    """An orbit with its `amplitude_of`, and the coarser orbit that it was refined from."""
 
     orbit: PeriodicOrbit
     peak: tuple[float, float]
@@ -483,17 +491,18 @@ def refined_until(
     tolerance: float,
     enough: float = 0.0,
 ) -> tuple[MeasuredOrbit, float, str]:
-    """The orbit on a finer mesh, what the last refinement changed, and why it went no further.
+    """The orbit on a finer mesh, its change in the last refinement, and why refinement stopped.
 
-    Refined are the intervals with a large defect, and all of them where there is none, until what
-    is left of the defects is rounding: halving the intervals lessens that to a half at best, but to
-    an eighth what it resolves, even at the kinks of forces. A change up to `enough` is the last.
+    The intervals with a large defect are refined, and all of them if there is none, until the
+    remaining defects are rounding: halving the intervals at best halves rounding, but reduces a
+    resolved defect to an eighth, even at the kinks of forces. If a change is at most `enough`,
+    refinement stops.
     """
-    # With kinks two answers may agree by chance: an error falls by the fourth power of h at most.
+    # With kinks two answers may agree by chance: an error falls by at most the fourth power of h.
     known, error, worst = MeasuredOrbit(orbit, amplitude_of(motion, orbit)), math.inf, math.inf
     smooth = not motion.model.pipe.has_kinks
     last = 0.0 if smooth else math.inf
-    most = 2  # parts of an interval
+    most = 2  # largest number of parts of an interval
     while True:
         orbit = known.orbit
         defects = orbit.defects()
@@ -504,7 +513,8 @@ def refined_until(
             return known, error, ""
         if not coarse.any():
             coarse[:] = True
-        # In p parts an interval has about the p^-7 of its defect, or more where forces have kinks.
+        # Divided into p parts an interval has about p^-7 of its defect, or more where forces have
+        # kinks.
         wanted = max(0.5 * largest, DEFECT_ROUNDING)
         parts = np.ceil((defects / wanted) ** (1.0 / 7.0)).astype(int)
         parts = np.where(coarse, np.clip(parts, 2, most), 1)
@@ -524,8 +534,8 @@ def refined_until(
 
 
 def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, float]:
-    """Half the free end's peak-to-peak motion, and the phase of its greatest displacement."""
-    # As close as the mesh asks for: a period may hold a dozen peaks.
+    """Half the free end's peak-to-peak motion, and the phase of its largest displacement."""
+    # Samples are as close as the mesh requires: a period may have a dozen peaks.
     phases, y = orbit.sampled(SAMPLES_A_STAGE * ORBIT_STAGES)
     phases, across = phases[:-1], motion.tip(y)[:-1]
     if orbit.symmetric:
@@ -541,14 +551,15 @@ def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, floa
 def _greatest_displacement(
     motion: VectorField, orbit: PeriodicOrbit, phases: Array, across: Array, sign: float
 ) -> tuple[float, float]:
-    """The free end's greatest displacement to one side and its phase, from samples all round."""
+    """The free end's largest displacement to one side and its phase, from samples of a period."""
     heights = sign * across
-    # Between samples it may go farther by a hundredth of its range, and at several peaks.
+    # Between samples the displacement may be larger by a hundredth of its range, and at several
+    # peaks.
     most = float(heights.max())
     high = heights >= most - 0.02 * (most - float(heights.min()))
     around = np.concatenate([heights[-1:], heights, heights[:1]])
     peaks = high & (heights >= around[:-2]) & (heights >= around[2:])
-    # Then so close that the polynomial through five samples is the motion.
+    # Near peaks, samples are so close that the polynomial through five of them is the motion.
     gaps = np.diff(
         np.concatenate([phases[-1:] - 2.0 * math.pi, phases, phases[:1] + 2.0 * math.pi])
     )
@@ -574,7 +585,7 @@ def on_branch(
 ) -> LimitCycle:
     """The cycle of an orbit on a branch: its error is given, its multipliers are checked.
 
-    Where forces have kinks, multipliers need a mesh that ends at these.
+    If forces have kinks, multipliers need a mesh with points at the kinks.
     """
     plain: LimitCycle | None = None
 
@@ -584,9 +595,9 @@ def on_branch(
 
     if not (motion.model.pipe.has_kinks and motion.model.kinks_known):
         plain = of(orbit)
-        if plain.multiplier_error <= 1e-4:  # a tenth of what ends a branch
+        if plain.multiplier_error <= 1e-4:  # a tenth of the error that ends a branch
             return plain
-    with suppress(NewtonFailed):  # where neighbours diverge fast a finer mesh is needed
+    with suppress(NewtonFailed):  # if motions nearby diverge fast a finer mesh is needed
         finer = refined(motion, orbit, np.full(len(orbit.starts), 2), at_kinks=True)
         better = of(solved(motion, finer, 1e-9, iterations=8))
         if plain is None or better.multiplier_error < plain.multiplier_error:
@@ -609,7 +620,7 @@ def cycle_on_mesh(
     y = orbit.states(first + orbit.frequency * t)
     q, qdot = motion.model.to_user(y[: motion.half].T.copy(), y[motion.half :].T.copy())
     multipliers, _, change = orbit_multipliers(motion, orbit, tolerance, known.coarser)
-    # Rounding of eigenvalues of matrices of so many rows leaves about as much.
+    # Rounding of the eigenvalues of matrices of this size leaves about as much.
     change = max(change, multipliers.size * float(np.finfo(float).eps))
     others = np.abs(nontrivial(multipliers))
     return LimitCycle(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Where a pulsating flow makes two modes of the straight pipe grow together, at one amplitude.
+"""Combination resonances of a pulsating flow: two modes that grow together, at one amplitude.
 
 Two multipliers can leave the unit circle away from 1 and -1 only where they meet. So the phases of
 the multipliers of a few modes are followed over the frequency. Wherever two phases pass each other,
@@ -127,7 +127,7 @@ class FewModes:
         count = int(np.count_nonzero((values.imag > 0.0) & (np.abs(values) < highest)))
         kept = order[: min(max(count + 3, 6), 10, turning)]
         left = np.linalg.inv(right)[kept].T
-        # Motions of modes whose frequencies lie beyond Hill's harmonics are not looked for.
+        # Motions are left out if the frequencies of their modes lie beyond Hill's harmonics.
         self._seen = values.imag[kept] <= reach
         self.fastest = float(values.imag[kept][self._seen].max(initial=0.0))
         # The complex amplitude of each mode is written as two real coordinates.
@@ -241,15 +241,15 @@ class FewModes:
         return outside, inside
 
     def _between(self, a: Multipliers, b: Multipliers) -> Iterator[Multipliers]:
-        """Multipliers where motions grow between two frequencies at which no motion grows."""
+        """Multipliers at frequencies where motions grow, between two at which no motion grows."""
         if a.growing or b.growing:
             return
         onto = _same_multipliers(a, b)
         for i, j in combinations(np.flatnonzero(onto >= 0).tolist(), 2):
             if self._form is not None and a.signs[i] == a.signs[j]:
                 continue
-            # A conjugate pair meets on the real axis, and of two meetings that are conjugate one is
-            # enough.
+            # A conjugate pair meets on the real axis, and only one of two conjugate meetings is
+            # needed.
             if a.values[i] == a.values[j].conj() or a.values[i].imag + a.values[j].imag < 0.0:
                 continue
             gaps = _gap(a, i, j), _gap(b, int(onto[i]), int(onto[j]))
@@ -268,7 +268,7 @@ class FewModes:
     def _meeting(
         self, a: Multipliers, b: Multipliers, pair: tuple[int, int]
     ) -> Iterator[Multipliers]:
-        """Multipliers about the frequency at which two pass each other, if motions grow there."""
+        """Multipliers around the frequency at which two pass each other, if motions grow there."""
         onto = _same_multipliers(a, b)
         other = int(onto[pair[0]]), int(onto[pair[1]])
         for _ in range(30):

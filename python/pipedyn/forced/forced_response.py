@@ -62,10 +62,12 @@ from pipedyn.util.result import Result, TableResult, joined
 from pipedyn.util.threads import one_thread
 
 FORCED_DOF = 60
-"""Most degrees of freedom: with 20 of them a motion takes some 0.1 s, and a branch has some 50."""
+"""Largest number of degrees of freedom: with 20 of them a motion takes some 0.1 s, and a branch has
+some 50 motions."""
 
 MOST_STEPS = 400
-"""Most steps along a branch. The longest are 0.15 in amplitude or in the relative frequency."""
+"""Largest number of steps along a branch. The longest steps are 0.15 in amplitude or in the
+relative frequency."""
 
 UNKNOWN = 1e-3
 """Largest error of multipliers that is allowed for when a modulus is compared with 1. Multipliers
@@ -230,7 +232,7 @@ class ForcedResponse(TableResult):
         forcing: amplitude and direction of the base's motion, or mean and amplitude of the flow's.
         u: flow speed, in a pulsating flow its mean.
         model: the model.
-        evaluations: right-hand sides and Jacobians.
+        evaluations: number of right-hand sides and Jacobians.
     """
 
     branches: tuple[ForcedBranch, ...]
@@ -355,7 +357,7 @@ def forced_response(
 
 
 def _checked_forcing(u: Any, base: Any) -> Pulsation | Harmonic:
-    """The forcing that u and base stand for; raises ValueError or TypeError where they are bad."""
+    """The forcing that u and base describe; raises ValueError or TypeError if they are bad."""
     if isinstance(u, Pulsation):
         if base is not None:
             raise ValueError("base must not be given where the flow pulsates")
@@ -372,12 +374,12 @@ def _checked_forcing(u: Any, base: Any) -> Pulsation | Harmonic:
     return base
 
 
-# ------------------------------------------------------------------------------ where it begins
+# ----------------------------------------------------------------------------------- beginnings
 
 
 @dataclass(frozen=True)
 class Begin:
-    """Where a branch of forced motions begins, and where it ends.
+    """Beginning of a branch of forced motions, with the range in which it is followed.
 
     Attributes:
         kind: kind of the branch.
@@ -397,7 +399,7 @@ class Begin:
 def _from_base(
     model: Model, u: float, forcing: Harmonic, low: float, high: float, whole: Callable[[], bool]
 ) -> Iterator[Begin]:
-    """Where branches of a moving base begin: at the lowest frequency, and maybe at the highest.
+    """Beginnings of branches of a moving base: at the lowest, and maybe the highest frequency.
 
     The second is needed unless the first branch was followed through the `whole` range.
 
@@ -473,7 +475,7 @@ def _first_motion(motion: ForcedField, u: float) -> PeriodicOrbit:
 
 
 def _settled(motion: ForcedField, u: float, symmetric: bool) -> PeriodicOrbit:
-    """The periodic motion in which a motion from rest ends.
+    """The periodic motion on which a motion from rest ends.
 
     Raises:
         NewtonFailed: if it does not repeat, stops, or Newton's method leads elsewhere.
@@ -517,7 +519,7 @@ def _settled(motion: ForcedField, u: float, symmetric: bool) -> PeriodicOrbit:
 def _from_rest(
     model: Model, mean: float, forcing: Pulsation, low: float, high: float
 ) -> Iterator[Begin]:
-    """Where branches leave rest in a pulsating flow: on the edges of parametric regions."""
+    """Beginnings of branches from rest in a pulsating flow, on edges of parametric regions."""
     pipe = PulsatingPipe.of(model.elastic_operators(), mean)
     pipe.require_stable(high)
     hill = Hill(pipe, HARMONICS)
@@ -571,7 +573,7 @@ def _leaving_rest(motion: ForcedField, hill: Hill, edge: float, mean: float) -> 
     return BranchStart(base, scale * towards, (0.98 * w, 1.02 * w))
 
 
-# -------------------------------------------------------------------------------- following it
+# -------------------------------------------------------------------------- following branches
 
 
 class _ForcedPoint(NamedTuple):
@@ -599,7 +601,7 @@ def _point_of_orbit(motion: ForcedField, orbit: PeriodicOrbit) -> _ForcedPoint:
 
 
 class _PassingOfMotions(PassingMultiplier[OrbitProblem]):
-    """Multipliers of the forced motions on a step."""
+    """Test functions for the multipliers of the forced motions on a step."""
 
     def __init__(self, step: Step, motion: ForcedField) -> None:
         super().__init__(step, 1e-3 * step.length)
@@ -607,10 +609,10 @@ class _PassingOfMotions(PassingMultiplier[OrbitProblem]):
         self.around = max(self.known(s)[2] for s in (0.0, step.length))
 
     def about(self, s: float) -> tuple[Array, Complex, float]:
-        """Logarithms of the multipliers' moduli, falling, and what belongs to them.
+        """Logarithms of the multipliers' moduli, descending, the roots and the circle margin.
 
-        Second come the roots of the multipliers in the same order, which `orbit_multipliers`
-        describes, and third the `circle_margin`.
+        The roots, in the same order, are those that `orbit_multipliers` describes; the margin is
+        that of `circle_margin`.
         """
         values, roots, error = orbit_multipliers(self.motion, orbit_at(self.step, s))
         order = np.argsort(-np.abs(values), kind="stable")
@@ -618,13 +620,13 @@ class _PassingOfMotions(PassingMultiplier[OrbitProblem]):
         return sizes, roots[order], circle_margin(error)
 
     def at(self, s: float) -> Array:
-        """Logarithms of the moduli, less what their error may make of a modulus 1."""
+        """Logarithms of the moduli, less the margin for errors of a modulus 1."""
         return np.asarray(self.known(s)[0] - self.around)
 
     def candidates(self, before: float, beyond: float) -> tuple[Complex, bool]:
-        """The multiplier that passes, the least of those outside; none if it makes no event.
+        """The multiplier that passes, the smallest of those outside; none if it makes no event.
 
-        Without damping others lie on the circle, and one that leaves it little by little as the
+        Without damping other multipliers lie on the circle, and one that leaves it gradually as the
         amplitude grows makes no event.
         """
         outside = max(before, beyond, key=self.positive)
@@ -684,7 +686,7 @@ class _ForcedTracer(Tracer[OrbitProblem]):
         )
 
     def note(self, step: Step) -> str | None:
-        """Keeps a step, its events and the motion at its end, and says why the branch ends."""
+        """Keeps a step, its events and the motion at its end; returns why the branch ends."""
         order, rests = self.motion.order, self.begin.rests
         met = None
         if self.from_rest and self.steps:  # a branch that leaves rest may come back to it
@@ -714,17 +716,17 @@ class _ForcedTracer(Tracer[OrbitProblem]):
         return not low <= self.motion.order * point.p <= high
 
     def _rests(self, frequency: float) -> None:
-        """Notes that the motion is rest at a frequency of the orbits."""
+        """Keeps a point of rest at a frequency of the orbits."""
         self.points.append(_ForcedPoint(self.motion.order * frequency, 0.0))
 
     def _event(self, kind: EventKind, orbit: PeriodicOrbit) -> ForcedEvent:
-        """Notes the event at an orbit."""
+        """Keeps the event at an orbit."""
         amplitude, frequency = amplitude_of(self.motion, orbit)[0], orbit.frequency
         self.events.append(ForcedEvent(kind, self.motion.order * frequency, amplitude))
         return self.events[-1]
 
     def _grazes(self, grazing: Grazing) -> None:
-        """Notes where the motion begins or ceases to touch a stop."""
+        """Keeps the event at which the motion begins or ceases to touch a stop."""
         self._event("grazing", grazing.middle)
 
 

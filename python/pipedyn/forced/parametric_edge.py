@@ -31,11 +31,11 @@ SHARES: dict[RegionKind, float | None] = {"subharmonic": 0.5, "harmonic": 0.0, "
 """Ratio nu / w of the motions on the edges of each kind of region; None where it varies."""
 
 CONTROL = Control(longest=0.15, shortest=1e-9, tolerance=1e-11, stagnation=1e-8, turn=0.5)
-"""How steps along an edge are taken, relative to its frequency and the largest amplitude."""
+"""Control of steps along an edge, relative to its frequency and the largest amplitude."""
 
 STARTING = replace(CONTROL, iterations=40)
-"""How Newton's method starts on an edge. It takes more iterations than along the edge, since beside
-a thin region each of them only halves the distance."""
+"""Control of Newton's method at the start of an edge. It takes more iterations than along the edge,
+since beside a thin region each of them only halves the distance."""
 
 THINNEST = 1e-6
 """Width of a region, relative to its frequency, below which the region is left out."""
@@ -81,8 +81,8 @@ class Bordered:
 
         Args:
             one: products with the first derivative of H by one of them.
-            other: products with that by the other.
-            h: second derivative of H by them.
+            other: products with the first derivative of H by the other.
+            h: second derivative of H by both numbers.
         """
         last = np.zeros((2, 2))
         both = np.concatenate([np.hstack([other.right, one.right]), np.hstack([last, last])])

@@ -31,12 +31,12 @@ SAMPLED = 5
 
 
 class RegionEdges:
-    """The edges of a region at A amplitudes, as far as they are known, and its least amplitude.
+    """The known edges of a region at A amplitudes, and its least amplitude.
 
     Attributes:
         kind: kind of the region.
         edges: lowest and highest frequency w at each amplitude, shape (A, 2); NaN where unknown.
-        nus: their nu, shape (A, 2).
+        nus: nu of the motions on these edges, shape (A, 2).
         bottom: least amplitude, with its w and nu, shape (3,); NaN where it lies outside the range
             in which edges were followed.
         followed: frequencies w of the edges that were followed, for each amplitude.
@@ -61,7 +61,7 @@ class RegionEdges:
         return bool(low <= frequency <= high)
 
     def join(self, other: RegionEdges) -> None:
-        """Adds what is known of the same region from another edge."""
+        """Adds the known edges of the same region, found from another edge."""
         for index, side in np.argwhere(np.isfinite(other.edges)).tolist():
             self.add(index, *(float(x[index, side]) for x in (other.edges, other.nus)))
         if not other.bottom[0] >= self.bottom[0] and np.isfinite(other.bottom[0]):
@@ -70,7 +70,8 @@ class RegionEdges:
     def within(self, other: RegionEdges) -> bool:
         """Whether the other is the same region.
 
-        They are of one kind, and their least amplitudes or all edges known of this one agree.
+        The regions are of one kind, and their least amplitudes agree or all known edges of this one
+        do.
         """
         if self.kind != other.kind:
             return False
@@ -108,8 +109,8 @@ class RegionSearch:
     def around(self, amplitude: float) -> tuple[float, float]:
         """Range of frequencies in which regions are looked for at an amplitude.
 
-        It is wider than that asked for, as a region may have its least amplitude in the latter. Its
-        middle moves with the mean of u^2, which grows with the square of the amplitude.
+        It is wider than the range asked for, as a region may have its least amplitude in the
+        latter. Its middle moves with the mean of u^2, which grows with the square of the amplitude.
         """
         share = min(0.03 + amplitude**2, 0.25)
         return self.low * (1.0 - share), self.high * (1.0 + share)
@@ -135,7 +136,7 @@ class RegionSearch:
     ) -> RegionEdges:
         """The region that an edge bounds, followed from `start`: a frequency, nu and amplitude.
 
-        `outward` is that of `Edge.near`.
+        `outward`: as for `Edge.near`.
 
         Raises:
             NewtonFailed: if no edge is there.
@@ -199,8 +200,8 @@ class RegionSearch:
     def _combination(self, growth: Growth, amplitude: float) -> RegionEdges:
         """The region that an interval of frequencies belongs to, in which motions grow.
 
-        Where it ends with a multiplier at 1 or -1, it may do so at this amplitude only, and the
-        edge is not followed to others.
+        If the interval ends with a multiplier at 1 or -1, it may do so at this amplitude only, and
+        the edge is not followed to others.
         """
         circle = growth.axis == (0, 0)
         if circle and (self.hill.is_hermitian or self.hill.is_real):
@@ -329,7 +330,7 @@ class RegionSearch:
 
 
 class _EdgeTracer(Tracer[Edge]):
-    """Tracer of an edge one way, which takes what a region needs from its steps.
+    """Tracer of an edge one way, which adds the points found to a region.
 
     The edge ends below the least amplitude that is followed, above the largest amplitude, where it
     leads far outside the range of frequencies, and where a combination edge reaches the real axis:
@@ -338,7 +339,7 @@ class _EdgeTracer(Tracer[Edge]):
     Args:
         search: the search for regions.
         edge: equations of the edge.
-        found: the region, to which is added what is found.
+        found: the region, to which the points found are added.
         way: 1 to higher amplitudes first, -1 to lower ones.
     """
 
@@ -347,7 +348,7 @@ class _EdgeTracer(Tracer[Edge]):
         self.search, self.edge, self.found, self.way = search, edge, found, way
         share = 0.1 if search.hill.is_hermitian or search.hill.is_real else LOWEST_AMPLITUDE
         self.largest = float(search.amplitudes[-1])
-        self.lowest = share * self.largest  # below which the edge is taken to lead to 0
+        self.lowest = share * self.largest  # amplitude below which the edge is taken to lead to 0
 
     def run(self, z: Array) -> None:
         """Follows the edge from unknowns z; raises NewtonFailed if a point on it is not found."""
@@ -373,7 +374,7 @@ class _OneEdge(_EdgeTracer):
     sharp = SHARP
 
     def note(self, step: Segment[Edge]) -> str | None:
-        """Adds the edge at the amplitudes on a step, and where the least amplitude is."""
+        """Adds the edge at the amplitudes on a step, and the least amplitude."""
         edge, end = self.edge, step.end
         first, *turned = between_folds(step, 1e-6)
         if not turned and step.length < self.sharp and end.tangent[-1] < 0.0:
@@ -388,7 +389,7 @@ class _OneEdge(_EdgeTracer):
             return "axis"
         for index, at in self.search.passed(first):
             self._add(index, at)
-        if turned:  # what follows is the region's other edge, which has its own start
+        if turned:  # beyond is the region's other edge, which has its own start
             if self.way < 0.0:
                 with suppress(NewtonFailed):
                     self.found.bottom = edge.bottom(first.end.z)

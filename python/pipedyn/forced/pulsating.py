@@ -45,19 +45,20 @@ from pipedyn.util.threads import one_thread
 from pipedyn.util.units import RATE
 
 FLOQUET_DOF = 100
-"""Most degrees of freedom for `floquet`: matrices have 200 rows, and it takes a second or two."""
+"""Largest number of degrees of freedom for `floquet`: matrices have 200 rows, and it takes a second
+or two."""
 
 EXTRA = 3
-"""Harmonics that are kept beyond those that reach as high in frequency: the error of edges falls by
-a factor of ten or more with each."""
+"""Number of harmonics that are kept beyond those that reach as high in frequency: each reduces the
+error of edges by a factor of ten or more."""
 
 RESONANCE_ORDERS = 20
-"""Half the order up to which resonances are counted. They lie at 2 omega, or at the sum or
+"""Half the order up to which resonances are considered. They lie at 2 omega, or at the sum or
 difference of two frequencies omega of the pipe, divided by the order."""
 
 LARGEST_UNREDUCED = 30
-"""Most degrees of freedom of a model that is not projected on its lowest modes: Hill's equations
-have some ten times as many unknowns."""
+"""Largest number of degrees of freedom of a model that is not projected on its lowest modes: Hill's
+equations have some ten times as many unknowns."""
 
 
 @dataclass(frozen=True)
@@ -225,7 +226,8 @@ class Hill:
     def fewer(self, low: float, frequency: float) -> Hill:
         """Equations with the fewer harmonics that are needed at a higher frequency than `low`.
 
-        They reach as high at `frequency` as all harmonics do at `low`, with some to spare.
+        Their highest frequency at `frequency` is that of all harmonics at `low`, with some to
+        spare.
         """
         many = math.ceil(self.many * min(low / frequency, 1.0)) + EXTRA
         if many >= self.many:
@@ -256,7 +258,7 @@ class Hill:
         damping = pipe.damping + u * pipe.velocity
         blocks[at, :, at] = stiffness + 1j * omega * damping - omega**2 * pipe.mass
         swing = 0.5 * u * amplitude
-        for way in (1, -1):  # from the harmonic before and from that behind
+        for way in (1, -1):  # coupling from the harmonic before and from the next
             to = at[1:] if way == 1 else at[:-1]
             blocks[to, :, to - way] = (
                 2.0 * u * swing * pipe.flux
@@ -400,12 +402,12 @@ def pulsating_pipe(model: AnyModel, mean: float, size: int) -> PulsatingPipe:
 
 @saved_as("FloquetMultipliers", shapes={"2dof": "multipliers"})
 class FloquetMultipliers(TableResult, units={"growth": RATE}):
-    """What a period of a pulsating flow makes of small motions of the straight pipe.
+    """Floquet multipliers of small motions of the straight pipe in a pulsating flow.
 
     Attributes:
-        multipliers: Floquet multipliers, complex, shape (2 dof,), the largest modulus first. Each
-            period multiplies a motion of its own by each of them; where it is -1 the motion changes
-            sign from period to period.
+        multipliers: Floquet multipliers, complex, shape (2 dof,), the largest modulus first. In
+            each period the motion of each eigenvector is multiplied by its multiplier; if that is
+            -1 the motion changes sign from period to period.
         growth: largest rate of growth, log |multiplier| / period, in 1 / T.
         stable: whether no modulus is larger than 1 by more than 1e-6.
         pulsation: the flow speed.

@@ -2,9 +2,9 @@
 """Periodic orbits as solutions of collocation equations: a Radau IIA method on a mesh.
 
 The stages are eliminated interval by interval, which leaves y(k+1) = T(k) y(k) + g(k). Products of
-the T carry a state through runs of intervals that lose no digits; between runs orthogonal
+the T carry a state through runs of intervals over which no digits are lost; between runs orthogonal
 transformations eliminate the states in pairs down to L y(0) + R y(end) = c (Wright 1992), so that
-large multipliers cost none either. The cost is linear in the number of intervals.
+large multipliers cost no digits either. The cost is linear in the number of intervals.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ from pipedyn.util.counters import factorised
 from pipedyn.util.newton import NewtonFailed
 
 LOSS = 1e5
-"""Largest entry of a product of intervals' maps: their rounding is 1e-11 then."""
+"""Largest entry of a product of intervals' maps: its rounding error is then 1e-11."""
 
 WEIGHTS = STAGE_NODES, ONCE, TWICE
-"""Of the method, as the core takes them."""
+"""Nodes and weights of the method, in the form that the core takes."""
 
 # -------------------------------------------------------------------------------- one interval
 
@@ -51,11 +51,12 @@ def _condensed(
 ) -> tuple[Array, Array, Array]:
     """Derivatives of each interval's stages and of the state at its end, and units of the state.
 
-    By the state at its beginning, a share of the residual, the frequency and the speed: of the
-    stages' rates, shape (M, s integrated, 2 integrated + 3), and of the state, (M, 2 integrated,
-    2 integrated + 3). The second are in the units of the state, (2 integrated,); its residual
-    contains what the state misses of the next interval's. Those by the speed are 0 where it does
-    not vary.
+    Derivatives are taken by the state at the interval's beginning, a share of the residual, the
+    frequency and the speed. Those of the stages' rates have shape (M, s integrated, 2 integrated +
+    3), those of the state at the end (M, 2 integrated, 2 integrated + 3). The latter are in the
+    units of the state, (2 integrated,); the residual contains the difference between this state and
+    the one at the beginning of the next interval. Derivatives by the speed are 0 if it does not
+    vary.
     """
     half, u = motion.half, orbit.u
     motion = _along_stages(motion, orbit)
@@ -78,11 +79,11 @@ def _condensed(
 
 
 def carried(maps: Array) -> tuple[Array, list[int]]:
-    """What the maps of intervals, one after the other, make of the state where their run begins.
+    """Products of the maps of intervals, in runs over which no digits are lost.
 
-    Of x -> T x + r of each interval, [T | r] (M, n, n + k), the products [P | R] up to its end, as
-    many, from the beginning of its run, and the first interval of each run. A run ends where so
-    much grows that digits would be lost.
+    maps: [T | r], (M, n, n + k), of x -> T x + r over each interval. Returns the products [P | R],
+    (M, n, n + k), from the beginning of the interval's run up to the interval's end, and the first
+    interval of each run. A run ends where entries grow so large that digits would be lost.
     """
     return _core.carried(maps, LOSS)
 
@@ -90,8 +91,8 @@ def carried(maps: Array) -> tuple[Array, list[int]]:
 def _collapsed(whole: Array, begins: list[int]) -> tuple[Array, Array, Array, list[list[Array]]]:
     """L, R and C of L x(begin) + R x(end) = C over all intervals, from their `carried` maps.
 
-    For each doubling of the runs also triangles T, L, R and C of the states x between, in
-    T x = C - L x(begin) - R x(end).
+    For each level of the pairwise elimination of runs, also the triangles T, and L, R and C, of the
+    eliminated states x, with T x = C - L x(begin) - R x(end).
     """
     n, between = whole.shape[1], list[list[Array]]()
     if len(begins) == 1:
@@ -115,9 +116,9 @@ def _collapsed(whole: Array, begins: list[int]) -> tuple[Array, Array, Array, li
 
 
 def through(maps: Array) -> tuple[Array, Array]:
-    """L and R of L x(0) + R x(span) = 0 for states that intervals map on, (M, n, n); (n, n) each.
+    """L and R, (n, n) each, of L x(0) + R x(span) = 0, from maps of intervals, (M, n, n).
 
-    R is the identity where no digits are lost.
+    R is the identity if no digits are lost.
     """
     first, last, _, _ = _collapsed(*carried(maps))
     return first, last
@@ -127,8 +128,8 @@ class Linearised:
     """The collocation equations about an orbit, with all but its first state eliminated.
 
     Args:
-        phase: row and value of the condition row @ unknowns = value that fixes the phase, or of a
-            forced motion the speed.
+        phase: row and value of the condition row @ unknowns = value that fixes the phase or, for a
+            forced motion, the speed.
         speed_varies: whether the speed is an unknown.
     """
 
@@ -142,7 +143,7 @@ class Linearised:
         self.orbit, self._phase = orbit, phase
         n, mirror = motion.size, orbit.mirror
         self._rates, ends, self._units = _condensed(motion, orbit, speed_varies)
-        if orbit.forced:  # what varies is the last
+        if orbit.forced:  # the parameter is the last unknown
             for part in (self._rates, ends):
                 part[..., [n + 1, n + 2]] = part[..., [n + 2, n + 1]]
         self._carried, begins = carried(ends)
@@ -159,10 +160,10 @@ class Linearised:
             self._matrix[n, :n] = across / math.sqrt(across @ across)
 
     def __call__(self, row: Array, gap: float, share: float) -> Array:
-        """The change of the unknowns, in the order of `packed`, that `arclength.Solver` describes.
+        """The change of the unknowns, in the order of `packed`, as `arclength.Solver` describes.
 
-        The conditions on the phase and on row @ change hold on all unknowns, so three solutions
-        that meet simpler ones on (y(0), omega, u) are combined.
+        The conditions on the phase and on row @ change involve all unknowns, so three solutions
+        that meet simpler conditions on (y(0), omega, u) are combined.
         """
         phase, value = self._phase
         shift = share * (value - float(phase @ self.orbit.packed()))
@@ -188,16 +189,16 @@ class Linearised:
 
     @property
     def closing(self) -> tuple[Array, Array]:
-        """L and R, (n, n) each, of L y(0) + R y(span) = 0 for what obeys the linearised equations.
+        """L and R, (n, n) each, of L y(0) + R y(span) = 0 for the linearised equations.
 
-        They hold at one frequency and one speed, in units of the state.
+        The frequency and the speed are fixed, and the matrices are in units of the state.
         """
         return self._first, self._last
 
     def neutral(self) -> Array:
-        """The change at one speed that comes nearest to dy(span) = -mirror * dy(0).
+        """The change at fixed speed that minimises the error of dy(span) = -mirror * dy(0).
 
-        It meets this exactly where an orbit loses its symmetry or doubles its period.
+        The error is 0 where an orbit loses its symmetry or doubles its period.
         """
         opposite = self._first - self.orbit.mirror * self._last
         y = np.linalg.svd(opposite)[2][-1]
@@ -205,9 +206,9 @@ class Linearised:
         return self._restored(ends[..., None], np.zeros((3, 1)))[:, 0]
 
     def _restored(self, ends: Array, factors: Array) -> Array:
-        """All unknowns, from states at both ends, (2, n, k), and factors of what acts, (3, k).
+        """All unknowns, from states at both ends, (2, n, k), and factors of the loads, (3, k).
 
-        What acts is the residual, a change of the frequency and one of the speed.
+        The loads are the residual, a change of the frequency and a change of the speed.
         """
         for triangles, first, last, right in reversed(self._between):
             pairs = len(triangles)
@@ -218,7 +219,7 @@ class Linearised:
             more[2 * pairs + 1 :] = ends[pairs + 1 :]
             ends = more
         count, n, columns = len(self._carried), self._units.size, factors.shape[1]
-        if self._runs is None:  # all intervals from the first state
+        if self._runs is None:  # all intervals follow from the first state
             given = np.concatenate([ends[0], factors])
             later = self._carried.reshape(-1, len(given)) @ given
             later = later.reshape(count, n, columns)
@@ -256,14 +257,14 @@ def stage_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
 
 
 def _along_stages(motion: VectorField, orbit: PeriodicOrbit) -> VectorField:
-    """The vector field of states at the stages."""
+    """The vector field at the phases of the stages."""
     if not motion.forced:
         return motion
     return motion.along(stage_phases(orbit.edges).ravel(), orbit.frequency)
 
 
 def collocation_maps(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
-    """What changes of a state become over each interval, (M, n, n), in units of the state, (n,)."""
+    """Maps of a change of state over each interval, (M, n, n), in units of the state, (n,)."""
     _, ends, units = _condensed(motion, orbit, False)
     return ends[:, :, : motion.size], units
 
@@ -271,7 +272,8 @@ def collocation_maps(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, 
 def interval_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     """Derivatives of the accelerations at the stages by the state where an interval begins.
 
-    Their shape is (M, s, integrated, 2 integrated); the equations of collocation still hold.
+    Their shape is (M, s, integrated, 2 integrated); they are taken along solutions of the
+    collocation equations.
     """
     by_rates, _, _ = _condensed(motion, orbit, False)
     return by_rates[..., : motion.size].reshape(*orbit.rates.shape, motion.size)
@@ -283,7 +285,7 @@ def interval_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
 @saved_as("OrbitControl")
 @dataclass(frozen=True)
 class OrbitControl(Control):
-    """How steps along branches of orbits are taken.
+    """Control of the steps along branches of orbits.
 
     Orbits are costly, so a tangent may turn by 37 degrees in a step.
     """
@@ -292,17 +294,17 @@ class OrbitControl(Control):
     turn: float = math.acos(0.8)
     patience: int | None = 3  # a good start takes 2 to 4 iterations
     longest_change: float = 0.5
-    defect: float = math.inf  # the largest of an orbit
+    defect: float = math.inf  # largest defect of an orbit that is allowed
 
 
 @saved_as("OrbitProblem")
 class OrbitProblem(Continuation):
     """The collocation equations on one mesh, for continuation from near an orbit.
 
-    Lengths are measured in L of the free end, or in the `reach` of a vector field, and relative in
-    frequency and speed; `unit` is the root mean square of the positions p for each such length of
-    the free end's amplitude, on the orbit unless it is given. Where the speed does not vary, only
-    `fixed` is solved.
+    Arc lengths are measured by the amplitude of the free end in L, or in the `reach` of a vector
+    field, and by relative changes of frequency and speed. `unit` is the root mean square of the
+    positions p for each unit of the free end's amplitude, measured on the orbit unless given. If
+    the speed does not vary, only `fixed` is solved.
     """
 
     def __init__(
@@ -327,21 +329,21 @@ class OrbitProblem(Continuation):
             row[-2] = 1.0
             self._phase = row, start.u
             return
-        # The least change: none of it along the motion, which is a mere shift of the phase.
+        # The smallest change has no part along the motion, which is a mere shift of the phase.
         row = np.zeros_like(self.weights)
         rates = motion(np.ascontiguousarray(start.starts.T), start.u).T
         row[: rates.size] = self.weights[: rates.size] * rates.ravel()
         self._phase = row, float(row @ start.packed())
 
     def archived(self) -> dict[str, Any]:
-        """What a file keeps of it, by name."""
+        """The values that a file keeps, by name."""
         varies = {"speed_varies": self._speed_varies}
         parts = {"motion": self.motion, "start": self.start, "control": self.control}
         return {**parts, "unit": self.unit, **varies}
 
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> Self:
-        """The equations of which a file kept this."""
+        """The equations with the fields that a file kept."""
         motion, start, unit = fields["motion"], fields["start"], fields["unit"]
         if (start.half, start.forced) != (motion.half, motion.forced):
             raise ValueError("start must be an orbit of the motion")
@@ -350,43 +352,44 @@ class OrbitProblem(Continuation):
 
     @property
     def origin(self) -> Array:
-        """Unknowns of the start."""
+        """Vector of unknowns of the orbit `start`."""
         return self.start.packed()
 
     def about(self, z: Array, edges: Array | None = None) -> Self:
-        """The equations about other unknowns, on another mesh if its edges are given."""
+        """The equations that start from unknowns z, on another mesh if its edges are given."""
         return type(self)(self.motion, self.remeshed(z, edges), self.control, self.unit)
 
     def remeshed(self, z: Array, edges: Array | None) -> PeriodicOrbit:
-        """The orbit of unknowns, on another mesh if its edges are given."""
+        """The orbit with unknowns z, on another mesh if its edges are given."""
         orbit = self.orbit(z)
         if edges is None:
             return orbit
         return interpolated(self.motion, orbit.states, edges, orbit.frequency, orbit.u)
 
     def orbit(self, z: Array) -> PeriodicOrbit:
-        """The orbit of unknowns."""
+        """The orbit with unknowns z."""
         return self.start.unpacked(z)
 
     def _at(self, z: Array) -> PeriodicOrbit:
-        """The orbit of unknowns, kept as it is asked for repeatedly of one iterate."""
+        """The orbit with unknowns z, cached, as it is asked for repeatedly for one iterate."""
         if self._last is None or self._last[0] is not z:
             self._last = z, self.orbit(z)
         return self._last[1]
 
     def linearised(self, z: Array) -> Solver:
-        """The equations about unknowns."""
+        """The equations linearised about unknowns z."""
         return self.about_orbit(self._at(z))
 
     def kept(self, equations: Solver, step: float) -> Closing | None:
-        """What leads to the multipliers of the orbit."""
-        # Those of kinked forces change with every iterate, those of constraints need more.
+        """Matrices from which the orbit's multipliers follow, or None."""
+        # Multipliers with kinked forces change with every iterate, and those with constraints need
+        # more than these matrices.
         if self.motion.model.pipe.has_kinks or self.motion.constrained:
             return None
         return Closing(*equations.closing, step) if isinstance(equations, Linearised) else None
 
     def about_orbit(self, orbit: PeriodicOrbit) -> Linearised:
-        """The equations of an orbit, about it."""
+        """The equations of an orbit, linearised about it."""
         return Linearised(self.motion, orbit, self._phase, self._speed_varies)
 
     def relative(self, z: Array, step: Array) -> float:
@@ -399,7 +402,7 @@ class OrbitProblem(Continuation):
         return max(size, *(abs(change) / (abs(value) or 1.0) for change, value in pairs))
 
     def check(self, z: Array) -> None:
-        """Raises NewtonFailed for what is no orbit near the start: an equilibrium, or far away."""
+        """Raises NewtonFailed if z is an equilibrium or far from the start."""
         orbit = self._at(z)
         size, turn = orbit.size / self.start.size, orbit.frequency / self.start.frequency
         if size < 0.03:
@@ -409,12 +412,12 @@ class OrbitProblem(Continuation):
 
 
 def _unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
-    """The unit of `OrbitProblem` on an orbit."""
+    """The `unit` of an `OrbitProblem` on an orbit."""
     states = orbit.states(PROBES)
     positions, across = states[: motion.half], motion.tip(states)
     centred = positions - positions.mean(axis=1, keepdims=True)
     size = math.sqrt(float(np.mean(np.sum(centred**2, axis=0))))
-    # A free end may be held.
+    # The free end may be held, so its motion may be 0.
     return motion.reach * size / max(0.5 * float(np.ptp(across)), 0.01 * size)
 
 
@@ -427,8 +430,8 @@ def solved(
 ) -> PeriodicOrbit:
     """The periodic orbit near another at its speed, on its mesh; NewtonFailed if none is found.
 
-    closing: whether it has what leads to its multipliers.
-    iterations: steps of Newton's method after which none is found.
+    closing: whether the result has the matrices from which its multipliers follow.
+    iterations: number of Newton steps after which the search fails.
     """
     control = OrbitControl(
         longest=math.inf,
@@ -444,7 +447,7 @@ def solved(
 
 
 def residual(motion: VectorField, orbit: PeriodicOrbit) -> float:
-    """Largest |dy/dt - f(y)| half-way between the stages, of the accelerations, relative."""
+    """Largest relative |dy/dt - f(y)| of the accelerations, half-way between the stages."""
     phase = orbit.edges[:-1, None] + np.diff(orbit.edges)[:, None] * BETWEEN
     motion = motion.along(phase.ravel(), orbit.frequency)
     true = motion(orbit.states_between(), orbit.u)[motion.half :].reshape(

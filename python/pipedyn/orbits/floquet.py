@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""Floquet multipliers of a periodic orbit, and what happens where they pass the unit circle.
+"""Floquet multipliers of a periodic orbit, and the events where they pass the unit circle.
 
-The variational equation along the orbit is solved by Magnus' series. Where that does not reach the
-tolerance, or forces have kinks at phases that are not known, it is solved by the orbit's own
-collocation, on a mesh fine enough for all fast modes that do not decay at once; also where the
-orbit's mesh is so anyway. Either gives the maps of intervals and, from shorter ones, an error. The
-multipliers mu are those of the pencil L + mu R that the maps lead to, so that multipliers of a
-million cost no digits of the trivial one.
+The variational equation along the orbit is solved by Magnus' series. If that does not reach the
+tolerance, or forces have kinks at unknown phases, the equation is solved by the orbit's own
+collocation, on a mesh fine enough for all fast modes that do not decay at once; likewise if the
+orbit's mesh is that fine anyway. Either method gives the maps of intervals and, from shorter ones,
+an error. The multipliers mu are those of the pencil L + mu R that follows from the maps, so that
+multipliers of a million cost no digits of the trivial one.
 """
 
 from __future__ import annotations
@@ -34,33 +34,35 @@ from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
 MULTIPLIER_TOLERANCE, MOST_HALVINGS, MOST_FLOQUET_INTERVALS = 1e-7, 4, 4000
-"""Error of a multiplier, relative if above 1: a tenth of what the trivial one may be off. Halvings
-of mesh intervals to get there: one mostly does. Mesh intervals: 2 GB for 100 segments."""
+"""Error allowed for a multiplier, relative if above 1: a tenth of the allowed error of the trivial
+one. Largest number of halvings of mesh intervals to reach it: one mostly does. Largest number of
+mesh intervals: 2 GB for 100 segments."""
 
 TURN = 4.0
 """Largest |lambda| h of an interval, for modes that persist, up to which multipliers are known to
-TOLERANCE: the error is 3e-8, at half 5e-13, as its sixteenth power."""
+MULTIPLIER_TOLERANCE: the error is 3e-8, and at half of it 5e-13, as it falls with the sixteenth
+power."""
 
 SENSITIVITY = 1e4
-"""By how much more multipliers change than the orbit, relative. Measured in 970 of Newton's steps
-on branches of a chain and a reduced model: 60 in the mean, this in 99 of 100, and more by far only
-where two multipliers meet."""
+"""Factor between the relative changes of multipliers and of the orbit. Measured in 970 Newton steps
+on branches of a chain and a reduced model: 60 in the mean, less than this in 99 of 100, and much
+more only where two multipliers meet."""
 
 FINER = 2.0
-"""How many times as many intervals the collocation may take before Magnus' series is tried: there
-both cost about the same."""
+"""Factor by which the collocation may need more intervals before Magnus' series is tried: then both
+cost about the same."""
 
 MAGNUS_PARTS = 12.0
-"""Parts into which Magnus' series first divides half a period, for each cube root of the fastest
-mode's turns in it. With twice as many, multipliers of chains and reduced models err by some 1e-6 at
-an amplitude of 0.28 L, and by less at smaller ones."""
+"""Number of parts into which Magnus' series first divides half a period, for each cube root of the
+fastest mode's turns in it. With twice as many, multipliers of chains and reduced models err by some
+1e-6 at an amplitude of 0.28 L, and by less at smaller ones."""
 
 UNIT = 1e-6
-"""By how much multipliers may exceed 1 on a stable cycle: as far as the trivial one may be off."""
+"""Largest excess of multipliers over 1 on a stable cycle: the allowed error of the trivial one."""
 
 LARGEST_ERROR = 1e-3
-"""Error of the multipliers beyond which a cycle on a branch, or that of a motion, is left out: near
-five folds it was measured 6e-5 at most."""
+"""Error of the multipliers beyond which a cycle on a branch, or of a motion, is left out: near five
+folds it was measured to be 6e-5 at most."""
 
 EventKind = Literal[
     "fold", "pitchfork", "period doubling", "torus", "grazing", "hopf", "infinite period", "end"
@@ -76,21 +78,21 @@ def orbit_multipliers(
     """Floquet multipliers, the largest modulus first, their roots and the error of the worst.
 
     Finer meshes are tried until the error is at most the tolerance, which may remain out of reach.
-    `coarser` is the orbit on the mesh from which its own was refined, if that is known: where the
-    equations that were solved for both are, no others are needed.
+    `coarser` is the orbit on the mesh from which its own was refined, if that is known: if the
+    matrices of the equations solved for both are known, no other equations are needed.
 
-    Of an orbit with a mirror the roots are the eigenvalues over half a period, reflected. The
-    multipliers, shape (2 dof,), are their squares: the trivial one is 1 either way, and a
-    perturbation that breaks the mirror symmetry and neither grows nor decays has the root -1.
-    Without a mirror the roots are the multipliers.
+    If the orbit has mirror symmetry, the roots are the eigenvalues of the map over half a period
+    followed by the reflection. The multipliers, shape (2 dof,), are their squares: the trivial one
+    is 1 either way, and a perturbation that breaks the mirror symmetry and neither grows nor decays
+    has the root -1. Without the symmetry the roots are the multipliers.
 
     Raises:
         NewtonFailed: if they overflow.
     """
     turns, error = _turns(motion, orbit), math.inf
     roots: Complex = np.empty(0, dtype=np.complex128)
-    # The series is for modes that the collocation resolves on a far finer mesh only. Kinks at
-    # phases that are not known take the error that halving shows.
+    # The series serves only modes that the collocation resolves on a far finer mesh. With kinks at
+    # unknown phases the error is the one that halving shows.
     parts = _parts_for_turns(turns, tolerance)
     if parts.sum() > FINER * parts.size and (smooth := _between_kinks(motion, orbit)):
         roots, error = _by_magnus(motion, smooth, turns.sum(), tolerance)
@@ -99,7 +101,7 @@ def orbit_multipliers(
         if not other > error:
             roots, error = others, other
     values: Complex = roots**2 if orbit.symmetric else roots
-    # Rounded, as the moduli of a pair differ by rounding.
+    # Moduli are rounded, as those of a conjugate pair differ by rounding.
     sizes = np.log(np.maximum(np.abs(values), 1e-300)).round(11)
     order = np.lexsort((-values.imag, -sizes))
     return values[order].astype(np.complex128), roots[order], error
@@ -108,9 +110,9 @@ def orbit_multipliers(
 def quick_multipliers(
     motion: VectorField, orbit: PeriodicOrbit, tolerance: float
 ) -> Complex | None:
-    """The multipliers by the equations that were solved for the orbit, without their error.
+    """The multipliers from the equations that were solved for the orbit, without their error.
 
-    None where these are not known, or would not give them to the tolerance.
+    None if these equations are not known, or would not give multipliers to the tolerance.
     """
     closing = _closing(orbit, tolerance)
     if closing is None or _turns(motion, orbit).max() > _longest(tolerance):
@@ -120,28 +122,28 @@ def quick_multipliers(
 
 
 def _closing(orbit: PeriodicOrbit, tolerance: float) -> Closing | None:
-    """What was solved for the orbit, where it gives its multipliers to a tolerance."""
+    """Matrices of the solved equations, if they give multipliers to a tolerance; otherwise None."""
     known = orbit.closing
     return known if known is not None and SENSITIVITY * known.step <= tolerance else None
 
 
 def parts_for(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> NDArray[np.int_]:
-    """Parts of each interval, (M,), with which multipliers are known to a tolerance."""
+    """Number of parts of each interval, (M,), with which multipliers meet a tolerance."""
     return _parts_for_turns(_turns(motion, orbit), tolerance)
 
 
 def _parts_for_turns(turns: Array, tolerance: float) -> NDArray[np.int_]:
-    """Parts of each interval, (M,), by its turns, with which multipliers meet a tolerance."""
+    """Number of parts of each interval, (M,), from `_turns`, for multipliers to a tolerance."""
     return np.ceil(np.maximum(turns / _longest(tolerance), 1.0)).astype(int)
 
 
 def _longest(tolerance: float) -> float:
-    """Largest |lambda| h of an interval with which multipliers are known to a tolerance."""
+    """Largest |lambda| h of an interval with which multipliers meet a tolerance."""
     return TURN * (tolerance / MULTIPLIER_TOLERANCE) ** 0.0625
 
 
 def _between_kinks(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None:
-    """An orbit on intervals with smooth derivatives; None where it is not known where they end."""
+    """An orbit on intervals with smooth derivatives; None if the phases of kinks are not known."""
     if not motion.model.pipe.has_kinks:
         return orbit
     if not motion.model.kinks_known:
@@ -176,18 +178,18 @@ def by_series(
 ) -> tuple[Complex, float]:
     """Roots of the multipliers and the error of the worst, from derivatives along a period.
 
-    An interval's map errs by the fourth power of the length of its parts, so that what two lengths
-    differ by gives a better map: the error is how far this moves the multipliers.
+    An interval's map errs by the fourth power of the length of its parts, so that the difference of
+    two lengths gives a better map; the error is the change of the multipliers that this causes.
 
     Args:
         rows: as for `interval_maps`.
-        durations: also.
-        units: also.
-        parts: also; those to begin with.
-        eigenvalues: the roots from the maps, raises `NewtonFailed` where they overflow; of the maps
-            alone where not given.
-        power: of the roots that the multipliers are.
-        tolerance: of the multipliers.
+        durations: as for `interval_maps`.
+        units: as for `interval_maps`.
+        parts: as for `interval_maps`; the numbers to begin with.
+        eigenvalues: function from the maps to the roots, which raises `NewtonFailed` if they
+            overflow; by default the eigenvalues of the product of the maps.
+        power: power of the roots that gives the multipliers.
+        tolerance: tolerance of the multipliers.
     """
     eigenvalues = eigenvalues or eigenvalues_through
     given = rows, durations, units
@@ -219,9 +221,9 @@ def _by_collocation(
 ) -> tuple[Complex, float]:
     """Roots of the multipliers and the error of the worst, by collocation.
 
-    The equations are those that the orbit solves, each interval being divided into so many parts,
-    and those on meshes half and twice as fine. Halving leaves 2^-15 of the error where f is smooth,
-    and 2^-3 across kinks at phases that are not known; of both some more is allowed for.
+    The equations are those that the orbit solves, with interval i divided into parts[i] parts, and
+    those on meshes half and twice as fine. Halving leaves 2^-15 of the error where f is smooth, and
+    2^-3 across kinks at unknown phases; somewhat more is allowed for both.
     """
     left = 1e-3 if motion.model.kinks_known else 0.25
     if (parts > 1).any() and 2 * parts.sum() <= MOST_FLOQUET_INTERVALS:
@@ -250,7 +252,7 @@ def _by_collocation(
 def _roots(motion: VectorField, orbit: PeriodicOrbit, tolerance: float = 0.0) -> Complex:
     """The roots of the multipliers by the collocation on the orbit's own mesh.
 
-    Where what was solved for it gives them to a tolerance, by that.
+    If the equations solved for the orbit give them to a tolerance, those are used.
     """
     if (closing := _closing(orbit, tolerance)) is not None:
         return np.asarray(orbit.mirror * _roots_of_pencil(closing.first, closing.last))
@@ -260,10 +262,10 @@ def _roots(motion: VectorField, orbit: PeriodicOrbit, tolerance: float = 0.0) ->
 def _by_pairs(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None:
     """An orbit with intervals joined in pairs, the last three if they are odd in number.
 
-    None is returned where the lengths of neighbours differ by half.
+    None is returned if the lengths of neighbours differ by half.
 
-    To join neighbours one of which is 1.8 times as long makes 1,000 times the error, and 30 times
-    at the least where the orbit between its stages is what errs.
+    To join neighbours one of which is 1.8 times as long increases the error 1,000 times, and at
+    least 30 times where the polynomial between the orbit's stages causes it.
     """
     steps = np.log(np.diff(orbit.edges))
     if steps.size < 4 or np.abs(np.diff(steps)).max() > math.log(1.8):
@@ -273,13 +275,13 @@ def _by_pairs(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None
 
 
 def _worst_change(before: Complex, after: Complex) -> float:
-    """How far the worst of the multipliers moves, relative where above 1."""
+    """Largest change of a multiplier, relative if above 1."""
     moved = np.abs(before[:, None] - after) / np.maximum(np.abs(after), 1.0)
     return float(moved[scipy.optimize.linear_sum_assignment(moved)].max())
 
 
 def _roots_of_maps(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units: Array) -> Complex:
-    """The roots of the multipliers from the maps of intervals, in units of the state."""
+    """Roots of the multipliers from the maps of intervals, in units of the state."""
     allowed: Array | None = None
     if motion.constrained:
         allowed = motion.model.free_states(orbit.starts[0]) / units[:, None]
@@ -287,7 +289,7 @@ def _roots_of_maps(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units
 
 
 def eigenvalues_through(maps: Array, allowed: Array | None = None) -> Complex:
-    """Eigenvalues of the product of intervals' maps, (M, n, n), of states along allowed columns.
+    """Eigenvalues of the product of intervals' maps, (M, n, n), on the span of allowed columns.
 
     Raises:
         NewtonFailed: if they overflow.
@@ -301,7 +303,7 @@ def eigenvalues_through(maps: Array, allowed: Array | None = None) -> Complex:
 
 
 def _roots_of_pencil(left: Array, right: Array, allowed: Array | None = None) -> Complex:
-    """The mu of L y + mu R y = 0, of y along allowed columns; raises `NewtonFailed` likewise."""
+    """The mu of L y + mu R y = 0 with y in the span of `allowed`; NewtonFailed on overflow."""
     factorised()
     with np.errstate(over="raise", invalid="raise"):
         try:
@@ -321,9 +323,9 @@ def _roots_of_pencil(left: Array, right: Array, allowed: Array | None = None) ->
 
 
 def _turns(motion: VectorField, orbit: PeriodicOrbit) -> Array:
-    """|lambda| h of the fastest mode that persists, for each interval, shape (M,).
+    """Product |lambda| h of the fastest mode that persists, for each interval, shape (M,).
 
-    One that decays by more than exp(-25) over the span ends below 1e-11 of its size.
+    A mode that decays by more than exp(-25) over the span ends below 1e-11 of its size.
     """
     every = len(orbit.starts) // 2
     some = np.ascontiguousarray(orbit.starts[::every].T)
@@ -334,7 +336,7 @@ def _turns(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     return np.asarray(orbit.durations * np.abs(rates[persist]).max(initial=0.0))
 
 
-# ----------------------------------------------------------------- what passes the unit circle
+# --------------------------------------------------------------------- passing the unit circle
 
 
 def nontrivial(multipliers: ArrayLike) -> Complex:
@@ -344,17 +346,18 @@ def nontrivial(multipliers: ArrayLike) -> Complex:
 
 
 def log_moduli(multipliers: ArrayLike) -> Array:
-    """Logarithms of the moduli of all but the trivial one, relative to 1 + UNIT, falling."""
+    """Logarithms of the moduli of nontrivial multipliers, relative to 1 + UNIT, descending."""
     sizes = np.sort(np.abs(nontrivial(multipliers)))[::-1]
     return np.asarray(np.log(np.maximum(sizes, 1e-300) / (1.0 + UNIT)))
 
 
 def crossing_event(others: Complex, mirrored: bool) -> tuple[EventKind, complex]:
-    """What a multiplier that passes the unit circle does, and that multiplier.
+    """Kind of event at which a multiplier passes the unit circle, and that multiplier.
 
-    One that passes 1 makes a fold. With a mirror symmetry of the cycle the multipliers are squares
-    of their roots, the eigenvalues of the map over half a period and the reflection, which
-    distinguish a pitchfork from a fold. Without one the roots are the multipliers themselves.
+    A multiplier that passes 1 makes a fold. With a mirror symmetry of the cycle the multipliers are
+    squares of their roots, the eigenvalues of the map over half a period followed by the
+    reflection, which distinguish a pitchfork from a fold. Without the symmetry the roots are the
+    multipliers.
 
     Args:
         others: roots of the multipliers without the trivial one, shape (k,).
@@ -362,7 +365,7 @@ def crossing_event(others: Complex, mirrored: bool) -> tuple[EventKind, complex]
     """
     nearest = complex(others[int(np.argmin(np.abs(np.abs(others) - 1.0)))])
     kind: EventKind = "torus"
-    if abs(nearest.imag) < 1e-3 * abs(nearest):  # two that meet split by sqrt(error)
+    if abs(nearest.imag) < 1e-3 * abs(nearest):  # two roots that meet split by sqrt(error)
         flipped: EventKind = "pitchfork" if mirrored else "period doubling"
         kind = "fold" if nearest.real > 0.0 else flipped
         nearest = complex(math.copysign(1.0, nearest.real))

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Floquet coordinates about a stable cycle: how far a state is away along each Floquet vector.
+"""Floquet coordinates about a stable cycle: distances of a state along each Floquet vector.
 
-Products of the adjoint solutions of the variational equation with how far a state is away from the
-cycle. To first order a shift along the cycle has none, and the modulus of each decays at its own
-constant rate, without the swing that distances show between the axes of an ellipse.
+They are the products of the adjoint solutions of the variational equation with the difference of a
+state from the cycle. To first order they do not change with a shift along the cycle, and the
+modulus of each decays at its own constant rate, whereas distances swing between the axes of an
+ellipse.
 """
 
 from __future__ import annotations
@@ -24,34 +25,36 @@ from pipedyn.util.counters import factorised
 from pipedyn.util.later import scipy
 
 POINTS = 256
-"""Of a period, at least: a state is compared with one of which it is so little ahead that the rows
-change by a hundredth."""
+"""Least number of points on a period: a state is compared with a point so near that the rows change
+by a hundredth on the way to it."""
 
 ACCURACY = 1e-4
-"""Of the multipliers: more than rates of decay are asked for."""
+"""Error allowed for the multipliers: rates of decay need no more accuracy."""
 
 PHASE_STEP = 1e-4
 """Change of phase over which the second derivatives of a cycle are taken."""
 
 GONE = 1e-3
-"""Multiplier over the orbit, the half of a symmetric one, below which a coordinate is left out."""
+"""Multiplier over the orbit, or over half of a symmetric one, below which a coordinate is left
+out."""
 
 MOST_COORDINATES = 8
-"""Coordinates, those that decay most slowly: beside them the others are soon gone. With them about
-a cycle of 50 segments takes 2 MB."""
+"""Largest number of coordinates, those that decay most slowly: the others soon vanish beside them.
+With this number, the coordinates about a cycle of 50 segments take 2 MB."""
 
 
 @dataclass(frozen=True, eq=False)
 class FloquetCoordinates:
-    """Floquet coordinates about a cycle that neither shift it nor are gone after a period.
+    """Floquet coordinates about a cycle, without the shift and those that vanish in a period.
 
     Attributes:
         points: states [p, p'] on the cycle, (K, 2 integrated).
-        rates: of these, and their own, (2, K, 2 integrated).
-        rows: whose products with what a state is away are the coordinates, but for their sign where
-            the second half of a cycle mirrors the first, (K or K / 2, k, 2 integrated).
-        decay: of the moduli, 1 / T, (k,).
-        units: of states in which the nearest point is looked for, (2 integrated,).
+        rates: first and second derivatives of these states in time, (2, K, 2 integrated).
+        rows: rows whose products with the difference of a state from the cycle are the coordinates,
+            but for their sign if the second half of a cycle mirrors the first, (K or K / 2, k, 2
+            integrated).
+        decay: rates at which the moduli decay, in 1 / T, (k,).
+        units: units of the states in which the nearest point is looked for, (2 integrated,).
     """
 
     points: Array
@@ -69,10 +72,10 @@ class FloquetCoordinates:
         return replace(self, points=-self.points, rates=-self.rates)
 
     def __call__(self, states: Array) -> Complex:
-        """The coordinates of states, (N, 2 integrated), each (N, k)."""
+        """The coordinates, (N, k), of states, (N, 2 integrated)."""
         _, near = self._tree.query(states * self.units)
         away, (once, twice) = states - self.points[near], self.rates[:, near]
-        # To third order in how far it is ahead of the point.
+        # The difference, to third order in the time by which the state is ahead of the point.
         along = once * self.units**2
         ahead = np.sum(along * away, axis=1, keepdims=True)
         ahead /= np.maximum(np.sum(along * once, axis=1, keepdims=True), 1e-300)  # 0 at rest
@@ -108,12 +111,13 @@ def modal_coordinates(
 def floquet_coordinates(
     motion: VectorField, orbit: PeriodicOrbit, units: Array
 ) -> FloquetCoordinates | None:
-    """The Floquet coordinates about a stable orbit; None where they cannot be computed.
+    """The Floquet coordinates about a stable orbit; None if they cannot be computed.
 
-    They cannot where fast modes take a finer mesh than twice the orbit's, or two vectors meet.
+    They cannot be computed if fast modes need a finer mesh than twice the orbit's, or if two
+    Floquet vectors coincide.
 
     Args:
-        motion: its vector field.
+        motion: vector field of the orbit.
         orbit: the orbit.
         units: see `FloquetCoordinates`; eigenvectors have length 1 in them.
     """
@@ -142,7 +146,7 @@ def floquet_coordinates(
     try:
         rows = np.linalg.inv(vectors)[kept]
         parts_of_rows = np.concatenate([rows.real, rows.imag]).T
-        to_here = maps @ np.array(begins)[:, None]  # from phase 0
+        to_here = maps @ np.array(begins)[:, None]  # maps from phase 0
         found = np.linalg.solve(to_here.swapaxes(2, 3), parts_of_rows)
     except np.linalg.LinAlgError:
         return None
@@ -162,9 +166,9 @@ def floquet_coordinates(
 
 
 def _maps_to(motion: VectorField, orbit: PeriodicOrbit, places: Array) -> tuple[Array, Array]:
-    """What changes of the state where an interval begins become at places in it and at its end.
+    """Maps of changes of state from the beginning of each interval to places in it and its end.
 
-    Shapes (M, k, n, n) and (M, n, n).
+    Their shapes are (M, k, n, n) and (M, n, n).
     """
     h, half, n = orbit.durations[:, None, None, None], orbit.half, motion.size
     rates = interval_derivatives(motion, orbit)

@@ -18,27 +18,29 @@ from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
 NEWTON_STEPS = 5
-"""Steps of Newton's method from a motion's last period after which no cycle is near: it took one to
-three to those of seven pipes."""
+"""Number of Newton steps from a motion's last period after which no cycle is taken to be near: the
+search took one to three steps for the cycles of seven pipes."""
 
 REST_EXTENT = 1e-5
-"""Extent of an orbit, in rad or in coordinates of a reduced model, below which it is at rest."""
+"""Peak-to-peak value of an orbit, in rad or in coordinates of a reduced model, below which it is at
+rest."""
 
 ROUGHLY, CLOSELY = 1e-3, 1e-6
-"""Shares of its range up to which rounds of an orbit are the same, on its first mesh and when it is
-known: near a period doubling motions go twice round for long, and what is solved for from them may
-be the cycle that is run through once."""
+"""Shares of its range up to which rounds of an orbit count as the same, on its first mesh and when
+it is known: near a period doubling motions repeat only after two rounds for long, and the orbit
+solved for from them may be the cycle of one round, run through twice."""
 
 LARGEST_CYCLE = 100
-"""Degrees of freedom of a cycle that is solved for. An undamped chain of 20 takes 0.06 s, of 40
-0.4, of 100 seven, half of it for the multipliers."""
+"""Largest number of degrees of freedom of a cycle that is solved for. An undamped chain of 20 takes
+0.06 s, of 40 0.4 s, of 100 seven seconds, half of it for the multipliers."""
 
 Samples = tuple[Array, Array]
-"""Times, shape (S,), and states [p, p'] at these, shape (S, 2 integrated)."""
+"""Times, shape (S,), and states [p, p'] at these times, shape (S, 2 integrated)."""
 
 Recurrence = tuple[float, float, float, int]
-"""Distance to which a motion comes back, relative to its size; the times at which the period begins
-and ends after which it does; and how many periods of the drive this holds, if there is one."""
+"""Smallest distance of a motion from an earlier state, relative to its size; the times at which the
+period between the two begins and ends; and the number of periods of the drive in it, if there is a
+drive."""
 
 
 def last_period(
@@ -48,14 +50,14 @@ def last_period(
 
     Args:
         model: the model.
-        drive: what drives it.
-        samples: times t, (S,), since the beginning of a period of the drive, and states [p, p']
-            there, (S, 2 integrated).
+        drive: what drives the motion.
+        samples: times t, (S,), since the beginning of a period of the drive, and states [p, p'] at
+            these times, (S, 2 integrated).
         recurrence: how near the motion comes back to an earlier state, see `Recurrence`.
-        farthest: distance to which it must come back.
+        farthest: largest distance from the earlier state.
 
     Raises:
-        NewtonFailed: if it does not.
+        NewtonFailed: if the motion stays farther away.
     """
     back, first, last, turns = recurrence
     if not back <= farthest:
@@ -66,7 +68,7 @@ def last_period(
     t, states = (of[some] for of in samples)
     frequency = 2.0 * math.pi / (last - first)
     along = motion.along(frequency * (t - first), frequency)
-    # With constraints f gives another rate of p than p'.
+    # With constraints the first half of f differs from p'.
     rates = along(np.ascontiguousarray(states.T), drive.mean)[motion.half :].T
     rates = np.concatenate([states[:, motion.half :], rates], axis=1)
     spline = scipy.interpolate.CubicHermiteSpline(t, states, rates)
@@ -82,7 +84,7 @@ def solved_cycle(
 ) -> tuple[PeriodicOrbit, bool]:
     """The cycle near the last period of a motion, and whether its multipliers say that it attracts.
 
-    Arguments and errors are those of `last_period`; `NewtonFailed` is raised also where no cycle is
+    The arguments and errors are as for `last_period`; `NewtonFailed` is also raised if no cycle is
     found near the motion's last period or its multipliers are not known.
     """
     if model.dof > LARGEST_CYCLE:
@@ -97,7 +99,7 @@ def solved_cycle(
             break
         orbit = resolved_orbit(motion, once.states, once.frequency, drive.mean, False, FINE.defect)
         orbit = solved(motion, orbit, FINE.tolerance, iterations=NEWTON_STEPS)
-    if model.pipe.has_kinks and model.kinks_known:  # multipliers need a mesh that ends at these
+    if model.pipe.has_kinks and model.kinks_known:  # multipliers need a mesh with points at kinks
         twice = np.full(len(orbit.starts), 2)
         orbit = solved(motion, refined(motion, orbit, twice, at_kinks=True), FINE.tolerance)
     multipliers, _, error = orbit_multipliers(motion, orbit, FINE.stagnation)
@@ -110,13 +112,13 @@ def solved_cycle(
 def run_through_once(
     model: Model, drive: Excitation, motion: VectorField, orbit: PeriodicOrbit, within: float
 ) -> tuple[VectorField, PeriodicOrbit]:
-    """An orbit that is run through several times as one that is so once, with its vector field.
+    """One round of an orbit that consists of several equal rounds, with its vector field.
 
     Args:
         model: the model.
-        drive: what drives it.
+        drive: what drives the motion.
         motion: the vector field of the orbit.
-        orbit: not solved for anew.
+        orbit: orbit; the result is interpolated from it, not solved for.
         within: share of its range up to which states of several rounds count as the same.
     """
     phases = np.linspace(0.0, 2.0 * math.pi, 17)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What small changes of a state become along an orbit, by Magnus' series of fourth order.
+"""Propagation of small changes of a state along an orbit, by Magnus' series of fourth order.
 
 Over a part of length h about its middle,
 
@@ -25,7 +25,8 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import in_time
 
 CACHED = 14_000
-"""Numbers in a stack of matrices: nine stacks of as many fit into 1 MB of cache."""
+"""Largest number of entries in a stack of matrices: nine stacks of this size fit into 1 MB of
+cache."""
 
 DEGREE, LARGEST_NORM = 16, 0.78
 """Degree of Taylor's polynomial, and the norm up to which it gives exp to rounding, as
@@ -34,7 +35,8 @@ DEGREE, LARGEST_NORM = 16, 0.78
 _TAYLOR = np.array([1.0 / math.factorial(k) for k in range(DEGREE + 1)])
 
 _SUMS = np.zeros((4, 4))
-"""Of A, A^2, A^3 and A^4 in the four sums of a polynomial in A^4, which also have a constant."""
+"""Coefficients of A, A^2, A^3 and A^4 in the four sums of a polynomial in A^4, which also have a
+constant term."""
 _SUMS[:, :3] = _TAYLOR[1:].reshape(4, 4)[:, :3]
 _SUMS[3, 3] = _TAYLOR[DEGREE]
 
@@ -43,20 +45,21 @@ _SUMS[3, 3] = _TAYLOR[DEGREE]
 def _magnus_weights(parts: int) -> tuple[Array, Array]:
     """Weights of the stages in b0 and b1 of each part of an interval of length 1, (parts, s)."""
     once, twice = both_integrals(np.linspace(0.0, 1.0, parts + 1))
-    # By parts, int (t - middle) p dt is what the integral of p has at the ends, less its own.
+    # Integration by parts: int (t - middle) p dt is h / 2 times the sum of the integral of p at
+    # both ends, less the integral of that integral.
     first = 0.5 * (once[1:] + once[:-1]) - parts * np.diff(twice, axis=0)
     return np.diff(once, axis=0), first
 
 
 @np.errstate(over="ignore", invalid="ignore")
 def interval_maps(rows: Array, durations: Array, units: Array, parts: NDArray[np.int_]) -> Array:
-    """The maps of changes of a state [p, p'] over intervals, in units of the state, (M, n, n).
+    """Maps of changes of a state [p, p'] over intervals, in units of the state, (M, n, n).
 
     Args:
         rows: derivatives of p'' by the state at the stages of each interval, (M, s, n / 2, n).
-        durations: of the intervals, (M,).
-        units: of the state, those of p all 1, those of p' all alike, (n,).
-        parts: into how many each interval is divided, (M,).
+        durations: durations of the intervals, (M,).
+        units: units of the state, (n,): those of p are all 1, and those of p' are all equal.
+        parts: number of parts into which each interval is divided, (M,).
     """
     half, size = rows.shape[2:]
     maps = np.empty((len(rows), size, size))
@@ -79,7 +82,10 @@ def interval_maps(rows: Array, durations: Array, units: Array, parts: NDArray[np
 
 
 def _exponents(b0: Array, b1: Array, step: Array) -> Array:
-    """b0 - [b0, b1] from lower halves, (..., n / 2, n): of p b0 has step p', b1 nothing."""
+    """b0 - [b0, b1] from the lower halves of b0 and b1, (..., n / 2, n).
+
+    The upper half of b0 only maps p' to p, by the factor `step`; that of b1 is 0.
+    """
     half, size = b0.shape[-2:]
     made = np.empty((*b0.shape[:-2], size, size))
     top, bottom = made[..., :half, :], made[..., half:, :]
@@ -94,7 +100,7 @@ def _exponents(b0: Array, b1: Array, step: Array) -> Array:
 def exponentials(exponents: Array) -> Array:
     """Exponentials of a stack of matrices, (..., n, n), by Taylor's polynomial and squarings.
 
-    Where they overflow they are infinite or NaN.
+    If they overflow, they are infinite or NaN.
     """
     size = exponents.shape[-1]
     stack = exponents.reshape(-1, size, size)
@@ -109,7 +115,7 @@ def exponentials(exponents: Array) -> Array:
 
 
 def _exponentials(exponents: Array, scratch: Array) -> Array:
-    """Exponentials of a few matrices, (k, n, n), in scratch of shape (9, k, n, n)."""
+    """Exponentials of a few matrices, (k, n, n), with scratch space of shape (9, k, n, n)."""
     powers, sums, other = scratch[:4], scratch[4:8], scratch[8]
     powers[0] = exponents
     np.matmul(powers[0], powers[0], out=powers[1])

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Continuation of periodic orbits in the flow speed, past folds.
 
-A branch begins at a Hopf point, where an orbit loses its symmetry or doubles its period, or at any
-orbit. The mesh is refined and coarsened on the way. Whatever solves for an orbit raises
-`NewtonFailed` where there is none.
+A branch begins at a Hopf point, at an orbit that loses its symmetry or doubles its period, or at
+any orbit. The mesh is refined and coarsened on the way. Every function that solves for an orbit
+raises `NewtonFailed` if there is none.
 """
 
 from __future__ import annotations
@@ -41,37 +41,40 @@ from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
 FIRST_AMPLITUDE, LEAST_AMPLITUDE, LARGEST_AMPLITUDE = 0.01, 1e-4, 0.3
-"""Length in L of the free end of a branch's first step, the least that is tried, and the largest on
-the way to a speed: the normal form holds at the first to a per cent or better, at the last to a
-tenth, and rounding is far below the least."""
+"""Amplitude in L of the free end after a branch's first step, the least that is tried, and the
+largest on the way to a speed: the normal form holds to a per cent or better at the first, to a
+tenth at the largest, and rounding is far below the least."""
 
 MOST_ON_BRANCH = 250
-"""Mesh intervals of an orbit on a branch: 2,000 stages, with which orbits take seconds each."""
+"""Largest number of mesh intervals of an orbit on a branch: 2,000 stages, with which each orbit
+takes seconds."""
 
 MOST_EVALUATIONS = 100_000
-"""Right-hand sides and Jacobians after which no more steps are taken on the way to a speed: they
-alone take 1 s of a chain of 20 segments, half a minute of one of 100."""
+"""Number of right-hand sides and Jacobians after which no more steps are taken on the way to a
+speed: they alone take 1 s for a chain of 20 segments, half a minute for one of 100."""
 
 FINE = OrbitControl(0.15, tolerance=1e-8, stagnation=1e-5, defect=1e-4, patience=2)
-"""For diagrams: amplitudes are then good to 1e-9 and multipliers to 1e-8, under drag to some 2e-5
-and 5e-5."""
+"""Control for diagrams: amplitudes are good to 1e-9 and multipliers to 1e-8, under drag to some
+2e-5 and 5e-5."""
 
 COARSE = OrbitControl(0.3, tolerance=3e-4, stagnation=1e-2, defect=1e-3)
-"""Where a cycle is looked for: near enough for Newton's method on the finer meshes that follow. A
-step of the tolerance leaves its square, some 1e-7."""
+"""Control for the search for a cycle: orbits are near enough for Newton's method on the finer
+meshes that follow. A last step of the size of the tolerance leaves an error of its square, some
+1e-7."""
 
 PAST, GRAZING, MOST_CONTACTS, MOST_GRAZES = 3e-4, 3e-2, 3, 8
-"""How far beyond a grazed stop a branch goes on, relative to its parameter; how near to the stop
-its orbits come before, relative to their size; how many of the places where they do are tried; and
-how often a branch may graze."""
+"""Distance beyond a grazed stop at which a branch goes on, relative to its parameter; distance from
+the stop within which its orbits come before, relative to their size; number of extrema near the
+stop that are tried; and largest number of times that a branch may graze."""
 
 SYMMETRY_ROUNDING = 1e-9
-"""Share of an orbit's size below which the part of it that breaks a symmetry is rounding: Newton's
-method leaves steps of 1e-8 at most, of which their square is left."""
+"""Share of an orbit's size below which the part that breaks a symmetry is rounding: the last steps
+of Newton's method are 1e-8 at most, and leave an error of their square."""
 
 NEAR_FOLD = 0.02
-"""Share of a step around a fold in which its multiplier is too near to the trivial one: measured at
-five folds, both are 1e-5 from 1 at the fold, here the one 9e-4 to 0.1, the other 3e-5 at most."""
+"""Share of a step around a fold in which the multiplier of the fold is too near to the trivial one:
+measured at five folds, both are 1e-5 from 1 at the fold; at this distance the former is 9e-4 to 0.1
+from 1, the latter 3e-5 at most."""
 
 Step = Segment[OrbitProblem]
 """A step along a branch of orbits."""
@@ -91,16 +94,16 @@ def solved_anew(
     return solved(motion, guess, how.tolerance)
 
 
-# ---------------------------------------------------------------------------- where it begins
+# --------------------------------------------------------------------------------- beginnings
 
 
 @dataclass(frozen=True)
 class BranchStart:
-    """Where a branch begins."""
+    """The beginning of a branch."""
 
-    orbit: PeriodicOrbit  # what it leaves, at rest or periodic
+    orbit: PeriodicOrbit  # equilibrium or orbit from which the branch sets out
     towards: Array = field(repr=False)  # direction and length of the first step
-    speeds: tuple[float, float] = (0.0, math.inf)  # between which that ends
+    speeds: tuple[float, float] = (0.0, math.inf)  # speeds between which the first step ends
 
 
 def from_hopf(
@@ -111,13 +114,14 @@ def from_hopf(
 ) -> BranchStart:
     """The start of a branch at a Hopf point, with a first step to an amplitude of the free end.
 
-    It ends at a speed within 1e-3, relative, of the Hopf point's, or up to half as far again as
-    another speed u.
+    The step ends at a speed within 1e-3, relative, of the Hopf point's or, if another speed u is
+    given, up to half as far again as u.
     """
     edges = coarsest_mesh(not point.rest.any() and motion.is_odd(point.speed))
     turn = np.exp(1j * stage_phases(edges))[..., None]
     starts = (point.mode * np.exp(1j * edges[:-1])[:, None]).real
-    # Those of the mode and not of the forces, which at large amplitudes are far from them.
+    # Accelerations are those of the mode, not those of the forces, which differ much at large
+    # amplitudes.
     rates = (1j * point.frequency * point.mode[motion.half :] * turn).real
     still = point.rest + np.zeros_like(starts), np.zeros_like(rates)
     base = PeriodicOrbit(edges, *still, point.frequency, point.speed)
@@ -131,10 +135,10 @@ def from_hopf(
 def from_branch_point(motion: VectorField, orbit: PeriodicOrbit) -> BranchStart:
     """The start of the branch that leaves an orbit in its neutral direction.
 
-    The orbit loses its symmetry there or, having none, doubles its period.
+    At this orbit the branch loses its symmetry or, having none, doubles its period.
     """
     equations = OrbitProblem(motion, orbit, FINE).about_orbit(orbit)
-    # After the first half the perturbation is the opposite of what the orbit itself does.
+    # In the second half the perturbation has the opposite sign, relative to the orbit's own motion.
     direction = orbit.unpacked(equations.neutral()).doubled(-1.0).packed()
     base = orbit.doubled()
     length = OrbitProblem(motion, base, FINE).length(direction)
@@ -142,7 +146,7 @@ def from_branch_point(motion: VectorField, orbit: PeriodicOrbit) -> BranchStart:
 
 
 def both_ways(motion: VectorField, orbit: PeriodicOrbit) -> list[BranchStart]:
-    """Starts of a branch from any orbit, towards lower and towards higher speed."""
+    """Starts of the branch through an orbit, towards lower and towards higher speed."""
     orbit = solved_anew(motion, orbit, orbit.u, orbit.symmetric, FINE)
     return from_orbit(motion, orbit, (-1.0, 1.0))
 
@@ -150,7 +154,7 @@ def both_ways(motion: VectorField, orbit: PeriodicOrbit) -> list[BranchStart]:
 def from_orbit(
     motion: VectorField, orbit: PeriodicOrbit, ways: Sequence[float]
 ) -> list[BranchStart]:
-    """Starts from an orbit on its own mesh: its parameter grows for each way > 0, else it falls."""
+    """Starts from an orbit on its own mesh: its parameter grows if a way is > 0, else it falls."""
     z = orbit.packed()
     growing = np.append(np.zeros(z.size - 1), 1.0)
     tangent = OrbitProblem(motion, orbit, FINE).point(z, growing).tangent
@@ -159,12 +163,13 @@ def from_orbit(
 
 @dataclass(frozen=True)
 class Grazing:
-    """Where orbits begin or cease to touch a stop, and how their branch goes on beyond.
+    """A place where orbits begin or cease to touch a stop, with the way on for their branch.
 
     Attributes:
-        start: of the branch on the other side.
-        middle: the last orbit before, with its parameter half-way to that of the first beyond.
-        error: of that parameter.
+        start: start of the branch on the other side.
+        middle: the last orbit before, with its parameter replaced by the mean of its own and that
+            of the first orbit beyond.
+        error: error of the mean parameter.
     """
 
     start: BranchStart
@@ -178,13 +183,13 @@ def _with_parameter(orbit: PeriodicOrbit, p: float) -> PeriodicOrbit:
 
 
 def past_grazing(motion: VectorField, last: Step) -> Grazing | None:
-    """What is beyond the end of a step, if the orbit there touches a stop, or all but does.
+    """The grazing beyond the end of a step, if the orbit there touches or nearly touches a stop.
 
-    There the branch turns within a distance in which no mesh between both sides is resolved: the
-    orbit on the other side is solved for at a parameter nearby, on a mesh that ends at the stop.
+    There the branch turns within a distance in which no mesh that spans both sides resolves it: the
+    orbit on the other side is solved for at a parameter nearby, on a mesh with a point at the stop.
 
     Raises:
-        NewtonFailed: if there is a stop, and no orbit is found beyond.
+        NewtonFailed: if there is a stop, and no orbit is found beyond it.
     """
     here = orbit_at(last, last.length)
     contacts, before = (stop_contacts(motion, one) for one in (here, orbit_at(last, 0.0)))
@@ -193,7 +198,8 @@ def past_grazing(motion: VectorField, last: Step) -> Grazing | None:
         return None
     p, way = last.end.p, math.copysign(1.0, last.slopes[1])
     nearest = near[np.argsort(np.abs(contacts.beyond[near]))][:MOST_CONTACTS]
-    # The step may have gone a little beyond: the side that it came from is left.
+    # The step may have gone a little beyond the stop; the branch goes on to the side opposite to
+    # that from which the step came.
     crosses = (contacts.beyond[nearest] > 0.0) == (contacts.crossings == before.crossings)
     changes = dict.fromkeys((contacts.outward[nearest] != crosses).tolist())  # each is tried once
     for larger, share in product(changes, (way * PAST, -way * PAST)):
@@ -211,10 +217,10 @@ def past_grazing(motion: VectorField, last: Step) -> Grazing | None:
 
 
 def beside_kink(motion: VectorField, orbit: PeriodicOrbit, way: float) -> PeriodicOrbit:
-    """The orbit at the parameter of another one that goes farther, or less far where way is < 0.
+    """The larger orbit at the parameter of a given one, or the smaller one if way < 0.
 
-    It is looked for from larger and larger changes of the size, on meshes with a point wherever a
-    force begins; raises NewtonFailed if none leads to an orbit.
+    It is solved for from increasing changes of the size, on meshes with a point wherever a force
+    begins; raises NewtonFailed if none leads to an orbit.
     """
     reason, mean = NewtonFailed(""), np.zeros((2 * orbit.half, 1))
     if not orbit.symmetric:
@@ -238,11 +244,11 @@ def beside_kink(motion: VectorField, orbit: PeriodicOrbit, way: float) -> Period
 
 
 def _first_step(motion: VectorField, start: BranchStart, how: OrbitControl) -> Step:
-    """The first step of a branch, a shorter one if it leads to no orbit, or not to such a one."""
+    """The first step of a branch, shortened until its orbit is resolved and within the speeds."""
     begin, towards = start.orbit.packed(), start.towards
     low, high = start.speeds
     while True:
-        # So small a start lets the orbits on the way be anything from 0.15 % to 150 % of the first.
+        # With this small start the orbits on the way may be from 0.15 % to 150 % of the first one.
         problem = OrbitProblem(motion, start.orbit.unpacked(begin + 0.05 * towards), how)
         length = problem.length(towards)
         try:
@@ -257,10 +263,10 @@ def _first_step(motion: VectorField, start: BranchStart, how: OrbitControl) -> S
 
 
 def breaking_part(orbit: PeriodicOrbit, kind: str) -> Array:
-    """The part of an orbit that vanishes where it meets what it leaves, (k, integrated).
+    """The part of an orbit that vanishes where its branch meets another, (k, integrated).
 
-    That is an equilibrium ("hopf"), its own mirror image ("pitchfork") or an orbit of half the
-    period ("period doubling").
+    The other branch is of equilibria ("hopf"), of orbits that are their own mirror images
+    ("pitchfork") or of orbits with half the period ("period doubling").
     """
     p = orbit.states(PROBES)[: orbit.half].T
     later = np.roll(p, -PROBES.size // 2, axis=0)
@@ -271,15 +277,15 @@ def breaking_part(orbit: PeriodicOrbit, kind: str) -> Array:
 
 @dataclass(frozen=True)
 class Meeting:
-    """Where a branch of orbits meets what it leaves elsewhere: an equilibrium, or other orbits.
+    """A point where a branch of orbits ends on equilibria or on another branch of orbits.
 
-    Two solutions meet there, which no corrector tells apart: it is not solved for.
+    Two solutions meet there, which no corrector tells apart, so the point is not solved for.
 
     Attributes:
-        whole: the step up to an orbit nearby.
-        last: from there to the meeting.
-        error: of the parameter at the meeting.
-        known: whether the parameter is one of those at which branches are known to begin.
+        whole: the step up to an orbit near the meeting.
+        last: the step from that orbit to the meeting.
+        error: error of the parameter at the meeting.
+        known: whether the parameter is one at which branches are known to begin.
     """
 
     whole: Step
@@ -289,20 +295,20 @@ class Meeting:
 
 
 def meeting(step: Step, kind: str, beginnings: Array, within: float) -> Meeting | None:
-    """The meeting on a step, if the part of the orbits that vanishes there changes its sign.
+    """The meeting on a step, if the part of the orbits that vanishes at it changes its sign.
 
-    By symmetry the parameter changes with the square of what vanishes.
+    By symmetry the parameter changes with the square of this part.
 
     Args:
-        step: whose orbits beyond the meeting are the opposites of those before.
-        kind: of what is met, see `breaking_part`.
-        beginnings: parameters at which branches are known to leave it, shape (k,), of which one is
-            taken if the extrapolated one is that near.
-        within: how near that is, relative.
+        step: step whose orbits beyond the meeting are the opposites of those before.
+        kind: kind of the meeting, see `breaking_part`.
+        beginnings: parameters at which branches are known to leave the other one, shape (k,). If
+            one of them is near enough to the extrapolated parameter, it is taken.
+        within: largest relative difference of the two.
 
     Raises:
-        NewtonFailed: if the step ends on orbits of the other branch, without the part that breaks
-            their symmetry, of which rounding is left.
+        NewtonFailed: if the step ends on orbits of the other branch, in which the part that breaks
+            their symmetry is only rounding.
     """
 
     def part(z: Array) -> Array:
@@ -315,11 +321,11 @@ def meeting(step: Step, kind: str, beginnings: Array, within: float) -> Meeting 
         return None
 
     def left(s: float) -> float:
-        """Share of what vanishes that is left, by the cubic through what is known of the step."""
+        """Remaining share of the part that vanishes, by a cubic through the ends of the step."""
         return float(np.sum(first * part(step.guess(s))) / np.sum(first * first))
 
     def where(share: float, low: float, high: float) -> float:
-        """Arc length at which a share is left."""
+        """Arc length at which a given share of the part remains."""
         if not (left(low) > share) or not (left(high) < share):
             raise NewtonFailed("it comes near to orbits of more symmetry, and the step is too long")
         return float(scipy.optimize.brentq(lambda s: left(s) - share, low, high))
@@ -342,7 +348,7 @@ def meeting(step: Step, kind: str, beginnings: Array, within: float) -> Meeting 
     through = where(0.0, step.reach(small.z), step.length)
     z, beside = step.guess(through), 1e-3 * step.length
     onward = step.guess(through + beside) - step.guess(through - beside)
-    if onward[-1] * small.tangent[-1] < 0.0:  # as where the opposite of an orbit is one, too
+    if onward[-1] * small.tangent[-1] < 0.0:  # e.g. where the opposite of an orbit is one, too
         onward[-1] = 0.0
     z[-1] = p
     problem = step.problem.about(small.z)
@@ -354,35 +360,36 @@ AnyOrbitProblem = TypeVar("AnyOrbitProblem", bound=OrbitProblem)
 
 
 class PassingMultiplier(TestFunction[AnyOrbitProblem]):
-    """Multipliers that pass the unit circle on a step along a branch of orbits.
+    """Test functions for multipliers that pass the unit circle on a step along orbits.
 
-    Values are the logarithms of their moduli, in falling order.
+    Their values are the logarithms of the multipliers' moduli, in descending order.
     """
 
     beside_folds = NEAR_FOLD
 
     @abstractmethod
     def candidates(self, before: float, beyond: float) -> tuple[Complex, bool]:
-        """Multipliers of which one passes between two arc lengths, without the trivial one.
+        """Nontrivial multipliers, one of which passes the circle between two arc lengths.
 
-        Of an orbit with a mirror, which is told second, they are the roots over half a period.
+        Second comes whether the orbit has mirror symmetry; if so, the values are the roots over
+        half a period.
         """
 
     @abstractmethod
     def event(self, before: float, beyond: float, kind: EventKind, multiplier: complex) -> Any:
-        """What the multiplier makes that passes between two arc lengths; None if nothing."""
+        """The event of the multiplier that passes between two arc lengths, or None."""
 
     def found(self, before: float, beyond: float) -> Any:
-        """What lies between two arc lengths."""
+        """The event between two arc lengths."""
         roots, mirrored = self.candidates(before, beyond)
         return self.event(before, beyond, *crossing_event(roots, mirrored)) if roots.size else None
 
 
-# -------------------------------------------------------------------------------- following it
+# -------------------------------------------------------------------------- following branches
 
 
 def followed(motion: VectorField, start: BranchStart, how: OrbitControl) -> Iterator[Step]:
-    """Steps along a branch of orbits, past folds, without end."""
+    """Steps along a branch of orbits, past folds, in an endless iterator."""
     step = _first_step(motion, start, how)
     yield step
     yield from onward(step.problem, step.end, 1.5 * min(0.2 * how.longest, step.length))
@@ -391,9 +398,9 @@ def followed(motion: VectorField, start: BranchStart, how: OrbitControl) -> Iter
 def followed_past_grazing(
     motion: VectorField, start: BranchStart, how: OrbitControl, note: Callable[[Grazing], None]
 ) -> Iterator[Step]:
-    """Steps along a branch of orbits, past places where these begin or cease to touch a stop.
+    """Steps along a branch of orbits, past places where they begin or cease to touch a stop.
 
-    note: takes each of these places, before the first step beyond it.
+    note: is called with each of these places, before the first step beyond it.
     """
     for _ in range(MOST_GRAZES + 1):
         last: Step | None = None
@@ -412,16 +419,16 @@ def followed_past_grazing(
 def onward(
     problem: AnyOrbitProblem, point: Point, length: float
 ) -> Iterator[Segment[AnyOrbitProblem]]:
-    """Steps from a solution on, the first of a length at most, without end.
+    """Endless steps from a solution onwards, the first of at most a given length.
 
-    The mesh follows: `defect` of the problem's control is the largest that is let pass.
+    The mesh is adapted: `defect` of the problem's control is the largest defect allowed.
     """
     defect, tangent = cast(OrbitControl, problem.control).defect, point.tangent
     problem, ahead = problem.about(point.z), cast("Callable[[float], Array] | None", None)
     while True:
         here = problem.start
-        # An interval twice as long has some 2^8 times the defect. A mesh that saves less than a
-        # quarter of the intervals is not changed.
+        # An interval twice as long has some 2^8 times the defect. The mesh is changed only if that
+        # saves at least a quarter of the intervals.
         if np.count_nonzero(here.defects() <= 1e-3 * defect) > 2 * COARSEST:
             edges = resolved_orbit(
                 *(problem.motion, here.states, here.frequency, here.u, here.symmetric), defect
@@ -430,7 +437,7 @@ def onward(
                 (problem, tangent), ahead = _on_mesh(problem, tangent, edges), None
         tried = False
         while True:
-            if ahead is not None:  # where it leads to shows what mesh the step takes
+            if ahead is not None:  # the orbit ahead shows what mesh the step needs
                 there = ahead(length)
                 guess = problem.orbit(there)
                 coarse = (guess.defects() > defect) & (guess.u >= 0.0)
@@ -444,7 +451,7 @@ def onward(
                 break
             before = problem.start.edges
             edges = divided(before, 1 + (defects > defect))
-            if edges.size > MOST_ON_BRANCH:  # some of them may be needed no more
+            if edges.size > MOST_ON_BRANCH:  # some may be unneeded by now
                 end = problem.orbit(step.end.z)
                 edges = resolved_orbit(
                     *(problem.motion, end.states, end.frequency, end.u, end.symmetric), 0.1 * defect
@@ -462,9 +469,10 @@ def onward(
 def _on_mesh(
     problem: AnyOrbitProblem, tangent: Array, edges: Array
 ) -> tuple[AnyOrbitProblem, Array]:
-    """The problem about its start on another mesh, and about the tangent there.
+    """The problem about its start, transferred to another mesh, with the tangent there.
 
-    Neither is solved for: the next step corrects both, and its guess is as near either way.
+    Neither is solved for on the new mesh: the next step corrects both, and its guess is as near
+    either way.
     """
     z, beside = problem.origin, 1e-4
     here, moved = (problem.about(x, edges) for x in (z, z + beside * tangent))
@@ -474,9 +482,9 @@ def _on_mesh(
 def _on_mesh_to(
     problem: AnyOrbitProblem, tangent: Array, there: Array, length: float, edges: Array
 ) -> tuple[tuple[AnyOrbitProblem, Array], Callable[[float], Array]]:
-    """The problem on another mesh, and the parabola that leads to a guess for the next point.
+    """The problem on another mesh, with the parabola that gives a guess for the next point.
 
-    there: the guess at an arc length on the mesh before.
+    there: the guess at an arc length on the old mesh.
     """
     there = problem.about(there, edges).origin
     finer, tangent = _on_mesh(problem, tangent, edges)
@@ -486,13 +494,13 @@ def _on_mesh_to(
 
 
 class _OnTheWay(Tracer[OrbitProblem]):
-    """Tracer of the orbits that a Hopf point leads to, up to a speed.
+    """Tracer of the orbits that begin at a Hopf point, up to a speed.
 
     Attributes:
         orbit: the orbit at the speed; None until it is found.
-        turns: speeds at which the branch turned back on its way.
-        here: speed up to which it was followed.
-        stopped: why it was followed no further.
+        turns: speeds at which the branch turned back.
+        here: speed up to which the branch was followed.
+        stopped: why the branch was followed no further.
     """
 
     def __init__(self, motion: VectorField, point: Hopf, u: float) -> None:
@@ -505,9 +513,9 @@ class _OnTheWay(Tracer[OrbitProblem]):
         self.stopped = "it takes too many steps"
 
     def note(self, step: Step) -> str | None:
-        """Looks for the speed on a step, and says why the branch is followed no further."""
+        """Looks for the speed on a step; returns the reason why the branch ends here, or None."""
         u, first = self.u, step.slopes[0]
-        # It turns back on its way, or just beyond.
+        # The branch turns back before the speed, or just beyond it.
         turned = first * step.slopes[1] < 0.0 and first * (u - self.here) > 0.0
         parts = between_folds(step, 1e-3) if turned else [step]
         self.turns += [part.begin.p for part in parts[1:]]
@@ -527,9 +535,9 @@ class _OnTheWay(Tracer[OrbitProblem]):
 
 
 def continued(motion: VectorField, point: Hopf, u: float) -> PeriodicOrbit:
-    """The orbit at a speed to which those of a Hopf point lead; NewtonFailed says why if none."""
+    """The orbit at a speed on the branch from a Hopf point; NewtonFailed says why if none."""
     amplitude = FIRST_AMPLITUDE
-    with suppress(ValueError):  # one step may do, up to what the amplitude equation holds for
+    with suppress(ValueError):  # one step may do, within the range of the amplitude equation
         amplitude = min(1.05 * point.amplitude(u) or FIRST_AMPLITUDE, LARGEST_AMPLITUDE)
     tracer = _OnTheWay(motion, point, u)
     steps = followed(motion, from_hopf(motion, point, amplitude, u), COARSE)

@@ -19,32 +19,33 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 
 ORBIT_STAGES = 8
-"""Stages of the Radau IIA method, which has order 2 STAGES - 1 = 15. Cycles of two pipes take 2.5
-times as long to 1e-6 with 6 stages, and 1.1 times as long with 10."""
+"""Number of stages of the Radau IIA method, which has order 2 ORBIT_STAGES - 1 = 15. Cycles of two
+pipes take 2.5 times as long to 1e-6 with 6 stages, and 1.1 times as long with 10."""
 
 COARSEST = 4
-"""Intervals in half a period of the coarsest mesh: 32 stages resolve some 10 odd harmonics."""
+"""Number of intervals in half a period of the coarsest mesh: 32 stages resolve some 10 odd
+harmonics."""
 
 PROBES: Array = np.linspace(0.0, 2.0 * math.pi, 65)[:-1]
 """Phases at which orbits are compared: enough for the harmonics that matter for a sign."""
 
 BEFORE = 1e-10
 """Phase by which an interval ends before a kink, so that its last stage, at its end, has the slopes
-of the forces before. What the next interval misses is this times their jump, below rounding; kinks
-are found to some 1e-14."""
+of the forces before the kink. The error in the next interval is this phase times the jump of the
+slopes, below rounding; kinks are found to some 1e-14."""
 
 KINK_SAMPLES = 8
-"""Of an interval, between which kinks are looked for: two that lie closer are no more than a short
-stretch of other slopes."""
+"""Number of samples of an interval, between which kinks are looked for: two kinks that lie closer
+enclose only a short stretch of other slopes."""
 
 MOST_SECANTS, KINK_ERROR = 30, 1e-12
-"""To find kinks, five or six of which mostly do, and the change of phase that is the last: the next
-would be far smaller."""
+"""Largest number of secant steps to find kinks, which mostly take five or six, and the change of
+phase after which no further step is taken: the next would be far smaller."""
 
 _X: Array = np.sort(legendre.legroots([0.0] * (ORBIT_STAGES - 1) + [-1.0, 1.0]).real)
 _X[-1] = 1.0
 STAGE_NODES: Array = 0.5 * (_X + 1.0)
-"""Places of the stages in an interval, shape (s,)."""
+"""Nodes of the stages in an interval of length 1, shape (s,)."""
 
 TO_LEGENDRE = np.linalg.inv(legendre.legvander(_X, ORBIT_STAGES - 1))
 """Legendre coefficients from values at the stages, shape (s, s)."""
@@ -53,13 +54,16 @@ _INTEGRATED = [0.5**k * legendre.legint(TO_LEGENDRE, k, lbnd=-1.0) for k in (0, 
 
 
 def integrals(at: Array, times: int) -> Array:
-    """Values, or integrals from 0 once or twice, of the polynomial through stages, shape (k, s)."""
+    """Matrix from stage values to values or integrals from 0 of their polynomial, shape (k, s).
+
+    at: places in an interval of length 1, (k,); times: 0 for values, 1 or 2 for integrals.
+    """
     basis = legendre.legvander(2.0 * at - 1.0, ORBIT_STAGES - 1 + times)
     return basis @ _INTEGRATED[times]
 
 
 def both_integrals(at: Array) -> tuple[Array, Array]:
-    """Integrals from 0 once and twice, (k, s) each."""
+    """Matrices from stage values to single and double integrals from 0, shape (k, s) each."""
     basis = legendre.legvander(2.0 * at - 1.0, ORBIT_STAGES + 1)
     return basis[:, :-1] @ _INTEGRATED[1], basis @ _INTEGRATED[2]
 
@@ -72,10 +76,10 @@ def _equal_parts(parts: int) -> tuple[Array, Array, Array]:
 
 
 ONCE = integrals(STAGE_NODES, 1)
-"""Integrals from 0 to each stage, shape (s, s)."""
+"""Matrix from stage values to integrals from 0 to each stage, shape (s, s)."""
 
 TWICE: Array = ONCE @ ONCE
-"""Integrals of these, shape (s, s)."""
+"""Matrix from stage values to double integrals from 0 to each stage, shape (s, s)."""
 
 
 BETWEEN: Array = 0.5 * (np.append(0.0, STAGE_NODES[:-1]) + STAGE_NODES)
@@ -83,7 +87,7 @@ BETWEEN: Array = 0.5 * (np.append(0.0, STAGE_NODES[:-1]) + STAGE_NODES)
 shape (s,)."""
 
 RATES_BETWEEN = integrals(BETWEEN, 0)
-"""Values there of the polynomial through values at the stages, shape (s, s)."""
+"""Matrix from stage values to values of their polynomial at `BETWEEN`, shape (s, s)."""
 
 _INTEGRALS_BETWEEN = both_integrals(BETWEEN)
 
@@ -93,12 +97,12 @@ _INTEGRALS_BETWEEN = both_integrals(BETWEEN)
 class Closing:
     """L and R, (n, n) each, of L y(0) + R y(span) = 0 for small changes y of an orbit's state.
 
-    They are in units of the state, and about the last iterate of Newton's method.
+    Both are in units of the state, and linearised about the last iterate of Newton's method.
     """
 
     first: Array
     last: Array
-    step: float  # relative, by which that was left
+    step: float  # relative size of the step after that iterate
 
 
 @saved_as("PeriodicOrbit", shapes={"M+1": "edges", "M 2half": "starts", "M 8 half": "rates"})
@@ -106,7 +110,7 @@ class Closing:
 class PeriodicOrbit:
     """A periodic orbit, or one half of it if the other half is its mirror image.
 
-    Of a forced motion the frequency is what varies at a given speed u, else the speed is.
+    In a forced motion the frequency varies at a given speed u, otherwise the speed varies.
     """
 
     edges: Array = field(repr=False)  # phases at which intervals end, from 0 on, shape (M + 1,)
@@ -115,11 +119,11 @@ class PeriodicOrbit:
     frequency: float
     u: float
     forced: bool = False
-    closing: Closing | None = field(default=None, repr=False, compare=False)  # if that is known
+    closing: Closing | None = field(default=None, repr=False, compare=False)  # None if unknown
 
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> PeriodicOrbit:
-        """The orbit of which a file kept this, if it is one."""
+        """The orbit with the fields that a file kept, checked."""
         made = cls(**fields)
         numbers = np.concatenate([made.edges, made.starts.ravel(), made.rates.ravel()])
         finite = np.isfinite(numbers).all() and math.isfinite(made.u)
@@ -131,12 +135,12 @@ class PeriodicOrbit:
 
     @property
     def span(self) -> float:
-        """Phase covered: pi or 2 pi."""
+        """Phase that the edges cover: pi or 2 pi."""
         return float(self.edges[-1])
 
     @property
     def symmetric(self) -> bool:
-        """Whether it is one half."""
+        """Whether it is one half of an orbit whose other half is the mirror image."""
         return self.span < 4.0
 
     @property
@@ -151,13 +155,13 @@ class PeriodicOrbit:
 
     @cached_property
     def size(self) -> float:
-        """Largest extent of a coordinate."""
+        """Largest peak-to-peak value of a coordinate."""
         p = self.starts[:, : self.half]
         return float((2.0 * np.abs(p) if self.symmetric else np.ptp(p, axis=0)).max())
 
     @cached_property
     def durations(self) -> Array:
-        """Times that the intervals take, shape (M,)."""
+        """Durations of the intervals, shape (M,)."""
         return (self.edges[1:] - self.edges[:-1]) / self.frequency
 
     def stages(self) -> Array:
@@ -177,7 +181,7 @@ class PeriodicOrbit:
         return self._at_nodes(STAGE_NODES[-1:], ONCE[-1:], TWICE[-1:])[..., 0].T
 
     def _at_nodes(self, nodes: Array, once: Array, twice: Array) -> Array:
-        """States at places in all intervals, shape (2 integrated, M, k)."""
+        """States at places in every interval, shape (2 integrated, M, k)."""
         h, half, k = self.durations[:, None], self.half, nodes.size
         rates = self.rates.transpose(2, 0, 1).reshape(-1, ORBIT_STAGES)
         sums = (rates @ np.concatenate([twice, once]).T).reshape(half, -1, 2 * k)
@@ -188,7 +192,7 @@ class PeriodicOrbit:
         return y
 
     def states(self, phase: Array) -> Array:
-        """[p, p'] at phases, shape (2 integrated, k)."""
+        """States [p, p'] at phases, shape (2 integrated, k)."""
         return _core.orbit_states(
             *(self.edges, self.starts, self.rates, self.frequency, self.mirror),
             *(_INTEGRATED[1], _INTEGRATED[2], phase),
@@ -197,29 +201,29 @@ class PeriodicOrbit:
     def sampled(self, parts: int) -> tuple[Array, Array]:
         """Phases at the ends of equal parts of the intervals, (M parts + 1,), and states there.
 
-        These are [p, p'], shape (2 integrated, M parts + 1).
+        The states are [p, p'], shape (2 integrated, M parts + 1).
         """
         phase = divided(self.edges, np.full(len(self.starts), parts))
         y = self._at_nodes(*_equal_parts(parts)).reshape(2 * self.half, -1)
         return phase, np.concatenate([y, self.mirror * self.starts[:1].T], axis=1)
 
     def defects(self) -> Array:
-        """Share of the largest velocity that an interval's last two polynomials add, shape (M,)."""
+        """Last two Legendre terms of each interval's rates, as a share of the velocity, (M,)."""
         rates = self.rates.transpose(0, 2, 1).reshape(-1, ORBIT_STAGES)
         last = np.abs(rates @ TO_LEGENDRE[-2:].T).sum(axis=1).reshape(-1, self.half)
         velocity = np.abs(self.starts[:, self.half :]).max()
         return self.durations * last.max(axis=1) / velocity
 
     def packed(self) -> Array:
-        """Unknowns: states, rates, frequency and speed, shape (M (2 + s) integrated + 2,).
+        """Vector of unknowns: states, rates, frequency, speed, shape (M (2 + s) integrated + 2,).
 
-        What varies is the last.
+        The last one is the branch parameter: the speed or, in a forced motion, the frequency.
         """
         last = [self.u, self.frequency] if self.forced else [self.frequency, self.u]
         return np.concatenate([self.starts.ravel(), self.rates.ravel(), last])
 
     def unpacked(self, z: Array) -> PeriodicOrbit:
-        """The orbit of these unknowns on this mesh."""
+        """The orbit on this mesh with the unknowns z, in the order of `packed`."""
         starts, rates = z[: self.starts.size], z[self.starts.size : -2]
         frequency, u = z[:-3:-1] if self.forced else z[-2:]
         return PeriodicOrbit(
@@ -232,7 +236,7 @@ class PeriodicOrbit:
         )
 
     def doubled(self, sign: float = 1.0) -> PeriodicOrbit:
-        """A symmetric orbit as a whole one, a whole one run through twice, then with that sign."""
+        """The whole of a symmetric orbit, or two rounds of a whole one, the second times a sign."""
         edges, again = np.append(self.edges, self.span + self.edges[1:]), sign * self.mirror
         share = 1.0 if self.symmetric else 0.5
         return PeriodicOrbit(
@@ -254,7 +258,7 @@ def coarsest_mesh(symmetric: bool) -> Array:
 
 
 def stage_phases(edges: Array) -> Array:
-    """Phases of the stages, shape (M, s)."""
+    """Phases of the stages of a mesh, shape (M, s)."""
     return edges[:-1, None] + (edges[1:] - edges[:-1])[:, None] * STAGE_NODES
 
 
@@ -280,9 +284,9 @@ def resolved_orbit(
     symmetric: bool,
     tolerance: float,
 ) -> PeriodicOrbit:
-    """An orbit through states, on as coarse a mesh as leaves no larger defect than a tolerance."""
+    """An orbit through states, on the coarsest mesh whose defects meet a tolerance."""
     orbit = interpolated(motion, states, coarsest_mesh(symmetric), frequency, u)
-    for _ in range(12):  # by then an interval is 4,000 times shorter
+    for _ in range(12):  # intervals are 4,000 times shorter by then
         coarse = orbit.defects() > tolerance
         if not coarse.any():
             break
@@ -293,7 +297,7 @@ def resolved_orbit(
 def refined(
     motion: VectorField, orbit: PeriodicOrbit, parts: NDArray[np.int_], at_kinks: bool = False
 ) -> PeriodicOrbit:
-    """An orbit on a finer mesh: each interval is divided into so many parts, shape (M,).
+    """An orbit on a finer mesh: interval i is divided into parts[i] equal parts, shape (M,).
 
     With `at_kinks` intervals end also where derivatives of the forces jump.
     """
@@ -304,13 +308,13 @@ def refined(
 
 
 def divided(edges: Array, parts: NDArray[np.int_]) -> Array:
-    """Edges of a mesh each interval of which is divided into so many."""
-    staying = np.append(0, np.cumsum(parts))  # which edges of the finer mesh are those given
+    """Edges of a mesh whose interval i is divided into parts[i] equal parts."""
+    staying = np.append(0, np.cumsum(parts))  # indices in the finer mesh of the given edges
     return np.interp(np.arange(staying[-1] + 1), staying, edges)
 
 
 def _edges_with_kinks(edges: Array, kinks: Array) -> Array:
-    """Edges with others, which take the place of those that they all but coincide with."""
+    """Edges with kinks added; a kink replaces an edge with which it nearly coincides."""
     least = 1e-4 * edges[-1]  # a shorter interval costs as much and resolves nothing
     kinks = kinks[(kinks > least) & (kinks < edges[-1] - least)]
     kinks = kinks[np.diff(kinks, prepend=-math.inf) > least]
@@ -320,15 +324,15 @@ def _edges_with_kinks(edges: Array, kinks: Array) -> Array:
 
 @dataclass(frozen=True)
 class StopContacts:
-    """How an orbit passes the places where forces begin, such as stops.
+    """Extrema of an orbit near the places where forces begin, such as stops.
 
-    Each extremum of the distance from such a place, along the orbit, is beyond the place, so that
-    the orbit crosses it on both sides of the extremum, or it is not.
+    Along the orbit the distance from such a place has extrema. Either an extremum is beyond the
+    place, so that the orbit crosses the place on both sides of the extremum, or it is not.
 
     Attributes:
         beyond: how far each extremum is beyond the place, < 0 where it is not, (k,).
-        outward: whether it is moved farther beyond where the orbit grows about its mean, (k,).
-        crossings: how often the orbit crosses the places in all.
+        outward: whether it moves farther beyond if the orbit grows about its mean, (k,).
+        crossings: total number of crossings of the places.
     """
 
     beyond: Array
@@ -337,9 +341,9 @@ class StopContacts:
 
 
 def stop_contacts(motion: VectorField, orbit: PeriodicOrbit) -> StopContacts:
-    """How an orbit passes the places where forces begin, from samples along it."""
+    """Contacts of an orbit with the places where forces begin, from samples along it."""
     phase, y = orbit.sampled(KINK_SAMPLES)
-    phase, y = phase[:-1], y[:, :-1]  # the last is the first again, or its mirror image
+    phase, y = phase[:-1], y[:, :-1]  # the last sample is the first one or its mirror image
     if orbit.symmetric:
         phase, y = np.append(phase, orbit.span + phase), np.concatenate([y, -y], axis=1)
     signed = motion.along(phase, orbit.frequency).kinks(y)
@@ -357,8 +361,8 @@ def stop_contacts(motion: VectorField, orbit: PeriodicOrbit) -> StopContacts:
 def _kinks(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     """Phases at which derivatives of the forces jump, shape (k,), rising.
 
-    What changes sign there is sampled, and zeros between samples are narrowed down by the Illinois
-    method: secants, for which an end that stays counts half.
+    The functions that change sign at kinks are sampled, and zeros between samples are found by the
+    Illinois method: secants, in which the value at an end that stays is halved.
     """
     phase, y = orbit.sampled(KINK_SAMPLES)
     signed = motion.along(phase, orbit.frequency).kinks(y)
