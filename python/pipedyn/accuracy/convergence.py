@@ -191,7 +191,7 @@ def fitted_law(sizes: Array, errors: Array) -> ConvergenceLaw:
 
 
 def own_error(found: Iterable[CriticalSpeed], exact: CriticalSpeed) -> float:
-    """Sum of the relative solver errors of the exact speed and of the worst of those compared."""
+    """Sum of the relative solver errors of the exact speed and of the least accurate result."""
     own = max((result.error for result in found), default=0.0)
     eps = float(np.finfo(float).eps)
     return (exact.error + own) / exact.speed + eps if exact.speed > 0.0 else eps

@@ -80,7 +80,7 @@ class Answer(Result):
             between the last two models.
         damping: delta if the values are roots; roots in the cluster at -1 / delta are not compared.
         candidates: all computed roots, if more were computed than asked for; None else. The roots
-            of another model are searched among them, since it may order roots otherwise.
+            of another model are searched among these, since they may include a surplus one.
         source: for a reference, the model that gave it.
         family: for a reference from models of growing size, the name of their family.
     """

@@ -564,7 +564,7 @@ def motions_of(
 
 
 def finely_sampled(task: Task) -> Task:
-    """The task with more samples; `as_sparse_as_shown` later keeps as many as show the motion.
+    """The task with more samples; `as_sparse_as_shown` later removes those that are not needed.
 
     The samples resolve rotation at the angular velocity of the start, and the fastest of the modes
     whose loss factor in bending is at most 1.

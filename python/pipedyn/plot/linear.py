@@ -183,7 +183,7 @@ def pieces(x: Array, y: Array, values: Array) -> tuple[Array, Array]:
 
 
 def branches_of(loci: RootLoci) -> NDArray[np.complex128]:
-    """Upper roots, then their partners if real, as columns; NaN where there is nothing to draw."""
+    """Upper roots, then their partners if real, as columns; NaN for points that are not drawn."""
     on_axis = loci.eigenvalues.imag == 0.0
     real = on_axis.copy()
     # Both roots are shown on steps that lead to the real axis or away from it.
