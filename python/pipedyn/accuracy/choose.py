@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: MIT
-"""The cheapest model that meets a tolerance; its error and its cost are measured.
+"""The cheapest model that meets a tolerance, found by measuring errors and costs of models.
 
 In each family a search goes up a ladder of sizes and then bisects.
 
 The families of fastest convergence come first. The ladder goes up until a size meets the tolerance,
 with steps to at most twice the size. It goes on after a size that misses the tolerance, as errors
 need not fall monotonically. Bisection between the last size that misses and the first that meets
-the tolerance ends at two neighbours. Each size is extrapolated from the last by the order of the
-family.
+the tolerance ends at two neighbours. Each size is extrapolated from the last one by the order of
+the family.
 
-The first ladder starts at a small size. Each further ladder starts at as many degrees of freedom as
-the best model so far has, and ends once the order of convergence shows that it would cost more.
+The first ladder starts at a small size. Each further ladder starts at about the number of degrees
+of freedom of the best model so far, and ends once the order of convergence shows that the family
+would cost more.
 
 For a budget of time the same ladder finds the largest size within the budget.
 """
@@ -56,12 +57,12 @@ LADDER_START = 4
 """Size at which the first ladder starts: linear answers of smaller models cost as much."""
 
 PATIENCE = 2.0 * LONGEST_REFERENCE
-"""Longest time of one answer in seconds; models that would take longer are not tried, or given up.
-The limit cycle of the largest chain in `convergence.DOUBLED` takes a tenth of it."""
+"""Longest time of one answer in seconds; models that would take longer are not tried or are given
+up. The limit cycle of the largest chain in `convergence.DOUBLED` takes a tenth of it."""
 
 GAIN = 0.7
-"""A family is asked further only if it may take less than this share of the best time so far, or of
-the budget. Repeated times of one answer differ by as much."""
+"""More models of a family are measured only if they may take less than this share of the best time
+so far, or of the budget. Repeated times of one answer differ by as much."""
 
 
 @saved_as("Tried")
@@ -82,11 +83,11 @@ class Choice(Result):
         row: the measured error and cost of the model.
         tolerance: the relative error asked for; None if only a budget was given.
         budget: the time asked for, in seconds an answer; None if only a tolerance was given.
-        reference: the answer against which errors were measured, with a bound on its own error.
+        reference: the answer with which models were compared, and a bound on its own error.
         steady: whether the next larger size meets the tolerance as well. If not, the model meets it
             because its error changes sign, which holds for this pipe and this question only. None
             if no tolerance was given.
-        tried: a line for each family, with the reason why it was not chosen.
+        tried: an entry for each family, with the reason why it was not chosen.
         seconds: duration of the search, including the reference.
         quantity: the question that was asked.
     """
@@ -108,10 +109,11 @@ class Choice(Result):
 
     @property
     def answer(self) -> NDArray[Any]:
-        """The answer when the model was measured; for a pair the extrapolated value.
+        """The answer of the model when it was measured; for a pair the extrapolated value.
 
-        It is a critical speed, shape (1,); eigenvalues, shape (K,), or at S speeds, shape (S, K);
-        positions of the free end, shape (S, 2); or amplitude and frequency of a cycle, shape (2,).
+        The answer is a critical speed, shape (1,); eigenvalues, shape (K,), or at S speeds, shape
+        (S, K); positions of the free end, shape (S, 2); or amplitude and frequency of a cycle,
+        shape (2,).
         """
         assert self.row.values is not None
         return self.row.values
@@ -167,8 +169,8 @@ class NoModel(PipedynError):
     """No model meets the tolerance or the budget.
 
     Attributes:
-        tried: a line for each family, with the reason why no model of it was chosen.
-        nearest: the row that comes nearest; None if every model failed.
+        tried: an entry for each family, with the reason why none of its models was chosen.
+        nearest: the row nearest to the demand; None if every model failed.
     """
 
     def __init__(self, message: str, tried: tuple[Tried, ...], nearest: TradeRow | None) -> None:
@@ -189,11 +191,11 @@ def choose(
     """The cheapest model that meets a tolerance, or the most accurate one within a budget.
 
     The error is measured, for this pipe and this question, against an answer of the continuous pipe
-    whose own error is at most a tenth of the tolerance, if that can be had. If no rtol is given, a
-    motion is integrated with a hundredth of the tolerance, and a cycle with a tenth. Families are
-    asked one after the other; a further one only as long as it may be 30 % cheaper than the best so
-    far, since repeated times of one answer differ by as much. tests/benchmark_choose.py measures
-    the cost of a search in answers of the model chosen.
+    whose own error is at most a tenth of the tolerance, if possible. If no rtol is given, a motion
+    is integrated with a hundredth of the tolerance, and a cycle with a tenth. Families are measured
+    one after the other; a further family is measured only as long as it may be 30 % cheaper than
+    the best so far, since repeated times of one answer differ by as much.
+    tests/benchmark_choose.py measures the cost of a search in answers of the model chosen.
 
     Args:
         pipe: the pipe.
@@ -216,9 +218,9 @@ def choose(
         ('Galerkin', True)
 
     Raises:
-        NoModel: if no model meets the tolerance or the budget; it says which came nearest.
-        NoCrossing, NoCycle, NotConverged: if the continuous pipe has no such answer, or none is
-            found in half a minute.
+        NoModel: if no model meets the tolerance or the budget; the message names the nearest one.
+        NoCrossing, NoCycle, NotConverged: if the continuous pipe has no answer, or none is found in
+            half a minute.
         ValueError, TypeError: for bad arguments.
     """
     pipe = checked_pipe(pipe)
@@ -263,7 +265,7 @@ def choose(
 
 
 def _tried(search: ModelSearch, chosen: TradeRow | None) -> tuple[Tried, ...]:
-    """A line for each family: its last measured row, and the reason why it was not chosen."""
+    """An entry for each family: its last measured row, and the reason why it was not chosen."""
     last = {name: row for (name, _), row in search.rows.items()}
     if chosen is not None:
         last[chosen.family] = chosen
@@ -300,14 +302,14 @@ class ModelSearch:
 
     Attributes:
         rows: measurements so far by family and size; each model is measured once.
-        reasons: why no more sizes of a family were measured, by its name; empty if its errors and
-            times show the reason.
+        reasons: why no more sizes of a family were measured, by its name; empty if the errors and
+            times of the family show the reason.
     """
 
     pipe: Pipe
     quantity: Quantity
     reference: Answer
-    families: list[ModelFamily]  # in the order of decreasing convergence
+    families: list[ModelFamily]  # the family of fastest convergence first
     repeats: int
     rows: dict[tuple[str, int], TradeRow] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
@@ -371,7 +373,7 @@ class ModelSearch:
         return bound if math.isfinite(bound) else math.inf
 
     def _measure(self, family: ModelFamily, size: int, patience: float) -> TradeRow:
-        """The row of one model, measured now unless it was before."""
+        """The row of one model, which is measured unless it was measured before."""
         key = (family.name, size)
         if key not in self.rows:
             given = (self.reference, self.repeats, patience)
@@ -387,7 +389,7 @@ class ModelSearch:
         limit: float,
         patience: float,
     ) -> TradeRow | None:
-        """The row of a size of a family for which `serves` holds, but not for the next smaller.
+        """The row of a size of a family for which `serves` holds, but not for the size below it.
 
         Sizes go up from `dof` degrees of freedom until `serves` holds. The result is None if no
         size whose answer takes up to `limit` seconds can bring the error down to `target`. An
@@ -413,17 +415,17 @@ class ModelSearch:
                 failed = self.rows.get((family.name, bad))
                 if failed is not None and failed.seconds >= limit:
                     return None
-                # If errors follow a law two or three guesses find the size; else bisection goes on.
+                # If errors follow a law, two or three guesses find the size; else bisection does.
                 guess = self._needed(family, row, target) if cuts < 3 else None
                 size = min(max(guess or (bad + good) // 2, bad + 1), good - 1)
                 cuts += 1
         return self.rows.get((family.name, good))
 
     def _needed(self, family: ModelFamily, row: TradeRow, target: float) -> int | None:
-        """The size at which the error meets a target, by the order of the family from a row.
+        """The size at which the error meets a target, extrapolated from a row by a power law.
 
-        It is None if no power law holds. The paper's springs converge with order 2 to their own
-        limit.
+        The exponent is the order of the family; the result is None if no power law holds. The
+        paper's springs converge with order 2 to a limit of their own.
         """
         error = self.bound(row)
         if math.inf in (error, target, family.order):
@@ -433,9 +435,9 @@ class ModelSearch:
     def _is_hopeless(
         self, family: ModelFamily, row: TradeRow, most: int, target: float, limit: float
     ) -> bool:
-        """Whether no larger size of a family is worth measuring after a row that does not serve."""
+        """Whether no larger size of a family need be measured after a row that does not serve."""
         error, needed = self.bound(row), self._needed(family, row, target) or row.size
-        # The time of an answer grows between linearly and with the cube of the size.
+        # The time of an answer grows at least linearly and at most with the cube of the size.
         if error > target and row.seconds * needed / row.size > limit:
             return True
         if 8.0 * row.seconds > PATIENCE:

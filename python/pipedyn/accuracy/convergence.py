@@ -23,7 +23,7 @@ from pipedyn.util.check import Array
 from pipedyn.util.result import Result
 
 RULES = {"consistent": 2.0, "midpoint": 2.0, "rayleigh": 0.0, "uniform": 1.0, "frequency": 1.0}
-"""Spring rules with the order of their errors; 0 for the paper's, which tends to another limit."""
+"""Order of the errors of each spring rule; 0 for the paper's, which tends to another limit."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ class ConvergenceLaw(Result):
 def relative_errors(
     found: Iterable[CriticalSpeed], exact: CriticalSpeed
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Sizes, signed relative errors of the speed, and whether the kind is that of `exact`, (k,)."""
+    """Sizes, signed relative errors of the speed, and whether the kind is correct, (k,) each."""
     results = sorted(found, key=lambda result: result.size)
     sizes = np.array([result.size for result in results], dtype=np.float64)
     speeds = np.array([result.speed for result in results])
@@ -191,7 +191,7 @@ def fitted_law(sizes: Array, errors: Array) -> ConvergenceLaw:
 
 
 def own_error(found: Iterable[CriticalSpeed], exact: CriticalSpeed) -> float:
-    """Sum of the relative solver errors of the exact speed and of the worst of those compared."""
+    """Sum of the relative solver errors of the exact speed and of the least accurate result."""
     own = max((result.error for result in found), default=0.0)
     eps = float(np.finfo(float).eps)
     return (exact.error + own) / exact.speed + eps if exact.speed > 0.0 else eps

@@ -40,7 +40,7 @@ from pipedyn.util.table import Table
 from pipedyn.util.units import RATE
 
 LIMIT_BETA = 1e-9
-"""The beta that stands for the limit beta -> 0; its critical speed differs by 1.1 beta from it."""
+"""Value of beta for the limit beta -> 0; its critical speed differs from the limit by 1.1 beta."""
 
 EFFECTS = {
     "gravity": "gamma",
@@ -54,11 +54,11 @@ EFFECTS = {
 """Names of the numbers of the pipe by the effects that they switch off."""
 
 ABSENT = {one.effect: DEFAULTS[name] for name, one in OWN_NUMBERS.items() if one.effect}
-"""Values of numbers, by effect, at which the pipe lacks the effect; it is then not listed."""
+"""Values of numbers, by effect, at which the pipe lacks the effect, which is then not listed."""
 
 PROFILES = {"varying stiffness": "stiffness", "varying mass": "mass"}
-"""Effects of a nonuniform pipe, with the name of its profile. Without such an effect the pipe has
-the value at s = 0 all along."""
+"""Effects of a nonuniform pipe, with the name of the profile. Without the effect the pipe has the
+value at s = 0 over its whole length."""
 
 
 @saved_as("Effect")
@@ -80,7 +80,7 @@ class Effect(Result):
         size: relative change of the quantity; infinite if its kind changes, NaN if it could not be
             found.
         error: bound on the error of `size`, from the errors of both answers.
-        growth: largest real part of an eigenvalue of the straight pipe at u without the effect, in
+        growth: largest real part of an eigenvalue of the straight pipe without the effect at u, in
             1 / T; NaN if it was not found.
         verdict: "relevant", "negligible" or "absent". An effect is relevant unless `size` and its
             error together are within the tolerance.
@@ -117,13 +117,13 @@ class Relevance(TableResult, units={"growth": RATE}):
 
     Attributes:
         pipe: the pipe.
-        u: flow speed at which the growth is given, and of the quantity if it has one.
+        u: flow speed at which the growth is given, and that of the quantity if it depends on one.
         quantity: the question that was asked, with its conditions.
         full: the quantity with all effects, in words.
         growth: largest real part of an eigenvalue of the straight pipe at u, in 1 / T.
         tolerance: relative change up to which an effect is negligible.
         effects: the effects, the largest first, and those that the pipe lacks last.
-        together: all negligible effects switched off at once; None if there are fewer than two.
+        together: the effect of all negligible ones switched off at once; None for fewer than two.
     """
 
     pipe: Pipe
@@ -136,7 +136,7 @@ class Relevance(TableResult, units={"growth": RATE}):
     together: Effect | None = field(repr=False)
 
     def __getitem__(self, name: str) -> Effect:
-        """The effect of a name."""
+        """The effect with a given name."""
         known = {effect.name: effect for effect in self.effects}
         return known[check.choice("name", name, tuple(known))]
 
@@ -197,8 +197,8 @@ def relevant(
     An effect that changes the kind of the answer (flutter to divergence, buckled at rest or not, no
     loss of stability, unstable from the smallest flow on, no limit cycle) is infinitely large. The
     limit beta -> 0 is not continuous: with an arbitrarily small Coriolis force the critical speed
-    differs from that without any. The Coriolis force is therefore never negligible for the critical
-    speed of an undamped ejecting pipe; a note gives the limit.
+    differs from the one without Coriolis force. The Coriolis force is therefore never negligible
+    for the critical speed of an undamped ejecting pipe; a note gives the limit.
 
     Args:
         pipe: the pipe, whose numbers may come from `Pipe.from_si`.
@@ -217,7 +217,7 @@ def relevant(
 
     Raises:
         NotConverged, MotionStopped: if there is no answer for the pipe with all its effects. If
-            there is none without one of them, the effect says so and counts as relevant.
+            there is no answer without an effect, its note says so and it counts as relevant.
         NoCycle: if the pipe does not come to rest, but no limit cycle was found.
         ValueError, TypeError: for bad arguments.
 
@@ -244,7 +244,7 @@ def relevant(
     strengths = _strengths(pipe) | {name: strength for name, (strength, _) in drives.items()}
     if asked.name == "critical_speed":
         del strengths["flow"]
-    if "constant head" in drives:  # the equation of the fluid's speed needs its mass
+    if "constant head" in drives:  # the equation of the flow speed needs the mass of the fluid
         del strengths["Coriolis"], strengths["flow"]
 
     def effect(*names: str) -> Effect:
@@ -274,7 +274,7 @@ def relevant(
         return Effect(name, strength, without, answer, size, error, growth, verdict, note)
 
     def rank(effect: Effect) -> tuple[bool, float]:
-        # Absent effects come last; of the others the infinite and unknown ones come first.
+        # Absent effects come last; infinite and unknown ones come first.
         return effect.verdict == "absent", -math.inf if math.isnan(effect.size) else -effect.size
 
     effects = sorted(map(effect, strengths), key=rank)
@@ -359,12 +359,12 @@ def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> tuple[str, Ans
         # Without the centrifugal force the flow changes no stiffness, and takes energy at the end.
         return f"{state}no loss of stability at any speed", none
     try:
-        # Both errors are a tenth of the tolerance, so a change of that size is known to a fifth.
+        # Both errors are a tenth of the tolerance, so a change as large as it is known to a fifth.
         found = quantity.reference(pipe, tolerance / MARGIN)
     except NoCrossing as failure:
         return f"{state}{failure.args[0]}", none
     except NoCycle as failure:
-        if not _growth_at(pipe, failure.u) <= 0.0:  # there may be a cycle that was not found
+        if not _growth_at(pipe, failure.u) <= 0.0:  # a cycle may exist that was not found
             raise
         return "no limit cycle, it rests", none
     words, kind = _answer_in_words(quantity, pipe, found)
@@ -397,7 +397,7 @@ def _speed(u: float, pipe: Pipe) -> str:
 def _growth_at(pipe: Pipe, u: float) -> float:
     """Largest real part of an eigenvalue of the straight pipe at a speed; NaN if none converges.
 
-    It is NaN, too, for a pipe whose inclined jet does not let it rest straight.
+    The value is NaN, too, for a pipe whose inclined jet does not let it rest straight.
 
     Only eigenvalues up to the magnitude that belongs to a wave which neither flow nor weight can
     buckle are counted. The lowest few alone do not suffice, since they may all lie in the cluster

@@ -2,8 +2,8 @@
 """Quantities of a pipe for which answers of models are compared with the continuous pipe.
 
 A quantity computes the answer of a model, the relative distance of two answers, and a reference:
-the answer of the continuous pipe with a bound on its error. For that reduced models of growing size
-are solved until two answers agree; their difference bounds the error of the last.
+the answer of the continuous pipe with a bound on its error. For a reference, reduced models of
+growing size are solved until two answers agree; their difference bounds the error of the last one.
 """
 
 from __future__ import annotations
@@ -41,27 +41,28 @@ from pipedyn.util.result import Result
 LEGENDRE = FAMILIES["legendre"]
 
 MARGIN = 10.0
-"""Least ratio of an error to the error of the reference it is measured against. Such an error is
-known to a tenth."""
+"""Least ratio of an error to the error of the reference for which the error counts as resolved. An
+error of this size is known to a tenth."""
 
 LEAST_REFERENCE_ERROR = 1e-14
 """Least error stated for a reference: the rounding of an eigenvalue or of a quadrature."""
 
 BEFORE_CLUSTER = 0.9
-"""Share of 1 / delta up to which eigenvalues are compared; nearer to it they converge slowly."""
+"""Share of 1 / delta up to which eigenvalues are compared; closer to -1 / delta they converge
+slowly."""
 
 FIRST_FUNCTIONS, MOST_FUNCTIONS = 6, 20
-"""Least number of functions of the first model for a nonlinear reference, and number of the last.
+"""Least number of functions of the first model for a nonlinear reference, and that of the last one.
 For three of four pipes measured, 6 Legendre functions give the critical speed to 1 %; the limit
 cycle of 20 takes seconds."""
 
 LONGEST_REFERENCE = 30.0
-"""Processor time in seconds after which a nonlinear reference grows no more. Cycles of 20 Legendre
-functions take 1 s and motions of 20 beam modes 3 s, so only references that do not converge take
-so long."""
+"""Processor time in seconds after which the models of a nonlinear reference grow no more. Cycles of
+20 Legendre functions take 1 s and motions of 20 beam modes 3 s, so only references that do not
+converge take this long."""
 
 LEAST_TOLERANCE = 1e-10
-"""Least tolerance to which a basis grows, as for `Continuum`; it lies above rounding."""
+"""Least tolerance to which a basis grows, as for `Continuum`; it is larger than rounding errors."""
 
 RTOL, LOOSEST_RTOL = 1e-8, 1e-2
 """Relative tolerance of a motion or a cycle if none is given, which leaves errors of 2e-7, and the
@@ -74,12 +75,12 @@ class Answer(Result):
 
     Attributes:
         values: the numbers, real or complex; their shape depends on the quantity.
-        kind: a word that must agree besides the numbers, e.g. "flutter" for a loss of stability.
+        kind: a word that must agree as well as the numbers, e.g. "flutter" for a loss of stability.
         error: relative error of the solver; for a reference a bound on its error, from the change
             between the last two models.
         damping: delta if the values are roots; roots in the cluster at -1 / delta are not compared.
-        candidates: roots in which those of another model are looked for, if more were computed than
-            asked for; the other model may count one of the surplus roots among those asked for.
+        candidates: all computed roots, if more were computed than asked for; None else. The roots
+            of another model are searched among these, since they may include a surplus one.
         source: for a reference, the model that gave it.
         family: for a reference from models of growing size, the name of their family.
     """
@@ -99,16 +100,16 @@ class Quantity(ABC):
     name: ClassVar[str]
 
     least: int = 1
-    """Least number of degrees of freedom that a model needs to answer."""
+    """Least number of degrees of freedom that a model needs to answer the question."""
 
     most: ClassVar[int] = 2000
-    """Largest number of degrees of freedom of models that are asked."""
+    """Largest number of degrees of freedom of models that are measured."""
 
     floor: float = 0.0
     """Error below which answers differ by the solver's error, not by their models."""
 
     def _set(self, **checked: Any) -> None:
-        """Sets fields of the frozen class to values that have been checked."""
+        """Sets fields of the frozen instance to values that have been checked."""
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 
@@ -117,9 +118,9 @@ class Quantity(ABC):
         """The answer of a model."""
 
     def distance(self, answer: Answer, other: Answer) -> float:
-        """Largest relative difference of an answer's numbers from those of another.
+        """Largest relative difference of the numbers of two answers.
 
-        It is infinite if the answers differ in kind or shape.
+        The difference is infinite if the answers differ in kind or shape.
         """
         values, exact = answer.values, other.values
         comparable = answer.kind == other.kind and values.shape == exact.shape
@@ -139,7 +140,7 @@ class Quantity(ABC):
         return ""
 
     def solved_for(self, tolerance: float) -> Self:
-        """A copy whose solver is so accurate that its error is negligible in a tolerance."""
+        """A copy whose solver has errors that are negligible compared with a tolerance."""
         return self
 
     def prepared(self, pipe: Pipe) -> Self:
@@ -147,7 +148,7 @@ class Quantity(ABC):
         return self
 
     def extrapolated(self, coarse: Answer, fine: Answer, order: float) -> Answer:
-        """Richardson's extrapolation, for errors n^-order, from models of n and 2 n."""
+        """Richardson's extrapolation, for errors n^-order, from models of sizes n and 2 n."""
         if coarse.kind != fine.kind or coarse.values.shape != fine.values.shape:
             return replace(fine, values=np.full_like(fine.values, np.nan), candidates=None)
         share = 2.0**order - 1.0
@@ -162,7 +163,7 @@ class Quantity(ABC):
 @saved_as("CriticalSpeedOf")
 @dataclass(frozen=True)
 class CriticalSpeedOf(Quantity):
-    """The critical speed u_c; an answer of the wrong kind of instability is infinitely wrong."""
+    """The critical speed u_c; the error is infinite if the kind of instability is wrong."""
 
     name: ClassVar[str] = "critical_speed"
     max_speed: float = 100.0
@@ -199,12 +200,12 @@ class _Eigenvalues(Quantity):
         return self.count
 
     def compared(self, answer: Answer) -> NDArray[np.bool_]:
-        """Whether each eigenvalue of a reference takes part in a comparison; of its shape."""
+        """Whether each eigenvalue of a reference is compared; in the shape of its values."""
         scaled = answer.damping * answer.values
         return (np.abs(scaled + 1.0) > 0.5) & (np.abs(scaled) < self.highest)
 
     def distance(self, answer: Answer, other: Answer) -> float:
-        """Largest difference in the best pairing, relative to the root or 1, whichever is more."""
+        """Largest difference in the best pairing, relative to the larger of |root| and 1."""
         roots = answer.values if answer.candidates is None else answer.candidates
         both = np.atleast_2d(roots), np.atleast_2d(other.values)
         worst = 0.0
@@ -218,13 +219,13 @@ class _Eigenvalues(Quantity):
         return worst
 
     def reference(self, pipe: Pipe, tolerance: float) -> Answer:
-        """The roots of the continuous pipe; its basis grows until those compared converge."""
+        """The roots of the continuous pipe; the basis grows until the compared roots converge."""
 
         def change(before: Answer, answer: Answer) -> float:
             # Near a cluster convergence is slow, and the error may be as large as the last change.
             return 2.0 * self.distance(before, answer) + before.error + answer.error
 
-        # Tolerances looser than 1e-6 cost as much.
+        # Tolerances looser than 1e-6 would not reduce the cost.
         least, first = min(max(tolerance, LEAST_TOLERANCE), 1e-6), max(16, 2 * self.count + 2)
         found = Continuum(pipe).converge(self.answer, change, least, first)
         source = f"Continuum, {found.size} Legendre functions"
@@ -236,8 +237,8 @@ class _Eigenvalues(Quantity):
 class Frequencies(_Eigenvalues):
     """The eigenvalues of the lowest modes at one flow speed.
 
-    For a pipe with damping delta only those with magnitudes up to 0.9 / delta are compared, since
-    infinitely many cluster at -1 / delta.
+    For a pipe with damping delta only eigenvalues with magnitudes up to 0.9 / delta are compared,
+    since infinitely many cluster at -1 / delta.
     """
 
     name: ClassVar[str] = "frequencies"
@@ -263,7 +264,7 @@ class Frequencies(_Eigenvalues):
 @saved_as("RootLociOver")
 @dataclass(frozen=True)
 class RootLociOver(_Eigenvalues):
-    """Branches of eigenvalues over increasing flow speeds, (S,), with the largest error on them."""
+    """Branches of eigenvalues over increasing flow speeds, (S,); their largest error counts."""
 
     name: ClassVar[str] = "root_loci"
     speeds: ArrayLike
@@ -275,7 +276,7 @@ class RootLociOver(_Eigenvalues):
 
     def answer(self, model: Model) -> Answer:
         """Branches in the upper half plane, then their partners, shape (S, 2 count)."""
-        count = min(self.count + 1, model.dof)  # one more, as models may order branches otherwise
+        count = min(self.count + 1, model.dof)  # one more, since models may order them differently
         loci = root_loci(model, self.speeds, count)
         if not loci.converged.all():
             raise NotConverged("eigenvalues on the branches failed their residual check", loci)
@@ -321,7 +322,7 @@ class _Integrated(Quantity):
         return self.noise * self.rtol
 
     def solved_for(self, tolerance: float) -> Self:
-        """A copy whose rtol is a share of the tolerance, but no looser than that of this one."""
+        """A copy whose rtol is a share of the tolerance, but not larger than the present rtol."""
         rtol = min(self.rtol, max(self.share * tolerance, self.least_rtol))
         return replace(self, rtol=rtol)  # type: ignore[type-var]
 
@@ -338,8 +339,8 @@ class _Integrated(Quantity):
         tolerance = max(tolerance, self.rtol)
         family = FAMILIES["beam"] if self.excluded(pipe, "legendre") else LEGENDRE
         # Because of the kink in the drag |v| v, errors fall at best with the third power of the
-        # size; the kink of a stop, in time, matters less. If errors do not fall exponentially, the
-        # last change of the answer is less than the error that remains.
+        # size; the kink in time by a stop matters less. If errors do not fall exponentially, the
+        # last change of the answer may be less than the error that remains.
         order = min(family.order, 3.0 if pipe.has_kinks else math.inf)
         # Waves get shorter with flow and weight, like 1 / sqrt(u^2 + |gamma|). With half a function
         # for each unit of that root, answers of the first two sizes of Legendre functions differed
@@ -379,13 +380,13 @@ class _Integrated(Quantity):
 @saved_as("MotionOf")
 @dataclass(frozen=True)
 class MotionOf(_Integrated):
-    """The path of the free end over a time.
+    """The path of the free end over a given duration.
 
     The error is the largest distance from the reference, relative to its largest excursion. The
     pipe starts with angles theta(s) and rates dtheta/dt(s), or at rest if only angles are given.
     Without a start it moves in its least damped mode with 0.05 L at the free end; unlike a pipe
     that is released from rest, it then excites no other modes. The flow may pulsate or come from a
-    constant head, and the base may move.
+    supply at constant head, and the base may move.
     """
 
     name: ClassVar[str] = "motion"
@@ -428,7 +429,7 @@ class MotionOf(_Integrated):
         """Positions of the free end, shape (samples, 2)."""
         assert self.start is not None
         q0, rates = model.bent(self.start), None
-        if self.rates is not None:  # rates are projected onto those that supports allow
+        if self.rates is not None:  # rates are projected onto those that the supports allow
             p, _ = np.split(model.initial_state(q0, None), 2)
             _, rates = model.onto_constraints(p, model.sampled(self.rates))
         motion = simulate(
@@ -449,7 +450,7 @@ class MotionOf(_Integrated):
             if np.abs(bends).max() < 1e-12:  # rounding
                 raise ValueError("start must bend the pipe: a straight one at rest does not move")
             return self
-        # 24 functions resolve the mode and its neighbours to rounding.
+        # 24 functions resolve the mode and the modes next to it to rounding.
         unbent = replace(pipe, jet_angle=0.0)  # an inclined jet would leave no straight rest
         u = self.steady_speed(pipe)
         model = Galerkin(unbent, max(24, math.ceil(u)) + more, "legendre")
@@ -462,7 +463,7 @@ class MotionOf(_Integrated):
         return replace(self, start=angle, rates=turning)
 
     def distance(self, answer: Answer, other: Answer) -> float:
-        """Largest distance of the free ends, relative to the largest excursion of the other."""
+        """Largest distance of the free ends, relative to the largest excursion of `other`."""
         excursion = np.hypot(*(other.values - np.array([0.0, 1.0])).T).max()
         if not np.isfinite(answer.values).all():
             return math.inf
@@ -476,7 +477,10 @@ class MotionOf(_Integrated):
 
 
 def _angle_of(model: Galerkin, q: Array, s: Array) -> Array:
-    """Angle theta of a reduced model with coordinates q at arc lengths s; it can be pickled."""
+    """Angle theta of a reduced model with coordinates q at arc lengths s.
+
+    This function of the module, unlike a lambda, can be pickled.
+    """
     return np.asarray(model.core.basis(s, 1) @ q)
 
 
@@ -517,10 +521,11 @@ def conditions_of(quantity: Any) -> dict[str, inspect.Parameter]:
 def checked_quantity(
     quantity: Any, settings: dict[str, Any], tolerance: float | None = None
 ) -> Quantity:
-    """The quantity of a name with its conditions, `settings`.
+    """The quantity with a given name and with its conditions, `settings`.
 
-    Raises TypeError if it does not take one of them, or lacks one. If a tolerance is given, the
-    solver is as accurate as both the tolerance and the settings require.
+    Raises TypeError for a condition that the quantity does not take, or that it needs and is not
+    given. If a tolerance is given, the solver is as accurate as both the tolerance and the settings
+    require.
     """
     known = conditions_of(quantity)
     for name in settings:

@@ -32,7 +32,7 @@ from pipedyn.util.table import Table
 
 LONGEST_ANSWER = 10.0
 """Time in seconds after which a measurement is not repeated; if no sizes were given, an answer that
-takes longer is given up. Each of the 44 usual models then takes at most twice this time."""
+takes longer than this is given up. Each of the 44 usual models then takes at most twice as long."""
 
 Cost = Literal["seconds", "dof", "right_hand_sides", "factorisations"]
 COSTS: tuple[Cost, ...] = get_args(Cost)
@@ -50,13 +50,13 @@ class TradeRow(Result):
         family: name of the family.
         size: number of segments or functions; for a pair those of the smaller model.
         dof: degrees of freedom; for a pair the sum of both models.
-        error: relative error of the answer, measured against the reference; NaN if it failed. It is
-            a bound if it is not resolved.
+        error: relative error of the answer, compared with the reference; a bound on it if it is not
+            resolved; NaN if the model failed.
         resolved: whether the error is at least ten times that of the reference.
-        seconds: least processor time of an answer from new models, whose making is not counted; for
-            a failure the time until it was raised.
+        seconds: least processor time of an answer from new models, without the time to make these;
+            for a failure the time until it was raised.
         spread: ratio of the longest to the shortest of the repeated times, minus 1.
-        right_hand_sides, factorisations: their numbers in one answer.
+        right_hand_sides, factorisations: numbers of both in one answer.
         failure: the exception that was raised; None if there was none.
         values: the numbers in the answer; None if it failed.
     """
@@ -153,8 +153,8 @@ class Trade(TableResult):
         errors = np.array([row.error for row in rows])
         sizes = np.array([float(row.size) for row in rows])
         for i in range(2, len(rows)):
-            # Errors below 1e-6 are rounding if no larger model is better by a fifth. Larger errors
-            # that stop falling tend to another limit, which the law states.
+            # Errors below 1e-6 are due to rounding if no larger model is better by a fifth. Larger
+            # errors that stop falling tend to another limit, which the law states.
             if errors[i - 1] < 1e-6 and errors[i:].min() > 0.8 * errors[i - 1]:
                 return fitted_law(sizes[: i - 1], errors[: i - 1])
         return fitted_law(sizes, errors)
@@ -203,17 +203,18 @@ def trade(
         families: what to measure: spring rules ("consistent", "midpoint", "rayleigh", "uniform",
             "frequency"), bases ("beam", "legendre"), Richardson's extrapolation from chains of n
             and 2 n ("consistent pair", ...), or "chain", "reduced" or "pair" for all of a kind.
-        sizes: number of segments or functions, or several that increase, for all families, or
-            such sizes by the words for families. If not given, an answer that takes more than 10 s
-            of processor time is given up.
+        sizes: number of segments or functions, or several in increasing order, for all families; or
+            a mapping from the words for families to their sizes. If not given, an answer that takes
+            more than 10 s of processor time is given up.
         repeats: how often each answer is timed; the shortest time counts.
         progress: whether to show progress on stderr.
         **conditions: conditions of the quantity.
 
     Returns:
-        Trade. The row of a model that fails or is too small for the quantity says so. Errors less
-        than ten times that of the reference are given as bounds (`resolved` is False). Counts of
-        motions may differ from run to run by a step of the integrator, because of rounding.
+        Trade. If a model fails or is too small for the quantity, its row holds the exception.
+        Errors less than ten times that of the reference are given as bounds (`resolved` is False).
+        Counts of right-hand sides of a motion may differ from run to run by a step of the
+        integrator, because of rounding.
 
     Example:
         >>> found = pp.trade(pp.Pipe(0.2), "critical_speed", sizes=[4, 8], repeats=1)
@@ -221,8 +222,8 @@ def trade(
         {8, 4}
 
     Raises:
-        NoCrossing, NoCycle, NotConverged: if the continuous pipe has no such answer, or in half a
-            minute none is found that the next larger model confirms at all.
+        NoCrossing, NoCycle, NotConverged: if the continuous pipe has no answer, or if no answer
+            that the next larger model confirms is found in half a minute.
         ValueError, TypeError: for bad arguments.
     """
     pipe = checked_pipe(pipe)
@@ -262,7 +263,7 @@ def _sizes(given: Any, families: Sequence[ModelFamily], least: int) -> dict[str,
 
 def _increasing(given: Any) -> tuple[int, ...]:
     raw = np.atleast_1d(check.numbers("sizes", given, "whole numbers", kinds="iu", longest=1000))
-    sizes = tuple(int(size) for size in raw.flat)  # differences of unsigned numbers wrap round
+    sizes = tuple(int(size) for size in raw.flat)  # differences of unsigned integers would overflow
     if raw.ndim != 1 or not sizes or sizes[0] < 1 or any(b <= a for a, b in pairwise(sizes)):
         raise ValueError(
             f"sizes must be whole numbers from 1 on, increasing, got {check.shown(given)}"

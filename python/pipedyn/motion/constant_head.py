@@ -15,16 +15,16 @@ from pipedyn.util.check import Array
 
 
 class ConstantHead:
-    """A model's equations of motion with its pipe fed at constant head.
+    """Equations of motion of a model whose pipe is fed at constant head.
 
     A state is [p, p', u], shape (2 integrated + 1,); integrators take [p, p', W, u] with the work
     W.
 
     Args:
         model: the model.
-        supply: what feeds it.
+        supply: the supply that feeds the pipe.
 
-    Raises ValueError where there is no such flow.
+    Raises ValueError if there is no flow at constant head.
     """
 
     def __init__(self, model: Model, supply: Supply) -> None:
@@ -39,30 +39,31 @@ class ConstantHead:
 
     @property
     def largest_speed(self) -> float:
-        """Beyond which the flow is not driven."""
+        """Largest speed to which the supply drives the flow: the speed at the start or at rest."""
         return max(self.start, self.speed)
 
     @cached_property
     def core(self) -> _core.Supply:
-        """The compiled part."""
+        """The compiled equation of the flow speed."""
         pipe, supply = self.model.pipe, self.supply
         numbers = (supply.head, supply.friction, supply.weight_in(pipe))
         return _core.Supply(self.model.core, *numbers, math.sqrt(pipe.beta), pipe.direction)
 
     def rates(self, t: float, y: Array, drive: Array | None = None) -> Array:
-        """Rates of a state [p, p', W, u]; drive: the forcing but for u', (ROWS,)."""
+        """Rates of a state [p, p', W, u]; drive: the forcing without u', shape (ROWS,)."""
         base = np.zeros(ROWS) if drive is None else drive
         at = (np.array([t]), y[:, None], base[:, None])
         return np.asarray(self.core.rates(self.model.compiled_rates, *at)[:, 0])
 
     def jacobian(self, y: Array, drive: Array | None = None) -> Array:
-        """Derivative of the rates of [p, p', u] by one state, (2 integrated + 1, 2 integrated + 1).
+        """Derivative of the rates of one state [p, p', u] by that state.
 
-        drive: what else drives it, (ROWS,), of which u' has no part.
+        The result has the shape (2 integrated + 1, 2 integrated + 1). drive: the forcing without
+        u', shape (ROWS,).
         """
         model, pipe, supply = self.model, self.model.pipe, self.supply
         n, state = model.integrated, y[:-1]
-        u = max(float(y[-1]), 0.0)  # an implicit step may try less, where there are no rates
+        u = max(float(y[-1]), 0.0)  # an implicit step may try u < 0, which has no rates
         change = float(self.rates(0.0, np.concatenate([state, [0.0, u]]), drive)[-1])
         now = np.zeros(ROWS) if drive is None else drive.copy()
         now[0] = change
@@ -88,5 +89,5 @@ class ConstantHead:
         return whole
 
     def jacobians(self, y: Array) -> Array:
-        """Jacobians of the rates at k states, (k, 2 integrated + 1, 2 integrated + 1)."""
+        """Jacobians of the rates at k states, shape (k, 2 integrated + 1, 2 integrated + 1)."""
         return np.stack([self.jacobian(column) for column in y.T.copy()])

@@ -22,24 +22,24 @@ EventFunction: TypeAlias = Callable[[float, Array, Array], float]
 """A function g(t, q, qdot) of time, coordinates and their rates, shape (coordinates,) each."""
 
 PARTS = 4
-"""Number of parts of a step at whose ends the signs of events are compared. Where stability limits
-the steps of an explicit method, four parts cover one turn of the fastest mode."""
+"""Number of parts of a step at whose ends the signs of event functions are compared. If stability
+limits the steps of an explicit method, four parts cover one period of the fastest mode."""
 
 ROOT_TRIALS = 10_000
-"""Most evaluations of g that find an event's root: where g is flat, as q^9 is, Brent's method takes
-up to the square of the 50 that bisection takes."""
+"""Largest number of iterations for the root of an event function g. If g is flat, as q^9 is,
+Brent's method takes up to the square of the 50 evaluations that bisection takes."""
 
 
 @dataclass(frozen=True)
 class Event:
-    """A motion's event, which takes place where a function g(t, q, qdot) becomes 0.
+    """An event of a motion, which takes place when a function g(t, q, qdot) becomes 0.
 
     Attributes:
         function: the function g.
-        direction: above 0 for events at which g grows, below 0 for those at which it falls, 0 for
-            both.
-        terminal: whether the motion ends at the event; or the number of events after which it ends,
-            0 for never.
+        direction: above 0 if only zeros with increasing g count, below 0 if only zeros with
+            decreasing g count, 0 if both count.
+        terminal: whether the motion ends at the event; or the number of events after which the
+            motion ends, 0 for never.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), 5)
@@ -60,7 +60,7 @@ class Occurrences(TableResult):
 
     Attributes:
         t: times in T, shape (k,).
-        q, qdot: coordinates and their rates at these times, shape (k, coordinates).
+        q, qdot: coordinates and their rates at the times t, shape (k, coordinates).
     """
 
     t: Array
@@ -73,7 +73,7 @@ class Occurrences(TableResult):
 
 @saved_as("DenseOutput", shapes={"k+1": "t", "k n 2moving": "coefficients"})
 class DenseOutput(Result):
-    """The states of a motion at any time, by the polynomials of its integrator's steps.
+    """The states of a motion at any time, from polynomials that interpolate the integrator's steps.
 
     Attributes:
         t: times at which steps begin and end, shape (steps + 1,).
@@ -88,7 +88,7 @@ class DenseOutput(Result):
 
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> DenseOutput:
-        """The dense output with these attributes; raises ValueError unless its times ascend."""
+        """The dense output with the given fields; raises ValueError unless the times ascend."""
         made = cls(**fields)
         if not np.all(np.diff(made.t) > 0.0):
             raise ValueError("t of DenseOutput must ascend")
@@ -107,7 +107,10 @@ class DenseOutput(Result):
 
 
 def powers(coefficients: Array, x: Array) -> Array:
-    """Values, (k, rows), of k polynomials with coefficients (k, degree + 1, rows) at x, (k,)."""
+    """Values of k polynomials at x, shape (k,): shape (k, rows), by Horner's rule.
+
+    coefficients has the shape (k, degree + 1, rows), with the constant coefficients first.
+    """
     value = coefficients[:, -1]
     for i in range(coefficients.shape[1] - 2, -1, -1):
         value = value * x[:, None] + coefficients[:, i]
@@ -115,9 +118,9 @@ def powers(coefficients: Array, x: Array) -> Array:
 
 
 def checked_events(given: Any) -> tuple[Event, ...]:
-    """Events of the argument `events`: one, or a tuple or list, of events or functions.
+    """Events from the argument `events`: an event or function, or a tuple or list of these.
 
-    A function may have the attributes `direction` and `terminal`, as scipy's `solve_ivp` has them.
+    A function may have the attributes `direction` and `terminal`, as in scipy's `solve_ivp`.
     """
     events = []
     for i, one in enumerate(given if isinstance(given, tuple | list) else [given]):
@@ -140,7 +143,7 @@ def checked_events(given: Any) -> tuple[Event, ...]:
 
 
 def _require_arguments(name: str, function: Callable[..., Any]) -> None:
-    """Refuses a function that does not take (t, q, qdot), as far as Python tells its arguments."""
+    """Raises TypeError for a function without arguments (t, q, qdot), if Python knows them."""
     try:
         arguments = inspect.signature(function)
     except ValueError:
@@ -154,13 +157,13 @@ def _require_arguments(name: str, function: Callable[..., Any]) -> None:
 
 
 class Recorder:
-    """Finds events in the steps of one motion as they come, and keeps the steps for dense output.
+    """Finds events in the steps of one motion as they are taken, and keeps steps for dense output.
 
     Args:
         model: the model that moves.
-        events: events to look for.
+        events: events to search for.
         t: time at which the motion starts.
-        state: state [p, p', W] at which it starts, shape (2 integrated + 1,).
+        state: state [p, p', W] at which the motion starts, shape (2 integrated + 1,).
         dense: whether to keep the steps.
     """
 
@@ -173,10 +176,10 @@ class Recorder:
         self._found: list[list[tuple[float, Array, Array]]] = [[] for _ in events]
         self._ends, self._steps = [np.array([t])], list[Array]()
         self.kept = 0
-        """Number of numbers that dense output and events hold so far."""
+        """Number of values that dense output and events hold so far."""
 
     def _recorded(self, states: Array) -> tuple[Array, Array]:
-        """Users' coordinates and rates, (k, coordinates) each, of integrated states, a row each."""
+        """Coordinates and rates, (k, coordinates) each, of integrated states in the k rows."""
         size = self.model.integrated
         return self.model.to_user(states[:, :size], states[:, size : 2 * size])
 
@@ -188,10 +191,10 @@ class Recorder:
         return check.real(f"events[{i}](t, q, qdot)", value)
 
     def add(self, ends: Array, coefficients: Array) -> float | None:
-        """Takes k steps and returns the time of a terminal event in them, None without one.
+        """Takes k steps and returns the time of the first terminal event in them, or None.
 
-        The steps are given by their ends, (k + 1,), and by coefficients as in `DenseOutput`, which
-        also have a row for the work done.
+        The steps are given by the times at their ends, shape (k + 1,), and by coefficients as in
+        `DenseOutput`, which also have an entry for the work W.
         """
         if not len(coefficients):  # no step was accepted
             return None
@@ -203,7 +206,7 @@ class Recorder:
         return last
 
     def _search(self, ends: Array, coefficients: Array) -> float | None:
-        """Records events in steps up to the first terminal one, whose time it returns."""
+        """Records the events in some steps up to the first terminal event and returns its time."""
         steps = np.repeat(np.arange(len(coefficients)), PARTS)
         x = np.tile(np.arange(1, PARTS + 1) / PARTS, len(coefficients))
         t = (ends[steps] + x * (ends[steps + 1] - ends[steps])).tolist()
@@ -227,7 +230,7 @@ class Recorder:
     def _located(
         self, i: int, ends: Array, coefficients: Array, high: float
     ) -> tuple[int, float, Array, Array]:
-        """Index i, time, q and q' of event i in the part of a step that ends at x = high."""
+        """Index i, time, q and q' of an event i in the part of a step that ends at x = high."""
 
         def state(x: float) -> tuple[float, Array, Array]:
             q, qdot = self._recorded(powers(coefficients[None], np.array([x])))
@@ -239,7 +242,7 @@ class Recorder:
         low = high - 1.0 / PARTS
         x, after = high, value(high)
         if after != 0.0 and (value(low) > 0.0) == (after > 0.0):
-            x = low  # the event lies where two steps meet, within rounding
+            x = low  # the event lies at the joint of two steps, within rounding
         elif after != 0.0:
             x = scipy.optimize.brentq(value, low, high, xtol=1e-15, rtol=1e-15, maxiter=ROOT_TRIALS)
         return i, *state(x)
@@ -257,13 +260,13 @@ class Recorder:
         )
 
     def output(self, end: float) -> DenseOutput | None:
-        """Dense output up to a time; None if it was not asked for or no step was taken."""
+        """Dense output up to a given time; None if it was not asked for or no step was taken."""
         if not self._steps:
             return None
         t, coefficients = np.concatenate(self._ends), np.concatenate(self._steps)
         count = min(int(np.searchsorted(t, end)), len(coefficients))
         t, coefficients = t[: count + 1], coefficients[:count]
-        if end < t[-1]:  # this time lies within the last step, which is cut there
+        if end < t[-1]:  # the last step contains the given time and is cut there
             share = (end - t[-2]) / (t[-1] - t[-2])
             coefficients[-1] *= share ** np.arange(coefficients.shape[1])[:, None]
             t[-1] = end

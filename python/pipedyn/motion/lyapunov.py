@@ -2,10 +2,11 @@
 """The largest Lyapunov exponent, the rate at which neighbouring motions diverge or converge.
 
 Along the motion y' = f(y) a small difference obeys v' = J(y) v with the analytic Jacobian. v is
-brought back to unit length at short intervals; the logarithms of its growth, divided by the time,
-tend to the exponent.
+brought back to unit length at short intervals; the sum of the logarithms of its growth, divided by
+the time, tends to the exponent.
 
-Source: Benettin, Galgani, Giorgilli and Strelcyn (1980). The spread is that of means over blocks.
+Source: Benettin, Galgani, Giorgilli and Strelcyn (1980). The standard error comes from means over
+blocks of time.
 """
 
 from __future__ import annotations
@@ -46,15 +47,16 @@ Rates = Callable[[Array], Array]
 """A function of a state y, shape (n,), that returns y' or its Jacobian."""
 
 DISTANCE = 1e-7
-"""Distance of two neighbours, in the norm of the state, at the start of each interval. Its square,
-by which their motion differs from linear motion, is lost in rounding."""
+"""Distance of two neighbouring motions, in the norm of the state, at the start of each interval.
+Their difference departs from linear motion by the square of this distance, which is below rounding.
+"""
 
 LEAST_ERROR = 1e-12
-"""Least error that is asked of a pair's steps, relative to the state: rounding hides smaller ones.
-Both motions have nearly the same error, so that their distance errs by far less."""
+"""Least error to which the steps of a pair are computed, relative to the state: rounding hides
+smaller errors. Both motions have nearly the same error, so their distance has a far smaller one."""
 
 MOST_INTERVALS = 10_000_000
-"""Most intervals of a motion, as the growth in each is stored: 80 MB."""
+"""Largest number of intervals of a motion, as the growth in each is stored: 80 MB."""
 
 
 @saved_as("LyapunovExponent", shapes={"S": "t history", "k": "blocks", "n": "end"})
@@ -65,15 +67,15 @@ class LyapunovExponent(
 
     Attributes:
         value: the exponent in 1 / T; 0 on a limit cycle, the largest real part of an eigenvalue
-            where the motion comes to rest, above 0 where it is chaotic.
-        spread: standard error of the value, the largest of three estimates: by the means over
-            blocks, by the means of the two halves, and by the oscillation of the difference's
-            length. A value within a few spreads of 0 counts as 0.
+            if the motion comes to rest, above 0 if it is chaotic.
+        spread: standard error of the value, the largest of three estimates: from the means over
+            blocks, from the means of the two halves, and from the oscillation of the length of the
+            difference v. A value within a few spreads of 0 counts as 0.
         blocks: means of the growth rate over the blocks, shape (blocks,).
         t: times since the transient at which intervals end, shape (S,).
-        history: the exponent from the time up to each of these, shape (S,).
+        history: the exponent computed from the time up to each of the times t, shape (S,).
         duration: time over which growth was measured.
-        end: state [p, p'] at the end, shape (2 integrated,), from which the motion may go on.
+        end: state [p, p'] at the end, shape (2 integrated,), from which the motion may continue.
         pipe: the pipe of the model.
     """
 
@@ -108,7 +110,7 @@ def lyapunov_exponent(
     rtol: float = 1e-8,
     progress: bool = False,
 ) -> LyapunovExponent:
-    """The largest Lyapunov exponent of the motion that a start leads to.
+    """The largest Lyapunov exponent of the motion from a start, after its transient.
 
     Args:
         model: chain, reduced model or scene. Directions that guides and pins forbid count as
@@ -116,13 +118,13 @@ def lyapunov_exponent(
         u: flow speed >= 0, in sqrt(EI / mu_f) / L.
         start: a `LimitCycle`, on which the motion begins; a `Motion`, at whose end it begins; the
             angle theta(s) of the bent pipe or coordinates, from which it begins at rest; or a state
-            [q, q'], shape (2 coordinates,). Where not given, the pipe is bent a little.
+            [q, q'], shape (2 coordinates,). If not given, the pipe is bent a little.
         duration: time in T over which growth is measured, after the transient.
-        transient: time left out before, in which the motion finds its attractor and the difference
-            its direction.
+        transient: time in T before the duration, in which the motion approaches its attractor and
+            the difference the direction of fastest growth.
         blocks: number of parts of the duration, from whose means the spread comes, at least 4.
-        interval: time in T after which the difference is brought back to unit length; the largest
-            that divides a block and is not longer is taken.
+        interval: time in T after which the difference is brought back to unit length; it is
+            shortened so that it divides a block.
         method: "variational", by the analytic Jacobian; "pair", by two neighbouring motions in one
             batch, which needs no Jacobian and costs less for long chains.
         rtol: relative tolerance of the error of each step, in [1e-13, 1e-3].
@@ -185,37 +187,37 @@ def largest_exponent(
 ) -> LyapunovExponent:
     """The largest exponent of any y' = f(y), with the arguments of `lyapunov_exponent`.
 
-    `rates` is f; where `pair` is set it takes two states at once, shape (n, 2). `jacobian` is
-    df/dy, (n, n). rtol is the absolute tolerance of the difference, which has unit length. `stiff`
-    asks for an implicit method.
+    `rates` is f; if `pair` is set it takes two states at once, shape (n, 2). `jacobian` returns
+    df/dy, shape (n, n). `rtol` is also the absolute tolerance of the difference, which has unit
+    length. `stiff` selects an implicit method.
     """
     each = max(math.ceil(duration / blocks / interval), 1)
     step = duration / blocks / each
     before = math.ceil(transient / step)
     n, state = start.size, start.copy()
-    direction = np.cos(np.arange(n) + 0.5)  # in no direction of the system's own
+    direction = np.cos(np.arange(n) + 0.5)  # parallel to no eigenvector of the system
     direction /= np.linalg.norm(direction)
     # Both motions of a pair take the same steps with nearly the same errors. Their distance may be
     # below the relative tolerance, but near the straight pipe at rest not below the absolute one.
     length, atol = (DISTANCE, DISTANCE * rtol) if pair else (1.0, 0.01 * rtol)
 
     def slopes(whole: Array) -> Array:
-        """Rates of the state and of the difference, or of both states of a pair, (2 n,)."""
+        """Rates of the state and of the difference, or of both states of a pair, shape (2 n,)."""
         y, v = whole[:n], whole[n:]
         if pair:
             return np.asarray(rates(np.ascontiguousarray(whole.reshape(2, n).T))).T.ravel()
         return np.concatenate([rates(y), jacobian(y) @ v])
 
     def slopes_by_state(whole: Array) -> Array:
-        """Jacobian with df/dy twice; Newton's method does without the change of df/dy itself."""
+        """Jacobian with two blocks df/dy; Newton's method does not need the derivative of df/dy."""
         evaluated(1)
         block = jacobian(whole[:n])
         return np.asarray(scipy.linalg.block_diag(block, block))
 
-    growth = np.empty(before + blocks * each)  # logarithms of the factor in each interval
+    growth = np.empty(before + blocks * each)  # logarithm of the factor of growth in each interval
     for i in track(range(growth.size), growth.size, "exponent", shown):
         whole = np.concatenate([state, length * direction + (state if pair else 0.0)])
-        # The rates of a bent pipe at rest are rounding, which smaller steps do not reduce.
+        # The rates of a bent pipe at rest are rounding errors, which smaller steps do not reduce.
         least = LEAST_ERROR * float(np.abs(state).max()) if pair else 0.0
         try:
             found, calls = state_after(
@@ -223,7 +225,7 @@ def largest_exponent(
             )
         except Stopped as stopped:
             raise NotConverged(f"the motion stopped: {stopped}") from None
-        evaluated(2 * calls)  # each call takes two states, or one state with its Jacobian
+        evaluated(2 * calls)  # each call evaluates two states, or one state with its Jacobian
         state = found[:n]
         difference = found[n:] - state if pair else found[n:]
         size = float(np.linalg.norm(difference))
@@ -240,7 +242,7 @@ def _from_growth(growth: Array, step: float, blocks: int, end: Array) -> Lyapuno
     standard = float(means.std(ddof=1)) / math.sqrt(blocks)
     half = blocks // 2
     drift = 0.5 * abs(float(means[:half].mean() - means[-half:].mean()))
-    # The difference's length oscillates with the motion, and the phase at the end is chance.
+    # The length of the difference oscillates with the motion, and its phase at the end is random.
     oscillation = float(np.ptp(np.cumsum(growth) - value * t)) / duration
     return LyapunovExponent(
         value=value,
@@ -254,13 +256,13 @@ def _from_growth(growth: Array, step: float, blocks: int, end: Array) -> Lyapuno
 
 
 APART = 1e-5
-"""Distance of neighbours in an ensemble, in which each takes steps of its own. Its square, and step
-errors of 1e-3 times it, change the growth over an interval by 1e-4 or less: measured on four
-pipes, by 2e-5 over the first four intervals."""
+"""Distance of neighbours in an ensemble, in which each motion takes steps of its own. The square of
+this distance, and step errors of 1e-3 times it, change the growth over an interval by 1e-4 or less:
+measured on four pipes, by 2e-5 over the first four intervals."""
 
 BEYOND_DOUBT = 4.0
-"""Number of spreads above 0 at which an exponent needs no more time. It is more than `chaotic` asks
-for, because the question is asked several times on the way."""
+"""Number of spreads above 0 at which a motion is surely chaotic and is integrated no further. It is
+larger than in `chaotic`, because the exponent is tested several times during the motion."""
 
 
 def exponents_together(
@@ -274,21 +276,21 @@ def exponents_together(
     base: Base | None = None,
     driven: bool = False,
 ) -> list[LyapunovExponent | MotionStopped]:
-    """The largest exponents of motions that go on from states [p, p'], as one ensemble.
+    """The largest exponents of motions that start at states [p, p'], computed as one ensemble.
 
-    Where the flow pulsates or the base moves (`driven`), all motions are driven alike and begin
-    with a period of the forcing. The interval must be a multiple of that period, and the duration
-    is rounded up to whole intervals.
+    If the flow pulsates or the base moves (`driven`), all motions have the same forcing and begin
+    at the start of a period. The interval must be a multiple of that period, and the duration is
+    rounded up to whole intervals.
 
-    Each motion is integrated with a neighbour, by the core where it has the model. A motion ends
-    early if the exponent over the later half of its time so far is above 0 beyond doubt, and that
-    is then its exponent.
+    Each motion is integrated together with a neighbour, in the core if the model is compiled. A
+    motion ends early if the exponent over the later half of its time so far is above 0 by
+    BEYOND_DOUBT spreads; this exponent is then the answer.
     """
     each = max(math.ceil(duration / blocks / interval), 1)
     step = interval if driven else duration / blocks / each
     before = math.ceil(transient / step)
     size = states[0].size
-    direction = np.cos(np.arange(size) + 0.5)  # in no direction of the system's own
+    direction = np.cos(np.arange(size) + 0.5)  # parallel to no eigenvector of the system
     direction /= np.linalg.norm(direction)
     p, rates = np.split(states[0], 2)
     first = checked_task(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Samples of a motion: how many show it, and where cubics through them turn."""
+"""Samples of a motion: how many are needed to draw it, and the turning points of their cubics."""
 
 from __future__ import annotations
 
@@ -10,24 +10,25 @@ from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 
 LEAST_MOTION = 1e-9
-"""Motion of a point, in L, below which it is held: its velocity is rounding in the constraints."""
+"""Motion of a point, in L, below which the point counts as held by a support: its velocity is then
+the rounding error of the constraints."""
 
 INVISIBLE = 1e-4
-"""Distance in L that no picture shows: a twentieth of a pixel at 100 dots an inch."""
+"""Distance in L that cannot be seen in a picture: a twentieth of a pixel at 100 dots an inch."""
 
 FEWEST, FINEST = 4, 128
 """Least and largest number of parts into which times between default samples are divided."""
 
 A_CYCLE = 12.0
 """Number of the finest samples in a cycle of the fastest mode: twice as many as small motion needs,
-since large motion is faster."""
+since large motion is faster than small motion."""
 
 A_TURN = 384.0
 """Number of the finest samples in a turn of the part of the pipe that turns fastest at the start. A
 whirling pipe cracks like a whip: without damping the free end of 20 segments needs more than 80."""
 
 MOST_NUMBERS = 16_000_000
-"""Most numbers that the finest samples hold, 128 MB; longer motions have coarser samples."""
+"""Largest number of values in the finest samples, 128 MB; longer motions have coarser samples."""
 
 
 def coarse(
@@ -38,38 +39,38 @@ def coarse(
     *,
     rates_shown: bool = False,
 ) -> bool:
-    """Whether samples are too far apart, so that a cubic through every other one misses the rest.
+    """Whether samples are too far apart, so that cubics through every other one miss the rest.
 
-    The cubic may miss by 5 % of the range of positions or by `invisible`, and by 25 % of the
-    largest velocity if velocities are shown. Six samples in a cycle meet this; all samples together
-    then give a sine to 0.4 %.
+    The cubics may miss positions by 5 % of their range or by `invisible`, and velocities, if these
+    are shown, by 25 % of the largest one. Six samples in a cycle meet this; cubics through all
+    samples then give a sine to 0.4 %.
 
     Args:
         times: times of the samples, shape (S,).
         positions: positions of a point, shape (S,) or (S, 2).
-        velocities: its velocities, of the shape of the positions.
-        invisible: distance by which the cubic may always miss, since no picture shows it.
+        velocities: velocities of the point, of the shape of the positions.
+        invisible: distance by which the cubics may always miss, since it cannot be seen.
         rates_shown: whether velocities must be right as well.
     """
-    kept = times.size - 1 + times.size % 2  # odd: the cubic has the last sample
+    kept = times.size - 1 + times.size % 2  # odd, so that the cubics end at the last sample
     t, positions, velocities = times[:kept], positions[:kept], velocities[:kept]
     if t.size < 3 or np.ptp(positions, axis=0).max() < LEAST_MOTION:
         return False
     every_other = scipy.interpolate.CubicHermiteSpline(t[::2], positions[::2], velocities[::2])
     missed = np.abs(every_other(t) - positions).max()
     missed_rate = np.abs(every_other(t, 1) - velocities).max()
-    # With one sample in a cycle all positions are the same: only velocities show the motion.
+    # With one sample in a cycle all positions are the same, and only velocities show the motion.
     missed = max(missed, 0.125 * missed_rate * np.diff(t[::2]).max())
     lost = bool(missed > max(invisible, 0.05 * np.ptp(positions, axis=0).max()))
     return lost or (rates_shown and bool(missed_rate > 0.25 * np.abs(velocities).max()))
 
 
 def turning_points(t: Array, x: Array, velocity: Array) -> tuple[Array, float]:
-    """Values of x where its velocity changes sign, in order, and by how much two may err together.
+    """Values of x at its turning points, in order, and a bound on the sum of the errors of two.
 
-    Those of the cubics through samples. Cubics through every second sample err 16 times as much
-    where x is smooth, and 8 times across the kinks of forces, so that a quarter of their difference
-    bounds the errors of two values.
+    The turning points are those of the cubics through the samples. Cubics through every second
+    sample have 16 times the error where x is smooth, and 8 times the error across kinks of forces,
+    so a quarter of the largest difference of both bounds the errors of two values.
     """
     cubics, coarse = _cubics(t, x, velocity), _cubics(t[::2], x[::2], velocity[::2])
     _, slope, bend, rest = cubics
@@ -86,7 +87,7 @@ def turning_points(t: Array, x: Array, velocity: Array) -> tuple[Array, float]:
 
 
 def _cubics(t: Array, x: Array, velocity: Array) -> Array:
-    """Coefficients of the cubics between samples by the time since each, (4, S - 1)."""
+    """Coefficients of the cubics in the time since the sample before each, shape (4, S - 1)."""
     step, first, last = np.diff(t), velocity[:-1], velocity[1:]
     mean = np.diff(x) / step
     bend, rest = (3.0 * mean - 2.0 * first - last) / step, (first + last - 2.0 * mean) / step**2
@@ -99,6 +100,6 @@ def _values(cubics: Array, place: NDArray[np.intp], since: Array) -> Array:
 
 
 def maxima(turnings: Array) -> Array:
-    """Maxima among turning points; the first and the last point do not count."""
+    """Maxima among turning points, without the first and the last turning point."""
     inner = turnings[1:-1]
     return np.asarray(inner[(inner > turnings[:-2]) & (inner > turnings[2:])])

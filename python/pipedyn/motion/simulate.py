@@ -2,10 +2,11 @@
 """Motion in time: integration of a model's equations of motion, and an audit of its energy.
 
 The state y = [q, q', W] is integrated, where W' is the power of flow, joints and drag. The audit
-|E(t) - E(0) - W(t)| therefore has the integrator's own order and does not depend on the samples.
+|E(t) - E(0) - W(t)| is therefore an error of the order of the integrator and does not depend on the
+samples.
 
-Many motions of one model advance together in batches, each with steps of its own. The right-hand
-sides of a batch are computed together in the processor's vectors.
+Many motions of one model advance together in batches, and each takes steps of its own. The
+right-hand sides of a batch are computed together in the processor's vectors.
 """
 
 from __future__ import annotations
@@ -60,25 +61,26 @@ from pipedyn.util.result import Result, TableResult, joined, states_over_time
 from pipedyn.util.units import Unit
 
 Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
-"""The angle theta(s) of the bent pipe, or coordinates; searches for motions take states as well."""
+"""The angle theta(s) of the bent pipe, or coordinates; some functions also take states."""
 
 OneTask = TypeVar("OneTask", bound=Task)
 
 LARGEST_SAMPLES = 100_000_000
-"""Most numbers in a motion's samples: 0.8 GB each for q and q'."""
+"""Largest number of values in the samples of a motion: 0.8 GB each for q and q'."""
 
 LARGEST_ENSEMBLE = 1_000_000
-"""Most members of an ensemble: each takes a kilobyte before anything is computed."""
+"""Largest number of members of an ensemble: each takes a kilobyte before anything is computed."""
 
 BATCH = 32
-"""Members in a batch, whole vectors: measured, larger batches hardly reduce a member's cost."""
+"""Largest number of members in a batch, a multiple of VECTOR. Measured, larger batches hardly
+reduce the cost of a member."""
 
 VECTOR = 4
-"""Members that the core's vectors hold, so that so many take no longer than one."""
+"""Number of members that the core's vectors hold: this many take no longer than one."""
 
 
 class Trajectory:
-    """States of a model at S times, common to motions, limit cycles and forced motions."""
+    """States of a model at S times; base class of motions, limit cycles and forced motions."""
 
     t: Array
     q: Array
@@ -100,7 +102,7 @@ class Trajectory:
 
     def _unit(self, name: str) -> Unit | None:
         if name.startswith("qdot") and isinstance(self.model, Assembly):
-            return None  # redundant coordinates are lengths and angles
+            return None  # redundant coordinates are lengths and angles, so rates have no one unit
         of_results: Any = super()
         return of_results._unit(name)
 
@@ -119,16 +121,16 @@ class Motion(Trajectory, TableResult):
         tip: position (x, y) of the free end from the base in L, shape (S, 2).
         energy: energy in the frame of the base, in EI / L, shape (S,).
         audit: largest |E(t) - E(0) - work of flow, joints, drag and base|, relative to the largest
-            of |E| and the kinetic energy: 0 but for the integrator's errors. It is NaN for motions
-            of a diagram or an exponent that stopped, which are integrated without the work, and for
-            those that were not computed.
-        u: flow speed, or the function of time or the `Supply` that was given.
+            of |E| and the kinetic energy: 0 up to errors of the integrator. It is NaN for motions
+            that were integrated without the work (those that stopped in the computation of a
+            diagram or an exponent), and for motions that were not computed.
+        u: flow speed as it was given: a number, a function of time or a `Supply`.
         flow_speed: flow speed at the times, shape (S,).
         method: name of the integrator.
-        evaluations: number of right-hand sides that the motion took.
+        evaluations: number of right-hand sides that were evaluated.
         model: the model that moves.
         events: times and states of each of the events asked for.
-        dense: states at any time, where they were asked for.
+        dense: states at any time; None if they were not asked for.
         base: motion of the base as it was given, None at rest.
 
     Example:
@@ -157,7 +159,7 @@ class Motion(Trajectory, TableResult):
 
     @property
     def reached(self) -> str:
-        """The time that the motion reached, in words."""
+        """The time that the motion reached, in words for an error message."""
         return f"at t = {self.t[-1]:g}" if self.t.size else "before its first sample"
 
     def _columns(self) -> dict[str, Any]:
@@ -183,12 +185,13 @@ class MotionStopped(PipedynError):
 
 @saved_as("MemberFailure")
 class MemberFailure(Result):
-    """A member whose motion stopped, or was not computed.
+    """A member of an ensemble whose motion stopped, or was not computed.
 
     Attributes:
         index: index of the member.
-        error: why it stopped, with the motion up to then. If the member was not computed, because
-            its worker died or a law of its model raised an exception, that is its `__cause__`.
+        error: the exception with the reason and the motion up to its last sample. If the member was
+            not computed, because its worker died or a law of its model raised an exception,
+            `error.__cause__` is the exception of the worker or the law.
     """
 
     index: int
@@ -200,8 +203,8 @@ class Ensemble(TableResult):
     """Motions of many members.
 
     Attributes:
-        motions: the motion of each member, in order. The motion of a member that failed ends where
-            it stopped, and has no samples if it was not computed.
+        motions: the motion of each member, in order. The motion of a member that failed ends at its
+            last sample before it stopped, and has no samples if it was not computed.
         failures: the members that stopped early or were not computed.
 
     Example:
@@ -254,50 +257,52 @@ def simulate(
     Args:
         model: chain, reduced model or assembly.
         u: flow speed >= 0, in sqrt(EI / mu_f) / L: a number, a `Pulsation`, or a function of the
-            time to a number, smooth, whose derivative then acts as well: it accelerates the fluid
-            in the pipe. The derivative is taken from nine values 0.002 T apart (less in a shorter
-            motion), in [t0, t0 + duration]; a pair of functions, u(t) and its derivative, saves
-            these. With a `Supply`, at constant head, the speed follows from the motion.
+            time to a number. The function must be smooth, as its derivative acts as well: it
+            accelerates the fluid in the pipe. The derivative is taken from nine values 0.002 T
+            apart (less in a shorter motion), in [t0, t0 + duration]; these are not needed if a pair
+            of functions, u(t) and its derivative, is given. With a `Supply`, at constant head, the
+            speed follows from the motion.
         duration: duration of the motion in T, from 1e-12 to 1e9.
         q0: initial coordinates, shape (dof,), or for an assembly angles (n,) or redundant
             coordinates (3 n,); or the angle theta(s) of the bent pipe, a function of arc lengths
-            (p,) to (p,), so that different models start alike. A motion goes on from
-            `motion.q[-1]` and `motion.qdot[-1]`, a cycle from `cycle.q[0]` and `cycle.qdot[0]`.
-        qdot0: initial rates, of the shape of q0; at rest where not given.
-        samples: number of evenly spaced samples, both ends included, at least 2. Where not given,
-            40 in a unit of time, of which a cycle of flutter takes about a half, but at least 501.
-            Methods of the core take 2 to 128 times as many, as needed, where the free end
-            oscillates so fast that cubics through these would miss 5 % of its displacement or 25 %
-            of its velocity.
-        times: samples at these times instead, increasing, in [t0, t0 + duration].
+            (p,) to (p,), so that different models start alike. To continue a motion, give
+            `motion.q[-1]` and `motion.qdot[-1]`; to start on a cycle, give `cycle.q[0]` and
+            `cycle.qdot[0]`.
+        qdot0: initial rates, of the shape of q0; 0 if not given.
+        samples: number of evenly spaced samples, both ends included, at least 2. If not given, 40
+            in a unit of time, of which a cycle of flutter takes about a half, but at least 501.
+            Methods of the core then take 2 to 128 times as many if the free end oscillates so fast
+            that cubics through the samples would miss 5 % of its displacement or 25 % of its
+            velocity.
+        times: times of the samples, if `samples` is not given; increasing, in [t0, t0 + duration].
         t0: time at the start, in [-1e9, 1e9].
-        base: the motion of the base: a `Harmonic`, or a function of the time to its place (X, Y) in
-            L, smooth, whose two derivatives are taken as those of u, or a triple of functions to
-            place, velocity and acceleration. The base carries the clamp and all that holds the
-            pipe rigidly: guides, pins and an end fixed axially (`Stretching`). It does not turn,
-            and coordinates are counted from it. Springs, dampers and the fluid around the pipe rest
-            on the ground. Where not given, the base is at rest.
+        base: the motion of the base: a `Harmonic`; a smooth function of the time to its place
+            (X, Y) in L, whose two derivatives are computed as the derivative of u is; or a triple
+            of functions to place, velocity and acceleration. The base carries the clamp and all
+            that holds the pipe rigidly: guides, pins and an end fixed axially (`Stretching`). The
+            base does not turn, and coordinates are counted from it. Springs, dampers and the fluid
+            around the pipe rest on the ground. If not given, the base is at rest.
         rtol: relative tolerance of the error of each step, in [1e-13, 0.1].
-        atol: absolute tolerance, > 0; rtol / 100 where not given.
+        atol: absolute tolerance, > 0; rtol / 100 if not given.
         method: "auto" chooses by measured cost, see `choose_method`; "radau" (implicit, seven
-            stages, order 13) or "dop853" (explicit, order 8), both in the core; or one of
-            `scipy.integrate.solve_ivp`'s: "scipy:DOP853" and, with the analytic Jacobian,
+            stages, order 13) or "dop853" (explicit, order 8), both in the core; or a method of
+            `scipy.integrate.solve_ivp`: "scipy:DOP853" and, with the analytic Jacobian,
             "scipy:Radau", "scipy:BDF" and "scipy:LSODA".
         max_step: longest step, > 0, at least 1e-9 of the duration.
         events: one or several `Event` or functions g(t, q, qdot) to a number, with q and qdot of
-            shape (coordinates,). An event takes place where g becomes 0: its signs at the ends of
-            each quarter of a step are compared, and its root found to rounding in the polynomial
-            that interpolates the step. Methods of the core alone give that polynomial, which dense
-            output needs as well.
-        dense: whether to keep the states at any time, as `motion.dense(t)`, which takes 16 or more
+            shape (coordinates,). An event takes place when g becomes 0: the signs of g at the ends
+            of each quarter of a step are compared, and the root is found to rounding in the
+            polynomial that interpolates the step. Only methods of the core give this polynomial,
+            which dense output needs as well.
+        dense: whether to keep the states at any time, as `motion.dense(t)`. They take 16 or more
             numbers for each step and coordinate.
         most: largest number of right-hand sides, >= 1; each takes 1 to 3 us up to 60 segments.
             Explicit methods need at least 1.5 in the time 1 / |lambda| of the fastest mode; a
-            motion that would so exceed `most` is refused after 400. A motion by "radau" is refused
-            after 20,000 if at its present steps it would take a hundred times `most`.
+            motion that would therefore exceed `most` is stopped after 400. A motion by "radau" is
+            stopped after 20,000 if with its present step size it would take a hundred times `most`.
         callback: function called with the t, q and qdot that the motion has reached, first after
-            some hundred right-hand sides, then every 0.05 s or later; the motion ends where it
-            returns True.
+            some hundred right-hand sides, then every 0.05 s or later; if it returns True, the
+            motion ends there.
         progress: whether to show progress on stderr.
 
     Returns:
@@ -312,8 +317,8 @@ def simulate(
 
     Raises:
         MotionStopped: if the step tends to 0, the state or its rate is no longer finite, the
-            motion takes more than `most` right-hand sides, or a function of time fails on the way;
-            the exception carries the motion up to then.
+            motion takes more than `most` right-hand sides, or a function of time fails during the
+            motion; the exception holds the motion up to its last sample.
         ValueError, TypeError: for bad arguments.
 
     Source: `rhs` of the models for the equations; Hairer, Norsett and Wanner, Solving Ordinary
@@ -368,35 +373,35 @@ def simulate_many(
 ) -> Ensemble:
     """Motions of many members, which may differ in model, flow speed and initial state.
 
-    An argument that is given once holds for all members; one that is given k times has a value for
-    each. Members with the same model object are integrated in batches where the method is "dop853",
-    on all cores. The motion of a member depends on the method, which "auto" chooses by the number
-    of members, and on the other members only by a thousandth of `rtol` in its rates.
+    An argument that is given once holds for all members; an argument that is given k times has a
+    value for each member. If the method is "dop853", members with the same model object are
+    integrated in batches, on all cores. The motion of a member depends on the method, which "auto"
+    chooses by the number of members; other members change its rates only by a thousandth of `rtol`.
 
     Args:
         models: one model or k.
         speeds: flow speed >= 0, a number or shape (k,); or a speed that varies, as for `simulate`,
-            or a list of k.
+            or a list of k such speeds.
         duration: duration of the motions in T, from 1e-12 to 1e9.
         q0: initial coordinates (dof,) or an angle theta(s), as for `simulate`; or k of them, e.g.
             shape (k, dof).
-        qdot0: initial rates, shape (dof,) or k of them; at rest where not given.
+        qdot0: initial rates, shape (dof,) or k of them; 0 if not given.
         samples: number of evenly spaced samples, as for `simulate`.
-        times: samples at these times instead.
+        times: times of the samples, if `samples` is not given.
         base: the motion of the base, common to all members, as for `simulate`.
         rtol: relative tolerance of the error of each member's steps.
-        atol: absolute tolerance; rtol / 100 where not given.
+        atol: absolute tolerance; rtol / 100 if not given.
         method: as for `simulate`.
         most: largest number of right-hand sides of each member, as for `simulate`.
         executor: a `concurrent.futures.Executor` that takes the batches, instead of the threads of
-            this process. Members that it does not answer, because a worker died or it is broken or
-            shut down, fail. A pool of processes takes no lambda for `speeds` or `base`, as these
-            are called there; `q0` is called here.
+            this process. Members for which the executor returns nothing fail, because a worker died
+            or the executor is broken or shut down. With a pool of processes, `speeds` and `base`
+            must not be lambdas, as the workers call them; `q0` is called in this process.
         progress: whether to show progress on stderr.
 
     Returns:
-        Ensemble; a member that stops early or is not computed is reported in `failures`, the others
-        are kept.
+        Ensemble. A member that stops early or is not computed is reported in `failures`; all other
+        members are kept.
 
     Example:
         >>> model = pp.Chain(pp.Pipe(0.2), 10)
@@ -465,7 +470,7 @@ def in_batches(
     work: Callable[[Sequence[OneTask], bool, Observer], list[Returned]],
     members: int = BATCH,
 ) -> list[Returned]:
-    """Answers of `outcomes_in_batches`, of which the first exception, if any, is raised."""
+    """Answers of `outcomes_in_batches`; raises the first exception among them, if any."""
     found = list[Returned]()
     for answer in outcomes_in_batches(tasks, work, members=members):
         if isinstance(answer, Exception):
@@ -481,10 +486,10 @@ def outcomes_in_batches(
     shown: bool = False,
     members: int = BATCH,
 ) -> list[Returned | Exception]:
-    """The answer of `work` for each task, in batches of one model, on threads where that helps.
+    """The answer of `work` for each task, in batches of one model, on threads if they are faster.
 
-    All tasks of a batch that failed, or that an executor left unanswered, have the exception as
-    their answer. `members` is the size of a batch where the method takes several at once.
+    If a batch fails or the executor returns nothing for it, all its tasks have the exception as
+    their answer. `members` is the size of a batch if the method advances several tasks at once.
     """
     members_of: dict[tuple[object, ...], list[int]] = {}  # by model, forcing and method
     for i, task in enumerate(tasks):
@@ -494,20 +499,20 @@ def outcomes_in_batches(
     blocks = []
     for same in members_of.values():
         explicit = tasks[same[0]].method == "dop853"
-        least = 2 if len(same) > VECTOR else 1  # two batches occupy two threads
+        least = 2 if len(same) > VECTOR else 1  # two batches can use two threads
         count = max(math.ceil(len(same) / members), least) if explicit else len(same)
         blocks += [part.tolist() for part in np.array_split(same, count)]
     observer = Observer()
     jobs = [partial(work, [tasks[i] for i in block], False, observer) for block in blocks]
     own = executor is None and len(jobs) > 1 and all(map(runs_unlocked, tasks))
-    if own:  # each job counts in the context of the caller
+    if own:  # each job runs in the context of the caller, so that its counts are added there
         jobs = [partial(copy_context().run, job) for job in jobs]
     found: dict[int, Returned | Exception] = {}
     with futures.ThreadPoolExecutor(os.cpu_count()) if own else nullcontext(executor) as pool:
         try:
             answers = parallel(jobs, pool, label="batches", progress=shown)
             for block, answer in zip(blocks, answers, strict=True):
-                if isinstance(answer, TookTooLong):  # ends the whole computation of the caller
+                if isinstance(answer, TookTooLong):  # must end the whole computation of the caller
                     raise answer
                 if isinstance(answer, Exception):
                     found |= dict.fromkeys(block, answer)
@@ -522,7 +527,7 @@ def outcomes_in_batches(
 
 
 def _speeds(given: Any) -> list[Any]:
-    """The argument `speeds` as a list: flow speeds of each member, or one for all."""
+    """The argument `speeds` as a list: the flow speed of each member, or one speed for all."""
     if _varies(given):
         return [given]
     if isinstance(given, list) and any(map(_varies, given)):
@@ -532,13 +537,13 @@ def _speeds(given: Any) -> list[Any]:
 
 
 def _varies(u: Any) -> bool:
-    """Whether an argument is a flow speed that varies: a function, a pair or a `Supply`."""
+    """Whether a flow speed varies: whether it is a function, a pair of functions or a `Supply`."""
     pair = isinstance(u, tuple) and any(map(callable, u))
     return pair or callable(u) or isinstance(u, Supply)
 
 
 def _each(name: str, given: Any) -> list[Any]:
-    """An argument given once or for each member, as a list of 1 or k."""
+    """An argument that is given once or for each member, as a list of 1 or k values."""
     several = isinstance(given, Sequence) and not isinstance(given, str)
     several = several and all(callable(one) or np.ndim(one) == 1 for one in given)
     if isinstance(given, np.ndarray):
@@ -551,7 +556,7 @@ def _each(name: str, given: Any) -> list[Any]:
 def motions_of(
     tasks: Sequence[Task], shown: bool, observer: Observer
 ) -> list[tuple[Motion, str | None]]:
-    """Motion of each member of a batch, and why it stopped early, None if it did not."""
+    """Motion of each member of a batch, and the reason why it stopped early, or None."""
     found = map(as_sparse_as_shown, tasks, integrate(tasks, shown, observer))
     tasks, outcomes = zip(*((task, _while_driven(task, one)) for task, one in found), strict=True)
     motions = assembled(tasks, outcomes)
@@ -559,9 +564,9 @@ def motions_of(
 
 
 def finely_sampled(task: Task) -> Task:
-    """The task with more samples, of which `as_sparse_as_shown` keeps those that show the motion.
+    """The task with more samples; `as_sparse_as_shown` later removes those that are not needed.
 
-    The samples resolve a pipe that whirls as fast as it starts, and the fastest mode among those
+    The samples resolve rotation at the angular velocity of the start, and the fastest of the modes
     whose loss factor in bending is at most 1.
     """
     if task.method not in CORE:
@@ -576,12 +581,12 @@ def finely_sampled(task: Task) -> Task:
     finer = int(min(max(wanted, A_TURN * turning * interval, FEWEST), room))
     finer = 1 << (finer.bit_length() - 1)
     times = np.linspace(task.times[0], task.times[-1], finer * intervals + 1)
-    times[::finer] = task.times  # exactly, without rounding
+    times[::finer] = task.times  # the times asked for, without rounding errors
     return replace(task, times=times, finer=finer)
 
 
 def as_sparse_as_shown(task: Task, outcome: Outcome) -> tuple[Task, Outcome]:
-    """A task and its outcome with as few samples as show the motion of the free end."""
+    """A task and its outcome, with the fewest samples that show the motion of the free end."""
     rows, calls, why = outcome
     size, every = task.model.integrated, task.finer
     while every > 1:
@@ -602,7 +607,7 @@ def as_sparse_as_shown(task: Task, outcome: Outcome) -> tuple[Task, Outcome]:
 
 
 def _while_driven(task: Task, outcome: Outcome) -> Outcome:
-    """The outcome of a task, cut at the first sample at which its functions of time fail."""
+    """The outcome of a task, cut before the first sample at which its functions of time fail."""
     rows, calls, _ = outcome
     if task.drive is not None and task.drive.numbers is None:
         for k, t in enumerate(task.times[: len(rows) - 1].tolist()):
@@ -614,7 +619,7 @@ def _while_driven(task: Task, outcome: Outcome) -> Outcome:
 
 
 def assembled(tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Motion]:
-    """Motions from the outcomes of one model's tasks, with energies, audits and tips."""
+    """Motions from the outcomes of tasks of one model, with energies, audits and free ends."""
     model, size = tasks[0].model, tasks[0].model.integrated
     rows = np.concatenate([rows for rows, _, _ in outcomes])
     q, qdot = model.to_user(rows[:, :size], rows[:, size : 2 * size])
@@ -635,7 +640,7 @@ def assembled(tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Motion
             t=task.times[: len(own) - 1],
             q=q[of],
             qdot=qdot[of],
-            # The start, which may be too bent to move, has no part in it.
+            # Positions exclude the start, which may be too bent for the model to compute.
             tip=model.tips(q[of].T) if len(own) > 1 else np.empty((0, 2)),
             energy=energy[of],
             audit=float(np.abs(missed).max(initial=0.0)) / scale if scale else 0.0,
@@ -652,7 +657,7 @@ def assembled(tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Motion
 
 
 def _without_samples(task: Task) -> Motion:
-    """A motion without samples, for a task that was not computed; the model computes nothing."""
+    """A motion without samples, for a task that was not computed; it calls no law of the model."""
     none = np.zeros(0)
     coordinates, ends = np.zeros((0, task.model.coordinates)), np.zeros((0, 2))
     return Motion(
@@ -663,7 +668,7 @@ def _without_samples(task: Task) -> Motion:
 
 
 def _speeds_of(task: Task, rows: Array) -> Array:
-    """Flow speeds at a task's samples, one for each row."""
+    """Flow speeds at the samples of a task, one for each row."""
     if task.constant_head is not None:
         return rows[:, -1]
     if task.drive is None:
@@ -672,7 +677,7 @@ def _speeds_of(task: Task, rows: Array) -> Array:
 
 
 def _base_of(task: Task, rows: int) -> Any:
-    """Place, velocity, acceleration of the base at start and samples, (3, 2, rows), or None."""
+    """Place, velocity and acceleration of the base at start and samples: (3, 2, rows), or None."""
     if task.drive is None:
         return None
     return task.drive.base(np.append(task.t0, task.times)[:rows])
@@ -682,12 +687,12 @@ def _base_of(task: Task, rows: int) -> Any:
 
 
 def slight_bend(s: Array) -> Array:
-    """The angle theta(s) from which motions start where no start is given."""
+    """The angle theta(s) from which motions start if no start is given."""
     return 0.05 * s**2
 
 
 def modal_bend(parts: ArrayLike) -> Callable[[Array], Array]:
-    """The angle theta(s) that combines the first m modes of bending with parts (m,), rad."""
+    """The angle theta(s) = sum of parts[k] sin((k + 1/2) pi s), with m amplitudes (m,) in rad."""
 
     def bend(s: Array) -> Array:
         waves = np.arange(0.5, np.size(parts))
@@ -697,7 +702,7 @@ def modal_bend(parts: ArrayLike) -> Callable[[Array], Array]:
 
 
 def initial_bends(model: Model, count: int, seed: int) -> list[Array]:
-    """Initial coordinates, the first a slight bend, the others mixtures of three shapes.
+    """Initial coordinates: first a slight bend, then random combinations of three bent shapes.
 
     Amplitudes range from a hundredth of a radian to some radians.
     """
@@ -707,7 +712,7 @@ def initial_bends(model: Model, count: int, seed: int) -> list[Array]:
         parts = random.uniform(-1.0, 1.0, 3) * np.array([2.0, 1.0, 0.5])
         parts *= 10.0 ** random.uniform(-1.5, 0.0)
         for halved in 0.5 ** np.arange(6):
-            with suppress(PipedynError):  # guides and pins that such a bend cannot meet
+            with suppress(PipedynError):  # guides and pins may not allow a large bend
                 found.append(model.bent(modal_bend(halved * parts)))
                 break
     return found
@@ -716,7 +721,7 @@ def initial_bends(model: Model, count: int, seed: int) -> list[Array]:
 def checked_model_in_motion(
     model: Any, name: str = "model", largest: float = math.inf, purpose: str = ""
 ) -> Model:
-    """The argument, if it is a model with equations of motion and at most `largest` dof."""
+    """The argument, refused unless it has equations of motion and at most `largest` dof."""
     if not isinstance(model, Model):
         raise TypeError(
             f"{name} must be a Chain, a Galerkin model or an Assembly (of a Continuum, take "
@@ -757,7 +762,7 @@ def checked_task(
     base: Any = None,
     members: int = 1,
 ) -> Task:
-    """The task that arguments of `simulate` ask for, with a method chosen for all members."""
+    """The task for arguments of `simulate`; "auto" is replaced by a method for all members."""
     model = checked_model_in_motion(model)
     duration = check.real("duration", duration, low=1e-12, high=1e9)
     t0 = check.real("t0", t0, low=-1e9, high=1e9)
@@ -799,7 +804,7 @@ def checked_task(
 
 
 def driven(task: Task, u: Any) -> Task:
-    """The task at another flow speed, steady or not, which is checked."""
+    """The task at another flow speed, which may vary and is checked."""
     if task.base is None and not _varies(u):
         u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
         return replace(task, u=u, drive=None, constant_head=None)
@@ -829,8 +834,8 @@ def checked_start(model: Model, q0: Any, qdot0: Any) -> Array:
 def state_of(model: Model, name: str, start: Any, kinds: str) -> Array:
     """The state [p, p'], shape (2 integrated,), of a start; messages name the `kinds` of starts.
 
-    The start is the last state of a trajectory, an angle theta(s) or coordinates at rest, or a
-    state.
+    A start is a trajectory, whose last state is taken; an angle theta(s) or coordinates, with rates
+    of 0; or a state.
     """
     if isinstance(start, Trajectory):
         check_coordinates(model, name, start)
@@ -851,7 +856,7 @@ def state_of(model: Model, name: str, start: Any, kinds: str) -> Array:
 
 
 def check_coordinates(model: Model, name: str, given: Trajectory) -> None:
-    """Refuses a trajectory in coordinates of another kind than the model's."""
+    """Raises ValueError for a trajectory whose coordinates are not of the model's kind."""
     if given.model.coordinate_kind != model.coordinate_kind:
         raise ValueError(
             f"{name} must be a {type(given).__name__} in the model's coordinates, "

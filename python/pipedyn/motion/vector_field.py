@@ -23,71 +23,72 @@ class VectorField:
     """The rates f(y, u) = dy/dt of the integrated state y = [p, p'], shape (2 integrated,)."""
 
     forced = False
-    """Whether f depends on time as well, as it does in a `ForcedField`."""
+    """Whether f also depends on time, as it does in a `ForcedField`."""
 
     order = 1
-    """Forcing periods in the period of an orbit."""
+    """Number of forcing periods in the period of an orbit."""
 
-    _frequency = 1.0  # of the forcing; without forcing nothing depends on it
+    _frequency = 1.0  # frequency of the forcing; without forcing it has no effect
 
     reach = 1.0
-    """Displacement of the free end, in L, that is the unit of steps along a branch of orbits."""
+    """Unit of the displacement of the free end in the size of steps along a branch, in L."""
 
     def __init__(self, model: Model) -> None:
         self.model = model
         self.half = model.integrated
         self.size = 2 * model.integrated
         self.constrained = model.integrated != model.dof
-        """Whether guides and pins constrain p."""
+        """Whether guides and pins constrain the coordinates p."""
         self.evaluations = 0
 
     def archived(self) -> dict[str, Any]:
-        """Attributes, by name, that a file keeps of the field."""
+        """Attributes of the field, by name, that a file stores."""
         return {"model": self.model}
 
     def _count(self, states: int) -> None:
-        """Counts evaluations of f at so many states."""
+        """Counts evaluations of f at a number of states."""
         self.evaluations += states
         evaluated(states)
 
     def _driven(self, u: Any) -> tuple[Any, Array | None]:
-        """Flow speed or speeds, (k,), and other forcing, (ROWS, k), or None, for k states."""
+        """Flow speed, or speeds (k,) of k states, and the forcing, shape (ROWS, k), or None."""
         return u, None
 
     def __call__(self, y: Array, u: float | Array) -> Array:
-        """Rates of the k states in the columns, shape (2 integrated, k), at one flow speed or at k.
+        """Rates of k states in the columns, shape (2 integrated, k), at one flow speed or at k.
 
-        Where the field is forced, the states are at the k phases that `along` was given.
+        If the field is forced, the states are at the k phases that were given to `along`.
         """
         self._count(y.shape[1])
         return self.model.motion_rates(y, *self._driven(u))
 
     def along(self, phases: Array, frequency: float) -> VectorField:
-        """The field for states at phases of an orbit, which is this one as f has no time."""
+        """The field for states at phases of an orbit: the field itself, as f has no time in it."""
         return self
 
     def jacobian(self, y: Array, u: float) -> Array:
-        """df/dy of one state, shape (2 integrated, 2 integrated)."""
+        """df/dy at one state, shape (2 integrated, 2 integrated)."""
         return self.jacobians(y[:, None], u)[0]
 
     def jacobians(self, y: Array, u: float) -> Array:
-        """df/dy of the k states in the columns, shape (k, 2 integrated, 2 integrated)."""
+        """df/dy at k states in the columns, shape (k, 2 integrated, 2 integrated)."""
         self._count(y.shape[1])
         return self.model.motion_jacobian(y, *self._driven(u))
 
     def linearised(self, y: Array, u: float) -> Array:
-        """f, df/du and df/dy at states (2 integrated, k), (k, 2 + 2 integrated, 2 integrated).
+        """f, df/du and df/dy at k states in the columns of y, shape (2 integrated, k).
 
-        The relative amplitude of a pulsating flow is constant in df/du.
+        The result has the shape (k, 2 + 2 integrated, 2 integrated). In df/du the relative
+        amplitude of a pulsating flow is kept constant.
         """
         self._count(2 * y.shape[1])
         return self.model.motion_linearised(y, *self._driven(u))
 
     def jacobian_by_speed(self, y: Array, u: float, moved: Array) -> Array:
-        """d/du of df/dy along states with dy/du = moved, at u > 0, (2 integrated, 2 integrated).
+        """Derivative by u of df/dy along states with dy/du = moved, at u > 0.
 
-        Where the state does not change with u, central differences of second order are exact but
-        for rounding.
+        The result has the shape (2 integrated, 2 integrated). If the state does not change with u,
+        central differences of second order are exact up to rounding.
         """
         weights, h = np.array([0.5]), 0.5 * u
         if moved.any():
@@ -99,18 +100,18 @@ class VectorField:
         return total
 
     def kinks(self, y: Array) -> Array:
-        """Functions, (functions, k), of k states that change sign where derivatives of f jump."""
+        """Functions that change sign where derivatives of f jump, at k states: (functions, k)."""
         (p, rates), (_, drive) = np.split(y, 2), self._driven(0.0)
         return self.model.kinks(p, rates, drive)
 
     def by_frequency(self, y: Array, u: float) -> Array:
-        """df/dw by the frequency w of an orbit, for each column; 0 unless the motion is forced."""
+        """df/dw by the frequency w of an orbit, at the k states; 0 if the motion is not forced."""
         return np.zeros_like(y)
 
     def is_odd(self, u: float) -> bool:
         """Whether the mirror image of every motion is a motion, tested at three states.
 
-        Of a forced motion it is one half an orbit later.
+        The mirror image of a forced motion is shifted by half a period of the orbit.
         """
         if self.resting().any():
             return False
@@ -124,7 +125,7 @@ class VectorField:
         """Three states in which the pipe turns by 0.3 rad at most, shape (2 integrated, 3)."""
         k = np.arange(1.0, self.size + 1.0)
         y = np.stack([np.sin(k), np.cos(2.0 * k), np.sin(3.0 * k + 1.0)], axis=1)
-        # The angles of many functions may add up to more than some models accept.
+        # The angles of many functions may add up to larger angles than some models accept.
         largest = max(self.model.largest_angle(one) for one in y[: self.half].T)
         return 0.3 / max(largest, 1.0) * y
 
@@ -133,7 +134,7 @@ class VectorField:
         return np.concatenate([self.model.resting(), np.zeros(self.half)])
 
     def tip(self, y: Array) -> Array:
-        """Transverse position of the free end of the states in the columns, shape (k,)."""
+        """Transverse position of the free end at the k states in the columns, shape (k,)."""
         q, _ = self.model.to_user(y[: self.half].T, y[self.half :].T)
         return self.model.tips(q.T)[:, 0]
 
@@ -142,8 +143,8 @@ class VectorField:
 class ForcedField(VectorField):
     """Rates f(y, u) of a forced motion, along an orbit whose period has `order` forcing periods.
 
-    The forcing is a pulsating flow, whose mean is u, or an oscillating base; or both at one
-    frequency, and then the base is given besides the flow.
+    The forcing is a pulsating flow with mean u, or an oscillating base; or both at the same
+    frequency, in which case `forcing` is the flow and `base` is the motion of the base.
     """
 
     forced = True
@@ -162,12 +163,12 @@ class ForcedField(VectorField):
         self._phases, self._frequency = np.zeros(1), forcing.frequency
 
     def archived(self) -> dict[str, Any]:
-        """Attributes, by name, that a file keeps of the field."""
+        """Attributes of the field, by name, that a file stores."""
         beside = {"base": self.base} if self.base not in (None, self.forcing) else {}
         return {**super().archived(), "forcing": self.forcing, "order": self.order, **beside}
 
     def along(self, phases: Array, frequency: float) -> ForcedField:
-        """The field for k states at k phases of an orbit of a frequency."""
+        """The field for k states at k phases of an orbit with the given frequency."""
         other = copy(self)
         other._phases, other._frequency = self.order * phases, self.order * frequency
         return other
@@ -179,7 +180,7 @@ class ForcedField(VectorField):
             self._root._count(states)
 
     def flow(self, u: float, frequency: float) -> float | Pulsation:
-        """The flow along an orbit of a frequency: a pulsation with the mean u, or u itself."""
+        """The flow along an orbit with the given frequency: a pulsation with mean u, or u."""
         if isinstance(self.forcing, Pulsation):
             return replace(self.forcing, frequency=self.order * frequency)
         return float(u)
@@ -198,7 +199,7 @@ class ForcedField(VectorField):
         return speeds, drive
 
     def by_frequency(self, y: Array, u: float) -> Array:
-        """df/dw by the frequency w of the orbit, exact since f is of second degree in it."""
+        """df/dw by the frequency w of the orbit; central differences are exact, f is quadratic."""
         ahead, behind, h = copy(self), copy(self), 0.5 * self._frequency
         ahead._frequency, behind._frequency = self._frequency + h, self._frequency - h
         return self.order * (ahead(y, u) - behind(y, u)) / (2.0 * h)
@@ -206,11 +207,11 @@ class ForcedField(VectorField):
 
 @dataclass(frozen=True)
 class Excitation:
-    """What drives the motions: the flow and, in some, the base, from time 0 on.
+    """Excitation of motions from time 0 on: the flow and, for some motions, the base.
 
     Attributes:
         u: flow speed, steady or pulsating.
-        base: the base's motion, None at rest.
+        base: motion of the base, None at rest.
     """
 
     u: float | Pulsation
@@ -218,38 +219,38 @@ class Excitation:
 
     @property
     def period(self) -> float:
-        """After which it repeats; 0 where all is steady."""
+        """Period of the excitation; 0 if it is steady."""
         driving = self.base or self.u
         return 0.0 if isinstance(driving, float) else 2.0 * math.pi / driving.frequency
 
     @property
     def mean(self) -> float:
-        """The flow speed, or its mean."""
+        """The flow speed, or the mean of a pulsating flow."""
         return self.u.mean if isinstance(self.u, Pulsation) else self.u
 
     def field(self, model: Model, order: int = 1) -> VectorField:
-        """The vector field of a model, if it is driven for orbits of so many of its periods."""
+        """The vector field of a model; if forced, for orbits of `order` periods of the forcing."""
         if isinstance(self.u, Pulsation):
             return ForcedField(model, self.u, order, self.base)
         return ForcedField(model, self.base, order) if self.base else VectorField(model)
 
     def is_odd(self, model: Model) -> bool:
-        """Whether the mirror image of every motion is one, half a period later if it shifts."""
-        if self.shifts and isinstance(self.u, Pulsation):  # which is another by then
+        """Whether the mirror image of every motion is a motion, half a period later if `shifts`."""
+        if self.shifts and isinstance(self.u, Pulsation):  # the flow differs half a period later
             return False
         return VectorField(model).is_odd(self.mean)
 
     @property
     def shifts(self) -> bool:
-        """Whether it takes half a period until the mirror image of all that drives acts."""
+        """Whether the base moves transversely; the mirrored motion is then half a period later."""
         return self.base is not None and self.base.direction == "x"
 
     def whole(self, time: float) -> float:
-        """The time, rounded up to whole periods."""
+        """The time, rounded up to whole periods of the excitation."""
         return math.ceil(time / self.period - 1e-9) * self.period if self.period else time
 
     def phases(self, t: ArrayLike) -> Array:
-        """Two columns that tell the phases at times apart, (k, 2); none where all is steady."""
+        """Cosine and sine of the phases at k times, shape (k, 2); (k, 0) if all is steady."""
         phase = 2.0 * math.pi * np.asarray(t, dtype=np.float64) / (self.period or 1.0)
         if not self.period:
             return np.empty((phase.size, 0))

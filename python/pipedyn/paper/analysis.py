@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The paper's modal analysis: computes all results that its figures and its table show.
+"""Computes all results in the figures and the table of the paper's modal analysis.
 
 Results that fail are left out and named; all others are kept.
 """
@@ -35,17 +35,17 @@ from pipedyn.util.later import futures
 from pipedyn.util.parallel import Job, outcome_of, parallel
 
 BRANCHES = 4
-"""Number of branches in figures 2 and 3, which is that of the paper's smallest chain."""
+"""Number of branches in figures 2 and 3, equal to that of the paper's smallest chain."""
 
 LEAST_HIGHEST, HIGHEST_SPEED = 8.0, 100.0
-"""Bounds of the highest flow speed in figures 2 and 3. At 8 the paper's pipe has lost stability; at
-100 the branches need more than 60 functions."""
+"""Bounds of the highest flow speed in figures 2 and 3. At u = 8 the paper's pipe has lost
+stability; at u = 100 the branches need more than 60 functions."""
 
 CHAIN_SIZES = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)
 REDUCED_SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 22, 32, 46)
-"""Sizes in the picture of convergence, besides those of the panels. They grow by factors of
-sqrt(2), but contain every small number of functions, because the error of Legendre functions falls
-to rounding by m = 12."""
+"""Sizes in the picture of convergence, besides those of the panels. Large sizes grow by factors of
+sqrt(2) and sizes up to 8 by 1, because the error of Legendre functions falls to rounding by m = 12.
+"""
 
 
 class Pace(NamedTuple):
@@ -59,13 +59,13 @@ AS_MEASURED = Pace(1.0, 0.5)
 """Pace of the machine of `forecast` with two free cores."""
 
 SECONDS_OF_A_SEARCH = 0.16
-"""Time of the search in `measured_pace` on a core of the machine of `forecast`."""
+"""Time in seconds of the search in `measured_pace` on a core of the machine of `forecast`."""
 
 DRAWING = {"png": 1.0, "pdf": 2.05, "svg": 1.7}
 """Times of drawing in each format relative to bitmaps: 9 panels take 3.9, 8.0 and 6.6 s."""
 
 STARTED = 2.0
-"""Seconds before the forecast: the command imports modules and runs `measured_pace`."""
+"""Time in seconds before the forecast, in which modules are imported and `measured_pace` runs."""
 
 MAP_MODES = 9
 """Number of mass ratios of a map at which the report names the mode that loses stability."""
@@ -101,12 +101,12 @@ class Row:
 
 @dataclass
 class Findings:
-    """Results that the figures and the table show; those that failed are named in `failures`."""
+    """Results in the figures and the table; `failures` names those that failed."""
 
     highest: float = 0.0  # highest speed in figures 2 and 3
     exact: CriticalSpeed | None = None  # critical speed of the continuous pipe
     remark: str = ""  # why the continuous pipe has no critical speed
-    crossings: Sequence[Crossing] | None = None  # those of the continuous pipe, up to `highest`
+    crossings: Sequence[Crossing] | None = None  # of the continuous pipe, up to `highest`
     benchmark: RootLoci | None = None  # root loci of the continuous pipe
     panels: list[list[tuple[str, RootLoci | None]]] = field(default_factory=list)  # title, loci
     rows: list[Row] = field(default_factory=list)  # the table, without the continuous pipe
@@ -117,7 +117,7 @@ class Findings:
 
 
 def gather(case: Options, executor: futures.Executor | None = None) -> Iterator[Findings]:
-    """Computes all that the figures and the table show, in an executor or in this thread.
+    """Computes all results in the figures and the table, in an executor or in this thread.
 
     The findings are yielded twice: first without the maps, while an executor still computes these,
     and then complete.
@@ -126,7 +126,7 @@ def gather(case: Options, executor: futures.Executor | None = None) -> Iterator[
     findings = Findings()
 
     def recorded(names: Iterable[str], answers: Iterator[Any]) -> dict[str, tuple[Any, str]]:
-        """Value of each of the next jobs by name, or None and the reason; records failures."""
+        """Values of the next jobs by name, or None with the reason; records failures."""
         outcomes = {}
         for name, answer in zip(names, answers, strict=False):
             failed = isinstance(answer, Exception)
@@ -184,7 +184,7 @@ def gather(case: Options, executor: futures.Executor | None = None) -> Iterator[
 
 
 def forecast(case: Options, pace: Pace = AS_MEASURED) -> float:
-    """Estimate, in seconds, of how long the analysis of some options takes.
+    """Estimated time in seconds of the analysis for some options.
 
     Each constant is the time of a core of one machine (AMD Zen 4), measured for chains of 4 to 256
     segments, reduced models of 2 to 200 functions, 21 to 721 speeds up to 8 and 100, and maps up to
@@ -210,7 +210,7 @@ def forecast(case: Options, pace: Pace = AS_MEASURED) -> float:
     computed = len(_gammas(case)) * a_map + critical + continuous + case.speeds * at_a_speed
     panels = rows * len(case.chain_sizes) + len(case.reduced_sizes)
     drawn = DRAWING[case.format] * (1.05 + panels * (0.3 + 1.4e-4 * case.speeds))
-    # Most figures are drawn while threads compute, so that these slow the drawing down, too.
+    # Most figures are drawn while other threads compute and thereby slow the drawing down.
     slower = max(pace.alone, pace.shared)
     return STARTED * pace.alone + computed * pace.shared + drawn * slower
 
@@ -247,7 +247,7 @@ def _gammas(case: Options) -> list[float]:
 
 
 def map_top(critical: CriticalSpeed | None) -> float:
-    """Highest speed of a map, which is low for a pipe that loses stability at a low speed."""
+    """Highest speed of a map; it is low for a pipe that loses stability at a low speed."""
     if critical is None:
         return 20.0
     if critical.speed < 1.0:
@@ -263,7 +263,7 @@ def _remark(error: Exception) -> str:
 def _panel_models(case: Options) -> list[list[tuple[str, Model]]]:
     """Title and model of each panel: a row for each spring rule, and one for the basis.
 
-    The longest row comes last, so that every column ends there.
+    The longest row is the last one, so that every column ends in it.
     """
     rows: list[list[tuple[str, Model]]] = []
     for rule in case.springs:

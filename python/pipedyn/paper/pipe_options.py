@@ -12,7 +12,7 @@ from pipedyn.models.pipe import FLOWS, Pipe
 from pipedyn.util import check
 
 UNITLESS_OPTIONS = ("flow", "alpha")
-"""Options without a unit, which both kinds of pipe have."""
+"""Options without a unit, for pipes in nondimensional numbers and in SI units."""
 
 NONDIMENSIONAL_OPTIONS = {
     "beta": ("B", 0.2, "mass ratio in [0, 1)"),
@@ -38,7 +38,7 @@ SI_OPTIONS = {
 
 
 def add_pipe_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of the pipe; those that are not given and have a unit become None."""
+    """Adds the options of the pipe; options with a unit are None if they are not given."""
     usual = "(default: %(default)s)"
     groups = (
         ("nondimensional pipe", None, NONDIMENSIONAL_OPTIONS),
@@ -56,11 +56,11 @@ def add_pipe_options(parser: argparse.ArgumentParser) -> None:
 
 
 def taken_pipe(given: dict[str, Any]) -> Pipe:
-    """Makes the pipe from its options, and removes these from `given`.
+    """Makes the pipe from its options, and removes the options from `given`.
 
     Raises:
-        ValueError: if numbers are out of range, if options of both kinds are given, or if there are
-            too few or too many of them.
+        ValueError: if numbers are out of range, if options in both kinds of units are given, or if
+            there are too few or too many options.
     """
     both = {name: given.pop(name) for name in UNITLESS_OPTIONS}
     numbers, measured = (
@@ -90,7 +90,10 @@ def _quantities(measured: Mapping[str, float]) -> dict[str, Any]:
         return check.real(f"argument --{name}:", measured[name], **bounds)
 
     def either(name: str, other: str, factor: Any) -> float:
-        """A quantity given directly, or as a property of the material times one of the section."""
+        """A quantity given directly, or as a property of the material times one of the section.
+
+        The property of the section is `factor` of the words that say why it is needed.
+        """
         if name in measured and other in measured:
             raise ValueError(f"argument --{other}: cannot be given with --{name}")
         if other in measured:

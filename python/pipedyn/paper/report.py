@@ -125,8 +125,8 @@ def _panel_figure(
             beyond = _beyond(ax, across, top)
             ax.text(0.97, 0.96, beyond, transform=ax.transAxes, ha="right", va="top", size=6.5)
         ax.label_outer()
-        # Axes without labels, and spines, are left out of the layout, which takes the time that it
-        # needs to measure artists.
+        # Axes without labels, and spines, are left out of the layout, as it spends most of its time
+        # on measuring artists.
         ax.xaxis.set_in_layout(i == rows - 1)
         ax.yaxis.set_in_layout(j == 0)
         for spine in ax.spines.values():
@@ -140,7 +140,7 @@ def _panel_figure(
 
 
 def _beyond(ax: Any, across: tuple[float, float], top: float) -> str:
-    """A note on how far branches go beyond the axes, which are chosen for the continuous pipe."""
+    """A note on how far branches extend beyond the axes, which are those of the continuous pipe."""
     (left, right), (_, high) = ax.dataLim.intervalx, ax.dataLim.intervaly
     name = ax.get_xlabel()
     ends = [f"{name} to {end:.3g}" for end in (left, right) if not across[0] <= end <= across[1]]
@@ -172,7 +172,7 @@ def _explained(
 def _ranges(findings: Findings) -> tuple[float, float, float]:
     """Least and greatest real part, and greatest |Im|, that figures 2 and 3 show.
 
-    They are those of the continuous pipe, or of all panels without it, with some room added.
+    The values are those of the continuous pipe, or of all panels if it has none, plus a margin.
     """
     every = [loci for row in findings.panels for _, loci in row if loci is not None]
     if findings.benchmark is not None:
@@ -304,7 +304,7 @@ HEADINGS = (
 
 
 SI_HEADER = ("speed (m/s)", "frequency (Hz)")
-"""Headings of the further columns for a pipe in SI units."""
+"""Headings of the additional columns for a pipe in SI units."""
 
 
 def table(pipe: Pipe, findings: Findings) -> list[tuple[str, ...]]:
@@ -331,7 +331,7 @@ def table(pipe: Pipe, findings: Findings) -> list[tuple[str, ...]]:
 
 
 def report(case: Options, findings: Findings) -> str:
-    """The text to print: the table for the sizes of the panels and the largest, and sentences."""
+    """The text to print: sentences, and the table for the sizes of the panels and the largest."""
     shown = {
         "chain": {*case.chain_sizes, max((*CHAIN_SIZES, *case.chain_sizes))},
         "reduced": {*case.reduced_sizes, max((*REDUCED_SIZES, *case.reduced_sizes))},

@@ -57,8 +57,8 @@ def convergence(
 ) -> Axes:
     """Error of the critical speed against degrees of freedom, with fitted orders.
 
-    A model that loses stability in another way than the continuous pipe (divergence for flutter)
-    shows as an open marker and is not fitted.
+    A model that loses stability in another way than the continuous pipe (divergence instead of
+    flutter) is shown by an open marker and not fitted.
 
     Args:
         families: critical speeds of models of growing size, by the name of their spring rule or
@@ -86,7 +86,7 @@ def convergence(
     ax = common.axes(ax, (6.4, 5.2), xlabel="degrees of freedom $n$, $m$", ylabel=ylabel)
     if exact.speed == 0.0:
         return common.notice("The critical speed is 0: there is nothing to converge to.", ax=ax)
-    if not families:  # logarithmic axes need a positive number
+    if not families:  # without a positive number logarithmic axes have no range
         return common.notice("No model has an answer to show.", ax=ax)
     floor = max(own_error(found, exact) for found in families.values())
     least, largest, others = 1.0, 2.0, False
@@ -120,11 +120,11 @@ def convergence(
 def trade(
     found: Trade, cost: str = "seconds", *, units: Units = "nondimensional", ax: Axes | None = None
 ) -> Axes:
-    """Error against cost on logarithmic axes, a line for each family and a band for the front.
+    """Error against cost on logarithmic axes, with a line for each family and the Pareto front.
 
     The grey band is the Pareto front. If the reference is not accurate enough to measure the error
-    of a model, an open marker with an arrow shows a bound. The legend gives the order of
-    convergence of each family.
+    of a model, an open marker with an arrow shows a bound on the error. The legend gives the order
+    of convergence of each family.
 
     Args:
         found: the measurement to show.
@@ -163,7 +163,7 @@ def trade(
     ax.set_yscale("log")
     floor = found.reference.error
     _floor(ax, floor, "below the error of the reference")
-    if costs.max() < 10.0 * costs.min():  # at least a decade, or no tick is a round number
+    if costs.max() < 10.0 * costs.min():  # less than a decade may contain no round number
         middle = math.sqrt(costs.max() * costs.min())
         ax.set_xlim(middle / 4.0, middle * 4.0)
     ax.xaxis.set_major_locator(LogLocator(numticks=12))
@@ -190,7 +190,7 @@ def _draw(ax: Axes, family: str, x: Array, y: Array, filled: NDArray[np.bool_], 
 
 
 def _law(fitted: ConvergenceLaw, unit: str, sign: str = "+") -> str:
-    """The law by which errors fall, in words for a legend; sign "-" omits plus signs."""
+    """The law by which errors fall, in words for a legend; with sign "-" plus signs are omitted."""
     if fitted.law == "power":
         return f"order {fitted.rate:.2f}"
     if fitted.law == "exponential":
@@ -201,7 +201,7 @@ def _law(fitted: ConvergenceLaw, unit: str, sign: str = "+") -> str:
 
 
 def _signed(part: float, sign: str = "+") -> str:
-    """A fraction in percent; sign "+" also shows a plus sign."""
+    """A fraction in percent; with sign "+" positive numbers have a plus sign."""
     return f"{100.0 * part:{sign}.2f} %".replace("-", "\u2212")
 
 
@@ -211,7 +211,7 @@ def _floor(ax: Axes, high: float, label: str) -> None:
 
 
 def _points(rows: Sequence[TradeRow], cost: str) -> Array:
-    """Costs, errors and whether these are resolved, of rows that log axes can show, (3, k)."""
+    """Costs, errors, and whether errors are resolved, of rows that log axes can show, (3, k)."""
     values = [(getattr(row, cost), row.error, row.resolved) for row in rows]
     table = np.array(values, dtype=np.float64).reshape(-1, 3)
     shown = (table[:, 0] > 0.0) & (table[:, 1] > 0.0) & np.isfinite(table[:, 1])
@@ -219,7 +219,7 @@ def _points(rows: Sequence[TradeRow], cost: str) -> Array:
 
 
 def _decades(ax: Axes, low: float, high: float, floor: float) -> None:
-    """Sets the range and ticks of errors, down to a near floor, and adds the legend."""
+    """Sets range and ticks of the axis of errors, which includes a near floor; adds the legend."""
     low = min(low, 0.5 * floor) if floor > 0.1 * low else low
     room = 1.2 * (high / low) ** 0.03
     low, high = low / room, high * room

@@ -20,7 +20,7 @@ from pipedyn.plot.units import AMPLITUDE, ELAPSED, GROWTH, OMEGA, TIP, Measure, 
 from pipedyn.util import check
 
 FILLS = ("#0072B2", "#F0E442", "#56B4E9", "#8C3B00", "#009E73", "#E9C6DA", "#333333", "#E69F00")
-"""Colours of basins. Neighbours in the row differ in lightness, so that they differ in grey."""
+"""Colours of basins. Neighbours in this list differ in lightness, so that they differ in grey."""
 
 UNSETTLED, FAILED = "0.75", "#FFFFFF"
 
@@ -35,11 +35,12 @@ FILMED = 10.0
 """Duration of the motion in a film of an irregular motion, in T: some twenty swings of flutter."""
 
 LOWEST_LINE = 1e-5
-"""Share of the highest line below which a spectrum is not shown: errors of motions are as large."""
+"""Height, as a share of the highest line, below which a spectrum is not shown, because errors of
+motions are as large."""
 
 
 def basins(found: Attractors, *, units: Units = "nondimensional", ax: Axes | None = None) -> Axes:
-    """Basins of attraction: the attractor that the motion from each start of a plane ends on.
+    """Basins of attraction: the attractor on which the motion from each start of a plane ends.
 
     Each attractor has a colour, and the legend gives its share of the starts. A white marker shows
     an equilibrium that lies in the plane. Starts whose motions did not settle are grey, and those
@@ -172,7 +173,7 @@ def spectrum(
 ) -> Axes:
     """Spectra of the transverse motion of the free end, for each attractor that is not at rest.
 
-    A spectrum is the amplitude over the frequency; that of a cycle is drawn as stems at its
+    A spectrum is the amplitude over the frequency; the spectrum of a cycle is drawn as stems at its
     harmonics. The upper axis is in Hz if the pipe has scales.
 
     Args:
@@ -193,7 +194,7 @@ def spectrum(
     ax = common.axes(ax, (6.4, 3.6), **labels)
     highest, last = 0.0, 0.0
     for basin, name, style in zip(some, names, cycle(common.CURVE_STYLES), strict=False):
-        omega = view.one(OMEGA) * basin.frequencies[1:]  # without the mean, at frequency 0
+        omega = view.one(OMEGA) * basin.frequencies[1:]  # without the mean value at frequency 0
         height = view.one(AMPLITUDE) * basin.spectrum[1:]
         if not height.size:
             continue
@@ -226,8 +227,8 @@ def films(
 ) -> dict[str, Film]:
     """Films, by name, of the attractors that are not at rest, each on a figure of its own.
 
-    For a diagram they show the stable cycles at a flow speed, and the irregular motions there,
-    continued for a time of 10 T from where they ended.
+    For a diagram, the films show the stable cycles at a flow speed, and the irregular motions at
+    that speed, which are continued from their ends for a time of 10 T.
 
     Args:
         found: attractors, or a diagram.

@@ -37,7 +37,7 @@ MARKS: dict[str, dict[str, Any]] = {
 """Look of the marker of each kind of bifurcation."""
 
 A_STEP = 12
-"""Straight pieces drawn between two points of a branch, enough for cubics to show no corners."""
+"""Number of straight pieces drawn between two points of a branch, enough to show no corners."""
 
 STABILITY_STYLES: dict[str, dict[str, Any]] = {
     "stable": {"linestyle": "-", "linewidth": 1.4, "zorder": 3.0},
@@ -55,15 +55,15 @@ def bifurcation_diagram(
 ) -> Axes:
     """Transverse position of the free end against flow speed.
 
-    Equilibria are black. Cycles are blue; curves show their highest and lowest positions, and those
-    of their mirror images. Stable branches are solid, unstable ones dashed. Grey dots are the
+    Equilibria are black. Cycles are blue; curves show the highest and lowest positions of cycles
+    and of their mirror images. Stable branches are solid, unstable ones dashed. Grey dots are the
     turning points of motions from many initial states, and markers are bifurcations. Second axes
     are in SI units if the pipe has scales.
 
     Args:
         diagram: the diagram to show.
         coordinate: "tip", or the index of a coordinate, counted from 0. With an index only
-            equilibria are shown; use it where the free end is held.
+            equilibria are shown; use an index if the free end is held by a support.
         units: "nondimensional", or "si" if the pipe has scales.
         ax: Axes to draw on; new ones if not given.
 
@@ -126,7 +126,7 @@ def _draw_branch(
     """Draws a branch in stable and unstable pieces, and its bifurcations at the heights `at`.
 
     `one` holds the values shown for a nondimensional 1 of speed and height. A step between two
-    points has the stability of the first; if that is a bifurcation, it has that of the second.
+    points has the stability of the first point or, if that is a bifurcation, of the second.
     """
     events: Any = branch.events if isinstance(branch, CycleBranch) else branch.points
     speeds, stable = branch.speeds, branch.stable
@@ -148,7 +148,7 @@ def _draw_branch(
 def draw_pieces(
     ax: Axes, curve: Array, stable: Any, colour: str, labels: Mapping[str, str]
 ) -> None:
-    """Draws a curve on finer steps, solid where it is stable and dashed where it is not.
+    """Draws a curve on finer steps; stable parts are solid and unstable parts dashed.
 
     Args:
         ax: the Axes.
@@ -165,7 +165,7 @@ def draw_pieces(
 
 
 def mark_event(ax: Axes, kind: str, place: Any) -> None:
-    """Draws the marker of an event of a branch at (x, y), if its kind has one."""
+    """Draws the marker of an event of a branch at (x, y), if the kind of event has a marker."""
     if kind not in MARKS:
         return
     look = {"linestyle": "none", "markersize": 5.0, "zorder": 4.0, **MARKS[kind]}
@@ -176,8 +176,8 @@ def mark_event(ax: Axes, kind: str, place: Any) -> None:
 def smooth(speeds: Array, heights: Array) -> Array:
     """A smooth curve through k points of a branch, with `A_STEP` pieces a step, (pieces + 1, 2).
 
-    The curve consists of Akima's cubics over the chord lengths between points that are scaled by
-    their ranges. If one point moves, these change only near it, and they do not oscillate.
+    The curve consists of Akima's cubics over the chord lengths between points, which are scaled by
+    their ranges. If one point moves, the cubics change only near it, and they do not oscillate.
     """
     points = np.stack([speeds, heights], axis=1)
     if not points.size:
@@ -200,10 +200,10 @@ def orbit(
     units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> Axes:
-    """Limit cycles in the phase plane: the free end's transverse position against its velocity.
+    """Limit cycles in the phase plane: transverse position of the free end against its velocity.
 
     Args:
-        cycles: one limit cycle or several. Unstable ones are dashed.
+        cycles: one limit cycle or several. Unstable cycles are dashed.
         units: "nondimensional", or "si" if the pipe has scales.
         ax: Axes to draw on; new ones if not given.
 
@@ -212,7 +212,7 @@ def orbit(
         >>> ax = plot.orbit([pp.limit_cycle(model, u) for u in (3.8, 4.2)])
 
     Raises:
-        ValueError: for no cycle, or fewer than 8 samples of one.
+        ValueError: for no cycle, or for a cycle with fewer than 8 samples.
         TypeError: for bad arguments.
     """
     shown: list[Any] = list(cycles) if isinstance(cycles, list | tuple) else [cycles]
@@ -243,10 +243,11 @@ def multipliers(
     """Floquet multipliers and the unit circle.
 
     The trivial multiplier is a ring at 1. Multipliers outside the circle, which make a cycle
-    unstable, are crosses; those inside are dots. For a branch, colour shows the flow speed.
+    unstable, are crosses; multipliers inside it are dots. For a branch, colour shows the flow
+    speed.
 
     Args:
-        cycles: a limit cycle or a branch of them.
+        cycles: a limit cycle or a branch of limit cycles.
         units: "nondimensional", or "si" if the pipe has scales.
         ax: Axes to draw on; new ones if not given.
 

@@ -56,7 +56,7 @@ def style() -> AbstractContextManager[None]:
     settings: dict[Any, Any] = {
         "font.size": 8.0,
         "axes.titlesize": 8.0,
-        "axes.titley": 1.0,  # nothing stands above the axes, so titles need not be moved
+        "axes.titley": 1.0,  # nothing lies above the axes, so titles need not be moved
         "axes.labelsize": 8.0,
         "legend.fontsize": 7.5,
         "xtick.labelsize": 7.5,
@@ -120,7 +120,7 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
     """
     check_type("label", label, str)
     if ax is None:
-        import matplotlib.pyplot as plt  # chooses how figures are shown, so only where needed
+        import matplotlib.pyplot as plt  # selects how figures are shown, so only if needed
 
         ax = plt.gca()
     every: list[Any] = list(ax.flat) if isinstance(ax, np.ndarray) and ax.size else [ax]
@@ -144,7 +144,7 @@ def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
     A figure without a layout engine gets one, since artists beside the Axes would be cut off.
     """
     if ax is None:
-        import matplotlib.pyplot as plt  # chooses how figures are shown, so only where needed
+        import matplotlib.pyplot as plt  # selects how figures are shown, so only if needed
 
         ax = plt.subplots(figsize=size, layout="constrained")[1]
     chosen: Axes = check_type("ax", ax, Axes)
@@ -164,7 +164,7 @@ def check_type(name: str, value: Any, kind: type) -> Any:
 
 
 def check_mapping(name: str, value: Any, kind: type) -> None:
-    """Refuses a value that is no mapping from words to values of one type."""
+    """Raises TypeError unless the value is a mapping from words to values of one type."""
     check_type(name, value, Mapping)
     for key, one in value.items():
         check_type(f"the names of {name}", key, str)
@@ -193,7 +193,7 @@ def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
     middle = blended_transform_factory(
         ax.figure.transSubfigure if alone else ax.transAxes, ax.transAxes
     )
-    below = ScaledTranslation(0.0, -0.42, ax.figure.dpi_scale_trans)  # inches: ticks and a label
+    below = ScaledTranslation(0.0, -0.42, ax.figure.dpi_scale_trans)  # inches, for ticks and label
     size = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
     texts = [TextPath((0.0, 0.0), name, size=1.0).get_extents().width for name in named]
     wide, high = 72.0 / ax.figure.dpi * np.array(ax.figure.bbox.size)
@@ -248,7 +248,7 @@ def notice(text: str, *, ax: Axes | None = None) -> Axes:
 
 
 def open_marker(size: float, edge: str = BLACK, **more: Any) -> dict[str, Any]:
-    """Look of a white marker with an edge and without a line; a ring unless `more` says another."""
+    """Look of a white marker with an edge and no line; a ring unless `more` has another marker."""
     look = {"linestyle": "none", "marker": "o", "markersize": size, "markerfacecolor": "white"}
     return look | {"markeredgecolor": edge} | more
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Picture of curves of folds, pitchforks, period doublings and tori of cycles in two numbers."""
+"""Picture of curves of folds, pitchforks, period doublings and tori of cycles over two numbers."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ POINT_MARKS = ("o", "v", "D", "s", "^", "p", "h", "P", "X", "*")
 def cycle_boundary(
     found: CycleBoundary, *, units: Units = "nondimensional", ax: Axes | None = None
 ) -> Axes:
-    """Curves of events of cycles in the plane of two numbers, and where a push may start flutter.
+    """Curves of events of cycles in the plane of two numbers, and regions of rest beside flutter.
 
     Curves are solid if a stable cycle meets them, and dashed if all cycles nearby are unstable. The
     straight pipe becomes unstable at black curves. The shaded region lies between a fold from which
     stable cycles lead to higher speeds and the next higher speed at which the straight pipe loses
-    stability. In it both rest and large flutter are stable, and a push decides between them.
-    Markers are named points.
+    stability. In this region both rest and large flutter are stable, and a push of the pipe decides
+    between them. Markers are named points.
 
     Args:
         found: the result of `pipedyn.cycle_boundary`.
@@ -59,7 +59,7 @@ def cycle_boundary(
     plane = PlaneView(units, found.model.pipe, found.names)
     xlabel, ylabel = map(plane.label, plane.quantities)
     ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
-    across = found.names[0] == "u"  # the speed is x
+    across = found.names[0] == "u"  # the flow speed is on the x axis
     for curve in found.curves:
         x, y = (_on_finer_steps(curve, of) for of in (curve.x, curve.y))
         steady = np.maximum(curve.unstable[:-1], curve.unstable[1:]) == 0
@@ -104,8 +104,8 @@ def cycle_boundary(
 def _stable_until(onsets: Boundary, second: Array, speed: Array, across: bool) -> Array:
     """Next higher speeds at which the straight pipe loses stability, at values of the other number.
 
-    They lie on the lowest bound of stability above the given speeds. They are NaN if the pipe is
-    stable only beyond that bound, hence not at the given speed.
+    The speeds lie on the lowest bound of stability above the given speeds. They are NaN if the pipe
+    is stable above that bound and hence unstable at the given speed.
     """
     near = 1e-9 * float(np.ptp(onsets.ranges[1 if across else 0]))  # allows for rounding at edges
     lowest, stable = np.full(speed.size, np.inf), np.zeros(speed.size, dtype=np.bool_)
@@ -124,14 +124,17 @@ def _stable_until(onsets: Boundary, second: Array, speed: Array, across: bool) -
                 height = speeds[i] + share * (speeds[i + 1] - speeds[i])
                 first = (height > speed[inside]) & (height < lowest[inside])
                 lowest[inside[first]] = height[first]
-                # Unstable roots lie on the left of a curve that turns to larger x below them.
+                # change > 0: more roots are unstable on the left, above a piece to larger x.
                 below = (bound.change[nearest] > 0) == (at[i + 1] > at[i])
                 stable[inside[first]] = below != across
     return np.where(stable, lowest, np.nan)
 
 
 def _length(curve: CycleCurve) -> Array:
-    """Length along a curve in scaled numbers, frequency and amplitude, free of cusps, (S,)."""
+    """Length along a curve in the scaled numbers, frequency and amplitude, shape (S,).
+
+    With frequency and amplitude among the coordinates the curve has no cusps.
+    """
     columns = [curve.x, curve.y, curve.frequency]
     scaled = [of / max(float(np.ptp(of)), 1e-12 * float(np.abs(of).max())) for of in columns]
     scaled.append(curve.amplitude / max(float(curve.amplitude.max()), 1e-300))
@@ -140,7 +143,7 @@ def _length(curve: CycleCurve) -> Array:
 
 
 def _on_finer_steps(curve: CycleCurve, values: Array) -> Array:
-    """Values (S,) along a curve on finer steps, by a cubic spline, shape (A_STEP (S - 1) + 1,)."""
+    """Values (S,) along a curve, interpolated on finer steps by cubics, (A_STEP (S - 1) + 1,)."""
     s = _length(curve)
     share = np.linspace(0.0, 1.0, A_STEP + 1)[:-1]
     at = np.append((s[:-1, None] + np.diff(s)[:, None] * share).ravel(), s[-1])

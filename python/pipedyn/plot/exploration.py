@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""The state behind `plot.explore`: a pipe whose numbers can be set, and answers that follow them.
+"""The state behind `plot.explore`: a pipe whose numbers can be set, and the answers for it.
 
-The module needs no notebook. The answers are those of public functions: `root_loci`, `modes` and
+This module needs no notebook. The answers are those of public functions: `root_loci`, `modes` and
 `critical_speed` of a chain, and `stability_curve` against one of the numbers.
 """
 
@@ -39,12 +39,12 @@ from pipedyn.util import check
 from pipedyn.util.check import Array
 
 MOST_SEGMENTS = 20
-"""Largest number of segments. With strong damping the stability curve of 40 takes over a second,
-that of 20 some 0.05 s."""
+"""Largest number of segments. With strong damping the stability curve of 40 segments takes over a
+second, and that of 20 segments about 0.05 s."""
 
 FINENESS = ((10, 25), (14, 17), (MOST_SEGMENTS, 11))
-"""Numbers of points of the stability curve, each after the number of segments up to which it holds.
-Strong damping makes a point of many segments slow."""
+"""Pairs of a largest number of segments and the number of points of the stability curve up to it.
+With strong damping and many segments a point takes long."""
 
 MAX_SPEED = 100.0
 """Flow speed up to which a loss of stability is searched."""
@@ -56,14 +56,14 @@ EIGENVALUE_ROUNDING = 1e-9
 """Relative difference up to which real parts of eigenvalues count as equal."""
 
 ALWAYS = ("beta", "gamma", "damping")
-"""Numbers of the pipe that always have a slider; these follow that of the flow speed."""
+"""Numbers of the pipe that always have a slider; their sliders follow the slider of u."""
 
 FRAMES = 16
 """Number of frames in each cycle of the mode in a film. Straight lines between frames differ from
 the motion by 2 % of the amplitude."""
 
 CYCLE_SECONDS = 1.2
-"""Seconds that a cycle takes on the screen, slow enough to follow by eye."""
+"""Time in seconds that a cycle takes on the screen, slow enough to follow by eye."""
 
 SWING, STEEPEST = 0.25, 0.7
 """Largest displacement in a film, in L, and largest slope. A linear mode has no amplitude of its
@@ -72,7 +72,7 @@ own, so it is scaled until it meets one of them."""
 
 @dataclass(frozen=True)
 class Slider:
-    """A number that a slider sets.
+    """A number that is set by a slider.
 
     Attributes:
         name: "u", "segments", or the name of a number of the pipe.
@@ -109,19 +109,19 @@ class Exploration:
         springs: rule for the springs, as for `Chain`.
         against: the number against which critical speeds are drawn: "beta", "gamma", or any other
             number with a slider but "u" and "segments".
-        ranges: ranges (low, high) of sliders by name, if others than the usual are wanted; a number
-            of the pipe that is named here gets a slider.
-        units: units of the picture, "nondimensional", or "si" if the pipe has scales. Numbers that
-            are set and answers are nondimensional in any case.
+        ranges: ranges (low, high) of sliders by name, in place of the usual ones; a number of the
+            pipe that is named here gets a slider.
+        units: units of the picture, "nondimensional", or "si" if the pipe has scales. The numbers
+            that are set and the answers are always nondimensional.
 
     Attributes:
         view: the units of the picture.
         sliders: numbers that can be set: "u", "beta", "gamma", "damping", "segments", the stiffness
-            of a spring at the root, numbers of the terms, and all other numbers of the pipe, if
-            these have no default or are not at it.
-        values: current values of these numbers, by name.
-        model: the chain with these numbers.
-        curve: critical speeds against the number `against`, with all other numbers as they are.
+            of a spring at the root, numbers of the terms, and all other numbers of the pipe that
+            have no default or are not at their default.
+        values: present values of these numbers, by name.
+        model: the chain with the present values.
+        curve: critical speeds against the number `against`, with the present values of all others.
 
     Example:
         >>> at_hand = plot.Exploration(pp.Pipe(0.2, terms=[pp.PointMass(1.0, 0.1)]), n=10)
@@ -209,7 +209,7 @@ class Exploration:
                 self.values = before
                 raise
             self.model, self._loss, self.curve = model, loss, curve
-        # Answers are computed again when they are asked for; two do not depend on the flow speed.
+        # Answers are computed again when they are used; two of them do not depend on u.
         for one in ("modes", "film", *(("loci", "stable_speeds") if name != "u" else ())):
             self.__dict__.pop(one, None)
 
@@ -307,10 +307,10 @@ class Exploration:
     def film(self) -> ModeFilm:
         """Linear motion of the least stable mode over three cycles.
 
-        It grows or decays as the mode does; a mode without oscillation does so by a factor exp(3).
-        The motion is scaled for the picture: at its largest the pipe has a displacement of 0.25 L
-        or a slope of 0.7. Transverse displacements are those of the mode; the position along the
-        pipe follows from its constant length.
+        The motion grows or decays as the mode does, by a factor exp(3) if the mode does not
+        oscillate. The motion is scaled so that the largest displacement is 0.25 L or the largest
+        slope 0.7. Transverse displacements are those of the mode; the position along the pipe
+        follows from its constant length.
         """
         s = np.union1d(np.linspace(0.0, 1.0, 21), self.model.stations)
         shape = self.least_stable
@@ -334,7 +334,7 @@ class Exploration:
 
     @property
     def report(self) -> tuple[str, str]:
-        """Two sentences, on the stability at the flow speed, and on where stability is lost."""
+        """Two sentences: on stability at the flow speed, and on the range of stable speeds."""
         pipe, u, shape = self.model.pipe, self.values["u"], self.least_stable
         si = f" ({pipe.speed_si(u):.3g} m/s)" if pipe.scales else ""
         if shape is None:
@@ -429,7 +429,7 @@ def _loss(model: Chain) -> CriticalPoint | None:
 
 
 def _lowest_stable(critical: CriticalSpeed, below: Sequence[Crossing]) -> float:
-    """Lowest speed of the range in which a pipe is stable up to its critical speed."""
+    """Lowest speed of the range of stable speeds that ends at the critical speed."""
     if critical.stable_at_rest:
         return 0.0
     return next(one.speed for one in below if one.unstable_after == 0)
@@ -453,7 +453,7 @@ def _checked_ranges(ranges: Any, pipe: Pipe) -> dict[str, tuple[float, float]]:
 
 
 def _turnable(pipe: Pipe, given: Mapping[str, Any]) -> dict[str, PipeNumber]:
-    """Numbers of the pipe that get a slider, by name; a number with two names is taken once."""
+    """Numbers of the pipe that get a slider, by name; a number with two names gets one slider."""
     by_place: dict[tuple[int | None, str, bool], tuple[str, PipeNumber]] = {}
     for name, number in pipe_numbers(pipe).items():
         place = number.term, number.attribute, name == "root.stiffness"

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
 """The picture of an `Exploration`: root loci, stability boundary and the motion of a mode.
 
-Matplotlib draws it anew for each state, which takes a tenth of a second; the Axes stay, as making
-them takes as long again. The pipe itself moves in the browser, as an animated SVG on top.
+Matplotlib draws the picture again for each state, which takes a tenth of a second; the Axes are
+kept, as making them takes as long again. The moving pipe is an animated SVG on top of the picture,
+which the browser animates.
 """
 
 from __future__ import annotations
@@ -36,14 +37,14 @@ PICTURE_WIDTH, PICTURE_HEIGHT, PICTURE_DPI = 9.6, 3.7, 110
 """Size of the picture in inches, and pixels an inch; it is as wide as the page of a notebook."""
 
 LEFT, WIDE, BOTTOM, HIGH = (0.065, 0.385, 0.745), (0.245, 0.275, 0.245), 0.13, 0.73
-"""Left edges, widths, lower edge and height of the three Axes, in shares of the picture."""
+"""Left edges, widths, lower edge and height of the three Axes, as shares of the picture."""
 
 REAL_REACH = 0.35
-"""Limit of the axis of real parts, both ways, as a share of that of frequencies. Strongly damped
-roots lie far outside and do not matter."""
+"""Limit of the axis of real parts in both directions, as a share of the limit of frequencies.
+Strongly damped roots lie far outside and are not of interest."""
 
 ENVELOPE = 9
-"""Number of shapes behind the moving pipe, from the cycle with the largest motion."""
+"""Number of shapes drawn behind the moving pipe, from the cycle with the largest motion."""
 
 PLACE_X = Measure("$x / L$", "$x$ (m)", units.TRANSVERSE.unit)
 PLACE_Y = Measure("$y / L$", "$y$ (m)", units.AXIAL.unit)
@@ -68,7 +69,7 @@ class ExplorationPicture:
         exploration: the exploration whose numbers are shown.
 
     Attributes:
-        figure: the figure of matplotlib, without the moving pipe, which `update` brings up to date.
+        figure: the figure of matplotlib without the moving pipe; `update` brings it up to date.
     """
 
     def __init__(self, exploration: Any) -> None:
@@ -80,7 +81,7 @@ class ExplorationPicture:
                 self.figure.add_axes((left, BOTTOM, wide, HIGH))
                 for left, wide in zip(LEFT, WIDE, strict=True)
             )
-            # The highest speed shown keeps its value while the mass ratio changes.
+            # The highest speed shown stays the same when the mass ratio changes.
             self._highest = self._of.slider("u").high * self._view.one(units.FLOW_SPEED)
             self._colours = ScalarMappable(Normalize(0.0, self._highest), "viridis")
             bar = self.figure.add_axes((LEFT[0], 0.882, WIDE[0], 0.02))
@@ -95,7 +96,7 @@ class ExplorationPicture:
         self._shown: dict[str, float] = {}
 
     def update(self) -> None:
-        """Draws what belongs to the numbers that are set, unless it is there already."""
+        """Draws the picture for the present numbers, unless it is drawn already."""
         if self._shown == self._of.values:
             return
         self._shown = dict(self._of.values)
@@ -114,7 +115,7 @@ class ExplorationPicture:
         return scales_at(beta, scales).speed if si and scales is not None else np.ones_like(beta)
 
     def _draw_loci(self, ax: Axes) -> None:
-        """Root loci, coloured by the flow speed, and the roots at the speed that is set."""
+        """Draws root loci, coloured by the flow speed, and the roots at the present speed."""
         of, view, rate = self._of, self._view, self._view.one(units.GROWTH)
         branches, colours = rate * branches_of(of.loci), of.loci.speeds[:, None]
         colours = self._speed(of.values["beta"]) * colours
@@ -144,7 +145,7 @@ class ExplorationPicture:
         return self._view.label(Measure("flow speed $u$", units.FLOW_SPEED.si_label))
 
     def _draw_map(self, ax: Axes, highest: float) -> None:
-        """Critical speeds against a number, and the speeds at which the pipe is stable."""
+        """Draws critical speeds against a number, and the speeds at which the pipe is stable."""
         of, view = self._of, self._view
         shown = units.of_number(of.against, of.model.pipe)
         across, slider = view.one(shown), of.slider(of.against)
@@ -162,7 +163,7 @@ class ExplorationPicture:
         corners += [(values[1:], high[1:]), (values[:-1], high[:-1])]
         quads = np.stack([np.stack(corner, axis=-1) for corner in corners], axis=1)
         quads = quads[np.isfinite(quads).all(axis=(1, 2))]
-        # Neighbours share edges, which antialiasing would show.
+        # Antialiasing would make the common edges of neighbours visible.
         fill: dict[str, Any] = {"facecolors": STABLE, "edgecolors": "none", "antialiased": False}
         ax.add_collection(
             PolyCollection(list(quads), zorder=0.2, gid="stable", **fill), autolim=False
@@ -195,9 +196,9 @@ class ExplorationPicture:
         ax.legend(frameon=False, **above)
 
     def _draw_motion(self, ax: Axes) -> None:
-        """Clamp, gravity, and shapes of the pipe in the cycle with the largest motion."""
+        """Draws clamp, gravity, and shapes of the pipe in the cycle with the largest motion."""
         of, view, one = self._of, self._view, self._view.one(units.TRANSVERSE)
-        reach = one * np.array([[-0.34, 0.0], [0.34, 1.0]])  # corners that hold every film
+        reach = one * np.array([[-0.34, 0.0], [0.34, 1.0]])  # opposite corners around all films
         clamp_and_gravity(ax, of.values["gamma"], reach, one)
         shapes = one * of.film.shapes
         places = np.linspace(0, len(shapes) // CYCLES, ENVELOPE).astype(int)
@@ -206,7 +207,7 @@ class ExplorationPicture:
         ax.add_collection(LineCollection(shown, gid="envelope", **grey))
         xlabel, ylabel = map(view.label, (PLACE_X, PLACE_Y))
         ax.set(title="linear motion, least stable mode", xlabel=xlabel, ylabel=ylabel)
-        ax.apply_aspect()  # so that the moving pipe finds its place before the figure is drawn
+        ax.apply_aspect()  # sets the place of the moving pipe before the figure is drawn
 
     def png(self) -> bytes:
         """The picture as the bytes of a PNG file, without the moving pipe."""
@@ -219,7 +220,8 @@ class ExplorationPicture:
     def overlay(self) -> str:
         """The moving pipe as an SVG that fits the picture exactly.
 
-        Browsers animate it as an image of its own, but not all do so as a part of a page.
+        All browsers animate an SVG that is an image of its own, but some animate no SVG that is a
+        part of a page.
         """
         self.update()
         of, one = self._of, self._view.one(units.TRANSVERSE)
@@ -236,7 +238,7 @@ class ExplorationPicture:
         """A moving polyline, from points on the third Axes in each frame, (frames, points, 2)."""
         flat = self.axes[2].transData.transform(places.reshape(-1, 2))
         flat[:, 1] = self.figure.bbox.height - flat[:, 1]
-        tenths = (10.0 * flat).round().astype(int).reshape(len(places), -1)  # of a pixel
+        tenths = (10.0 * flat).round().astype(int).reshape(len(places), -1)  # tenths of a pixel
         frames = [" ".join(map(str, frame)) for frame in tenths.tolist()]
         seconds = self._of.film.seconds
         return POLYLINE.format(first=frames[0], every=";".join(frames), look=look, seconds=seconds)

@@ -77,12 +77,12 @@ def frequency_response(
         heights = [one * r.height for r in response.resonances if r.height < math.inf]
         ax.plot(at, sizes, color=common.BLACK, linewidth=1.2)
         ax.set_yscale("log")
-        # Frequencies are dense at peaks, so the typical size is taken at evenly spaced ones.
+        # Frequencies are dense at peaks, so the typical size comes from evenly spaced frequencies.
         evenly = np.interp(np.linspace(at[0], at[-1], 201), at, sizes)
         typical = float(np.nanmedian(evenly)) if np.isfinite(evenly).any() else 1.0
         ax.set_ylim(bottom=max(np.nanmin(sizes, initial=typical), 1e-3 * typical))
         infinite = [per * r.frequency for r in response.resonances if r.height == math.inf]
-        if infinite:  # the samples next to an infinite peak are cut off
+        if infinite:  # samples next to an infinite peak are cut off by the upper limit
             ax.set_ylim(top=1e3 * typical)
             look = common.open_marker(6.0, marker="^", zorder=4.0, clip_on=False)
             of_axes = ax.get_xaxis_transform()
@@ -180,9 +180,9 @@ def parametric_regions(
 def forced_response(
     response: ForcedResponse, *, units: Units = "nondimensional", ax: Axes | None = None
 ) -> Axes:
-    """Amplitude of periodic motions over the frequency, with stable ones solid, others dashed.
+    """Amplitude of periodic motions over the frequency.
 
-    Markers show folds and other events.
+    Stable motions are solid curves, unstable ones dashed. Markers show folds and other events.
 
     Args:
         response: the response to show.

@@ -46,8 +46,8 @@ def root_loci(
 ) -> Axes:
     """Branches of eigenvalues in the upper half of the complex plane, coloured by flow speed.
 
-    A diamond marks each onset. The lower half would be the mirror image. A pair that has become
-    real shows as two curves on the real axis.
+    A diamond marks each onset. The lower half plane is the mirror image and is not shown. A pair
+    that has become real is shown as two curves on the real axis.
 
     Args:
         loci: branches of the model.
@@ -150,8 +150,8 @@ def _coloured(
 ) -> None:
     """Draws branches, the columns of x and y, in segments coloured by the mean of their values.
 
-    Segments with the largest values are on top, so that of two roots with the same frequency the
-    less stable one is seen. Values above `outlined` get a black outline, others a thin grey one.
+    Segments with the largest values are on top: of two roots with the same frequency the less
+    stable one is visible. Values above `outlined` get a black outline, others a thin grey one.
     """
     segments, means = pieces(x, y, values)
     order = np.argsort(means, kind="stable")
@@ -183,10 +183,10 @@ def pieces(x: Array, y: Array, values: Array) -> tuple[Array, Array]:
 
 
 def branches_of(loci: RootLoci) -> NDArray[np.complex128]:
-    """Upper roots, then their partners if real, as columns; NaN where there is nothing to draw."""
+    """Upper roots, then their partners if real, as columns; NaN for points that are not drawn."""
     on_axis = loci.eigenvalues.imag == 0.0
     real = on_axis.copy()
-    # Both roots are shown on the step that leads to the real axis.
+    # Both roots are shown on steps that lead to the real axis or away from it.
     real[1:] |= on_axis[:-1]
     real[:-1] |= on_axis[1:]
     nothing = complex(math.nan, math.nan)
@@ -216,8 +216,8 @@ def mode_shapes(
 
     Args:
         modes: the modes to show.
-        count: largest number of modes shown, in the order of `modes`, from 1 to 1000; the title
-            tells how many there are if that is more.
+        count: largest number of modes shown, in the order of `modes`, from 1 to 1000; if there are
+            more modes, the title gives their number.
         units: "nondimensional", or "si" if the pipe has scales.
         ax: Axes to draw on; new ones if not given.
 

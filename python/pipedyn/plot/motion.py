@@ -40,7 +40,7 @@ from pipedyn.util.files import replacing
 from pipedyn.util.later import scipy
 
 Shown: TypeAlias = Motion | LimitCycle | Basin
-"""Results that are shown as motions; for a basin the motion on which its starts end is shown."""
+"""Results that are shown as motions; for a basin, the motion on which its starts end is shown."""
 
 
 def time_history(
@@ -52,8 +52,8 @@ def time_history(
     """Transverse displacement of the free end over time.
 
     Args:
-        motions: one or several motions, limit cycles or basins, or an ensemble, of which members
-            that failed are left out. Between samples, cubics through positions and velocities are
+        motions: one or several motions, limit cycles or basins, or an ensemble, whose failed
+            members are left out. Between samples, cubics through positions and velocities are
             shown.
         units: "nondimensional", or "si" if the pipe has scales.
         ax: Axes to draw on; new ones if not given.
@@ -86,15 +86,15 @@ def phase_portrait(
     units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> Axes:
-    """Displacement against velocity. A ring marks the start; the last cycle is a thicker line.
+    """Displacement against velocity; a ring marks the start, and the last cycle is a thicker line.
 
     If a coordinate moves too fast for a curve through its samples, dots show the samples.
 
     Args:
-        motions: one or several motions, limit cycles or basins, or an ensemble, of which members
-            that failed are left out.
-        coordinate: "tip" for the free end's transverse displacement, or the index of a coordinate,
-            counted from 0.
+        motions: one or several motions, limit cycles or basins, or an ensemble, whose failed
+            members are left out.
+        coordinate: "tip" for the transverse displacement of the free end, or the index of a
+            coordinate, counted from 0.
         units: "nondimensional", or "si" if the pipe has scales.
         ax: Axes to draw on; new ones if not given.
 
@@ -103,8 +103,8 @@ def phase_portrait(
         >>> ax = plot.phase_portrait(motion)
 
     Raises:
-        ValueError: for fewer than 3 samples, samples too far apart to interpolate the path of the
-            free end, or an index that a model does not have.
+        ValueError: for fewer than 3 samples, for samples too far apart to interpolate the path of
+            the free end, or for an index that a model does not have.
         TypeError: for bad arguments.
     """
     named, failed = checked_motions(motions)
@@ -163,7 +163,7 @@ class Signal:
 def _signals(
     named: dict[str, Motion], index: int | None, units: Units, rates_shown: bool
 ) -> list[Signal]:
-    """The curve to show of each motion; samples of the free end too far apart are refused.
+    """The curve to draw for each motion; samples of the free end too far apart are refused.
 
     Labels give the flow speed, and also the model if several motions have the same speed.
     """
@@ -190,7 +190,7 @@ def _signals(
 def _legend(ax: Axes, shown: Sequence[Signal], failed: Sequence[int]) -> None:
     """Adds a legend for several curves, and a title that names members left out.
 
-    For more than 12 curves there is none, since it would be nearly as high as the Axes.
+    More than 12 curves get no legend, since it would be nearly as high as the Axes.
     """
     title = []
     if len(shown) == 1:
@@ -222,7 +222,7 @@ def _title(motion: Motion, view: View) -> str:
 
 
 ARROW = 0.14
-"""Length of the arrow that shows the flow, in L; it widens the picture by at most a seventh."""
+"""Length of the arrow of the flow in L; the arrow widens the picture by at most a seventh."""
 
 
 def snapshots(
@@ -239,12 +239,12 @@ def snapshots(
     arrow next to the clamp shows gravity, if there is any.
 
     Args:
-        motion: a motion, a limit cycle, or a basin, of which the motion that it ends on is shown.
+        motion: a motion, a limit cycle, or a basin, whose attracting motion is shown.
         span: start and end in T; if not given, the last cycle, or all of a motion without cycles. A
-            cycle lasts from one upward crossing of the free end's middle position to the next in
-            the same state.
-        count: number of shapes, from 2 to 1000. They include both ends of a span, but only the end
-            of a cycle, whose start looks the same.
+            cycle lasts from one upward crossing of the middle position by the free end to the next
+            one in the same state.
+        count: number of shapes, from 2 to 1000. The shapes include both ends of a span, but only
+            the end of a cycle, whose start looks the same.
         units: "nondimensional", or "si" if the pipe has scales.
         ax: Axes to draw on; new ones if not given. The first collection, the shapes, serves
             `colour_bar`.
@@ -254,12 +254,12 @@ def snapshots(
         >>> ax = plot.snapshots(motion, span=(4.0, 5.0))
 
     Raises:
-        ValueError: for a span outside the motion's times, a count out of range, fewer than 3
+        ValueError: for a span outside the times of the motion, a count out of range, fewer than 3
             samples, or samples too far apart to interpolate.
         TypeError: for bad arguments.
     """
     motion, start, end, cycle = shown_part(motion, span)
-    count = check.count("count", count, low=2, high=1000)  # more than pixels can separate
+    count = check.count("count", count, low=2, high=1000)  # more than can be distinguished
     view = View(units, motion.model.pipe)
     ax = common.axes(ax, (4.4, 5.0))
     times = np.linspace(start, end, count + 1)[1:] if cycle else np.linspace(start, end, count)
@@ -299,7 +299,7 @@ ICONS = {
 
 
 class Film(FuncAnimation):
-    """An animation that plays in a notebook; `save` takes the format from the file's extension."""
+    """An animation that plays in a notebook; `save` chooses the format by the file's extension."""
 
     fps = 25.0
     repeats = False
@@ -335,7 +335,7 @@ class Film(FuncAnimation):
         options.setdefault("default_mode", "loop" if self.repeats else "once")
         with rc_context({"animation.embed_limit": 1e6}):  # MB: no frame is left out
             page = str(super().to_jshtml(*args, **options))
-        # Matplotlib's icons are a font that a browser would have to fetch.
+        # The icons of matplotlib are a font that a browser would have to download.
         page = re.sub(r"<link [^>]*font-awesome[^>]*>", "", page)
         return re.sub(r'<i class="fa (fa-[^"]*)"></i>', lambda icon: ICONS[icon[1]], page)
 
@@ -353,35 +353,36 @@ def animate(
     units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> Film:
-    """An animation of the pipe with the path of its free end, frames at equal time steps.
+    """An animation of the pipe with the path of its free end, with frames at equal time steps.
 
-    It plays in a notebook where it is the last value of a cell; `film.save(path)` writes it.
+    The animation plays in a notebook if it is the last value of a cell; `film.save(path)` writes it
+    to a file.
 
     Args:
-        motion: a motion; a limit cycle, as `branch.at(u)` of a diagram's branches gives it; or a
-            basin of `attractors`, of which the motion that it ends on is shown.
+        motion: a motion; a limit cycle, as from `branch.at(u)` for a branch of a diagram; or a
+            basin of `attractors`, whose attracting motion is shown.
         path: a file to write, ending in .gif, .mp4 (by ffmpeg, which must be installed) or .html (a
-            page with a player); none is written where not given.
+            page with a player); if not given, no file is written.
         fps: frames a second, from 1 to 50, the most that a GIF can show.
-        speed: time that passes in a second of the animation, in T. If not given, a cycle takes 2.5
-            seconds, and all of a motion without cycles 8 seconds.
+        speed: time of the motion, in T, that is shown in a second of the animation. If not given, a
+            cycle takes 2.5 seconds, and all of a motion without cycles 8 seconds.
         span: start and end in T; if not given, the last cycle, which repeats without end, or all of
             a motion without cycles.
         units: "nondimensional", or "si" if the pipe has scales.
-        ax: where to draw; that of a figure without a window where not given.
+        ax: Axes to draw on; if not given, those of a new figure without a window.
 
     Returns:
-        The animation. Keep a reference to it as long as it is shown.
+        The animation. Keep a reference to the animation as long as it is shown.
 
     Example:
         >>> motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 10), 6.0, 1.0, lambda s: 0.1 * s)
         >>> film = plot.animate(motion, "flutter.gif", fps=5.0, speed=0.2)
 
     Raises:
-        ValueError: for a span outside the motion's times; for fewer than 2 or more than 2000
-            frames, or fewer than 8 in a cycle; for a path of another ending, in no folder that
-            exists, or to .mp4 where ffmpeg is not found; for fewer than 3 samples, or samples too
-            far apart to interpolate.
+        ValueError: for a span outside the times of the motion; for fewer than 2 or more than 2000
+            frames, or fewer than 8 in a cycle; for a path with another ending, in a folder that
+            does not exist, or to .mp4 if ffmpeg is not found; for fewer than 3 samples, or samples
+            too far apart to interpolate.
         TypeError: for bad arguments.
     """
     motion, start, end, cycle = shown_part(motion, span)
@@ -412,7 +413,7 @@ def animate(
 
     def show(frame: int) -> Sequence[Any]:
         pipe.set_data(*shapes[frame].T)
-        # A cycle repeats, so its whole path is there from the start.
+        # A cycle repeats, so its whole path is shown from the start.
         trace.set_data(*path_of_tip[: None if cycle else dots * frame + 1].T)
         if flow is not None:
             flow.set_positions(*flow_ends(motion.model.pipe, shapes[frame], one))
@@ -422,7 +423,7 @@ def animate(
         return [pipe, trace, text]
 
     show(0)
-    if own:  # laid out once: every frame is then as large as the first, and quicker
+    if own:  # one layout for all frames: they are then equally large and drawn faster
         figure.draw_without_rendering()
         figure.set_layout_engine("none")
     film = Film(figure, show, frames=frames, interval=1000.0 / fps, blit=False)
@@ -451,7 +452,8 @@ def _frames(duration: float, period: float, fps: float, speed: float | None) -> 
     """Number of frames of an animation; refuses too many, and too few to show the motion.
 
     The period is 0 for a motion without cycles. Without a speed a cycle takes 2.5 s, slow enough to
-    follow by eye. With fewer than 2 frames a cycle would run backwards; 8 show the shapes between.
+    follow by eye. With fewer than 2 frames a cycle would seem to run backwards; 8 frames also show
+    the shapes between its ends.
     """
     if speed is None:
         speed = period / 2.5 or duration / 8.0
@@ -482,9 +484,9 @@ def _shapes_at(motion: Motion, times: Array) -> Array:
 def _surroundings(
     ax: Axes, motion: Motion, shapes: Array, shape: Array, view: View
 ) -> FancyArrowPatch | None:
-    """Draws clamp and gravity, and sets axes of equal scale with room for all shapes.
+    """Draws clamp, gravity and flow, and sets axes of equal scale with room for all shapes.
 
-    Returns the arrow of the flow at the end of `shape`; None if there is no flow.
+    Returns the arrow of the flow at the free end of `shape`; None if there is no flow.
     """
     pipe, one = motion.model.pipe, view.one(TRANSVERSE)
     clamp_and_gravity(ax, pipe.gamma, shapes, one)
@@ -525,7 +527,7 @@ def _arrow(ax: Axes, colour: str, gid: str, ends: tuple[Any, Any]) -> FancyArrow
 
 
 def flow_ends(pipe: Pipe, shape: Array, one: float = 1.0) -> tuple[Any, Any]:
-    """Tail and head of the arrow of the flow at the free end; `one` is the pipe's length."""
+    """Tail and head of the arrow of the flow at the free end; `one` is the length of the pipe."""
     step = shape[-1] - shape[-2]
     along = step / np.linalg.norm(step)
     cos, sin = math.cos(angle := pipe.jet_angle), math.sin(angle)
@@ -539,15 +541,15 @@ def flow_ends(pipe: Pipe, shape: Array, one: float = 1.0) -> tuple[Any, Any]:
 
 
 DRAWN_POINTS = 4000
-"""Number of points aimed at for a curve: two for each pixel of a picture 2000 pixels wide."""
+"""Desired number of points of a curve: two for each pixel of a picture 2000 pixels wide."""
 
 
 KEPT = ("t", "q", "qdot", "tip", "u", "model", "method", "evaluations")
-"""Attributes of motions that limit cycles have, too."""
+"""Attributes that motions and limit cycles have in common."""
 
 
 def checked_motion(motion: Any, name: str = "motion") -> Motion:
-    """The motion to draw of an argument: itself, that of a limit cycle, or that of a basin."""
+    """The motion to draw for an argument that is a motion, a limit cycle or a basin."""
     if isinstance(motion, Basin):
         motion = motion.motion
     if isinstance(motion, LimitCycle):
@@ -630,10 +632,11 @@ def refuse_coarse(
 def last_cycle(motion: Motion) -> tuple[float, float] | None:
     """Start and end of the last whole cycle; None if there is none.
 
-    The cycle ends where the free end last rises through its middle, which is its median in the last
-    quarter of the time. It starts at the latest earlier such crossing with the same state to 3 %,
-    since such a curve looks closed. If there is none, as in a growing motion, it starts at the
-    crossing before the last. If the free end is held, the coordinate that moves most replaces it.
+    The cycle ends at the last crossing, at which the position of the free end rises through its
+    median over the last quarter of the time. The cycle starts at the latest earlier crossing with
+    the same state to 3 %, since the curve between both looks closed. If there is none, as in a
+    growing motion, it starts at the crossing before the last one. If the free end is held by a
+    support, the coordinate that moves most is taken instead.
     """
     curve = tip_path_of(motion)
     if np.ptp(motion.tip[:, 0]) <= LEAST_MOTION:
@@ -642,14 +645,14 @@ def last_cycle(motion: Motion) -> tuple[float, float] | None:
         curve = scipy.interpolate.CubicHermiteSpline(motion.t, position, velocity)
     late = np.linspace(motion.t[-1] - 0.25 * np.ptp(motion.t), motion.t[-1], DRAWN_POINTS)
     x = scipy.interpolate.PPoly(curve.c[..., 0], curve.x)
-    if np.ptp(x(late)) < 1e-6:  # the pipe is at rest, but for errors of integration
+    if np.ptp(x(late)) < 1e-6:  # the pipe is at rest up to errors of integration
         return None
     crossings = x.solve(float(np.median(x(late))), extrapolate=False)
-    crossings = crossings[x(crossings, 1) > 0.0]  # also drops NaN, which stands for a piece at rest
+    crossings = crossings[x(crossings, 1) > 0.0]  # also removes NaN, given for pieces at rest
     between = np.split(x(motion.t), np.searchsorted(motion.t, crossings))[1:]
     swings = np.array([np.ptp(part) if part.size else 0.0 for part in between])
     swings[-1:] = math.inf
-    # A smaller swing is a ripple, not a cycle. A motion without a period in 51 crossings has none.
+    # Smaller swings are not cycles. A motion without a period in 51 crossings counts as aperiodic.
     crossings = crossings[swings > 0.1 * np.ptp(x(late))][-51:]
     if crossings.size < 2:
         return None
@@ -675,7 +678,7 @@ def shown_part(motion: Any, span: Any) -> tuple[Motion, float, float, bool]:
             f"span must be a start and a later end within the motion's times, "
             f"[{begin:g}, {finish:g}], got {check.shown(span)}"
         )
-    # The samples around the span, with two more on either side if there are any.
+    # The samples that enclose the span are kept, with two more on either side if there are any.
     first = max(int(np.searchsorted(motion.t, start, side="right")) - 3, 0)
     held = slice(first, int(np.searchsorted(motion.t, end, side="left")) + 3)
     names = ("t", "q", "qdot", "tip", "energy")
@@ -685,6 +688,6 @@ def shown_part(motion: Any, span: Any) -> tuple[Motion, float, float, bool]:
 
 
 def finer_times(t: Array) -> Array:
-    """Times so dense that straight lines between them look like the curve, including samples."""
+    """Times of the samples and between them, at which straight lines look like a smooth curve."""
     parts = min(8, -(-DRAWN_POINTS // t.size))
     return np.interp(np.arange((t.size - 1) * parts + 1) / parts, np.arange(t.size), t)

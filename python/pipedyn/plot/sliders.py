@@ -28,7 +28,7 @@ SAME_PLACE = "1 / 1 / 2 / 2"
 """Cell of a grid in which the moving pipe lies on top of the pixels."""
 
 STEPS = 300
-"""Number of steps that a slider has at most; a step is a round number."""
+"""Largest number of steps of a slider; a step is a round number."""
 
 
 def explore(
@@ -41,15 +41,15 @@ def explore(
     ranges: Mapping[str, tuple[float, float]] | None = None,
     units: Units = "nondimensional",
 ) -> Any:
-    """Sliders for the numbers of a pipe in Jupyter; pictures follow while a slider is moved.
+    """Sliders for the numbers of a pipe in Jupyter; pictures change while a slider is moved.
 
     There are sliders for the flow speed, beta, gamma, damping, the number of segments, the
     stiffness of a spring at the root, each number of the pipe's terms, and every other number of
     the pipe that is not at its default. The first picture shows root loci of the chain up to the
     end of the slider of u, and its roots at u. The second shows the stability boundary, which is
-    the critical speed against one of the numbers, and the point that is set. It does not look for a
-    second range of stability above the critical speed, as `boundary` does. The third shows the
-    linear motion of the least stable mode, which grows or decays as the mode does. Its size is
+    the critical speed against one of the numbers, and the present point. It shows no second range
+    of stability above the critical speed, which `boundary` finds. The third picture shows the
+    linear motion of the least stable mode, which grows or decays as the mode does. Its amplitude is
     chosen for the picture; `limit_cycle` computes the amplitude that flutter reaches.
 
     Args:
@@ -58,14 +58,14 @@ def explore(
         u: flow speed at first; 1.05 times the critical speed if not given.
         springs: rule for the springs, as for `Chain`.
         against: the number against which critical speeds are drawn; it must have a slider.
-        ranges: ranges (low, high) of sliders by name, if others than the usual are wanted; a number
-            of the pipe that is named here gets a slider.
+        ranges: ranges (low, high) of sliders by name, in place of the usual ones; a number of the
+            pipe that is named here gets a slider.
         units: units of the pictures, "nondimensional", or "si" if the pipe has scales. Sliders show
-            nondimensional numbers, and the sentences below them both.
+            nondimensional numbers, and the sentences below the sliders both units.
 
     Returns:
         The widget, which Jupyter shows. Its attribute `exploration` is the `Exploration` with the
-        numbers that are set, the model and its answers.
+        present numbers, the model and its answers.
 
     Example:
         >>> plot.explore(pp.Pipe(0.2, gamma=10.0, damping=0.01))  # doctest: +SKIP

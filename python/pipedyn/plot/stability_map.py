@@ -49,10 +49,10 @@ STABLE = "#DCEBDD"
 UNSEARCHED: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.75", "hatch": "////"}
 UNSEARCHED |= {"linewidth": 0.0, "label": "not searched"}
 PER_STEP = 8
-"""Pieces in which each step of a curve is drawn."""
+"""Number of straight pieces in which each step of a curve is drawn."""
 
 COLUMNS = 500
-"""Numbers of rows and columns of the shading, enough for the curves to hide its steps."""
+"""Numbers of rows and columns of the shading, so that its steps are hidden by the curves."""
 
 
 def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | None = None) -> Axes:
@@ -115,15 +115,15 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
 
 
 def _dense(curve: BoundaryCurve, found: Boundary) -> tuple[Array, NDArray[np.int_], Array]:
-    """Divides a curve in k straight pieces, on cubics through its points with its directions there.
+    """Divides a curve in k straight pieces, on cubics through its points and tangents.
 
-    Criticality and counts change between two points at an organising point, which is then an end of
-    pieces. If none is known there, as where the criticality passes infinity, they change in the
-    middle of the step.
+    Between two points, criticality and counts of unstable roots change at an organising point,
+    which is then an end of pieces. If no organising point is known between them, e.g. if the
+    criticality passes through infinity, they change in the middle of the step.
 
     Returns:
         Ends of the pieces, (k + 1, 2); for each piece the index of the point whose values hold on
-        it, (k,); and whether it is known where the counts of its step change, (k,).
+        it, (k,); and whether it is known where in its step the counts change, (k,).
     """
     low, high = np.array(found.ranges).T
     at = (np.column_stack([curve.x, curve.y]) - low) / (high - low)
@@ -155,7 +155,7 @@ def _dense(curve: BoundaryCurve, found: Boundary) -> tuple[Array, NDArray[np.int
 
 
 def _pixels(found: Boundary, plane: PlaneView) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Pixels of the Axes: positions, rows and columns in `_stable`, and whether searched."""
+    """Positions of pixels of the Axes, rows and columns in `_stable`, and whether in the window."""
     middles = (np.arange(COLUMNS) + 0.5) / COLUMNS
     (left, right), (low, high) = plane.limits(found.ranges)
     at = np.array(np.meshgrid(left + (right - left) * middles, low + (high - low) * middles))
@@ -168,9 +168,9 @@ def _pixels(found: Boundary, plane: PlaneView) -> tuple[Array, Array, Array, NDA
 def _stable(found: Boundary) -> NDArray[np.bool_]:
     """Whether no root is unstable, in rows by increasing y, (COLUMNS, COLUMNS).
 
-    On the way up through a column each curve gives the number of unstable roots beyond it.
-    Eigenvalues are computed only if a column meets no curve, if the number is not known, or if
-    curves disagree.
+    Each curve that a column crosses gives the numbers of unstable roots below and above it.
+    Eigenvalues are computed only if a column crosses no curve, if the numbers are not known, or if
+    those of two curves disagree.
     """
     (left, right), (low, high) = found.ranges
     middles = (np.arange(COLUMNS) + 0.5) / COLUMNS
@@ -178,7 +178,7 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
     stable = np.zeros((COLUMNS, COLUMNS), dtype=np.bool_)
     met: list[list[tuple[float, int, int]]] = [[] for _ in columns]
     uncertain = np.zeros(COLUMNS, dtype=np.bool_)
-    passed = np.zeros(COLUMNS + 1, dtype=np.bool_)  # whether a curve passes before each column
+    passed = np.zeros(COLUMNS + 1, dtype=np.bool_)  # whether a curve lies just before each column
     for curve in found.curves:
         places, of, certain = _dense(curve, found)
         for (x, y), (to_x, to_y), (on_left, on_right), sure in zip(
@@ -201,7 +201,7 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
             continue
         known = None
         if uncertain[k] or any((a[2] == 0) != (b[1] == 0) for a, b in pairwise(crossed)):
-            # Near a crossing of curves their pieces do not show which is the lower.
+            # Near an intersection of curves, straight pieces do not show which curve is lower.
             heights = [low, *(height for height, *_ in crossed), high]
             for bottom, top in pairwise(np.clip(heights, low, high).tolist()):
                 count = found.unstable(float(columns[k]), 0.5 * (bottom + top))
@@ -228,7 +228,7 @@ def stability_map(
     """Speeds at which several pipes lose or regain stability, against a number.
 
     Ticks on boundaries and at points of curves point to the unstable side. Words at a curve of
-    divergence tell whether the flow buckles the pipe above it, or the weight below it. Parts of
+    divergence tell whether the flow buckles the pipe above it or the weight does below it. Parts of
     boundaries on which other roots are unstable are left out; if no part is left, the legend says
     whether the pipe is stable at the speeds searched. Crosses on the axis are points that failed.
     Triangles at the top are points at which no loss of stability was found up to some speed, or
@@ -241,8 +241,8 @@ def stability_map(
         highest: end of the axis of speed, nondimensional.
         marked: a critical speed to mark at the beta of its pipe, if the number is beta. If the pipe
             is unstable below it, too, the legend says so instead.
-        parameter: label of the x axis for curves; if not given, the name of the argument from which
-            their models were made.
+        parameter: label of the x axis for curves; if not given, the name of the argument of the
+            functions that made their models.
         units: "nondimensional", or "si" if the pipe has scales.
         ax: Axes to draw on; new ones if not given.
 
@@ -356,7 +356,7 @@ def stability_map(
             searched.append(marked.pipe.beta)
         left, right = min(searched), max(searched)
         of_points = any(isinstance(one, StabilityCurve) for one in boundaries.values())
-        room = 0.05 * (right - left) if of_points else 0.0  # marks at the ends need room
+        room = 0.05 * (right - left) if of_points else 0.0  # room for markers at the ends
         if right > left:
             ax.set_xlim(left - room, right + room)
     heights = np.array([step[0][1, 1] for step in divergences]) / ax.get_ylim()[1]
@@ -375,7 +375,7 @@ def stability_map(
 
 
 def _gamma(one: Any) -> float:
-    """Gamma by which pipes are sorted: infinite without a pipe, 0 if the number is gamma itself."""
+    """Gamma by which pipes are sorted: infinite without a pipe, 0 if gamma is on the x axis."""
     swept = one.names[0] if isinstance(one, Boundary) else one.parameter
     pipe = _pipe(one)
     return 0.0 if swept == "gamma" else math.inf if pipe is None else pipe.gamma
@@ -398,7 +398,7 @@ def _why_nothing(states: set[str]) -> str:
 
 
 def _unsearched(ax: Axes, found: list[Boundary]) -> None:
-    """Hatches SI speeds above those searched, whose limit depends on beta as their unit does."""
+    """Hatches SI speeds above the searched ones; their limit depends on beta, as the unit does."""
     highest = ax.get_ylim()[1]
     ends = list[Array]()
     for one in found:
@@ -417,7 +417,7 @@ TICKS["dashes"] = {"dash_offset": 0.0, "dash_list": None}
 
 
 def _number_swept(label: Any, one: Any) -> str | None:
-    """Name of the number on the x axis of a boundary; None for a curve, which does not know it."""
+    """Name of the number on the x axis of a boundary; None for a curve, which names none."""
     common.check_type("the names of boundaries", label, str)
     if isinstance(one, StabilityCurve):
         return None
@@ -450,8 +450,8 @@ def _divergence(
 ) -> None:
     """Writes words at a step of a curve of divergence, which say on which side the pipe buckles.
 
-    The words stand on that side, or on the other if the end of the axis is near. They keep clear of
-    the words of `others` curves at the same height.
+    The words are on that side, or on the other side if the end of the axis is near. They do not
+    overlap the words of `others` curves at the same height.
     """
     before, at = step
     above = (at[0] > before[0]) == left
@@ -469,9 +469,9 @@ def _divergence(
 
 
 def parts_of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[Array, str, bool]]:
-    """Parts of a curve on which no other root is unstable, as points of shape (k, 2).
+    """Yields the parts of a curve on which no other root is unstable, as points of shape (k, 2).
 
-    With each part come its kind, and whether the pipe is unstable on the left of the curve.
+    Each part comes with its kind, and with whether the pipe is unstable on the left of the curve.
     """
     places, of, certain = _dense(curve, found)
     pieces = certain & (curve.unstable[of] == 0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Labels and units of what axes show; units are SI units only if the pipe has scales."""
+"""Labels and units of the quantities on axes; SI units need a pipe with scales."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ OF_A_NUMBER = {
 
 
 def of_number(name: str, pipe: Pipe) -> Measure:
-    """The number of a name, of a pipe, of one of its terms or of the spring at the root."""
+    """The measure for a number of a pipe, of one of its terms or of the spring at its root."""
     if name in OF_A_NUMBER:
         return OF_A_NUMBER[name]
     label = "stiffness of the root $(EI/L)$" if name == "root.stiffness" else name
@@ -153,7 +153,7 @@ class PlaneView(View):
     If one number is beta and the other u, the SI unit of the flow speed changes across the plane.
 
     Attributes:
-        quantities: what the x and y axes show.
+        quantities: the quantities on the x and y axes.
     """
 
     def __init__(self, units: Any, pipe: Pipe, names: tuple[str, str]) -> None:
@@ -161,10 +161,10 @@ class PlaneView(View):
         self.quantities = of_number(names[0], pipe), of_number(names[1], pipe)
         self._beta = names.index("beta") if {"beta", "u"} == set(names) else None
         if self._beta is not None and not self.si:
-            self.scales = None  # second axes need a unit of the flow speed that is constant
+            self.scales = None  # a second axis is not possible, as the SI unit of u varies
 
     def units(self, x: Any, y: Any) -> Array:
-        """Values shown for a nondimensional 1 of x and y, shape (2,) and then that of x and y."""
+        """Values shown for a nondimensional 1 of x and y, shape (2, *shape of x and y)."""
         places = np.asarray([x, y], dtype=float)
         ones = np.empty_like(places)
         ones.T[...] = [self.one(quantity) for quantity in self.quantities]
@@ -173,7 +173,7 @@ class PlaneView(View):
         return ones
 
     def at(self, x: Any, y: Any) -> Array:
-        """Points (x, y) in the units shown, shape (2,) and then that of x and y."""
+        """Points (x, y) in the units shown, shape (2, *shape of x and y)."""
         shown: Array = self.units(x, y) * [x, y]
         return shown
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Results and models in files that outlive the program that wrote them.
+"""Results and models in files that later versions of the package can read.
 
 A file is an .npz archive of numpy: one member for each array, and "header", a JSON text. The header
 holds the versions of the format and of the package, and a table of objects. Each object is stored
-as the name that `saved_as` gave its class and its fields; a model is stored as its numbers, an
+as its fields and the name that `saved_as` gave to its class; a model is stored as its numbers, an
 exception as its arguments. Objects refer to earlier ones by their index in the table. Nothing in a
 file is ever run as code.
 
@@ -44,9 +44,9 @@ DEFLATED = 1032
 most 258 bytes, in no less than two bits."""
 
 LARGEST_HEADER, HEADER_SHARE = 10_000_000, 30
-"""Largest length of a header in characters: the first number, plus the second for each byte of the
-file. Scenes have the longest headers, 20 characters a byte. A character takes up to 20 bytes of
-memory."""
+"""Largest length of a header in characters: LARGEST_HEADER, plus HEADER_SHARE for each byte of the
+file. Scenes have the longest headers, 20 characters for each byte of the file. A character takes up
+to 20 bytes of memory."""
 
 DESCRIPTION = re.compile(
     r"\{'descr': '([<>|=][biufcU][1-9]\d*)', 'fortran_order': (True|False), "
@@ -55,8 +55,8 @@ DESCRIPTION = re.compile(
 """The description that `numpy.save` writes before an array: its type, order and shape."""
 
 TOO_MUCH = f"its objects are made of more than {check.LONGEST} numbers"
-"""Reason to refuse a file. Objects may share an array, and each of them goes through its entries,
-so that a small file could take for ever."""
+"""Reason to refuse a file. Many objects may share one array, and each object reads its entries, so
+a small file could take forever to load."""
 
 FORMER_NAMES = {
     "bifurcation.continuation.Point": "PointOnBranch",
@@ -64,8 +64,8 @@ FORMER_NAMES = {
     "models.profile._Series": "ChebyshevSeries",
     "modular.Mechanism": "PipedynError",
 }
-"""Today's names of classes that had another name in older files. In these the path of a module may
-stand before the names of all other classes. A row is never removed."""
+"""Present names of classes that had another name in older files. Older files may also have the path
+of a module before the name of a class. An entry of this table is never removed."""
 
 Kind = TypeVar("Kind", bound=type)
 Thing = TypeVar("Thing")
@@ -93,17 +93,17 @@ def saved_as(
     added: Collection[str] = (),
     shapes: Mapping[str, str] | None = None,
 ) -> Callable[[Kind], Kind]:
-    """Gives a class its name in files, which stays when the class moves or is renamed.
+    """Gives a class its name in files, which stays the same when the class moves or is renamed.
 
     The class must be a dataclass, a named tuple or an exception, or have a method `archived` that
-    returns its fields by name. A class method `restored` makes an object from these fields; where
+    returns its fields by name. A class method `restored` makes an object from these fields; if
     there is none, the constructor does.
 
     Args:
-        name: a word that no other class has; when it changes, `FORMER_NAMES` needs the old one.
-        former: today's names of renamed fields, by their former names.
-        added: fields that older files lack and that then get their default; files must have all
-            others.
+        name: a word that no other class has; if it changes, `FORMER_NAMES` must list the old one.
+        former: present names of renamed fields, by their former names.
+        added: fields that older files may lack, which then get their default; files must have all
+            other fields.
         shapes: shapes of arrays and tuples in fields, as for `check_shapes`.
     """
 
@@ -124,7 +124,7 @@ def todays_name(name: str) -> str:
 def _entry(name: str, base: type) -> _Entry:
     """The class that a file names, refused if it is no subclass of `base`.
 
-    Exceptions and named tuples are accepted only where `base` is Exception or tuple.
+    Exceptions are accepted only if `base` is Exception, and named tuples only if it is tuple.
     """
     found = _BY_NAME.get(todays_name(name))
     if found is None:
@@ -152,15 +152,15 @@ class Saved:
 
         Raises:
             ValueError: if the object holds a Python function or an object of another package; the
-                message says where (`to_csv` still writes the table of a result that is a table).
-                Also if the path does not end in .npz, or its folder does not exist.
+                message says where (`to_csv` can still write the table of a `TableResult`). Also if
+                the path does not end in .npz, or its folder does not exist.
             OSError: if the file cannot be written.
         """
         save(self, path)
 
 
 class _Writer:
-    """Collects the objects and arrays that one file is to hold."""
+    """Collects the objects and arrays of one file before it is written."""
 
     def __init__(self) -> None:
         self.objects: list[Any] = []
@@ -231,7 +231,7 @@ class _Writer:
 
 
 def _work(kind: type, fields: Mapping[str, Any]) -> int:
-    """Array entries that loading an object goes through; 0 if it takes its fields unchanged."""
+    """Number of array entries that loading an object reads; 0 if it takes its fields unchanged."""
     if not hasattr(kind, "restored") and not hasattr(kind, "archived"):
         return 0
     held = [
@@ -241,7 +241,7 @@ def _work(kind: type, fields: Mapping[str, Any]) -> int:
 
 
 def _fields(value: Any) -> dict[str, Any]:
-    """Fields of an object that a file holds, by name."""
+    """Fields of an object that a file stores, by name."""
     if hasattr(value, "archived"):
         return dict(value.archived())
     return {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
@@ -264,7 +264,7 @@ class _Members:
             raise ValueError("its members are longer than the file")
         if "header.npy" not in self._unread:
             raise zipfile.BadZipFile
-        most = 4 * (LARGEST_HEADER + HEADER_SHARE * size)  # numpy takes four bytes a character
+        most = 4 * (LARGEST_HEADER + HEADER_SHARE * size)  # numpy has four bytes a character
         if self._unread["header.npy"].file_size > most:
             raise ValueError(f"its header is longer than the {most} bytes that it may have")
 
@@ -291,7 +291,7 @@ class _Members:
             if len(start) + len(text) + length != entry.file_size:
                 raise ValueError(f"{name} is not as long as its shape says")
             raw = bytearray(file.read(length))
-            if len(raw) < length or file.read(1):  # reading to the end also compares checksums
+            if len(raw) < length or file.read(1):  # reading to the end also checks the checksum
                 raise ValueError(f"{name} is not as long as it says")
         if dtype.kind == "b" and raw.strip(b"\x00\x01"):
             raise ValueError(f"{name} has what is neither true nor false")
@@ -316,7 +316,7 @@ class _Reader:
             self._made.append(self._object(one))
 
     def decoded(self, value: Any) -> Any:
-        """The value that its JSON form, as `_Writer.encoded` makes it, stands for."""
+        """The value whose JSON form, as `_Writer.encoded` makes it, is given."""
         if isinstance(value, float) and not math.isfinite(value):
             raise ValueError("it has a number that overflows")
         if isinstance(value, list):
@@ -376,7 +376,7 @@ class _Reader:
 
 
 def _made(entry: _Entry, values: dict[str, Any]) -> Any:
-    """An object with these values of its fields, after checks of types, signs and shapes."""
+    """An object with the given values of its fields, whose types, signs and shapes are checked."""
     check_types(entry.kind, values)
     check_signs(entry.kind, values)
     make = getattr(entry.kind, "restored", None)
@@ -389,7 +389,7 @@ def _made(entry: _Entry, values: dict[str, Any]) -> Any:
 
 
 def save(thing: Any, path: str | os.PathLike[str]) -> None:
-    """Writes a result, a model or a pipe to a file, as its method `Saved.save` does."""
+    """Writes a result, a model or a pipe to a file; see the method `Saved.save`."""
     place = _checked(path)
     if not place.parent.is_dir():
         raise ValueError(f"path must lie in a folder that exists, got {check.shown(str(place))}")
@@ -416,7 +416,7 @@ def save(thing: Any, path: str | os.PathLike[str]) -> None:
         try:
             with zipfile.ZipFile(beside) as archive:
                 _Members(archive, beside.stat().st_size)
-        except ValueError as error:  # `load` would refuse the file
+        except ValueError as error:  # `load` would refuse the new file
             raise ValueError(f"{type(thing).__name__} cannot be saved: {error}") from None
 
 
@@ -429,14 +429,15 @@ def load(path: str | os.PathLike[str], kind: type[Thing]) -> Thing: ...
 
 
 def load(path: str | os.PathLike[str], kind: type[Any] = object) -> Any:
-    """Loads a result, a model or a pipe from a file that its `save` wrote.
+    """Loads a result, a model or a pipe from a file that its method `save` wrote.
 
-    A loaded result or pipe equals the one that was saved. A loaded model has the same numbers and
-    gives the same answers, but two models compare equal only if they are one object.
+    A loaded result or pipe equals the saved one. A loaded model has the same numbers and gives the
+    same answers as the saved one, but two models compare equal only if they are the same object.
 
     Args:
         path: path of the file.
-        kind: class of what the file must hold, which type checkers then know; any where not given.
+        kind: class of the object that the file must hold, which type checkers then know; any class
+            if not given.
 
     Returns:
         The result, model or pipe.
@@ -448,7 +449,7 @@ def load(path: str | os.PathLike[str], kind: type[Any] = object) -> Any:
 
     Raises:
         TypeError: if the file holds something of another kind.
-        ValueError: if `save` did not write the file, or that of a later version did.
+        ValueError: if the file was not written by `save`, or was written by a later version.
         OSError: if the file cannot be read.
     """
     place = _checked(path)
@@ -466,7 +467,7 @@ def load(path: str | os.PathLike[str], kind: type[Any] = object) -> Any:
         raise ValueError(f"{place} cannot be loaded: it is no file of pipedyn") from error
     except OSError:
         raise
-    except Exception as error:  # any other failure comes from a damaged or foreign file
+    except Exception as error:  # any other failure is caused by a damaged or foreign file
         said = str(error) or type(error).__name__
         said += " is missing" if isinstance(error, KeyError) else ""
         raise ValueError(f"{place} cannot be loaded: {said}") from error
@@ -476,7 +477,7 @@ def load(path: str | os.PathLike[str], kind: type[Any] = object) -> Any:
 
 
 def _header(values: np.ndarray[Any, Any]) -> dict[str, Any]:
-    """The header by its keys, refused unless these are exactly those that `save` writes."""
+    """The header by its keys, refused unless its keys are exactly those that `save` writes."""
     if values.shape != () or values.dtype.kind != "U":
         raise ValueError("its header is no text")
     header = json.loads(str(values), object_pairs_hook=_without_repetition, parse_constant=_refused)

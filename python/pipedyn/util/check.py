@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Checks of arguments. Each error is a sentence with the argument, the rule and the value given."""
+"""Checks of arguments. Each error message names the argument, the rule and the value given."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def _rule(low: float, high: float, open_low: bool, open_high: bool) -> str:
 
 
 def count(name: str, value: Any, *, low: int = 1, high: int | None = None) -> int:
-    """The value, refused unless it is a whole number in an interval, not a boolean or a float."""
+    """The value, refused unless it is an integer in an interval and no boolean or float."""
     if isinstance(value, NOT_NUMBERS) or not isinstance(value, Integral):
         raise TypeError(f"{name} must be a whole number, got {shown(value)}")
     number = operator.index(value)
@@ -103,7 +103,7 @@ def flag(name: str, value: Any) -> bool:
 
 
 def executor(name: str, value: Any) -> None:
-    """Refuses a value that is neither None nor has a `submit` as `concurrent.futures.Executor`."""
+    """Raises TypeError unless the value is None or has `submit`, as an `Executor` does."""
     submits = callable(getattr(value, "submit", None)) and not isinstance(value, type)
     if value is not None and not submits:
         raise TypeError(f"{name} must be a concurrent.futures.Executor, got {shown(value)}")
@@ -132,7 +132,7 @@ def array(
     open_low: bool = False,
     longest: int = 1_000_000,
 ) -> Array:
-    """A read-only copy as a one-dimensional array; numbers must be finite and in an interval."""
+    """A read-only copy of the value as an array, shape (k,), of finite numbers in an interval."""
     raw = numbers(name, value, "an array of real numbers", longest=longest)
     if raw.ndim != 1:
         raise ValueError(f"{name} must be one-dimensional, got shape {raw.shape}")
@@ -151,7 +151,7 @@ def array(
 def window(
     names: tuple[str, str], ranges: Any, rules: tuple[dict[str, Any], dict[str, Any]]
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ranges (low, high) of two named numbers, whose ends `real` checks by a rule for each."""
+    """Ranges (low, high) of two named numbers; `real` checks their ends by the rule of each."""
     if not isinstance(ranges, Mapping):
         raise TypeError(f"ranges must map x and y to (low, high), got {shown(ranges)}")
     if set(ranges) != set(names):
@@ -164,7 +164,7 @@ def window(
 
 
 def interval(name: str, value: Any, **rule: Any) -> tuple[float, float]:
-    """The value as a range (low, high), whose ends `real` checks by a rule."""
+    """The value as a range (low, high); `real` checks both ends by a rule."""
     low, high = (real(name, float(end), **rule) for end in array(name, value, size=2))
     if not high - low > 1e-9 * (1.0 + abs(high)):
         raise ValueError(f"{name} must be (low, high), got ({low:g}, {high:g})")
@@ -172,7 +172,7 @@ def interval(name: str, value: Any, **rule: Any) -> tuple[float, float]:
 
 
 def entries(name: str, values: NDArray[Any], good: NDArray[np.bool_], rule: str) -> None:
-    """Raises ValueError for the first entry that is not good, and says its index."""
+    """Raises ValueError for the first entry that is not good; the message gives its index."""
     if not good.all():
         where = tuple(np.argwhere(~good)[0].tolist())
         index = where[0] if len(where) == 1 else where
@@ -184,7 +184,7 @@ def numbers(
 ) -> NDArray[Any]:
     """The value as a numpy array of any shape; an array is returned as it is, without a copy.
 
-    Masked entries, booleans among numbers and more than `longest` entries are refused, the last
+    Masked entries, booleans among numbers and more than `longest` entries are refused, the latter
     before memory is allocated. Infinite numbers and NaN are accepted.
     """
     came = _entries(value)
@@ -195,7 +195,7 @@ def numbers(
     def wrong() -> TypeError:
         return TypeError(f"{name} must be {what}, got {shown(value)}")
 
-    if isinstance(value, bytearray):  # numpy takes its letters for numbers
+    if isinstance(value, bytearray):  # numpy would convert its bytes to numbers
         raise wrong()
     if isinstance(value, list | tuple):
         for part in islice(_leaves(value), longest):
@@ -204,7 +204,7 @@ def numbers(
             _refuse_masked(name, part)
     try:
         raw = np.asarray(value)
-    except (ValueError, TypeError, OverflowError, MemoryError):  # uneven lists, endless ones
+    except (ValueError, TypeError, OverflowError, MemoryError):  # lists that are uneven or endless
         raise wrong() from None
     if raw.dtype.kind == "O" and all(_is_real(part) for part in raw.flat):
         parts = [real(name, part) for part in raw.flat]  # fractions, whole numbers beyond 64 bits
@@ -215,7 +215,7 @@ def numbers(
 
 
 def doubles(name: str, value: Any, what: str) -> Array:
-    """Numbers of any shape, finite or not, as the contiguous float64 array that the core takes."""
+    """Numbers of any shape, finite or not, as a contiguous float64 array, which the core needs."""
     raw = numbers(name, value, what, longest=LONGEST)
     with np.errstate(over="ignore"):  # longer floats may become infinite, which is refused later
         return np.asarray(raw, dtype=np.float64, order="C")
@@ -227,14 +227,14 @@ def _is_real(value: Any) -> bool:
 
 
 def _entries(value: Any) -> int:
-    """Number of entries that nested lists would have as an array, from the first of each list."""
+    """Number of entries of nested lists as an array, computed from the first entry of each list."""
     entries = 1
     for _ in range(32):
         if isinstance(value, str | bytes) or not isinstance(value, Sequence):
             break
         try:
             entries *= len(value)
-        except OverflowError:  # a range
+        except OverflowError:  # a very long range
             return sys.maxsize
         if not entries:
             return 0

@@ -14,18 +14,18 @@ from dataclasses import dataclass
 from pipedyn.util.archive import saved_as
 
 clock: Callable[[], float] = time.perf_counter if os.name == "nt" else time.thread_time
-"""Processor time of this thread in seconds, which other work on the machine hardly changes.
-Windows counts it in steps of 16 ms, so there it is the wall-clock time."""
+"""Processor time of this thread in seconds, on which other work on the machine has little effect.
+Windows counts processor time in steps of 16 ms, so wall-clock time is used there."""
 
 
 @saved_as("TookTooLong")
 class TookTooLong(Exception):
-    """A computation took longer than its limit; unlike a failure, this also ends a search."""
+    """A computation took longer than its limit; unlike a failure, it also ends a search."""
 
 
 @dataclass
 class Counters:
-    """States at which dy/dt or its Jacobian was computed, and matrices that were factorised.
+    """Numbers of states at which dy/dt or its Jacobian was computed, and of factorised matrices.
 
     A dense eigenvalue problem counts as a factorisation.
     """
@@ -41,7 +41,7 @@ _end: ContextVar[tuple[float, str]] = ContextVar("end", default=(math.inf, ""))
 
 @contextmanager
 def counted() -> Iterator[Counters]:
-    """Counts what this thread computes in a `with` block, without what inner blocks count."""
+    """Counts the computations of this thread in a `with` block, except those in inner blocks."""
     counters = Counters()
     token = _tally.set(counters)
     try:

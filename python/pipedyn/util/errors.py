@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Exceptions of the package: what it could not compute, and why."""
+"""Exceptions of the package for results that it cannot compute, with the reason."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pipedyn.util.archive import saved_as
 
 @saved_as("PipedynError")
 class PipedynError(Exception):
-    """What the package could not compute; every other error it raises is about an argument.
+    """Base class of errors in computations; all other errors of the package are about arguments.
 
     The first argument is the message, the others are data for the caller.
     """
@@ -24,10 +24,10 @@ class PipedynError(Exception):
 
 @saved_as("NotConverged")
 class NotConverged(PipedynError):
-    """A result that did not meet its tolerance, with what was reached.
+    """A result did not meet its tolerance.
 
     Attributes:
-        result: the result as far as it got, or None.
+        result: the result as far as it was computed, or None.
     """
 
     def __init__(self, message: str, result: Any = None) -> None:
@@ -39,10 +39,10 @@ class NotConverged(PipedynError):
 class NotResolved(PipedynError):
     """A model has no answer for a state that its quadrature or double precision does not resolve.
 
-    Within an integration or a search such a state is a step that is not taken.
+    Integrators and searches refuse a step that leads to an unresolved state.
 
     Attributes:
-        members: indices of these states in a batch, ascending; (0,) of a single state.
+        members: indices of the unresolved states in a batch, ascending; (0,) for a single state.
 
     Example:
         >>> coiled = [100.0, 0.0, 0.0, 0.0]
@@ -60,7 +60,10 @@ class NotResolved(PipedynError):
     def of_states(
         cls, what: str, members: Sequence[int], states: int | None, why: str = ""
     ) -> Self:
-        """The exception that `what` cannot be computed of some of so many states, or of one."""
+        """The exception that `what` cannot be computed of some states of a batch, or of one state.
+
+        `states` is the number of states in the batch, None for a single state.
+        """
         which = "this state"
         if states is not None:
             listed = ", ".join(map(str, members[:5])) + (", ..." if len(members) > 5 else "")
@@ -70,10 +73,10 @@ class NotResolved(PipedynError):
 
 
 def resolved(what: str, answer: Callable[[], Any], batch: bool = False) -> Any:
-    """What a function computes of a state or, along the last axis, of a batch, if it is finite.
+    """The value of a function of a state, or of a batch of states along the last axis.
 
     Raises:
-        NotResolved: if it is not.
+        NotResolved: if the value is not finite.
     """
     with np.errstate(all="ignore"):
         found = answer()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Checks that the values of fields have the types and shapes that their class states."""
+"""Checks that the values of fields have the types, signs and shapes that their class states."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SIZES = ("coordinates", "dof", "integrated")
 """Words in shapes that stand for attributes of the field `model`, if the model has them."""
 
 TERM = re.compile(r"(\d*)([A-Za-z]*)([+-]\d+)?")
-"""A size in a shape: a number, or a word that may have a factor before it and a number added."""
+"""Pattern of a size in a shape: a number, or a word, which may have a factor and a number added."""
 
 
 def check_types(kind: type, values: Mapping[str, Any]) -> None:
@@ -41,7 +41,7 @@ def check_types(kind: type, values: Mapping[str, Any]) -> None:
 
     Args:
         kind: a class; if it has no fields, the arguments of its constructor count as fields.
-        values: values by the names of fields, of some or all of them.
+        values: values of some or all fields, by name.
     """
     for name, hint in _hints(kind).items():
         if name in values and not fits(values[name], hint):
@@ -56,7 +56,7 @@ def check_types(kind: type, values: Mapping[str, Any]) -> None:
 def check_signs(kind: type, values: Mapping[str, Any]) -> None:
     """Raises ValueError for a negative number in a field of `NOT_NEGATIVE`.
 
-    Classes with a `__post_init__` are passed over, since they check their own numbers.
+    Classes with a `__post_init__` are not checked here, since they check their own numbers.
     """
     if hasattr(kind, "__post_init__"):
         return
@@ -118,15 +118,15 @@ def _holds(dtype: np.dtype[Any], scalar: Any) -> bool:
 
 
 def check_shapes(name: str, thing: Any, shapes: Mapping[str, str]) -> None:
-    """Raises ValueError where sizes of arrays or tuples do not fit one another.
+    """Raises ValueError if the sizes of arrays or tuples do not agree with their shapes.
 
     Args:
         name: name of the object in the error message.
         thing: the object that has the fields.
-        shapes: names of fields by their shape, both separated by spaces. A name may lead into a
-            field, as "orbit.starts" does. A shape consists of sizes, each a number or a word, which
-            has one value in all shapes; "2S" is twice S, and "S+1" one more. Fields that are None
-            or a number are passed over.
+        shapes: names of fields by their shape, both separated by spaces. A name may refer to an
+            attribute of a field, as "orbit.starts" does. A shape consists of sizes. Each is a
+            number or a word, and a word has the same value in all shapes; "2S" is twice S, and
+            "S+1" is S plus one. Fields that are None or a number are not checked.
     """
     model = getattr(thing, "model", None)
     known = {size: getattr(model, size) for size in SIZES if hasattr(model, size)}

@@ -13,12 +13,12 @@ from pathlib import Path
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Gives a new file to write to in a `with` block, which then replaces the one at `path`.
+    """Gives a new file to write to in a `with` block, which afterwards replaces the file at `path`.
 
     No file is ever left half written. If writing fails, as on a full disk, or is interrupted, the
     new file is removed and the old one stays as it was. The new file lies in the same folder, and
-    has the permissions of the old one and its extension. A symbolic link at `path` stays a link. If
-    `path` is no regular file, e.g. a named pipe, it is written to directly.
+    has the extension and the permissions of the old one. A symbolic link at `path` stays a link. If
+    the file at `path` exists and is no regular file, e.g. a named pipe, it is written to directly.
 
     Raises:
         OSError: if no file can be made in the folder, or the existing one is write-protected.
@@ -38,7 +38,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     try:
         yield beside
         with beside.open("r+b") as file:
-            os.fsync(file.fileno())  # a full disk may show here first
+            os.fsync(file.fileno())  # a full disk may raise its error only here
         if place.exists():
             shutil.copymode(place, beside)
         beside.replace(place)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Modules that are imported at their first use, which saves an eighth of the package's import."""
+"""Modules imported at their first use, which saves an eighth of the time to import the package."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,7 @@ else:
 
         def __getattr__(self, name: str) -> Any:
             found = getattr(import_module(self.module), name)
-            setattr(self, name, found)  # the next use finds it without this method
+            setattr(self, name, found)  # the next use finds the attribute without this method
             return found
 
     difflib = _Later("difflib")

@@ -32,14 +32,16 @@ def newton(
     patience: int | None = None,
     check: Callable[[State], None] = lambda x: None,
 ) -> State:
-    """A solution near a start; the unknowns may be an array, a number or a periodic orbit.
+    """The solution that Newton's method finds from a start.
+
+    The unknowns may be an array, a number or a periodic orbit.
 
     `correction` returns Newton's full step from an iterate, and the size of that step. `plus` adds
     a share of the step to the iterate; the share is below 1 if the size exceeds `longest`. The
     iteration ends with a step whose size is at most `tolerance`. A step is slow if it is longer
     than half the one before; a slow step of at most `stagnation` ends the iteration, too, since it
-    is only rounding. After `patience` slow steps in a row, or `iterations` steps in all, the method
-    fails.
+    is due to rounding only. After `patience` slow steps in a row, or `iterations` steps in all, the
+    method fails.
 
     Raises:
         NewtonFailed: if a step is not finite, a matrix is singular, `check` raises it for an

@@ -13,8 +13,8 @@ from pipedyn.util.later import futures
 Item = TypeVar("Item")
 Returned = TypeVar("Returned")
 Job = Callable[[], Returned]
-"""A function without arguments. It can be pickled, as a `functools.partial` of a module's function
-can, so that it runs in any process."""
+"""A function without arguments. It must allow pickling, as a `functools.partial` of a function of a
+module does, so that it can run in any process."""
 
 
 def watched() -> bool:
@@ -39,7 +39,7 @@ def track(items: Iterable[Item], total: int | None, label: str, shown: bool) -> 
                 yield item
                 count = f"{done}" if total is None else f"{done}/{total}"
                 print(f"\r{label}: {count}", end="", file=sys.stderr, flush=True)
-        finally:  # also if the caller stops before the last item
+        finally:  # runs also if the caller stops before the last item
             print(file=sys.stderr)
         return
     yield from tqdm(items, total=total, desc=label)
@@ -60,7 +60,7 @@ def parallel(
     label: str = "",
     progress: bool = False,
 ) -> Iterator[Returned | Exception]:
-    """Runs jobs and yields in their order what each returned, or the exception that it raised.
+    """Runs jobs and yields, in their order, the value or the exception of each.
 
     A job that fails does not stop the others. If the executor fails a job, because a worker died or
     because the executor was broken or shut down, its exception takes the place of the job's value.

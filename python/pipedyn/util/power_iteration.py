@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Power iteration for the largest stretch of a linear map, from products with vectors alone."""
+"""Power iteration for the largest stretch of a linear map, by products with vectors alone."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ def largest_stretch(times: Callable[[Array], Array], start: Array, iterations: i
     """|A x| / |x| in the last of some products x <- A x, which `times` computes; 0 if A x vanishes.
 
     For a symmetric A the value tends from below to the largest magnitude of an eigenvalue. If the
-    next magnitude is less than two thirds of that, 40 products leave an error of rounding only.
+    second largest magnitude is less than two thirds of the largest, the error after 40 products is
+    due to rounding only.
     """
     x, stretch = start, 0.0
     for _ in range(iterations):

@@ -33,7 +33,7 @@ NUMBERS = float, int, complex, np.ndarray
 
 @dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field,))
 class Result(Saved):
-    """Base class of results, which makes each class that inherits from it a frozen dataclass.
+    """Base class of results; each class derived from it becomes a frozen dataclass.
 
     Two results are equal if they have the same class and equal numbers. NaN, which stands for a
     missing number, equals NaN. Fields with compare=False are not compared.
@@ -78,7 +78,7 @@ class Result(Saved):
         return "\n".join(line.rstrip() for line in lines).removesuffix(",") + ")"
 
     def _shown(self) -> list[tuple[str, Any]]:
-        """Names and values of the fields that a `repr` shows: those not at their default."""
+        """Names and values of the fields that a `repr` shows: all that are not at their default."""
         shown = []
         for one in dataclasses.fields(self):  # type: ignore[arg-type]
             value = getattr(self, one.name)
@@ -108,7 +108,7 @@ class Result(Saved):
         A frequency in Hz is an angular frequency over 2 pi; `Pipe.frequency_si` gives rad/s.
 
         Args:
-            pipe: the pipe, if the result holds neither it nor its model.
+            pipe: the pipe, if the result holds neither the pipe nor its model.
 
         Returns:
             SI: an object with the names of the result's numbers that have a unit, and of results
@@ -138,7 +138,7 @@ class Result(Saved):
 
     @property
     def units(self) -> dict[str, str]:
-        """SI units of the numbers that `in_si` gives, by the names of these.
+        """SI units of the numbers that `in_si` gives, by the names of the numbers.
 
         Example:
             >>> pp.modes(pp.Chain(pp.Pipe(0.2), 2), 1.0).units
@@ -184,7 +184,7 @@ class Result(Saved):
         return self._units[name] if name in self._units else UNIT_OF.get(name)
 
     def _units_within(self, name: str) -> dict[str, Unit | None]:
-        """Units of numbers in the results within a field that those results do not know."""
+        """Units of numbers of the results in a field, if those results do not know the units."""
         return {}
 
 
@@ -196,7 +196,7 @@ class TableResult(Result):
         raise NotImplementedError
 
     def _scales_of_rows(self, scales: Any) -> Any:
-        """Scales of each row, from those of the result, which are the same for all rows here."""
+        """Scales of each row of the table; in this class the scales of the result, for all rows."""
         return scales
 
     def columns(self, units: Units = "nondimensional", pipe: Any = None) -> dict[str, Any]:
@@ -312,7 +312,7 @@ class ResultSequence(TableResult, Sequence[Member]):
 class SI:
     """Numbers of a result in SI units, under the names that they have in the result.
 
-    Numbers without a unit, or with one that depends on the model, are left out.
+    Numbers without a unit, or with a unit that depends on the model, are left out.
     """
 
     def __init__(
@@ -322,7 +322,7 @@ class SI:
 
     @property
     def units(self) -> dict[str, str]:
-        """SI units of the numbers, by the names of these."""
+        """SI units of the numbers, by the names of the numbers."""
         found = {}
         for name in _names_of_numbers(self._result):
             unit = self._unit(name)
@@ -344,7 +344,7 @@ class SI:
                 f"what in_si() gives has no {name}: call {name} of the {own} itself{asked}"
             )
         if unit is not None and isinstance(value, NUMBERS):
-            scale = np.asarray(unit.scale(self._scales))  # one, or one for each point of a sweep
+            scale = np.asarray(unit.scale(self._scales))  # one number, or one for each point
             return value * (scale if scale.ndim else scale.item())
         if value is None and unit is not None:
             return None
@@ -392,7 +392,7 @@ class SI:
         return f"{type(self._result).__name__} in SI({', '.join(self._shown())})"
 
     def _as_argument(self) -> str:
-        """Words for an error message about an argument that is this object, not the result."""
+        """Words for the error message if this object is given in place of the result itself."""
         own = type(self._result).__name__
         return f'in_si() of a {own}: pass the {own} itself, and units="si" for SI in pictures'
 
@@ -435,7 +435,7 @@ def _results_in(values: tuple[Any, ...]) -> list[Result]:
 
 
 def _short(value: Any, depth: int | None = None) -> str:
-    """A value in a few words, where "..." stands for parts in more than `depth` parentheses."""
+    """A value as a short text, with "..." for parts in more than `depth` parentheses."""
     if isinstance(value, np.ndarray):
         return _short_array(value) if value.ndim else _short(value.item())
     if isinstance(value, bool | np.bool_ | str | type(None)):
@@ -489,7 +489,7 @@ def _compared(one: Any) -> list[Any]:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two values are equal. Objects without an equality of their own compare by state."""
+    """Whether two values are equal. Objects without a method `__eq__` are compared by state."""
     if one is other:
         return True
     if type(one) is not type(other):
@@ -513,7 +513,7 @@ def same(one: Any, other: Any) -> bool:
 
 
 def joined(tables: Sequence[dict[str, Any]], **names: Sequence[Any]) -> dict[str, Any]:
-    """One table from several with the same columns. The columns `names` have a value a table."""
+    """One table from several with the same columns; `names` adds columns with a value per table."""
     columns: dict[str, Any] = {}
     sizes = [len(next(iter(one.values()))) for one in tables]
     for name, values in names.items():

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """One BLAS thread around many small eigenproblems.
 
-Several threads of BLAS gain nothing on matrices of a few hundred rows, and if other work shares the
-processor they wait for one another. For example, the eigenvalues of 64 segments up to u = 15 took
-39 s with two threads next to a busy process, and 0.5 s with one.
+Several threads of BLAS are not faster on matrices of a few hundred rows, and if other work shares
+the processor they wait for one another. For example, the eigenvalues of 64 segments up to u = 15
+took 39 s with two threads next to a busy process, and 0.5 s with one.
 
 If OpenBLAS has threads of its own, a limit on their number holds for the whole process. But
 threadpoolctl lets only the thread that set the first limit change it, and ignores others: work in a
@@ -21,8 +21,8 @@ from importlib import import_module
 from typing import Any
 
 SMALL = 600
-"""Number of rows up to which one thread is used: the eigenvalues of such a matrix take 0.3 s. On a
-busy machine two threads took 1.7 s for it, and for 200 rows 2 s in place of 0.03 s."""
+"""Number of rows up to which one thread is used: the eigenvalues of a matrix of this size take
+0.3 s. On a busy machine two threads took 1.7 s for them, and for 200 rows 2 s instead of 0.03 s."""
 
 _lock = threading.Lock()
 _inside = 0
@@ -34,7 +34,7 @@ def _libraries() -> tuple[list[Any], list[Any]]:
     """BLAS libraries with a limit for the whole process, and those with one for each thread."""
     from threadpoolctl import ThreadpoolController
 
-    import_module("scipy.linalg")  # has a BLAS of its own, which is found only once it is loaded
+    import_module("scipy.linalg")  # its own BLAS is found only after scipy.linalg is loaded
     every = ThreadpoolController().select(user_api="blas").lib_controllers
     own = [one for one in every if getattr(one, "threading_layer", "") == "openmp"]
     return [one for one in every if one not in own], own
@@ -62,7 +62,7 @@ def one_thread(rows: int) -> Iterator[None]:
         return
     shared, own = _libraries()
     mine = _limit(own, [1] * len(own))
-    with _lock:  # the first block sets the limit of the process, and the last lifts it
+    with _lock:  # the first block sets the limit of the process, and the last one removes it
         if _inside == 0:
             _before = _limit(shared, [1] * len(shared))
         _inside += 1

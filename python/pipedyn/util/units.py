@@ -23,7 +23,7 @@ TIME = Unit("s", lambda scales: scales.time)
 RATE = Unit("1/s", lambda scales: 1.0 / scales.time)
 LENGTH = Unit("m", lambda scales: scales.length)
 VELOCITY = Unit("m/s", lambda scales: scales.length / scales.time)
-"""Unit of the velocity of the pipe itself; the unit of flow speeds is `SPEED`."""
+"""Unit of velocities of points of the pipe; the unit of flow speeds is `SPEED`."""
 POWER = Unit("W", lambda scales: scales.mass * scales.length**3 / scales.time**3)
 ENERGY = Unit("J", lambda scales: scales.mass * scales.length**3 / scales.time**2)
 
