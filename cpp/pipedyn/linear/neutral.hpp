@@ -9,6 +9,7 @@
 // is taken here. This moves a simple mu by about as much, and lambda by |lambda - shift|^2 times as
 // much. Two roots on either side of zero are moved the more, the nearer they are to each other, and
 // a double zero by the square root of rounding.
+// Source: Golub and Van Loan (2013), Matrix computations, secs. 7.2 and 7.7.
 #pragma once
 
 #include "pipedyn/linear/spectrum.hpp"
