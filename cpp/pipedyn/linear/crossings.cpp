@@ -126,7 +126,8 @@ class Search {
       speeds.insert(speeds.end(), {u - reach, u + reach});
     }
     std::sort(speeds.begin(), speeds.end());
-    // Beyond the first divergence there may be others that are not known.
+    // Beyond the second divergence there may be others that are not known: the samples end half way
+    // between the first and the second.
     if (!divergences_.complete) {
       std::erase_if(speeds, [&](double at) { return at >= 0.5 * (all[0].speed + all[1].speed); });
     }

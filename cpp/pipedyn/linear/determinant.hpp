@@ -51,7 +51,7 @@ class Determinant {
   /// The matrices of P in elastic coordinates. stiffness_size: size of K at rest.
   virtual Pencil matrices(double stiffness_size) const = 0;
   virtual bool has_loss() const = 0;
-  /// Whether elimination pivots, so that vectors are as good where a part of the pipe is singular
+  /// Whether elimination pivots: vectors are then as accurate where a part of the pipe is singular
   /// by itself.
   virtual bool is_pivoted() const = 0;
   /// Whether roots may be zero because nothing holds a joint or the root of the pipe.
