@@ -8,7 +8,7 @@ namespace pipedyn {
 
 namespace {
 
-/// Of Newton's method, which takes three or four from a step's cubic.
+/// Most iterations of Newton's method, which takes three or four from the cubic of a step.
 constexpr int most_iterations = 12;
 
 }  // namespace
@@ -17,7 +17,7 @@ double zero_between(const Function& f, double low, double high, double tolerance
   double a = low, b = high, fa = f(a), fb = f(b), share = 0.5, before = infinite;
   for (int evaluations = 1;; ++evaluations) {
     const double x = a + share * (b - a), fx = f(x);
-    double c = b, fc = fb;  // the point that leaves
+    double c = b, fc = fb;  // the point that is dropped
     if ((fx > 0.0) == (fa > 0.0)) {
       c = a, fc = fa;
     } else {
@@ -32,7 +32,8 @@ double zero_between(const Function& f, double low, double high, double tolerance
       share = fa / (fb - fa) * fc / (fb - fc) + (c - a) / (b - a) * fa / (fc - fa) * fb / (fc - fb);
     }
     share = std::clamp(share, least, 1.0 - least);
-    // Noise about one end keeps the curve's zero there, however far the other is.
+    // Noise of f about one end keeps the zero of the interpolating curve there, however far away
+    // the other end is.
     if (evaluations % 4 != 0) continue;
     if (std::abs(b - a) > 0.5 * before) share = 0.5;
     before = std::abs(b - a);
@@ -49,8 +50,9 @@ std::pair<double, Pair> newton(Spectrum& spectrum, double u, Pair guess, double 
     u = std::max(u + change, 0.0);
     guess = std::move(pair);
     guess.value += guess.slope * change;
-    // Converged, or steps that do not shrink any more: what is left is rounding. The next would be
-    // shorter than this one by what that was than the last, or more.
+    // Either the iteration has converged, or its steps do not shrink any more and what is left is
+    // rounding. The next step would be shorter than this one at least in the ratio of this one to
+    // the last.
     const double next = last == infinite ? size : size * std::min(size / last, 1.0);
     const double rate = std::abs(guess.slope.real());
     const bool within = next * rate <= 0.1 * guess.uncertain || next <= 4e-16 * u;

@@ -7,7 +7,8 @@ namespace pipedyn {
 
 namespace {
 
-/// Every column of x reflected in the plane across v, a unit vector that is zero before row first.
+/// Reflects every column of x in the plane normal to v, a unit vector that is zero before row
+/// `first`.
 template <class Columns>
 void reflect(const Vector& v, Index first, Columns&& x) {
   Eigen::RowVectorXd along = Eigen::RowVectorXd::Zero(x.cols());
@@ -18,7 +19,7 @@ void reflect(const Vector& v, Index first, Columns&& x) {
 }  // namespace
 
 Complement::Complement(Matrix columns) : size_(columns.rows()), reflected_(columns.cols()) {
-  for (Index j = 0; j < columns.cols(); ++j) {  // each moves its column into the axis j
+  for (Index j = 0; j < columns.cols(); ++j) {  // each reflection turns its column into axis j
     Vector& v = reflected_[j] = columns.col(j);
     v.head(j).setZero();
     v[j] += std::copysign(v.norm(), v[j]);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// What constraints leave free, without a matrix of it: an orthonormal basis by reflections, in
-// O(n c) for c constraints on n coordinates.
+// The motions that constraints leave free: an orthonormal basis of them by reflections, which are
+// applied in O(n c) for c constraints on n coordinates, without a matrix of the basis.
 #pragma once
 
 #include <vector>
@@ -11,7 +11,8 @@
 
 namespace pipedyn {
 
-/// An orthonormal basis Z of all that is orthogonal to columns (n, c) of full rank, c < n.
+/// An orthonormal basis Z of all vectors that are orthogonal to the given columns (n, c), which
+/// have full rank; c < n.
 class Complement {
  public:
   explicit Complement(Matrix columns);
@@ -19,15 +20,15 @@ class Complement {
   Index size() const { return size_; }
   Index dof() const { return size_ - static_cast<Index>(reflected_.size()); }
 
-  /// Z z, of z (dof, r).
+  /// Z z for coefficients z (dof, r).
   Matrix spread(const Matrix& z) const;
-  /// Z^T x, of x (n, r).
+  /// Z^T x for vectors x (n, r).
   Matrix gathered(Matrix x) const;
   ComplexTable gathered(const ComplexTable& x) const;
 
  private:
   Index size_;
-  std::vector<Vector> reflected_;  // the unit vector of each reflection
+  std::vector<Vector> reflected_;  // unit normal of the plane of each reflection
 };
 
 }  // namespace pipedyn

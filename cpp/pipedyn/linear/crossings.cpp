@@ -9,10 +9,10 @@ namespace pipedyn {
 
 namespace {
 
-/// Relative error of a crossing's speed beyond which it is no result: three digits are wanted.
+/// Largest relative error of a crossing's speed that is a result: three digits are wanted.
 constexpr double largest_error = 1e-3;
 
-/// A message in printf's format.
+/// An exception with a message in printf's format.
 template <class... Numbers>
 NotConverged refusal(const char* format, Numbers... numbers) {
   char text[200];
@@ -22,8 +22,8 @@ NotConverged refusal(const char* format, Numbers... numbers) {
 
 bool is_known(double speed, double error) { return error <= largest_error * speed + 1e-12; }
 
-/// The root that a growing real root without loss factor becomes with it: of those that grow the
-/// nearest.
+/// The root that a growing real root of the pipe without loss factor becomes with it: the nearest
+/// of the growing roots.
 Complex twin_of(Complex still, const Values& values) {
   Complex nearest(0.0, -1.0);
   double least = infinite;
@@ -35,7 +35,7 @@ Complex twin_of(Complex still, const Values& values) {
   return nearest;
 }
 
-/// At x the polynomial through values at some places, by Neville's scheme.
+/// Value at x of the polynomial through values at some places, by Neville's scheme.
 template <class Number>
 Number through(const std::vector<double>& at, std::vector<Number> values, double x) {
   for (std::size_t degree = 1; degree < at.size(); ++degree) {
@@ -47,20 +47,20 @@ Number through(const std::vector<double>& at, std::vector<Number> values, double
   return values[0];
 }
 
-/// What a step shows: one root of each conjugate pair; those that meet another on the real axis are
-/// not followed by their cubics.
+/// What a step shows. It looks at one root of each conjugate pair; roots that meet another on the
+/// real axis are not followed by their cubics.
 struct Scan {
-  Roots roots;           // looked at
-  Flags leaving;         // of the left sample's, which leave the axis at rest to the right
-  Flags after;           // the same, which are unstable at the right end
-  bool clear = true;     // whether the step shows all
-  int static_count = 0;  // see `Search::static_count`, of the right sample
+  Roots roots;           // the roots looked at
+  Flags leaving;         // whether a left root leaves the axis at rest to the right
+  Flags after;           // whether a left root is unstable at the right end
+  bool clear = true;     // whether the step shows all crossings
+  int static_count = 0;  // `Search::static_count` of the right sample
   struct Predicted {
     Index root;
     double at;  // fraction of the step
     bool rising;
   };
-  std::vector<Predicted> predicted;  // of crossings, in order along each root
+  std::vector<Predicted> predicted;  // crossings, in order along each root
 };
 
 class Search {
@@ -68,8 +68,8 @@ class Search {
   Search(Spectrum& spectrum, const Range& range, const std::function<void()>& report)
       : spectrum_(spectrum), traits_(spectrum.traits), range_(range), report_(report) {}
 
-  /// first_alone: whether, of several divergences, the search ends behind the first; none if it
-  /// would have to go on there.
+  /// first_alone: whether the search ends behind the first of several divergences; the result is
+  /// none if it would have to go on there.
   std::optional<Sweep> run(bool first_alone) {
     try {
       divergences_ = spectrum_.without_loss().divergences(range_.max_speed, first_alone);
@@ -111,8 +111,8 @@ class Search {
   }
 
  private:
-  /// Speeds sampled at least: steps up to the longest, and one closely about each divergence,
-  /// within which no other lies.
+  /// Speeds that are sampled at least: those of steps up to the longest, and of one short step
+  /// about each divergence, within which no other divergence lies.
   std::vector<double> samples(double longest) const {
     const std::vector<Divergence>& all = divergences_.all;
     const int steps = std::max(1, static_cast<int>(std::ceil(range_.max_speed / longest)));
@@ -126,7 +126,8 @@ class Search {
       speeds.insert(speeds.end(), {u - reach, u + reach});
     }
     std::sort(speeds.begin(), speeds.end());
-    // Beyond the first divergence there may be others that are not known.
+    // Beyond the second divergence there may be others that are not known: the samples end half way
+    // between the first and the second.
     if (!divergences_.complete) {
       std::erase_if(speeds, [&](double at) { return at >= 0.5 * (all[0].speed + all[1].speed); });
     }
@@ -141,7 +142,8 @@ class Search {
     return nullptr;
   }
 
-  /// Half the step about a divergence: what passes zero there has a side at its ends.
+  /// Half the length of the step about a divergence: long enough that the root that passes zero
+  /// there has a sign at its ends.
   double about(const Divergence& one) const {
     const double most = std::max(0.99 * shortest_step, traits_.zero);
     const double least = std::max(1e-9, 10.0 * one.error / (1.0 + one.speed));
@@ -150,23 +152,25 @@ class Search {
     return std::clamp(wanted, least, std::max(most, least)) * (1.0 + one.speed);
   }
 
-  /// Whether a step is that about a divergence: nearer to it, what passes zero has no side.
+  /// Whether a step is the short one about a divergence: nearer to it, the root that passes zero
+  /// has no sign.
   bool encloses(const Step& step) const {
     const Divergence* const one = passed(step);
     return one != nullptr && step.length() <= 2.1 * about(*one);
   }
 
-  /// The most roots of a conservative system that can grow: Krein's index, the number of negative
-  /// eigenvalues of K, is that of growing real roots, twice that of growing pairs and twice that of
-  /// pairs on the axis with negative energy, together.
+  /// The greatest number of roots of a conservative system that can grow. The number of negative
+  /// eigenvalues of K is Krein's index: the number of growing real roots, plus twice that of
+  /// growing pairs and twice that of pairs on the axis with negative energy.
   int most_unstable(double u) const {
     int negative = divergences_.negative_at_rest;
     for (const Divergence& one : divergences_.all) negative += one.speed < u ? one.multiplicity : 0;
     return negative;
   }
 
-  /// A conservative system whose K is definite at rest is stable until K is singular: no root needs
-  /// to be followed. Whether that answers what is asked.
+  /// Adds the first divergence as a crossing, if that ends the search: a conservative system whose
+  /// K is definite at rest is stable until K is singular, so no root needs to be followed. Returns
+  /// whether it does.
   bool ends_with_first_divergence() {
     const std::vector<Divergence>& all = divergences_.all;
     if (divergences_.negative_at_rest > 0) return false;
@@ -179,8 +183,8 @@ class Search {
     return true;
   }
 
-  /// A divergence as a crossing. Of a conservative system its mode is that whose frequency at rest
-  /// is nearest to what Rayleigh's quotient makes of the null vector.
+  /// A divergence as a crossing. Its mode in a conservative system is the one whose frequency at
+  /// rest is nearest to the Rayleigh quotient of the null vector.
   AxisCrossing of(const Divergence& one, int change, Index mode) const {
     if (traits_.conservative && one.pair.right.size() > 0) {
       const Values squares = traits_.squared ? rest_ : rest_.square().eval();
@@ -191,8 +195,9 @@ class Search {
     return {one.speed, 0.0, change, mode, one.error, traits_.squared ? Pair{} : one.pair};
   }
 
-  /// The sample at a speed, but for roots that never leave zero, lest one that passes be taken for
-  /// them; at rest zero is exact, and without damping the axis.
+  /// The sample at a speed, without roots that are always zero, so that a root that passes zero is
+  /// not taken for one of them. At rest, roots within rounding of zero are set to zero, and without
+  /// damping oscillating roots are set on the axis.
   SharedSample take(double u) {
     Sample at = spectrum_.sample(u, range_.count);
     std::vector<Index> moving;
@@ -202,7 +207,7 @@ class Search {
     if (traits_.squared) {
       Sample half{{.values = Values(at.size()), .slopes = Values(at.size())}, u};
       Index count = 0;
-      bool twin = true;  // of two zeros the second
+      bool twin = true;  // whether a zero is the second of two
       for (Index i = 0; i < at.size(); ++i) {
         const Complex value = at.values[i];
         if (value == 0.0) twin = !twin;
@@ -225,7 +230,7 @@ class Search {
     return std::make_shared<const Sample>(std::move(at));
   }
 
-  /// Mode of each root at rest, by frequency.
+  /// Mode of each root at rest, in the order of frequency.
   Roots ranked(const Sample& first) const {
     if (!traits_.squared) {
       return modes_of(first.values, spectrum_.quotients(0.0, first), traits_);
@@ -237,16 +242,16 @@ class Search {
     return modes;
   }
 
-  /// Whether the place of a root on one side of the axis is known.
+  /// Whether it is known on which side of the axis a root lies.
   bool has_sign(const Sample& at, Index i) const {
     const Complex value = at.values[i];
     if (traits_.squared) return value.imag() != 0.0 || magnitude(value) >= traits_.zero;
-    return at.signatures[i] != 0 ||  // on the axis of a conservative system, where it stays
+    return at.signatures[i] != 0 ||  // it stays on the axis of a conservative system
            (std::abs(value.real()) > at.noise[i] && magnitude(value) >= traits_.zero);
   }
 
-  /// Which of some roots of a sample are unstable: by the sign of Re lambda, or as before where it
-  /// has none.
+  /// Which of some roots of a sample are unstable: by the sign of Re lambda, or as before if it has
+  /// no sign.
   Flags states(const Sample& at, const Roots& onto, const Flags& before) const {
     const Index size = static_cast<Index>(onto.size());
     Flags result = before;
@@ -257,7 +262,7 @@ class Search {
         result[i] = value.real() > 0.0 || (traits_.squared && value.imag() != 0.0);
         continue;
       }
-      for (Index k = 0; k < size; ++k) {  // a pair has one state
+      for (Index k = 0; k < size; ++k) {  // both roots of a pair have one state
         if (value.imag() == 0.0 || onto[k] < 0) continue;
         const Complex other = at.values[onto[k]];
         if (other == value || other == std::conj(value)) result[i] |= before[k];
@@ -267,8 +272,8 @@ class Search {
     return result;
   }
 
-  /// Of a conservative system at most so many roots grow as Krein's index says: others are on the
-  /// axis, off which rounding moves high modes.
+  /// Lets at most as many roots of a conservative system grow as Krein's index allows, the fastest:
+  /// the others are on the axis, off which rounding moves roots of high modes.
   void keep_fastest(const Sample& at, const Roots& onto, Flags& growing) const {
     const int most = most_unstable(at.u);
     while (std::count(growing.begin(), growing.end(), 1) > most) {
@@ -284,8 +289,9 @@ class Search {
     }
   }
 
-  /// States at the right end of a step of the left sample's roots. What passes zero at a divergence
-  /// shows in the sign of a real root, or is the slowest that has no sign, and then as K says.
+  /// States, at the right end of a step, of the left sample's roots. A root that passes zero at a
+  /// divergence shows by the sign of a real root; otherwise it is the slowest root without a sign,
+  /// whose state follows from K.
   Flags states_after(const Step& step) const {
     Flags after = states(*step.right, step.onto, unstable_);
     const Divergence* const zero = passed(step);
@@ -300,28 +306,29 @@ class Search {
         continue;
       }
       const double size = magnitude(step.end(i));
-      if (size <= step.right->noise[j]) continue;  // it stays at zero
+      if (size <= step.right->noise[j]) continue;  // a root that stays at zero
       if (slowest < 0 || size < magnitude(step.end(slowest))) slowest = i;
     }
     if (slowest >= 0) after[slowest] = grows;
     return after;
   }
 
-  /// Number of unstable roots among the resolved of a sample.
+  /// Number of unstable roots among the resolved modes of a sample.
   int count_unstable(const Sample& at) const {
     int count = 0;
     for (Index i = 0; i < at.size(); ++i) count += unstable_[i] ? weight(i, at.values[i]) : 0;
     return count;
   }
 
-  /// Number of roots that one is of those looked at.
+  /// Number of the pipe's roots, among the resolved modes, that one root of a sample counts for.
   int weight(Index i, Complex value) const {
     if (modes_[i] < 1 || modes_[i] > range_.resolved || !traits_.counts(value)) return 0;
     return traits_.lossy() ? 2 : 1;
   }
 
   /// Number of growing real roots of a pipe with a loss factor, which are those without it. A
-  /// growing pair next to one is the same motion and not counted beside it.
+  /// growing pair next to a growing real root is the same motion: then the pair is not counted in
+  /// addition.
   int static_count(const Sample& at) const {
     if (!traits_.lossy()) return 0;
     Spectrum& without_loss = spectrum_.without_loss();
@@ -343,7 +350,7 @@ class Search {
     return count;
   }
 
-  /// Takes modes and states to the step's right sample; mode 0 for roots from outside.
+  /// Carries modes and states over to the right sample of a step; roots from outside get mode 0.
   void move(const Step& step) {
     const Flags after = states_after(step);
     const bool partly = range_.count < 2 * traits_.dof;
@@ -367,7 +374,7 @@ class Search {
     static_count_ = scanned_.static_count;
   }
 
-  /// Adds the crossings of a step; whether the search goes on.
+  /// Adds the crossings of a step; returns whether the search goes on.
   bool visit(const Step& step) {
     if (step.shortest() || encloses(step)) scanned_ = scan(step);
     std::vector<AxisCrossing> found = crossings(step);
@@ -429,7 +436,7 @@ class Search {
     Scan found;
     found.after = states_after(step);
     found.leaving.assign(left.size(), 0);
-    if (traits_.conservative && most_unstable(right.u) == 0) return found;  // nothing can grow
+    if (traits_.conservative && most_unstable(right.u) == 0) return found;  // no root can grow
     int turned = 0;
     for (Index i = 0; i < left.size(); ++i) {
       const Index j = step.onto[i];
@@ -441,7 +448,7 @@ class Search {
       const bool stays =
           start == 0.0 || !traits_.lossy() || traits_.counts(start) == traits_.counts(end);
       if (stays && (start == 0.0 ? end : start).imag() < 0.0) continue;
-      // A growing root that passes the real axis becomes one of the pipe's, or ceases to be one.
+      // A growing root that passes the real axis becomes a root of the pipe, or ceases to be one.
       if (!stays && (found.after[i] || unstable_[i])) found.clear = false;
       if (modes_[i] > range_.certain && heavily_damped(start) && heavily_damped(end)) continue;
       found.roots.push_back(i);
@@ -455,23 +462,24 @@ class Search {
       }
       if (real && !found.leaving[i] && found.after[i] != unstable_[i]) ++turned;
       const bool turns = (start.imag() == 0.0) != (end.imag() == 0.0);
-      if (turns && zero != nullptr) continue;  // a pair that meets at zero
+      if (turns && zero != nullptr) continue;  // this pair meets at zero
       if (step.meets[i] >= 0) {
         found.clear = found.clear && is_clear_meeting(step, i);
       } else if (!traits_.squared && !real) {
         scan_cubic(step, i, found);
       } else if (!real && start != 0.0 && turns) {
-        found.clear = false;  // it met another
+        found.clear = false;  // it met another root
       }
     }
-    // Real roots pass zero at divergences alone.
+    // Real roots pass zero only at divergences.
     found.static_count = static_count(right);
     if (found.static_count != static_count_ && zero == nullptr) found.clear = false;
     if (turned > (zero == nullptr ? 0 : zero->multiplicity)) found.clear = false;
     return found;
   }
 
-  /// Where the cubic of a root's real part passes zero, and whether it shows all that does.
+  /// Finds where the cubic of a root's real part passes zero, and whether that shows all crossings
+  /// of the root.
   void scan_cubic(const Step& step, Index i, Scan& found) const {
     const Sample &left = *step.left, &right = *step.right;
     const Index j = step.onto[i];
@@ -479,8 +487,8 @@ class Search {
     double slope = step.start_slope(i).real() * h, end_slope = step.end_slope(i).real() * h;
     double noise = std::max(left.noise[i], right.noise[j]);
     if (step.start(i) == 0.0) noise = infinite;
-    // A slope within its rounding says nothing unless that is small beside what happens within the
-    // step: then the line through both ends is taken, however short the step is.
+    // A slope within its rounding says nothing, unless the rounding is small against the change
+    // within the step: then the line through both ends is taken instead, however short the step is.
     const double small = 1e-3 * std::max(std::abs(a), std::abs(b)) / h;
     const auto is_hidden = [=](Complex rate, double rounded) {
       return std::abs(rate.real()) < rounded && rounded > small;
@@ -490,11 +498,12 @@ class Search {
     if (hidden) slope = end_slope = b - a;
     const double c = 3.0 * (b - a) - 2.0 * slope - end_slope, d = 2.0 * (a - b) + slope + end_slope;
     const auto cubic = [=](double t) { return a + t * (slope + t * (c + t * d)); };
-    // The real part's own error; a little of the imaginary part's keeps it from being 0.
+    // The error of the real part; a small share of that of the imaginary part keeps it from being
+    // 0.
     double band = 2.0 * std::abs(b - a - 0.5 * (slope + end_slope)) + step.real_error[i] +
                   1e-4 * step.error[i];
-    // On the axis all along, as in a span that guides part from all that takes energy: there two
-    // roots meet and leave it, which tracking shows.
+    // A root may be on the axis throughout, for instance in a span that guides separate from all
+    // that takes energy. It leaves the axis only where two roots meet, which tracking shows.
     const double largest =
         std::max({std::abs(a), std::abs(b), std::abs(slope), std::abs(end_slope)});
     if (hidden || largest <= noise) band = 0.0;
@@ -520,7 +529,7 @@ class Search {
     for (const Point& point : points) {
       if (point.positive != positive) {
         const double low = cubic(last), high = cubic(point.at);
-        // Without a change of sign one end lies in the noise.
+        // If the cubic does not change its sign, one end is within rounding of zero.
         const double nearer = std::abs(low) < std::abs(high) ? last : point.at;
         const double at = low * high < 0.0 ? zero_between(cubic, last, point.at, 1e-15) : nearer;
         found.predicted.push_back({i, at, point.positive});
@@ -530,17 +539,17 @@ class Search {
     }
   }
 
-  /// Whether the states before and after a meeting on the real axis show what passed.
+  /// Whether the states before and after a meeting on the real axis show what passed zero.
   bool is_clear_meeting(const Step& step, Index i) const {
     const Index k = step.meets[i];
     const Complex a = step.start(i), b = step.start(k), c = step.end(i), d = step.end(k);
     const bool across = (a.imag() == 0.0) != (c.imag() == 0.0);
-    if (traits_.squared) {  // on one side of zero, once
+    if (traits_.squared) {  // both roots on one side of zero, one meeting
       const auto [low, high] = std::minmax({a.real(), b.real(), c.real(), d.real()});
       return a == 0.0 || (across && (low > 0.0 || high < 0.0));
     }
-    // Whether the pair stays on one side of zero: half its sum is the centre, and the roots are no
-    // further from it than at either end.
+    // The pair stays on one side of zero if its centre, half the sum, is further from zero than the
+    // roots are from the centre at either end of the step.
     const double reach = std::max(std::abs((a - b).real()), std::abs((c - d).real()));
     double least = infinite, most = -infinite;
     for (int p = 0; p <= 16; ++p) {
@@ -549,13 +558,14 @@ class Search {
       most = std::max(most, total);
     }
     if (most + reach < 0.0 || least - reach > 0.0) return true;
-    // An imaginary pair that turns into opposite real roots, or back: at zero.
+    // The exception is an imaginary pair that becomes two opposite real roots, or the reverse: they
+    // meet at zero.
     const double opposite = std::abs((a + b).real()) + std::abs((c + d).real());
     return traits_.conservative && across && opposite < 1e-6 * (1.0 + std::abs(a) + std::abs(c));
   }
 
-  /// Whether two growing real roots of a conservative system meet and go on as a pair: coupled-mode
-  /// flutter after divergence, which crosses no axis.
+  /// Whether two growing real roots of a conservative system meet and continue as a pair: this is
+  /// coupled-mode flutter after divergence, which crosses no axis.
   bool couple(const Step& step, Index i) const {
     const auto grows = [&](Index j) { return step.start(j).imag() == 0.0 && unstable_[j]; };
     return traits_.conservative && !traits_.squared && grows(i) && grows(step.meets[i]) &&
@@ -566,7 +576,7 @@ class Search {
   std::vector<AxisCrossing> crossings(const Step& step) {
     Scan& scan = scanned_;
     std::vector<AxisCrossing> found;
-    if (!scan.clear) {  // a shortest step: the states at its ends
+    if (!scan.clear) {  // for a shortest step, by the states at its ends
       scan.predicted.clear();
       for (const Index i : scan.roots) {
         const bool before = unstable_[i] || scan.leaving[i], after = scan.after[i];
@@ -602,7 +612,7 @@ class Search {
       const bool twice = std::find(scan.roots.begin(), scan.roots.end(), k) != scan.roots.end();
       const bool couples = change == 0 && couple(step, i);
       if ((change == 0 && !couples) || scan.leaving[i] || (twice && i > k)) continue;
-      if (change % 2 != 0) continue;  // one real root of the two passes zero, at a divergence
+      if (change % 2 != 0) continue;  // one of two real roots passes zero, at a divergence
       const auto met = traits_.squared || couples ? meeting(step, i, change) : std::nullopt;
       const double middle = 0.5 * (step.left->u + step.right->u);
       const double imag = traits_.squared ? std::sqrt(step.start(i)).imag() : step.start(i).imag();
@@ -613,9 +623,10 @@ class Search {
     return found;
   }
 
-  /// A crossing in the step from rest of a root that lies on the axis there as nothing damps it, by
-  /// the speed that is halved until the root is on the other side. Where rounding hides the side
-  /// before, as with a fluid drawn from rest, it leaves the axis at rest, known to a factor of 2.
+  /// A crossing, in the step from rest, of a root that lies on the axis at rest because nothing
+  /// damps it. The speed is halved until the root is on the other side of the axis. Where rounding
+  /// hides the side below that speed, as for a pipe that aspirates fluid, the root leaves the axis
+  /// at rest; this is known to a factor of 2 in speed.
   AxisCrossing beyond_rest(const Step& step, const Scan::Predicted& predicted) {
     const Index root = predicted.root;
     const int change = predicted.rising ? 2 : -2;
@@ -636,9 +647,9 @@ class Search {
     }
   }
 
-  /// Whether a root of an undamped pipe, which is on the axis at rest, has left it there: at half
-  /// the speed of the crossing it is not on the other side for sure. Where growth begins by the
-  /// cube of the speed, rounding hides it up to a crossing that is none.
+  /// Whether a root of an undamped pipe, which is on the axis at rest, leaves the axis there: at
+  /// half the speed of the crossing it is not certainly on the other side. Where growth begins like
+  /// the cube of the speed, rounding hides it up to a speed that looks like a crossing and is none.
   bool is_at_rest(const AxisCrossing& crossing) {
     if (traits_.damped || crossing.value == 0.0) return false;
     if (crossing.error >= crossing.speed) return true;
@@ -647,7 +658,7 @@ class Search {
     return (crossing.change > 0 ? real : -real) >= -lower.uncertain;
   }
 
-  /// A crossing to rounding, by Newton's method on the model itself.
+  /// A crossing to within rounding, by Newton's method on the model itself.
   AxisCrossing polished(const Step& step, const Scan::Predicted& predicted) {
     const Index root = predicted.root, mode = modes_[root];
     const int change = predicted.rising ? 2 : -2;
@@ -657,7 +668,7 @@ class Search {
     if (step.left->right.size() > 0) guess.right = step.left->right.col(root);
     auto [u, pair] =
         newton(spectrum_, at, std::move(guess), step.left->u - slack, step.right->u + slack);
-    // Where it ends without a crossing shows in where the step predicts the root.
+    // Newton's method has failed where its root is far from the one that the step predicts.
     const auto astray = [&] {
       const double tolerance = 1e-6 * (1.0 + std::abs(pair.value));
       const double off = std::abs(pair.value - step.expected(root, u));
@@ -680,15 +691,16 @@ class Search {
     return {u, value, change, mode, error_of(pair), std::move(pair)};
   }
 
-  /// Where two roots meet on the axis and leave it, or come back to it: two pairs of a conservative
-  /// system, or two nu. There the square of their difference is real, smooth in u and passes zero.
+  /// The speed at which two roots meet on the axis and leave it, or come back to it: two pairs of a
+  /// conservative system, or two values nu. There the square of their difference, which is real and
+  /// smooth in u, passes zero.
   std::optional<AxisCrossing> meeting(const Step& step, Index root, int change) {
     const Index met = step.meets[root], other = met < 0 ? step.reflected(root, change > 0) : met;
     Complex centre;
     const Function square = [&](double u) {
       const double t = (u - step.left->u) / step.length();
       const Complex expected = other < 0
-                                   ? step.at(root, t)  // of two that meet slopes are infinite
+                                   ? step.at(root, t)  // slopes are infinite where two roots meet
                                    : 0.5 * ((1.0 - t) * (step.start(root) + step.start(other)) +
                                             t * (step.end(root) + step.end(other)));
       const SharedSample at = take(u);
@@ -703,9 +715,10 @@ class Search {
     const double tolerance = 4e-16 * (1.0 + high);
     double u = zero_between(square, low, high, tolerance);
     const double left = std::abs(square(u));
-    if (left > 1e-3 * std::max(std::abs(before), std::abs(after))) return {};  // it jumps
-    // Next to the meeting roots are known to the square root of their rounding: polynomials through
-    // places beside it tell where it is, and two degrees how well.
+    if (left > 1e-3 * std::max(std::abs(before), std::abs(after))) return {};  // it has a jump
+    // Next to the meeting, roots are known only to the square root of their rounding. Polynomials
+    // through values at speeds beside it give the speed of the meeting, and those of two degrees
+    // its error.
     double error = step.length() + tolerance;
     const double reach = std::min({0.005 * step.length(), u - low, high - u});
     if (reach > 1e3 * tolerance) {
@@ -737,7 +750,7 @@ class Search {
     return AxisCrossing{u, {0.0, frequency}, change, mode, error};
   }
 
-  /// The two roots of a sample nearest to a value.
+  /// Indices of a sample's roots, of which the first two are the two nearest to a value.
   Roots nearest(const Sample& at, Complex value) const {
     Roots places(at.size());
     for (Index i = 0; i < at.size(); ++i) places[i] = i;
@@ -748,7 +761,8 @@ class Search {
     return places;
   }
 
-  /// Where the real part of the root nearest to the cubic changes its sign; an end if it does not.
+  /// The speed at which the real part of the root nearest to the cubic changes its sign; an end of
+  /// the step if it does not.
   double bisected(const Step& step, Index root) {
     const Function real_part = [&](double u) {
       const SharedSample at = take(u);
@@ -765,12 +779,12 @@ class Search {
   const std::function<void()>& report_;
   Sweep sweep_;
   Divergences divergences_;
-  Values rest_;       // values of the sample at rest
-  Roots rest_modes_;  // and their modes
-  Roots modes_;       // of the left sample's roots, counted from rest, from 1; 0 for others
-  Flags unstable_;    // the same, whether they are
+  Values rest_;       // roots of the sample at rest
+  Roots rest_modes_;  // modes of these roots
+  Roots modes_;       // modes of the left sample's roots, from 1; 0 for other roots
+  Flags unstable_;    // whether roots of the left sample are unstable
   int unstable_count_ = 0, static_count_ = 0;
-  Scan scanned_;  // of the step looked at last
+  Scan scanned_;  // what the step looked at last shows
 };
 
 }  // namespace

@@ -11,19 +11,20 @@ namespace pipedyn {
 
 namespace {
 
-/// Relative rounding of an entry of P, with room for what the products with it add.
+/// Relative rounding of an entry of P, including what products with it add.
 constexpr double entry_rounding = 8.0 * eps;
-/// |lambda| up to which elastic coordinates hold vectors: they lose eps |lambda|^2, 2e-13 here.
+/// Largest |lambda| of vectors that elastic coordinates represent well enough: they lose eps
+/// |lambda|^2, 2e-13 here.
 constexpr double slow = 30.0;
 
-/// Real parts, then imaginary ones.
+/// Real parts of values, followed by their imaginary parts.
 Reals parts_of(const Values& values) {
   Reals parts(2 * values.size());
   parts << values.real(), values.imag();
   return parts;
 }
 
-/// The values, with `beside_zero` in place of 0.
+/// Real parts, then imaginary parts, of values in which `beside_zero` replaces 0.
 Reals parts_beside_zero(const Values& values) {
   Reals parts = parts_of(values);
   for (Index i = 0; i < values.size(); ++i) {
@@ -46,8 +47,8 @@ Values log_derivatives_by(const std::function<void(const Points&, double* out)>&
   return result;
 }
 
-/// Of roots and vectors in n coordinates what `evaluate` says. elastic: takes vectors to elastic
-/// coordinates, right ones or left.
+/// Pairs made of what `evaluate` computes for roots, with vectors in n coordinates. elastic: takes
+/// right or left vectors to elastic coordinates.
 Pairs pairs_by(const std::function<void(const Points&, const PairsAsked&)>& evaluate,
                const std::function<ComplexTable(const ComplexTable&)>& elastic, double u,
                const Values& values, Index n, bool vectors, bool own, bool loaded) {
@@ -82,7 +83,8 @@ Pairs pairs_by(const std::function<void(const Points&, const PairsAsked&)>& eval
     found.left.col(i) /= dual;
     const auto number = [&](Index k) { return Complex(out(i, k), out(i, k + 1)); };
     const auto known = [](double x) { return std::isfinite(x) ? x : infinite; };
-    // Exactly 0 where two roots are zero: divergence_at takes back what is divided by it.
+    // by_lambda is exactly 0 where two roots are zero. divergence_at multiplies by it again what is
+    // divided by it here.
     const Complex by_lambda = number(0) == 0.0 ? beside_zero : number(0) / both;
     const Complex value = number(2) / both;
     const double rest = out(i, 8) / both, size = (out(i, 9) + out(i, 10)) / both;
@@ -97,14 +99,14 @@ Pairs pairs_by(const std::function<void(const Points&, const PairsAsked&)>& eval
   return found;
 }
 
-/// Columns of real parts, then columns of imaginary ones.
+/// The real parts of the columns of x, followed by the imaginary parts.
 Matrix real_columns(const ComplexTable& x) {
   Matrix parts(x.rows(), 2 * x.cols());
   parts << x.real(), x.imag();
   return parts;
 }
 
-/// conj(y_j) z_j of one complex column each, given by its parts (n, 2).
+/// Products conj(y_j) z_j of two complex columns, each given by its real and imaginary part (n, 2).
 ComplexVector conjugate_products(const Matrix& y, const Matrix& z) {
   const auto a = y.col(0).array(), b = y.col(1).array();
   const auto c = z.col(0).array(), d = z.col(1).array();
@@ -181,8 +183,8 @@ struct Dual {
   }
 };
 
-/// The pivots of P(0, u), whose product is its determinant, at a real or complex speed, given to
-/// `visit` one by one: the recursion of chain/impedance.hpp at lambda = `beside_zero`.
+/// Calls `visit` with each of the pivots of P(0, u), whose product is its determinant, at a real or
+/// complex speed. They are those of the recursion of chain/impedance.hpp at lambda = `beside_zero`.
 template <class Number, class Visit>
 void still_pivots(const ImpedanceModel& model, Number u, const Visit& visit) {
   const auto number = [](double value) { return Number{value}; };
@@ -220,7 +222,7 @@ void still_pivots(const ImpedanceModel& model, Number u, const Visit& visit) {
 }  // namespace
 
 Index ChainDeterminant::enough_for(Index roots) const {
-  // With four segments each the lowest modes of spans are known.
+  // With four segments for each span, the lowest modes of spans are known.
   return std::max<Index>(10, roots + 4) + 4 * held();
 }
 
@@ -310,7 +312,7 @@ int ChainDeterminant::negative_at_rest() const {
 // ---------------------------------------------------------------------------------------- panels
 
 Index PanelDeterminant::enough_for(Index roots) const {
-  // Two thirds of the functions show modes, four for each joint aside.
+  // Two thirds of the functions represent modes, besides four for each joint.
   return std::max<Index>(12, (3 * roots) / 4 + 6) + 4 * pencil_->panels();
 }
 
@@ -364,7 +366,7 @@ Pencil PanelDeterminant::matrices(double stiffness_size) const {
   for (std::size_t k = 0; held() > 0 && k < made.size(); ++k) {
     lost[k] = 4.0 * eps * static_cast<double>(held()) * made[k].norm();
   }
-  // Entries are sums over the coordinates that a column of `spread` has.
+  // Each entry is a sum over the nonzero entries of a column of `spread`.
   std::vector<Index> entries(spread_.cols(), 0);
   for (Index k = 0; k < spread_.nonZeros(); ++k) ++entries[spread_.innerIndexPtr()[k]];
   const double summed = static_cast<double>(*std::ranges::max_element(entries));

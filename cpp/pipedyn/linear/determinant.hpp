@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
-// What a search by roots of a determinant asks of a model whose P(lambda, u) is eliminated along
-// the pipe, in O(dof) for each lambda: a chain's (chain/impedance.hpp) and that of a reduced model
-// in Legendre curvatures (galerkin/elimination.hpp).
+// What a search for roots of a determinant needs of a model whose P(lambda, u) is eliminated along
+// the pipe, in O(dof) for each lambda. Two models have it: a chain (chain/impedance.hpp) and a
+// reduced model in Legendre curvatures (galerkin/elimination.hpp).
 #pragma once
 
 #include <Eigen/SparseCore>
@@ -17,13 +17,13 @@
 
 namespace pipedyn {
 
-/// lambda at which roots at zero are counted and solved for: there a joint that nothing holds gives
-/// a pivot of the order of lambda or lambda^2, with all its digits, and no other root is as small,
-/// as rounding moves each by far more.
+/// lambda at which roots at zero are counted and their equations solved. There a joint that nothing
+/// holds gives a pivot of the order of lambda or lambda^2 with all its digits, and no other root is
+/// as small, as rounding moves each by far more.
 inline constexpr double beside_zero = 1e-30;
 
-/// A real determinant at each of some speeds: its sign, the logarithm of its size and the
-/// derivative of that by the speed.
+/// A real determinant at each of some speeds: its sign, the logarithm of its absolute value, and
+/// the derivative of that logarithm by the speed.
 struct Stills {
   Reals sign, logarithm, slope;
 };
@@ -33,45 +33,47 @@ class Determinant {
   explicit Determinant(const Lapack& known) : lapack(known) {}
   virtual ~Determinant() = default;
 
-  /// Segments, or functions: `coarser` has fewer of them.
+  /// Number of segments or functions; `coarser` has fewer of them.
   virtual Index size() const = 0;
-  /// Of these what holds the pipe takes away.
+  /// Number of coordinates that supports take away.
   virtual Index held() const = 0;
-  /// Functions or segments that show so many roots.
+  /// Number of functions or segments with which this many roots can be computed.
   virtual Index enough_for(Index roots) const = 0;
   virtual std::unique_ptr<Determinant> coarser(Index size) const = 0;
 
-  /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k), but for roots k at lambda itself.
+  /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k) over the known roots, without known
+  /// roots at lambda itself.
   virtual Values log_derivatives(double u, const Values& at, const Values& known) const = 0;
-  /// What vectors of roots say of them, and unit vectors if they are asked for. own: whether
-  /// by_right is; loaded: see `PairsAsked`.
+  /// Errors, slopes and corrections of roots from their vectors, and unit vectors if they are asked
+  /// for. own: whether by_right is needed; loaded: see `PairsAsked`.
   virtual Pairs pairs(double u, const Values& values, bool vectors, bool own,
                       bool loaded) const = 0;
-  /// The matrices in elastic coordinates. stiffness_size: of K at rest.
+  /// The matrices of P in elastic coordinates. stiffness_size: size of K at rest.
   virtual Pencil matrices(double stiffness_size) const = 0;
   virtual bool has_loss() const = 0;
-  /// Whether elimination pivots, so that vectors are as good where a part of the pipe is singular
+  /// Whether elimination pivots: vectors are then as accurate where a part of the pipe is singular
   /// by itself.
   virtual bool is_pivoted() const = 0;
-  /// Whether roots may be zero because nothing holds a joint or the root.
+  /// Whether roots may be zero because nothing holds a joint or the root of the pipe.
   virtual bool turns_freely() const = 0;
-  /// Whether at rest it is the same as another, to the bit.
+  /// Whether this determinant at rest is the same as another one, to the bit.
   virtual bool is_same_at_rest(const Determinant& other) const = 0;
 
-  /// y^H A x of a pair's vectors for the parts A.
+  /// y^H A x of a pair's vectors for the parts A of P.
   Forms forms(const Pair& pair) const;
-  /// y^H (dP/dlambda) x of pairs' vectors.
+  /// y^H (dP/dlambda) x of the vectors of pairs.
   Values by_lambda(double u, const Pairs& pairs) const;
-  /// The work on vectors (dof, r) of some frequencies, if it is known without differences.
+  /// Work on vectors (dof, r) that oscillate with some frequencies, if it is known without
+  /// differences of nearly equal numbers.
   virtual std::optional<Works> works(double, const Reals&, const ComplexTable&) const { return {}; }
   /// x^H A x of vectors (dof, r) with A = K(u) and with A = M.
   std::pair<Reals, Reals> energies(double u, const ComplexTable& x) const;
 
   /// a, the factor of u^2 in K(u).
   virtual double thrust() const = 0;
-  /// The derivative by the speed of the logarithm of det K(u), at complex ones.
+  /// Derivative by the speed of the logarithm of det K(u), at complex speeds.
   virtual Values still_slopes(const Values& u) const = 0;
-  /// det K(u), or where joints turn freely det P(beside_zero, u).
+  /// det K(u), or det P(beside_zero, u) where joints turn freely.
   virtual Stills still(const Reals& u) const = 0;
   /// Number of negative eigenvalues of K at rest, where K is symmetric.
   virtual int negative_at_rest() const = 0;
@@ -79,16 +81,18 @@ class Determinant {
   const Lapack lapack;
 
  protected:
-  /// Vectors in elastic coordinates, (dof, r), in those of which `times` knows products.
+  /// Takes vectors in elastic coordinates, (dof, r), to the coordinates in which `times` knows
+  /// products.
   virtual Matrix spread(const Matrix& x) const = 0;
   virtual Matrix times(const Matrix& x, const LinearPart& part) const = 0;
-  /// Whether the coordinates of `times` are joint angles, each with a spring of its own.
+  /// Whether the coordinates of `times` are joint angles, where each joint has a spring of its own.
   virtual bool has_joints() const = 0;
 };
 
 class ChainDeterminant : public Determinant {
  public:
-  /// complement: what guides leave of the elastic coordinates; scale: joint angles of these, (n).
+  /// complement: basis of the elastic coordinates that guides leave free; scale: joint angles per
+  /// elastic coordinate, (n).
   ChainDeterminant(std::shared_ptr<const Chain> chain, std::shared_ptr<const Complement> complement,
                    const Lapack& known, Vector scale)
       : Determinant(known),
@@ -129,7 +133,8 @@ class ChainDeterminant : public Determinant {
 
 class PanelDeterminant : public Determinant {
  public:
-  /// spread: the pencil's coordinates of a model's elastic ones, (size, dof); gathered: back.
+  /// spread: takes a model's elastic coordinates to those of the pencil, (size, dof); gathered:
+  /// takes those of the pencil back.
   PanelDeterminant(std::shared_ptr<const PanelPencil> pencil, const Lapack& known,
                    const Matrix& spread, const Matrix& gathered)
       : Determinant(known),
@@ -164,14 +169,14 @@ class PanelDeterminant : public Determinant {
 
  private:
   const PanelPencil::At& at(double u) const;
-  /// K + s A, of which s is the square of the speed.
+  /// K + s A, as a function of s, the square of the speed.
   const EliminationModel& stiffness() const;
 
   std::shared_ptr<const PanelPencil> pencil_;
   Eigen::SparseMatrix<double, Eigen::RowMajor> spread_, gathered_;  // most columns have one entry
   mutable double latest_speed_ = -1.0;
   mutable PanelPencil::At latest_;
-  mutable std::optional<PanelPencil::At> still_;  // once it is asked for
+  mutable std::optional<PanelPencil::At> still_;  // set when it is first asked for
 };
 
 }  // namespace pipedyn

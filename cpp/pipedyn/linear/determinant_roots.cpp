@@ -9,27 +9,30 @@ namespace pipedyn {
 
 namespace {
 
-/// |lambda| up to which LAPACK's roots are starts: joint angles lose eps |lambda|^2 of a root.
+/// Largest |lambda| at which LAPACK's roots serve as starts: in joint angles a root loses eps
+/// |lambda|^2.
 constexpr double largest_start = 1e7;
-/// How far, relative, a root is moved at most by its slope, which is infinite where two meet.
+/// Largest relative change of a root by its slope, which is infinite where two roots meet.
 constexpr double largest_change = 0.3;
-/// Roots with |1 + delta lambda| below this are in the cluster at -1 / delta.
+/// Roots with |1 + delta lambda| below this belong to the cluster at -1 / delta.
 constexpr double cluster_radius = 0.1;
-/// |Im lambda| by |lambda| of pairs that may meet the real axis within a step of a search.
+/// Largest |Im lambda| / |lambda| of pairs that may meet the real axis within a step of a search.
 constexpr double near_axis = 0.7;
-/// How far aside, relative, two roots start that are expected to meet.
+/// Relative distance by which the starts of two roots that are expected to meet are moved aside.
 constexpr double offset = 1e-3;
-/// Distance, relative, at which two roots are about to meet: beyond, rounding moves each by 1e-12.
+/// Relative distance at which two roots are about to meet: if they are further apart, rounding
+/// moves each by 1e-12.
 constexpr double meeting = 1e-4;
-/// Relative correction after which a root is as good as rounding lets it, since corrections
-/// converge quadratically. Where roots are close and do not, the vectors' correction shows it.
+/// Relative correction after which a root is as good as rounding lets it be, since corrections
+/// converge quadratically. Where roots are close and corrections do not, the correction by vectors
+/// shows it.
 constexpr double last_correction = 1e-6;
-/// |lambda (d log det P / dlambda - sum)| above which a root is missing: rounding leaves 1e-9 of
-/// 2000 segments, and one root in place of another 1e-6 where they differ by 1e-6.
+/// |lambda (d log det P / dlambda - sum)| above which a root is missing: rounding leaves 1e-9 with
+/// 2000 segments, and one root in the place of another 1e-6 if the two differ by 1e-6.
 constexpr double nothing_missing = 1e-6;
-/// Radius, relative, of the circle about two roots: rounding moves their sum by eps / radius.
+/// Relative radius of the circle about two roots: rounding moves their sum by eps / radius.
 constexpr double circle_radius = 0.05;
-/// Points on it.
+/// Number of points on the circle about two roots.
 constexpr Index circle_points = 16;
 
 }  // namespace
@@ -160,14 +163,14 @@ void join_conjugates(Approximations& roots) {
 
 namespace {
 
-/// Something known with its slope, also at a speed lower by `since` if that is not 0.
+/// A number that is known with its slope, and also at a speed lower by `since` if that is not 0.
 template <class Number>
 struct Extrapolation {
   Number value, slope;
   double since;
   Number value_before, slope_before;
 
-  /// By the cubic through both, or along the slope.
+  /// The value by the cubic through both speeds, or along the slope if only one is known.
   Number at(double further) const {
     const Number line = value + further * slope;
     if (since == 0.0) return line;
@@ -177,7 +180,7 @@ struct Extrapolation {
   }
 };
 
-/// Two roots about to meet on the real axis, by their sum and product.
+/// Two roots about to meet on the real axis, represented by their sum and product.
 struct Meeting {
   Extrapolation<double> sum, product;
 
@@ -191,8 +194,8 @@ struct Meeting {
                (da0 * b0 + a0 * db0).real()};
   }
 
-  /// Adds where they are then, a little aside: by symmetry they could not leave the axis, or reach
-  /// it.
+  /// Adds the two roots expected at the further speed, moved a little aside: by symmetry
+  /// corrections could not take them off the real axis, or to it.
   void add(double further, Approximations& to) const {
     const double centre = 0.5 * sum.at(further), square = centre * centre - product.at(further);
     const Complex half = std::sqrt(Complex(square));
@@ -202,7 +205,8 @@ struct Meeting {
   }
 };
 
-/// By slopes; distances are like the square root of what is left to the meeting.
+/// Whether slopes lead two roots together; their distance goes like the square root of the way that
+/// is left to the meeting.
 bool is_meeting_expected(const Approximation& one, const Approximation& other, double further) {
   const Complex apart = other.value - one.value, rate = other.slope - one.slope;
   const double change = (rate * std::conj(apart)).real();
@@ -256,8 +260,9 @@ Approximations expected(const Approximations& roots, double further, Complex del
 namespace {
 
 /// Moves approximations near the real axis off their symmetry about it: a root that is corrected
-/// together with its conjugate never turns into two real ones, nor a real one into a complex.
-/// which: of these, from their starts; then those that stand for them. Others go on as they are.
+/// together with its conjugate never turns into two real ones, nor a real root into a complex one.
+/// which: indices of the roots that begin again from their starts; on return also of the conjugates
+/// that were added. Other roots go on as they are.
 void break_symmetry(const Approximations& starts, Approximations& roots,
                     std::vector<std::size_t>& which) {
   for (std::size_t i = 0, count = which.size(); i < count; ++i) {
@@ -272,11 +277,11 @@ void break_symmetry(const Approximations& starts, Approximations& roots,
   }
 }
 
-/// Corrects those that are active, which then are those that are not as good as rounding lets them.
-/// Whether corrections are finite.
+/// Corrects the active roots; on return the active ones are those that are not yet as good as
+/// rounding lets them be. Returns whether corrections are finite.
 bool correct_active(const Determinant& of, double u, Approximations& roots,
                     std::vector<std::size_t>& active, int most) {
-  std::vector<double> last(roots.size(), infinite);  // corrections, relative
+  std::vector<double> last(roots.size(), infinite);  // relative corrections
   std::vector<bool> shifted(roots.size(), false);
   for (int step = 0; step < most && !active.empty(); ++step) {
     Values at(active.size());
@@ -286,7 +291,7 @@ bool correct_active(const Determinant& of, double u, Approximations& roots,
     for (std::size_t i = 0; i < active.size(); ++i) {
       const std::size_t k = active[i];
       const Complex change = 1.0 / found[i];
-      if (std::isnan(std::norm(found[i]))) {  // a pivot is 0: at this root, or beside it
+      if (std::isnan(std::norm(found[i]))) {  // a pivot is 0 at this root or beside it
         if (shifted[k]) continue;
         shifted[k] = true;
         last[k] = infinite;
@@ -296,7 +301,7 @@ bool correct_active(const Determinant& of, double u, Approximations& roots,
       }
       if (!std::isfinite(std::norm(change))) return false;
       const double size = magnitude(change), share = size / (magnitude(at[i]) + 1e-30);
-      if (share >= last[k] && last[k] < 1e-6) continue;  // rounding
+      if (share >= last[k] && last[k] < 1e-6) continue;  // the correction is rounding
       const bool quadratic = share < last_correction && share < 1e-3 * last[k];
       roots[k].value = at[i] - change;
       last[k] = share;
@@ -329,7 +334,7 @@ bool has_all(const Determinant& of, double u, const Approximations& roots) {
     least = std::min(least, size);
     most = std::max(most, size);
   }
-  // What is wrong with a root shows at all |lambda| of its order, here at most a factor 3 off.
+  // An error of a root shows at all |lambda| of its order; here |lambda| is at most a factor 3 off.
   const Index count = std::max<Index>(8, std::ceil(std::log(most / least) / std::log(3.0)));
   const Values points =
       std::polar(1.0, ray) *

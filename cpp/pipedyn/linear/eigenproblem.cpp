@@ -13,46 +13,49 @@ namespace pipedyn {
 
 namespace {
 
-/// Largest relative residual |P x| / (|lambda^2 M x| + |lambda C x| + k |x|) of a good pair, k = 1
-/// + |gamma| + a u^2 with what terms add being the size of the elastic stiffness matrix: measured,
-/// the twelve lowest pairs of 25 models at four speeds have 8e-12 at most. To it comes the rounding
-/// of M x, eps |lambda|^2, which limits high modes.
+/// Largest relative residual |P x| / (|lambda^2 M x| + |lambda C x| + k |x|) of a good pair, where
+/// k = 1 + |gamma| + a u^2, with what terms add, is the size of the elastic stiffness matrix:
+/// measured, the twelve lowest pairs of 25 models at four speeds have at most 8e-12. The rounding
+/// of M x, eps |lambda|^2, is added to it and limits high modes.
 constexpr double tolerance = 1e-10;
 
-/// Relative residual beyond which a pair is wrong, however high the mode: refined, those of 300
-/// segments with damping 1e-3 (1e-5, 0.99 before) and of 200 Legendre functions (4e-5) pass.
+/// Relative residual beyond which a pair is wrong, however high its mode is. After refinement,
+/// pairs of 300 segments with damping 1e-3 (1e-5, before it 0.99) and of 200 Legendre functions
+/// (4e-5) pass.
 constexpr double largest_residual = 1e-4;
 
-/// Error of a growth rate, in differences of those that its two vectors give. Measured on 228 high
-/// modes of 120 Legendre functions, 200 beam functions and 200 segments, against roots to 19
-/// digits: with this factor the error holds for 212. The others, where both vectors err by the
-/// same, are off by up to 18 times as much, far less than lambda itself.
+/// Error of a growth rate, in differences of the rates that its two vectors give. Measured on 228
+/// high modes of 120 Legendre functions, 200 beam functions and 200 segments, against roots to 19
+/// digits: with this factor the true error is smaller for 212. For the others, where both vectors
+/// are off by the same, it is up to 18 times as large, which is far less than the error of lambda
+/// itself.
 constexpr double vector_error = 3.0;
 
-/// Most steps of a refinement: from a good guess two or three are taken.
+/// Most steps of a refinement, which takes two or three from a good guess.
 constexpr int most_refinements = 6;
 
-/// Real parts of conservative systems below this share of |lambda| are rounding.
+/// Share of |lambda| below which the real part of a root of a conservative system is rounding.
 constexpr double on_axis = 1e-10;
 
-/// Relative imaginary part of the square of a speed up to which two conjugate ones count as a
-/// double real one.
+/// Greatest relative imaginary part of the squares of two conjugate speeds that count as a double
+/// real one.
 constexpr double same_square = 2.0 * same_speed;
 
-/// Relative difference of |lambda|^2 up to which roots are as large.
+/// Greatest relative difference of |lambda|^2 between roots that count as equally large.
 constexpr double same_size = 1e-11;
 
-/// |K x| of a unit vector up to which K does not hold it.
+/// Greatest |K x| of a unit vector x that counts as free of K.
 constexpr double free_turn = 1e-11;
 
-/// y^H C x of null vectors below which it is rounding.
+/// |y^H C x| of null vectors below which it is rounding.
 constexpr double least_rate = 1e-9;
 
-/// Rounding of Re d lambda / du, in that of lambda: measured on 80 segments with a tip mass, at
-/// most 7 at u = 0.003 and less beyond, 0.1 at u = 3.
+/// Rounding of Re d lambda / du, in units of that of lambda: measured on 80 segments with a tip
+/// mass, it is at most 7 at u = 0.003 and less beyond, 0.1 at u = 3.
 constexpr double slope_rounding = 10.0;
 
-/// Passed the check with all that rounding explains: enough of high modes where low ones count.
+/// Whether a residual passes the check that allows all that rounding explains: for high modes this
+/// is enough where low ones matter.
 bool passable(Complex value, double residual) {
   return residual <= tolerance + eps * std::norm(value);
 }
@@ -72,7 +75,7 @@ double worst(const Pairs& pairs) {
   return most;
 }
 
-/// P x and (dP/dlambda) x of one vector, and the size of the terms of P x.
+/// P x and (dP/dlambda) x of one vector, and the sum of the sizes of the terms of P x.
 struct Row {
   ComplexVector rest, rate;
   double size;
@@ -87,7 +90,7 @@ struct Row {
   }
 };
 
-/// All but those that follow their conjugate.
+/// Indices of all pairs except those that follow their conjugate.
 std::vector<Index> without_conjugates(const Pairs& pairs) {
   std::vector<Index> own;
   for (Index i = 0; i < pairs.size(); ++i) {
@@ -102,7 +105,7 @@ std::vector<Index> without_conjugates(const Pairs& pairs) {
 }
 
 /// The pair nearest to a good guess by two-sided Rayleigh quotient iteration, with its residual,
-/// which is infinite where the iteration ends with nothing. `steps` grows by those taken.
+/// which is infinite where the iteration fails. `steps` is increased by the number of steps taken.
 Pair refine(const DenseOperator& p, const Pair& guess, int& steps) {
   const ComplexVector seed = Eigen::VectorXd::LinSpaced(p.dof, 1.0, 0.5).cast<Complex>();
   Pair last{guess.value, guess.right.size() == 0 ? seed : guess.right, seed}, best = last;
@@ -129,9 +132,10 @@ Pair refine(const DenseOperator& p, const Pair& guess, int& steps) {
   return last;
 }
 
-/// The work of an operator on vectors of some frequencies.
+/// Work of an operator on vectors (dof, r) that oscillate with some frequencies.
 Works work_of(const DenseOperator& p, const Reals& frequencies, const ComplexTable& vectors) {
-  // The parts of C and K that work, and how large the entries are of which rounding leaves them.
+  // The parts of C and K that do work, and the sizes of the entries from whose rounding they
+  // result.
   const DenseOperator parts = p.with(p.mass(), 0.5 * (p.velocity() + p.velocity().transpose()),
                                      0.5 * (p.stiffness() - p.stiffness().transpose()));
   const auto sizes_of = [](const Matrix& part, const Matrix& whole) -> Matrix {
@@ -154,7 +158,7 @@ Works work_of(const DenseOperator& p, const Reals& frequencies, const ComplexTab
     found.gyroscopic[i] = x.cwiseProduct(velocity.col(i)).sum().imag();
     found.resisted[i] = by_velocity.sum().real();
     found.circulated[i] = by_place.sum().imag();
-    // Rounding of two sums of dof terms, and of the matrices.
+    // Rounding of two sums of dof terms, and rounding of the matrices.
     const double sums = omega * by_velocity.cwiseAbs().sum() + by_place.cwiseAbs().sum();
     const double entries = lengths.col(i)
                                .cwiseProduct(omega * velocity_sizes.col(i) + stiffness_sizes.col(i))
@@ -167,8 +171,8 @@ Works work_of(const DenseOperator& p, const Reals& frequencies, const ComplexTab
   return found;
 }
 
-/// Whether a conservative system's root off the axis has one across it, as all have but those that
-/// rounding moves off it.
+/// Whether a root off the axis of a conservative system has a mirror image across the axis; all
+/// such roots have, except those that only rounding moves off the axis.
 bool is_mirrored(const Values& values, Index i) {
   const Complex mirrored = -std::conj(values[i]);
   const double reach = std::norm(values[i].real());
@@ -196,12 +200,12 @@ std::vector<Index> by_size(const Values& values) {
   std::vector<Index> order(values.size());
   std::iota(order.begin(), order.end(), 0);
   const auto size = [&](Index i) { return is_finite(values[i]) ? sizes[i] : infinite; };
-  const auto sort = [](auto first, auto last, const auto& place) {  // mostly they are sorted
+  const auto sort = [](auto first, auto last, const auto& place) {  // mostly already sorted
     if (std::ranges::is_sorted(first, last, {}, place)) return;
     std::ranges::stable_sort(first, last, {}, place);
   };
   sort(order.begin(), order.end(), size);
-  // Of one size but for rounding: opposite real roots, and conjugate ones.
+  // Opposite real roots and conjugate ones have one magnitude except for rounding.
   for (auto first = order.begin(); first != order.end();) {
     const auto last = std::find_if(first, order.end(), [&](Index i) {
       return size(i) > (1.0 + same_size) * size(*first) || size(i) == infinite;
@@ -222,7 +226,8 @@ int Divergence::change() const {
 }
 
 double Divergence::distance(double size) const {
-  const double slope = std::abs(pair.slope.real());  // inertia lambda^2 + rate lambda + slope du
+  // A root next to zero obeys inertia lambda^2 + rate lambda + slope du = 0.
+  const double slope = std::abs(pair.slope.real());
   if (pair.right.size() == 0 || slope == 0.0 || multiplicity > 1) return infinite;
   return (std::abs(inertia) * size + std::abs(pair.by_value.real())) * size / slope;
 }
@@ -290,14 +295,15 @@ Pairs Eigenproblem::lowest(double u, Index count, bool left, bool high) {
   return *best;
 }
 
-/// By the inverse problem about a shift; none if that fails.
+/// The `count` lowest pairs by the inverse problem about a shift; none if that fails.
 std::optional<Pairs> Eigenproblem::about(double u, double shift, Index count, bool left) {
   const bool free = is_squared(u);
   auto [mu, right, lefts] = at(u).inverse(shift, free, left);
   factorised_ += 2;
   const Index size = mu.size();
   if (size == 0) return std::nullopt;
-  // lambda^2 is real or one of a conjugate pair; each vector serves both signs.
+  // Without a term in lambda, lambda^2 is real or one of a conjugate pair, and each vector serves
+  // both signs of lambda.
   Values roots(free ? 2 * size : size);
   for (Index i = 0; i < size; ++i) {
     const Complex inverse = 1.0 / mu[i];
@@ -321,7 +327,7 @@ std::optional<Pairs> Eigenproblem::about(double u, double shift, Index count, bo
   return pairs;
 }
 
-/// Refines pairs that failed, one by one (conjugates together).
+/// Refines the pairs that failed the check of their residual, one by one (conjugates together).
 void Eigenproblem::mend(double u, Pairs& pairs, bool left, bool high) {
   const Values before = pairs.values;
   for (Index i = 0; i < before.size(); ++i) {
@@ -394,23 +400,25 @@ Works Eigenproblem::works(double u, const Reals& frequencies, const ComplexTable
   return work_of(at(u), frequencies, vectors);
 }
 
-/// Re lambda by its energy balance where rounding hides a slow growth: of high modes without
-/// damping, of modes on which the flow hardly works, and at rest, where damping is all there is.
+/// Replaces Re lambda by that of its energy balance where rounding hides a slow growth: for high
+/// modes without damping, for modes on which the flow does hardly any work, and at rest, where only
+/// damping works.
 ///
-/// With lambda = sigma + i omega the imaginary part of x^H P x = 0 is
+/// With lambda = sigma + i omega, the imaginary part of x^H P x = 0 is
 ///
 ///     sigma (2 omega x^H M x + Im x^H C x) = -omega Re x^H C x - Im x^H K x.
 ///
-/// On the right only damping and what the ends do is left, so that rounding is small against it,
-/// while that of lambda is eps |lambda|^2. The left vector obeys the same balance; where the two
-/// disagree, vectors are not exact.
+/// On the right only damping and the work at the ends are left, so that its rounding is small
+/// against it, while the rounding of lambda is eps |lambda|^2. The left vector obeys the same
+/// balance; the difference of the two results shows the error of the vectors.
 void Eigenproblem::improve(double u, Pairs& pairs, Reals& uncertain) {
   std::vector<Index> hidden;
   for (Index i = 0; i < pairs.values.size(); ++i) {
     const Complex value = pairs.values[i];
     if (value.imag() == 0.0 || !(std::abs(value.real()) < 1e3 * uncertain[i])) continue;
     if (!is_good(pairs, i, true)) continue;
-    // Near a double root vectors are worse than values: there y^H P' x is far below x^H P' x.
+    // Near a double root vectors are less accurate than values: there y^H P' x is far below x^H P'
+    // x.
     if (std::abs(pairs.by_left[i]) > 0.1 * std::abs(pairs.by_right[i])) hidden.push_back(i);
   }
   if (hidden.empty()) return;
@@ -434,13 +442,13 @@ void Eigenproblem::improve(double u, Pairs& pairs, Reals& uncertain) {
   }
 }
 
-/// Rounding of the matrix or what the residual tells, the larger.
+/// The larger of the rounding of the matrix and the error that the residual tells.
 Reals Eigenproblem::rounding(const Pairs& pairs) const {
   return rounding_about(pairs.values, shifts[0], true).max(told_by_residuals(pairs));
 }
 
-/// What residuals tell of roots, up to the square root of rounding, by which those that meet
-/// scatter; of what is no root to the check of its residual, all.
+/// Errors of roots by their residuals. They are limited to the square root of rounding, by which
+/// roots that meet scatter, unless a root fails the check of its residual.
 Reals Eigenproblem::told_by_residuals(const Pairs& pairs) {
   Reals told = pairs.uncertain;
   for (Index i = 0; i < pairs.size(); ++i) {
@@ -450,8 +458,9 @@ Reals Eigenproblem::told_by_residuals(const Pairs& pairs) {
   return told;
 }
 
-/// Without damping modes at rest are real, and Re d lambda / du is what the ends do on a mode,
-/// -x^T C' x / (2 x^T M x): vectors from two sides differ by rounding, which C' may hide it behind.
+/// Sets the slopes at rest of a pipe without damping. Its modes are real, and Re d lambda / du is
+/// the work of the ends on a mode, -x^T C' x / (2 x^T M x). Right and left vectors differ by
+/// rounding, which may hide this number in y^H C' x.
 void Eigenproblem::leave_axis(Pairs& pairs) {
   const DenseOperator& p = at(0.0);
   if ((p.stiffness() - p.stiffness().transpose()).norm() > 2e-12 * p.size) return;
@@ -482,17 +491,17 @@ Sample Eigenproblem::sample(double u, Index count) {
     if (!traits.conservative || traits.squared || pairs.values[i].imag() == 0.0) continue;
     const double off = std::abs(pairs.values[i].real());
     if (off > pairs.noise[i] + on_axis * size[i] && is_mirrored(pairs.values, i)) continue;
-    // What is on the axis is there exactly, and moves along it.
+    // A root on the axis is exactly there, and moves along the axis.
     pairs.values[i].real(0.0);
     pairs.slopes[i].real(0.0);
-    // The sign of x^H (2 omega M - i G) x, a mode's energy by its frequency.
+    // Sign of x^H (2 omega M - i G) x, the energy of a mode divided by its frequency.
     const double energy = pairs.by_right[i].imag();
     pairs.signatures[i] = (energy > 0.0) - (energy < 0.0);
   }
   if (!traits.conservative && !traits.squared) {
     const Reals before = pairs.noise;
     find_growth(u, pairs);
-    for (Index i = 0; i < size.size(); ++i) {  // slopes are not better known for that
+    for (Index i = 0; i < size.size(); ++i) {  // this does not improve slopes
       const bool hidden = pairs.noise[i] < before[i] || u == 0.0;
       if (hidden) pairs.slope_noise[i] = slope_rounding * before[i];
     }
@@ -501,7 +510,7 @@ Sample Eigenproblem::sample(double u, Index count) {
   return {std::move(pairs), u};
 }
 
-/// The root next to a guess with vectors and residual.
+/// The root next to a guess, with vectors and residual.
 Pair Eigenproblem::near(double u, const Pair& guess) {
   int steps = 0;
   Pair result = refine(at(u), guess, steps);
@@ -527,8 +536,9 @@ Reals Eigenproblem::quotients(double u, const Pairs& pairs) {
   return form(stiffness) / form(mass);
 }
 
-/// Null vectors of K(u), or those of its least singular value, by inverse iteration from others:
-/// value is y^H K x, slope y^H (dK/du) x, uncertain the rounding of the value, inertia y^H M x.
+/// Null vectors of K(u), or the vectors of its least singular value, by inverse iteration from the
+/// vectors of another pair. Result: value is y^H K x, slope y^H (dK/du) x, uncertain the rounding
+/// of the value, inertia y^H M x.
 Pair Eigenproblem::null_pair(double u, const Pair& near, double& inertia) {
   const DenseOperator& p = at(u);
   const Solver solve = p.factor(0.0);
@@ -552,8 +562,8 @@ Pair Eigenproblem::null_pair(double u, const Pair& near, double& inertia) {
   return result;
 }
 
-/// The divergence next to a guess, by Newton's method with null vectors of each iterate (Rayleigh
-/// quotients from both sides); none within so far.
+/// The divergence next to a guess, by Newton's method with the null vectors of each iterate
+/// (two-sided Rayleigh quotients); none within `reach` of the guess.
 std::optional<Divergence> Eigenproblem::divergence_near(double guess, double reach) {
   Pair pair;
   double u = guess, last = infinite, inertia = 0.0;
@@ -591,7 +601,7 @@ Divergences Eigenproblem::divergences(double max_speed, bool) {
     return result;
   }
   const Values squares = singular_squares(one, still, flux, symmetric);
-  std::vector<Divergence> found;  // before they are polished
+  std::vector<Divergence> found;  // before refinement
   for (const Complex square : squares) {
     const double u = std::sqrt(std::max(square.real(), 0.0));
     const bool is_real = std::abs(square.imag()) <= same_square * square.real();
@@ -624,7 +634,7 @@ Divergences Eigenproblem::divergences(double max_speed, bool) {
   return result;
 }
 
-/// What K does not hold at any speed, (dof, k): a pipe on a hinge turns freely.
+/// Unit vectors that K does not hold at any speed, (dof, k): a pipe on a hinge turns freely.
 const Matrix& Eigenproblem::free_turns() {
   if (free_turns_) return *free_turns_;
   const DenseOperator& one = at(1.0);
@@ -638,16 +648,16 @@ const Matrix& Eigenproblem::free_turns() {
   return *free_turns_;
 }
 
-/// Divergences where K leaves turns r free: their roots are zero at every speed, and
-/// det P / lambda^k tends to the determinant of K with k of its columns replaced by C r. Known as
-/// well as two shifts agree.
+/// Divergences where K leaves k turns r free. The roots of these turns are zero at every speed, and
+/// det P / lambda^k tends to the determinant of K with k of its columns replaced by C r. The error
+/// of a speed is the difference between the results of two shifts.
 std::vector<Divergence> Eigenproblem::divergences_beside(const Matrix& turns, double max_speed) {
   const DenseOperator& one = at(1.0);
   Matrix flux = 0.5 * one.stiffness_rate(), still = one.stiffness() - flux;
   Matrix velocity = Matrix::Zero(traits.dof, traits.dof);
   const Matrix by_speed = one.velocity_rate() * turns, steady = one.velocity() * turns - by_speed;
   Eigen::MatrixXd left = turns;
-  for (Index k = 0; k < turns.cols(); ++k) {  // columns that the turns move most, one for each
+  for (Index k = 0; k < turns.cols(); ++k) {  // columns that the turns move most, one for each turn
     Index row = 0;
     left.col(k).cwiseAbs().maxCoeff(&row);
     for (Index j = k + 1; j < turns.cols(); ++j) {
@@ -681,10 +691,10 @@ std::vector<Divergence> Eigenproblem::divergences_beside(const Matrix& turns, do
   return found;
 }
 
-/// Squares of the speeds at which K_0 + s A is singular, not all of them real.
+/// Squares s of the speeds at which K_0 + s A is singular; not all of them are real.
 Values Eigenproblem::singular_squares(const DenseOperator& one, const Matrix& still,
                                       const Matrix& flux, bool symmetric) const {
-  for (double s = 1.0; symmetric && s < 1e9; s *= 10.0) {  // where tension makes K definite
+  for (double s = 1.0; symmetric && s < 1e9; s *= 10.0) {  // s at which tension makes K definite
     const auto found = symmetric_pairs(one.lapack, flux, still - s * flux, false, 1e-6);
     if (found) return (-s - 1.0 / found->values).cast<Complex>();
   }

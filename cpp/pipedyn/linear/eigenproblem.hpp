@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// The spectrum of a model by its operators at each speed: the lowest eigenpairs at any size, each
-// with a checked residual.
+// The spectrum of a model from its operators P at each speed: the lowest eigenpairs at any size,
+// each with a checked residual.
 #pragma once
 
 #include <memory>
@@ -12,11 +12,12 @@
 
 namespace pipedyn {
 
-/// Positive, where stable pipes have no eigenvalue; tried in turn until every residual passes.
+/// Shifts of the inverse problem: positive, where stable pipes have no eigenvalue. They are tried
+/// in turn until every residual passes.
 inline constexpr double shifts[] = {0.97, 2.31, 0.41};
 
-/// Most degrees of freedom of a problem solved dense: 4,000 rows take LAPACK a minute (measured:
-/// 1,600 rows 3.4 s).
+/// Most degrees of freedom of a problem solved by dense matrices: LAPACK takes a minute for 4,000
+/// rows (measured: 3.4 s for 1,600 rows).
 inline constexpr Index dense_limit = 2000;
 
 class Eigenproblem : public Spectrum {
@@ -27,28 +28,29 @@ class Eigenproblem : public Spectrum {
 
   const DenseOperator& at(double u);
 
-  /// The `count` roots of least magnitude with right vectors, and with left ones if asked for.
-  /// Pairs that fail the check of their residual are refined once; those that fail still are in the
-  /// result, as are NaNs where doubles hold no root. Without `high`, modes so high that rounding
-  /// explains any residual are left as they are.
+  /// The `count` roots of least magnitude with right vectors, and with left ones if they are asked
+  /// for. Pairs that fail the check of their residual are refined once. Pairs that fail still are
+  /// in the result, as are NaNs where a root is beyond double precision. Without `high`, pairs of
+  /// modes so high that rounding explains any residual are not refined.
   virtual Pairs lowest(double u, Index count, bool left, bool high);
-  /// The same of a chain, with vectors or without; none where roots could not be told from one
-  /// another, or where some may be missing.
+  /// The `count` lowest roots by elimination along the pipe, with vectors or without. None where
+  /// roots could not be told from one another, or where some may be missing.
   virtual std::optional<Pairs> by_recursion(double, Index, bool) { return {}; }
 
-  /// The modes that the pipe has at rest without damping, see `DenseOperator::undamped_modes`.
+  /// The modes that the pipe has at rest without damping (`DenseOperator::undamped_modes`).
   const std::optional<Modes>& modes_at_rest();
 
-  /// Finds what is not known of pairs: the residual, and with left vectors all else.
+  /// Completes pairs: computes the residual, if it is not known, and with left vectors all other
+  /// numbers.
   virtual void assess(double u, Pairs& pairs);
 
   Sample sample(double u, Index count) override;
   Pair refined(double u, const Pair& guess) override;
   Index standing() override { return free_turns().cols(); }
   Reals quotients(double u, const Pairs& pairs) override;
-  /// From one eigenvalue problem in s = u^2, as K = K_0 + s A.
+  /// Divergences from one eigenvalue problem in s = u^2, as K = K_0 + s A.
   Divergences divergences(double max_speed, bool first) override;
-  /// The divergence within so much of a speed, if there is one alone.
+  /// The divergence within `reach` of a speed; none if there is none, or more than one.
   virtual std::optional<Divergence> divergence_near(double guess, double reach);
 
  protected:
@@ -57,13 +59,14 @@ class Eigenproblem : public Spectrum {
   bool is_squared(double u) const { return traits.squared || (traits.free_at_rest && u == 0.0); }
   /// How far rounding may have moved the roots of a sample.
   virtual Reals rounding(const Pairs& pairs) const;
-  /// How far residuals say that roots may be off, but for what those that meet scatter by.
+  /// Errors of roots that follow from their residuals, except for the scatter of roots that meet.
   static Reals told_by_residuals(const Pairs& pairs);
-  /// The work on vectors of some frequencies.
+  /// Work of the operator P on vectors (dof, r) that oscillate with the given frequencies.
   virtual Works works(double u, const Reals& frequencies, const ComplexTable& vectors);
-  /// Re lambda and its uncertainty by the energy balance, where rounding hides it.
+  /// Replaces Re lambda and its uncertainty by those of the energy balance, where rounding hides
+  /// it.
   void improve(double u, Pairs& pairs, Reals& uncertain);
-  /// The same of a sample's roots.
+  /// Improves Re lambda of the roots of a sample, and their noise, by the energy balance.
   virtual void find_growth(double u, Pairs& pairs) { improve(u, pairs, pairs.noise); }
 
  private:
@@ -78,8 +81,8 @@ class Eigenproblem : public Spectrum {
                           bool symmetric) const;
 
   const At at_;
-  std::optional<Matrix> free_turns_;                   // once they are asked for
-  std::optional<std::optional<Modes>> modes_at_rest_;  // the same
+  std::optional<Matrix> free_turns_;                   // computed when first asked for
+  std::optional<std::optional<Modes>> modes_at_rest_;  // computed when first asked for
   std::shared_ptr<DenseOperator> latest_;
   double latest_speed_ = -1.0;
 };

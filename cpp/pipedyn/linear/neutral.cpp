@@ -8,17 +8,18 @@ namespace pipedyn {
 
 namespace {
 
-/// Share of its norm by which a matrix may be off, and the share where no residual tells what
-/// eigenvectors that are far from orthogonal make of that: next to divergence 110 eps was measured.
+/// Share of its norm by which a matrix may be off. The larger share serves where no residual tells
+/// how much eigenvectors that are far from orthogonal amplify that error: next to divergence 110
+/// eps was measured.
 constexpr double of_norm = 40.0 * eps, of_any_norm = 1000.0 * eps;
 
 /// Rounding of shift + 1 / mu, relative to lambda.
 constexpr double of_value = 1e-14;
 
-/// |lambda| up to which two roots may be one double zero.
+/// Largest |lambda| of a root that may be one of two that are a double zero.
 constexpr double double_zero = 1e-6;
 
-/// Distance to the shift beyond which it makes no difference.
+/// Distance of an eigenvalue to the shift below which a smaller distance makes no difference.
 constexpr double least_distance = 1e-3;
 
 }  // namespace

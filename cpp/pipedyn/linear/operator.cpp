@@ -8,8 +8,8 @@ namespace pipedyn {
 
 namespace {
 
-/// LAPACK's vectors, the first rows of each, made unit: of a conjugate pair real and imaginary
-/// part.
+/// Unit complex vectors from the first rows of LAPACK's vectors, in which a conjugate pair is given
+/// by its real and imaginary parts.
 ComplexTable complex_vectors(const Eigen::MatrixXd& vectors, const Reals& imag, Index rows) {
   ComplexTable result = ComplexTable::Zero(rows, imag.size());
   for (Index j = 0; j < imag.size(); ++j) {
@@ -48,7 +48,7 @@ int negative_eigenvalues(const Lapack& lapack, const Eigen::MatrixXd& of) {
 
 Eigen::MatrixXd DenseOperator::times(const Eigen::Ref<const Matrix>& factor,
                                      const Eigen::MatrixXd& x) const {
-  // The factor, row by row, is its transpose column by column.
+  // A factor stored by rows is its transpose stored by columns.
   int n = static_cast<int>(dof), rows = static_cast<int>(factor.rows()),
       columns = static_cast<int>(x.cols());
   double one = 1.0, zero = 0.0;
@@ -95,7 +95,7 @@ Solver DenseOperator::factor(Complex value) const {
   if (is_lossy()) lu.imag() += loss;
   std::vector<int> pivots(n);
   lapack.zgetrf(&n, &n, lu.data(), &n, pivots.data(), &info);
-  for (Index i = 0; i < n; ++i) {  // of a singular matrix, with one that differs in rounding
+  for (Index i = 0; i < n; ++i) {  // makes a singular matrix regular by rounding
     if (lu(i, i) == 0.0) lu(i, i) = eps;
   }
   return [zgetrs = lapack.zgetrs, lu = std::move(lu), pivots = std::move(pivots)](
@@ -174,7 +174,7 @@ Inverse DenseOperator::inverse_of(double shift, bool velocity_free, char left, c
       lapack.zgeev(&left, &right, &size, step.data(), &size, mu.data(), vl.data(), &size, vr.data(),
                    &size, work.data(), &length, more.data(), &info);
     }
-    if (length >= 0) break;  // the first call asks for the best size of its workspace
+    if (length >= 0) break;  // the first call asks for the best size of the workspace
   }
   if (info != 0) return {};
   if (lefts) {
@@ -198,11 +198,12 @@ template Inverse DenseOperator::inverse_of<double>(double, bool, char, char) con
 template Inverse DenseOperator::inverse_of<Complex>(double, bool, char, char) const;
 
 std::optional<Modes> DenseOperator::undamped_modes() const {
-  // In K + s M, definite for a large s, high modes are not lost in the rounding of those of M.
+  // With K + s M, which is definite for a large s, high modes are not lost in the rounding of M.
   for (double shift = 0.0; shift <= 1e12; shift = shift == 0.0 ? 1.0 : 10.0 * shift) {
     const auto found = symmetric_pairs(lapack, mass(), stiffness() + shift * mass(), true, 1e-7);
     if (!found) continue;
-    // x^T M x where x^T (K + s M) x = 1, the largest first; those that rounding makes any are left.
+    // These are x^T M x where x^T (K + s M) x = 1, the largest first. Modes for which rounding
+    // makes it zero or negative are left out.
     const Index count = (found->values > 0.0).count();
     const Reals masses = found->values.tail(count).reverse();
     return Modes{found->vectors.rightCols(count).rowwise().reverse(), masses.inverse() - shift,

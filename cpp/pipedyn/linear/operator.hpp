@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: MIT
 //
-// P(lambda) = lambda^2 M + lambda C + K of a model at one flow speed: products and solves with it,
-// and its inverse problem, which has the lowest roots. K may have an imaginary part i L, of a loss
-// factor; the roots do not come in conjugate pairs then.
+// P(lambda) = lambda^2 M + lambda C + K of a model at one flow speed: products with it, solutions
+// of linear systems with it, and its inverse problem, whose largest eigenvalues give the lowest
+// roots. With a loss factor K has an imaginary part i L; the roots then do not come in conjugate
+// pairs.
 #pragma once
 
 #include <functional>
@@ -14,9 +15,9 @@
 
 namespace pipedyn {
 
-/// The routines of BLAS and LAPACK that are needed, by address, as SciPy has them: the core is
-/// linked with neither. Compared with Eigen's EigenSolver, which has no left vectors, dgeev takes
-/// with them 0.6 of the time at 20 rows and a third at 200.
+/// The routines of BLAS and LAPACK that are needed, by their addresses in SciPy: the core is linked
+/// with neither library. With left vectors dgeev takes 0.6 of the time of Eigen's EigenSolver,
+/// which has none, at 20 rows, and a third of it at 200.
 struct Lapack {
   void (*dgemm)(char* trans_a, char* trans_b, int* m, int* n, int* k, double* alpha, double* a,
                 int* lda, double* b, int* ldb, double* beta, double* c, int* ldc);
@@ -36,48 +37,50 @@ struct Lapack {
                  int* info);
 };
 
-/// Ascending mu of A x = mu B x, and vectors with x^T B x = 1 where they are asked for.
+/// Eigenvalues mu of A x = mu B x in ascending order, and vectors with x^T B x = 1 where they are
+/// asked for.
 struct SymmetricPairs {
   Reals values;
   Eigen::MatrixXd vectors;
 };
 
-/// Of symmetric A and B; none unless B is definite, with pivots of Cholesky's factor of which the
-/// least is at least so large a share of the greatest.
+/// Eigenpairs of symmetric A and B. None unless B is definite, and the least pivot of its Cholesky
+/// factor is greater than `least_pivot` times the greatest.
 std::optional<SymmetricPairs> symmetric_pairs(const Lapack& lapack, Eigen::MatrixXd a,
                                               Eigen::MatrixXd b, bool vectors, double least_pivot);
 
-/// Number of eigenvalues of a symmetric matrix below zero by more than rounding.
+/// Number of eigenvalues of a symmetric matrix that are below zero by more than rounding.
 int negative_eigenvalues(const Lapack& lapack, const Eigen::MatrixXd& of);
 
-/// Undamped modes, by rising square of their frequency; vectors (dof, count).
+/// Undamped modes in the order of rising squares of their frequencies; vectors (dof, count).
 struct Modes {
   Eigen::MatrixXd vectors;
-  Reals squares, masses;  // omega^2, and x^T M x of each
+  Reals squares, masses;  // omega^2 and x^T M x of each mode
 };
 
-/// M x, C x and K x.
+/// The products M x, C x and K x.
 using Products = std::tuple<ComplexTable, ComplexTable, ComplexTable>;
 
-/// x to P^-1 x, or P^-H x.
+/// A function that takes x to P^-1 x, or to P^-H x (adjoint).
 using Solver = std::function<ComplexTable(const ComplexTable& x, bool adjoint)>;
 
-/// mu of the inverse problem about a shift with x and, if known, y (else (dof, 0)). With
-/// lambda = shift + 1/mu and P(shift) = K_s,
+/// Eigenvalues mu of the inverse problem about a shift, with right vectors x and, if they are
+/// known, left vectors y (else a table (dof, 0)). With lambda = shift + 1/mu and P(shift) = K_s,
 ///
 ///     mu [x; z] = [-K_s^-1 ((C + 2 shift M) x + M z); x],
 ///
 /// so the lowest roots are the largest mu and survive rounding, and a singular K does no harm.
-/// Where there is no term in the velocity, mu = 1 / (lambda^2 - shift^2), and x alone is the
-/// vector.
+/// Where P has no term in lambda, mu = 1 / (lambda^2 - shift^2), and x alone is the vector.
 using Inverse = std::tuple<Values, ComplexTable, ComplexTable>;
 
 class DenseOperator {
  public:
-  /// M, C and K, the derivatives of C and K by u, and L or none; each (dof, dof).
+  /// M, C and K, the derivatives of C and K by u, and L, which is empty without a loss factor; each
+  /// is (dof, dof).
   using Matrices = std::array<Matrix, 6>;
 
-  /// By what rounding matrices may be off: C and K in norm, and all in shares of their entries.
+  /// Errors of the matrices by rounding: those of C and K in norm, and that of every entry of a
+  /// matrix relative to the entry.
   struct Lost {
     double velocity = 0.0, stiffness = 0.0, entries = eps;
   };
@@ -90,18 +93,19 @@ class DenseOperator {
         matrices_(std::move(matrices)) {}
 
   Products multiply(const ComplexTable& x) const;
-  /// (dP/du) x of each root.
+  /// (dP/du) x for each root and its vector x.
   ComplexTable by_speed(const Values& values, const ComplexTable& x) const;
   Solver factor(Complex value) const;
-  /// All of them; none where P(shift) is singular or overflows, or the iteration does not end.
+  /// All eigenpairs of the inverse problem; none where P(shift) is singular or overflows, or where
+  /// the iteration does not converge.
   Inverse inverse(double shift, bool velocity_free, bool left) const {
     return inverse(shift, velocity_free, left ? 'V' : 'N', 'V');
   }
-  /// mu alone.
+  /// Eigenvalues mu of the inverse problem, without vectors.
   Values roots(double shift, bool velocity_free) const {
     return std::get<0>(inverse(shift, velocity_free, 'N', 'N'));
   }
-  /// Modes of M and K, of a symmetric K; none where no K + s M is definite.
+  /// Undamped modes of M and K, for a symmetric K; none where K + s M is definite for no s.
   std::optional<Modes> undamped_modes() const;
   bool is_lossy() const { return matrices_[5].size() > 0; }
   const Matrix& mass() const { return matrices_[0]; }
@@ -110,22 +114,25 @@ class DenseOperator {
   const Matrix& stiffness() const { return matrices_[2]; }
   const Matrix& loss() const { return matrices_[5]; }
   const Matrix& stiffness_rate() const { return matrices_[4]; }  // dK/du
-  /// lambda^2 M + lambda C + K of other real matrices, by the same routines.
+  /// The operator lambda^2 M + lambda C + K of other real matrices, which uses the same routines.
   DenseOperator with(Matrix mass, Matrix velocity, Matrix stiffness) const {
     return {lapack, {std::move(mass), std::move(velocity), std::move(stiffness)}, size, lost};
   }
-  /// The matrices B^T M B, B^T C B and so on of motions that are sums of the columns of a basis B.
+  /// The operator with matrices B^T M B, B^T C B and so on, for motions that are sums of the
+  /// columns of a basis B.
   DenseOperator within(const Eigen::MatrixXd& basis) const;
-  /// What rounding of its entries may hide, y^H P x in eps, of each pair: no residual shows it.
+  /// Error of y^H P x, in units of eps, that rounding of the entries of P may cause, for each pair:
+  /// no residual shows it.
   Reals hidden(const Values& values, const ComplexTable& right, const ComplexTable& left) const;
 
   const Index dof;
-  const double size;  // of K, the elastic stiffness being 1
+  const double size;  // size of K, relative to the elastic stiffness
   const Lost lost;
   const Lapack lapack;
 
  private:
-  /// With those vectors of which 'V' is given, as LAPACK is asked for them.
+  /// The inverse problem with left and right vectors where `left` and `right` are 'V', as LAPACK is
+  /// asked for them.
   Inverse inverse(double shift, bool velocity_free, char left, char right) const {
     return is_lossy() ? inverse_of<Complex>(shift, velocity_free, left, right)
                       : inverse_of<double>(shift, velocity_free, left, right);
@@ -138,15 +145,15 @@ class DenseOperator {
   const Matrices matrices_;
 };
 
-/// P of a model at each speed, in matrices: M, V, D, K, A and L or none of
-/// P(lambda, u) = lambda^2 M + lambda (u V + D) + K + i L + a u^2 A.
+/// The operator P of a model at each speed, in matrices: M, V, D, K, A and L, which is empty
+/// without a loss factor, of P(lambda, u) = lambda^2 M + lambda (u V + D) + K + i L + a u^2 A.
 struct Pencil {
   Lapack lapack;
   DenseOperator::Matrices matrices;
   double centrifugal;               // a
-  double size;                      // of K at rest
-  std::array<double, 6> lost = {};  // by what rounding each matrix may be off, in norm
-  double entries_lost = eps;        // and in shares of its entries
+  double size;                      // size of K at rest
+  std::array<double, 6> lost = {};  // errors of the matrices by rounding, in norm
+  double entries_lost = eps;        // and relative to each entry
 
   std::shared_ptr<DenseOperator> operator()(double u) const;
 };

@@ -13,46 +13,49 @@ namespace pipedyn {
 
 namespace {
 
-/// Residual of T beyond which vectors are tried another way: most have 1e-16.
+/// Residual beyond which vectors are computed in another way: most have 1e-16.
 constexpr double small_residual = 1e-14;
-/// Relative error of a speed at which a root crosses beyond which its growth is found otherwise.
+/// Relative error of the speed of a crossing, by the determinant, beyond which the energy balance
+/// computes the growth.
 constexpr double faint_growth = 1e-8;
-/// Points on the upper half of a circle that counts roots inside, at least and at most. A root
-/// outside by a factor f that is not known adds f^(-2 points): at most `outside`, if it lies no
-/// nearer than the last that is known.
+/// Least and greatest number of points on the upper half of a circle that counts roots inside. An
+/// unknown root that lies outside by a factor f adds f^(-2 points): at most `outside`, if it lies
+/// no nearer than the last known root.
 constexpr Index least_arc_points = 8, most_arc_points = 128;
 constexpr double outside = 1e-2;
-/// Least ratio of neighbouring roots' sizes through which a circle may pass: what is known of them
-/// is taken off, so that they may be near.
+/// Least ratio of the magnitudes of neighbouring roots between which a circle may pass: since the
+/// known roots are subtracted, they may be near.
 constexpr double least_gap = 1.002;
-/// Roots at one speed are starts at another if so few corrections do, and twice as many more of
-/// those that are not good then, see `correct`.
+/// Most corrections of the roots of one speed as starts at another speed; roots that are not good
+/// then get twice as many more (`correct`).
 constexpr int most_near = 8;
-/// The same of another model's, of which a few are far from this one's: those take their time.
+/// Most corrections of the roots of another model as starts, since a few of them are far from the
+/// roots of this model.
 constexpr int most_assumed = 40;
-/// Size of a dense start up to which that costs less than roots on the way from known ones, and how
-/// often the way is halved.
+/// Greatest size of a dense start that costs less than roots on the way from known ones, and how
+/// often that way is halved.
 constexpr Index cheap_start = 100;
 constexpr int most_on_the_way = 3;
-/// Dense starts in flow are sums of modes at rest, so many more than half the roots that are
-/// wanted.
+/// Dense starts in flow are sums of modes at rest: half as many modes as roots are wanted, and this
+/// many more.
 constexpr Index modes_beyond = 12;
-/// Samples whose roots are kept: steps are halved from the right, and go on from there.
+/// Number of samples whose roots are kept: steps are halved from the right, and go on from there.
 constexpr std::size_t most_known = 8;
-/// Ratio of neighbouring roots' sizes beyond which a gap is as good as any; next to zero roots it
-/// is infinite.
+/// Ratio of the magnitudes of neighbouring roots beyond which a gap is as good as any; next to zero
+/// roots it is infinite.
 constexpr double widest_needed = 10.0;
-/// How often roots that are found to be missing are added.
+/// How often missing roots that were found are added.
 constexpr int most_missing = 3;
-/// Parts of a range with more than one divergence. Halves have zeros next to their circles, which
-/// take more points than the parts that hold none (measured, spans: twice as many as eight).
+/// Number of parts into which a range with more than one divergence is divided. Halves would have
+/// zeros next to their circles and take more points than the parts that hold none (measured for
+/// spans: twice as many as eight parts).
 constexpr Index division = 8;
-/// Coarser chains on the way from the coarsest to a long one have so many times its segments: 5 and
+/// Ratio of the numbers of segments of successive chains between the coarsest and a long one: 5 and
 /// 80 take as long, measured from 1,000 to 100,000 segments.
 constexpr Index refinement = 20;
 
-/// The first `count` of roots and their conjugates, sorted; none where a complex root without an
-/// implied conjugate has none among the others, if roots are paired.
+/// The first `count` of the given roots and their conjugates, sorted. None if roots are paired and
+/// a complex root that implies no conjugate has none among the others.
 std::optional<Pairs> with_conjugates(const Pairs& found, const Approximations& roots, Index count,
                                      bool paired) {
   std::vector<Complex> values;
@@ -118,9 +121,9 @@ Structured::Structured(const Traits& traits, std::shared_ptr<const Determinant> 
       zeros_in_flow_(pipedyn::roots_at_zero(*of_, shifts[0])) {}
 
 Pairs Structured::at(double u, const Values& values, bool vectors) const {
-  const bool own = vectors || traits.conservative;  // else nothing reads it
+  const bool own = vectors || traits.conservative;  // else nothing reads by_right
   Pairs found = of_->pairs(u, values, vectors, own, false);
-  // A pivot may be 0 at a root: then so far beside it, by which vectors are off as well.
+  // A pivot may be 0 at a root: vectors are then computed this far beside it, and are off as much.
   for (const double aside : {0.0, 1e-12}) {
     std::vector<Index> poor;
     for (Index i = 0; i < values.size(); ++i) {
@@ -129,7 +132,7 @@ Pairs Structured::at(double u, const Values& values, bool vectors) const {
       if (!good) poor.push_back(i);
     }
     if (poor.empty()) break;
-    if (aside == 0.0 && of_->is_pivoted()) continue;  // its vectors are loaded in any case
+    if (aside == 0.0 && of_->is_pivoted()) continue;  // its vectors are always loaded
     Values again(poor.size());
     for (std::size_t k = 0; k < poor.size(); ++k) {
       again[k] = values[poor[k]] + aside * (1.0 + std::abs(values[poor[k]]));
@@ -144,7 +147,7 @@ Pairs Structured::at(double u, const Values& values, bool vectors) const {
   return found;
 }
 
-/// Roots with vectors, as good as these make them.
+/// Pairs of the given roots, corrected by their vectors as far as these allow.
 Pairs Structured::polished(double u, const Approximations& roots, bool vectors) const {
   Values values(roots.size());
   for (std::size_t i = 0; i < roots.size(); ++i) values[i] = roots[i].value;
@@ -164,7 +167,7 @@ Pairs Structured::polished(double u, const Approximations& roots, bool vectors) 
   for (std::size_t i = 0; i < roots.size(); ++i) {
     if (roots[i].settled && roots[i].value == 0.0) found.residual[i] = found.uncertain[i] = 0.0;
   }
-  // By symmetry roots without partner are real, or on the imaginary axis.
+  // By symmetry, roots without a partner are real, or on the imaginary axis.
   for (std::size_t i = 0; i < roots.size(); ++i) {
     Complex& value = found.values[i];
     if (is_squared(u) && std::abs(value.real()) <= found.uncertain[i]) value.real(0.0);
@@ -174,10 +177,10 @@ Pairs Structured::polished(double u, const Approximations& roots, bool vectors) 
   return found;
 }
 
-/// Roots within a circle about zero that are missing among those given: empty if none are, nullopt
-/// if that is unknown. The circle passes through the first wide gap beyond the least roots, as many
-/// as asked for; if roots are paired its upper half shows all. About it the mean of lambda^(k+1)
-/// times what known roots leave of the log-derivative is the sum of the missing ones' k-th powers.
+/// Roots missing among the given ones within a circle about zero: empty if none is missing, nullopt
+/// if that is unknown. The circle passes through the first wide gap beyond the `least` lowest
+/// roots; if roots are paired its upper half shows all. On it, the mean of lambda^(k+1) times
+/// (log-derivative less the known roots' part) is the sum of the k-th powers of the missing roots.
 std::optional<Approximations> Structured::missing_within(double u, const Approximations& roots,
                                                          std::size_t least) const {
   const auto size = [&](std::size_t k) { return magnitude(roots[k].value); };
@@ -241,7 +244,8 @@ std::optional<Pairs> Structured::from(Approximations roots, double u, Index coun
     for (Approximation& one : roots) one.settled = one.settled || one.value == 0.0;
     roots.insert(roots.end(), missing->begin(), missing->end());
   }
-  // With those of equal |lambda| as the last, which rounding may have sorted otherwise.
+  // Includes roots whose |lambda| equals that of the last one, which rounding may have sorted
+  // otherwise.
   const double size = magnitude(roots[next - 1].value) * (1.0 + 1e-6);
   while (next < roots.size() && magnitude(roots[next].value) <= size) ++next;
   const Pairs known = polished(u, roots, vectors);
@@ -272,12 +276,12 @@ Approximations Structured::dense_starts(double u, Index wanted) {
   if (u == 0.0 && !starts_at_rest_.empty()) return starts_at_rest_;
   const DenseOperator& p = Eigenproblem::at(u);
   const Index some = wanted / 2 + modes_beyond;
-  const bool few = knows_modes() && 4 * some < 3 * traits.dof;  // which takes half the time
+  const bool few = knows_modes() && 4 * some < 3 * traits.dof;  // takes half the time
   const bool modal = (few || u == 0.0) && modes_at_rest().has_value();
   if (!modal) return dense_roots(p, is_squared(u));
   const Modes& modes = *modes_at_rest();
   if (u == 0.0) return starts_at_rest_ = modal_roots(p, modes, traits.loss);
-  // Those that rounding makes any are left out of the modes: there may be fewer.
+  // Modes whose x^T M x is rounding are left out: there may be fewer than `some`.
   const Index count = std::min<Index>(some, modes.vectors.cols());
   return dense_roots(p.within(modes.vectors.leftCols(count)), is_squared(u));
 }
@@ -309,7 +313,7 @@ std::optional<Pairs> Structured::from_known(double u, Index count, bool vectors,
 std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vectors) {
   const Index n = of_->size(), zeros = roots_at_zero(u), coarsest = of_->enough_for(count);
   const bool every = count >= 2 * traits.dof;
-  const Index wanted = count + 6 + 2 * of_->held();  // roots beyond those asked for show a gap
+  const Index wanted = count + 6 + 2 * of_->held();  // further roots that show a gap
   const int halvings = std::min(coarsest, n) > cheap_start ? most_on_the_way : 0;
   if (auto found = from_known(u, count, vectors, halvings)) return found;
   for (Index size = coarsest;; size *= 3) {
@@ -348,7 +352,8 @@ Pairs Structured::lowest(double u, Index count, bool left, bool high) {
   count = std::min(count, 2 * traits.dof);
   factorised_ += 2;
   std::optional<Pairs> found = by_recursion(u, count, high || traits.damped);
-  // At rest nothing grows without damping; elsewhere these roots are as good as any balance.
+  // At rest nothing grows without damping. In flow these roots are as accurate as those of any
+  // energy balance.
   if (found && !traits.damped) found->by_left.setZero();
   if (found && (good(*found) == count || traits.dof > dense_limit)) return *found;
   if (traits.dof > dense_limit) throw NotConverged("eigenvalues are too close to be told apart");
@@ -371,7 +376,7 @@ void Structured::assess(double u, Pairs& pairs) {
   if (traits.dof <= dense_limit) {
     Eigenproblem::assess(u, pairs);
     if (pairs.left.cols() == 0) return;
-  } else {  // what recursions do not tell is unknown
+  } else {  // what recursions do not give is unknown
     pairs.uncertain = Reals::Constant(count, infinite);
     for (Values* const one : {&pairs.slopes, &pairs.by_left, &pairs.by_right}) {
       *one = Values::Constant(count, std::numeric_limits<double>::quiet_NaN());
@@ -434,17 +439,18 @@ Pair Structured::refined(double u, const Pair& guess) {
     const Complex change = 1.0 / log_derivatives(u, value)[0];
     if (!std::isfinite(std::norm(change))) break;
     value[0] -= change;
-    if (std::abs(change) <= 1e-8 * std::abs(value[0])) break;  // twice the digits are left now
+    if (std::abs(change) <= 1e-8 * std::abs(value[0])) break;  // convergence is quadratic
   }
   Pairs found = polished(u, {{value[0], false}}, true);
-  // Where the flow works hardly on a mode, as on one whose tip a mass holds, its energy balance
-  // knows the growth better: O(n^2), so only there.
+  // Where the flow does hardly any work on a mode, as on one whose tip is held by a mass, its
+  // energy balance gives a more accurate growth. It takes O(n^2), so it is used only there.
   const bool hidden = found.uncertain[0] > faint_growth * u * std::abs(found.slopes[0].real());
   if (hidden && traits.dof <= dense_limit) balance(u, found);
   return found.pair(0);
 }
 
-/// Growth by the energy balance of vectors, where that knows it better than the determinant.
+/// Replaces the growth by that of the energy balance of vectors, where that is more accurate than
+/// the determinant.
 void Structured::balance(double u, Pairs& pairs) {
   pairs.by_left = of_->by_lambda(u, pairs);
   improve(u, pairs, pairs.uncertain);
@@ -452,7 +458,8 @@ void Structured::balance(double u, Pairs& pairs) {
 
 void Structured::find_growth(double u, Pairs& found) {
   Eigenproblem::find_growth(u, found);
-  // A chain's recursion has no difference of nearly equal numbers, so that no balance is better.
+  // The recursion of a chain has no difference of nearly equal numbers, so no energy balance is
+  // better.
   const bool on_axis = u == 0.0 && !traits.damped;
   if (on_axis || !of_->is_pivoted() || traits.dof > dense_limit) return;
   std::vector<Index> hidden;
@@ -478,13 +485,14 @@ void Structured::find_growth(double u, Pairs& found) {
 
 namespace {
 
-/// How near to a whole number a mean of log-derivatives is where it counts: it converges like the
-/// power of the number of points, and chance is that near to one once in 500.
+/// How near to a whole number a mean of log-derivatives must be to count as a number of zeros: the
+/// error falls like a power of the number of points, and a mean is as near as this by chance once
+/// in 500.
 constexpr double near_whole = 1e-3;
 
-/// How many zeros of the determinant lie in the disc about the real interval from low to high: the
-/// mean of (u - centre) d log det / du on its circle, of which the upper half shows all; none where
-/// one lies too near the circle.
+/// Number of zeros of the determinant in the disc about the real interval from low to high: the
+/// mean of (u - centre) d log det / du on its circle, whose upper half shows all. None where a zero
+/// lies too near the circle.
 std::optional<int> zeros_within(const Determinant& of, double low, double high) {
   const double centre = 0.5 * (low + high), radius = 0.5 * (high - low);
   for (Index points = 8; points <= 128; points *= 2) {
@@ -502,7 +510,7 @@ std::optional<int> zeros_within(const Determinant& of, double low, double high) 
 
 }  // namespace
 
-/// det K at some speeds, or closely beside one at which a pivot is 0.
+/// det K at some speeds, or very near a speed at which a pivot is 0.
 Stills Structured::still(Reals u) const {
   for (int tries = 0;; ++tries) {
     Stills found = of_->still(u);
@@ -512,7 +520,8 @@ Stills Structured::still(Reals u) const {
   }
 }
 
-/// det K, divided by that at rest and by the power of lambda that the roots at zero give.
+/// det K divided by its value at rest, and by the power of lambda that the roots at zero
+/// contribute.
 double Structured::determinant(double u) const {
   const auto size = [&](double speed, const Stills& of) {
     return of.logarithm[0] - static_cast<double>(roots_at_zero(speed)) * std::log(beside_zero);
@@ -522,8 +531,8 @@ double Structured::determinant(double u) const {
   return there.sign[0] * std::exp(size(u, there) - (std::isfinite(at_rest) ? at_rest : 0.0));
 }
 
-/// Adds ranges that hold divergences: discs about a range that have none are left, one with a
-/// single zero is known by the sign of det K at its ends, and others are divided.
+/// Adds ranges that hold divergences. A range without zeros in its disc is left out; a range with a
+/// single zero is confirmed by the sign of det K at its ends; other ranges are divided.
 void Structured::isolate(const Bracket& range, bool first, std::vector<Bracket>& found) const {
   const auto& [low, high, before, after, none] = range;
   const double length = high - low;
@@ -546,7 +555,8 @@ void Structured::isolate(const Bracket& range, bool first, std::vector<Bracket>&
   }
 }
 
-/// The zeros of det K in ranges with one each, all at once: Newton's method kept in the range.
+/// The zeros of det K in ranges with one zero each, all at once: by Newton's method, kept in the
+/// range.
 Reals Structured::zeros_in(const std::vector<Bracket>& ranges) const {
   const Index count = static_cast<Index>(ranges.size());
   Reals low(count), high(count), sign(count), step = Reals::Constant(count, infinite);
@@ -562,7 +572,7 @@ Reals Structured::zeros_in(const std::vector<Bracket>& ranges) const {
     for (Index i = 0; i < count; ++i) {
       (at.sign[i] * sign[i] > 0.0 ? low : high)[i] = u[i];
       const bool is_slow = steps % 8 == 0 && std::abs(step[i]) > 1e-6 * (1.0 + u[i]);
-      double next = std::isfinite(at.slope[i]) ? u[i] - 1.0 / at.slope[i] : u[i];  // there it is 0
+      double next = std::isfinite(at.slope[i]) ? u[i] - 1.0 / at.slope[i] : u[i];  // det K is 0
       if (!(next >= low[i] && next <= high[i]) || is_slow) next = 0.5 * (low[i] + high[i]);
       step[i] = next - u[i];
       u[i] = next;
@@ -572,7 +582,8 @@ Reals Structured::zeros_in(const std::vector<Bracket>& ranges) const {
 }
 
 Divergences Structured::divergences(double max_speed, bool first) {
-  // Of panels what K leaves free has no pivot of the order of lambda at a complex speed.
+  // With panels, motions that K leaves free give no pivot of the order of lambda at a complex
+  // speed.
   if (zeros_in_flow_ > 0 && of_->is_pivoted()) return Eigenproblem::divergences(max_speed, first);
   Divergences result;
   if (traits.conservative) result.negative_at_rest = of_->negative_at_rest();
@@ -593,7 +604,7 @@ Divergences Structured::divergences(double max_speed, bool first) {
     result.all.push_back(one.zeros == 1 ? divergence_at(u)
                                         : Divergence{u, one.high - one.low, {}, one.zeros});
   }
-  result.complete = !first || result.all.size() < 2;  // beyond the end none is asked for
+  result.complete = !first || result.all.size() < 2;  // none is asked for beyond the end
   return result;
 }
 
@@ -605,14 +616,15 @@ std::optional<Divergence> Structured::divergence_near(double guess, double reach
   return divergence_at(zeros_in({{ends[0], ends[1], signs[0], signs[1]}})[0]);
 }
 
-/// Null vectors of K at a speed where it is singular, with the error of that.
+/// The divergence at a speed where K is singular: null vectors of K, and the error of the speed.
 Divergence Structured::divergence_at(double u) const {
   Pair pair{0.0};
   double inertia = 0.0;
   if (roots_at_zero(u) > 0) {
-    // Vectors are those of the roots at zero. Where it vanishes, the determinant at neighbouring
-    // numbers u is its rounding: on 600 chains errors were at most 0.3 of what this makes of them.
-    // The difference for the slope loses as little by curvature as by rounding.
+    // The vectors here are those of the roots at zero. Where the determinant vanishes, its values
+    // at neighbouring numbers u are its rounding: on 600 chains the errors were at most 0.3 of the
+    // estimate from these. The difference for the slope loses as little by curvature as by
+    // rounding.
     const double apart = 1e-6 * (1.0 + u), near = eps * (1.0 + u);
     pair.slope = (determinant(u + apart) - determinant(u - apart)) / (2.0 * apart);
     pair.residual = pair.uncertain = 0.0;
@@ -621,13 +633,15 @@ Divergence Structured::divergence_at(double u) const {
     }
   } else {
     Pairs found = of_->pairs(u, Values::Zero(1), true, false, false);
-    // Beyond a clamp of two guides nothing moves with what starts at the first.
+    // Where two guides form a clamp, nothing beyond it moves with a vector that starts at the first
+    // one.
     if (!(found.residual[0] <= small_residual)) found = at(u, Values::Zero(1), true);
     pair = found.pair(0);
     pair.uncertain *= std::abs(pair.by_value);
     if (!of_->is_pivoted()) {
       // Where the part beyond a joint is singular by itself, as half of a guided pipe is, rounding
-      // scales the parts of a vector apart: so it is the mean of those closely beside.
+      // scales the parts of a vector differently: so the mean of the vectors at two very near
+      // speeds is taken.
       const double apart = 1e-6 * (1.0 + u);
       const Pairs below = at(u - apart, Values::Zero(1), true);
       const Pairs above = at(u + apart, Values::Zero(1), true);

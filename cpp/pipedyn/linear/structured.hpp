@@ -1,17 +1,18 @@
 // SPDX-License-Identifier: MIT
 //
-// Roots of a determinant that is eliminated along the pipe (determinant.hpp), O(dof) for one of
-// them.
+// Roots of a determinant that is eliminated along the pipe (determinant.hpp), in O(dof) for each
+// root.
 //
-// Starts are LAPACK's roots, or for few of a long chain or a large basis those of a coarser one;
-// beside speeds whose roots are known, cubics through these. All are corrected at once by the
-// method of Ehrlich and Aberth, Newton's on what the others leave of the determinant,
+// Starts are LAPACK's roots, or those of a coarser model if few roots of a long chain or a large
+// basis are wanted; next to speeds whose roots are known, they are cubics through these. All roots
+// are corrected at once by the method of Ehrlich and Aberth, which is Newton's on the determinant
+// divided by the factors (lambda - lambda_k) of the other roots,
 //   1 / (d log det P / dlambda - sum_k 1 / (lambda - lambda_k)),
-// so that no two end on one root. That none is missing is checked by the same expression without
-// the root itself: it vanishes if all roots are there, and its mean over a circle, times lambda,
-// is the number of those missing inside. Roots that are zero by structure, where nothing holds a
-// joint, are counted by the power of lambda in the determinant and are exact. What fails a check is
-// solved by matrices, up to 2,000 degrees of freedom.
+// so that no two end at one root. The same expression, less the root itself, checks that no root is
+// missing: it vanishes if all roots are there, and its mean over a circle, times lambda, is the
+// number of missing roots inside. Roots that are zero by structure, where nothing holds a joint,
+// are counted by the power of lambda in the determinant and are exact. Roots that fail a check are
+// computed from matrices, up to 2,000 degrees of freedom.
 #pragma once
 
 #include <optional>
@@ -22,19 +23,21 @@ namespace pipedyn {
 
 class Structured : public Eigenproblem {
  public:
-  /// stiffness_size: of K at rest, in elastic coordinates.
+  /// stiffness_size: size of K at rest, in elastic coordinates.
   Structured(const Traits& traits, std::shared_ptr<const Determinant> of, double stiffness_size);
 
   Pairs lowest(double u, Index count, bool left, bool high) override;
   std::optional<Pairs> by_recursion(double u, Index count, bool vectors) override;
-  /// As `by_recursion`, from the known roots nearest by or, of so many halvings of the way to them,
-  /// from those found so at its middle.
+  /// Roots as `by_recursion` gives them, from the known roots of the nearest speed. If that fails,
+  /// roots are first found at the middle of the way to that speed; the way is halved at most
+  /// `halvings` times.
   std::optional<Pairs> from_known(double u, Index count, bool vectors, int halvings);
-  /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k), but for known roots k at lambda itself.
+  /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k) over known roots, without those at
+  /// lambda itself.
   Values log_derivatives(double u, const Values& at, const Values& known = {}) const {
     return of_->log_derivatives(u, at, known);
   }
-  /// Takes roots of a model that is nearly the same as starts at a speed.
+  /// Takes the roots of a nearly equal model as starts at a speed.
   void assume(double u, const Values& roots);
   void assess(double u, Pairs& pairs) override;
   void share(const Spectrum& other) override;
@@ -43,8 +46,8 @@ class Structured : public Eigenproblem {
   std::optional<Sample> near(double u, const Sample& from) override;
   Pair refined(double u, const Pair& guess) override;
   Reals quotients(double u, const Pairs& pairs) override;
-  /// By a search that is certified: the determinant's zeros in a disc are counted by its
-  /// log-derivative on the circle, O(n) a point.
+  /// Divergences by a search that is certified: the zeros of the determinant in a disc are counted
+  /// by its log-derivative on the circle, in O(n) for each point.
   Divergences divergences(double max_speed, bool first) override;
   std::optional<Divergence> divergence_near(double guess, double reach) override;
 
@@ -60,10 +63,10 @@ class Structured : public Eigenproblem {
   struct Known {
     double u;
     Approximations roots;
-    int most;  // corrections that make them roots at another speed
+    int most;  // most corrections that take them to another speed
   };
-  std::vector<Known> known_;       // of the last samples
-  Approximations starts_at_rest_;  // once known
+  std::vector<Known> known_;       // roots of the last samples
+  Approximations starts_at_rest_;  // empty until they are known
 
   std::optional<Pairs> from(Approximations starts, double u, Index count, bool vectors,
                             int most_corrections);
@@ -72,9 +75,10 @@ class Structured : public Eigenproblem {
   Index roots_at_zero(double u) const { return u == 0.0 ? zeros_at_rest_ : zeros_in_flow_; }
   Approximations dense_starts(double u, Index wanted);
   void balance(double u, Pairs& pairs);
-  /// Roots by matrices of this determinant or a coarser one.
+  /// Roots of this determinant or a coarser one, from matrices.
   Approximations starts_of(const Determinant& of, double u) const;
-  /// A range of speeds with the sign of det K at its ends, and how many zeros it has.
+  /// A range of speeds, with the sign of det K at its ends and the number of its zeros in the
+  /// range.
   struct Bracket {
     double low, high, before, after;
     int zeros = 0;

@@ -12,7 +12,7 @@
 namespace pipedyn {
 
 Roots assignment(const std::vector<double>& cost, Index size) {
-  // Column `size` stands for the row that is being added.
+  // Column `size` represents the row that is being added.
   Roots row_of(size + 1, -1), before(size + 1), columns(size);
   std::vector<double> by_row(size, 0.0), by_column(size + 1, 0.0), distance(size);
   Roots open;
@@ -65,27 +65,28 @@ Roots assignment(const std::vector<double>& cost, Index size) {
 
 namespace {
 
-/// Steps tried, beyond four times those of the sweep, before roots are given up as too close: the
-/// 36 pipes of 10 segments to u = 20 take up to 2.7 times those, and 80 meetings 19 halvings each.
+/// Number of steps tried, besides four times those of the sweep, before roots are given up as too
+/// close: the 36 pipes of 10 segments up to u = 20 take up to 2.7 times the steps of the sweep, and
+/// 80 meetings take 19 halvings each.
 constexpr int most_steps = 1600;
 
-/// How many times as long as the last a step is tried, after one that was too long: from near by
-/// roots are found soon, and from far away by matrices.
+/// Ratio of the next step tried to the last one, after a step that was too long: roots are found
+/// fast from near by, but from far away by matrices.
 constexpr double step_growth = 4.0;
-/// Share of the longest step that is tried at least: the shortest are matched as they are.
+/// Least share of the longest step that is tried: the shortest steps are matched as they are.
 constexpr double least_share = 1.0 / 16.0;
 
-/// Curves are told apart where they are so many times the sum of their errors apart: of 1,500
-/// random pipes the crossings' modes differ from those of steps of 0.05 in 27, and by the first of
-/// the two errors alone in 26; in 29 with twice.
+/// Curves are told apart if their distance is at least this many times the sum of their errors. For
+/// 1,500 random pipes the modes of the crossings differ from those of steps of 0.05 in 27 pipes; in
+/// 26 with only the first of the two errors, and in 29 with a factor of two.
 constexpr double errors_apart = 3.0;
 
-/// A root that moves by more than this share of 1 + |lambda| in a shortest step is another one: at
-/// a meeting each moves by 1e-3.
+/// A root that moves by more than this share of 1 + |lambda| in a shortest step is another root: at
+/// a meeting each root moves by 1e-3.
 constexpr double jump = 0.1;
 
-/// Whether two roots are one conjugate pair that turns real, or two reals that pair up: their sum
-/// and product run smoothly through the meeting, where slopes are infinite.
+/// Whether two roots are a conjugate pair that turns real, or two real roots that become a pair:
+/// their sum and product are smooth through the meeting, where slopes are infinite.
 bool meet(const Step& step, Index i, Index k) {
   const auto conjugate = [](Complex a, Complex b) { return a.imag() != 0.0 && a == std::conj(b); };
   const auto real = [](Complex a, Complex b) { return a.imag() == 0.0 && b.imag() == 0.0; };
@@ -104,19 +105,21 @@ bool meet(const Step& step, Index i, Index k) {
   return std::abs(sum) < 0.02 * room && std::abs(product) < 0.02 * room * room;
 }
 
-/// Whether one of two roots is the upper, of real ones the greater.
+/// Whether the first of two roots is the upper one, or the greater one if they are real.
 bool is_above(Complex a, Complex b) {
   return std::tuple(a.imag(), a.real()) > std::tuple(b.imag(), b.real());
 }
 
-/// Which is which after a meeting is a convention: upper to upper, upper to the greater real.
+/// Orders two roots after a meeting by a convention: the upper root continues as the upper one, or
+/// as the greater real one.
 void order(Step& step, Index i, Index k) {
   if (is_above(step.start(i), step.start(k)) != is_above(step.end(i), step.end(k))) {
     std::swap(step.onto[i], step.onto[k]);
   }
 }
 
-/// Of each root of a sample its conjugate, which follows it; itself if real, -1 if there is none.
+/// Index of the conjugate of each root of a sample, which is next to it; of the root itself if it
+/// is real; -1 if there is none.
 Roots conjugates(const Sample& sample) {
   const Values& all = sample.values;
   Roots twins(all.size(), -1);
@@ -130,15 +133,16 @@ Roots conjugates(const Sample& sample) {
   return twins;
 }
 
-/// Which root of the right sample continues each of the left one, so that the sum of distances is
-/// least; -1 for what has none.
+/// Root of the right sample that continues each root of the left one, so that the sum of distances
+/// is least; -1 for roots that have none.
 Roots matched(const Sample& left, const Sample& right, double h) {
   const Index size = left.size();
   const Values ahead = left.values + 0.5 * h * left.slopes;
   const Values behind = right.values - 0.5 * h * right.slopes;
   const Roots twins = conjugates(left), others = conjugates(right);
-  // Where no two roots have the same nearest one, the nearest are the answer. Of conjugates the
-  // upper says where both go, and looks in its half plane only if nothing leaves that.
+  // Where no two roots have the same nearest root, the nearest roots are the answer. The upper of
+  // two conjugates decides for both; it is compared only with roots in its half plane if no root
+  // leaves that.
   const auto is_upper = [](Complex value) { return value.imag() >= 0.0; };
   bool stay = std::all_of(left.values.begin(), left.values.end(), [&](const Complex& value) {
     return !is_upper(value) || is_upper(ahead[&value - left.values.data()]);
@@ -154,11 +158,11 @@ Roots matched(const Sample& left, const Sample& right, double h) {
     columns.resize(right.size());
     std::iota(columns.begin(), columns.end(), 0);
   }
-  // Values within the step's reach settle what slopes near a meeting cannot.
+  // Values within the reach of the step decide where slopes near a meeting cannot.
   const auto square = [&](Index i, Index j) {
     return std::min(std::norm(behind[j] - ahead[i]), std::norm(right.values[j] - left.values[i]));
   };
-  // The greatest |lambda| of the columns up to each, and the least from it on.
+  // The greatest |lambda| of the columns up to each column, and the least from that column on.
   const Index last = static_cast<Index>(columns.size()) - 1;
   Reals most(last + 1), least(last + 1);
   for (Index k = 0; k <= last; ++k) {
@@ -177,7 +181,8 @@ Roots matched(const Sample& left, const Sample& right, double h) {
   for (Index i = 0; i < size && apart; ++i) {
     const Complex here = left.values[i];
     if (here.imag() < 0.0 && twins[i] >= 0) continue;
-    // As samples are sorted it is near this one, and nothing is nearer whose |lambda| is too far.
+    // As samples are sorted, the nearest root has an index near this one, and roots whose |lambda|
+    // differs too much are not nearer.
     const Index guess = std::min(row++, last);
     Index place = guess;
     double nearest = square(i, columns[guess]);
@@ -211,18 +216,20 @@ Roots matched(const Sample& left, const Sample& right, double h) {
   return onto;
 }
 
-/// Of a cubic through two samples, g apart, the error at a third, h further, is lambda''''/24 times
-/// h^2 (h + g)^2, that of the cubic between the last two at most lambda''''/24 h^4/16. So what the
-/// last step foretells wrongly bounds the error of this one with a margin of 16.
+/// Bounds the errors of a step by the step before. A cubic through two samples at a distance g has
+/// at a third sample, further by h, the error lambda''''/24 h^2 (h + g)^2; the cubic between the
+/// last two samples has at most the error lambda''''/24 h^4/16. So the error of the continued last
+/// step bounds that of this step with a margin of 16.
 void foretell(Step& step, const Step& last) {
   const double share = step.length() / (step.length() + last.length());
   for (Index i = 0; i < last.left->size(); ++i) {
     const Index root = last.onto[i];
     if (root < 0 || step.onto[root] < 0) continue;
     const Complex off = step.end(root) - last.expected(i, step.right->u);
-    if (!std::isfinite(std::norm(off))) continue;  // two that met have no slopes
+    if (!std::isfinite(std::norm(off))) continue;  // two roots that met have no slopes
     step.real_error[root] = share * share * std::abs(off.real());
-    // Of a root matched to another one both are these roots' distance, however short the step.
+    // For a root matched to another one, both errors are the distance of these roots, however short
+    // the step is.
     if (2.0 * magnitude(off) < step.error[root]) step.error[root] = share * share * magnitude(off);
   }
 }
@@ -239,7 +246,7 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
   step.real_error.assign(size, 0.0);
   step.slopes = left.slopes;
   Flags resting(size, 0);
-  Roots known;  // where they go
+  Roots known;  // roots whose continuation is known
   for (Index i = 0; i < size; ++i) {
     if (step.onto[i] < 0) continue;
     known.push_back(i);
@@ -247,8 +254,8 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
                               0.5 * h * (step.end_slope(i) + step.start_slope(i)));
     resting[i] = left.u == 0.0 && left.values[i] == 0.0;
     if (!resting[i]) continue;
-    // Zero roots at rest (free joints) have no slope of their own there, and one serves as well as
-    // another: lambda leaves like u, lambda^2 like u^2.
+    // Roots that are zero at rest (free joints) have no slope of their own there, and any of them
+    // may continue as any other: lambda grows like u, or lambda^2 like u^2.
     const Complex there = step.end(i), change = h * step.end_slope(i);
     const double linear = 0.5 * std::abs(there - change), root = std::abs(there - 0.5 * change);
     step.slopes[i] = linear < root ? there / h : 0.0;
@@ -259,8 +266,8 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
   }
   if (last != nullptr) foretell(step, *last);
 
-  std::vector<double> extent(size, 0.0);  // how far from a curve's start others may be near it
-  for (const Index i : known) {           // a cubic is no further than its control points
+  std::vector<double> extent(size, 0.0);  // others within it of a curve's start may be near
+  for (const Index i : known) {           // a cubic stays within its control points
     const Complex change = step.end(i) - step.start(i);
     const double furthest =
         std::max({std::norm(h / 3.0 * step.start_slope(i)),
@@ -275,15 +282,15 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
     clustered[i] = cluster.holds(a) && cluster.holds(b);
     const double before = left.signatures[i], after = right.signatures[step.onto[i]];
     signature[i] = before != 0.0 && after != 0.0 ? static_cast<int>(3.0 * before + after) : 0;
-    // What took another's place has met it, though both curves turn back before they touch.
+    // A root that took another's place has met it, though both curves turn back before they touch.
     if (before * after < 0.0) extent[i] = infinite;
-    if (before * after > 0.0) {  // as far as tangents lead, see have_met
+    if (before * after > 0.0) {  // as far as its tangents lead (`have_met`)
       const double steepest = std::max(std::abs(step.start_slope(i)), std::abs(step.end_slope(i)));
       extent[i] = std::max(extent[i], h * steepest);
     }
   }
   Roots twins = conjugates(left);
-  for (const Index i : known) {  // only what does the same in the other half plane
+  for (const Index i : known) {  // a conjugate is a twin only if it does the same
     const Index k = twins[i];
     const bool same = k >= 0 && step.onto[k] >= 0 && step.end(k) == std::conj(step.end(i)) &&
                       step.start_slope(k) == std::conj(step.start_slope(i)) &&
@@ -293,14 +300,14 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
   Flags is_tracked(size, 0);
   for (const Index i : tracked) is_tracked[i] = 1;
   const auto is_exempt = [&](Index i, Index k) {
-    // Two of one signature at either end pass through each other on the axis.
+    // Two roots of one signature at either end pass through each other on the axis.
     const bool passing = signature[i] != 0 && signature[i] == signature[k];
     return passing || (zero[i] && zero[k]) || (clustered[i] && clustered[k]);
   };
-  // Two of opposite signatures leave the axis where they meet, and have met where either has taken
-  // the other's or its place: then they may have come back to it, too. They may also have met where
-  // each keeps its place, if the tangents at the start lead them together within the step, and
-  // those at the end, followed back.
+  // Two roots of opposite signatures leave the axis where they meet. They have met, and may have
+  // come back to the axis, if either has taken the place or the signature of the other. They may
+  // also have met though each keeps its place: if the tangents at the start lead them together
+  // within the step, and the tangents at the end, followed back, do so too.
   const auto opposite = [&](Index i, Index k) {
     return signature[i] * signature[k] < 0 && step.start(i).imag() * step.start(k).imag() > 0.0;
   };
@@ -326,7 +333,7 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
     }
     return false;
   };
-  // Sorted as they are, no later root is near whose |lambda| cannot come down that far.
+  // As roots are sorted, no later root is near if its |lambda| cannot fall that far.
   Reals lowest = Reals::Constant(size + 1, infinite);
   for (Index i = size - 1; i >= 0; --i) {
     const bool goes_on = step.onto[i] >= 0;
@@ -334,7 +341,7 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
   }
   std::set<std::pair<Index, Index>> near;
   for (const Index i : known) {
-    if (twins[i] < i) continue;  // what is near it is so of their conjugates
+    if (twins[i] < i) continue;  // its conjugate has decided
     const double highest = (1.0 + 4.0 * eps) * (magnitude(left.values[i]) + extent[i]);
     for (Index k = i + 1; k < size && lowest[k] <= highest; ++k) {
       if (step.onto[k] < 0 || (twins[i] == i && twins[k] < k) || !is_near(i, k)) continue;
@@ -343,7 +350,7 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
       }
     }
   }
-  for (const Index i : known) {  // what turns real or complex has met another
+  for (const Index i : known) {  // a root that turns real or complex has met another
     const Complex a = step.start(i), b = step.end(i);
     if ((a.imag() == 0.0) == (b.imag() == 0.0) || resting[i]) continue;
     for (const Index k : known) {
@@ -364,10 +371,11 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
   step.unambiguous = step.close.empty();
 }
 
-/// Halvings of a step for a few of its roots.
+/// Most halvings of a step that are made for a few of its roots only.
 constexpr int most_halvings = 12;
 
-/// Whether a root's curve in a step, or those of two that meet, stay left of the imaginary axis.
+/// Whether the curve of a root in a step, or the curves of two roots that meet, stay left of the
+/// imaginary axis.
 bool stays_left(const Step& step, Index i) {
   const Complex a = step.start(i), c = step.end(i);
   if (const Index k = step.meets[i]; k >= 0) {
@@ -375,14 +383,15 @@ bool stays_left(const Step& step, Index i) {
     const double reach = std::max(std::abs((a - b).real()), std::abs((c - d).real()));
     return 0.5 * std::max((a + b).real(), (c + d).real()) + reach < 0.0;
   }
-  const double third = step.length() / 3.0;  // a cubic is no further than its control points
+  const double third = step.length() / 3.0;  // a cubic stays within its control points
   const double most = std::max({a.real(), (a + third * step.start_slope(i)).real(), c.real(),
                                 (c - third * step.end_slope(i)).real()});
   return most + errors_apart * step.error[i] < 0.0;
 }
 
-/// Where all roots of one sample go in another that has as many, with samples between if they are
-/// needed; none where that does not show it, or one may not stay left of the imaginary axis.
+/// Root of the second sample that continues each root of the first, which has as many roots;
+/// samples between them are taken if needed. None if that does not tell the roots apart, or if a
+/// root may not stay left of the imaginary axis.
 std::optional<Roots> followed(const Tracking& tracking, const SharedSample& from,
                               const SharedSample& to, int halvings) {
   Step step{from, to};
@@ -404,11 +413,11 @@ std::optional<Roots> followed(const Tracking& tracking, const SharedSample& from
   return onto;
 }
 
-/// Follows close roots by themselves, in groups; whether that tells all of them apart.
+/// Follows close roots alone, in groups; returns whether that tells all of them apart.
 bool tell_apart(const Tracking& tracking, Step& step) {
   const Sample &left = *step.left, &right = *step.right;
   const Roots twins = conjugates(left), others = conjugates(right);
-  Roots group(left.size());  // the first root of each root's group
+  Roots group(left.size());  // first root of the group of each root
   std::iota(group.begin(), group.end(), 0);
   const auto first_of = [&](Index i) {
     while (group[i] != i) i = group[i];
@@ -419,7 +428,7 @@ bool tell_apart(const Tracking& tracking, Step& step) {
     group[high] = low;
   };
   std::set<Index> members;
-  const std::function<void(Index)> add = [&](Index i) {  // with all that it is one motion with
+  const std::function<void(Index)> add = [&](Index i) {  // adds a root with all roots of its motion
     if (!members.insert(i).second) return;
     for (Index k = 0; k < left.size(); ++k) {
       const bool together = k == twins[i] || k == step.meets[i] ||
@@ -466,7 +475,8 @@ bool Step::shortest() const { return length() <= 2.0 * shortest_step * (1.0 + ri
 
 bool Step::lost(Index root) const {
   const Complex from = start(root), to = end(root);
-  // Roots that meet go like the square root of the way left: by up to twice what slopes say.
+  // Roots that meet move like the square root of the way that is left: by up to twice what slopes
+  // predict.
   const double rate = std::max(std::abs(start_slope(root)), std::abs(end_slope(root)));
   return shortest() && std::abs(to - from) > jump * (1.0 + std::abs(from)) + 2.0 * length() * rate;
 }
@@ -493,7 +503,7 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
   if (!speeds.empty()) trials += std::ceil(4.0 * (speeds[0] - first->u) / tracking.longest);
   SharedSample left = std::move(first);
   std::optional<Step> last;
-  double most = tracking.longest;  // that may be tried
+  double most = tracking.longest;  // longest step that may be tried
   std::vector<SharedSample> ahead;
   for (const double speed : speeds) {
     while (left->u < speed) {
@@ -595,7 +605,7 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
     if (is_above(first->values[other], first->values[i])) std::swap(upper[branch], lower[branch]);
   }
   for (Index k = 0; k < count; ++k) {
-    // With a loss factor there may be fewer on one side of the real axis.
+    // With a loss factor there may be fewer roots on one side of the real axis.
     if (lower[k] < 0 && traits.lossy() && taken >= 2 * traits.dof) lower[k] = upper[k];
     if (lower[k] < 0) return {};
   }
@@ -613,7 +623,7 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
     ++done;
   };
   add_row(*first);
-  // The cluster begins beyond the last mode asked for: -1 / delta (1 + 1 / (delta omega)^2) there.
+  // The cluster begins beyond the last mode asked for, at -1 / delta (1 + 1 / (delta omega)^2).
   const double number = std::numbers::pi * (static_cast<double>(count) + 0.5);
   const double beyond = std::max(traits.delta * number * number, 1.0);
   const Cluster cluster{traits.cluster(), 0.5 / (beyond * beyond), traits.zero};
@@ -631,13 +641,13 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
       if (!complete) return false;
       up = onto;
       low = other;
-      // A complex root's partner is its conjugate, whichever root of the cluster that is.
+      // The partner of a complex root is its conjugate, whichever root of the cluster that is.
       for (Index i = 0; there[up].imag() != 0.0 && i < there.size(); ++i) {
         if (there[i] != std::conj(there[up])) continue;
         low = i;
         break;
       }
-      // A branch that left the upper half plane comes back there.
+      // A root that left the upper half plane comes back to it.
       const bool comes_back = traits.lossy()
                                   ? traits.counts(there[low]) && !traits.counts(there[up])
                                   : was_real || cluster.holds(there[up]);

@@ -8,20 +8,22 @@ namespace pipedyn {
 
 namespace {
 
-/// |d / lambda| up to which d is trusted to a third, and Re d / Re lambda up to which the side is.
+/// Largest |d / lambda| at which d is trusted to a third of itself, and largest |Re d / Re lambda|
+/// at which the side of the axis is trusted.
 constexpr double largest_shift = 0.05, largest_share = 0.5;
 
-/// How far from a crossing the larger model's is looked for, relative to 1 + u.
+/// Distance from a crossing within which that of the larger model is looked for, relative to 1 + u.
 constexpr double near_by = 1e-3;
 
 }  // namespace
 
 Sample Truncated::sample(double u, Index count) {
   Sample at = fewer_->sample(u, count);
-  // Far from the axis are roots of the lowest modes, of which little is missed, of those that
-  // damping holds near -1 / delta whatever their shape, and of the highest, not the pipe's.
+  // Three kinds of roots lie far from the axis: those of the lowest modes, of which the smaller
+  // model misses little; those that damping holds near -1 / delta whatever their shape; and those
+  // of the highest modes, which are not the pipe's.
   const auto is_far = [](Complex value) { return value.real() < -heavy_damping * std::abs(value); };
-  std::vector<Index> asked;  // of conjugates the upper, which the lower follows
+  std::vector<Index> asked;  // only the upper of two conjugates is asked for
   for (Index i = 0; i < std::min(resolved_, at.size()); ++i) {
     const Complex value = at.values[i];
     const bool is_lower = value.imag() < 0.0;
@@ -31,10 +33,10 @@ Sample Truncated::sample(double u, Index count) {
   for (std::size_t k = 0; k < asked.size(); ++k) {
     const Index i = asked[k];
     const Complex value = at.values[i];
-    // A pivot is 0 at a root alone: there nothing is missed.
+    // A pivot is 0 only at a root: there d is 0.
     const Complex shift = std::isnan(std::norm(missed[k])) ? 0.0 : missed[k];
     const double real = std::abs(value.real()), lost = std::abs(shift.real());
-    if (u == 0.0 && !traits.damped && real <= at.noise[i]) continue;  // on the axis in both
+    if (u == 0.0 && !traits.damped && real <= at.noise[i]) continue;  // on the axis in both models
     if (std::abs(shift) <= largest_shift * std::abs(value) && lost <= largest_share * real) {
       const bool paired = value.imag() > 0.0 && !traits.lossy() && i + 1 < at.size();
       at.noise.segment(i, paired ? 2 : 1) += 2.0 * lost;
@@ -90,9 +92,10 @@ std::optional<AxisCrossing> Truncated::of_larger(const AxisCrossing& crossing) {
   return there;
 }
 
-/// Of the lowest roots those that rounding does not hide.
+/// Number of unstable roots, as far as rounding does not hide it, among those of the `resolved`
+/// lowest modes.
 int Truncated::unstable(double u, Index resolved) {
-  constexpr Index beyond = 8;  // roots by which a next one is known
+  constexpr Index beyond = 8;  // further roots, so that a next one is known
   const Index count = 2 * resolved;
   const std::optional<Pairs> known = fewer_->from_known(u, count + beyond, false, 0);
   if (known) more_->assume(u, known->values);

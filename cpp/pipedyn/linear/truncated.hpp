@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: MIT
 //
-// The spectrum of a reduced model, held against that of one of more functions. Next to a root of
-// the one the other has a root lambda + d, and Newton's method on what its other roots leave of the
-// determinant makes d to first order:
+// The spectrum of a reduced model, compared with that of a model of more functions. Next to each
+// root of the smaller model the larger one has a root lambda + d. Newton's method on the
+// determinant P' of the larger model, divided by its other roots, gives d to first order:
 //
 //     d = -1 / (d log det P' / dlambda - sum_k 1 / (lambda - lambda_k)).
 //
-// Where Re d is small against Re lambda of every root looked at, at every sample, the larger
-// model's roots are on the same side of the axis, and between samples the search counts d as
-// rounding. So crossings of the one are those of the other, which Newton's method finds from them:
-// no search of the larger model is needed.
+// Where Re d is small against Re lambda for every root looked at, at every sample, the larger
+// model's roots are on the same side of the axis; between samples the search counts d as rounding.
+// So the crossings of the smaller model are also those of the larger one, which Newton's method
+// finds from them: no search of the larger model is needed.
 #pragma once
 
 #include <memory>
@@ -22,7 +22,8 @@ namespace pipedyn {
 
 class Truncated : public Spectrum {
  public:
-  /// resolved: as of a `Range`, of the model of fewer functions.
+  /// resolved: number of modes looked at, as in `Range`; it is that of the search of the model of
+  /// fewer functions.
   Truncated(std::shared_ptr<Structured> fewer, std::shared_ptr<Structured> more, Index resolved)
       : Spectrum(fewer->traits),
         fewer_(std::move(fewer)),
@@ -42,9 +43,10 @@ class Truncated : public Spectrum {
   }
   std::optional<Forms> forms(const Pair& pair) const override { return fewer_->forms(pair); }
 
-  /// The crossings of a search of this spectrum as the larger model has them; none where they may
-  /// differ in number, and where that model has not as many unstable roots, of so many resolved
-  /// modes, at the end of the search.
+  /// The crossings that a search of this spectrum found, computed with the larger model. None where
+  /// the two models may differ in the number of crossings, or where the larger model has another
+  /// number of unstable roots among the `resolved` modes at the speed `end`, at which the search
+  /// ends.
   std::optional<Sweep> of_larger(Sweep sweep, double end, Index resolved);
 
  private:
@@ -53,8 +55,8 @@ class Truncated : public Spectrum {
   void count() { factorised_ += fewer_->factorisations() + more_->factorisations(); }
 
   std::shared_ptr<Structured> fewer_, more_;
-  Index resolved_;     // roots
-  bool alike_ = true;  // whether all roots seen are on the same side in both
+  Index resolved_;     // number of roots looked at
+  bool alike_ = true;  // whether each root seen is on one side in both models
 };
 
 }  // namespace pipedyn
