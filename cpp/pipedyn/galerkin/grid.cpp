@@ -69,7 +69,7 @@ struct Ellipse {
 };
 
 std::vector<Ellipse> ellipses_of(const Matrix& series) {
-  const auto sum = [&series](double (*factor)(double), double eta) {  // over k of factor(k eta) c_ik
+  const auto sum = [&series](double (*factor)(double), double eta) {  // over factor(k eta) c_ik
     Vector sums = Vector::Zero(series.cols());
     for (Index k = 0; k < series.rows(); ++k) {
       const double of_order = factor(static_cast<double>(k) * eta);

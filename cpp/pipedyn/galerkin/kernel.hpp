@@ -24,7 +24,7 @@ namespace pipedyn {
 /// over the panel. For integrals from the clamp, twice the integral up to the start of the panel is
 /// added to the second sum.
 struct GridTables {
-  static constexpr std::ptrdiff_t multiple = 4;  // divides numbers of points and of padded functions
+  static constexpr std::ptrdiff_t multiple = 4;  // divides counts of points and padded functions
   static constexpr std::ptrdiff_t widest = 8;    // divides strides
 
   std::ptrdiff_t functions;         // m
