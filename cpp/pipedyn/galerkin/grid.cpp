@@ -64,7 +64,7 @@ Matrix slope_series(const Basis& basis, double low, double high) {
 /// Bounds of slopes with given Chebyshev series on the Bernstein ellipse about an interval, with
 /// the semi-axes cosh(eta) and sinh(eta).
 struct Ellipse {
-  double eta, log_growth;  // of the slope that grows most from interval to ellipse
+  double eta, log_growth;  // log_growth: largest growth of a slope up to the ellipse
   Vector sums;             // 2 sum_k sinh(k eta) c_ik, (m,)
 };
 
@@ -315,7 +315,7 @@ Grids::Grids(Basis basis, const Pipe& pipe, Index least_nodes)
     ellipses.push_back(
         ellipses_of(slope_series(basis_, panels_.ends[panel], panels_.ends[panel + 1])));
   }
-  const Index most = std::max<Index>(4095, 4 * m) / count;  // such a grid takes 0.1 GB
+  const Index most = std::max<Index>(4095, 4 * m) / count;  // a grid of this size takes 0.1 GB
   const Index largest = std::max(std::min<Index>(64 * m + 96, most), least_nodes);
   const Index least = demanded(drag_).least_nodes + more;
   // The number of points of a panel, its nodes and its end, is a multiple of GridTables::multiple.

@@ -63,10 +63,10 @@ struct Orthonormal {
 /// The panels between the places of terms and supports, the steps of the pipe and the joints of the
 /// basis, on which integrands are smooth, with what the terms add to the pipe. Immutable.
 struct Panels {
-  Vector ends;                   // from 0 to 1, (P + 1,)
+  Vector ends;                   // ends of panels from 0 to 1, (P + 1,)
   Vector mass;                   // point mass at the end of each panel, (P,)
   Vector inertia;                // rotary inertia there, (P,); empty if all are 0
-  double mass_per_length = 0.0;  // of terms all along, without the 1 of the pipe
+  double mass_per_length = 0.0;  // mass of terms all along, without the 1 of the pipe
   double normal_mass = 0.0;      // mass per length that moves across the pipe alone
   std::vector<PanelTerm> loads;  // terms that have a load
   std::vector<Index> held;       // panels at whose ends the pipe is held across
@@ -135,7 +135,7 @@ class Grids {
  private:
   struct Slot {
     Index nodes = 0;
-    std::vector<std::vector<NodeTest>> tests;  // of each panel, one or more
+    std::vector<std::vector<NodeTest>> tests;  // at least one for each panel
     std::once_flag built;
     std::unique_ptr<const Grid> grid;
 
