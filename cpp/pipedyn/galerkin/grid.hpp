@@ -87,7 +87,7 @@ struct Panels {
 struct Grid {
   Vector places;      // arc lengths of the points, (N,)
   Vector measure;     // quadrature weight at nodes, 1 at ends of panels
-  Vector mass;        // at each point, (N,)
+  Vector mass;        // mass at each point, (N,)
   Matrix slope;       // Theta_i at the points, (N, m padded)
   GridTables tables;  // pointers to these and to the private members
 

@@ -19,7 +19,7 @@ namespace pipedyn {
 ///
 /// Integrals S f from the start of a panel to its nodes cost half of a product with S (Q, Q):
 ///   (S f)(p) - (S f)(p') = 2 (from_sums sums)(p),   sums(p) = f(p) + f(p'),
-///   (S f)(p) + (S f)(p') = 2 (from_differences differences)(p) + the integral over all,
+///   (S f)(p) + (S f)(p') = 2 (from_differences differences)(p) + the integral over the panel,
 /// for p < h, except that the last row of from_sums, for the middle node, gives half the integral
 /// over the panel. For integrals from the clamp, twice the integral up to the start of the panel is
 /// added to the second sum.

@@ -66,7 +66,7 @@ struct NoLaw {
   // is relative to the base.
   static constexpr bool on_base = false;
 
-  double mass() const { return 0.0; }     // or mass per length
+  double mass() const { return 0.0; }     // mass, or mass per length
   double inertia() const { return 0.0; }  // rotary inertia, at one place
   /// Mass per length, without weight, that takes part only in the velocity v_n = v . n normal to
   /// the pipe: it adds (n . a) n . dr to the virtual work of inertia. The rest of this inertia, of
@@ -87,7 +87,7 @@ struct NoLaw {
   }
 };
 
-// --------------------------------------------------------------------------- what models ask
+// -------------------------------------------------------------------- what models read of a law
 
 template <class Law>
 using DifferentiatedLoad =
