@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// The pipe's acceleration along itself. With the acceleration A(s) and D(s) = r(1) - r(s),
+// The acceleration of the pipe along its tangent, integrated over the pipe. With the acceleration
+// A(s) and D(s) = r(1) - r(s), it is
 //   int t . r'' = int t . A,
 // whose derivatives are int Theta_i (n . A - (theta'' t + theta'^2 n) . D) by q_i,
 // -2 int Theta_i theta' t . D by q_i', and int Theta_i n . D by q_i''. Local to each translation
@@ -16,8 +17,8 @@ struct Axial : Block<Real> {
   using Base = Block<Real>;
   using Base::grid, Base::m, Base::padded, Base::points;
   using Base::sine, Base::cosine, Base::omega, Base::integrands, Base::moments;
-  double* turning;     // theta'' (points), of a single member (stride)
-  double* weighed[4];  // what the derivatives weigh Theta_i with, (points) each
+  double* turning;     // theta'' (points); for a single member (stride)
+  double* weighed[4];  // weights of Theta_i in the derivatives, (points) each
 
   using Base::Base;
 

@@ -13,18 +13,19 @@ namespace pipedyn {
 
 namespace {
 
-/// Functions with the first normalised Legendre polynomials for curvature on all of [0, 1], or
-/// their derivatives.
+/// Functions whose curvatures are the first normalised Legendre polynomials on all of [0, 1], or
+/// derivatives of these functions.
 Matrix legendre_functions(const Vector& s, Index count, int derivative) {
-  Matrix table = legendre_values(s, count + 2 - derivative);  // each integral takes one
+  Matrix table = legendre_values(s, count + 2 - derivative);  // one more for each integration
   if (derivative < 2) table = legendre_integrals(table, s);
   if (derivative < 1) table = legendre_integrals(table, 0.5 * s.array().square());
   for (Index k = 0; k < count; ++k) table.col(k) *= std::sqrt(2.0 * static_cast<double>(k) + 1.0);
   return table;
 }
 
-/// Of a panel of length h the function of degree k > 1 moves a mass of about (h / k)^4 / 100: at
-/// this length 1e-15 with k = 6, below which eigenvalues are rounding.
+/// Shortest length of a panel that gets `more` functions. On a panel of length h the function of
+/// degree k > 1 moves a mass of about (h / k)^4 / 100: at this length it is 1e-15 for k = 6, and
+/// below it eigenvalues are only rounding errors.
 constexpr double shortest_enriched = 3e-3;
 
 }  // namespace
@@ -63,7 +64,7 @@ Basis::Basis(Family family, Index m, const Vector& joints, Index more, const Pip
     if (length >= shortest_enriched) few += static_cast<double>(more);
     const auto has = static_cast<double>(numbers_[static_cast<std::size_t>(panel)].size());
     const double most = 6.0 + static_cast<double>(more);
-    return has > few ? length / (has - few) : length + most - has;  // 1 at most, 1 at least
+    return has > few ? length / (has - few) : length + most - has;  // at most 1, or at least 1
   };
   Vector claims(panels);
   for (Index panel = 0; panel < panels; ++panel) claims[panel] = claim(panel);
@@ -131,7 +132,7 @@ Matrix Basis::evaluate_panels(const Vector& s, int derivative) const {
     const Vector local = ((s.array() - low) / length).cwiseMax(0.0).cwiseMin(1.0);
     Matrix values = std::pow(length, 1.5 - derivative) *
                     legendre_functions(local, static_cast<Index>(numbers.size()), derivative);
-    if (derivative == 0) {  // of the slopes at a panel's end only the first is not 0
+    if (derivative == 0) {  // only the first slope is not 0 at the end of its panel
       values.col(0).array() += std::sqrt(length) * (s.array() - high).cwiseMax(0.0);
     }
     if (derivative == 2) {
@@ -146,8 +147,9 @@ Matrix Basis::evaluate_panels(const Vector& s, int derivative) const {
   }
   if (ahead() > 0) out.col(0) = power(1) / std::sqrt(std::max(root_, 1.0));
   if (!directed_) return out;
-  // Those of degree 0 turn the end by the roots of their lengths, a unit vector: reflected to one
-  // of them, so that the others do not. All together they are s^2 / 2.
+  // The curvatures of degree 0 turn the end by the square roots of the panels' lengths, which form
+  // a unit vector: a Householder reflection maps it to one of them, so that the others do not turn
+  // the end. This one is s^2 / 2 up to its sign, the sum of all of them with these coefficients.
   const Index panels = ends_.size() - 1;
   std::vector<Index> constant;
   Vector normal(panels);

@@ -14,11 +14,12 @@ namespace {
 
 constexpr double infinite_stiffness = std::numeric_limits<double>::infinity();
 
-/// Stiffness of the root below which the first mode of a free end is slow, kappa < 1/2: the waves'
-/// coefficients are large there, and cancel.
+/// Stiffness of the root below which the first mode of a beam with a free end is slow, kappa < 1/2:
+/// the coefficients of the waves would be large there and cancel.
 constexpr double soft = 0.02;
 
-/// A, B = 1, C and D of a kappa at which one condition at s = 1 is left, and how far it is missed.
+/// A, C and D, with B = 1, of the waves at a kappa that satisfy all conditions but one at s = 1,
+/// and the residual of that condition.
 struct Trial {
   double cosine, from_root, from_end, missed;
 };
@@ -32,7 +33,7 @@ Trial trial(double kappa, double root, End end) {
     const double from_root = (clamped + (clamped - 2.0 * hinged) * far) / (clamped + 2.0 * hinged);
     return std::array{-from_root - far, from_root};
   };
-  // Both conditions, halves of their sum and difference: the first yields D.
+  // Both conditions at s = 1, as halves of their sum and difference: the first determines D.
   const auto conditions = [&](double from_end) {
     const auto [cosine, from_root] = with(from_end);
     const double even = cosine * c + s, odd = cosine * s - c, rest = from_root * decay;
@@ -47,9 +48,9 @@ Trial trial(double kappa, double root, End end) {
   return {cosine, from_root, from_end, conditions(from_end)[1]};
 }
 
-/// kappa of mode i, from 0: between those of hinge and clamp.
+/// kappa of mode i, counted from 0: it lies between those of a hinged and of a clamped root.
 double wave_number(Index i, double root, End end) {
-  const auto quarters = [end](bool clamped) {  // of pi, for high modes
+  const auto quarters = [end](bool clamped) {  // quarters of pi in kappa of high modes
     if (end == End::free) return clamped ? 2 : 1;
     if (end == End::guided) return clamped ? 3 : 2;
     if (end == End::pinned) return clamped ? 5 : 4;
@@ -58,7 +59,7 @@ double wave_number(Index i, double root, End end) {
   const auto about = [&](bool clamped) {
     return (static_cast<double>(i) + 0.25 * quarters(clamped)) * std::numbers::pi;
   };
-  constexpr double off = 0.35;  // the first of a clamped pipe with a free end has 0.304
+  constexpr double off = 0.35;  // the first kappa of a cantilever is 0.304 above its estimate
   double low = std::max(about(root == infinite_stiffness) - off, 0.2);
   double high = about(root > 0.0) + off;
   if (root > 0.0 && root < infinite_stiffness) low = std::max(about(false) - off, 0.2);
@@ -70,7 +71,7 @@ double wave_number(Index i, double root, End end) {
   return 0.5 * (low + high);
 }
 
-/// Derivative of K_n at s, with kappa^4.
+/// Derivative of K_n at s, where kappa4 is kappa^4.
 double krylov(int n, double kappa4, double s, int derivative) {
   int power = n - derivative;
   double term = 1.0;
@@ -129,7 +130,7 @@ BeamModes::BeamModes(Index count, double root, End end) : stiffness_(count) {
     const double mass = 0.25 * (at_end[0] * at_end[0] - 2.0 * at_end[1] * at_end[3] +
                                 at_end[2] * at_end[2] + inner(at_end) - inner(at_root));
     const double size = 1.0 / std::sqrt(mass);
-    // The first so that the sum below is exactly 0 at the root.
+    // The first coefficient is chosen so that the sum in `evaluate` is exactly 0 at the root.
     const double from_root = size * near, from_end = size * far;
     waves_.push_back({kappa, -(from_end * decay + from_root), size, from_root, from_end});
     stiffness_[i] = std::pow(kappa, 4);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
-// Members of a batch side by side: what their motion takes (equations in galerkin/galerkin.hpp).
-// One member goes through with its vectors along the pipe or the functions, several with one a
-// lane. Local to each translation unit, like vector/pack.hpp.
+// The motion of a block of members of a batch, side by side (equations in galerkin/galerkin.hpp).
+// For one member the vectors run along the pipe or over the functions; for several, each lane holds
+// one member. Local to each translation unit, like vector/pack.hpp.
 #pragma once
 
 #include <type_traits>
@@ -17,7 +17,7 @@ namespace {
 
 using pipedyn::Batch, pipedyn::Drive, pipedyn::MotionEffects, pipedyn::PanelTerm;
 
-/// Whether a law that acts on the pipe has a couple, or a force that changes with theta'.
+/// Whether any law that acts on the pipe has a couple, or a force that depends on theta'.
 inline bool any_turns(const MotionEffects& effects) {
   bool any = false;
   for (Count k = 0; k < effects.load_count; ++k) {
@@ -26,45 +26,47 @@ inline bool any_turns(const MotionEffects& effects) {
   return any;
 }
 
-/// Members side by side, as many as a Real holds, with what is computed of them.
+/// As many members as a Real holds, side by side, with all that is computed for them.
 template <class Real>
 struct Block {
   static constexpr bool alone = lanes<Real> == 1;
-  // What a vector of a sum holds: of one member numbers along the pipe or the functions, of several
-  // members one number of each.
+  // What a vector holds in sums: for one member several entries along the pipe or of the functions;
+  // for several members one entry of each.
   using Numbers = std::conditional_t<alone, Pack, double>;
-  static constexpr Count step = lanes<Numbers>;  // points or functions in a vector
-  static constexpr Count tile = alone ? 1 : 4;   // vectors at a time
+  static constexpr Count step = lanes<Numbers>;  // number of points or functions in a vector
+  static constexpr Count tile = alone ? 1 : 4;   // number of vectors at a time
   const GridTables& grid;
   const MotionEffects& effects;
   const Count m = grid.functions, padded = grid.padded, nodes = grid.nodes, points = grid.points;
-  const Count block = nodes + 1;  // points of a panel
+  const Count block = nodes + 1;  // number of points of a panel
   const Count holds = effects.held_count;
   const bool drags = effects.drag != 0.0, loads = effects.load_count > 0 || holds > 0;
   const bool resists = drags || loads || effects.entry != 0.0;
   const bool across_alone = effects.normal_mass != 0.0, couples = any_turns(effects);
 
   // The columns that are integrated: derivatives of the position by the orthonormal coordinates, x
-  // then y, of several members without any that are 0; acceleration at q'' = 0; velocity, where
-  // drag, a term, a support or the entering flow reads it; position, where a term or a support
-  // does. Energy and power take the last two alone.
+  // then y (for several members without padding columns); the acceleration at q'' = 0; the
+  // velocity, if drag, a term, a support or the entering flow reads it; the position, if a term or
+  // a support reads it. Energy and power integrate the last two alone.
   const Count each = alone ? padded : m;
   const Count bias = 2 * each, integrated = bias + (loads ? 6 : resists ? 4 : 2);
-  double *theta, *omega, *sine, *cosine;  // (points), of a single member (stride)
-  double *integrands, *moments;           // rows of columns, and their integrals from the clamp
+  double *theta, *omega, *sine, *cosine;  // (points); for a single member (stride)
+  double *integrands, *moments;           // in rows of columns; their integrals from the clamp
   double *mass, *force;
-  double *velocity, *weighted, *load_x, *load_y, *couple, *rest;  // (points); rest 3 Q
-  // Of supports: M^-1 G^T, a row each, with the rows G of derivatives of x there; G M^-1 G^T, then
-  // its factor; the forces.
+  double *velocity, *weighted, *load_x, *load_y, *couple, *rest;  // (points); rest: scratch, 3 Q
+  // For supports, with the rows G of derivatives of x there: M^-1 G^T, one row a support
+  // (`response`); G M^-1 G^T and then its factor (`products`); the forces of the supports
+  // (`reaction`).
   double *response, *products, *reaction;
 
   static Count row_length(Count columns) { return whole_packs(columns * lanes<Real>); }
-  /// Of a row of the mass matrix, and of the forces: single rows are written by whole packs.
+  /// Length of a row of the mass matrix and of the forces. For a single member it is a multiple of
+  /// a pack, since single rows are written by whole packs.
   Count mass_stride() const { return alone ? whole_packs(padded) : padded; }
 
   Block(const GridTables& tables, const MotionEffects& present) : grid(tables), effects(present) {}
 
-  /// Places the arrays, rows of so many columns at least.
+  /// Reserves the arrays, with rows of at least this number of columns.
   void take(Layout& layout, Count columns = 0) {
     const auto take = [&](Count reals) { return layout.take(reals * lanes<Real>); };
     const Count most = columns > bias + 6 ? columns : bias + 6;
@@ -88,7 +90,8 @@ struct Block {
     reaction = take(holds);
   }
 
-  /// sum_i x_i Theta_i along the pipe, of each x (m,) in the basis.
+  /// sum_i x_i Theta_i at the points of the pipe, for each vector x (m,) of amplitudes in the
+  /// basis.
   template <int sums>
   void along(const double* const (&x)[sums], double* const (&to)[sums]) {
     const Count count = alone ? grid.stride : points;
@@ -113,7 +116,7 @@ struct Block {
     sincos(theta, (alone ? grid.stride : points) * lanes<Real>, sine, cosine);
   }
 
-  /// To be integrated: n Theta_i.
+  /// Sets the integrands n Theta_i of the derivatives of the position.
   void set_slopes(Count row) {
     for (Count p = 0; p < points; ++p) {
       const Real c = at<Real>(cosine, p), s = at<Real>(sine, p);
@@ -126,8 +129,8 @@ struct Block {
     }
   }
 
-  /// From column on: the velocity's integrand, n theta', and where a term reads it the position's,
-  /// t.
+  /// Sets, from this column on, the integrand n theta' of the velocity and, if a term reads it, the
+  /// integrand t of the position.
   void set_velocity(Count row, Count column) {
     for (Count p = 0; p < points; ++p) {
       const Real c = at<Real>(cosine, p), s = at<Real>(sine, p), w = at<Real>(omega, p);
@@ -140,7 +143,7 @@ struct Block {
     }
   }
 
-  /// That of the acceleration at q'' = 0, -t theta'^2.
+  /// Sets the integrand -t theta'^2 of the acceleration at q'' = 0.
   void set_acceleration(Count row, Count column) {
     for (Count p = 0; p < points; ++p) {
       const Real w = at<Real>(omega, p), square = w * w;
@@ -150,7 +153,7 @@ struct Block {
     }
   }
 
-  /// v_n and the signed weights of the nodes.
+  /// Computes v_n and the weights of the nodes with the sign of v_n.
   void drag(Count row, Count column) {
     for (Count p = 0; p < points; ++p) {
       const double* const v = moments + p * row + column * lanes<Real>;
@@ -160,13 +163,13 @@ struct Block {
     signed_weights_of<Real>(grid, velocity, weighted, rest);
   }
 
-  /// A row of a batch's drive, 0 where nothing drives it.
+  /// A row of the drive of a batch, 0 if nothing drives the base.
   Real driven(const Batch& batch, Count of) const {
     return batch.drive == nullptr ? Real{} : at<Real>(batch.drive, of);
   }
 
-  /// Adds the base's motion to that about it: acceleration, if asked for, velocity and position,
-  /// from column on.
+  /// Adds the motion of the base to the motion relative to it, from this column on: the
+  /// acceleration, if `accelerates`, the velocity and the position.
   void add_base(const Batch& batch, Count row, Count column, bool accelerates) {
     if (batch.drive == nullptr) return;
     const Count skipped = accelerates ? 0 : 2, count = (loads ? 6 : resists ? 4 : 2) - skipped;
@@ -179,7 +182,8 @@ struct Block {
     }
   }
 
-  /// Calls body(law, station, point, weight) wherever a term acts; column: the velocity's.
+  /// Calls body(law, station, point, weight) at each place where a term acts; column: first column
+  /// of the velocity.
   template <class Body>
   void for_each_station(const Batch& batch, Count row, Count column, const Body& body) const {
     const auto station = [&](Count p) {
@@ -211,7 +215,7 @@ struct Block {
     }
   }
 
-  /// sqrt(beta) U'.
+  /// Force per length along the pipe by the acceleration of the flow, sqrt(beta) U'.
   Real unsteady(const Batch& batch) const {
     return (0.5 * effects.coriolis) * driven(batch, Drive::rate);
   }
@@ -224,7 +228,8 @@ struct Block {
     return {effects.thrust[0] * square, effects.thrust[1] * square};
   }
 
-  /// All generalised forces but inertia's that is linear in q'', by orthonormal coordinates.
+  /// All generalised forces except the part of inertia that is linear in q'', by orthonormal
+  /// coordinates.
   void forces(const Batch& batch, Count row) {
     const Real u = load<Real>(batch.u), push = unsteady(batch);
     bool flows = false;
@@ -308,7 +313,8 @@ struct Block {
     }
   }
 
-  /// What the root's spring has in k_ij, as a product of two of these.
+  /// The factor sqrt(k_r) theta(0) for amplitudes x. The root's spring adds a product of two of
+  /// these to sum_ij k_ij x_i x_j.
   Real root_turn(const double* x) const {
     Real sum{};
     for (Count i = 0; i < m; ++i) sum += grid.turned[i] * at<Real>(x, i);
@@ -337,7 +343,7 @@ struct Block {
     }
   }
 
-  /// Adds factor sum_ij k_ij x_i x_j.
+  /// Adds factor times sum_ij k_ij x_i x_j to sum.
   void add_elastic_product(double factor, const double* x, Real& sum) const {
     for (Count i = 0; i < m; ++i) {
       const Real own = at<Real>(x, i);
@@ -353,9 +359,9 @@ struct Block {
 
   enum class Product { all, lower_half, added };
 
-  /// Writes sum_k left(k, i) right(k, j) to (padded rows, stride), in tiles that are in registers,
-  /// or adds it; of rows from m on some. left gives a Real, right the numbers of a vector from j
-  /// on.
+  /// Writes sum_k left(k, i) right(k, j) to (padded rows, stride), or adds it, in tiles that fit
+  /// into registers; some rows from m on are written as well. left gives a Real, right the numbers
+  /// of a vector from j on.
   template <class Left, class Right>
   void product_of(Count depth, const Left& left, const Right& right, double* to, Count stride,
                   Product kind) const {
@@ -369,7 +375,7 @@ struct Block {
     }
   }
 
-  /// Rows from i on of the same.
+  /// Writes the rows from i on of the product in product_of.
   template <Count rows, Count columns, class Left, class Right>
   void product_rows(Count depth, Count i, const Left& left, const Right& right, double* to,
                     Count stride, Product kind) const {
@@ -395,10 +401,10 @@ struct Block {
     }
   }
 
-  /// Lower triangle of the mass matrix: sum over points and components of w J_i J_j, and of what
-  /// turns or moves across alone.
+  /// Lower triangle of the mass matrix: the sum over points and components of w J_i J_j, and the
+  /// parts of rotary inertia and of mass that moves across the pipe alone.
   void gram(Count row) {
-    const auto displacements = [&](Count k) {  // x and y at each point
+    const auto displacements = [&](Count k) {  // rows of x and of y for each point
       return moments + (k >> 1) * row + (k & 1) * each * lanes<Real>;
     };
     product_of(
@@ -440,8 +446,8 @@ struct Block {
         mass, mass_stride(), Product::added);
   }
 
-  /// Cholesky's factor of a symmetric matrix (rows, stride), in place of its lower triangle and
-  /// with its diagonal inverted; a negative pivot leaves NaN.
+  /// Replaces the lower triangle of a symmetric matrix (rows, stride) by its Cholesky factor, whose
+  /// diagonal is inverted; a negative pivot leaves NaN.
   static void factorise(double* a, Count rows, Count stride) {
     for (Count i = 0; i < rows; ++i) {
       for (Count j = 0; j <= i; ++j) {
@@ -455,18 +461,18 @@ struct Block {
     }
   }
 
-  /// mass x = force by Cholesky's factors, which take the place of the mass matrix.
+  /// Solves mass x = force; the Cholesky factor takes the place of the mass matrix.
   void solve(double* x) {
     factorise(mass, m, mass_stride());
     for (Count i = 0; i < m; ++i) set(x, i, at<Real>(force, i));
     solve_mass(x);
   }
 
-  /// Where the pipe is held.
+  /// Point at which support b holds the pipe.
   Count support(Count b) const { return effects.held[b] * block + nodes; }
 
-  /// x (rows) to A^-1 x, in place, by the factor (rows, stride) of a symmetric A whose diagonal is
-  /// inverted.
+  /// Replaces x (rows) by A^-1 x, for the Cholesky factor (rows, stride) of a symmetric A whose
+  /// diagonal is inverted.
   static void substitute(const double* factor, Count rows, Count stride, double* x) {
     for (Count i = 0; i < rows; ++i) {
       Real sum = at<Real>(x, i);
@@ -480,14 +486,15 @@ struct Block {
     }
   }
 
-  /// x to M^-1 x by the factor that `solve` leaves.
+  /// Replaces x by M^-1 x, with the factor that `solve` leaves.
   void solve_mass(double* x) const { substitute(mass, m, mass_stride(), x); }
 
-  /// The forces z that change x at the supports by what z holds, by the factor in `products`.
+  /// Replaces the accelerations z of x at the supports by the forces that cause them, with the
+  /// factor in `products`.
   void solve_supports(double* z) const { substitute(products, holds, holds, z); }
 
-  /// Adds to accelerations what keeps the pipe at its supports, x'' + 2 k x' + k^2 x = 0, and to
-  /// the loads the forces there. After `solve`.
+  /// Adds to accelerations the part that keeps the pipe at its supports, x'' + 2 k x' + k^2 x = 0,
+  /// and to the loads the forces there. To be called after `solve`.
   void hold(const Batch& batch, Count row, double* acceleration) {
     const double k = effects.return_rate;
     for (Count b = 0; b < holds; ++b) {
@@ -544,7 +551,7 @@ struct Block {
     }
   }
 
-  /// From orthonormal coordinates to the basis, in place.
+  /// Converts orthonormal coordinates to amplitudes in the basis, in place.
   void to_basis(double* x) const {
     if (grid.to_basis == nullptr) return;
     for (Count i = 0; i < m; ++i) {
@@ -554,7 +561,7 @@ struct Block {
     }
   }
 
-  /// All that is integrated, in rows of so many columns; returns their length.
+  /// Computes all integrals in rows of this number of columns; returns the length of a row.
   Count kinematics(const Batch& batch, Count columns) {
     const Count row = row_length(columns);
     angles(batch.y);
@@ -575,7 +582,7 @@ struct Block {
     to_basis(out);
   }
 
-  /// Velocities, and positions where a term reads them, about the base.
+  /// Velocities, and positions if a term reads them, relative to the base.
   Count velocities(const Batch& batch) {
     const Count row = row_length(loads ? 4 : 2);
     angles(batch.y);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 //
-// The elimination of one vector level. This source is compiled once for each, with PIPEDYN_LEVEL
+// The elimination for one level. This source is compiled once for each level, with PIPEDYN_LEVEL
 // and PIPEDYN_WIDTH set.
 #include "pipedyn/galerkin/elimination.hpp"
 
@@ -16,16 +16,17 @@ using pipedyn::PencilEntry;
 using pipedyn::Points;
 using pipedyn::widest;
 
-/// Displacement of a panel's end by the amplitude of its second curvature, -sqrt(3) / 6.
+/// Displacement of the end of a panel for a unit amplitude of its second curvature, -sqrt(3) / 6.
 constexpr double bent = -0.28867513459481287;
-/// Displacement and slope of a panel's end by its first four functions.
+/// Displacement and slope of the end of a panel for unit amplitudes of its first four functions.
 constexpr double end_shape[4] = {1.0, 1.0, 0.5, bent}, end_slope[4] = {0.0, 1.0, 1.0, 0.0};
-/// Functions whose end moves.
+/// Number of functions whose displacement or slope at the end of the panel is not 0.
 constexpr Count moving = 4;
-/// What a panel's functions leave in equations: w, theta, Q and M at its start.
+/// Number of unknowns that remain in the equations after the functions of a panel: w, theta, Q and
+/// M at its start.
 constexpr Count border = 4;
 
-/// What entries of P take of lambda.
+/// Powers of lambda from which the entries of P are computed.
 struct EntryPowers {
   Lanes one, two, twice;  // lambda, its square and 2 lambda
 
@@ -42,7 +43,7 @@ inline Lanes entry<Lanes>(const PencilEntry& of, const EntryPowers& lambda) {
           of.loss + of.rate * lambda.one.im + of.square * lambda.two.im};
 }
 
-/// Its derivatives by lambda and by the speed.
+/// Derivatives of an entry of P by lambda and by the speed.
 inline Lanes entry_by_lambda(const PencilEntry& of, const EntryPowers& lambda) {
   return of.square * lambda.twice + of.rate;
 }
@@ -87,14 +88,14 @@ inline Bits equal(const Pack& a, double b) {
 #endif
 }
 
-/// a, or something small, of which the square is a number, where it is 0.
+/// Returns a, or a small number whose square is representable, if a is 0.
 inline Lanes not_zero(Lanes a) {
   const Pack size = size_of(a);
   a.re = size > 0.0 ? a.re : all<Pack>(1e-150);
   return a;
 }
 
-/// The product of pivots, its phase apart from its size.
+/// The product of pivots, with its phase and the logarithm of its absolute value kept separately.
 struct Product {
   Lanes phase{all<Pack>(1.0), Pack{}};
   Pack logarithm{};
@@ -116,7 +117,8 @@ struct Product {
   void turn(const Bits& swapped) { phase = chosen(swapped, -1.0 * phase, phase); }
 };
 
-/// What the derivative of the logarithm sums, and the product.
+/// Sum over pivots for the derivative of the logarithm of the determinant, and, if wanted, their
+/// product.
 struct PivotSums {
   Lanes slope;
   Product* product = nullptr;
@@ -133,7 +135,7 @@ struct PivotSums {
   }
 };
 
-/// x - a b, each part a chain of fused operations.
+/// x - a b, with each part written as a chain of fused operations.
 inline Lanes less_product(const Lanes& x, const Lanes& a, const Lanes& b) {
   return {x.re - a.re * b.re + a.im * b.im, x.im - a.re * b.im - a.im * b.re};
 }
@@ -142,10 +144,10 @@ inline DualLanes less_product(const DualLanes& x, const DualLanes& a, const Dual
           less_product(less_product(x.slope, a.slope, b.value), a.value, b.slope)};
 }
 
-/// How many times larger another entry must be to be the pivot instead, in the window of a panel:
-/// growth is bounded as with the largest, and fewer rows are exchanged (Duff, Erisman and Reid
-/// 1986, ch. 5). Where panels join the largest is taken: else three panels lose four digits of
-/// vectors.
+/// Factor by which another entry must be larger to be the pivot instead, in the window of a panel.
+/// Growth is bounded as it is if the largest entry is the pivot, and fewer rows are exchanged
+/// (Duff, Erisman and Reid 1986, ch. 5). Where panels join, the largest entry is taken: otherwise
+/// vectors lose four digits with three panels.
 constexpr double window_threshold = 10.0;
 
 /// Exchanges two numbers in the lanes of a mask.
@@ -156,21 +158,22 @@ void exchange(const Bits& mask, Number& a, Number& b) {
   b = chosen(mask, before, b);
 }
 
-/// Whether a choice of the row to come first exchanges any.
+/// Whether a choice of pivot rows exchanges any row with the first.
 inline bool moves(const Pack& place, Count first) {
   return any(~equal(place, static_cast<double>(first)));
 }
 
-/// Rows of which some are eliminated from a column on.
+/// Rows of equations in which columns are eliminated.
 template <class Number>
 struct Rows {
   Number* const* at;
-  Number* const* loads = nullptr;  // of each row one number more, or none
+  Number* const* loads = nullptr;  // one more number in each row, or none
 
   Number* operator[](Count r) const { return at[r]; }
 
-  /// Which of rows first to last - 1 has a large enough entry of a column to come first, in each
-  /// lane.
+  /// Number of the row, from first to last - 1, that becomes the first in each lane: the row with
+  /// the largest entry of the column, if this is more than threshold times the entry of the first
+  /// row.
   Pack choice(Count first, Count last, Count column, double threshold = 1.0) const {
     Pack largest = threshold * size_of(at[first][column]);
     Pack place = all<Pack>(static_cast<double>(first));
@@ -182,7 +185,7 @@ struct Rows {
     return place;
   }
 
-  /// Exchanges the first row with the one chosen to come first, in each lane.
+  /// Exchanges the first row with the chosen pivot row in each lane.
   void exchange_rows(const Pack& place, Count first, Count last, Count column, Count columns,
                      PivotSums& found) const {
     for (Count r = first + 1; r < last; ++r) {
@@ -194,7 +197,7 @@ struct Rows {
     }
   }
 
-  /// Chooses the row with the largest entry of a column and puts it first.
+  /// Chooses the row with the largest entry of a column and exchanges it with the first.
   Pack choose(Count first, Count last, Count column, Count columns, PivotSums& found) const {
     const Pack place = choice(first, last, column);
     if (moves(place, first)) exchange_rows(place, first, last, column, columns, found);
@@ -202,7 +205,7 @@ struct Rows {
   }
 };
 
-/// Puts back what was exchanged by a choice of the row to come first.
+/// Reverses the exchange of rows by a choice of pivot rows.
 inline void put_back(const Pack& place, Lanes* rows, Count first, Count last) {
   if (!moves(place, first)) return;
   for (Count r = first + 1; r < last; ++r) {
@@ -210,7 +213,7 @@ inline void put_back(const Pack& place, Lanes* rows, Count first, Count last) {
   }
 }
 
-/// Whether anything acts at a station.
+/// Whether any entry of what acts at a station is not 0.
 inline bool acts_on(const PencilEntry (&station)[2][2]) {
   for (const auto& row : station) {
     for (const PencilEntry& of : row) {
@@ -220,38 +223,40 @@ inline bool acts_on(const PencilEntry (&station)[2][2]) {
   return false;
 }
 
-/// Number of unknown forces at a panel's end, with equations of their own: none where it is free.
+/// Number of unknown forces at the end of a panel, with equations of their own: 0 if the end is
+/// free.
 inline Count forces_at_end(const EliminationModel& model, Count p) {
   const EliminationPanel& panel = model.panels[p];
   const bool free = p + 1 == model.count && !panel.held && !panel.directed;
   return free && !acts_on(panel.station) ? 0 : 2;
 }
-/// How many functions of a panel are eliminated in a moving window of rows, before the others and
-/// what is carried are in one table.
+/// Number of functions of a panel that are eliminated in a moving window of rows, before the other
+/// functions and the carried equations are put into one table.
 inline Count windowed(Count size, Count band, Count forces) {
   const Count most = size - band - (forces > 0 ? moving : 2);
   return most > 0 ? most : 0;
 }
-/// Rows and columns of that table, at most.
+/// Largest numbers of rows and columns of this table.
 inline Count table_rows(Count band) { return band + moving + 2; }
 inline Count table_columns(Count band) { return band + 4 + border + 1; }
-/// Beyond the last row of the table with an entry in a column. What is carried acts on the
-/// functions that move the end, the last.
+/// One past the last row of the table with an entry in a column. The carried equations contain the
+/// functions that move the end, which come last.
 inline Count rows_below(Count column, Count band, Count curvatures, Count forces) {
   const Count top = curvatures + 1, count = top + 1 + forces;
   const bool carried = forces > 0 && column + moving > top;
   return carried || column + band >= top ? count : column + band + 1;
 }
-/// Columns of a row of the window: its own, and those that rows exchanged with it have beyond.
+/// Number of columns of a row of the window: its own, and those beyond that exchanged rows have.
 inline Count window_columns(Count band) { return 3 * band + 1; }
-/// What is kept of a pivot, one after the other: so many entries of its row with a load, by what it
-/// is multiplied and taken from each row below, which row came first with its last entry, and the
-/// pivot's number in the solution of the transposed equations.
+/// Stored data of a pivot, one after the other: `columns` entries of its row and the load; the
+/// factors by which the row is multiplied and subtracted from each row below; the row that was
+/// exchanged with the first, with the index of the last entry; the value that belongs to the pivot
+/// in the solution of the transposed equations.
 struct KeptPivot {
   Lanes* row;
   Count columns, rows;
 
-  /// Takes the row up to an entry, beyond which it is 0.
+  /// Stores the row up to an entry, beyond which it is 0.
   void keep(const Lanes* pivot, Count last, const Lanes& load, const Pack& place, const Lanes* by,
             Count below) const {
     for (Count c = 0; c <= last; ++c) row[c] = pivot[c];
@@ -271,15 +276,15 @@ struct KeptPivot {
   static Count numbers(Count columns, Count rows) { return columns + rows + 3; }
 };
 
-/// Of the elimination of one of two equations.
+/// Stored data of the elimination of one of two equations at a joint or at the root.
 struct KeptJoint {
   Lanes row[5], factor, left;
-  Pack place, share;  // by which the other is multiplied thereafter
+  Pack place, share;  // share: factor that scales the other equation afterwards
 };
 
-/// Of the elimination of a panel: of its windowed functions, of the table, of what held the two
-/// equations at its end, these then by displacement and slope, and by what those left at its start
-/// are multiplied.
+/// Stored data of the elimination of a panel: of the functions in the window, of the table, and
+/// of the conditions that hold the end; then the coefficients of displacement and slope in the two
+/// equations at its end, and the factors that scale those left at its start.
 struct KeptPanel {
   Lanes *windows, *tables;
   Count band, forces, curvatures;
@@ -303,7 +308,7 @@ struct KeptPanel {
   }
 };
 
-/// Loads on the equations, irregular to excite every motion.
+/// Loads on the equations, irregular so that they excite every motion.
 struct LoadSequence {
   double weight = 0.5;
 
@@ -313,8 +318,9 @@ struct LoadSequence {
   }
 };
 
-/// Numbers that multiply displacement, slope, force and moment beyond a panel's end, such as an
-/// equation's, into those of the panel: past what acts there, in its units.
+/// Converts the coefficients of displacement, slope, force and moment beyond the end of a panel,
+/// such as those of an equation, to the coefficients inside the panel: across what acts there, and
+/// in the units of the panel.
 template <class Number>
 void into_panel(const EliminationPanel& panel, double length_beyond, const EntryPowers& lambda,
                 Number* row) {
@@ -329,30 +335,30 @@ void into_panel(const EliminationPanel& panel, double length_beyond, const Entry
   }
 }
 
-/// Length of the panel beyond the end of another; its own of the last.
+/// Length of the panel beyond the end of panel p; for the last panel its own length.
 inline double length_beyond(const EliminationModel& model, Count p) {
   return model.panels[p + 1 < model.count ? p + 1 : p].length;
 }
 
-/// Of one lambda a lane.
+/// The elimination for one lambda in each lane.
 template <class Number>
 struct Elimination {
-  /// Columns of loads: vectors need one, derivatives none.
+  /// Number of columns of loads: 1 for vectors, 0 for derivatives.
   static constexpr Count loads = std::is_same_v<Number, Lanes> ? 1 : 0;
 
   const EliminationModel& model;
   EntryPowers lambda;
   PivotSums found;
   Number *window, *table;        // scratch
-  Number carried[2][4 + loads];  // the equations at a joint, in units of the panel before it
+  Number carried[2][4 + loads];  // equations at a joint, in units of the panel before it
   LoadSequence load = {};
 
-  /// Entry of P of functions i and j of a panel.
+  /// Entry of P for functions i and j of a panel.
   Number at(const EliminationPanel& panel, Count i, Count j) const {
     return entry<Number>(panel.entries[i * (2 * model.band + 1) + j - i + model.band], lambda);
   }
 
-  /// Beyond the free end nothing resists.
+  /// Sets the equations at the free end: beyond it nothing resists, Q = M = 0.
   void start() {
     for (auto& row : carried) {
       for (Number& one : row) one = Number{};
@@ -360,8 +366,9 @@ struct Elimination {
     carried[0][2] = carried[1][3] = number(1.0, Number{});
   }
 
-  /// Into the units of the panel that ends there, past what acts there and holds it. kept: where
-  /// what is kept goes, or none.
+  /// Converts the carried equations to the units of the panel that ends at the joint, across what
+  /// acts there, and applies the conditions that hold the end. kept: where the elimination is
+  /// stored, or null.
   void join(Count p, KeptPanel* kept) {
     const EliminationPanel& panel = model.panels[p];
     for (auto& row : carried) into_panel(panel, length_beyond(model, p), lambda, row);
@@ -369,10 +376,10 @@ struct Elimination {
     if (panel.directed) hold(1, kept);
   }
 
-  /// w or theta is 0, and Q or M any.
+  /// Makes w or theta (place 0 or 1) 0 and eliminates Q or M, which is arbitrary.
   void hold(Count place, KeptPanel* kept) {
     constexpr Count columns = 4 + loads;
-    Number ordered[2][columns];  // the force first
+    Number ordered[2][columns];  // with the force first
     const Count force = 2 + place;
     for (Count r = 0; r < 2; ++r) {
       for (Count c = 0, next = 1; c < columns; ++c) {
@@ -403,7 +410,7 @@ struct Elimination {
     }
   }
 
-  /// Makes the largest entry of an equation 1; by what it is multiplied.
+  /// Scales an equation so that its largest entry is 1; returns the factor.
   Pack scale(Count r) {
     Pack largest = size_of(carried[r][0]);
     for (Count c = 1; c < 4; ++c) {
@@ -420,14 +427,15 @@ struct Elimination {
   static DualLanes constant_of(const Lanes& x, DualLanes) { return {x, {}}; }
   static Number constant(const Lanes& x) { return constant_of(x, Number{}); }
 
-  /// Eliminates a panel. kept: where what is kept goes, or none.
+  /// Eliminates the functions of a panel. kept: where the elimination is stored, or null.
   void pass(Count p, KeptPanel* kept) {
     const EliminationPanel& panel = model.panels[p];
     const Count forces = forces_at_end(model, p);
     if (forces > 0) join(p, kept);
     const Count band = model.band, wide = 2 * band + 1, size = panel.size;
     const Count many = windowed(size, band, forces), stride = window_columns(band);
-    // Row i of P begins with column i + band, and is taken from the column of the pivot on.
+    // Row i of P starts with column i + band and goes down; `rows` point to the column of the
+    // pivot.
     Number *begins[widest + 1], *rows[widest + 1], *charges[widest + 1];
     Number factors[widest + moving + 1];
     const auto fill = [&](Count place, Count i) {
@@ -443,8 +451,8 @@ struct Elimination {
       }
     };
     Count top = size - 1, filled = 0;
-    Count lowest = size;               // column that rows exchanged so far may reach
-    const auto reach = [&](Count r) {  // the last entry of a row that is known, others being 0
+    Count lowest = size;               // lowest column that rows exchanged so far may reach
+    const auto reach = [&](Count r) {  // last entry of a row that is set; others are 0
       const Count own = r + band < top ? r + band : top, before = top - lowest;
       return own > before ? own : before;
     };
@@ -458,7 +466,7 @@ struct Elimination {
         take_from_pivot();
         const Pack first = candidates.choice(0, band + 1, 0, window_threshold);
         if (moves(first, 0)) {
-          for (Count r = 0; r <= band; ++r) {  // what no row has reached so far
+          for (Count r = 0; r <= band; ++r) {  // clears entries that no row has reached so far
             for (Count c = reach(r) + 1; c < wide; ++c) rows[r][c] = Number{};
           }
           candidates.exchange_rows(first, 0, band + 1, 0, wide, found);
@@ -550,8 +558,8 @@ struct Elimination {
     }
   }
 
-  /// At the root, where w is 0, and theta or M + k theta: leaves two equations in Q and the other,
-  /// triangular.
+  /// At the root, w = 0 and either theta = 0 or M + k theta = 0: leaves two triangular equations in
+  /// Q and the other unknown.
   void end(Number (&last)[2][2 + loads], KeptJoint* kept) {
     const double spring = model.turns ? model.root * model.panels[0].length : 0.0;
     for (Count r = 0; r < 2; ++r) {
@@ -603,31 +611,31 @@ void log_derivative(const EliminationModel& model, const Points& points, double*
   }
 }
 
-/// A panel's functions in a motion, and force and moment at its end, for each lambda.
+/// Motion of a panel for each lambda: amplitudes of its functions, and force and moment at its end.
 struct PanelMotion {
-  Lanes* amplitudes;  // (size,), the first two being w and theta at its start
+  Lanes* amplitudes;  // (size,); the first two are w and theta at its start
   Lanes force, moment;
 };
 
 struct VectorScratch {
-  Lanes *window, *table, *columns;  // columns: of a panel's functions and border, or more
+  Lanes *window, *table, *columns;  // columns: for the functions and the border of a panel or more
   KeptPanel* kept;
   PanelMotion *right, *left;
 };
 
-/// What the two equations at the root leave: triangular, with a load.
+/// The two equations at the root: triangular, with a load.
 struct Root {
   Lanes last[2][3];
   KeptJoint kept;
 };
 
-/// Solves U z = L^-1 loads, as P = L U but for exchanges, for the right null vector.
+/// Solves U z = L^-1 loads for the right null vector, where P = L U up to exchanges of rows.
 void solve_right(const EliminationModel& model, const EntryPowers& lambda, const Root& root,
                  const VectorScratch& scratch) {
   PanelMotion* const motions = scratch.right;
   const auto& last = root.last;
   const Lanes second = last[1][2] * inverse(not_zero(last[1][1]));
-  // Scaled so that all that follows is finite.
+  // The factor `size` scales the loads so that all later numbers are finite.
   const Lanes size{1.0 / (1.0 + size_of(second)), Pack{}};
   Lanes start[4];  // w, theta, Q and M at the panel's start
   start[2] = (last[0][2] - last[0][1] * second) * size * inverse(not_zero(last[0][0]));
@@ -643,7 +651,7 @@ void solve_right(const EliminationModel& model, const EntryPowers& lambda, const
     const Count curvatures = kept.curvatures, pivots = curvatures + kept.forces;
     x[0] = start[0];
     x[1] = start[1];
-    const auto place_of = [&](Count c) -> Lanes& {  // of a column before the start's
+    const auto place_of = [&](Count c) -> Lanes& {  // unknown of a column before those of `start`
       if (c < curvatures) return x[curvatures + 1 - c];
       return c == curvatures ? motion.force : motion.moment;
     };
@@ -672,7 +680,7 @@ void solve_right(const EliminationModel& model, const EntryPowers& lambda, const
       end[0] += end_shape[k] * x[k];
       end[1] += end_slope[k] * x[k];
     }
-    if (panel.held) {  // there the panel's force is what holds it, too
+    if (panel.held) {  // at a support the force of the panel includes its reaction
       end[0] = Lanes{};
       const Lanes* const row = kept.holds[0].row;
       const Lanes sum = row[2] * end[1] + row[3] * motion.moment;
@@ -690,12 +698,12 @@ void solve_right(const EliminationModel& model, const EntryPowers& lambda, const
   }
 }
 
-/// Solves U^T s = loads, one of each function's column, in the order of the pivots; a number by
-/// which all is to be multiplied, so that what follows is finite.
+/// Solves U^T s = loads, with one load on the column of each function, in the order of the pivots.
+/// Returns a factor by which the solution is to be multiplied so that later numbers are finite.
 Pack solve_transposed(const EliminationModel& model, const EntryPowers& lambda, Root& root,
                       const VectorScratch& scratch) {
   LoadSequence load;
-  Lanes start[4] = {};  // what is left to the columns of w, theta, Q and M
+  Lanes start[4] = {};  // what remains in the columns of w, theta, Q and M
   Lanes* const rest = scratch.columns;
   for (Count p = model.count - 1; p >= 0; --p) {
     const EliminationPanel& panel = model.panels[p];
@@ -712,7 +720,7 @@ Pack solve_transposed(const EliminationModel& model, const EntryPowers& lambda, 
       }
       start[place] = start[force] = Lanes{};
     }
-    // Columns as those of the window, of falling degree, and then as those of the table.
+    // The columns are ordered as in the window, by falling degree, and then as in the table.
     const Count pivots = kept.curvatures + kept.forces;
     Lanes *const in_table = rest + many, *const at_start = in_table + pivots;
     const auto column_of = [&](Count function) {
@@ -752,12 +760,11 @@ Pack solve_transposed(const EliminationModel& model, const EntryPowers& lambda, 
   return 1.0 / (1.0 + size_of(root.kept.row[1]));
 }
 
-/// Solves L^T y = s for the left null vector, from the root on: what each equation is multiplied
-/// by.
+/// Solves L^T y = s for the left null vector, from the root on; y are the factors of the equations.
 void solve_left(const EliminationModel& model, const EntryPowers& lambda, Root& root,
                 const VectorScratch& scratch) {
   const Lanes size{solve_transposed(model, lambda, root, scratch), Pack{}};
-  Lanes both[2];  // of the two equations that are carried
+  Lanes both[2];  // factors of the two equations that are carried
   both[1] = root.kept.row[1] * size;
   both[0] = root.kept.row[0] * size - root.kept.factor * both[1];
   put_back(root.kept.place, both, 0, 2);
@@ -815,7 +822,7 @@ void solve_left(const EliminationModel& model, const EntryPowers& lambda, Root& 
   scratch.left[0].amplitudes[0] = Lanes{};
 }
 
-/// The null vectors of P and of P^T.
+/// Computes the null vectors of P and of P^T.
 void null_vectors(const EliminationModel& model, const EntryPowers& lambda,
                   const VectorScratch& scratch) {
   Elimination<Lanes> elimination{model, lambda, {}, scratch.window, scratch.table, {}};
@@ -827,7 +834,7 @@ void null_vectors(const EliminationModel& model, const EntryPowers& lambda,
   solve_left(model, lambda, root, scratch);
 }
 
-/// Sums over all panels and stations of what two vectors give.
+/// Sums over all panels and stations of products with two vectors.
 struct PairSums {
   Lanes value, by_lambda, by_u, by_right;
   Pack rest{}, entries{}, sums{};
@@ -936,7 +943,8 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
           entries +=
               std::fabs(end_shape[i]) * size_of(right.force) + end_slope[i] * size_of(right.moment);
         }
-        // The first two give what the panel resists by at its start, which the next row takes.
+        // The equations of the first two functions give the force and moment by which the panel
+        // resists at its start. The next row uses them.
         if (i < 2) {
           if (p == 0) {
             const bool turned = i == 1 && model.turns;
@@ -976,7 +984,7 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
             weight * (size_of(*others[c]) * end_sizes[c] + size_of(*forces[c]) * dual_sizes[c]);
       }
       if (p + 1 < model.count) continue;
-      // At the end nothing but what acts there resists, or what holds it.
+      // At the end of the pipe only what acts there, or what holds it, resists.
       const bool held[2] = {panel.held, panel.directed};
       for (Count i = 0; i < 2; ++i) {
         if (held[i]) continue;

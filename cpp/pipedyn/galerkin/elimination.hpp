@@ -1,27 +1,31 @@
 // SPDX-License-Identifier: MIT
 //
-// The determinant of a straight reduced model's P(lambda), by elimination from panel to panel.
+// The determinant of P(lambda) of a straight reduced model, by elimination from panel to panel.
 //
-// A panel of length h from a has the functions 1, (s - a) / h and those of Legendre curvature
-// (basis.hpp), which are 0 before it; in lengths of h, and with moments in EI / h, their matrices
-// are banded and elastic ones the identity. What lies beyond the panel's end moves with the
-// displacement w and the slope theta there, and resists by a force Q and a moment M. Not an
-// impedance is carried from panel to panel, which is infinite where the part beyond has a root of
-// its own, but two equations
+// A panel of length h that starts at a has the functions 1, (s - a) / h and those of Legendre
+// curvature (basis.hpp); all are 0 before the panel. With lengths in units of h and moments in
+// units of EI / h, their matrices are banded, and the elastic matrix is the identity. The part of
+// the pipe beyond the end of the panel moves with the displacement w and the slope theta there, and
+// resists by a force Q and a moment M. Its impedance would be infinite where that part has a root
+// of its own, so the elimination carries two equations from panel to panel instead:
 //   r_w w + r_theta theta + r_Q Q + r_M M = 0.
-// With these and its own equations a panel's functions are eliminated, those of highest degree
-// first, with threshold pivoting, and two equations are left at its start:
-//   (P z)_i + w_i Q + theta_i M = 0 of each function, Q_a and M_a being what the panel resists by.
-// Of the first two functions w_i and theta_i are those of a rigid motion; they are 0 of degree 2
-// and beyond. Beyond a free end nothing is carried. The product of the pivots is det P but for a
-// constant. Where the pipe is held, w or theta is 0 and Q or M any.
+// With these and the equations of the panel its functions are eliminated, those of highest degree
+// first, with threshold pivoting, and two equations remain at its start. The equation of each
+// function i is
+//   (P z)_i + w_i Q + theta_i M = 0,
+// where w_i and theta_i are the displacement and slope of function i at the end of the panel: those
+// of a rigid motion for the first two functions, and 0 for curvatures of degree 2 and higher. In
+// the equations of the first two functions the force Q_a and the moment M_a, by which the panel
+// resists at its start, are on the right-hand side instead of 0. Beyond a free end nothing is
+// carried. The product of the pivots is det P up to a constant. Where the pipe is held, w or theta
+// is 0 and Q or M is arbitrary.
 //
-// A null vector is the first step of inverse iteration (Golub and Van Loan 2013, sec. 7.6): what
-// irregular loads of the order of 1, one on each function, move. They are eliminated as one more
-// column; were they put on the pivots' rows instead, a mode that is large far from the root alone,
-// as that of the last of many spans, would hardly be among what they excite. That of P^T is the
-// first step with irregular loads on the functions, by the same factors: P = L U but for exchanges
-// of rows, so that U^T is solved from the tip to the root and L^T back.
+// A right null vector is the first step of inverse iteration (Golub and Van Loan 2013, sec. 7.6):
+// the response to irregular loads of the order of 1, one on each function. The loads are eliminated
+// as one more column. If they were put on the rows of the pivots instead, a mode that is large only
+// far from the root, such as that of the last of many spans, would hardly be excited. The null
+// vector of P^T is the first step with irregular loads on the functions, by the same factors:
+// P = L U up to exchanges of rows, so U^T is solved from the tip to the root and L^T back.
 #pragma once
 
 #include <cstddef>
@@ -30,37 +34,37 @@
 
 namespace pipedyn {
 
-/// Half-bandwidth up to which the elimination is worth its cost: of a plain pipe it is 4.
+/// Half-bandwidth up to which the elimination is worth its cost; that of a plain pipe is 4.
 inline constexpr std::ptrdiff_t widest = 24;
 
-/// An entry of P at a speed: what multiplies lambda^0, with an imaginary part, lambda and lambda^2,
-/// and its derivative by the speed.
+/// An entry of P at a speed: the coefficients of lambda^0 (`still`, with the imaginary part
+/// `loss`), of lambda (`rate`) and of lambda^2 (`square`), and derivatives by the speed.
 struct PencilEntry {
   double still, loss, rate, square, still_by_speed, rate_by_speed;
 };
 
 struct EliminationPanel {
   double length;
-  std::ptrdiff_t size;         // functions, with the first two
-  const PencilEntry* entries;  // (size, 2 band + 1), of functions i and i - band .. i + band
-  PencilEntry station[2][2];   // what acts at its end, on w and theta
-  bool held, directed;         // whether w is 0 there, and theta
+  std::ptrdiff_t size;         // number of functions, with the first two
+  const PencilEntry* entries;  // (size, 2 band + 1), for functions i and i - band .. i + band
+  PencilEntry station[2][2];   // entries of what acts at its end on w and theta
+  bool held, directed;         // whether w = 0 there; whether theta = 0
 };
 
 struct EliminationModel {
   const EliminationPanel* panels;
-  std::ptrdiff_t count, band, dof;  // dof: curvatures of all panels, and theta at the root if
-  bool turns;                       // it turns
-  double root;                      // stiffness of its spring
+  std::ptrdiff_t count, band, dof;  // dof: curvatures of all panels, theta if the root turns
+  bool turns;                       // whether the root turns
+  double root;                      // stiffness of the spring at the root
 };
 
 struct EliminationKernel {
-  /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k), real and imaginary parts of count
-  /// values; roots k at lambda itself add nothing. signs, if not null: the determinant's own, of a
-  /// real one, and the logarithm of its size.
+  /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k): real and imaginary parts of count
+  /// values; a root k at lambda itself is left out of the sum. signs, if not null: the sign of the
+  /// determinant, if it is real, and the logarithm of its absolute value.
   void (*log_derivative)(const EliminationModel&, const Points&, double* out, double* signs);
-  /// Vectors of roots, or of values near them; coordinates are theta at a root that turns, then the
-  /// amplitudes of curvatures, panel by panel. Both use the thread's scratch.
+  /// Null vectors at roots or at values near them; the coordinates are theta at a root that turns,
+  /// then the amplitudes of curvatures, panel by panel. Both functions use the thread's scratch.
   void (*pairs)(const EliminationModel&, const Points&, const PairsAsked&);
 };
 

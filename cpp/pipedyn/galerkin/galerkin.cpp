@@ -23,11 +23,13 @@ constexpr double not_a_number = std::numeric_limits<double>::quiet_NaN();
 
 const GalerkinKernel& kernel() { return *motion_kernel().galerkin; }
 
-/// Calls the kernel's function for blocks of members that take the same grid, one alone or as many
-/// as the vectors hold, and passes result i of each member k to write(k, i, result); NaN for those
-/// that bend more than the largest grid resolves. Where errors are left, a finer grid than a member
-/// needs will do: blocks are then filled up by falling number of their grids.
-/// finer: by so many grids than the motion needs; rows: of a member in batch.y, by its functions.
+/// Calls a function of the kernel for blocks of members that need the same grid, one member alone
+/// or as many as the vectors hold, and passes result i of each member k to write(k, i, result); the
+/// result is NaN for members that bend more than the largest grid resolves. If the batch allows
+/// errors, a finer grid than a member needs is accepted as well: blocks are then filled in falling
+/// order of the numbers of their grids. finer: number of grids by which the grid is finer than the
+/// motion needs; rows: number of entries of a member in batch.y, divided by the number of
+/// functions.
 template <class Write>
 void evaluate(const GalerkinKernel::Function function, const Grids& grids,
               const MotionEffects& effects, const Batch& batch, Index results, const Write& write,
@@ -38,7 +40,7 @@ void evaluate(const GalerkinKernel::Function function, const Grids& grids,
   grid_of.resize(static_cast<std::size_t>(members));
   chosen.resize(static_cast<std::size_t>(members));
   std::iota(chosen.begin(), chosen.end(), Index{0});
-  Index needed = 0;  // by the last one, mostly by the next as well
+  Index needed = 0;  // grid of the last member, which mostly suits the next
   for (Index k = 0; k < members; ++k) {
     const double error = batch.errors == nullptr ? 0.0 : batch.errors[k];
     needed = grids.choose(batch.y + k, members, needed, error);
@@ -49,7 +51,7 @@ void evaluate(const GalerkinKernel::Function function, const Grids& grids,
                    [&](Index a, Index b) { return number(a) > number(b); });
   const Index driven = batch.drive != nullptr ? Drive::rows : 0;
   for (Index first = 0; first < members;) {
-    const Index* const member = chosen.data() + first;  // lanes to spare repeat the last
+    const Index* const member = chosen.data() + first;  // spare lanes repeat the last member
     const auto fits = [&](Index k) {
       return batch.errors != nullptr || number(k) == number(*member);
     };
@@ -97,26 +99,27 @@ MotionEffects effects_of(const Pipe& pipe, const Panels& panels) {
           .return_rate = Galerkin::return_rate};
 }
 
-/// To the results (results, members) of a batch.
+/// Makes a function that writes result i of member k to the array (results, members) of a batch.
 auto to_columns(double* out, Index members) {
   return [=](Index k, Index i, double result) { out[i * members + k] = result; };
 }
 
-/// Adds to the stiffness what supports add to it, and to the flux, where the pipe is bent: as it
-/// moves, their forces, with which it rests, turn. still, flow: forces without supports, at rest
-/// and the flow's.
+/// Adds to stiffness, flux and unsteady flow what supports add to them if the pipe is bent: as it
+/// moves, the forces that act at the supports at rest turn with respect to it. still, flow, push:
+/// the generalised forces without supports, at rest, of the flow and of its acceleration.
 void add_supports(const Grid& grid, const MotionEffects& effects, const Vector& q,
                   const Vector& still, const Vector& flow, const Vector& push, Operators& ops) {
   const Index m = q.size(), count = effects.held_count, block = grid.tables.nodes + 1;
   const auto slope = grid.slope.topLeftCorner(grid.places.size(), m);
   const Vector theta = slope * q;
   const Eigen::Map<const Vector> weight(grid.tables.weight, theta.size());
-  Matrix before = Matrix::Zero(theta.size(), count);  // whether a point lies before a support
+  Matrix before = Matrix::Zero(theta.size(), count);  // 1 if a point lies before a support
   for (Index b = 0; b < count; ++b) before.col(b).head((effects.held[b] + 1) * block).setOnes();
   const Vector across = weight.array() * theta.array().cos();
   const Matrix by = inner(slope, across, before);
   const Eigen::Map<const Vector> stiffness(grid.tables.stiffness, m);
-  // Any forces that leave none at an equilibrium: those of least elastic energy.
+  // Forces of the supports for given forces on the pipe: any choice is valid that leaves no force
+  // at an equilibrium; this one leaves the least elastic energy.
   const Vector ease = stiffness.cwiseMax(1.0).cwiseInverse();
   const Eigen::LDLT<Matrix> system(inner(by, ease, by));
   const auto turning = [&](const Vector& force) -> Matrix {
@@ -137,17 +140,17 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
   const double sqrt_beta = pipe.sqrt_beta(), share = pipe.inflow_share * sqrt_beta;
   Vector y = Vector::Zero(2 * m);
   y.head(m) = q;
-  MotionEffects rest = effects;  // what does not depend on the flow; drag has no linear part
+  MotionEffects rest = effects;  // effects independent of the flow; drag has no linear part
   rest.held_count = 0;
   rest.coriolis = rest.entry = rest.thrust[0] = rest.thrust[1] = rest.drag = 0.0;
   const MotionEffects flow{.coriolis = 2.0 * sqrt_beta,
                            .thrust = {std::cos(pipe.jet_angle), std::sin(pipe.jet_angle)}};
   const double faster[Drive::rows] = {1.0};
-  GridTables in_basis = grid.tables;  // the basis' functions for the orthonormal ones
+  GridTables in_basis = grid.tables;  // basis functions in place of orthonormal ones
   in_basis.orthonormal = in_basis.slope;
   in_basis.to_basis = in_basis.from_basis = nullptr;
   const Vector none = Vector::Zero(m);
-  GridTables unbending = in_basis;  // bending's forces are added after
+  GridTables unbending = in_basis;  // forces of bending are added below
   unbending.elastic = nullptr;
   unbending.stiffness = none.data();
   Matrix straight;
@@ -174,7 +177,7 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
     ops.damping -= effects.damping * turned * turned.transpose();
   }
   const Vector still = found.row(3 * m + 2).transpose() - elastic * q;
-  about(flow, 0.0, faster);  // in the same place
+  about(flow, 0.0, faster);  // writes to `found` again
   ops.unsteady = -by_state.leftCols(m);
   const Vector push = found.row(3 * m + 2).transpose();
   about(flow);
@@ -280,7 +283,7 @@ void Galerkin::axial(const Batch& batch, double* out) const {
 }
 
 void Galerkin::tips(const Batch& batch, double* out) const {
-  constexpr Index finer = 2;  // 1.4 times the nodes: to rounding, not to the motion's 1e-10
+  constexpr Index finer = 2;  // 1.4 times the nodes: exact to rounding, not to the motion's 1e-10
   evaluate(kernel().tips, grids(), effects_of(pipe_, grids().panels()), batch, 4,
            to_columns(out, batch.members), finer);
 }
@@ -302,7 +305,7 @@ void Galerkin::differentiate(const Batch& batch, Index before, double* out) cons
   const auto write = [=](Index k, Index i, double result) {
     if (i < half) {
       out[k * size + before * n + half + i] = result;
-    } else if (before > 0) {  // q'', and its derivative in the next row
+    } else if (before > 0) {  // q'', and its derivative by the speed in the next row
       out[k * size + m + i - half + (i < half + m ? 0 : m)] = result;
     }
   };

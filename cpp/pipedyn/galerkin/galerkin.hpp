@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: MIT
 //
-// Reduced model, geometrically exact. The inextensible centreline is described by its
-// angle from the downward vertical, theta(s) = sum_i q_i Theta_i(s) with Theta_i = w_i' of a basis,
+// Geometrically exact reduced model. The inextensible centreline is described by its angle from the
+// downward vertical, theta(s) = sum_i q_i Theta_i(s) with the slopes Theta_i = w_i' of a basis:
 //
 //   t = (sin theta, cos theta),  n = (cos theta, -sin theta),  r(s) = int_0^s t,
 //   J_i(s) = dr/dq_i = int_0^s n Theta_i,   velocity v = sum_i J_i q_i'.
 //
-// Virtual work, with U = s u and the forces per length of Orsino and Di Giulio in the limit of
-// short segments (no expansion in the amplitude anywhere):
+// The virtual work, with U = s u and the forces per length of Orsino and Di Giulio in the limit of
+// short segments (there is no expansion in the amplitude anywhere), is
 //
 //   int m J_i . a + sum_j k_ij (q_j + delta q_j')                               inertia, bending
 //     + J int Theta_i theta''                                                   rotary inertia
@@ -19,50 +19,53 @@
 //     + kappa int |v_n| v_n n . J_i = 0,   v_n = n . v,                         drag
 //   a(s) = (X'', Y'') + sum_i J_i q_i'' - int_0^s t theta'^2,
 //
-// (theta' here is the rate), m the mass per length, J the rotary inertia of cross-sections, k_ij
-// the integral of e Theta_i' Theta_j' with the bending stiffness e. Both functions have a k_ij that
-// is diagonal where the pipe is uniform, e = m = 1; its fluid always is. As v' = n theta', the
-// Coriolis term's power is -sqrt(beta) U |v(1)|^2:
+// where theta' is the rate, m the mass per length, J the rotary inertia of cross-sections, and k_ij
+// the integral of e Theta_i' Theta_j' with the bending stiffness e. In either family of functions
+// k_ij is diagonal if the pipe is uniform, e = m = 1; the fluid is always uniform. As v' = n
+// theta', the power of the Coriolis term is -sqrt(beta) U |v(1)|^2:
 //
 //   dE/dtau = -c sqrt(beta) U |v(1)|^2 - a U^2 (cos psi t(1) + sin psi n(1)) . v(1)
 //     - sqrt(beta) U' int t . v - delta sum k_ij q_i' q_j' - kappa int |v_n|^3,
 //
-// where the base rests. It may stand at (X, Y), a function of time: drag and terms then see the
-// velocity v + (X', Y'). The energy is that in its frame, and with the force R of drag and terms
-// its motion adds the power -(X'', Y'') . int v - (X', Y') . R. All of
-// this holds to rounding at any number of nodes, since the quadrature integrates by parts
-// exactly (quadrature.hpp). The drag's integrand is cut at the zeros of v_n (signed_weights).
+// if the base is at rest. The base may be at (X, Y), a function of time: drag and terms then depend
+// on the velocity v + (X', Y'). The energy is the one in the frame of the base; with the force R of
+// drag and terms, the motion of the base adds the power -(X'', Y'') . int v - (X', Y') . R. The
+// energy balance holds to rounding for any number of nodes, since the quadrature integrates by
+// parts exactly (quadrature.hpp). The integrand of drag is cut at the zeros of v_n
+// (signed_weights.hpp).
 //
 // A term (terms/station.hpp) with mass mu and load f at the arc length s_f adds the virtual work
 //
 //   J_i(s_f) . (mu a(s_f) - mu gamma (0, 1) - f).
 //
 // Mass that moves across the pipe alone (terms/added_mass.hpp) adds chi int (n . J_i) (n . a), and
-// a couple c the virtual work -c Theta_i(s_f), or its integral. Rotary inertia I at s_f adds
+// a couple c adds the virtual work -c Theta_i(s_f), or its integral. Rotary inertia I at s_f adds
 // I Theta_i Theta_j to the mass matrix, at any amplitude, since theta is linear in q.
 //
 // The quadrature is Gauss collocation on each panel between the places of terms and the steps of e
-// and m: integrals from the
-// clamp to its points are block lower triangular, and integration by parts holds as on one panel.
-// So a term is one more load at a panel's end, or at every node where it acts all along.
+// and m: integrals from the clamp to its points form a block lower triangular matrix, and
+// integration by parts holds as on one panel. So a term is one more load at the end of a panel, or
+// at every node if it acts all along.
 //
-// A root's spring (pipe.hpp) is part of k_ij, but not damped: k_ij of the dampings lack it.
+// The spring of a root (pipe.hpp) is part of k_ij, but it is not damped: the k_ij in the terms with
+// delta do not contain it.
 //
-// Where the pipe is held across, x(s_b) = 0, forces mu_b along x act such that
+// If the pipe is held across, x(s_b) = 0, forces mu_b along x act at these places such that
 //
 //   x'' + 2 k x' + k^2 x = 0 at each s_b,   M q'' = f + G^T mu,   G = dx/dq,
 //
-// so that a state that misses this by its integrator's errors returns to it (Baumgarte 1972). Held
-// directions are the functions' matter (basis.hpp). The operators about q are those of all
-// functions, with what the forces mu add to stiffness and flux; small motions take what G allows.
+// so that a state that violates x = 0 by the errors of its integrator returns to it (Baumgarte
+// 1972). If the direction of the pipe is held, the functions satisfy this condition (basis.hpp).
+// The operators about q are those of all functions, and include what the forces mu add to stiffness
+// and flux; small motions are restricted to those that G allows.
 //
-// About the straight pipe, where J_i = (w_i, 0), this is the projection of the pipe's equation,
-// where it is uniform (Gregory and Paidoussis 1966),
+// About the straight pipe, where J_i = (w_i, 0), and if the pipe is uniform, this is the projection
+// of the equation of the pipe (Gregory and Paidoussis 1966),
 //
 //   w'''' + [a U^2 - gamma (1 - s)] w'' + gamma w' + 2 sqrt(beta) U w'.' + w.. + delta w''''. = 0,
 //
-// onto the functions w_i. Integrated by parts, its Coriolis term leaves a skew part and the flux
-// through the end, at any configuration
+// onto the functions w_i. After integration by parts, the Coriolis term consists of a skew part and
+// the flux through the end, at any configuration:
 //   G_ij = sqrt(beta) int (J_i . n w_j' - J_j . n w_i'),   F_ij = c sqrt(beta) J_i(1) . J_j(1).
 #pragma once
 
@@ -74,72 +77,80 @@
 
 namespace pipedyn {
 
-/// Immutable; one model may serve many threads. Moves with the vectors that the processor has
-/// (levels.hpp). A state y = [q, q'] has 2 m entries; a batch holds one a column. The arrays are
-/// the caller's and of the sizes given; scratch belongs to the thread and is allocated by its first
-/// call for a size.
+/// The reduced model of a pipe. Immutable; several threads may share one model. It computes motions
+/// with the vectors that the processor has (levels.hpp). A state y = [q, q'] has 2 m entries; a
+/// batch holds one state in each column. The arrays belong to the caller and have the sizes given;
+/// scratch belongs to the thread and is allocated by its first call for a size.
 class Galerkin {
  public:
-  /// least_nodes: use at least so many quadrature nodes on each panel, to measure what fewer miss.
+  /// least_nodes: least number of quadrature nodes on each panel, to measure the error of fewer
+  /// nodes.
   Galerkin(const Pipe& pipe, Basis basis, Index least_nodes = 0);
 
   Index dof() const { return basis_.size(); }
   const Pipe& pipe() const { return pipe_; }
   const Basis& basis() const { return basis_; }
-  /// The integrals k_ij (m, m) where the stiffness varies along the pipe, else empty: see Basis.
+  /// The integrals k_ij (m, m) if the stiffness varies along the pipe, else empty: see
+  /// Basis::stiffness.
   Matrix elastic() const { return Panels(basis_, pipe_).elastic; }
 
-  /// Operators about a configuration q at rest, or where q is empty about the straight pipe, by a
+  /// Operators about a configuration q at rest, or about the straight pipe if q is empty, by a
   /// quadrature that is exact for products of functions. stiffness and flux are the derivatives of
   /// the forces of bending, gravity and terms and of the follower force. Throws
-  /// std::invalid_argument unless q has m entries or none, and with q as what follows.
+  /// std::invalid_argument unless q has m entries or none, and with q also as the functions below.
   Operators operators(const Vector& q = Vector()) const;
 
-  // What follows throws std::invalid_argument where the basis is dependent to rounding.
+  // The functions below throw std::invalid_argument if the functions of the basis are linearly
+  // dependent to rounding.
 
-  /// Quadrature nodes on each panel that a configuration is given. Throws std::invalid_argument
+  /// Number of quadrature nodes on each panel for a configuration q. Throws std::invalid_argument
   /// unless q has m entries.
   Index nodes(const Vector& q) const;
 
-  /// Why amplitudes with the given stride are not resolved by the largest grid, and how far it
-  /// resolves a pipe of this shape; empty where they are.
+  /// A message that the largest grid does not resolve the amplitudes with the given stride, and how
+  /// far it resolves a pipe of this shape; empty if it resolves them.
   std::string unresolved(const double* q, Index stride) const;
 
-  /// How many supports hold the pipe across, x = 0, the end's among them.
+  /// Number of supports that hold the pipe across, x = 0, with the one at the end.
   Index supports() const {
     return static_cast<Index>(pipe_.supports.size()) +
            (pipe_.end == End::pinned || pipe_.end == End::clamped ? 1 : 0);
   }
-  /// Rate k at which states that miss supports return to them, as those of scenes do (modular).
+  /// Rate k at which states that violate x = 0 at supports return to it; it is the same for scenes
+  /// (modular).
   static constexpr double return_rate = 60.0;
-  /// x at each support, then of each its derivatives by q: (supports (1 + m), members).
+  /// x at each support, followed by the derivatives of each of these x by q:
+  /// (supports (1 + m), members).
   void held(const Batch& batch, double* out) const;
 
-  /// dy/dtau (2 m, members), O(N Q m + N m^2 + m^3) a member with N points, Q nodes a panel. NaN
-  /// where the mass matrix is singular to rounding, or q bends more than the largest grid resolves.
+  /// dy/dtau (2 m, members), in O(N Q m + N m^2 + m^3) a member with N points and Q nodes a panel.
+  /// The result is NaN if the mass matrix is singular to rounding, or if q bends more than the
+  /// largest grid resolves.
   void rhs(const Batch& batch, double* rates) const;
-  /// Those of [q, q', W] (2 m + 1, members) with W' the sum of the power, as of a chain.
+  /// Rates of [q, q', W] (2 m + 1, members), where W' is the sum of the power, as for a chain.
   void rhs_and_power(const Batch& batch, double* rates) const;
-  /// d(dy/dtau)/dy (members, 2 m, 2 m), row-major, at the same order of cost. Drag's share is
-  /// 2 |v_n| dv_n, 0 where v_n = 0.
+  /// d(dy/dtau)/dy (members, 2 m, 2 m), row-major, at the same order of cost as `rhs`. The drag
+  /// contributes 2 |v_n| dv_n, 0 where v_n = 0.
   void jacobian(const Batch& batch, double* out) const { differentiate(batch, 0, out); }
-  /// Rates of each member, their derivatives by the speed and by the state (members, 2 + 2 m, 2 m),
-  /// at once.
+  /// Rates of each member, followed by their derivatives by the speed and by the state (members,
+  /// 2 + 2 m, 2 m), in one evaluation.
   void linearise(const Batch& batch, double* out) const { differentiate(batch, 2, out); }
-  /// Kinetic, elastic, gravity's and terms' energy of each member, O(N Q + N m); 0 at rest on the
-  /// straight pipe.
+  /// Sum of the kinetic and elastic energies and those of gravity and terms for each member, in O(N
+  /// Q + N m); it is 0 at rest on the straight pipe.
   void energy(const Batch& batch, double* out) const;
-  /// What flow, damping (joints), drag, terms (others) and the base's motion add to the energy in
-  /// unit time, (5, members); their sum is dE/dtau.
+  /// Power that flow, damping (joints), drag, terms (others) and the motion of the base add to the
+  /// energy, (5, members); their sum is dE/dtau.
   void power(const Batch& batch, double* out) const;
-  /// MotionKernel::axial of [q, q', q''] (3 m, members), O(N Q + N m) a member.
+  /// Axial acceleration and its derivatives as MotionKernel::axial, for [q, q', q''] (3 m,
+  /// members), in O(N Q + N m) a member.
   void axial(const Batch& batch, double* out) const;
-  /// Position (x, y) of each member's free end and its velocity, (4, members), O(N m).
+  /// Position (x, y) of the free end of each member, then its velocity, (4, members), in O(N m).
   void tips(const Batch& batch, double* out) const;
 
  private:
   const Grids& grids() const;
-  /// The last rows of `linearise`, 2 m and so many before.
+  /// Writes the last rows of `linearise` of each member: 2 m rows and `before` rows that precede
+  /// them.
   void differentiate(const Batch& batch, Index before, double* out) const;
 
   Pipe pipe_;

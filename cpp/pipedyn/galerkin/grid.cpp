@@ -15,27 +15,27 @@ namespace pipedyn {
 
 namespace {
 
-/// Logarithm of an integrand's relative tolerance; the powers of G counted; nodes at least.
-/// Measured with both bases, 4 to 24 functions and random states up to amplitudes of 2: rates
-/// differ by 4e-13 from those of three times the nodes and, with drag, whose integrand has kinks,
-/// by 9e-8; tests/benchmark_motion.py holds 1e-10 and 1e-6.
+/// Minus the logarithm of the relative tolerance of an integrand; number of factors G that are
+/// counted; least number of nodes. Measured with both bases, 4 to 24 functions and random states up
+/// to amplitudes of 2: rates differ by 4e-13 from those with three times the nodes and, with drag,
+/// whose integrand has kinks, by 9e-8; tests/benchmark_motion.py checks 1e-10 and 1e-6.
 struct Demand {
   double log_tolerance, growths;
   Index least_nodes;
-  double most_more;  // in the logarithm, where a larger error will do; kinks are not left more
+  double most_more;  // most added to the log where larger errors will do; 0 with kinks
 };
 constexpr Demand smooth{25.0, 2.5, 7, 11.5}, with_drag{33.0, 3.5, 31, 0.0};
-/// Logarithm of ten: no error measured was a tenth of what was demanded.
+/// Logarithm of ten: no measured error was as large as a tenth of what was demanded.
 constexpr double certain = 2.3;
-/// Places on the pipe that are no further apart are one: panels between them would be lost in the
-/// rounding of their ends.
+/// Places on the pipe that are no further apart than this count as one: a panel between them would
+/// be lost in the rounding of its ends.
 constexpr double same_place = 1e-14;
 const Demand& demanded(bool drag) { return drag ? with_drag : smooth; }
 
 Index whole_points(Index count) { return whole(count, GridTables::multiple); }
 
-/// Absolute Chebyshev coefficients of the slopes on an interval, (count, m); those of rounding's
-/// size are 0.
+/// Absolute values of the Chebyshev coefficients of the slopes on an interval, (count, m);
+/// coefficients of the size of rounding errors are set to 0.
 Matrix slope_series(const Basis& basis, double low, double high) {
   const Index count = 2 * basis.most_on_a_panel() + 60;
   const double step = std::numbers::pi / static_cast<double>(count);
@@ -61,10 +61,10 @@ Matrix slope_series(const Basis& basis, double low, double high) {
   return coefficient;
 }
 
-/// What bounds slopes with given Chebyshev series on Bernstein's ellipse, with the semi-axes
-/// cosh(eta) and sinh(eta) about the interval.
+/// Bounds of slopes with given Chebyshev series on the Bernstein ellipse about an interval, with
+/// the semi-axes cosh(eta) and sinh(eta).
 struct Ellipse {
-  double eta, log_growth;  // of the slope that grows most from the interval to the ellipse
+  double eta, log_growth;  // log_growth: largest growth of a slope up to the ellipse
   Vector sums;             // 2 sum_k sinh(k eta) c_ik, (m,)
 };
 
@@ -82,7 +82,7 @@ std::vector<Ellipse> ellipses_of(const Matrix& series) {
   for (double eta = std::min(0.05, 2.0 / static_cast<double>(series.cols())); eta < 3.0;
        eta *= 1.5) {
     const Vector grown = sum(std::cosh, eta);
-    double growth = 1.0;  // at least; of functions that are 0 on the interval nothing grows
+    double growth = 1.0;  // at least 1; functions that are 0 on the interval do not count
     for (Index i = 0; i < total.size(); ++i) {
       if (total[i] > 0.0) growth = std::max(growth, grown[i] / total[i]);
     }
@@ -91,7 +91,8 @@ std::vector<Ellipse> ellipses_of(const Matrix& series) {
   return ellipses;
 }
 
-/// drag: integrals end at inner points.
+/// The tests that amplitudes must pass, one of them, for this number of nodes on a panel. drag:
+/// whether integrals end at inner points.
 std::vector<NodeTest> node_tests(const std::vector<Ellipse>& ellipses, Index nodes, bool drag) {
   const Demand& demand = demanded(drag);
   std::vector<NodeTest> tests;
@@ -154,7 +155,7 @@ Panels::Panels(const Basis& basis, const Pipe& pipe) : pipe_mass(pipe.mass) {
   for (const Term& term : pipe.terms) {
     const Index panel = static_cast<Index>(nearest(term.at) - places.begin()) - 1;
     Laws::with(term, [&]<class Law>(const Law& law) {
-      if (!Law::along && panel < 0) return;  // what acts at the root moves nothing
+      if (!Law::along && panel < 0) return;  // terms at the root do not act on any motion
       (Law::along ? mass_per_length : mass[panel]) += law.mass();
       normal_mass += law.normal_mass();
       if (law.inertia() != 0.0) {
@@ -222,7 +223,7 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
   }
   from_basis_ = Matrix::Zero(m + 1, slope.cols());
   from_basis_.topLeftCorner(m, m) = orthonormal.inverse;
-  // What is integrated to a node's mirror image is the whole less what lies beyond it.
+  // The integral up to the mirror image of a node is the whole integral minus the part beyond it.
   const Matrix integral = rule_.integral_to(rule_.node.head(half));
   from_sums_ = from_differences_ = Matrix::Zero(half, half);
   for (Index p = 0; p < half; ++p) {
@@ -278,7 +279,7 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
 void Grid::set_masses(const Panels& panels) {
   const Index nodes = rule_.size(), block = nodes + 1;
   const bool varies = panels.pipe_mass.varies();
-  // As the quadrature's own integrals, from which forces come.
+  // The mass beyond a node is integrated by the same quadrature as the forces.
   Matrix to_end;
   if (varies) to_end = rule_.weight.transpose().replicate(nodes, 1) - rule_.integral_to(rule_.node);
   double beyond = 0.0;
@@ -314,10 +315,10 @@ Grids::Grids(Basis basis, const Pipe& pipe, Index least_nodes)
     ellipses.push_back(
         ellipses_of(slope_series(basis_, panels_.ends[panel], panels_.ends[panel + 1])));
   }
-  const Index most = std::max<Index>(4095, 4 * m) / count;  // of 0.1 GB
+  const Index most = std::max<Index>(4095, 4 * m) / count;  // a grid of this size takes 0.1 GB
   const Index largest = std::max(std::min<Index>(64 * m + 96, most), least_nodes);
   const Index least = demanded(drag_).least_nodes + more;
-  // Points, the nodes and a panel's end, come in whole multiples.
+  // The number of points of a panel, its nodes and its end, is a multiple of GridTables::multiple.
   for (Index points = whole_points(std::max({basis_.most_on_a_panel(), least_nodes, least}) + 1);;
        points = whole_points(points + std::max<Index>(4, points / 12))) {
     const bool last = points - 1 >= largest;

@@ -1,17 +1,19 @@
 // SPDX-License-Identifier: MIT
 //
-// How many quadrature nodes a reduced model's motion needs. Its integrands are products of the
-// slopes Theta_i and of exp(+-i theta(s)) at two places, entire functions of s. On the ellipse with
-// foci 0 and 1 whose axes sum to exp(eta) / 2, with Chebyshev coefficients c_ik of Theta_i,
+// The number of quadrature nodes that a motion of the reduced model needs. Its integrands are
+// products of the slopes Theta_i and of exp(+-i theta(s)) at two places, entire functions of s. On
+// the ellipse with foci 0 and 1 whose axes sum to exp(eta) / 2, with Chebyshev coefficients c_ik of
+// Theta_i,
 //
 //   |Im theta| <= sum_i |q_i| A_i,   A_i = sum_k |c_ik| sinh(k eta),
 //   |Theta_i| / max |Theta_i| <= G = max_i sum_k |c_ik| cosh(k eta) / sum_k |c_ik|,
 //
-// and Q Gauss nodes miss about a fraction exp(-2 Q eta + 2 |Im theta|) of an integrand, times a G
-// for each slope in it (after Trefethen 2008, theorem 4.5). A grid of Q nodes is taken when one of
-// a few eta shows this to be below the tolerance. How many G to count was found by measurement, and
-// so was the tolerance with drag, where integrals that end at the zeros of v_n miss exp(-Q eta).
-// A mass per length that is a polynomial takes half its degree more.
+// and the relative error of Q Gauss nodes is about exp(-2 Q eta + 2 |Im theta|) for an integrand,
+// times one factor G for each slope in it (after Trefethen 2008, theorem 4.5). A grid of Q nodes is
+// chosen if this error is below the tolerance for at least one of a few values of eta. The number
+// of factors G to count was found by measurement, and so was the tolerance with drag, whose
+// integrals end at the zeros of v_n and have an error of exp(-Q eta). A mass per length that is a
+// polynomial needs additional nodes, half its degree.
 #pragma once
 
 #include <cmath>
@@ -26,13 +28,13 @@
 
 namespace pipedyn {
 
-/// The next multiple of a number.
+/// The least multiple of `multiple` that is not less than count.
 inline Index whole(Index count, Index multiple) {
   return (count + multiple - 1) / multiple * multiple;
 }
 
-/// Passed by amplitudes q with sum_i |q_i| cost_i <= budget. Of the tests for so many nodes on a
-/// panel amplitudes need pass one.
+/// A sufficient condition for a number of nodes on a panel: amplitudes q pass it if sum_i |q_i|
+/// cost_i <= budget. Passing one of the tests of a panel is enough.
 struct NodeTest {
   double budget;
   Vector cost;  // (m,)
@@ -44,48 +46,50 @@ struct NodeTest {
   }
 };
 
-/// Functions orthonormal with the straight pipe's mass: in them a mass matrix is solved without
-/// losing the digits that its condition number in the basis (1e6 for 8 Legendre functions) takes.
+/// Functions that are orthonormal with the mass of the straight pipe: in them a mass matrix is
+/// solved without losing the digits that its condition number in the basis (1e6 for 8 Legendre
+/// functions) would cost.
 struct Orthonormal {
-  bool identity;    // as for beam modes
-  Matrix to_basis;  // T, upper triangular: their combinations of the basis, (m, m)
-  Matrix inverse;   // upper triangular
+  bool identity;    // whether they are the basis itself, as for beam modes
+  Matrix to_basis;  // T, upper triangular: coefficients in the basis, one a column, (m, m)
+  Matrix inverse;   // inverse of T, upper triangular
 
-  /// Throws std::invalid_argument where the basis is dependent to rounding.
+  /// Throws std::invalid_argument if the functions of the basis are linearly dependent to rounding.
   explicit Orthonormal(const Basis& basis);
-  /// The basis' own functions, whether or not they are orthonormal.
+  /// Uses the functions of the basis themselves, whether or not they are orthonormal.
   explicit Orthonormal(Index m);
 };
 
-/// The panels between the places of terms and supports, the pipe's steps and the basis' joints, on
-/// which integrands are smooth, with what the terms add to the pipe. Immutable.
+/// The panels between the places of terms and supports, the steps of the pipe and the joints of the
+/// basis, on which integrands are smooth, with what the terms add to the pipe. Immutable.
 struct Panels {
-  Vector ends;                   // from 0 to 1, (P + 1,)
-  Vector mass;                   // at the end of each, (P,)
-  Vector inertia;                // rotary inertia there, (P,); empty where all are 0
-  double mass_per_length = 0.0;  // all along, the pipe's 1 not counted
-  double normal_mass = 0.0;      // that of what moves across the pipe alone
-  std::vector<PanelTerm> loads;  // terms that have one
-  std::vector<Index> held;       // those at whose ends the pipe is held across
-  Profile pipe_mass;             // m
-  Vector turned;                 // of a root's spring sqrt(k_r) Theta_i(0), (m,), else empty
-  Matrix elastic;  // integrals of e w_i'' w_j'' (m, m) where the stiffness varies, else empty
+  Vector ends;                   // ends of panels from 0 to 1, (P + 1,)
+  Vector mass;                   // point mass at the end of each panel, (P,)
+  Vector inertia;                // rotary inertia there, (P,); empty if all are 0
+  double mass_per_length = 0.0;  // mass of terms all along, without the 1 of the pipe
+  double normal_mass = 0.0;      // mass per length that moves across the pipe alone
+  std::vector<PanelTerm> loads;  // terms that have a load
+  std::vector<Index> held;       // panels at whose ends the pipe is held across
+  Profile pipe_mass;             // m(s), the mass per length
+  Vector turned;                 // sqrt(k_r) Theta_i(0) of a spring at the root, (m,), else empty
+  Matrix elastic;  // integrals of e w_i'' w_j'' (m, m) if the stiffness varies, else empty
 
   Panels(const Basis& basis, const Pipe& pipe);
 
   Index count() const { return mass.size(); }
-  /// Mass beyond a place of a uniform pipe, its own with the terms'; at a term's own place with it
-  /// unless after.
+  /// Mass of a uniform pipe and its terms beyond the place s; a point mass at s itself is not
+  /// counted.
   double mass_beyond(double s) const;
 };
 
-/// One rule on each panel with the slopes at its points, each panel's nodes and its end. Immutable.
+/// A Gauss quadrature on each panel, with the slopes at its points: the nodes of each panel and its
+/// end. Immutable.
 struct Grid {
   Vector places;      // arc lengths of the points, (N,)
-  Vector measure;     // weight, and 1 at panels' ends
-  Vector mass;        // at each point, (N,)
-  Matrix slope;       // Theta_i, (N, m padded)
-  GridTables tables;  // of these and of what follows
+  Vector measure;     // quadrature weight at nodes, 1 at ends of panels
+  Vector mass;        // mass at each point, (N,)
+  Matrix slope;       // Theta_i at the points, (N, m padded)
+  GridTables tables;  // pointers to these and to the private members
 
   Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& panels, Index nodes);
   Grid(const Grid&) = delete;
@@ -101,10 +105,10 @@ struct Grid {
   void set_masses(const Panels& panels);
 };
 
-/// Grids of growing size, each built when it is first taken. Serves many threads.
+/// Grids of growing size, each built when it is first used. Several threads may share it.
 class Grids {
  public:
-  /// least_nodes: start from at least so many on each panel.
+  /// least_nodes: least number of nodes on each panel.
   Grids(Basis basis, const Pipe& pipe, Index least_nodes);
 
   const Basis& basis() const { return basis_; }
@@ -112,30 +116,31 @@ class Grids {
   const Orthonormal& orthonormal() const { return orthonormal_; }
   Index count() const { return static_cast<Index>(slots_.size()); }
 
-  /// Number of the grid for amplitudes q with the given stride, O(m) a grid tried from a guess on.
-  /// The largest serves all beyond. error: of rates, relative, that is enough; the least if 0.
+  /// Number of the smallest grid that is fine enough for amplitudes q with the given stride. The
+  /// search starts at guess and costs O(m) for each grid tried. Amplitudes beyond all grids get the
+  /// largest. error: relative error of the rates that is enough; 0 for the least one.
   Index choose(const double* q, Index stride, Index guess = 0, double error = 0.0) const;
 
-  /// Whether the grid chosen for q has the nodes that q takes; the largest may not.
+  /// Whether the grid chosen for q has as many nodes as q needs; the largest grid may have too few.
   bool resolves(Index number, const double* q, Index stride) const;
 
-  /// Factor up to which the largest grid has the nodes that multiples of q take.
+  /// Largest factor by which q may be multiplied such that the largest grid still has enough nodes.
   double resolved(const double* q) const;
-  /// Nodes on a panel of the largest grid.
+  /// Number of nodes on a panel of the largest grid.
   Index most_nodes() const { return slots_.back().nodes; }
 
-  /// O(Q^3 + N m) at the first call for this number, then free.
+  /// The grid of this number: costs O(Q^3 + N m) at the first call and nothing afterwards.
   const Grid& operator[](Index number) const;
 
  private:
   struct Slot {
     Index nodes = 0;
-    std::vector<std::vector<NodeTest>> tests;  // of each panel
+    std::vector<std::vector<NodeTest>> tests;  // at least one for each panel
     std::once_flag built;
     std::unique_ptr<const Grid> grid;
 
-    /// Whether amplitudes q with the given stride pass a test of each panel, O(m) a test, budgets
-    /// being so much larger.
+    /// Whether amplitudes q with the given stride pass at least one test of each panel, in O(m) a
+    /// test. more: added to the budgets.
     bool resolves(const double* q, Index stride, double more = 0.0) const;
   };
 

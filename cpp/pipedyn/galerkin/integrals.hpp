@@ -36,8 +36,8 @@ inline Real square_root(const Real& x) {
 
 // ------------------------------------------------------------------------------------- products
 
-/// Rows r of the product of a (rows, depth) with what row(k, c) is, pack c of row k: calls
-/// take(r, c, entry).
+/// Product of a (rows, depth) with a matrix of which row(k, c) returns pack c of row k. Calls
+/// take(r, c, entry) for each pack of the result.
 template <int rows, int packs, class Row, class Take>
 inline void product_tile(Count depth, const double* a, const Row& row, const Take& take) {
   Pack sum[rows][packs] = {};
@@ -54,7 +54,7 @@ inline void product_tile(Count depth, const double* a, const Row& row, const Tak
   }
 }
 
-/// All rows of the product with a (size, size); size even.
+/// Product as in product_tile for all rows of a (size, size); size is even.
 template <int packs, class Row, class Take>
 inline void product(Count size, const double* a, const Row& row, const Take& take) {
   for (Count first = 0; first < size;) {
@@ -69,7 +69,8 @@ inline void product(Count size, const double* a, const Row& row, const Take& tak
   }
 }
 
-/// Some packs of the integrals on a panel, see GridTables; first: it begins at the clamp.
+/// Computes some packs of the integrals on a panel, as GridTables describes. first: whether the
+/// panel begins at the clamp.
 template <int packs>
 void integrate_panel(const GridTables& grid, double length, bool first, Count row_length,
                      const double* f, double* out) {
@@ -86,7 +87,7 @@ void integrate_panel(const GridTables& grid, double length, bool first, Count ro
       [&](Count p, int c, const Pack& sum) {
         set_entry(p + 1 < half ? nodes - 1 - p : nodes, c, length * sum);
       });
-  Pack start[packs];  // half the integral over all, and what lies before the panel
+  Pack start[packs];  // half the integral over the panel, plus the integral before the panel
   for (int c = 0; c < packs; ++c) {
     start[c] = entry(out, nodes, c);
     if (!first) start[c] += entry(out, -1, c);
@@ -103,8 +104,8 @@ void integrate_panel(const GridTables& grid, double length, bool first, Count ro
   for (int c = 0; c < packs; ++c) set_entry(nodes, c, start[c] + entry(out, nodes, c));
 }
 
-/// Integrals from the clamp to each point of what the first columns of f are at the nodes; both (N,
-/// row_length), rows of whole packs.
+/// Integrals from the clamp to each point of the functions whose values at the nodes are the first
+/// columns of f. f and out are (N, row_length), with rows of whole packs.
 void integrate(const GridTables& grid, Count row_length, Count columns, const double* f,
                double* out) {
   const Count all_packs = whole_packs(columns) / width;

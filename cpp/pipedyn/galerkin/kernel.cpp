@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// The reduced model's functions of one vector level. Compiled once for each, like chain/motion.cpp.
+// The functions of the reduced model for one level. Compiled once for each level, like
+// chain/motion.cpp.
 #include "pipedyn/galerkin/kernel.hpp"
 
 #include "pipedyn/galerkin/axial.hpp"
@@ -16,7 +17,7 @@ Of placed(const GridTables& grid, const MotionEffects& effects) {
   return block;
 }
 
-/// Calls body with the block of a batch, one member or as many as a pack holds.
+/// Calls body with the block for a batch: of one member or of as many as a pack holds.
 template <template <class> class Of, class Body>
 void with_block(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
                 const Body& body) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
 // Motion of the reduced model (equations in galerkin/galerkin.hpp): the tables of one quadrature,
-// and the functions that each vector level compiles. Includes no other library.
+// and the functions that are compiled for each level. Includes no other library.
 #pragma once
 
 #include <array>
@@ -12,96 +12,101 @@
 
 namespace pipedyn {
 
-/// Tables of one quadrature, row-major: Gauss collocation on each panel between terms' places. A
-/// panel's points are its nodes s_p, an odd number Q = 2 h - 1 of them that lie symmetric about the
-/// middle one, and its end; p' = Q - 1 - p mirrors p. The last point of all is the free end.
+/// Tables of one quadrature, row-major, for Gauss collocation on each panel between the places of
+/// terms. The points of a panel are its nodes s_p, an odd number Q = 2 h - 1 of them that lie
+/// symmetrically about the middle one, and its end; p' = Q - 1 - p is the mirror image of p. The
+/// last of all points is the free end.
 ///
-/// Integrals from a panel's start to its nodes, S f, cost half of a product with S (Q, Q):
+/// Integrals S f from the start of a panel to its nodes cost half of a product with S (Q, Q):
 ///   (S f)(p) - (S f)(p') = 2 (from_sums sums)(p),   sums(p) = f(p) + f(p'),
-///   (S f)(p) + (S f)(p') = 2 (from_differences differences)(p) + the integral over all,
-/// p < h; but the last row of from_sums, the middle's, gives half the integral over all. From the
-/// clamp the second has twice what lies before the panel besides.
+///   (S f)(p) + (S f)(p') = 2 (from_differences differences)(p) + the integral over the panel,
+/// for p < h, except that the last row of from_sums, for the middle node, gives half the integral
+/// over the panel. For integrals from the clamp, twice the integral up to the start of the panel is
+/// added to the second sum.
 struct GridTables {
-  static constexpr std::ptrdiff_t multiple = 4;  // of points, and of padded functions
-  static constexpr std::ptrdiff_t widest = 8;    // of a stride
+  static constexpr std::ptrdiff_t multiple = 4;  // divides counts of points and padded functions
+  static constexpr std::ptrdiff_t widest = 8;    // divides strides
 
   std::ptrdiff_t functions;         // m
-  std::ptrdiff_t padded;            // functions with some that are zero
+  std::ptrdiff_t padded;            // number of functions after padding with zeros
   std::ptrdiff_t panels;            // P
-  std::ptrdiff_t nodes;             // Q, of each panel
+  std::ptrdiff_t nodes;             // Q, on each panel
   std::ptrdiff_t points;            // N = P (Q + 1)
-  std::ptrdiff_t stride;            // N or more, of the rows that run over the points
-  std::ptrdiff_t heavy;             // points that may have mass: all, or all but the last
+  std::ptrdiff_t stride;            // N or more: length of the rows that run over the points
+  std::ptrdiff_t heavy;             // number of points that may have mass: all, or all but the last
   const double* slope_by_function;  // Theta_i at the points, (m, stride)
   const double* slope;              // Theta_i at the points, (N, padded), with room for a vector
-  const double* orthonormal;        // those of the orthonormal functions, of the same shape
-  const double* to_basis;           // T of Orthonormal, (m, m); none where it is the identity
-  const double* from_basis;         // its inverse, (m, padded), with room for a vector
-  const double* from_sums;          // (h, h), for a panel of length 1
-  const double* from_differences;   // (h, h)
-  const double* length;             // of each panel, (P,)
-  const double* weight;             // of the quadrature, 0 at the panels' ends, (N,)
-  const double* mass;               // of the pipe and its terms at each point, (N,)
-  const double* inertia;            // rotary, at the end of each panel, (P,); none where all are 0
-  const double* density;            // per length at the nodes, 1 at ends; none where uniform, (N,)
+  const double* orthonormal;        // the same for the orthonormal functions, (N, padded)
+  const double* to_basis;           // T of Orthonormal, (m, m); null if it is the identity
+  const double* from_basis;         // inverse of T, (m, padded), with room for a vector
+  const double* from_sums;          // matrix above, for a panel of length 1, (h, h)
+  const double* from_differences;   // matrix above, for a panel of length 1, (h, h)
+  const double* length;             // length of each panel, (P,)
+  const double* weight;             // weights of the quadrature, 0 at the ends of panels, (N,)
+  const double* mass;               // mass of the pipe and its terms at each point, (N,)
+  const double* inertia;            // rotary inertia at ends of panels, (P,); null if all are 0
+  const double* density;            // mass per length at nodes, 1 at ends, (N,); null if uniform
   const double* beyond;             // mass beyond each point, (N,)
-  const double* arc;                // of a panel's points, from 0 to 1, (Q + 1,)
-  const double* expansion;          // of Quadrature, (Q, Q)
+  const double* arc;                // places of a panel's points, from 0 to 1, (Q + 1,)
+  const double* expansion;          // expansion of Quadrature, (Q, Q)
   const double* recurrence;         // (2 k + 1) / (k + 1), k / (k + 1), 1 / (4 k + 2), (Q, 3)
   const double* stiffness;          // k_ii of a uniform pipe, (m,)
-  const double* elastic;            // k_ij, (m, m); none where the stiffness is uniform
+  const double* elastic;            // k_ij, (m, m); null if the stiffness is uniform
   const double* elastic_forces;     // k T, (m, m)
-  const double* turned;             // sqrt(k_r) Theta_i(0) (m,), and its product with T: by these
-  const double* turned_forces;      // the root's spring is undamped; none without one
+  const double* turned;             // sqrt(k_r) Theta_i(0), (m,); null without a spring at the root
+  const double* turned_forces;      // T^T turned, (m,); with both, the spring is left undamped
 };
 
-/// A term with a load, at the end of a panel or, where it acts all along, at every node.
+/// A term with a load: at the end of a panel or, if it acts all along, at every node.
 struct PanelTerm {
   Term term;
   std::ptrdiff_t panel;  // -1: all along
 };
 
-/// What acts on the pipe, each 0 where the pipe does not have it.
+/// The effects that act on the pipe; each is 0 if the pipe does not have it.
 struct MotionEffects {
   double coriolis = 0.0;           // 2 s sqrt(beta)
   double entry = 0.0;              // (1 - c) s sqrt(beta)
-  std::array<double, 2> thrust{};  // a cos psi along and a sin psi across the free end
+  std::array<double, 2> thrust{};  // a cos psi, along the free end, and a sin psi, across it
   double gamma = 0.0, drag = 0.0, damping = 0.0;
-  double normal_mass = 0.0;     // per length, of what moves across the pipe alone
-  double rotary_inertia = 0.0;  // per length, of cross-sections
+  double normal_mass = 0.0;     // mass per length that moves across the pipe alone
+  double rotary_inertia = 0.0;  // rotary inertia of cross-sections per length
   const PanelTerm* loads = nullptr;
   std::ptrdiff_t load_count = 0;
-  const std::ptrdiff_t* held = nullptr;  // panels at whose ends the pipe is held, x = 0, ascending
+  const std::ptrdiff_t* held = nullptr;  // panels at whose ends x = 0 is held, ascending
   std::ptrdiff_t held_count = 0;
-  double return_rate = 0.0;  // k, of states that miss that
+  double return_rate = 0.0;  // k, rate at which states that miss x = 0 return to it
 };
 
-/// The functions of one vector level. A batch here is a block: one member or the level's width,
-/// each with a speed of its own. They use the thread's scratch (vector/scratch.hpp).
+/// The functions of one level. A batch here is a block: one member or as many as the vectors of the
+/// level hold, each with its own speed. The functions use the thread's scratch
+/// (vector/scratch.hpp).
 struct GalerkinKernel {
   using Function = void (*)(const GridTables&, const MotionEffects&, const Batch&, double* out);
 
-  /// q'' (m, members), O(N Q m + N m^2 + m^3) a member. NaN where a member's mass matrix is not
-  /// positive definite to rounding.
+  /// q'' (m, members), in O(N Q m + N m^2 + m^3) a member. The result is NaN for a member whose
+  /// mass matrix is not positive definite to rounding.
   Function accelerations;
-  /// Energy of each member, O(N Q + N m).
+  /// Energy of each member, in O(N Q + N m).
   Function energy;
   /// Power of flow, damping, drag, terms and the base, (5, members).
   Function power;
-  /// As MotionKernel's.
+  /// Axial acceleration and its derivatives, as MotionKernel::axial.
   Function axial;
   /// Position of the free end, x then y, and its velocity, (4, members).
   Function tips;
-  /// x where the pipe is held, then of each its derivatives by q: (held (1 + m), members).
+  /// x where the pipe is held, followed by the derivatives of each of these x by q:
+  /// (held (1 + m), members).
   Function held;
-  /// Derivatives of q'' by q, then by q', (m, 2 m, members), q'' and its derivative by the speed,
-  /// (m, members) each. Drag's share is 2 |v_n| dv_n.
+  /// Derivatives of q'' by q, then by q', (m, 2 m, members), then q'' and its derivative by the
+  /// speed, (m, members) each. The drag contributes 2 |v_n| dv_n.
   Function jacobian;
 
-  /// About one state at rest, the functions being those of the tables: the mass matrix (m, m);
-  /// derivatives of all forces but bending's by q, then by q' (m, 2 m); of the free end's position,
-  /// x then y (2, m); all forces (m). displacements: those of the straight pipe (N,
-  /// m), which have more digits than the integrals of the slopes; or null.
+  /// Linear operators about one state at rest, for the functions of the tables: the mass matrix (m,
+  /// m); the derivatives of all forces except those of bending by q, then by q', (m, 2 m); the
+  /// derivatives of the position of the free end, x then y, (2, m); all forces (m). displacements:
+  /// those of the straight pipe, (N, m), which have more accurate digits than the integrals of the
+  /// slopes, or null.
   void (*operators)(const GridTables&, const MotionEffects&, const Batch&,
                     const double* displacements, double* out);
 };

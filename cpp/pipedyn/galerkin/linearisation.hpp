@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: MIT
 //
-// Derivatives of the motion of a block of members by their states, at fixed q'' first, as the
-// virtual work gives them, then of q''. Local to each translation unit, like vector/pack.hpp.
+// Derivatives of the motion of a block of members by their states: first of the virtual work at
+// fixed q'', then of q''. Local to each translation unit, like vector/pack.hpp.
 #pragma once
 
 #include "pipedyn/galerkin/block.hpp"
 
 namespace {
 
-/// Sum of what a vector holds of one member.
+/// Sum of the entries of a vector that belong to one member.
 template <class Real>
 Real sum_of(const Pack& x) {
   if constexpr (lanes<Real> == lanes<Pack>) return x;
@@ -31,21 +31,21 @@ struct Linearisation : Block<Real> {
   using Base::sine, Base::cosine, Base::omega, Base::mass, Base::velocity, Base::weighted;
   using typename Base::Numbers, typename Base::Product;
 
-  // Columns besides those that are integrated for the motion: derivatives of the loads by
-  // velocities and, of terms, by positions, times the virtual displacements; each x then y. Between
-  // them what inertia makes of the displacements where some mass moves across the pipe alone: where
-  // none does, these themselves.
+  // Columns besides those that are integrated for the motion, each x then y: derivatives of the
+  // loads by velocities, and those of the loads of terms by positions, times the virtual
+  // displacements. Between these are, if some mass moves across the pipe alone, the loads by which
+  // inertia responds to the displacements; otherwise the displacements themselves are used.
   const Count resisted = Base::integrated;
   const Count beyond_resisted = resisted + (resists ? 2 * each : 0);
   const Count inertial = across_alone ? beyond_resisted : 0;
   const Count held = beyond_resisted + (across_alone ? 2 * each : 0);
   const Count last = held + (loads ? 2 * each : 0);
   double *own, *acceleration, *spin;  // q'' in orthonormal coordinates and in the basis; theta''
-  double* beyond;                     // a row of columns
-  double *pushed_n, *pushed_t;        // chi w n . a and chi w t . a, of what moves across alone
-  double *from_angle, *from_rate, *system, *resistance;  // of `linearise`
-  double *turned, *returned;  // of supports: derivatives of x by q; of what its motion is to be at
-                              // held q'', by q, then by q'
+  double* beyond;                     // a row of columns: loads beyond a point
+  double *pushed_n, *pushed_t;        // chi w n . a and chi w t . a, of mass that moves across
+  double *from_angle, *from_rate, *system, *resistance;  // arrays of `linearise`
+  double *turned, *returned;  // for supports: G, derivatives of x by q; what G times the
+                              // derivatives of q'' by q, then by q', must be
 
   using Base::Base;
 
@@ -66,13 +66,14 @@ struct Linearisation : Block<Real> {
     returned = take(holds * 2 * m);
   }
 
-  /// What integrals of loads count of a point, in the uniform pipe's mass per length or in 1.
+  /// Unit of the loads of a point in integrals: its weight, or 1 at the end of a panel, times the
+  /// mass per length if that is uniform.
   double unit(Count p) const {
     if (grid.density != nullptr) return grid.weight[p] != 0.0 ? grid.weight[p] : 1.0;
     return grid.weight[p] != 0.0 ? grid.mass[p] : grid.mass[0] / grid.weight[0];
   }
 
-  /// The displacements times the mass per length, or back.
+  /// Multiplies the displacements by the mass per length, or divides them by it if `back`.
   void weigh_displacements(Count row, bool back) {
     for (Count p = 0; p < points; ++p) {
       const double factor = back ? 1.0 / grid.density[p] : grid.density[p];
@@ -81,8 +82,8 @@ struct Linearisation : Block<Real> {
     }
   }
 
-  /// Loads of all points in their units, to be integrated in place of the acceleration at q'' = 0,
-  /// and what resists or holds there.
+  /// Sets the loads of all points in their units, which are integrated in place of the acceleration
+  /// at q'' = 0, and the columns from `resisted` on.
   void set_loads(Count row) {
     for (Count p = 0; p < points; ++p) {
       double* const x = moments + p * row;
@@ -126,14 +127,15 @@ struct Linearisation : Block<Real> {
     }
   }
 
-  /// Of the load on the free end by its velocity, in place of `resisted`'s columns.
+  /// Adds the derivative of the load of the entering flow on the free end by its velocity, in the
+  /// columns from `resisted` on.
   void add_entering_flow(const Real& u, Count row) {
     double* const x = moments + (points - 1) * row;
     const Real share = (-effects.entry / unit(points - 1)) * u;
     for (Count k = 0; k < 2 * each; ++k) add(x, resisted + k, Real(share * at<Real>(x, k)));
   }
 
-  /// Derivative of drag on a point by v_n.
+  /// Derivative of the drag on a point by v_n.
   Real dragged(Count p) const {
     return (2.0 * effects.drag) * at<Real>(weighted, p) * at<Real>(velocity, p);
   }
@@ -163,10 +165,11 @@ struct Linearisation : Block<Real> {
         });
   }
 
-  /// Derivatives of all forces but bending's, inertia's at fixed q'', by q, then by q' of the
-  /// basis: system (padded, 2 strides), rows by orthonormal coordinates. After `forces` and with
-  /// q'' in `own` and `spin`. The loads beyond a node act on what it moves: the quadrature's
-  /// integration by parts, S^T W = w w^T - W S, gives those of the nodes.
+  /// Derivatives of all forces except those of bending, with inertia at fixed q'', by q and then by
+  /// q' of the basis: system (padded, 2 strides), rows by orthonormal coordinates. To be called
+  /// after `forces` and with q'' in `own` and `spin`. Loads beyond a node act on whatever the node
+  /// moves. At the nodes, their sums follow from the quadrature's integration by parts,
+  /// S^T W = w w^T - W S.
   void linearise(const Batch& batch, Count row) {
     const Count stride = mass_stride(), end = points - 1;
     const Real u = load<Real>(batch.u), push = Base::unsteady(batch);
@@ -208,8 +211,8 @@ struct Linearisation : Block<Real> {
       const Real turning = at<Real>(spin, p), square = w * w;
       const Real bent = s * load_beyond(bias) + c * load_beyond(bias + 1);
       const Real flow = grid.weight[p] * coriolis;
-      Real forward = flow * w;                 // load across the pipe, turned along it
-      Real sideways = -grid.weight[p] * push;  // load against its direction, turned across
+      Real forward = flow * w;                 // load across the pipe, which turns along it
+      Real sideways = -grid.weight[p] * push;  // load against its direction, which turns across it
       if (p == end) {
         forward += thrust.across;
         sideways -= thrust.along;
@@ -256,7 +259,8 @@ struct Linearisation : Block<Real> {
     }
   }
 
-  /// Adds the sum over points of scale times the columns from first on by the displacements.
+  /// Adds to `to` the sum over points of scale times the columns from `first` on times the
+  /// displacements.
   template <class Scale>
   void add_moved(Count row, Count first, const Scale& scale, double* to) {
     const Count stride = mass_stride();
@@ -277,9 +281,10 @@ struct Linearisation : Block<Real> {
         2 * stride, Product::added);
   }
 
-  /// The system's columns to q''s, in the basis: M^-1 by the factors that `solve` leaves.
+  /// Replaces the columns of the system by those of q'' in the basis: multiplies by M^-1, with the
+  /// factor that `solve` leaves.
   void solve_system() {
-    constexpr Count columns = alone ? 2 : 8;  // vectors at a time
+    constexpr Count columns = alone ? 2 : 8;  // number of vectors at a time
     const Count stride = mass_stride(), whole = 2 * stride;
     for (Count j = 0; j < whole; j += columns * step) {
       Pack sum[columns];
@@ -313,7 +318,8 @@ struct Linearisation : Block<Real> {
     }
   }
 
-  /// Sums along the pipe to each support, of the basis' slopes.
+  /// Computes `turned` and `returned`: sums of the slopes of the basis along the pipe to each
+  /// support.
   void set_supports() {
     const double k = effects.return_rate;
     Count p = 0;
@@ -340,7 +346,8 @@ struct Linearisation : Block<Real> {
     }
   }
 
-  /// Adds to the system's columns, which are those of q'' without supports, what these add.
+  /// Adds the effect of the supports to the columns of the system, which are derivatives of q''
+  /// without supports.
   void hold_system() {
     const Count stride = mass_stride();
     set_supports();
@@ -352,8 +359,9 @@ struct Linearisation : Block<Real> {
     }
   }
 
-  /// Adds to a column of q''s without supports, entries so many numbers apart, what makes of their
-  /// own motion what `reaction` has.
+  /// Adds the effect of the supports to a column of derivatives of q'' without supports, whose
+  /// entries are `apart` numbers apart, such that the product of G and the column becomes what
+  /// `reaction` holds.
   void hold_column(double* column, Count apart) {
     for (Count b = 0; b < holds; ++b) {
       Real missed = at<Real>(reaction, b);
@@ -370,7 +378,7 @@ struct Linearisation : Block<Real> {
     }
   }
 
-  /// Derivative of q'' without supports by the speed, in the basis. Takes the place of the loads.
+  /// Derivative of q'' without supports by the speed, in the basis. Overwrites the loads.
   void by_speed(const Batch& batch, Count row, double* to) {
     const Real u = load<Real>(batch.u);
     const Count end = points - 1;
@@ -395,7 +403,7 @@ struct Linearisation : Block<Real> {
     Base::to_basis(to);
   }
 
-  /// The members' system, (m, 2 m) of each.
+  /// Writes the system of the members, (m, 2 m) of each.
   void write_system(double* out) const {
     const Count stride = mass_stride();
     for (Count i = 0; i < m; ++i) {
@@ -446,7 +454,7 @@ struct Linearisation : Block<Real> {
     for (Count i = 0; i < m; ++i) set(accelerations, i, at<Real>(acceleration, i));
   }
 
-  /// Of a state at rest: see GalerkinKernel.
+  /// Operators of a state at rest: see GalerkinKernel.
   void operators(const Batch& batch, const double* displacements, double* out) {
     const Count row = Base::kinematics(batch, last), stride = mass_stride();
     if (displacements != nullptr) {

@@ -13,10 +13,10 @@ namespace pipedyn {
 
 namespace {
 
-/// A polynomial on a panel, by its coefficients of the orthonormal p_i in (s - a) / h.
+/// A polynomial on a panel, given by its coefficients of the orthonormal p_i in (s - a) / h.
 using Polynomial = std::vector<double>;
 
-/// A profile on a panel, which lies in one of its stretches.
+/// The polynomial of a profile on a panel, which lies in one stretch of the profile.
 Polynomial polynomial_of(const Profile& profile, double low, double length) {
   if (!profile.varies()) return {1.0};
   const Quadrature rule(profile.degree(0.0) + 1);
@@ -35,8 +35,8 @@ Polynomial polynomial_of(const Profile& profile, double low, double length) {
   return found;
 }
 
-/// Where the integral of p_j from 0 puts its two parts: `lower` p_{j-1} + `upper` p_{j+1}; of j = 0
-/// the former is p_0.
+/// The integral of p_j from 0 as a series, `lower` p_{j-1} + `upper` p_{j+1}; for j = 0, `lower`
+/// belongs to p_0.
 struct Integral {
   double lower, upper;
 
@@ -60,8 +60,8 @@ Polynomial beyond(const Polynomial& f) {
   return found;
 }
 
-/// The series of p_i that shape, slope or curvature of function j are: coefficients of p_{j-4} ..
-/// p_j, those that do not exist being 0.
+/// Series of p_i for the shape, slope or curvature of function j: the coefficients of p_{j-4} ..
+/// p_j; those of polynomials that do not exist are 0.
 constexpr Index reach = 4;
 using Series = std::array<double, reach + 1>;
 
@@ -92,7 +92,7 @@ struct Functions {
   }
 };
 
-/// A banded matrix, entries (i, i - half .. i + half) of each row.
+/// A banded matrix with the entries (i, i - half .. i + half) of each row.
 struct Band {
   Index size, half;
   std::vector<double> entries;
@@ -108,8 +108,8 @@ struct Band {
   }
 };
 
-/// f(X) of size rows, by the recurrence of p_i(X); rows of which the degree reaches beyond the last
-/// are right as X is taken that much larger.
+/// f(X), of which the first `rows` rows are exact, by the recurrence of p_i(X). The matrix has as
+/// many rows more as the degree of f, so that the truncation of X does not reach the first rows.
 Band multiplication(const Polynomial& f, Index rows) {
   const Index degree = static_cast<Index>(f.size()) - 1, size = rows + degree;
   const auto next_to = [](Index i) {  // X_{i, i + 1}
@@ -138,7 +138,7 @@ Band multiplication(const Polynomial& f, Index rows) {
   }
 }
 
-/// Integrals of left_i f right_j, added in shares to a band of so wide.
+/// Adds share times the integrals of left_i f right_j to a band of half-bandwidth `half`.
 void add_integrals(const std::vector<Series>& left, const Polynomial& f,
                    const std::vector<Series>& right, double share, Index half,
                    std::vector<double>& to) {
@@ -171,7 +171,8 @@ constexpr double eps = std::numeric_limits<double>::epsilon();
 
 using Reals = Eigen::ArrayXd;
 
-/// Panels' ends are the basis' own numbers, and so are terms' places.
+/// Whether s is the end of a panel. Exact comparison is right here: the ends are numbers of the
+/// basis, and so are the places of terms.
 bool is_end(const Vector& ends, double s) { return (ends.array() == s).any(); }
 
 Index degree_of(const Polynomial& f) { return static_cast<Index>(f.size()) - 1; }
@@ -225,11 +226,12 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
     mass_here[0] += mass_along;
     masses.push_back(mass_here);
     stiffnesses.push_back(polynomial_of(pipe.stiffness, low, length));
-    // Of the weight's tension, of one degree more, slopes reach only half as far.
+    // The polynomial of the tension from weight is of one degree more, but slopes have only half
+    // the reach.
     band_ = std::max({band_, reach + degree_of(mass_here), degree_of(stiffnesses.back())});
   }
   const double flow = pipe.direction() * pipe.sqrt_beta(), jet = std::cos(pipe.jet_angle);
-  double carried = 0.0, pulled = 0.0;  // mass and load along the pipe beyond
+  double carried = 0.0, pulled = 0.0;  // mass and axial load beyond the panel
   for (Index p = count - 1; p >= 0; --p) {
     const double low = ends[p], h = ends[p + 1] - low;
     Panel& panel = panels_[static_cast<std::size_t>(p)];
@@ -241,7 +243,7 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
     panel.directed = last && pipe.is_guided();
     panel.held = (last && (pipe.end == End::pinned || pipe.end == End::clamped)) ||
                  std::count(pipe.supports.begin(), pipe.supports.end(), ends[p + 1]) > 0;
-    // Of a place by w and theta, in units of the panel.
+    // Adds an entry of the matrix of what acts at the end, by w and theta, in units of the panel.
     const auto add_station = [&](Part part, Index i, Index j, double value) {
       panel.station[part][i][j] += h * value * (i == 0 ? h : 1.0) * (j == 0 ? h : 1.0);
     };
@@ -407,7 +409,7 @@ Matrix PanelPencil::times(const Matrix& x, const LinearPart& of) const {
   using Row = Eigen::RowVectorXd;
   const Index columns = x.cols();
   Matrix out = Matrix::Zero(x.rows(), columns);
-  std::vector<Matrix> rows;  // of each panel's functions, in its units
+  std::vector<Matrix> rows;  // forces on each panel's functions, in its units
   std::vector<Matrix> at_ends;
   double shares[parts];
   for (int part = 0; part < parts; ++part) shares[part] = share_of(of, part);
@@ -462,7 +464,7 @@ Works PanelPencil::works(double u, const Reals& frequencies, const Matrix& x) co
   const auto inner = [](const Matrix& a, const Matrix& b) -> Eigen::RowVectorXd {
     return a.cwiseProduct(b).colwise().sum();
   };
-  // Im sum conj(a_i) b_i
+  // Im sum_i conj(a_i) b_i, for each motion.
   const auto skew = [&](const Matrix& a, const Matrix& b) -> Reals {
     const Matrix left = a.leftCols(count).cwiseProduct(b.rightCols(count));
     const Matrix right = a.rightCols(count).cwiseProduct(b.leftCols(count));
@@ -471,7 +473,7 @@ Works PanelPencil::works(double u, const Reals& frequencies, const Matrix& x) co
   const auto size = [&](const Eigen::RowVectorXd& row) -> Reals {
     return (row.head(count).array().square() + row.tail(count).array().square()).sqrt();
   };
-  std::vector<Matrix> bounds;  // sizes of the terms of each end's place and slope
+  std::vector<Matrix> bounds;  // sums of absolute terms of each end's displacement and slope
   along(x.cwiseAbs(), 1.0,
         [&](const Panel&, const Matrix&, const Matrix& place) { bounds.push_back(place); });
   const double flow = pipe_.direction() * pipe_.sqrt_beta() - pipe_.entry();
@@ -497,7 +499,7 @@ Works PanelPencil::works(double u, const Reals& frequencies, const Matrix& x) co
     sum.circulated += pipe_.hysteresis * strained;
     sum.lost += lost_term *
                 (omega * (pipe_.damping * strained + resisted.abs()) + pipe_.hysteresis * strained);
-    // What follows the slope is the skew part of a station's stiffness.
+    // Work of follower loads comes from the skew part of the stiffness of a station.
     const bool last = ++p == panels_.size();
     const double following = panel.station[Part::rest][0][1] - panel.station[Part::rest][1][0];
     const double h = panel.length, skewed = following + (last ? thrust * h * h : 0.0);

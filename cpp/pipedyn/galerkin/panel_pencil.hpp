@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
 //
-// The straight pipe's linear problem in Legendre curvatures, panel by panel: what the elimination
-// (elimination.hpp) takes, and products with each part of it, in O(m).
+// The linear problem of the straight pipe in Legendre curvatures, panel by panel: the matrices for
+// the elimination (elimination.hpp), and products with each part of the pencil, in O(m).
 //
-// On a panel shapes, slopes and curvatures of the functions are short series of orthonormal
-// Legendre polynomials p_i, in which a factor f(s) of an integrand, such as the mass per length, is
-// the banded matrix f(X) of X = x, the Jacobi matrix of p_i: exact where f is a polynomial.
-// (Golub and Welsch 1969, Math. Comp. 23, for X.)
+// On a panel the shapes, slopes and curvatures of the functions are short series of orthonormal
+// Legendre polynomials p_i. In these, a factor f(s) of an integrand, such as the mass per length,
+// is the banded matrix f(X) of the Jacobi matrix X of p_i, which represents the multiplication by
+// x. This is exact if f is a polynomial (Golub and Welsch 1969, Math. Comp. 23, for X).
 #pragma once
 
 #include <vector>
@@ -19,49 +19,51 @@ namespace pipedyn {
 
 class PanelPencil {
  public:
-  /// Whether the pipe's loads and steps lie where panels end, and what varies along it does so
-  /// slowly enough that matrices stay banded.
+  /// Whether all loads and steps of the pipe lie at ends of panels, and whatever varies along it
+  /// does so slowly enough that the matrices stay banded.
   static bool fits(const Pipe& pipe, const Basis& basis);
 
-  /// Throws std::invalid_argument unless it fits.
+  /// Throws std::invalid_argument unless `fits`.
   PanelPencil(const Pipe& pipe, const Basis& basis);
 
-  /// Coordinates: theta at a root that turns, then amplitudes of curvatures, panel by panel.
+  /// Number of coordinates: theta at a root that turns, then amplitudes of curvatures, panel by
+  /// panel.
   Index size() const { return size_; }
   Index panels() const { return static_cast<Index>(panels_.size()); }
-  /// How many displacements and slopes are held.
+  /// Number of displacements and slopes that are held.
   Index conditions() const;
   const Pipe& pipe() const { return pipe_; }
   const Basis& basis() const { return basis_; }
-  /// That of so many functions on the same panels.
+  /// The pencil of a basis of this size on the same panels.
   PanelPencil coarser(Index size) const;
 
-  /// What the elimination takes, at a speed, for lambda; it must not outlive what holds it.
+  /// Input of the elimination at a speed, for any lambda. It must not outlive the object that owns
+  /// it.
   struct At {
     std::vector<PencilEntry> entries;
     std::vector<EliminationPanel> panels;
     EliminationModel model;
   };
   At at(double u) const;
-  /// The same for the speed squared, s: K + s A.
+  /// Input of the elimination for the square s of the speed as the unknown: K + s A.
   At still() const;
 
-  /// Product of so much of each part with columns x, (size, r), in O(size) a column; where the pipe
-  /// is held the columns must meet that.
+  /// Product of the sum of the parts, each with its factor in `of`, with columns x, (size, r), in
+  /// O(size) a column. Where the pipe is held, the columns must satisfy the conditions.
   Matrix times(const Matrix& x, const LinearPart& of) const;
-  /// The work done on motions x of some frequencies, their real parts and then the imaginary ones,
-  /// (size, 2 r). Flow and loads that follow work at ends of panels alone: there nothing is left of
-  /// a difference.
+  /// The work done in motions x with given frequencies, first the real parts of the motions and
+  /// then the imaginary parts, (size, 2 r). The work of flow and of follower loads is evaluated at
+  /// the ends of panels alone, where no difference of large numbers arises.
   Works works(double u, const Eigen::ArrayXd& frequencies, const Matrix& x) const;
-  /// Displacements at the ends of panels where it is held across, and the slope at an end that
-  /// keeps its direction, by the coordinates: (conditions, size).
+  /// Displacements at the ends of panels where the pipe is held across, and the slope at an end
+  /// that keeps its direction, as rows by the coordinates: (conditions, size).
   Matrix held() const;
 
  private:
   enum Part { mass, velocity, flux, gravity, elastic, rest, resistance, parts };
   struct Panel {
     double length;
-    Index size;                        // functions with the two rigid ones
+    Index size;                        // number of functions, with the two rigid ones
     std::vector<double> bands[parts];  // (size, 2 band + 1) each
     double station[parts][2][2];
     bool held, directed;
@@ -75,17 +77,18 @@ class PanelPencil {
 
   template <class Entry>
   At made(const Entry& entry) const;
-  /// Gives `visit` each panel with the amplitudes of its functions and place and slope of its end,
-  /// all in its units. sign: -1, or 1 for bounds of the end by sizes of x.
+  /// Calls `visit` for each panel with the amplitudes of its functions and the displacement and
+  /// slope of its end, all in the units of the panel. sign: -1, or 1 for bounds of displacement and
+  /// slope from the absolute values of x.
   template <class Visit>
   void along(const Matrix& x, double sign, const Visit& visit) const;
-  /// Adds so much of a part's product with amplitudes of a panel's functions.
+  /// Adds share times the product of a part with amplitudes z of the functions of a panel to `to`.
   void add_product(const Panel& panel, int part, double share, const Matrix& z, Matrix& to) const;
   static Eigen::Matrix2d station(const Panel& panel, int part) {
     const auto& of = panel.station[part];
     return Eigen::Matrix2d{{of[0][0], of[0][1]}, {of[1][0], of[1][1]}};
   }
-  /// By what factor the tables of a part enter the product that `times` is asked for.
+  /// Factor of the tables of a part in the product that `times` is asked for.
   double share_of(const LinearPart& of, int part) const;
 };
 

@@ -26,7 +26,7 @@ Quadrature::Quadrature(Index count) {
   const double degree = static_cast<double>(count);
   Vector values(count + 1);  // P_k(x)
   for (Index i = 0; 2 * i < count; ++i) {
-    // Newton's method on P_count from the classical guesses, in descending order.
+    // Newton's method finds the zeros of P_count from the classical guesses, in descending order.
     double x = std::cos(std::numbers::pi * (static_cast<double>(i) + 0.75) / (degree + 0.5));
     double slope = 1.0, change = 1.0;
     for (int step = 0; step < 6 && std::abs(change) > 1e-15; ++step) {
@@ -35,7 +35,7 @@ Quadrature::Quadrature(Index count) {
       change = values[count] / slope;
       x -= change;
     }
-    const Index p = count - 1 - i;  // i is its mirror image
+    const Index p = count - 1 - i;  // node i is the mirror image of node p
     node[i] = 0.5 * (1.0 - x);
     node[p] = 0.5 * (1.0 + x);
     weight[i] = weight[p] = 1.0 / ((1.0 - x) * (1.0 + x) * slope * slope);

@@ -1,19 +1,21 @@
 // SPDX-License-Identifier: MIT
 //
-// Drag's quadrature: weights (N,) that integrate sign(v) f for a smooth f, given v at the points.
-// Each panel is cut at the zeros of v, each found on the cubic through the four points around it.
-// Where f has a double zero with v, as |v| v has, a zero's error enters by its cube. A zero between
-// a panel's start and its first node is not seen, which counts by the cube of that distance, 1e-9
-// at 31 nodes. O(N), and O(Q^2) a panel with zeros.
+// The quadrature of drag: weights (N,) that integrate sign(v) f for a smooth f, given v at the
+// points. Each panel is cut at the zeros of v, and each zero is found on the cubic through the four
+// points around it. If f has a double zero where v is zero, as in |v| v, the error of a zero enters
+// the integral with its cube. A zero between the start of a panel and its first node is not
+// detected, which gives an error with the cube of that distance, 1e-9 at 31 nodes. Costs O(N), and
+// O(Q^2) for each panel with zeros.
 //
-// Local to each translation unit, like vector/pack.hpp.
+// The file is local to each translation unit, like vector/pack.hpp.
 #pragma once
 
 #include "pipedyn/galerkin/integrals.hpp"
 
 namespace {
 
-/// Zero of the cubic through (x[k], v[k]), k < 4, between low and high, where it changes sign.
+/// Zero of the cubic through (x[k], v[k]), k < 4, between low and high, where the cubic changes
+/// sign.
 double cubic_zero(const double* x, const double* v, Count stride, double low, double high) {
   double d[4] = {v[0], v[stride], v[2 * stride], v[3 * stride]};
   for (int order = 1; order < 4; ++order) {
@@ -41,9 +43,10 @@ double cubic_zero(const double* x, const double* v, Count stride, double low, do
   return zero;
 }
 
-/// Of one panel, v and weights at its points; scratch: 3 Q Reals. From a zero on, twice the
-/// integral up to it less twice the whole turns the sign; the zeros of all members are turned
-/// together, the first of each and so on.
+/// Computes the weights of one panel from v at its points; scratch: 3 Q Reals. The weights are
+/// those of the integral over the whole panel, with the sign of v after its last zero, plus for
+/// each zero those of the integral up to it, times twice the sign of v before it. The zeros of all
+/// members are treated together: the first zero of each member, then the second, and so on.
 template <class Real>
 void signed_weights_of(const GridTables& grid, Count panel, const double* v, double* weights,
                        double* scratch) {
@@ -51,7 +54,7 @@ void signed_weights_of(const GridTables& grid, Count panel, const double* v, dou
   const Count nodes = grid.nodes;
   const double* const weight = grid.weight + panel * (nodes + 1);
   double* const zero = scratch;
-  double* const twice = zero + nodes * members;  // twice the sign before each zero
+  double* const twice = zero + nodes * members;  // twice the sign of v before each zero
   double* const turned = twice + nodes * members;
   double last[members];
   Count most = 0, found[members];

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: MIT
 //
-// Added mass of a dense fluid at rest around the pipe: kinetic energy chi v_n^2 / 2 per length, of
-// the velocity v_n = v . n normal to the pipe alone, n = (cos theta, -sin theta), with v_t = v . t,
+// Added mass of a dense fluid at rest around the pipe: its kinetic energy is chi v_n^2 / 2 per
+// length, with the velocity v_n = v . n normal to the pipe, n = (cos theta, -sin theta). With v_t =
+// v . t, its virtual work per length is
 //   chi { [n . a - theta' v_t] n . dr - theta' v_n t . dr + v_n v_t dtheta },
-// beside the acceleration a a load and a couple. The fluid has no weight: what it bears is in
-// gamma.
+// which has, besides the acceleration a, a load and a couple. The fluid has no weight of its own:
+// its buoyancy is part of gamma.
 #pragma once
 
 #include "pipedyn/terms/station.hpp"

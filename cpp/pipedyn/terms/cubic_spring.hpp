@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// A spring to the axis at one place of the pipe that hardens with the cube of its extension: force
-// -k x^3 along x alone, energy k x^4 / 4.
+// A spring between one place of the pipe and the axis that hardens with the cube of its extension:
+// force -k x^3 along x alone, energy k x^4 / 4.
 #pragma once
 
 #include "pipedyn/terms/station.hpp"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// A dashpot between one place of the pipe and the ground, across the pipe: force -c x' along x
-// alone, which takes the power c x'^2.
+// A dashpot between one place of the pipe and the ground, across the pipe: the force -c x' along x
+// alone dissipates the power c x'^2.
 #pragma once
 
 #include "pipedyn/terms/station.hpp"

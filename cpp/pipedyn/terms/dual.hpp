@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 //
 // Numbers that carry derivatives through a formula: forward differentiation (Griewank and Walther
-// 2008, Evaluating Derivatives, ch. 3). A type says by which variables its number changes, so that
-// derivatives that are zero are neither computed nor stored, and so that one may ask a formula at
-// compile time of what its result depends.
+// 2008, Evaluating Derivatives, ch. 3). The type of a number says on which variables it depends, so
+// that derivatives that are zero are neither computed nor stored, and so that code can ask at
+// compile time on which variables the result of a formula depends.
 //
 // Local to each translation unit, like vector/pack.hpp.
 #pragma once
@@ -17,7 +17,8 @@ namespace {
 
 constexpr int most_variables = 6;
 
-/// Where the derivative by each variable of a mask is, and how many there are.
+/// Place of the derivative by each variable of a mask in an array of derivatives, and the number of
+/// these derivatives.
 struct Places {
   int of[most_variables] = {}, count = 0;
 
@@ -34,7 +35,7 @@ template <class Real, unsigned mask>
 struct Dual {
   static constexpr Places places{mask};
   Real value;
-  Real slopes[places.count];  // none by others
+  Real slopes[places.count];  // only by the variables of the mask
 
   PIPEDYN_INLINE const Real& slope(int k) const { return slopes[places.of[k]]; }
 };
@@ -47,7 +48,7 @@ template <class Real, unsigned by>
 struct DualTraits<Dual<Real, by>> {
   static constexpr unsigned mask = by;
 };
-/// The variables by which numbers of a type change, one bit each.
+/// The variables on which numbers of a type depend, one bit each.
 template <class Number>
 constexpr unsigned variables_of = DualTraits<Number>::mask;
 
@@ -60,7 +61,8 @@ PIPEDYN_INLINE inline void for_each_variable(const Body& body) {
   }(std::make_integer_sequence<int, most_variables>());
 }
 
-/// Makes a number of its value and slope(k), asked for each variable of the mask.
+/// Makes a number from its value and from slope(k), which is called for each variable k of the
+/// mask.
 template <unsigned mask, class Real, class Slope>
 PIPEDYN_INLINE inline Dual<Real, mask> dual(const Real& value, const Slope& slope) {
   Dual<Real, mask> made;
@@ -119,7 +121,7 @@ template <class Real, unsigned a, Constant<Real> Number>
 PIPEDYN_INLINE inline auto operator*(const Dual<Real, a>& x, const Number& y) {
   return y * x;
 }
-/// At 0 the slope is that of negative numbers.
+/// Absolute value; at 0 its slope is the one for negative numbers.
 template <class Real, unsigned a>
 PIPEDYN_INLINE inline auto absolute(const Dual<Real, a>& x) {
   return dual<a>(Real(x.value > 0.0 ? x.value : -x.value),

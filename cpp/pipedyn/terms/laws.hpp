@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// The table of the laws: a new one is a header and a row here. Local to each translation unit, like
-// vector/pack.hpp.
+// The table of the laws: to add a law, write a header and add a row here. Local to each translation
+// unit, like vector/pack.hpp.
 #pragma once
 
 #include "pipedyn/terms/added_mass.hpp"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// A body of mass m and rotary inertia J, its centre at one place of the pipe: kinetic energy
-// m |v|^2 / 2 + J theta'^2 / 2, weight m gamma.
+// A body of mass m and rotary inertia J with its centre at one place of the pipe: its kinetic
+// energy is m |v|^2 / 2 + J theta'^2 / 2, its weight m gamma.
 #pragma once
 
 #include "pipedyn/terms/station.hpp"

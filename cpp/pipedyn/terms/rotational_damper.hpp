@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// A rotational dashpot between one place of the pipe and the ground: couple -c theta' against the
-// rate theta' at which the tangent turns there, which takes the power c theta'^2.
+// A rotational dashpot between one place of the pipe and the ground: the couple -c theta' opposes
+// the rate theta' at which the tangent turns there and dissipates the power c theta'^2.
 #pragma once
 
 #include "pipedyn/terms/station.hpp"

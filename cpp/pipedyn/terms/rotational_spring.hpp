@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
-// A rotational spring between one place of the pipe and the ground: couple -k theta against the
-// angle theta of the tangent there, energy k theta^2 / 2. It is linear at any amplitude.
+// A rotational spring between one place of the pipe and the ground: the couple -k theta opposes the
+// angle theta of the tangent there; the energy is k theta^2 / 2. The law is linear at any
+// amplitude.
 #pragma once
 
 #include "pipedyn/terms/station.hpp"

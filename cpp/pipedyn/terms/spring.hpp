@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// A spring to the axis at one place of the pipe: force -k x along x alone, energy k x^2 / 2. It is
-// linear at any amplitude and independent of the place's motion along the axis.
+// A spring between one place of the pipe and the axis: force -k x along x alone, energy k x^2 / 2.
+// The law is linear at any amplitude and independent of the motion of the place along the axis.
 #pragma once
 
 #include "pipedyn/terms/station.hpp"

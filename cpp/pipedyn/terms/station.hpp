@@ -1,18 +1,20 @@
 // SPDX-License-Identifier: MIT
 //
-// What a law of force knows of the pipe, and what it answers. A term is a law at one place of the
-// pipe, or per length all along it. It knows nothing of chains, functions or scenes: each of these
-// says once where its stations are and how it takes loads, slopes, mass and inertia.
+// The interface between a law of force and the models: what a law reads of the pipe and what it
+// returns. A term is a law at one place of the pipe, or per length all along it. A law does not
+// depend on the model (chain, reduced model or scene): each model says once where its stations are
+// and how it uses loads, slopes, mass and inertia.
 //
 // x is across the straight pipe and y along it, downward; t = (sin theta, cos theta). At a station
-// with virtual displacement dr a term does the virtual work load . dr; with the velocity v and the
-// acceleration a it adds mass a . dr to the inertia's, and its mass has weight like the pipe's. A
-// couple does the virtual work couple dtheta, and rotary inertia adds inertia theta'' dtheta.
+// with virtual displacement dr a term does the virtual work load . dr. With the velocity v and the
+// acceleration a there, its mass adds mass a . dr to the virtual work of inertia and has weight
+// like the mass of the pipe. A couple does the virtual work couple dtheta, and rotary inertia adds
+// inertia theta'' dtheta.
 //
-// A law states its load alone. The slopes of the load follow from it by forward differentiation at
-// compile time: the types of numbers say by which variables of the station they change.
+// A law states only its load. The slopes of the load follow from it by forward differentiation at
+// compile time: the types of the numbers say on which variables of the station they depend.
 //
-// Local to each translation unit, like vector/pack.hpp, since the kernels of all vector levels
+// The file is local to each translation unit, like vector/pack.hpp, since the kernels of all levels
 // include it.
 #pragma once
 
@@ -23,13 +25,13 @@
 
 namespace {
 
-/// The variables of a station, by which loads have slopes; y and vy follow x and vx.
+/// The variables of a station by which loads are differentiated; y follows x, and vy follows vx.
 enum Variable : int { by_position = 0, by_angle = 2, by_velocity = 3, by_rate = 5 };
 constexpr int variables = 6;
 static_assert(variables == most_variables);
 
 /// A place of the moving pipe. Real is a number or a pack of them; with `differentiated` each entry
-/// has derivatives by the variables of the station that it depends on.
+/// has derivatives by the variables of the station on which it depends.
 template <class Real, bool differentiated = false>
 struct Station {
   template <int variable>
@@ -42,12 +44,12 @@ struct Station {
   Number<by_rate> omega;                 // theta'
 };
 
-/// What a law leaves out of its load.
+/// Stands for a component of the load that a law does not have.
 struct None {};
 constexpr None none;
 
-/// A force, or a force per length, and a couple that does work as theta turns. Rows of slopes have
-/// this order.
+/// A force, or a force per length, and a couple, which does work as theta turns. The rows of slopes
+/// have this order.
 template <class X, class Y, class Couple>
 struct Load {
   X x;
@@ -57,33 +59,35 @@ struct Load {
 template <class X, class Y, class Couple = None>
 Load(X, Y, Couple = {}) -> Load<X, Y, Couple>;
 
-/// A law without effect; each law redefines those of these functions in which it has one.
+/// A law without effect; each law redefines the functions in which it has one.
 struct NoLaw {
   static constexpr bool along = false;  // acts per length, all along the pipe
-  // Stands on the base and not on the ground: where the base moves, its station is about that.
+  // The law acts between the pipe and its base, not the ground: where the base moves, the station
+  // is relative to the base.
   static constexpr bool on_base = false;
 
-  double mass() const { return 0.0; }     // or mass per length
-  double inertia() const { return 0.0; }  // of rotation, at one place
-  /// Mass per length that moves with v_n = v . n alone, without weight: adds (n . a) n . dr. Its
-  /// law's load is the rest of this inertia, of second degree in velocities.
+  double mass() const { return 0.0; }     // mass, or mass per length
+  double inertia() const { return 0.0; }  // rotary inertia, at one place
+  /// Mass per length, without weight, that takes part only in the velocity v_n = v . n normal to
+  /// the pipe: it adds (n . a) n . dr to the virtual work of inertia. The rest of this inertia, of
+  /// second degree in velocities, is the load of the law.
   double normal_mass() const { return 0.0; }
-  /// The load at a station, of numbers or of numbers with derivatives; `none` where it has no such
-  /// component.
+  /// The load at a station, in numbers or in numbers with derivatives; a component that the law
+  /// does not have is `none`.
   Load<None, None, None> load(const auto&) const { return {none, none, none}; }
-  /// Potential of the load, 0 on the straight pipe.
+  /// Potential energy of the load, 0 on the straight pipe.
   template <class Real>
   Real energy(const Station<Real>&) const {
     return Real{};
   }
-  /// Power of what the potential does not have.
+  /// Power of the part of the load that the potential does not contain.
   template <class Real>
   Real power(const Station<Real>&) const {
     return Real{};
   }
 };
 
-// --------------------------------------------------------------------------- what models ask
+// -------------------------------------------------------------------- what models read of a law
 
 template <class Law>
 using DifferentiatedLoad =
@@ -96,13 +100,13 @@ constexpr bool has_load = !std::is_same_v<DifferentiatedLoad<Law>, Load<None, No
 template <class Component>
 constexpr bool reads_rate = (variables_of<Component> >> by_rate & 1u) != 0;
 
-/// Whether a law has a couple, or a force that changes with the rate of rotation.
+/// Whether a law has a couple, or a force that depends on the rate of rotation.
 template <class Law>
 constexpr bool turns = []<class X, class Y, class Couple>(const Load<X, Y, Couple>*) {
   return !std::is_same_v<Couple, None> || reads_rate<X> || reads_rate<Y>;
 }(static_cast<DifferentiatedLoad<Law>*>(nullptr));
 
-/// A component of a load as a number, 0 where a law leaves it out.
+/// A component of a load as a number: 0 if the law does not have it.
 template <class Real>
 inline Real number_of(const None&) {
   return Real{};
@@ -116,7 +120,7 @@ inline Real number_of(const Dual<Real, mask>& x) {
   return x.value;
 }
 
-/// A load in numbers.
+/// A load without derivatives; components that a law does not have are 0.
 template <class Real>
 struct Acting {
   Real x, y, couple;
@@ -133,7 +137,7 @@ PIPEDYN_INLINE inline auto seeded(const Real& value, const Real& slope) {
   return dual<1u << variable>(value, [&](int) { return slope; });
 }
 
-/// The load of a law with its slopes.
+/// The load of a law at a station, with its derivatives by the variables of the station.
 template <class Law, class Real>
 PIPEDYN_FLATTEN inline auto differentiated_load(const Law& law, const Station<Real>& at) {
   const Real one = all<Real>(1.0);
@@ -145,7 +149,7 @@ PIPEDYN_FLATTEN inline auto differentiated_load(const Law& law, const Station<Re
 }
 
 /// Calls body(row, variable, slope) for the slopes of a load that are not 0 for all stations. Row
-/// and variable are constants, of types of their own.
+/// and variable are compile-time constants, each of a type of its own.
 template <int row, class Body>
 inline void for_each_slope(const auto&, const Body&) {}
 template <int row, class Body, class Real, unsigned mask>
@@ -172,7 +176,7 @@ inline void add(Slopes<double>& sum, double weight, const Slopes<double>& more) 
   }
 }
 
-/// A law's load and slopes at a place of the straight pipe at rest.
+/// The load of a law and its slopes at a place of the straight pipe at rest.
 struct AtRest {
   Acting<double> load;
   Slopes<double> slopes;
@@ -188,21 +192,22 @@ struct AtRest {
   }
 };
 
-/// Variables by which small motions change loads across the pipe and couples, at rest and in
-/// motion; those rows of slopes.
+/// The variables with which loads across the pipe and couples change in small motions:
+/// displacements (`small_still`) and velocities (`small_moving`). small_rows: the rows of slopes of
+/// these components.
 constexpr int small_still[] = {by_position, by_angle}, small_moving[] = {by_velocity, by_rate};
 constexpr int small_rows[] = {0, 2};
 
-/// A station about a place with a velocity.
+/// The station relative to a place (x, y) that moves with the velocity (vx, vy).
 template <class Real>
 Station<Real> about(const Station<Real>& at, const Real& x, const Real& y, const Real& vx,
                     const Real& vy) {
   return {at.x - x, at.y - y, at.theta, at.sine, at.cosine, at.vx - vx, at.vy - vy, at.omega};
 }
 
-/// What a law's load adds to the energy, beside its power, as the base moves with the velocity (vx,
-/// vy); of the fluid that moves with the pipe the energy is counted about the base, of springs on
-/// the ground.
+/// Power that a load of a law adds to that given by `power` as the base moves with the velocity
+/// (vx, vy). The energy of the fluid that moves with the pipe is counted relative to the base, the
+/// energy of springs relative to the ground.
 template <class Law, class Real>
 Real base_power(const Law& law, const Station<Real>& at, const Acting<Real>& load, const Real& vx,
                 const Real& vy) {

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: MIT
 //
-// A pair of elastic stops beside one place of the pipe, at the distance g of its axis to either
-// side: force -k (x - g) along x beyond one, -k (x + g) beyond the other, none between; energy
-// k (|x| - g)^2 / 2 beyond. The force is continuous, its slope jumps where the pipe meets a stop.
+// A pair of elastic stops beside one place of the pipe, each at the distance g from its axis: the
+// force along x is -k (x - g) beyond one, -k (x + g) beyond the other and 0 between them; the
+// energy beyond is k (|x| - g)^2 / 2. The force is continuous, and its slope jumps where the pipe
+// meets a stop.
 #pragma once
 
 #include "pipedyn/terms/station.hpp"
@@ -15,7 +16,8 @@ struct Stop : NoLaw {
   double gap, k;
 
   explicit Stop(const pipedyn::Term& term) : gap(term.numbers[0]), k(term.numbers[1]) {}
-  /// Twice what x is beyond g, 0 before it; without a branch, so that packs may take it.
+  /// Twice the distance by which x exceeds g, 0 where it does not; without a branch, so that it
+  /// works on packs.
   static auto twice_beyond(const auto& x, double g) {
     const auto apart = x - g;
     return apart + absolute(apart);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
 // Stretching of a pipe whose end is fixed along the axis as well: the end slides against an axial
-// spring with damping, force k (1 - y) - c y' along y alone; energy k (1 - y)^2 / 2. What fixes
-// both ends is the base.
+// spring with damping. Its force is k (1 - y) - c y' along y alone, its energy k (1 - y)^2 / 2.
+// Both ends are fixed to the base.
 #pragma once
 
 #include "pipedyn/terms/station.hpp"

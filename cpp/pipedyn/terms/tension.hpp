@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// A dead load at the free end: force F along y, the direction of the straight pipe, whatever the
-// pipe does; potential -F (y - 1).
+// A dead load at the free end: the force F acts along y, the direction of the straight pipe,
+// however the pipe moves; its potential is -F (y - 1).
 #pragma once
 
 #include "pipedyn/terms/station.hpp"

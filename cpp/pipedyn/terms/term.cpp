@@ -31,7 +31,7 @@ Term make_term(const std::string& law, double at, const std::vector<double>& num
 
 namespace {
 
-/// A term's law at its place on the straight pipe.
+/// Load and slopes of a term at its place on the straight pipe.
 AtRest at_rest(const Term& term) {
   std::optional<AtRest> found;
   Laws::with(term, [&](const auto& law) { found.emplace(law, term.at); });

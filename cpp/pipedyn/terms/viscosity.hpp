@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// Viscosity of a fluid at rest around the pipe: force -c v_n n per length against the velocity
-// v_n = v . n normal to the pipe, n = (cos theta, -sin theta), which takes the power c v_n^2.
+// Viscosity of a fluid at rest around the pipe: the force -c v_n n per length opposes the velocity
+// v_n = v . n normal to the pipe, n = (cos theta, -sin theta), and dissipates the power c v_n^2.
 #pragma once
 
 #include "pipedyn/terms/station.hpp"
