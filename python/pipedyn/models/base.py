@@ -131,7 +131,7 @@ class Power(
         joints: power of Kelvin-Voigt damping, <= 0.
         drag: power of quadratic drag, <= 0.
         others: power of all forces that a plain pipe does not have.
-        base: power of the inertia forces of a moving base; energy is counted in the base's frame.
+        base: power of the base's motion; the energy is counted in the frame of the base.
     """
 
     flow: float | Array
