@@ -504,7 +504,7 @@ class Galerkin(Model):
 
 
 def enriched(model: Galerkin, more: int) -> Galerkin:
-    """A model with as many functions, of which `more` additional ones are on short panels.
+    """A model with as many functions, which puts `more` additional ones on short panels.
 
     If size and `more` of two models grow, they differ on every panel of the basis but those shorter
     than 0.003, so that the distance of their answers also bounds the error of short panels.

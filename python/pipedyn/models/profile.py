@@ -27,8 +27,8 @@ RESOLVED = 3e-14
 """Error of a function's Chebyshev series, as a share of its largest value: rounding is less."""
 
 NEARLY = 1e-9
-"""The same error near a kink of a higher derivative, whose place is the less certain the weaker the
-kink is: kinks of a spline's third derivative are found to 1e-5 or so."""
+"""Error near a kink of a higher derivative. The weaker the kink, the less certain is its place:
+kinks of a spline's third derivative are found to 1e-5 or so."""
 
 SMOOTH = 1e-3
 """Length over which a function is steep but smooth if polynomials of degree 8 on a 64th of it
