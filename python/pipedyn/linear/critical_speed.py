@@ -430,8 +430,8 @@ def unstable_at_rest(model: AnyModel, found: Sequence[Crossing] = ()) -> int:
     """
     if found:
         return found[0].unstable_before
-    # Damping does not change the number of roots that grow at rest, but makes roots cluster at -1 /
-    # delta.
+    # Damping does not change the number of roots that grow at rest, but makes roots cluster at
+    # -1 / delta.
     still = model.with_pipe(replace(model.pipe, damping=0.0))
 
     def growing(one: Model) -> int:

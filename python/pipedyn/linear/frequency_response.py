@@ -514,7 +514,7 @@ def _poles(model: AnyModel, u: float, high: float) -> tuple[Complex, Model, bool
 
 
 def _chosen(response: _Response, poles: Complex, low: float, high: float, most: float) -> Array:
-    """Frequencies at which piecewise linear interpolation errs by at most a share `most`."""
+    """Frequencies between which straight lines err by at most the share `most` of the response."""
     if low == high:
         return np.array([low])
     around = np.concatenate([[0.0], np.geomspace(0.25, 64.0, 9)])

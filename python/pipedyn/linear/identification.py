@@ -9,8 +9,8 @@ P(lambda, u; x) with left and right vectors y and v has the derivative
 
 where P_x is computed by a difference of sixth order of the matrices, which are smooth in x. A
 crossing of the imaginary axis moves by d u / d x = -Re(lambda_x) / Re(lambda_u). If two roots meet
-on the axis, as at each divergence of a pipe without damping, y^H P_lambda v = 0 and d u / d x =
--y^H P_x v / y^H P_u v.
+on the axis, as at each divergence of a pipe without damping, y^H P_lambda v = 0 and
+d u / d x = -y^H P_x v / y^H P_u v.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ CONTINUUM_SPEED, CONTINUUM_COUNT = 1000.0, 400
 eigenvalues need dense problems of 816 rows, which take a second each."""
 
 CLUSTER = 1e-6
-"""Relative distance from |lambda| = 1 / damping within which a root counts to the cluster."""
+"""Relative distance from |lambda| = 1 / damping within which a root belongs to the cluster."""
 
 
 def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
@@ -61,11 +61,10 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
 
     Returns:
         Complex array (count,), sorted by |lambda|; conjugates are neighbours, the upper one first
-            (an odd count may cut the last pair). With hysteresis it contains the pairs that
-            oscillate and the real roots that grow, see `Pipe.hysteresis`; under strong damping
-            these may be fewer than 2 dof. Eigenvalues of a damped `Continuum` accumulate at -1 /
-            damping, so that only those with |lambda| < 1 / damping are returned, which may be fewer
-            than count.
+        (an odd count may cut the last pair). With hysteresis it contains the pairs that oscillate
+        and the real roots that grow, see `Pipe.hysteresis`; under strong damping these may be fewer
+        than 2 dof. Eigenvalues of a damped `Continuum` accumulate at -1 / damping, so that only
+        those with |lambda| < 1 / damping are returned, which may be fewer than count.
 
     Example:
         >>> found = pp.eigenvalues(pp.Continuum(pp.Pipe(0.2)), 4.0, count=4)
@@ -211,7 +210,7 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
 
     Returns:
         Modes; `converged` is False for those with a large residual. There may be fewer than count,
-            if `eigenvalues` would return fewer than 2 count.
+        if `eigenvalues` would return fewer than 2 count.
 
     Example:
         >>> found = pp.modes(pp.Chain(pp.Pipe(0.2), 10), 4.0, count=2)
@@ -384,9 +383,8 @@ class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
             on the real axis with the greater root of a pair.
         partners: the other root of each pair, shape (S, count): the conjugate while the pair is
             complex, the other real root while it is not.
-                With hysteresis, branches follow oscillating roots, and are NaN where strong damping
-                leaves
-                a mode without such a root.
+            With hysteresis, branches follow oscillating roots, and are NaN where strong damping
+            leaves a mode without such a root.
         converged: whether the residual of each eigenvalue is small enough, shape (S, count).
         errors: bounds, to first order, on the absolute error of each eigenvalue or its partner,
             shape (S, count): residual and rounding times the condition number, so that they are

@@ -90,7 +90,7 @@ class Crossing(Result, units={"error": SPEED}):
         unstable_before, unstable_after: number of unstable roots below and above the speed; a pair
             counts as two.
         error: absolute error of the speed due to the eigenvalue solver and, for `Continuum`, the
-        basis.
+            basis.
         mode: number of the branch that crosses, from 1, counted at rest by frequency; the higher of
             two branches that meet on the axis (beta = 0). At a divergence of a conservative pipe,
             the mode whose frequency at rest is nearest to Rayleigh's quotient of the buckled shape.

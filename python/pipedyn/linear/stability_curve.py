@@ -174,7 +174,7 @@ def stability_curve(
 
     Returns:
         StabilityCurve; a point that fails is recorded in `failures` and the others are kept. A pipe
-            that stays stable up to a given max_speed is no failure.
+        that stays stable up to a given max_speed is no failure.
 
     Example:
         >>> curve = pp.stability_curve(lambda beta: pp.Continuum(pp.Pipe(beta)), [0.1, 0.2, 0.5])

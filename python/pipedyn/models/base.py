@@ -54,10 +54,11 @@ LARGEST_ANGLE = 1e6
 class Operators(Result):
     """Linear operators about a configuration at rest, each of shape (dof, dof).
 
-    M q'' + C q' + K q = 0 with C = s u (gyroscopic + end_flux) + damping and K = stiffness + a u^2
-    flux + s u' unsteady. With hysteresis, motions q ~ exp(lambda tau), Im lambda > 0, have K + i
-    loss. The matrix gyroscopic is skew and end_flux is symmetric, of rank one (two about a bent
-    pipe). Both and unsteady contain the factor sqrt(beta), and end_flux also `inflow_share`.
+    M q'' + C q' + K q = 0 with C = s u (gyroscopic + end_flux) + damping and
+    K = stiffness + a u^2 flux + s u' unsteady. With hysteresis, motions q ~ exp(lambda tau) with
+    Im lambda > 0 have K + i loss. The matrix gyroscopic is skew and end_flux is symmetric, of rank
+    one (two about a bent pipe). Both and unsteady contain the factor sqrt(beta), and end_flux also
+    `inflow_share`.
 
     Attributes:
         mass: M, symmetric and positive definite.
@@ -522,7 +523,7 @@ class Model(OfPipe, ABC):
             base: position, velocity and acceleration of a moving base, each (x, y): shape (3, 2),
                 or (3, 2, k) for k states. The base carries the clamp, all rigid supports and what
                 fixes the pipe's end axially (`Stretching`); q is measured from it. Drag and other
-                terms are fixed to the ground, so that the base's motion changes them. Default: at
+                terms act from the ground, so that they depend on the base's motion. Default: at
                 rest.
 
         Returns:
@@ -530,7 +531,7 @@ class Model(OfPipe, ABC):
 
         Raises:
             NotResolved: for a state that the model or double precision does not resolve; the
-                message gives the limit and the numbers of these states among the k. `simulate`
+                message gives the limit and the indices of these states among the k. `simulate`
                 rejects a step to such a state.
 
         Example:
@@ -572,8 +573,8 @@ class Model(OfPipe, ABC):
             base: motion of the base, as for `rhs`.
 
         Returns:
-            d(dy/dt)/dy, shape (2 c, 2 c), or (k, 2 c, 2 c). The derivative of drag, d(|v| v) = 2
-                |v| dv, is 0 where the velocity v is 0.
+            d(dy/dt)/dy, shape (2 c, 2 c), or (k, 2 c, 2 c). The derivative of drag, d(|v| v) =
+            2 |v| dv, is 0 where the velocity v is 0.
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
@@ -690,8 +691,8 @@ class Model(OfPipe, ABC):
     def energy(self, y: ArrayLike, *, base: ArrayLike | None = None) -> float | Array:
         """Kinetic, elastic and gravitational energy in EI / L, 0 at rest on the straight pipe.
 
-        The result is a number for a state y, shape (2 coordinates,), or shape (k,) for k states, (2
-        coordinates, k). The energy is counted in the frame of the base, except that of springs
+        The result is a number for a state y, shape (2 coordinates,), or has shape (k,) for states
+        (2 coordinates, k). The energy is counted in the frame of the base, except that of springs
         fixed to the ground. base: as for `rhs`. Raises NotResolved as `rhs` does.
 
         Example:

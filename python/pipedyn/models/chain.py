@@ -304,8 +304,8 @@ class Chain(Model):
             turns = np.diff(angles, prepend=0.0)
             kinetic = turns @ inertia(turns)
             return lowest * kinetic / (turns @ (relative * turns)) * every
-        # "frequency": with these springs times k, the largest eigenvalue of the mass is k /
-        # omega_1^2.
+        # "frequency": with these springs times k, the largest eigenvalue of the mass matrix is
+        # k / omega_1^2.
         soft = np.sqrt(1.0 / relative)
         stretch = largest_stretch(lambda turns: soft * inertia(soft * turns), np.ones(n))
         return lowest * stretch * every

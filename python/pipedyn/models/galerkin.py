@@ -117,11 +117,11 @@ class Galerkin(Model):
             polynomial, of unit stiffness; the error falls exponentially, but the highest third of
             the eigenvalues is not the pipe's).
             The shear jumps at a term of the pipe, and the curvature jumps with its stiffness.
-                Legendre polynomials then belong to the panels between jumps: each panel has a
-                minimum of functions, the others are shared in proportion to length, and convergence
-                stays exponential. Beam modes do not change; their error falls like a power of m.
-                The same holds with inner supports, at which combinations of beam modes are 0, and
-                with an inclined jet, which loads the end across: m^-2 at rest.
+            Legendre polynomials then belong to the panels between jumps: each panel has a
+            minimum of functions, the others are shared in proportion to length, and convergence
+            stays exponential. Beam modes do not change; their error falls like a power of m.
+            The same holds with inner supports, at which combinations of beam modes are 0, and
+            with an inclined jet, which loads the end across: m^-2 at rest.
 
     Example:
         >>> model = pp.Galerkin(pp.Pipe(0.2), m=8, basis="legendre")
@@ -159,8 +159,8 @@ class Galerkin(Model):
         return made
 
     def _check_pipe(self) -> None:
-        # Each panel needs a function; places where the pipe is held take functions away, and a root
-        # that can turn adds one.
+        # The core has m functions and one more for each place that is held across. Each panel needs
+        # one of them, and a root that can turn needs one more.
         needs = self.panels - len(self._held)
         if self._basis == "legendre":
             turns, directed = self._pipe.root != "clamped", self._pipe.end_directed
@@ -342,7 +342,7 @@ class Galerkin(Model):
         gyroscopic = 0.5 * (found.gyroscopic - found.gyroscopic.T)
         if not straight or self._held[-1] != 1.0:
             return replace(found, gyroscopic=gyroscopic)
-        # Nothing follows the flow, whose work is 0: the matrices are made exact.
+        # The end is held: no force follows the pipe and the flow does no work, exactly.
         flux, end_flux = 0.5 * (found.flux + found.flux.T), np.zeros_like(found.flux)
         return replace(found, gyroscopic=gyroscopic, flux=flux, end_flux=end_flux)
 

@@ -111,7 +111,7 @@ def checked_number(
 
     Raises:
         ValueError: if the pipe has no number of that name, or if the number does not enter small
-        motions, or motions of finite amplitude if these are meant.
+            motions, or motions of finite amplitude if these are meant.
         TypeError: for an argument that is not a string.
     """
     every = pipe_numbers(pipe, motions)

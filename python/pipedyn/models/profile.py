@@ -283,7 +283,7 @@ def _fitted(
 
 
 def _least_smooth(function: _Function, low: float, high: float, tolerance: float) -> float:
-    """Place of the worst jump or kink of a function, by division; the middle if it has none."""
+    """Place of the worst jump or kink of a function, by repeated division; the middle if none."""
     x, matrix = _nodes(9)
     halfway = 0.5 * (low + high)
     for _ in range(8):

@@ -25,7 +25,7 @@ SUPPORT_MISSED = 1e-13
 """Displacement x at a support, in L, that counts as 0: a hundred times rounding."""
 
 MOST_PROJECTIONS = 30
-"""Largest number of Newton steps, which takes four or five if supports are missed by 0.1."""
+"""Largest number of Newton steps; four or five suffice if supports are missed by 0.1."""
 
 
 class ReducedSupports:

@@ -35,7 +35,7 @@ def place() -> Any:
 
 @dataclass(frozen=True)
 class Term:
-    """A law of force on the pipe; abstract base class of all laws.
+    """A law of force on the pipe; base class of all laws, not instantiated itself.
 
     Raises:
         ValueError: for a number out of its range, NaN or infinity, in any law.
