@@ -38,27 +38,26 @@ from pipedyn.util.threads import one_thread
 from pipedyn.util.units import SPEED
 
 LONG_MODEL = 4
-"""Degrees of freedom for each tracked mode, and for each unit of flow speed, from which on a model
-counts as long: computing some of its modes is then faster than computing all."""
+"""Number of degrees of freedom for each tracked mode, and for each unit of flow speed, from which
+on a model counts as long: computing some of its modes is then faster than computing all."""
 
 LARGE_GRAVITY = 100.0
-"""gamma beyond which weight sets the scale of flow speeds. Measured at beta 0.05 to 0.8, critical
-speeds at this gamma are 1.6 to 1.9 times those without weight; beyond, they grow about like
-gamma^(1/3)."""
+"""Value of gamma beyond which weight sets the scale of flow speeds. As measured at beta 0.05 to
+0.8, critical speeds at this gamma are 1.6 to 1.9 times those without weight; beyond, they grow
+about like gamma^(1/3)."""
 
 BESIDE = 1e-3
-"""Distance, relative to the speed, behind the last crossing at which unstable roots are counted."""
+"""Distance beyond the last crossing, relative to its speed, at which unstable roots are counted."""
 
 LAST = {"ejecting": 1e-2, "aspirating": 1e-6}
-"""Largest share of a mode's elastic energy, in the last two functions of each panel, at which the
-mode counts as one of the continuous pipe's, by the direction of flow. All modes of an aspirating
-pipe may lose stability at nearly the same speed, so that a small error of a high mode makes it the
-first to do so."""
+"""Largest share of a mode's elastic energy in the last two functions of each panel, by direction of
+flow, for which the mode counts as one of the continuous pipe's. All modes of an aspirating pipe may
+lose stability at nearly the same speed, so that a small error makes a high mode the first."""
 
 
 @saved_as("NoCrossing")
 class NoCrossing(PipedynError):
-    """No root becomes unstable up to the end of the search; the message says if some are at rest.
+    """No root becomes unstable up to the end of the search; the message says if roots grow at rest.
 
     Attributes:
         max_speed: flow speed at which the search ended.
@@ -73,13 +72,13 @@ class NoCrossing(PipedynError):
 class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
     """The lowest crossing of the imaginary axis that destabilises the pipe.
 
-    The speed is 0 if the pipe is unstable from the smallest flow on. `mode` is a convention where
-    damping is so strong that the modes at rest do not oscillate.
+    The speed is 0 if the pipe is unstable from the smallest flow on. The number `mode` is a
+    convention if damping is so strong that the modes at rest do not oscillate.
 
     Attributes:
         stable_at_rest: False if the pipe is buckled without flow, as a heavy standing pipe is.
         stable_from: flow speed from which the pipe is stable up to the critical speed: 0 if it is
-            stable from rest on, None if it is unstable also right below the critical speed (or if
+            stable from rest on, None if it is unstable also just below the critical speed (or if
             this is not known, as in a file of an earlier version).
         size: number of degrees of freedom of the model that was solved.
         model: the model whose critical speed this is.
@@ -105,7 +104,7 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
         return self.model.pipe
 
     def _shown(self) -> list[tuple[str, Any]]:
-        """Puts first what limits stability below the critical speed, if anything does."""
+        """Puts the fields on instability below the critical speed first, if they apply."""
         warnings = ("stable_at_rest", "stable_from", "gyroscopic")
         shown = dict(super()._shown())
         if self.stable_at_rest and self.unstable_before == 0:
@@ -129,9 +128,9 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
     def discretisation(self) -> float | None:
         """Bound on the absolute distance of the speed from the continuous pipe's critical speed.
 
-        It is None for chains with springs or inertia of the user's own, which approximate no
-        continuous pipe, and infinite where the continuous pipe has no critical speed. The
-        continuous pipe is solved at the first request.
+        It is None for chains with the user's own springs or inertia, which do not approximate a
+        continuous pipe, and infinite if the continuous pipe has no critical speed. The continuous
+        pipe is solved at the first request.
         """
         if not self.model.approximates_pipe:
             return None
@@ -151,7 +150,7 @@ Found: TypeAlias = Converged[tuple[Crossing, ...]]
 
 @lru_cache
 def _continuous_speed(pipe: Pipe, max_speed: float) -> CriticalSpeed:
-    """Critical speed of the continuous pipe, kept because models of several sizes need it."""
+    """Critical speed of the continuous pipe, cached because models of several sizes need it."""
     return critical_speed(Continuum(pipe), max_speed)
 
 
@@ -182,9 +181,9 @@ def crossings(model: AnyModel, max_speed: float) -> Crossings:
     Raises:
         NotConverged: if the crossings found do not account for the number of unstable roots, if
             crossings of the continuous pipe do not converge as the basis grows, or if a growing
-            motion ceases to oscillate, where hysteresis has no meaning. The exception's `result`
+            motion ceases to oscillate, where hysteresis is not defined. The exception's `result`
             holds the crossings below that speed.
-        ValueError, TypeError: for bad arguments.
+        ValueError, TypeError: for arguments out of range or of a wrong type.
     """
     checked_model(model)
     end = checked_end(max_speed, model)
@@ -208,10 +207,10 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
         ('flutter', 2, 5.591404, 13.7147)
 
     Raises:
-        NoCrossing: if there is no such speed up to max_speed; the message says so if roots grow at
+        NoCrossing: if there is no such speed up to max_speed; the message says if roots grow at
             rest.
         NotConverged: for the reasons that `crossings` lists.
-        ValueError, TypeError: for bad arguments.
+        ValueError, TypeError: for arguments out of range or of a wrong type.
     """
     checked_model(model)
     critical, _ = critical_point(model, checked_end(max_speed, model))
@@ -241,7 +240,7 @@ def stable_speeds(
 
 
 def checked_end(max_speed: Any, model: AnyModel | None = None) -> float:
-    """The argument max_speed as a float; raises ValueError if no search may reach it."""
+    """Checks max_speed, which must be within the limit of searches, and returns it as a float."""
     high = largest_speed(model)
     return check.real("max_speed", max_speed, low=0.0, high=high, open_low=True)
 
@@ -260,8 +259,8 @@ def critical_points(
 ) -> list[CriticalPoint | Exception]:
     """Critical points of several models, or the exceptions of those that fail, in one search."""
     found: dict[int, CriticalPoint | Exception] = {}
-    # A low critical speed needs no large basis, and few modes of a long chain. Where it is cheaper
-    # the search therefore ends at a lower speed first.
+    # A low critical speed needs no large basis, and few modes of a long chain. If that is cheaper,
+    # the search therefore first ends at lower speeds.
     ends = [[*_first_ends(model, max_speed), max_speed] for model in models]
     for stage in range(max(len(each) for each in ends)):
         of_end: dict[float, list[int]] = {}
@@ -283,15 +282,15 @@ def critical_points(
 
 
 def _first_ends(model: AnyModel, max_speed: float) -> list[float]:
-    """Speeds below max_speed, increasing, at which searches for the critical speed end first.
+    """Increasing speeds below max_speed at which searches for the critical speed end first.
 
-    Measured at beta 0.02 to 0.99 and gamma up to 3000, uniform cantilevers flutter below the first
-    of these speeds. For light pipes it is 12 below beta = 0.68, 16 up to 0.9 and 18.5 beyond, and
-    the more of the mass is fluid, the smaller is the weight that raises it. Spans held at both ends
-    buckle between pi and 2 pi.
+    As measured at beta 0.02 to 0.99 and gamma up to 3000, uniform cantilevers flutter below the
+    first of these speeds. For light pipes it is 12 below beta = 0.68, 16 up to 0.9 and 18.5 beyond;
+    the larger beta, the smaller is the weight that raises it. Spans held at both ends buckle
+    between pi and 2 pi.
     """
     pipe, gravity = model.pipe, LARGE_GRAVITY
-    if isinstance(model, Model):  # beyond this speed a search tracks all modes, wherever it ends
+    if isinstance(model, Model):  # from this speed on all modes are tracked
         max_speed = min(max_speed, model.dof / LONG_MODEL)
     if pipe.supports or pipe.end_held:
         ends = [5.0, 8.0, 12.0, 24.0, 48.0]
@@ -301,7 +300,7 @@ def _first_ends(model: AnyModel, max_speed: float) -> list[float]:
         gravity *= max(1.0 - pipe.beta, 0.01)
     else:
         ends = [12.0, 24.0, 48.0]
-    # The unit is rounded to a power of 1.1, so that similar pipes are searched together.
+    # The unit is rounded up to a power of 1.1, so that similar pipes are searched together.
     unit = 1.1 ** math.ceil(math.log(_speed_scale(pipe, gravity), 1.1) - 1e-9)
     return [end * unit for end in ends if end * unit < max_speed]
 
@@ -383,7 +382,7 @@ def _plan(model: AnyModel, max_speed: float, until_unstable: bool) -> Sequence[J
 
 
 def _found(pipe: Pipe, plan: Sequence[Job[Found]]) -> Found:
-    """Crossings of a model from its jobs, extrapolated where these solved strengthened pipes."""
+    """Crossings of a model from its jobs, extrapolated if these solved strengthened pipes."""
     solved = [job() for job in plan]
     if not solved:
         return Converged((), 0, 0.0)
@@ -395,7 +394,7 @@ def _found(pipe: Pipe, plan: Sequence[Job[Found]]) -> Found:
 
 
 def _point(model: AnyModel, found: Found, continuum_end: float) -> CriticalPointIfAny:
-    """The critical speed among the crossings of a model, None where there is none, and these."""
+    """The critical speed among a model's crossings, or None, together with all crossings."""
     all_found = found.value
     first = next((c for c in all_found if c.destabilising), None)
     if first is None:
@@ -413,25 +412,26 @@ def _point(model: AnyModel, found: Found, continuum_end: float) -> CriticalPoint
 
 
 def _stable_from(critical: Crossing, found: Sequence[Crossing]) -> float | None:
-    """Speed from which no root is unstable up to the critical crossing; None where one is."""
+    """Speed from which no root is unstable up to the critical crossing; None if one is unstable."""
     if critical.unstable_before:
         return None
     return max((c.speed for c in found if c.speed < critical.speed), default=0.0)
 
 
 def unstable_at_rest(model: AnyModel, found: Sequence[Crossing] = ()) -> int:
-    """Number of roots that grow without flow, as of a pipe that buckles under its own weight.
+    """Number of roots that grow without flow, as in a pipe that buckles under its own weight.
 
     Args:
         model: the model.
-        found: its crossings from rest on, if any are known; the first gives the answer at no cost.
+        found: its crossings from rest on, if known; the first one then gives the answer at no cost.
 
     Raises:
         NotConverged: if the number for a continuous pipe does not settle as the basis grows.
     """
     if found:
         return found[0].unstable_before
-    # Damping does not change which roots grow at rest, but makes roots cluster at -1 / delta.
+    # Damping does not change the number of roots that grow at rest, but makes roots cluster at
+    # -1 / delta.
     still = model.with_pipe(replace(model.pipe, damping=0.0))
 
     def growing(one: Model) -> int:
@@ -464,8 +464,8 @@ def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job
         return search(sensitive=ahead is None).value, ahead
 
     def job() -> Found:
-        # Fluid that is drawn in feeds all modes alike. Where only terms of the pipe damp the modes,
-        # a high mode that these miss grows first, however slow the flow is.
+        # Fluid that is drawn in feeds all modes equally. If only terms of the pipe damp the modes,
+        # a high mode on which these terms do not act grows first, at any flow speed.
         missed = pipe.flow == "aspirating" and not pipe.damping and model.resisted
         smallest = 60 if missed else 16
         smallest = max(smallest, math.ceil(0.7 * _wave_number(max_speed, pipe)) + 8)
@@ -478,16 +478,16 @@ def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job
 
 
 def count_resolved(model: Model, spectrum: _core.Eigenproblem) -> int:
-    """Number of modes, from the lowest on, of a Legendre model that are the continuous pipe's.
+    """Number of lowest modes of a Legendre model that the continuous pipe has as well.
 
     A mode is resolved if the last functions of each panel hold little of its bending energy, since
-    the error of a polynomial series falls off as its last coefficients do. Compared with larger
-    bases, on plain pipes and on up to ten uneven spans, the frequencies of the modes counted for an
+    the error of a polynomial series decreases as its last coefficients do. Compared with larger
+    bases, on plain pipes and on up to ten uneven spans, the frequencies of the counted modes of an
     ejecting pipe are right to 1e-3.
 
     Args:
         model: reduced model in Legendre functions.
-        spectrum: its spectrum. Where this has no modes at rest, all modes count.
+        spectrum: its spectrum. If this has no modes at rest, all modes count.
 
     Source: Boyd (2001), Chebyshev and Fourier spectral methods, ch. 2.
     """
@@ -498,16 +498,16 @@ def count_resolved(model: Model, spectrum: _core.Eigenproblem) -> int:
     squares = modes**2  # elastic energy of each function in each mode
     good = squares[last_functions(model)].sum(axis=0) <= LAST[model.pipe.flow] * squares.sum(axis=0)
     count = int(np.argmin([*good, False]))
-    # Where damping is so strong that the last resolved modes do not oscillate, the modes beyond are
-    # overdamped, too. Roots do not tell these modes apart, so that all of them are looked at.
+    # If damping is so strong that the last resolved modes do not oscillate, the modes beyond are
+    # overdamped as well. Roots do not distinguish these modes, so that all of them are tracked.
     return count if model.pipe.damping * (math.pi * count) ** 2 <= 2.0 else model.dof
 
 
 class _Search:
-    """A search for the crossings of one model, which `_run_searches` runs.
+    """A search for the crossings of one model, run by `_run_searches`.
 
-    For a long chain only the modes that the flow can make unstable are tracked, those whose wave
-    number is comparable to u. If a root of a higher mode turns unstable, more modes are tracked.
+    For a long chain only the modes that the flow can make unstable are tracked: their wave number
+    is comparable to u. If a root of a higher mode becomes unstable, more modes are tracked.
 
     Args:
         model: the model, whose configuration is an equilibrium at flow speeds 0 and max_speed.
@@ -542,7 +542,7 @@ class _Search:
         self.all_resolved = True  # whether all resolved modes are tracked
         if self.resolved is not None and isinstance(self.problem.pencil, PanelPencil):
             self._track_reached(self.resolved, spectrum.modes_at_rest())
-        # Roots that stay on the imaginary axis have no distance to it that would bound errors.
+        # Roots that stay on the imaginary axis have no distance from it that would bound errors.
         on_axis = self.problem.is_conservative or self.problem.velocity_free(1.0)
         if larger is not None and not on_axis and isinstance(self.problem.pencil, PanelPencil):
             problem = eigenproblem(larger)
@@ -554,24 +554,25 @@ class _Search:
         if not self.problem.is_long or continuous:
             return
         some = _modes_within(max_speed, model.pipe)
-        # The highest modes of a reduced model are not the pipe's, and the flow may feed them most.
+        # The highest modes of a reduced model are not the pipe's, and the flow may make them grow
+        # most.
         panels = isinstance(self.problem.pencil, PanelPencil)
         reduced = panels and _some_are_cheaper(some, max_speed, model.dof)
         if reduced and not self._are_enough(some, spectrum.modes_at_rest()):
             return
         self._track(some)
         # A search for a few roots does not pass the cluster at -1 / delta, but the modes before it,
-        # with (delta omega)^2 < 0.9, may suffice. Four fewer are tracked, because the search looks
-        # at roots beyond the tracked ones.
+        # with (delta omega)^2 < 0.9, may suffice. Four modes fewer are tracked, because the search
+        # also examines roots beyond the tracked ones.
         delta = model.pipe.damping
         before = math.floor(math.sqrt(0.9 / delta) / math.pi) - 4 if delta else self.tracked
         if max_speed / math.pi + 1.0 <= before < self.count // 2:
             self._track(min(before, self.tracked), beyond=1)
 
     def _track_reached(self, resolved: int, modes: Array | None) -> None:
-        """Tracks only the modes of a continuous pipe that the flow reaches, where that is safe.
+        """Tracks only the modes of a continuous pipe that the flow reaches, if that is safe.
 
-        It is safe if these modes oscillate and no higher mode grows first, as `_are_enough` tells.
+        It is safe if these modes oscillate and `_are_enough` shows that no higher mode grows first.
         Otherwise all resolved modes are tracked.
         """
         pipe = self.model.pipe
@@ -586,17 +587,17 @@ class _Search:
             self.all_resolved = not few
 
     def _are_enough(self, some: int, modes: Array | None) -> bool:
-        """Whether no mode beyond the first `some` of the modes at rest grows before these do.
+        """Whether no mode beyond the first `some` modes at rest grows before these do.
 
-        In a pipe whose end is held across, only modes without stiffness grow. With a free end the
+        In a pipe whose end is held across, only modes without stiffness grow. With a free end, the
         outflow must damp each higher mode at least a third as much as the mode that it damps most.
-        A mass at the end lets every mode grow, and so does fluid that is drawn in.
+        With a mass at the end, or with fluid that is drawn in, every mode can grow.
         """
         pipe, pencil = self.model.pipe, self.problem.pencil
         if pipe.end_held or pipe.flow != "ejecting":
             return pipe.end_held
         if pipe.bare:
-            return True  # slow flow damps each mode of a uniform cantilever alike
+            return True  # slow flow damps all modes of a uniform cantilever equally
         if modes is None:
             return False
         damping, mass = (
@@ -606,22 +607,22 @@ class _Search:
         return bool(np.all(rates[some:] > rates.max(initial=0.0) / 3.0))
 
     def _track(self, modes: int, beyond: int = 8) -> None:
-        """Sets the number of modes to track; roots are computed of `beyond` modes more."""
+        """Sets the number of modes to track; roots of `beyond` more modes are computed."""
         every = not _some_are_cheaper(modes, self.max_speed, self.problem.dof)
         self.tracked = self.problem.dof if every else modes
         self.count = 2 * (self.problem.dof if every else modes + beyond)
 
     def widen(self) -> None:
-        """Tracks more modes, after a root of an untracked mode turned unstable."""
+        """Tracks more modes, after a root of an untracked mode became unstable."""
         self._track(max(2 * self.tracked, _modes_within(self.max_speed, self.model.pipe)))
 
     @property
     def _looked_at(self) -> int:
-        """Number of modes, from the lowest on, whose roots may count as unstable."""
+        """Number of lowest modes whose roots may count as unstable."""
         return self.tracked if self.resolved is None else self.resolved
 
     def range(self) -> _core.Range:
-        """The request to the core: range of speeds, modes to track and where to end."""
+        """The request to the core: range of speeds, modes to track and the end of the search."""
         return _core.Range(
             max_speed=self.max_speed,
             scale=_speed_scale(self.model.pipe),
@@ -633,7 +634,7 @@ class _Search:
         )
 
     def __call__(self, sensitive: bool = True) -> Found:
-        """The crossings found, with sensitivities if wanted; NotConverged if the search failed."""
+        """The crossings, with sensitivities if `sensitive`; NotConverged if the search failed."""
         assert self.swept is not None
         vouched = None if self.resolved is None else 2 * self.resolved
         found = crossings_of(self.problem, self.swept, vouched, sensitive)
@@ -660,7 +661,7 @@ class _Search:
 def _run_searches(searches: Sequence[_Search], final: bool = True) -> None:
     """Runs searches in one call of the core, and repeats those that must track more modes.
 
-    Where `final` is False no search is repeated, and `swept.untracked` marks those that should be.
+    If `final` is False, no search is repeated, and `swept.untracked` marks those that should be.
     """
     while searches:
         with one_thread(max(one.problem.rows for one in searches)):
@@ -674,7 +675,7 @@ def _run_searches(searches: Sequence[_Search], final: bool = True) -> None:
 
 
 def _speed_scale(pipe: Pipe, large_gravity: float = LARGE_GRAVITY) -> float:
-    """Flow speed that acts on the pipe as u = 1 does on a light uniform pipe of one span.
+    """Flow speed with the effect on the pipe that u = 1 has on a light uniform pipe of one span.
 
     Near the free end of a heavy hanging pipe, where weight stretches it little, lengths scale with
     gamma^(-1/3) and flow speeds with gamma^(1/3).
@@ -686,15 +687,15 @@ def _speed_scale(pipe: Pipe, large_gravity: float = LARGE_GRAVITY) -> float:
 
 
 def _softest(pipe: Pipe) -> float:
-    """Factor <= 1 by which the least stiffness lowers flow speeds that make equally short waves."""
+    """Factor <= 1 on flow speeds by the least stiffness, at equal wave lengths."""
     return 1.0 if pipe.stiffness is None else math.sqrt(min(1.0, pipe.stiffness.bounds[0]))
 
 
 def _wave_number(max_speed: float, pipe: Pipe) -> float:
-    """Upper bound of the wave numbers whose stiffness the flow and compressive loads take away.
+    """Upper bound of the wave numbers at which flow and compressive loads exceed the stiffness.
 
-    Tension is not counted, so that this is a bound. Forces by the velocity of the flow act up to
-    wave numbers of about u, which the bound includes.
+    Tension is not counted, so that this is a bound. Flow forces proportional to velocities act up
+    to wave numbers of about u, which the bound includes.
     """
     loads = [-one.get("load", 0.0) for one in (term.numbers for term in pipe.terms)]
     compression = max(-_weight(pipe), 0.0) + sum(max(load, 0.0) for load in loads)
@@ -702,15 +703,15 @@ def _wave_number(max_speed: float, pipe: Pipe) -> float:
 
 
 def _modes_reached(max_speed: float, pipe: Pipe) -> float:
-    """Number of modes to which flow and compressive loads leave no stiffness, and two more."""
+    """Number of modes whose stiffness flow and compressive loads can exceed, and two more."""
     return _wave_number(max_speed, pipe) / (math.pi * _softest(pipe)) + 2.0
 
 
 def _modes_within(max_speed: float, pipe: Pipe) -> int:
     """Bound on the number of modes that flow and loads can make unstable, and twelve more.
 
-    About k / pi modes lie below the wave number k up to which no stiffness is left; the bound is k,
-    some three times as many.
+    About k / pi modes lie below the wave number k at which the remaining stiffness is 0; the bound
+    is k, some three times as many.
     """
     return 12 + math.ceil(_wave_number(max_speed, pipe) / _softest(pipe))
 
@@ -723,7 +724,7 @@ def _weight(pipe: Pipe) -> float:
 
 
 def largest_tension(pipe: Pipe) -> float:
-    """Axial force at the root by weight and loads, in EI / L^2; tension is positive."""
+    """Axial force at the root due to weight and loads, in EI / L^2; tension is positive."""
     return _weight(pipe) + sum(float(term.numbers.get("load", 0.0)) for term in pipe.terms)
 
 
@@ -735,11 +736,11 @@ def _some_are_cheaper(tracked: int, max_speed: float, dof: int) -> bool:
 def _difference(a: tuple[Crossing, ...] | None, b: tuple[Crossing, ...] | None) -> float:
     """Largest relative change of a crossing's speed beyond the errors of both speeds.
 
-    It is infinite where crossings differ in kind or number, or are not known.
+    It is infinite if crossings differ in kind or number, or are not known.
     """
     if a is None or b is None:
         return math.inf
-    # A larger model has more modes that leave the axis at speed 0: the first stands for all.
+    # A larger model has more modes that leave the axis at speed 0: the first one represents all.
     a, b = (tuple(c for c in found if c.speed > 0.0 or c is found[0]) for found in (a, b))
     kinds = [[(c.kind, c.destabilising) for c in found] for found in (a, b)]
     if kinds[0] != kinds[1]:

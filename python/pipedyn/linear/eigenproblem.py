@@ -7,8 +7,8 @@ solved by elimination along the pipe, other models by their matrices.
 
 With hysteresis, EI becomes EI (1 + i mu) for roots above the real axis, all of which the core
 finds, and the conjugate of that for roots below. Hysteresis acts only on oscillation, so growing
-real roots are those of the pipe without it. Decaying real roots do not count: mu turns them into a
-pair close to the axis, or moves them below it.
+real roots are those of the pipe without it. Decaying real roots are not counted: mu turns them into
+a pair close to the axis, or moves them below it.
 """
 
 from __future__ import annotations
@@ -46,16 +46,16 @@ class Eigenproblem:
 
     @property
     def rows(self) -> int:
-        """Size of the problem by which threads are chosen: rows of the companion matrix.
+        """Size of the problem for the choice of threads: number of rows of the companion matrix.
 
-        It is 1 for elimination along the pipe, which gains nothing from threads and seldom falls
+        It is 1 for elimination along the pipe, which does not gain from threads and seldom falls
         back on matrices.
         """
         return 1 if self.is_long else 2 * self.dof
 
     @cached_property
     def is_damped(self) -> bool:
-        """Whether anything but the flow takes energy, which a damper at a support does not."""
+        """Whether anything but the flow dissipates energy; a damper at a support does not."""
         if not self.pencil.is_damped or self.pipe.damping or self.pipe.hysteresis:
             return self.pencil.is_damped
         x = np.cos(np.arange(1.0, self.dof + 1.0))[:, None]
@@ -75,7 +75,7 @@ class Eigenproblem:
 
         def differ(product: Callable[[Vectors], Vectors], sign: float) -> bool:
             one, other = float((x.T @ product(y))[0, 0]), float((y.T @ product(x))[0, 0])
-            size = float(np.abs(x * product(y)).sum()) + self.dof  # springs have stiffness 1
+            size = float(np.abs(x * product(y)).sum()) + self.dof  # springs have unit stiffness
             return abs(one - sign * other) > 1e-11 * size
 
         of = self.pencil
@@ -86,8 +86,9 @@ class Eigenproblem:
     def zero_tolerance(self) -> float:
         """|lambda| below which a root counts as zero.
 
-        Rounding scatters a double zero by the square root of its size, and the triple zero of a
-        joint without stiffness by the cube root. Damping makes all roots near zero smaller.
+        Rounding scatters a double zero root by the square root of its size, and the triple zero
+        root of a joint without stiffness by the cube root. Damping makes all roots near zero
+        smaller.
         """
         least = 1e-4 if (self.model.elastic_share == 0.0).any() else 1e-6
         return least / max(1.0, self.pipe.damping)
@@ -101,7 +102,7 @@ class Eigenproblem:
         return not self.is_damped and (u == 0.0 or self.pipe.beta == 0.0)
 
     def spectrum(self) -> _core.Eigenproblem:
-        """The problem as the core solves it, made anew at each call, since nothing is kept here."""
+        """The core's form of the problem, made anew at each call, since nothing is kept here."""
         traits = _core.Traits(
             dof=self.dof,
             delta=self.pipe.damping,
@@ -112,7 +113,7 @@ class Eigenproblem:
             free_at_rest=self.velocity_free(0.0),
             loss=self.pipe.hysteresis,
         )
-        # The size of the stiffness at rest, in which the elastic stiffness counts 1.
+        # The norm of the stiffness at rest; the elastic part has norm 1.
         size = 1.0 + abs(self.pipe.gamma) + self.model.term_stiffness(self.pencil)
         spectrum = self.pencil.spectrum(traits, size)
         if self.pipe.hysteresis:
@@ -125,7 +126,7 @@ class Eigenproblem:
         return Eigenproblem(self.pencil.with_pipe(replace(self.pipe, hysteresis=0.0)))
 
     def lowest(self, u: float, count: int, left: bool = False) -> _core.Pairs:
-        """The `count` eigenpairs of least |lambda|, sorted, or all, converged or not."""
+        """The `count` eigenpairs of least |lambda|, sorted, or all of them, converged or not."""
         spectrum = self.spectrum()
         with one_thread(self.rows):
             found = spectrum.lowest(u, count, left, high=True)
@@ -159,10 +160,10 @@ def _taken(pairs: _core.Pairs, which: NDArray[np.intp]) -> _core.Pairs:
 
 def _with_conjugates(hysteretic: _core.Pairs, grows: _core.Pairs, count: int) -> _core.Pairs:
     """The lowest of the roots above the real axis, their conjugates and growing real roots."""
-    oscillates = ~(hysteretic.values.imag <= 0.0)  # also NaN, a root not found
+    oscillates = ~(hysteretic.values.imag <= 0.0)  # also true for NaN, a root not found
     growing = np.flatnonzero(hysteretic.values.real > 0.0)
     for value in grows.values if growing.size else ():
-        # The nearest growing root is the same motion, as the loss factor changes it.
+        # The nearest growing root is the same motion, changed by the loss factor.
         oscillates[growing[np.abs(hysteretic.values[growing] - value).argmin()]] = False
     above = _taken(hysteretic, np.flatnonzero(oscillates))
     values = np.concatenate([above.values, above.values.conj(), grows.values])
@@ -176,5 +177,5 @@ def _with_conjugates(hysteretic: _core.Pairs, grows: _core.Pairs, count: int) ->
 
 
 def eigenproblem(model: Model) -> Eigenproblem:
-    """The eigenproblem of a model's small motions."""
+    """The eigenproblem of small motions of a model."""
     return Eigenproblem(model.pencil())

@@ -3,10 +3,10 @@
 
 With q = Re(x exp(i omega tau)) small motions obey P(i omega) x = f(omega), where P is the pencil of
 the eigenvalue problem. The response is therefore a rational function of the frequency whose poles
-are the eigenvalues, and these show where it changes fast.
+are the eigenvalues, so that the eigenvalues show where it changes fast.
 
 Small models are solved at each frequency. For larger models the solutions at a few frequencies span
-a basis, in which the equations are solved at all other frequencies where their residual is small.
+a basis, in which the equations are solved at all other frequencies if their residual is small.
 """
 
 from __future__ import annotations
@@ -47,16 +47,16 @@ from pipedyn.util.threads import one_thread
 from pipedyn.util.units import FREQUENCY
 
 Input: TypeAlias = "str | tuple[str, float]"
-"""What drives the pipe: "base", ("force", s) or ("moment", s)."""
+"""An input, the load or motion that drives the pipe: "base", ("force", s) or ("moment", s)."""
 
 LARGEST_DIRECT = 64
-"""Degrees of freedom up to which equations are solved at each frequency: 0.1 s for 1,000."""
+"""Largest dof at which equations are solved at each frequency: 0.1 s for 1,000 frequencies."""
 
 HIGHEST = 1e5
-"""Largest frequency that may be asked for: about that of the hundredth mode."""
+"""Largest frequency that is accepted: about that of the hundredth mode."""
 
 RESONANCES = 4
-"""Number of resonances, from the lowest on, that are covered where no range is given."""
+"""Number of lowest resonances in the default range of frequencies."""
 
 CLOSEST = 1e-9
 """Least distance of two chosen frequencies, relative to the highest frequency."""
@@ -76,7 +76,7 @@ class Resonance(Result, units={"width": FREQUENCY}):
         frequency: angular frequency at which |response| is largest.
         height: |response| at that frequency; infinite without damping.
         width: half-power width, the distance of the two frequencies, one on each side, at which
-            |response| is height / sqrt(2); NaN where it does not fall so far within the range.
+            |response| is height / sqrt(2); NaN if it does not fall to that within the range.
     """
 
     frequency: float
@@ -86,13 +86,12 @@ class Resonance(Result, units={"width": FREQUENCY}):
 
 @saved_as("FrequencyResponse", shapes={"F": "frequencies response", "k": "poles"})
 class FrequencyResponse(TableResult):
-    """Complex amplitude of a displacement per unit amplitude of what drives the pipe.
+    """Complex amplitude of a displacement per unit amplitude of the input.
 
     Attributes:
         frequencies: angular frequencies omega, shape (F,); increasing if they were chosen.
-        response: complex, shape (F,): an input Re(a exp(i omega tau)) moves the place of the
-            output by Re(a response exp(i omega tau)). Infinite at the frequency of an undamped
-            mode.
+        response: complex, shape (F,): an input Re(a exp(i omega tau)) moves the place of the output
+            by Re(a response exp(i omega tau)). It is infinite at the frequency of an undamped mode.
         resonances: peaks between the lowest and the highest frequency, in rising order.
         poles: eigenvalues in the upper half plane up to 1.5 times the highest frequency, complex.
         stable: whether no eigenvalue has a positive real part; if one has, motions do not tend to
@@ -100,11 +99,11 @@ class FrequencyResponse(TableResult):
         input: "base", ("force", s) or ("moment", s).
         output: arc length of the place whose displacement is the response.
         u: flow speed.
-        model: the model as it was given.
+        model: the model, as given.
         size: number of degrees of freedom of the model that was solved.
         error: for `Continuum`, the largest change of the response from the basis before the last,
-            relative to it, beyond what a shift of the poles by 1e-11 of their size explains; 0 for
-            other models.
+            relative to the response, less the change explained by a shift of the poles by 1e-11 of
+            their size; 0 for other models.
 
     Example:
         >>> found = pp.frequency_response(pp.Galerkin(pp.Pipe(0.2), 6), 4.0)
@@ -146,28 +145,28 @@ def frequency_response(
     Args:
         model: chain, reduced model or scene up to 4000 degrees of freedom, or `Continuum`.
         u: flow speed >= 0, in sqrt(EI / mu_f) / L.
-        frequencies: angular, in 1 / T, each >= 0: an array or list is taken as it is; in a range
-            given as a tuple (low, high), frequencies are chosen such that straight lines between
-            neighbours meet the tolerance, each peak among them. Where not given, the range from 0
-            to a fifth above the fourth lowest resonance.
+        frequencies: angular frequencies in 1 / T, each >= 0, in an array or list; or a range as a
+            tuple (low, high), in which frequencies are chosen, including each peak, such that
+            straight lines between neighbours meet the tolerance. Default: the range from 0 to a
+            fifth above the fourth lowest resonance.
         input: "base", whose transverse displacement in L has unit amplitude; ("force", s), a
             transverse force in EI / L^2 at the arc length s; or ("moment", s), in EI / L. A moment
-            on a chain acts on the two segments whose middles are next to s, on the nearer the more,
-            and errs by second order in 1 / n; but at a free end itself by first order, as the jet
-            leaves along the last segment, which bends no further under it.
-        output: arc length of the place whose transverse displacement is asked for, in L; "tip" is
-            the free end, or `Pipe.watched` where that is held. Where the base moves, it is counted
-            from the base.
-        tolerance: of the lines between chosen frequencies, relative to |response| at the larger of
-            their ends, in [1e-6, 0.1].
+            on a chain is shared by the two segments whose middles are next to s, with more on the
+            nearer one; its error is of second order in 1 / n, but of first order at a free end, as
+            the jet leaves along the last segment, which does not bend further under it.
+        output: arc length in L of the place whose transverse displacement is computed; "tip" is the
+            free end, or `Pipe.watched` if that is held. If the base moves, the displacement is
+            relative to the base.
+        tolerance: error of the lines between chosen frequencies, relative to |response| at the
+            larger of their ends, in [1e-6, 0.1].
 
     Returns:
-        FrequencyResponse; also where the pipe is unstable at u, as `stable` says.
+        FrequencyResponse, also if the pipe is unstable at u, as `stable` says.
 
     Raises:
         NotConverged: if the continuous pipe's response does not converge as the basis grows, or too
             many frequencies are needed.
-        ValueError, TypeError: for bad arguments.
+        ValueError, TypeError: for arguments out of range or of a wrong type.
 
     Example:
         >>> import pipedyn as pp
@@ -207,7 +206,8 @@ def frequency_response(
     first = ask(one)
     with one_thread(first.rows):
         grid = _chosen(first, poles, low, high, tolerance)
-    # Bases are compared at frequencies that resolve the response, whose slope shows moved poles.
+    # Bases are compared at frequencies that resolve the response, whose slope shows shifts of
+    # poles.
     at = np.unique(np.concatenate([grid, [] if given is None else given]))
 
     def question(one: Model) -> tuple[_Response, Complex]:
@@ -253,7 +253,7 @@ def frequency_response(
 
 
 def checked_range(name: str, given: Any) -> tuple[float, float]:
-    """The range (low, high) of the frequencies in an increasing sequence or array."""
+    """The range (low, high) of an increasing sequence or array of frequencies, checked."""
     at = check.array(name, given, low=0.0, high=HIGHEST, longest=100_000)
     if at.size < 2 or (np.diff(at) <= 0.0).any():
         raise ValueError(
@@ -263,7 +263,7 @@ def checked_range(name: str, given: Any) -> tuple[float, float]:
 
 
 def checked_input(given: Any) -> Input:
-    """The argument `input`, if it names a load or the base; raises an error otherwise."""
+    """Checks that the argument `input` names a load or the base, and returns it."""
     if isinstance(given, tuple) and len(given) == 2:
         kind = check.choice("input[0]", given[0], ("force", "moment"))
         return kind, check.real("input[1]", given[1], low=0.0, high=1.0, open_low=True)
@@ -277,7 +277,7 @@ def checked_input(given: Any) -> Input:
 
 
 def checked_output(given: Any, tip: float) -> float:
-    """Arc length of the place that the argument `output` asks for."""
+    """Checks the argument `output`, and returns its arc length."""
     if isinstance(given, str):
         check.choice("output", given, ("tip",))
         return tip
@@ -285,7 +285,7 @@ def checked_output(given: Any, tip: float) -> float:
 
 
 def _with_joint(model: AnyModel, driven: Input) -> AnyModel:
-    """The continuous pipe with a joint of panels where a load acts; other models unchanged.
+    """The continuous pipe with a joint of panels at the place of the load; other models unchanged.
 
     The third derivative jumps at a force and the curvature at a moment, so that the response would
     converge slowly without the joint.
@@ -331,7 +331,7 @@ class _Response:
         """Products of K, C and M with the columns of x, (dof, k): three arrays of that shape."""
         of, u = self.pencil, self.u
         stiffness: NDArray[Any] = of.stiffness(x) + of.centrifugal * u**2 * of.flux(x)
-        if of.pipe.hysteresis:  # the sign is that for positive frequencies
+        if of.pipe.hysteresis:  # the sign is that for omega > 0
             stiffness = stiffness + 1j * of.pipe.hysteresis * of.by_damping(x)
         return stiffness, u * of.velocity(x) + of.damping(x), of.mass(x)
 
@@ -360,7 +360,7 @@ class _Response:
 def _solutions(matrices: tuple[Array, ...], loads: Array, at: Array) -> Complex:
     """Solutions P^-1 f of dense K, C and M at frequencies `at`, shape (n, F).
 
-    Solutions are infinite where P is singular, but 0 where the load is 0, as of a base at rest.
+    Solutions are infinite if P is singular, but 0 if the load is 0, as for a base at rest.
     """
     stiffness, damping, mass = matrices
     found = np.full((len(stiffness), at.size), math.inf, dtype=np.complex128)
@@ -390,13 +390,13 @@ def _seen(output: Array, x: Complex) -> Complex:
 
 
 def base_solution(model: Model, u: float, omega: float) -> Complex:
-    """Complex coordinates q at a frequency per unit amplitude of the base, shape (dof,)."""
+    """Complex coordinates q per unit amplitude of the base at a frequency, shape (dof,)."""
     found = _Response(model, u, "base", 1.0).solution(omega)
     return np.asarray(model.from_elastic(found), dtype=np.complex128)
 
 
 class _Basis:
-    """A basis of solutions at a few frequencies, in which all other solutions are found."""
+    """A basis of solutions at a few frequencies, in which other solutions are computed."""
 
     def __init__(self, response: _Response) -> None:
         self._response = response
@@ -415,7 +415,7 @@ class _Basis:
             )
             sizes = np.maximum(np.linalg.norm(loads, axis=0), np.linalg.norm(finite, axis=0))
             share = np.linalg.norm(missed, axis=0) / np.maximum(sizes, 1e-300)
-            share[np.isinf(x).any(axis=0)] = 0.0  # the frequency is that of an undamped mode
+            share[np.isinf(x).any(axis=0)] = 0.0  # frequency of an undamped mode
             worst = int(np.argmax(share))
             if share[worst] <= RESIDUAL:
                 return _seen(response.output @ self._vectors, x)
@@ -426,7 +426,7 @@ class _Basis:
                 )
 
     def _grown(self, solution: Complex) -> bool:
-        """Adds a solution to the basis; False if the basis had it already."""
+        """Adds a solution to the basis; returns False if the solution was in its span already."""
         before = self._vectors.shape[1]
         for part in (solution.real, solution.imag):
             left = part / max(float(np.linalg.norm(part)), 1e-300)
@@ -453,29 +453,30 @@ def _elastic(model: Model, of_coordinates: Callable[[Array], Array]) -> Array:
 
 
 def _displacement(model: Model, s: float, derivative: int = 0) -> Array:
-    """Derivative of the displacement at s, or of its slope, by elastic coordinates, (dof,)."""
+    """Row of the displacement at s, or of its slope, in elastic coordinates, shape (dof,)."""
     return _elastic(model, lambda q: model.deflection(q, [s], derivative))[0]
 
 
 def _base_loads(model: Model, u: float) -> Array:
     """Loads by position, velocity and acceleration of the base across the pipe, (dof, 3).
 
-    The equations of motion at rest are linear in these. What resists motion on the ground feels the
-    position and velocity of the base, and all mass feels its acceleration.
+    The equations of motion at rest are linear in these. All resistance and stiffness fixed to the
+    ground acts on the position and velocity of the base, and all mass on its acceleration.
     """
     model.require_base()
-    if model.pipe.hysteresis:  # no load depends on it, and equations of motion cannot have it
+    if model.pipe.hysteresis:  # it is in no load, and equations of motion exclude it
         model = model.with_pipe(replace(model.pipe, hysteresis=0.0))
     rest, half = model.resting(), model.integrated
     still = np.concatenate([rest, np.zeros(half)])
-    # On the straight pipe at rest no acceleration is left in which a tiny difference would be lost.
+    # The straight pipe at rest has no acceleration in which a tiny difference would be lost.
     h = 1e-6 if rest.any() else 1e-30
     drive = np.zeros((ROWS, 3))
     drive[[1, 3, 5], [0, 1, 2]] = h
     states = np.stack([still] * 3, axis=1)
     either = (model.motion_rates(states, u, way * drive)[half:] for way in (1.0, -1.0))
     accelerations = np.subtract(*either) / (2.0 * h)
-    # The coordinates are independent, so that no singular value is rounding and none is cut off.
+    # The coordinates are independent: no singular value is due to rounding, so that none is cut
+    # off.
     moved, *_ = np.linalg.lstsq(model.by_coordinates(), accelerations, rcond=0.0)
     forces = model.operators().mass @ moved
     return _elastic(model, lambda q: forces.T @ q).T
@@ -485,10 +486,9 @@ def _base_loads(model: Model, u: float) -> Array:
 
 
 def _poles(model: AnyModel, u: float, high: float) -> tuple[Complex, Model, bool]:
-    """Eigenvalues in the upper half plane up to beyond a frequency, the model, and stability.
+    """Eigenvalues in the upper half plane up to beyond a frequency, their model, and stability.
 
-    The model is the one that has these eigenvalues, and the last value returned says whether none
-    of them has a positive real part.
+    The last value returned says whether no eigenvalue has a positive real part.
     """
     one, count, largest = model, 4 * RESONANCES + 4, 0
     if isinstance(model, Continuum):
@@ -514,7 +514,7 @@ def _poles(model: AnyModel, u: float, high: float) -> tuple[Complex, Model, bool
 
 
 def _chosen(response: _Response, poles: Complex, low: float, high: float, most: float) -> Array:
-    """Frequencies between which straight lines err by a share `most` of the response at most."""
+    """Frequencies between which straight lines err by at most the share `most` of the response."""
     if low == high:
         return np.array([low])
     around = np.concatenate([[0.0], np.geomspace(0.25, 64.0, 9)])
@@ -552,9 +552,9 @@ def _undamped(poles: Complex) -> Array:
 
 
 def _response_change(at: Array, poles: Complex, before: Complex, after: Complex) -> float:
-    """Largest relative change of the response, less that of poles which move by 1e-11."""
+    """Largest relative change of the response, less that by shifts of the poles by 1e-11."""
     size = np.maximum(np.abs(after), 1e-6 * float(np.median(np.abs(after))))
-    size[size == 0.0] = 1.0  # the place is held and does not move
+    size[size == 0.0] = 1.0  # the place is held
     shift = 1e-11 * np.abs(poles / (1j * at[:, None] - poles + 1e-300)).max(axis=1, initial=0.0)
     return relative(before / size, after / size, shift)
 
@@ -566,8 +566,8 @@ def _resonances(
     sizes, undamped = np.abs(values), _undamped(poles)
     found = list[Resonance]()
     for omega in undamped[(undamped >= at[0]) & (undamped <= at[-1])].tolist():
-        # Near a pole the response grows tenfold at a tenth of the distance, unless the mode is not
-        # driven or does not move the output.
+        # From 1e-5 to 1e-6 of the frequency of a pole, the response grows tenfold, unless the mode
+        # is not excited or does not move the output.
         far, near = np.abs(response(omega * (1.0 + np.array([1e-5, 1e-6]))))
         if near > 5.0 * far:
             found.append(Resonance(omega, math.inf, 0.0))

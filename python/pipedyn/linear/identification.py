@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: MIT
 """Identification of a pipe's numbers from measurements, with their uncertainties.
 
-Least squares of (model - measured) / uncertainty over the logarithms of the unknown numbers, within
-bounds. The model is the continuous pipe's small motion. Derivatives are exact. A root of
+Least squares of (model - measured) / uncertainty in the logarithms of the unknown numbers, within
+bounds. The model is the small motion of the continuous pipe. Derivatives are exact. A root of
 P(lambda, u; x) with left and right vectors y and v has the derivative
 
     d lambda / d x = -y^H P_x v / y^H P_lambda v,
 
-where P_x is a difference of sixth order of the matrices, which are smooth in x. A crossing of the
-imaginary axis moves by d u / d x = -Re(lambda_x) / Re(lambda_u). Where two roots meet on the axis,
-as at each divergence of a pipe without damping, y^H P_lambda v = 0 and
+where P_x is computed by a difference of sixth order of the matrices, which are smooth in x. A
+crossing of the imaginary axis moves by d u / d x = -Re(lambda_x) / Re(lambda_u). If two roots meet
+on the axis, as at each divergence of a pipe without damping, y^H P_lambda v = 0 and
 d u / d x = -y^H P_x v / y^H P_u v.
 """
 
@@ -50,10 +50,10 @@ MeasuredQuantity = Literal[
 STIFFNESS, COMPLIANCE = "bending_stiffness", "clamp_compliance"
 
 RANGES_OF_ZERO = {"damping": (1e-6, 1.0), "hysteresis": (1e-5, 1.0), COMPLIANCE: (1e-5, 10.0)}
-"""Nondimensional bounds of unknowns that are 0 in the given pipe, where none are given."""
+"""Default nondimensional bounds of unknowns that are 0 in the given pipe."""
 
 AROUND = 30.0
-"""Factor by which an unknown may differ from its value in the pipe where no bounds are given."""
+"""Default factor by which an unknown may differ from its value in the given pipe."""
 
 LOG_STEP = 0.01
 """Step of the logarithms in differences of the matrices: the error is below rounding."""
@@ -62,29 +62,29 @@ FUNCTIONS = (16, 24, 36, 54)
 """Numbers of functions of the model, tried in turn until the predictions no longer change."""
 
 MOST_SPEED = 55.0
-"""Largest u to which modes are followed. A flow of u = 1.25 (FUNCTIONS[-1] - 8) bends the pipe into
-waves as short as the largest model can represent."""
+"""Largest u at which modes are computed. A flow of u = 1.25 (FUNCTIONS[-1] - 8) bends the pipe into
+the shortest waves that the largest model can represent."""
 
 MOST_TRIALS = 40
-"""Most pipes that a search from one start tries; searches that find an optimum try 5 to 30."""
+"""Largest number of pipes tried from one start; searches that find an optimum try 5 to 30."""
 
 STAYING = 0.02
 """Largest change of a prediction in a larger model, as a share of its uncertainty."""
 
 UNTOLD = 1.0
 """Standard deviation of a combination of logarithms, here a factor of e, beyond which measurements
-do not determine it: the linear law of errors means nothing there."""
+do not determine it: the linear law of errors does not apply there."""
 
 WEAKLY_DETERMINED = 0.3
 """Relative uncertainty beyond which an estimate comes with a warning."""
 
 LEAST_TURN = 1e-3
-"""Least frequency, as a share of |lambda|, by which a decrement is divided. The search may pass
-through pipes whose mode does not oscillate and so has no decrement."""
+"""Least divisor of a decrement: Im lambda as a share of |lambda|. The search may pass through pipes
+whose mode does not oscillate and so has no decrement."""
 
 MEETING = 1e4
 """|d lambda / d u| at a crossing beyond which two roots count as meeting there. Where they meet it
-is infinite, of which rounding leaves some 1e7; weakly damped pipes have some 1e2."""
+is infinite, computed with rounding as some 1e7; weakly damped pipes have some 1e2."""
 
 HIGHEST_MODE = 20
 """Number of the highest mode that a measurement may name."""
@@ -103,15 +103,15 @@ class Measurement:
     Attributes:
         quantity: "frequency" of a mode, in Hz (nondimensional: angular, 1 / T); "decay_rate", minus
             the real part of its eigenvalue, in 1/s (1 / T); "decrement", the logarithm of the ratio
-            of two maxima a period apart; "critical_speed" in m/s (u); or "critical_frequency", at
-            which the pipe begins to flutter, in Hz (1 / T).
+            of two maxima one period apart; "critical_speed" in m/s (u); or "critical_frequency",
+            the frequency at the onset of flutter, in Hz (1 / T).
         value: measured value of the quantity.
         uncertainty: standard deviation of the value, > 0, in the same unit.
         speed: flow speed at which a mode was measured, in m/s (u).
         mode: number of the mode, from 1, counted at rest by frequency.
 
     Raises:
-        ValueError, TypeError: for bad arguments.
+        ValueError, TypeError: for arguments out of range or of a wrong type.
 
     Example:
         >>> pp.Measurement("frequency", 2.31, 0.02)
@@ -158,20 +158,20 @@ class Identification(TableResult):
         uncertainties: standard deviations, shape (U,); NaN for an estimate at the end of its range.
         covariance: covariance of the estimates, shape (U, U); NaN where it is not known.
         correlation: covariance divided by both uncertainties, shape (U, U).
-        predicted: measured quantities that a pipe with these numbers would have, shape (M,).
+        predicted: measured quantities as predicted for the estimated pipe, shape (M,).
         residuals: (measured - predicted) / uncertainty, shape (M,).
         chi_squared: sum of the squared residuals, which is about `freedom` if the model and the
             uncertainties are right.
-        freedom: number of measurements less that of unknowns within their ranges; an estimate at
-            the end of its range fits nothing.
+        freedom: number of measurements less the number of unknowns within their ranges; an estimate
+            at the end of its range is not counted.
         condition: condition number of the derivatives by the logarithms of the unknowns, in units
             of the measurements' uncertainties.
         warnings: sentences to read before the estimates are used.
         critical_speed: predicted flow speed at which the pipe loses stability, in m/s (u).
-        critical_speed_uncertainty: standard deviation of that speed by the uncertainties of the
-            unknowns alone.
+        critical_speed_uncertainty: standard deviation of that speed due to the uncertainties of the
+            unknowns only.
         pipe: the pipe with the estimated numbers.
-        measurements: the measurements as they were given.
+        measurements: the measurements, as given.
     """
 
     unknowns: tuple[str, ...]
@@ -206,13 +206,13 @@ def identify(
     """Estimates numbers of a pipe from measured frequencies, decay rates and critical speeds.
 
     Args:
-        pipe: the pipe as far as it is known. The search begins at its values of the unknowns.
+        pipe: the pipe with its known numbers. The search begins at its values of the unknowns.
         measurements: measured numbers, at least as many as unknowns.
-        unknowns: names, or bounds (low, high) by name. Names are "bending_stiffness" (of a pipe
+        unknowns: names, or bounds (low, high) by name. Names are "bending_stiffness" (for a pipe
             made with `from_si`), "clamp_compliance" (one over the stiffness of a `RootSpring`), and
-            the numbers of the pipe that `boundary` takes, such as "damping", "hysteresis",
-            "Viscosity.sigma" or "Spring.stiffness". Without bounds an unknown may differ by a
-            factor of 30 from the pipe's value.
+            the numbers of the pipe that `boundary` accepts, such as "damping", "hysteresis",
+            "Viscosity.sigma" or "Spring.stiffness". By default an unknown may differ by a factor of
+            30 from the pipe's value.
 
     Returns:
         Identification with the estimates, their uncertainties and warnings.
@@ -232,10 +232,10 @@ def identify(
 
     Raises:
         NotIdentifiable: if the measurements do not determine the unknowns; the message names the
-            combination that stays open.
+            combination that is not determined.
         NoCrossing: if a measured critical speed has no counterpart in the model.
         NotConverged: if the model's predictions still change in the largest model.
-        ValueError, TypeError: for bad arguments.
+        ValueError, TypeError: for arguments out of range or of a wrong type.
 
     Source: Nocedal and Wright (2006), Numerical optimization, ch. 10, for least squares.
     Uncertainties follow from those of the measurements by the linear law of errors.
@@ -255,14 +255,14 @@ def identify(
 
 @dataclass(frozen=True)
 class _Unknown:
-    """A number that is estimated."""
+    """A number of the pipe that is estimated."""
 
     name: str
     low: float  # bounds, in the units of users
     high: float
 
     def put(self, pipe: Pipe, value: float) -> Pipe:
-        """The pipe in which this number has a value, given in the units of users."""
+        """The pipe with this number set to a value in the units of users."""
         if self.name == STIFFNESS:
             return _with_stiffness(pipe, value)
         one = value / _unit(self.name, pipe)
@@ -272,7 +272,7 @@ class _Unknown:
 
 
 def _unit(name: str, pipe: Pipe) -> float:
-    """Size of one nondimensional unit of an unknown, in the units of users."""
+    """Value, in the units of users, of the nondimensional unit of an unknown."""
     if pipe.scales is None:
         return 1.0
     length, mass, time, _ = pipe.scales
@@ -291,7 +291,7 @@ def _unit(name: str, pipe: Pipe) -> float:
 
 
 def _speed_unit(pipe: Pipe) -> float:
-    """Size of one nondimensional unit of flow speed, in the units of users."""
+    """Value, in the units of users, of the nondimensional unit of flow speed."""
     return 1.0 if pipe.scales is None else pipe.scales.speed
 
 
@@ -299,7 +299,7 @@ def _with_stiffness(pipe: Pipe, value: float) -> Pipe:
     """The pipe with another bending stiffness, and all other numbers the same in SI units."""
     old = pipe.scales
     assert old is not None
-    slower = math.sqrt(_unit(STIFFNESS, pipe) / value)  # the unit of time grows by this factor
+    slower = math.sqrt(_unit(STIFFNESS, pipe) / value)  # factor on the unit of time
     new = Scales(old.length, old.mass, old.time * slower, old.speed / slower)
     root: Any = pipe.root
     if isinstance(root, RootSpring):
@@ -318,7 +318,7 @@ def _with_stiffness(pipe: Pipe, value: float) -> Pipe:
 
 
 def _checked_problem(pipe: Pipe, measurements: Any, unknowns: Any) -> _Problem:
-    """The problem that the arguments of `identify` pose; raises errors for bad arguments."""
+    """The problem given by the arguments of `identify`; raises errors for bad arguments."""
     pipe = checked_pipe(pipe)
     if not isinstance(measurements, list | tuple):
         raise TypeError(
@@ -399,7 +399,7 @@ def _unknown(pipe: Pipe, name: Any, bounds: Any) -> tuple[_Unknown, float]:
         )
     one = _Unknown(name, float(low), float(high))
     begin = value * unit if value > 0.0 else math.sqrt(low * high)
-    for end in (one.low, one.high):  # raises an error for a bad range before any search
+    for end in (one.low, one.high):  # raises an error for a bad range before the search
         one.put(pipe, end)
     return one, begin
 
@@ -422,7 +422,7 @@ class _Problem:
     def pipe(self, x: Array) -> Pipe:
         """The pipe with the unknowns exp(x)."""
         pipe = self.given
-        # The stiffness goes first, since it changes the units in which the others are counted.
+        # The stiffness is set first, since it changes the units of the others.
         pairs = list(zip(self.unknowns, np.exp(x).tolist(), strict=True))
         for one, value in sorted(pairs, key=lambda pair: pair[0].name != STIFFNESS):
             pipe = one.put(pipe, value)
@@ -433,7 +433,7 @@ class _Problem:
         return Continuum(self.pipe(x)).frozen(size)
 
     def roots(self, x: Array, size: int) -> _Roots:
-        """Roots of the model at x, kept for the next question about the same model."""
+        """Roots of the model at x, cached for the next call with the same model."""
         known = self.last[-1:]
         if not known or known[0].size != size or not np.array_equal(known[0].x, x):
             self.last[:] = [_Roots(self, x.copy(), size)]
@@ -446,7 +446,7 @@ class _Problem:
         return np.array([value for value, _ in found]), np.array([slope for _, slope in found])
 
     def fitted(self, begin: Array, size: int) -> Array:
-        """The x of least squares: from `begin` and, while misfits are large, from other starts."""
+        """The least-squares x, searched from `begin` and, if misfits are large, from other x."""
         low, high = self.bounds
         random = np.random.default_rng(0)
         starts = [begin]
@@ -486,7 +486,7 @@ class _Problem:
 
     @staticmethod
     def explained(squares: float, freedom: int) -> bool:
-        """Whether chance alone makes a sum of squares so large in more than 1 % of all cases.
+        """Whether chance alone exceeds a sum of squares in more than 1 % of all cases.
 
         Without degrees of freedom the sum has to vanish.
         """
@@ -557,7 +557,7 @@ class _Problem:
         )
 
     def _untold(self, free: Any, direction: Array, size: float) -> str:
-        """A sentence that names the combination of unknowns which the measurements leave open."""
+        """A sentence naming the combination of unknowns that the measurements do not determine."""
         names = [self.unknowns[i].name for i in free]
         powers = direction / direction[int(np.argmax(np.abs(direction)))]
         parts = [
@@ -569,7 +569,7 @@ class _Problem:
         return f"the measurements tell {' '.join(parts)} {known}: measure something else, too"
 
     def _warnings(self, values: Array, relative: Array, at_end: Any, at_low: Any) -> Any:
-        """Sentences about estimates at an end of their range or with a large uncertainty."""
+        """Sentences on estimates at an end of their range or with a large uncertainty."""
         for i, one in enumerate(self.unknowns):
             if at_end[i]:
                 side, word = (one.low, "at most") if at_low[i] else (one.high, "at least")
@@ -592,7 +592,7 @@ class _Roots:
 
     @cached_property
     def _beside(self) -> list[list[tuple[float, Pipe, Operators]]]:
-        """Weights, pipes and operators of the central differences by each x, a list for each."""
+        """Weights, pipes and operators of the central differences, a list for each unknown."""
         found: list[list[tuple[float, Pipe, Operators]]] = []
         for i in range(self.x.size):
             found.append([])
@@ -629,7 +629,7 @@ class _Roots:
         by_x = -by_x / down
         time, by_time = self._time()
         if one.quantity == "decrement":
-            turning = max(root.imag, LEAST_TURN * abs(root))  # also if the mode is overdamped
+            turning = max(root.imag, LEAST_TURN * abs(root))  # also for an overdamped mode
             ratio = root.real / turning
             slope = (by_x.real - ratio * by_x.imag) / turning
             return -2.0 * math.pi * ratio, -2.0 * math.pi * slope
@@ -638,7 +638,7 @@ class _Roots:
         return self._frequency(root.imag, by_x.imag)
 
     def _frequency(self, omega: float, slope: Array) -> tuple[float, Array]:
-        """A frequency and its derivatives for users, in Hz where the pipe has scales."""
+        """A frequency and its derivatives in the units of users, Hz if the pipe has scales."""
         time, by_time = self._time()
         turn = 1.0 if self.pipe.scales is None else 2.0 * math.pi
         value = omega / (turn * time)
@@ -655,7 +655,7 @@ class _Roots:
             )
         down, by_x, by_u = self._slopes(1j * found.frequency, lambda pipe: found.speed)
         meet, moved = False, np.zeros_like(by_x.real)
-        if found.speed > 0.0:  # at 0 the smallest flow makes every such pipe unstable
+        if found.speed > 0.0:  # at 0 the pipe is unstable from the smallest flow on
             meet = abs(by_u) > MEETING * abs(down)
             turned = (by_u if meet else down).conjugate()
             moved = -(turned * by_x).real / (turned * by_u).real
@@ -667,7 +667,7 @@ class _Roots:
                 )
             return self._frequency(found.frequency, -((by_x + by_u * moved) / down).imag)
         unit = _speed_unit(self.pipe)
-        by_unit = -self._time()[1]  # their product is sqrt(m / mu_f) L
+        by_unit = -self._time()[1]  # speed unit times time unit is sqrt(m / mu_f) L
         return unit * found.speed, unit * (moved + found.speed * by_unit)
 
     def _slopes(self, root: complex, speed: Any) -> tuple[complex, Any, complex]:
@@ -695,7 +695,7 @@ class _Roots:
         return down, projected[:-1], complex(projected[-1])
 
     def _time(self) -> tuple[float, Array]:
-        """The unit of time and the derivatives of its logarithm."""
+        """The unit of time, and the derivatives of its logarithm by x."""
         if self.pipe.scales is None:
             return 1.0, np.zeros(self.x.size)
         by_x = [-0.5 if one.name == STIFFNESS else 0.0 for one in self.problem.unknowns]

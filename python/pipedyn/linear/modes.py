@@ -39,15 +39,15 @@ LARGEST_FULL = _core.dense_limit
 """Largest number of degrees of freedom at which all eigenvalues are computed at once."""
 
 LARGEST_VECTORS = 10_000_000
-"""Largest number of eigenvalues times degrees of freedom: vectors then take 1 GB at work."""
+"""Largest number of eigenvalues times degrees of freedom: work arrays then take 1 GB."""
 
 CONTINUUM_SPEED, CONTINUUM_COUNT = 1000.0, 400
-"""Largest u and count for a `Continuum`, whose basis grows with both. At u = 1000 eigenvalues from
+"""Largest u and count for a `Continuum`, whose basis grows with both. At u = 1000, eigenvalues from
 640 and 816 functions differ by 3e-9, which is rounding, so that larger bases do not help; 400
 eigenvalues need dense problems of 816 rows, which take a second each."""
 
 CLUSTER = 1e-6
-"""Relative distance from |lambda| = 1 / damping within which a root is part of the cluster."""
+"""Relative distance from |lambda| = 1 / damping within which a root belongs to the cluster."""
 
 
 def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
@@ -56,16 +56,15 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
     Args:
         model: chain, reduced model or `Continuum`; for a pipe that rests bent, `model.about(q)`.
         u: flow speed >= 0, in sqrt(EI / mu_f) / L.
-        count: number of eigenvalues, from the lowest |lambda|; all 2 dof where not given. Long
-            chains (beyond 64 segments) are solved in O(n) for a small count. A `Continuum` needs a
-            count.
+        count: number of eigenvalues, from the lowest |lambda|; default: all 2 dof. Long chains
+            (beyond 64 segments) are solved in O(n) for a small count. A `Continuum` needs a count.
 
     Returns:
-        Complex array (count,), sorted by |lambda|; conjugates are neighbours, the upper one
-        first (an odd count may cut the last pair). With hysteresis it holds the pairs that
-        oscillate and the real roots that grow, see `Pipe.hysteresis`; under strong damping these
-        may be fewer than 2 dof. Eigenvalues of a damped `Continuum` accumulate at -1 / damping, so
-        that only those with |lambda| < 1 / damping are returned, which may be fewer than count.
+        Complex array (count,), sorted by |lambda|; conjugates are neighbours, the upper one first
+        (an odd count may cut the last pair). With hysteresis it contains the pairs that oscillate
+        and the real roots that grow, see `Pipe.hysteresis`; under strong damping these may be fewer
+        than 2 dof. Eigenvalues of a damped `Continuum` accumulate at -1 / damping, so that only
+        those with |lambda| < 1 / damping are returned, which may be fewer than count.
 
     Example:
         >>> found = pp.eigenvalues(pp.Continuum(pp.Pipe(0.2)), 4.0, count=4)
@@ -73,9 +72,9 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
         array([-4.755 +4.012j, -4.755 -4.012j, -2.526+17.036j, -2.526-17.036j])
 
     Raises:
-        NotConverged: if an eigenvalue fails the check of its residual; `result` holds all of them
-            as `Modes`, whose `converged` says which ones fail.
-        ValueError, TypeError: for bad arguments.
+        NotConverged: if the residual of an eigenvalue is too large; `result` has all of them as
+            `Modes`, whose `converged` is False for those that fail.
+        ValueError, TypeError: for arguments out of range or of a wrong type.
 
     Source: chains and straight models in Legendre curvatures are solved by elimination along the
     pipe, see `cpp/pipedyn/linear/structured.hpp`; other models by the inverse problem, see
@@ -123,7 +122,7 @@ class ModeShape(Result):
 
         Raises:
             NotConverged: if the mode was not found.
-            ValueError, TypeError: for bad arc lengths.
+            ValueError, TypeError: for arc lengths out of range or of a wrong type.
         """
         if not np.isfinite(self.coordinates).all():
             raise NotConverged(f"the mode of eigenvalue {self.eigenvalue:g} was not found")
@@ -136,15 +135,16 @@ class Modes(TableResult, units={"errors": RATE}):
 
     Attributes:
         speed: flow speed u.
-        eigenvalues: lambda, complex, shape (count,), sorted by |lambda|: of each conjugate pair the
-            one in the upper half plane, and the real ones. NaN where double precision cannot
-            represent one.
+        eigenvalues: lambda, complex, shape (count,), sorted by |lambda|: the root in the upper half
+            plane of each conjugate pair, and real roots. NaN if double precision cannot represent
+            one.
         shapes: a function of arc length for each eigenvalue.
         residuals: relative residual of each pair, shape (count,).
-        converged: whether each pair passed the check of its residual, shape (count,).
+        converged: whether the residual of each pair is small enough, shape (count,).
         size: number of degrees of freedom of the model that was solved.
-        discretisation: for `Continuum`, the largest change of an eigenvalue from the last basis but
-            one to the last, relative to it or to 1, whichever is more; None for other models.
+        discretisation: for `Continuum`, the largest change of an eigenvalue from the basis before
+            the last to the last, relative to the larger of the eigenvalue and 1; None for other
+            models.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), n=5)
@@ -167,9 +167,9 @@ class Modes(TableResult, units={"errors": RATE}):
     def errors(self) -> Array:
         """Bound, to first order, on the absolute error of each eigenvalue, shape (count,).
 
-        It is the residual and rounding times the condition of the eigenvalue, and for `Continuum`
-        the `discretisation` besides. The condition needs left eigenvectors, which are computed at
-        the first request.
+        It is the residual and rounding times the condition number of the eigenvalue, plus the
+        `discretisation` for `Continuum`. The condition number needs left eigenvectors, which are
+        computed at the first request.
         """
         problem = eigenproblem(self.shapes[0].model)
         roots = min(2 * self.eigenvalues.size, 2 * problem.dof)
@@ -179,7 +179,8 @@ class Modes(TableResult, units={"errors": RATE}):
         values = self.eigenvalues[good]
         there = np.nan_to_num(pairs.values)
         same = np.abs(there[:, None] - values).argmin(axis=0)
-        # These pairs are refined, so that their residuals are not those of the eigenvalues above.
+        # These pairs are refined, so that their residuals differ from those of the eigenvalues
+        # above.
         right, left = pairs.right[:, same], pairs.left[:, same]
         found = _core.Pairs(values, right, left, self.residuals[good])
         errors[good] = problem.errors(self.speed, found)
@@ -204,12 +205,12 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
         model: chain, reduced model or `Continuum`.
         u: flow speed >= 0, in sqrt(EI / mu_f) / L.
         count: number of modes, from the lowest |lambda|, at most dof (dof / 4 for a long chain);
-            all where not given. A pair of conjugate eigenvalues is one mode, a real eigenvalue is
-            one as well. A `Continuum` needs a count.
+            default: all. A conjugate pair of eigenvalues is one mode, and so is a real eigenvalue.
+            A `Continuum` needs a count.
 
     Returns:
-        Modes; `converged` is False for those that fail the check of their residual. There may be
-        fewer than count where `eigenvalues` would return fewer than 2 count.
+        Modes; `converged` is False for those with a large residual. There may be fewer than count,
+        if `eigenvalues` would return fewer than 2 count.
 
     Example:
         >>> found = pp.modes(pp.Chain(pp.Pipe(0.2), 10), 4.0, count=2)
@@ -219,7 +220,7 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
     Raises:
         NotConverged: if the continuous pipe's eigenvalues do not converge as the basis grows, or
             if all of them have |lambda| above 1 / damping.
-        ValueError, TypeError: for bad arguments.
+        ValueError, TypeError: for arguments out of range or of a wrong type.
     """
     u, count = _checked_question(model, u, count, roots=2)
     found = roots_and_shapes(model, u, None if count is None else 2 * count)
@@ -248,7 +249,7 @@ def roots_and_shapes(model: AnyModel, u: float, count: int | None) -> Modes:
 
 
 def _selected(found: Modes, chosen: NDArray[np.intp]) -> Modes:
-    """Modes with some of their eigenvalues only."""
+    """Modes with only some of their eigenvalues."""
     return replace(
         found,
         eigenvalues=found.eigenvalues[chosen],
@@ -259,9 +260,10 @@ def _selected(found: Modes, chosen: NDArray[np.intp]) -> Modes:
 
 
 def _below_cluster(found: Modes, pipe: Pipe) -> Modes:
-    """Modes of the continuous pipe with |lambda| below the cluster that damping makes.
+    """Modes of the continuous pipe with |lambda| below the cluster due to damping.
 
-    Infinitely many overdamped roots tend to -1 / delta, so that near it no root is the next one.
+    Infinitely many overdamped roots tend to -1 / delta, so that a count of roots has no meaning
+    near it.
     """
     delta = pipe.damping / abs(1.0 + 1j * pipe.hysteresis)
     if not delta:
@@ -278,10 +280,10 @@ def _moved_below_cluster(pipe: Pipe, before: Modes, after: Modes) -> float:
 
 
 def _moved_beyond_rounding(before: Modes, after: Modes) -> float:
-    """Relative change of eigenvalues from one basis to the next, beyond that by rounding.
+    """Relative change of eigenvalues from one basis to the next, beyond that due to rounding.
 
-    Under strong damping at high speed rounding alone changes them by more than the tolerance. No
-    larger basis helps then, and `errors` of the modes says how large rounding is.
+    Under strong damping at high speed, rounding alone changes them by more than the tolerance. A
+    larger basis does not help then, and `errors` of the modes gives the size of rounding.
     """
     moved = relative(before.eigenvalues, after.eigenvalues)
     if not TOLERANCE < moved < 100.0 * TOLERANCE:  # errors cost as much as the eigenvalues
@@ -290,14 +292,14 @@ def _moved_beyond_rounding(before: Modes, after: Modes) -> float:
 
 
 def largest_speed(model: AnyModel | None) -> float:
-    """Largest flow speed that a sweep of a model, or of one not known yet (None), may reach."""
+    """Largest flow speed of a sweep with a model, or with one not known yet (None)."""
     return CONTINUUM_SPEED if isinstance(model, Continuum) else LARGEST_SPEED
 
 
 def _checked_question(
     model: AnyModel, u: Any, count: Any, roots: int = 1
 ) -> tuple[float, int | None]:
-    """The flow speed and how many answers are asked for, each of so many roots, checked."""
+    """The flow speed and the count, checked, where each answer has this number of roots."""
     checked_model(model)
     u = steady_speed("u", u)
     if count is not None:
@@ -320,7 +322,7 @@ def _checked_question(
 
 
 def _checked_count(count: Any, model: AnyModel, most: int) -> int:
-    """The argument count, checked to be at most `most` and for memory to hold the vectors."""
+    """The argument count, checked to be at most `most`, and its vectors to fit into memory."""
     asked = check.count("count", count, high=most)
     if isinstance(model, Model) and asked * model.dof > LARGEST_VECTORS:
         raise ValueError(
@@ -331,9 +333,9 @@ def _checked_count(count: Any, model: AnyModel, most: int) -> int:
 
 
 def neutral_shape(model: Model, u: float, frequency: float) -> ModeShape:
-    """Shape of the mode whose eigenvalue is i times frequency, to rounding, at flow speed u.
+    """Shape of the mode at flow speed u whose eigenvalue is i times frequency, up to rounding.
 
-    It is found by inverse iteration, which converges at once so near to an eigenvalue.
+    It is computed by inverse iteration, which converges in one step so near to an eigenvalue.
     """
     value = complex(0.0, frequency)
     mass, velocity, stiffness = model.operators().at(u)
@@ -364,7 +366,7 @@ def _shapes(model: Model, values: Complex, coordinates: Complex) -> tuple[ModeSh
 
 
 def _modes(model: Model, u: float, count: int | None) -> Modes:
-    """The lowest `count` modes of one model, all where None."""
+    """The lowest `count` modes of one model, or all if it is None."""
     pairs = eigenproblem(model).lowest(u, 2 * model.dof if count is None else count)
     coordinates = model.from_elastic(pairs.right)
     shapes = _shapes(model, pairs.values, coordinates)
@@ -381,13 +383,13 @@ class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
             on the real axis with the greater root of a pair.
         partners: the other root of each pair, shape (S, count): the conjugate while the pair is
             complex, the other real root while it is not.
-            With hysteresis branches follow roots that oscillate, and are NaN where strong damping
-            leaves a mode no such root.
-        converged: whether each eigenvalue passed the check of its residual, shape (S, count).
+            With hysteresis, branches follow oscillating roots, and are NaN where strong damping
+            leaves a mode without such a root.
+        converged: whether the residual of each eigenvalue is small enough, shape (S, count).
         errors: bounds, to first order, on the absolute error of each eigenvalue or its partner,
-            shape (S, count): residual and rounding times the condition, so that they are large
-            where two roots meet. For `Continuum` the largest change from the last basis but one is
-            added; bounds are infinite for overdamped roots, which need not converge.
+            shape (S, count): residual and rounding times the condition number, so that they are
+            large where two roots meet. For `Continuum` the largest change from the basis before the
+            last is added; bounds are infinite for overdamped roots, which need not converge.
         size: number of degrees of freedom of the model that was solved.
         pipe: the pipe of the model.
 
@@ -425,13 +427,13 @@ def root_loci(
 ) -> RootLoci:
     """Branches of eigenvalues, followed continuously along the flow speed.
 
-    Where it is not clear which root continues which, speeds between those asked for are visited.
+    Additional speeds are inserted where it is not clear which root continues which branch.
 
     Args:
         model: chain, reduced model or `Continuum`.
         speeds: flow speeds u >= 0, strictly increasing, shape (S,).
-        count: number of branches, which start from the lowest pairs at the first speed. Where not
-            given, four, or all of a model that has fewer.
+        count: number of branches, which start from the lowest pairs at the first speed; default:
+            four, or all of a model that has fewer.
         progress: whether to show progress on stderr.
 
     Returns:
@@ -444,7 +446,7 @@ def root_loci(
 
     Raises:
         NotConverged: if the continuous pipe's branches do not converge as the basis grows.
-        ValueError, TypeError: for bad arguments.
+        ValueError, TypeError: for arguments out of range or of a wrong type.
     """
     checked_model(model)
     require_steady("speeds", speeds)
@@ -476,14 +478,14 @@ def root_loci(
 
 
 def _loci_change(a: RootLoci, b: RootLoci, pipe: Pipe) -> float:
-    """Largest relative change of a root, in which with damping overdamped roots do not count.
+    """Largest relative change of a root; under damping, overdamped roots are not compared.
 
-    Overdamped roots of neighbouring modes meet and part in the cluster at -1 / delta, so that which
-    root belongs to which branch is a convention.
+    Overdamped roots of neighbouring modes meet and part in the cluster at -1 / delta, so that the
+    choice of a root for each branch is a convention.
     """
     delta = pipe.damping
     compared = ~(_overdamped(a, delta) & _overdamped(b, delta))
-    if pipe.hysteresis:  # NaN stands for a root that the pipe does not have
+    if pipe.hysteresis:  # NaN is a root that does not exist
         compared &= np.isfinite(a.eigenvalues) & np.isfinite(b.eigenvalues)
     moved = relative(a.eigenvalues[compared], b.eigenvalues[compared])
     if delta > 0.0:
@@ -500,8 +502,8 @@ def _overdamped(loci: RootLoci, delta: float) -> NDArray[np.bool_]:
 
 def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci:
     """Root loci of one model, computed with more roots until no branch is lost."""
-    # If the modes asked for are overdamped, half of their roots lie beyond the cluster at
-    # -1 / delta, which only a computation of all roots passes.
+    # If the requested modes are overdamped, half of their roots lie beyond the cluster at -1 /
+    # delta, and only a computation of all roots finds them.
     overdamped = model.pipe.damping * (math.pi * count) ** 2 > 2.0
     problem = eigenproblem(model)
     spectrum, every = problem.spectrum(), 2 * problem.dof

@@ -19,7 +19,8 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 
 SHIFT: float = _core.SHIFT
-"""Shift about which eigenvalues are computed, here and in the core; by chance alone it is one."""
+"""Shift about which eigenvalues are computed, here and in the core; only by chance it is an
+eigenvalue."""
 
 
 def shifted(mass: Array, damping: Array, stiffness: NDArray[Any]) -> NDArray[Any]:
@@ -58,20 +59,20 @@ def rounding(values: Complex) -> Array:
 
 
 def beyond_rounding(values: Complex) -> Array:
-    """Real parts of eigenvalues less `rounding`, whose argument it shares; > 0 if they grow."""
+    """Real parts of eigenvalues less their `rounding`, with the same argument; > 0 if they grow."""
     return np.asarray(values.real - rounding(values))
 
 
 def grows(values: Complex) -> NDArray[np.bool_]:
-    """Which eigenvalues have a real part above `rounding`, whose argument it shares."""
+    """Which eigenvalues have a real part above `rounding`; values: as for `rounding`."""
     return values.real > rounding(values)
 
 
 def decays(values: Complex) -> NDArray[np.bool_]:
-    """Which eigenvalues have a real part below minus `rounding`, whose argument it shares."""
+    """Which eigenvalues have a real part below minus `rounding`; values: as for `rounding`."""
     return values.real < -rounding(values)
 
 
 def growth(values: Complex) -> Array:
-    """Real parts of eigenvalues, 0 for those on the axis; the argument is that of `rounding`."""
+    """Real parts of eigenvalues, 0 for those on the axis; values: as for `rounding`."""
     return np.where(np.abs(values.real) <= rounding(values), 0.0, values.real)

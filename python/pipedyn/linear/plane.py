@@ -2,12 +2,12 @@
 """P(lambda; x, y) = lambda^2 M + lambda C + K over two numbers of a pipe, with its derivatives.
 
 The numbers are the flow speed or any that `pipe_numbers` names. M, C and K are polynomials of the
-speed, affine in most other numbers and in the square root of beta. The stiffness k of a chain's
-root lies in series with k_1 of the first joint, so that the matrices are polynomials of
-k / (k_1 + k), the share of the angle at the joint; for the root of a reduced model they are
-polynomials of 1 / sqrt(k). The matrices at a few nodes, the corners of the window among them, then
-give those at all points exactly. Whether they do is tried at a point inside. Where they do not,
-each point has matrices of its own, and derivatives are differences.
+speed, and affine in most other numbers and in the square root of beta. The stiffness k of a chain's
+root lies in series with k_1 of the first joint, so that the matrices are polynomials of k / (k_1 +
+k), the share of the angle at the joint; for the root of a reduced model they are polynomials of 1 /
+sqrt(k). Interpolation from the matrices at a few nodes, including the corners of the window, is
+then exact at all points. A point inside serves as a test. If the test fails, matrices are computed
+at each point, and derivatives are differences.
 """
 
 from __future__ import annotations
@@ -32,25 +32,25 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 
 AFFINE = 1e-12
-"""Largest distance, relative to the largest entry, of the matrices at a point inside from those by
-the polynomials that counts as rounding: measured, it is 2e-15 at most where they agree."""
+"""Largest distance of the matrices at a point inside from the interpolated ones, relative to the
+largest entry, that counts as rounding: as measured, it is 2e-15 at most if they agree."""
 
 SYMMETRIC = 1e-10
-"""Largest difference of entries equal by symmetry, relative to the largest, that is rounding."""
+"""Largest relative difference of entries equal by symmetry that counts as rounding."""
 
 RELATIVE_STEP = 0.01
-"""Half-width of differences, relative to the number: at sixth order they err by 1e-12."""
+"""Half-width of differences, relative to the number: at sixth order their error is 1e-12."""
 
 ON_EDGE = 1e-9
 """Distance from an edge, as a share of the window, that counts as rounding."""
 
 SAMPLES, SHORTEST_STEP = 16, 1.0 / 1024.0
-"""Number of steps by which eigenvalues are followed on a line across the window, and the shortest
-step, as a share of the line, to which steps are halved."""
+"""Number of steps in which eigenvalues are followed on a line across the window, and the least
+step, as a share of the line, after halving."""
 
 FAR = 2.0
 """Real part, less the magnitude of the imaginary part, beyond which a root is ignored on a line: it
-does not pass the axis within a step."""
+does not cross the axis within a step."""
 
 Matrices = tuple[Array, Array, NDArray[Any]]
 """The matrices M, C, K, shape (dof, dof) each; K is complex with hysteresis."""
@@ -58,7 +58,7 @@ Matrices = tuple[Array, Array, NDArray[Any]]
 
 @dataclass(frozen=True)
 class Window:
-    """Two numbers, None being the flow speed, with the lower ends and sizes of their ranges."""
+    """Two numbers (None is the flow speed), with the lower ends and sizes of their ranges."""
 
     numbers: tuple[PipeNumber | None, PipeNumber | None]
     low: Array
@@ -69,14 +69,14 @@ class Window:
         return self.low + self.size * share
 
     def on_edges(self, share: Array) -> Array:
-        """Shares of the ranges, of which those off an edge by rounding are moved onto it."""
+        """Shares of the ranges; those off an edge by rounding are moved onto it."""
         edges = share.clip(0.0, 1.0).round()
         return np.where(np.abs(share - edges) <= ON_EDGE, edges, share)
 
 
 @dataclass(frozen=True)
 class Scale:
-    """A function s of a number in which the matrices are polynomials, given by values at nodes."""
+    """A function s of a number, in which the matrices are polynomials, and interpolation nodes."""
 
     nodes: Sequence[float]  # values of the number at which matrices are computed
     of: Callable[[float], float] = float
@@ -91,9 +91,9 @@ class Scale:
         return self.of(self.nodes[0]), self.of(self.nodes[-1])
 
     def weights(self, value: float) -> tuple[Array, Array]:
-        """Weights of the k nodes, (k,), in the polynomial through them, and their derivatives.
+        """Weights of the k nodes, (k,), in the interpolating polynomial, and their derivatives.
 
-        The second of three nodes lies half-way between the others in s.
+        The second of three nodes is half-way between the others in s.
         """
         if len(self.nodes) == 1:
             return np.ones(1), np.zeros(1)
@@ -122,11 +122,12 @@ def _scale(number: PipeNumber | None, low: float, high: float, model: Model) -> 
         def back(s: float) -> float:
             return joint * s / (1.0 - s)
 
-        # Damping and loss of the joint act by the square of the share: three nodes are needed.
+        # Damping and loss of the joint are proportional to the square of the share: three nodes are
+        # needed.
         nodes = low, back(0.5 * (share(low) + share(high))), high
         return Scale(nodes, share, lambda k: joint / (joint + k) ** 2, back, -0.5 * joint)
     if number.name == "root.stiffness" and isinstance(model, Galerkin):
-        # Functions have unit stiffness, so that the root's rotation scales with 1 / sqrt(k).
+        # Functions have unit stiffness, so that the root's rotation is proportional to 1 / sqrt(k).
         def angle(k: float) -> float:
             return 1.0 / math.sqrt(k)
 
@@ -144,8 +145,8 @@ class Plane:
     Args:
         model: the model, about the straight pipe.
         window: the two numbers with their ranges.
-        speed: flow speed, where this is none of the two numbers.
-        modes: number of modes, from the lowest, whose eigenvalues count; all where not given.
+        speed: flow speed, if it is none of the two numbers.
+        modes: number of lowest modes whose eigenvalues count; all by default.
 
     Attributes:
         conservative: whether the system is conservative, see `conservative_at`, inside the window.
@@ -191,7 +192,7 @@ class Plane:
         return self.speed
 
     def conservative_near(self, share: Array, distance: float) -> bool:
-        """Whether the system is conservative at shares of the window, or on an edge so near."""
+        """Whether the system is conservative at shares of the window, or on an edge that close."""
         edges = share.clip(0.0, 1.0).round()
         nearest = np.where(np.abs(share - edges) <= distance, edges, share)
         return self.conservative_at(self.window.place(nearest))
@@ -199,8 +200,8 @@ class Plane:
     def conservative_at(self, at: Array) -> bool:
         """Whether eigenvalues come in fours, lambda, -lambda and conjugates, at (x, y).
 
-        They do if nothing damps, forces by velocity are gyroscopic and K is symmetric, as in a pipe
-        without damping on whose ends the flow does no work.
+        They do if nothing damps, forces proportional to velocities are gyroscopic and K is
+        symmetric, as in a pipe without damping on whose ends the flow does no work.
         """
         _, damping, stiffness = self.at(at)
         if np.iscomplexobj(stiffness) and stiffness.imag.any():
@@ -220,7 +221,7 @@ class Plane:
         return self.model.with_pipe(pipe)
 
     def _parts(self, at: Array) -> Array:
-        """M; C without flow, per u; K without flow, per u^2; hysteretic loss: (6, dof, dof)."""
+        """Parts (6, dof, dof): M; C without flow, per u; K without flow, per u^2; loss."""
         of: Operators = self.model_at(at).operators()
         flow = of.direction * (of.gyroscopic + of.end_flux)
         loss = np.zeros_like(of.mass) if of.loss is None else of.loss
@@ -235,7 +236,7 @@ class Plane:
         return x, y, along_x, along_y
 
     def _from_nodes(self, *weights: Array) -> Array:
-        """Sums of the parts at the nodes, (k, 6, dof, dof), by k arrays of weights of all nodes."""
+        """Sums of the parts at the nodes, (k, 6, dof, dof), with each of k arrays of weights."""
         flat = self._nodes.reshape(len(self._nodes), -1)
         return (np.array(weights) @ flat).reshape(-1, *self._nodes.shape[1:])
 
@@ -286,7 +287,7 @@ class Plane:
         return np.zeros_like(mass), flow, 2.0 * u * flux
 
     def _joined(self, parts: Array, u: float) -> Matrices:
-        """M, C, K at a flow speed from their parts, or derivatives of them from derivatives."""
+        """M, C, K at a flow speed from their parts, or derivatives from those of the parts."""
         mass, damping, flow, stiffness, flux, loss = parts
         still: NDArray[Any] = stiffness + u**2 * flux
         return mass, damping + u * flow, still + 1j * loss if self.hysteretic else still
@@ -301,10 +302,10 @@ class Plane:
     # ----------------------------------------------------------------------------- eigenvalues
 
     def eigenvalues(self, at: Array) -> Complex:
-        """Eigenvalues of the modes that count at (x, y), in order of |lambda|.
+        """Eigenvalues of the counted modes at (x, y), in order of |lambda|.
 
         With hysteresis they are the roots above the real axis, their conjugates, and the growing
-        real roots of the pipe without it.
+        real roots of the pipe without hysteresis.
         """
         mass, damping, stiffness = self.at(at)
         found = eigenvalues_of(mass, damping, stiffness)
@@ -323,10 +324,10 @@ class Plane:
         return int(np.count_nonzero(grows(self.eigenvalues(at))))
 
     def static_stiffnesses(self, at: Array) -> Array | None:
-        """Eigenvalues of K where forces by velocity vanish and K is symmetric; None elsewhere.
+        """Eigenvalues of K if C vanishes and K is symmetric; None otherwise.
 
         The number of unstable roots is then that of negative eigenvalues of K. The roots themselves
-        would not tell: rounding moves a double root 0 off the axis by its square root.
+        do not give it: rounding moves a double root 0 off the axis by its square root.
         """
         _, damping, stiffness = self.at(at)
         if damping.any() or not self.conservative_at(at):
@@ -397,7 +398,7 @@ class Plane:
         return found
 
     def lines(self, index: int, number: int) -> Array:
-        """Values of x (index 0) or y (1) at which lines lie, evenly spaced in its scale."""
+        """Values of x (index 0) or y (1) of lines, evenly spaced in the scale of that number."""
         low, high = self.window.low[index], self.window.low[index] + self.window.size[index]
         scale = self._scales[index]
         even = scale if scale.affine else Scale(scale.nodes)
@@ -410,9 +411,9 @@ class Plane:
         """Pairs that cross the imaginary axis on the line through (x, y) along x or y; extremes.
 
         Extremes are pairs whose real part comes nearest to the axis there, from either side,
-        without crossing. Both are estimates from which Newton's method goes on. Eigenvalues are
-        followed from sample to sample with their derivatives, and steps are halved within which one
-        may have crossed unseen, unless `halved` is False.
+        without crossing. Both are estimates for Newton's method. Eigenvalues are followed from
+        sample to sample with their derivatives, and steps are halved in which a crossing may have
+        been missed, unless `halved` is False.
         """
         low, size = self.window.low[index], self.window.size[index]
 
@@ -438,15 +439,15 @@ class Plane:
         return found, extremes
 
     def pairs(self, at: Array) -> tuple[Complex, Complex]:
-        """The k eigenvalues above the real axis and not far from the imaginary one, and slopes.
+        """The k eigenvalues above the real axis and near the imaginary one, and their slopes.
 
-        Slopes are their derivatives by shares of the window along x and y, shape (2, k).
+        Slopes are derivatives by shares of the window along x and y, shape (2, k).
         """
         (m, c, k), *changes = self.matrices(at)
         inverse, vectors = np.linalg.eig(companion(m, c, k))
         n = self.dof
-        # Rows of the inverse of the companion's eigenvectors are its left eigenvectors. Multiplied
-        # by the inverse of P(SHIFT) they are those of P(lambda).
+        # Rows of the inverse of the companion matrix' eigenvectors are its left eigenvectors. Their
+        # product with the inverse of P(SHIFT) gives those of P(lambda).
         rows = np.linalg.inv(vectors)[:, :n] @ np.linalg.inv(shifted(m, c, k))
         with np.errstate(divide="ignore", invalid="ignore"):
             values = SHIFT + 1.0 / inverse.astype(complex)
@@ -469,14 +470,14 @@ class Plane:
 
 
 Sample = tuple[float, Complex, Complex]
-"""Share of a line, eigenvalues above the real axis at that place, and their derivatives by it."""
+"""Share of a line, eigenvalues above the real axis there, and their derivatives by the share."""
 
 RootOnLine = tuple[float, complex]
-"""Share of a line, and an eigenvalue at that place."""
+"""Share of a line, and an eigenvalue there."""
 
 
 def _matched(a: Sample, b: Sample) -> Array:
-    """Sum of the errors, (k, l), by which tangents at two samples miss each other's roots."""
+    """Sum of the errors, (k, l), with which tangents at two samples predict the other's roots."""
     (s, one, slope), (t, other, slope_there) = a, b
     ahead, back = one + (t - s) * slope, other - (t - s) * slope_there
     misses: Array = np.abs(ahead[:, None] - other) + np.abs(one[:, None] - back)
@@ -484,7 +485,7 @@ def _matched(a: Sample, b: Sample) -> Array:
 
 
 def _nearest(a: Sample, b: Sample) -> list[RootOnLine]:
-    """Estimates of extremes between two samples at which real parts come nearest to 0."""
+    """Estimates of extremes between two samples, at which real parts come nearest to 0."""
     (s, one, slope), (t, other, slope_there) = a, b
     found: list[RootOnLine] = []
     if not one.size or not other.size:
@@ -499,7 +500,7 @@ def _nearest(a: Sample, b: Sample) -> list[RootOnLine]:
 
 
 def _passed(a: Sample, b: Sample) -> tuple[list[RootOnLine], bool]:
-    """Roots that cross the imaginary axis between two samples, and whether more may do so.
+    """Roots that cross the imaginary axis between two samples, and whether more may cross.
 
     A cubic with the values and slopes at both ends differs from the straight line between them by
     less than its tangents miss the other end. A root whose real part at both ends is larger than

@@ -21,7 +21,7 @@ from pipedyn.util.units import FREQUENCY, SPEED, Unit
 CrossingKind = Literal["flutter", "divergence"]
 
 LEAST_BETA = 1e-300
-"""Smallest beta by which derivatives are taken: under weak damping they grow like 1 / beta."""
+"""Smallest beta with derivatives by beta: under weak damping they grow like 1 / beta."""
 
 
 @saved_as("Derivatives", shapes={"n": "springs"})
@@ -33,11 +33,11 @@ class Derivatives(Result):
             no derivative.
         gamma, damping, alpha, hysteresis: derivatives by these numbers.
         springs: derivatives by each k_j with the others fixed, shape (n,); None for reduced models
-            and scenes that matrices solve, see `Assembly`.
+            and for scenes solved by matrices, see `Assembly`.
 
-    In SI, derivatives of a speed are in m/s and those of a frequency in Hz, by the same
-    nondimensional numbers. The derivative of a speed by beta is left out, because the unit of speed
-    changes with beta.
+    In SI, derivatives of a speed are in m/s and those of a frequency in Hz, with respect to the
+    same nondimensional numbers. The derivative of a speed by beta is omitted, because the unit of
+    speed changes with beta.
     """
 
     beta: float | None
@@ -78,9 +78,9 @@ class Crossing(Result, units={"error": SPEED}):
 
     In a conservative pipe two growing real eigenvalues may meet and become a growing pair,
     Paidoussis' coupled-mode flutter: this counts as a flutter of frequency 0, with `unstable_after`
-    equal to `unstable_before`. With hysteresis, which acts on oscillation alone, a growing
-    eigenvalue may pass the real axis, so that a growing pair appears or vanishes: this, too, counts
-    as a flutter of frequency 0. Beyond the first loss of stability a loss factor is no sound model
+    equal to `unstable_before`. With hysteresis, which acts on oscillation only, a growing
+    eigenvalue may pass the real axis, so that a growing pair appears or vanishes: this also counts
+    as a flutter of frequency 0. Beyond the first loss of stability, a loss factor is no sound model
     of a material.
 
     Attributes:
@@ -89,18 +89,19 @@ class Crossing(Result, units={"error": SPEED}):
         kind: "flutter" (a pair) or "divergence" (a real root).
         unstable_before, unstable_after: number of unstable roots below and above the speed; a pair
             counts as two.
-        error: absolute error of the speed by the eigenvalue solver and, for `Continuum`, the basis.
+        error: absolute error of the speed due to the eigenvalue solver and, for `Continuum`, the
+            basis.
         mode: number of the branch that crosses, from 1, counted at rest by frequency; the higher of
             two branches that meet on the axis (beta = 0). At a divergence of a conservative pipe,
             the mode whose frequency at rest is nearest to Rayleigh's quotient of the buckled shape.
         sensitivity: derivatives of speed and frequency; None at u = 0, at beta = 0 without
             damping, at the divergence of a chain with a free joint, and about a bent pipe, whose
-            shape moves too.
-        gyroscopic: whether on the side where no root is unstable only gyroscopic forces keep the
+            shape changes as well.
+        gyroscopic: whether, on the side where no root is unstable, only gyroscopic forces keep the
             pipe from diverging: it has no damping, its stiffness is indefinite there, and any
             damping makes it unstable (Kelvin, Tait and Chetaev).
-        vouched: for `Continuum`, the number of roots, from the lowest, that its basis resolves and
-            that are counted; None for other models, all of whose roots are counted.
+        vouched: for `Continuum`, the number of lowest roots that its basis resolves and that are
+            counted; None for other models, all of whose roots are counted.
     """
 
     speed: float
@@ -128,7 +129,7 @@ class Crossings(ResultSequence[Crossing], units={"error": SPEED, "max_speed": SP
         crossings: the crossings, in order of speed.
         max_speed: flow speed at which the search ended.
         model: the model that was searched.
-        unstable_at_rest: number of roots that grow without flow, as of a pipe that buckles under
+        unstable_at_rest: number of roots that grow without flow, as in a pipe that buckles under
             its weight; None in a file of an earlier version.
 
     Example:
@@ -170,7 +171,7 @@ class Crossings(ResultSequence[Crossing], units={"error": SPEED, "max_speed": SP
 
 
 def of_each(results: Iterable[Any], name: str) -> Array:
-    """An attribute of each of K results, shape (K,); NaN where it or the result is None."""
+    """An attribute of each of K results, shape (K,); NaN if the attribute or the result is None."""
     found = [getattr(one, name, None) for one in results]
     return np.array([math.nan if value is None else value for value in found])
 

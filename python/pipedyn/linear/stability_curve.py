@@ -33,10 +33,11 @@ from pipedyn.util.result import Result, TableResult
 from pipedyn.util.units import SPEED
 
 LARGEST_BATCH = 256
-"""Most models solved in one call: 256 of 40 segments take 0.3 s; from 16 on calls cost little."""
+"""Largest number of models in one call: 256 of 40 segments take 0.3 s; from 16 on calls cost
+little."""
 
 BATCHES = 16
-"""Least number of batches for an executor, so that several workers share them evenly."""
+"""Least number of batches for an executor, so that several workers have equal shares."""
 
 
 @saved_as("Failure")
@@ -44,7 +45,7 @@ class Failure(Result):
     """A point of a sweep that could not be computed.
 
     Attributes:
-        index: place of the point in the sweep.
+        index: index of the point in the sweep.
         value: value of the parameter at the point.
         error: the exception that was raised.
     """
@@ -60,14 +61,14 @@ class StabilityCurve(TableResult, units=dict.fromkeys(("no_loss_up_to", "max_spe
 
     Attributes:
         values: values of the parameter, shape (S,).
-        critical: CriticalSpeed at each value, None where there is none or the point failed.
-        crossings: crossings at each value, up to the critical speed where no max_speed was given;
-            empty where the point failed.
+        critical: CriticalSpeed at each value, None if there is none or the point failed.
+        crossings: crossings at each value, up to the critical speed if no max_speed was given;
+            empty if the point failed.
         failures: the points that failed, with the exceptions that they raised.
-        max_speed: speed up to which all crossings were asked for, None where it was not given.
-        parameter: name of the parameter, as the function that made the models calls it; empty where
-            it has none.
-        pipes: the pipe at each value, None where there is no model.
+        max_speed: speed up to which all crossings were searched, None if it was not given.
+        parameter: name of the parameter, which is the argument's name in the function that makes
+            the models; empty if that has none.
+        pipes: the pipe at each value, None if there is no model.
 
     Example:
         >>> curve = pp.stability_curve(lambda n: pp.Chain(pp.Pipe(0.2), round(n)), [5, 10, 20])
@@ -103,12 +104,12 @@ class StabilityCurve(TableResult, units=dict.fromkeys(("no_loss_up_to", "max_spe
 
     @property
     def speeds(self) -> Array:
-        """Critical speeds, shape (S,), NaN where there is none."""
+        """Critical speeds, shape (S,), NaN if there is none."""
         return of_each(self.critical, "speed")
 
     @property
     def frequencies(self) -> Array:
-        """Critical frequencies, shape (S,), NaN where there is none."""
+        """Critical frequencies, shape (S,), NaN if there is none."""
         return of_each(self.critical, "frequency")
 
     def _shown(self) -> list[tuple[str, Any]]:
@@ -129,19 +130,19 @@ class StabilityCurve(TableResult, units=dict.fromkeys(("no_loss_up_to", "max_spe
         return first_known(self.pipes) or super()._pipe()
 
     def _scales(self) -> Any:
-        """SI scales at each point, since each point may have a pipe of its own."""
+        """SI scales at each point, as each point may have a pipe of its own."""
         return scales_of_each(self.pipes, self.critical)
 
 
 def first_known(pipes: Iterable[Pipe | None]) -> Pipe | None:
-    """The first pipe of a sweep, None where there is none."""
+    """The first pipe of a sweep that is not None; None if there is none."""
     return next((one for one in pipes if one is not None), None)
 
 
 def scales_of_each(pipes: Sequence[Pipe | None], results: Sequence[Any]) -> Any:
-    """SI values of one nondimensional unit, each of shape (S,), None where no pipe has any.
+    """SI values of the nondimensional units, each of shape (S,); None if no point has a pipe.
 
-    Results that were saved without pipes (by version 0.2.0) are asked for their own.
+    For results that were saved without pipes (by version 0.2.0), their own pipes are used.
     """
     known_pipes = pipes or [None if one is None else one._pipe() for one in results]
     each = [getattr(one, "scales", None) for one in known_pipes]
@@ -165,15 +166,15 @@ def stability_curve(
         make_model: function that makes the model at a value of the parameter. It is called in this
             process, so that it may be a lambda.
         values: values of the parameter, shape (S,).
-        max_speed: speed up to which all crossings are collected; where not given, the search ends
-            at the critical speed.
-        executor: a `concurrent.futures.Executor` that takes the points in batches. Points that it
-            does not answer, because a worker died or it is broken or shut down, fail.
+        max_speed: speed up to which all crossings are collected; by default the search ends at the
+            critical speed.
+        executor: a `concurrent.futures.Executor` that computes the points in batches. Points
+            without an answer, because a worker died or the executor is broken or shut down, fail.
         progress: whether to show progress on stderr.
 
     Returns:
         StabilityCurve; a point that fails is recorded in `failures` and the others are kept. A pipe
-        that stays stable is no failure if max_speed is given.
+        that stays stable up to a given max_speed is no failure.
 
     Example:
         >>> curve = pp.stability_curve(lambda beta: pp.Continuum(pp.Pipe(beta)), [0.1, 0.2, 0.5])
@@ -181,7 +182,7 @@ def stability_curve(
         array([4.7499, 5.5914, 9.3224])
 
     Raises:
-        ValueError, TypeError: for bad arguments.
+        ValueError, TypeError: for arguments out of range or of a wrong type.
     """
     if max_speed is not None:
         max_speed = checked_end(max_speed)
@@ -194,7 +195,7 @@ def stability_curve(
 
 
 def _name_of_argument(function: Callable[[float], Any]) -> str:
-    """Name of a function's first argument, empty where Python does not tell it."""
+    """Name of a function's first argument, empty if Python does not know it."""
     try:
         return next(iter(inspect.signature(function).parameters), "")
     except ValueError:
@@ -209,11 +210,11 @@ def swept(
     progress: bool,
     label: str = "stability curve",
 ) -> tuple[Array, tuple[Pipe | None, ...], list[Returned | None], tuple[Failure, ...]]:
-    """Answers of `solve` for the models at values of a parameter, as `stability_curve` needs them.
+    """Results of `solve` for the models at values of a parameter, as for `stability_curve`.
 
-    Returned are the values, shape (S,); the pipes, None where there is no model; the answers, None
-    where the point failed; and the failures, in order. `solve` takes a batch of models and returns
-    an answer or an exception for each; it must pickle if the executor runs processes.
+    Returns the values, shape (S,); the pipes, None if there is no model; the results, None if the
+    point failed; and the failures, in order. `solve` takes a batch of models and returns a result
+    or an exception for each; it must pickle if the executor runs processes.
     """
     if not callable(make_model):
         raise TypeError(

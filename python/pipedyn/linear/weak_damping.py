@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Crossings of pipes whose gyroscopic force and damping are so weak that rounding hides Re lambda.
 
-Below sqrt(beta) = delta = mu = 2e-5 the sign of Re lambda would be rounding, so that crossings
-would be found where there are none, or be refused.
+Below sqrt(beta) = delta = mu = 2e-5 the sign of Re lambda would be determined by rounding, so that
+a search would find crossings that do not exist, or fail.
 
 The gyroscopic force and both kinds of damping are odd under reversal of time. At a constant ratio
 sqrt(beta) : delta : mu, crossings are therefore even functions of their size:
@@ -24,12 +24,12 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.util.errors import NotConverged
 
 STRONG = 1e-4
-"""Least sqrt(beta), delta or mu solved: rounding then changes speeds by 1e-10 to 1e-8."""
+"""Least sqrt(beta), delta or mu that is solved: rounding changes speeds by 1e-10 to 1e-8 there."""
 
 WEAK = 0.2
-"""Share of `STRONG` below which crossings are extrapolated. Measured, errors of speeds are 4e-11
-here with and without extrapolation; without it they are smaller above, and larger below (7e-10 at a
-tenth)."""
+"""Share of `STRONG` below which crossings are extrapolated. As measured, errors of speeds are 4e-11
+at this share with and without extrapolation; without it they are smaller above this share, and
+larger below (7e-10 at a tenth)."""
 
 SQUARES = (1.0, 2.0, 4.0)
 """Squares of the sizes solved, in units of the least. Three determine a parabola in the square,
@@ -45,8 +45,8 @@ def _size(pipe: Pipe) -> float:
 def is_weakly_damped(pipe: Pipe) -> bool:
     """Whether gyroscopic force and damping are present, but so weak that rounding hides them.
 
-    They are not hidden in a pipe that is held at both ends and that nothing damps: it is
-    conservative, and the search knows that its roots lie on the axis.
+    They are not hidden in an undamped pipe that is held at both ends: it is conservative, and the
+    search takes its roots as lying on the axis.
     """
     conservative = pipe.end_held and not (pipe.damping or pipe.hysteresis)
     return 0.0 < _size(pipe) < WEAK and not conservative
@@ -96,7 +96,7 @@ def extrapolated(
 
 
 def _weakened(pipe: Pipe, solved: Pipe, sensitivity: Sensitivity | None) -> Sensitivity | None:
-    """Sensitivity of a weak pipe from a stronger one's, where beta and both dampings rescale it."""
+    """Sensitivity of a weakly damped pipe, rescaled by beta and damping from a stronger pipe's."""
     if sensitivity is None:
         return None
     weaker = _size(solved) / _size(pipe)

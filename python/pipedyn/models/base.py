@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What every model answers: its size, its operators, its motion and the line it draws."""
+"""Base class of all models: its size, linear operators, equations of motion and centreline."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ from pipedyn.util.result import Result
 from pipedyn.util.units import POWER
 
 BALANCED = 1e-8
-"""Force that may be left at an equilibrium, in units of 1 + |gamma| + a u^2: in 11 searches of five
-models Newton's method left 6e-16 at most."""
+"""Largest residual force of an equilibrium, in units of 1 + |gamma| + a u^2: in 11 searches with
+five models Newton's method left 6e-16 at most."""
 
 DENSE_LIMIT = 4000
-"""Largest dof for which dense operators are made: seven matrices of 128 MB."""
+"""Largest dof for which dense operators are computed: seven matrices take 128 MB each."""
 
 LARGEST_RESULT = 1_000_000_000
-"""Numbers in one result: 8 GB, and twice that if they are complex."""
+"""Largest number of entries of a result: 8 GB, and twice that if they are complex."""
 
 COMPLEX_STEP = 1e-30
-"""A complex step has no difference that cancels; its square is lost next to any number."""
+"""Size of a complex step: no difference cancels, and its square is lost beside any number."""
 
 LARGEST_DISPLACEMENT = 1e100
-"""Coordinates of small displacements; their sums stay finite."""
+"""Largest coordinate of a small displacement, at which sums of coordinates stay finite."""
 
 LARGEST_ANGLE = 1e6
-"""Coordinates of a shape; sine and cosine of greater angles lose their digits."""
+"""Largest coordinate of a shape: sine and cosine of greater angles lose their digits."""
 
 
 @saved_as(
@@ -55,21 +55,22 @@ class Operators(Result):
     """Linear operators about a configuration at rest, each of shape (dof, dof).
 
     M q'' + C q' + K q = 0 with C = s u (gyroscopic + end_flux) + damping and
-    K = stiffness + a u^2 flux + s u' unsteady, to which i loss comes where q ~ exp(lambda tau),
-    Im lambda > 0. gyroscopic is skew and end_flux symmetric of rank one, about a bent pipe two;
-    with unsteady they carry sqrt(beta), end_flux also `inflow_share`.
+    K = stiffness + a u^2 flux + s u' unsteady. With hysteresis, motions q ~ exp(lambda tau) with
+    Im lambda > 0 have K + i loss. The matrix gyroscopic is skew and end_flux is symmetric, of rank
+    one (two about a bent pipe). Both and unsteady contain the factor sqrt(beta), and end_flux also
+    `inflow_share`.
 
     Attributes:
         mass: M, symmetric and positive definite.
-        gyroscopic: Coriolis part, skew.
+        gyroscopic: Coriolis part of C, skew.
         end_flux: flux through the free end, symmetric.
-        damping: Kelvin-Voigt damping, symmetric; of a scene also what else resists velocities.
+        damping: Kelvin-Voigt damping, symmetric; for a scene also all other linear resistance.
         stiffness: springs or bending, and gravity; symmetric unless a custom module is not.
         flux: centrifugal force and the end's follower force.
-        unsteady: the fluid's acceleration in the pipe where the flow speed changes.
+        unsteady: force of the fluid's acceleration along the pipe when the flow speed changes.
         direction: s, 1 ejecting and -1 aspirating.
         centrifugal: alpha.
-        loss: hysteresis times the elastic stiffness; None without.
+        loss: loss factor of hysteresis times the elastic stiffness; None without hysteresis.
 
     Example:
         >>> operators = pp.Chain(pp.Pipe(0.2), n=2).operators()
@@ -93,7 +94,7 @@ class Operators(Result):
 
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> Operators:
-        """The operators of which a file kept this, if the two factors are of a pipe."""
+        """Restores the operators from the fields of a file; checks direction and alpha."""
         made = cls(**fields)
         if abs(made.direction) != 1.0 or not 0.0 <= made.centrifugal < math.inf:
             raise ValueError(
@@ -103,7 +104,7 @@ class Operators(Result):
         return made
 
     def at(self, u: float, u_dot: float = 0.0) -> tuple[Array, Array, NDArray[Any]]:
-        """(M, C, K) at flow speed u >= 0 and its rate of change; with a loss K is complex.
+        """(M, C, K) at flow speed u >= 0 and rate u_dot = du/dtau; with hysteresis K is complex.
 
         Example:
             >>> M, C, K = pp.Chain(pp.Pipe(0.2), n=2).operators().at(4.0)
@@ -124,14 +125,14 @@ class Operators(Result):
 class Power(
     Result, units=dict.fromkeys(("flow", "joints", "drag", "others", "base", "total"), POWER)
 ):
-    """Rate of a state's energy by what does the work, each a number or, for k states, shape (k,).
+    """Power of each kind of force, in EI / (L T): numbers, or shape (k,) for k states.
 
     Attributes:
-        flow: of the flow; at a steady speed all of it at the free end.
-        joints: of Kelvin-Voigt damping, <= 0.
-        drag: of quadratic drag, <= 0.
-        others: of what is no part of a plain pipe.
-        base: of the base's motion, in whose frame the energy is counted.
+        flow: power of the flow; at a steady speed all of it enters at the free end.
+        joints: power of Kelvin-Voigt damping, <= 0.
+        drag: power of quadratic drag, <= 0.
+        others: power of all forces that a plain pipe does not have.
+        base: power of the base's motion; the energy is counted in the frame of the base.
     """
 
     flow: float | Array
@@ -142,16 +143,16 @@ class Power(
 
     @property
     def total(self) -> float | Array:
-        """dE/dt along the motion."""
+        """Rate of change of the energy, dE/dtau, along the motion."""
         return self.flow + self.joints + self.drag + self.others + self.base
 
 
 CORE_MATRICES = tuple(field.name for field in fields(Operators)[:7])
-"""What the core answers of `Operators`, under its names."""
+"""Names of the matrices of `Operators` that the core computes, the same in the core."""
 
 
 def operators_from(core: _core.Operators, pipe: Pipe, scale: Array | None = None) -> Operators:
-    """The core's matrices, each times a scale (dof, dof), with the pipe's two flow factors."""
+    """`Operators` from the core's matrices, times scale (dof, dof), and the pipe's two factors."""
     matrices = {name: getattr(core, name) for name in CORE_MATRICES}
     if scale is not None:
         matrices = {name: scale * matrix for name, matrix in matrices.items()}
@@ -159,7 +160,7 @@ def operators_from(core: _core.Operators, pipe: Pipe, scale: Array | None = None
 
 
 def projected(operators: Operators, basis: Array) -> Operators:
-    """Operators in coordinates z, where the given ones are for basis z, shape (dof, r)."""
+    """Operators in coordinates z, given those in q = basis z, with basis of shape (dof, r)."""
     matrices: dict[str, Any] = {
         name: basis.T @ of @ basis
         for name, of in vars(operators).items()
@@ -171,12 +172,12 @@ def projected(operators: Operators, basis: Array) -> Operators:
 own_numbers = attrgetter(*OWN_NUMBERS)
 
 UNIFORM = _core.Profile()
-"""What does not vary along the pipe, as the core takes it."""
+"""Profile of a property that is uniform along the pipe, in the core's form."""
 
 
 def core_pipe(pipe: Pipe) -> _core.Pipe:
-    """The pipe's numbers as the core takes them."""
-    return _core.Pipe(  # by place: names take as long as all the rest
+    """The pipe's numbers in the core's form."""
+    return _core.Pipe(  # positional arguments: keywords would double the time
         own_numbers(pipe),
         pipe.flow == "aspirating",
         [(t.law, t.place or 0.0, t.law_numbers(pipe.damping)) for t in pipe.terms],
@@ -189,50 +190,50 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
 
 
 def checked_pipe(pipe: Any) -> Pipe:
-    """The argument, if it is a pipe."""
+    """Returns the argument if it is a pipe; else raises TypeError."""
     if not isinstance(pipe, Pipe):
         raise TypeError(f"pipe must be a Pipe, got {check.shown(pipe)}")
     return pipe
 
 
 class OfPipe(Saved):
-    """A pipe to be asked about, discretised or continuous. Immutable; pickles."""
+    """Base class of all that has a pipe, discretised or continuous. Immutable; pickles."""
 
     def __init__(self, pipe: Pipe) -> None:
         self._pipe = checked_pipe(pipe)
 
     @property
     def pipe(self) -> Pipe:
-        """The pipe, with its terms."""
+        """The pipe with its terms."""
         return self._pipe
 
     @property
     def approximates_pipe(self) -> bool:
-        """Whether the model tends to the continuous pipe as it grows."""
+        """Whether the model converges to the continuous pipe as its number of coordinates grows."""
         return True
 
     @property
     def resisted(self) -> bool:
-        """Whether velocities meet linear forces other than the flow's and Kelvin-Voigt damping."""
+        """Whether linear forces but the flow's and Kelvin-Voigt damping depend on velocities."""
         return bool(self.pipe.terms) and core_pipe(self.pipe).resisted
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but what is computed at the first request and kept: compiled parts do not pickle."""
+        """All attributes but the cached properties, as compiled objects do not pickle."""
         kept = {name for name in self.__dict__ if hasattr(type(self), name)}
         return {name: value for name, value in self.__dict__.items() if name not in kept}
 
     def archived(self) -> dict[str, Any]:
-        """What a file keeps of it, by the names of the constructor's arguments and others."""
+        """Fields that a file stores: the constructor's arguments by name, and some others."""
         return {"pipe": self._pipe}
 
     def with_pipe(self, pipe: Pipe) -> Self:
-        """A model of another pipe with this discretisation, if there is one, and its springs.
+        """The model with another pipe, the same discretisation, if any, and the same springs.
 
         Raises:
-            ValueError: for a pipe that the model does not take, as when it is made; for another
-                stiffness or mass along the pipe, which a discretisation follows; for supports that
-                the configuration of `about` does not meet.
-            TypeError: for what is no pipe.
+            ValueError: for a pipe that the model's constructor refuses; for another stiffness or
+                mass along the pipe, on which the discretisation depends; for supports that the
+                configuration of `about` does not meet.
+            TypeError: for an argument that is not a pipe.
         """
         for name in ("stiffness", "mass"):
             if getattr(checked_pipe(pipe), name) != getattr(self._pipe, name):
@@ -248,33 +249,33 @@ class OfPipe(Saved):
         return other
 
     def _check_pipe(self) -> None:
-        """Raises ValueError where the model does not take the pipe."""
+        """Raises ValueError if the model does not accept the pipe."""
 
 
 class Model(OfPipe, ABC):
     """A pipe with a finite number of degrees of freedom. Immutable; models pickle.
 
-    Besides the coordinates q that users see, each model has elastic coordinates z, in which the
-    elastic energy is |z|^2 / 2: eigenvalues are computed there, where small ones survive rounding.
+    Each model has, besides the coordinates q of users, elastic coordinates z, in which the elastic
+    energy is |z|^2 / 2. Eigenvalues are computed in z, where rounding does not hide small ones.
 
-    Every method raises ValueError for an argument of another shape or out of range, NaN or infinity
-    among its numbers, and TypeError for what is no number or array of real numbers.
+    Every method raises ValueError for an argument of a wrong shape, out of range, or with NaN or
+    infinity, and TypeError for an argument that is not a number or an array of real numbers.
     """
 
     def __init__(self, pipe: Pipe) -> None:
         super().__init__(pipe)
-        self._reference: Array | None = None  # chosen by `about`; else the straight pipe
+        self._reference: Array | None = None  # set by `about`; None: the straight pipe
 
     def _check_pipe(self) -> None:
         if self._reference is not None:
             self._checked_reference(self._reference)
 
     def archived(self) -> dict[str, Any]:
-        """What a file keeps of it, with the configuration that `about` chose."""
+        """Fields that a file stores, with the configuration chosen by `about`."""
         return {**super().archived(), "reference": self._reference}
 
     def _checked_reference(self, q: Any) -> Array:
-        """A configuration that `about` has kept, in all coordinates; else ValueError."""
+        """The configuration of `about` in all coordinates, checked; else raises ValueError."""
         rule: dict[str, Any] = {"low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
         return check.array("reference", q, size=self.integrated, **rule)
 
@@ -285,23 +286,23 @@ class Model(OfPipe, ABC):
 
     @property
     def coordinates(self) -> int:
-        """Number of coordinates of a state; more than dof where something ties them."""
+        """Number of coordinates of a configuration; more than dof if constraints tie them."""
         return self.dof
 
     @property
     def coordinate_kind(self) -> str:
-        """What p is, in words: models of one kind can go on from each other's states."""
+        """Name of the kind of coordinates p; models of one kind can share states."""
         return f"angles of {self.integrated} segments"
 
     @property
     def matrix_rounding(self) -> float:
-        """Share of its norm by which rounding may move a matrix; 0 if by that of its entries."""
+        """Rounding error of a matrix relative to its norm; 0 if it is relative to each entry."""
         return 0.0
 
     def term_stiffness(self, pencil: Pencil) -> float:
-        """Norm of what K has besides the elastic part; 0 of a uniform pipe without terms.
+        """Norm of K without its elastic part; 0 for a uniform pipe without terms.
 
-        From four products: measured, to 3 %, as the lowest modes feel most of it.
+        It is estimated from four products to 3 %, as measured: the lowest modes feel most of it.
         """
         pipe = self.pipe
         varied = pipe.terms or pipe.stiffness or pipe.mass
@@ -313,45 +314,47 @@ class Model(OfPipe, ABC):
         return largest_stretch(lambda x: pencil.stiffness(x) - pencil.elastic(x), start, 4)
 
     def refined(self) -> Model | None:
-        """A model of the pipe with half as many functions again, at least four more.
+        """A model of the pipe with 1.5 times as many functions, at least four more.
 
-        None of a chain and a scene, whose segments are bodies in their own right.
+        None for a chain or a scene, as their segments are given bodies.
         """
         return None
 
     @property
     def linear_cost(self) -> bool:
-        """Whether a right-hand side and an eigenvalue cost O(dof), as of chains."""
+        """Whether a right-hand side and an eigenvalue cost O(dof), as for chains."""
         return False
 
     @property
     def elastic_share(self) -> Array:
-        """Elastic stiffness by the elastic coordinates: 1 each, less where a joint has none."""
+        """Diagonal of the elastic stiffness in elastic coordinates: 1, less at free joints."""
         return np.ones(self.dof)
 
     @property
     def resolved_modes(self) -> int:
-        """How many modes, from the lowest, need tracking: all, or those that are the pipe's."""
+        """Number of lowest modes to track: all, or those that approximate the pipe's."""
         return self.dof
 
     @property
     def stations(self) -> Array:
-        """Arc lengths among which the largest displacement of a mode is found."""
+        """Arc lengths at which the largest displacement of a mode is searched."""
         return np.linspace(0.0, 1.0, max(201, 8 * min(self.dof, 500) + 1))
 
     def about(self, q: ArrayLike) -> Self:
-        """A copy of the model whose linear questions are about another configuration at rest.
+        """A copy of the model that is linearised about another configuration at rest.
 
-        `eigenvalues`, `modes`, `root_loci`, `crossings` and `critical_speed` take it; they refuse
-        it at flow speeds at which the configuration is no equilibrium. So of a pipe that rests bent
-        they answer at one speed; `equilibrium_branch` finds where it loses stability.
+        `eigenvalues`, `modes`, `root_loci`, `crossings` and `critical_speed` accept the copy; they
+        raise ValueError at flow speeds at which the configuration is no equilibrium. For a pipe
+        that rests bent, they therefore apply at one speed only; `equilibrium_branch` finds where it
+        loses stability.
 
         Args:
-            q: the configuration, one of those that `equilibria` finds: coordinates, of a scene also
-                the angles of its segments.
+            q: the configuration, for instance one found by `equilibria`: its coordinates, or for a
+                scene also the angles of its segments.
 
         Raises:
-            ValueError, TypeError: for what is no such array, or misses a constraint.
+            ValueError, TypeError: for an array of a wrong shape or type, or one that misses a
+            constraint.
 
         Example:
             >>> import pipedyn as pp
@@ -370,20 +373,20 @@ class Model(OfPipe, ABC):
         return f", about {check.shown(rest)}" if rest is not None and rest.any() else ""
 
     def unbalanced(self, u: float) -> float:
-        """Largest force at rest where the model is linearised, relative to 1 + |gamma| + a u^2."""
+        """Largest force at rest, at the linearised configuration, over 1 + |gamma| + a u^2."""
         pipe, thrust = self.pipe, self.pipe.alpha * u**2
         size, rest = 1.0 + abs(pipe.gamma) + thrust, self._reference
-        if rest is None:  # nothing but an inclined jet bends the straight pipe
+        if rest is None:  # only an inclined jet loads the straight pipe across
             return pipe.thrust_across * u**2 / size
         turning = self.motion_rates(np.concatenate([rest, np.zeros_like(rest)]), u)[rest.size :]
         left = self.operators(rest).mass @ (self.free_directions(rest).T @ turning)
         return float(np.abs(left).max()) / size
 
     def require_equilibrium(self, *speeds: float) -> None:
-        """Raises ValueError if the model cannot rest, where it is linearised, at a flow speed."""
+        """Raises ValueError if the linearised configuration is no equilibrium at a speed."""
         for u in speeds:
             rest = self.unbalanced(u)
-            if rest > 1e-7:  # far above what an equilibrium to ten digits leaves
+            if rest > 1e-7:  # far above the residual of an equilibrium known to ten digits
                 bent = (
                     ""
                     if self._reference is not None
@@ -397,34 +400,35 @@ class Model(OfPipe, ABC):
                 )
 
     def pencil(self) -> Pencil:
-        """P(lambda) at any flow speed, in elastic coordinates."""
+        """The pencil P(lambda) at any flow speed, in elastic coordinates."""
         return DensePencil(self)
 
     @property
     @abstractmethod
     def core(self) -> Any:
-        """The compiled model, which has the linear operators of the straight pipe."""
+        """The compiled model, which has the linear operators about the straight pipe."""
 
     @cached_property
     def motion(self) -> Any:
         """The compiled equations of motion.
 
-        `rhs_and_power` takes [p, p', work done], shape (2 integrated + 1,) or of k states, with
-        the coordinates p that an integrator advances; `energy` and `power` take states [q, q'].
+        `rhs_and_power` takes [p, p', work done], shape (2 integrated + 1,), or the same for k
+        states as columns; p are the coordinates that an integrator advances. `energy` and `power`
+        take states [q, q'].
         """
         return self.core
 
     @property
     def compiled(self) -> Any:
-        """The compiled equations of motion; None if Python computes a part of them."""
+        """The compiled equations of motion; None if a part of them is computed in Python."""
         return self.motion
 
     @property
     def compiled_rates(self) -> Any:
-        """What the core's integrators take: `compiled`, or a function.
+        """Right-hand side for the core's integrators: `compiled`, or a Python function.
 
-        Of times (k,), states of k columns as `motion_rates` takes them, flow speeds (k,) and, if
-        anything drives them, this, (ROWS, k).
+        The function takes times (k,), states as for `motion_rates` with k columns, flow speeds (k,)
+        and, if the speed varies or the base moves, the rows of the drive (ROWS, k).
         """
         whole = self.compiled
         if whole is not None:
@@ -433,10 +437,10 @@ class Model(OfPipe, ABC):
 
     @cached_property
     def equations(self) -> Any:
-        """The compiled equations of motion, where the pipe has some.
+        """The compiled equations of motion, if the pipe has any in time.
 
         Raises:
-            ValueError: with hysteresis, which is known of oscillations alone.
+            ValueError: with hysteresis, which is defined for harmonic oscillations only.
         """
         if self._pipe.hysteresis:
             raise ValueError(
@@ -448,14 +452,15 @@ class Model(OfPipe, ABC):
     def operators(self, q: ArrayLike | None = None) -> Operators:
         """Seven linear operators in q, each (dof, dof), about a configuration at rest.
 
-        Mass, gyroscopic, end_flux and damping are what multiplies q'' and q' there; at rest drag
-        has no linear part. stiffness is the derivative of the forces of bending, gravity and terms,
-        flux that of the follower force. Small motions about q obey them where q is an equilibrium
-        at the speed in question; elsewhere `jacobian` at rest has besides these the derivative of
+        The matrices mass, gyroscopic, end_flux and damping multiply q'' and q'; drag has no linear
+        part at rest. stiffness is the derivative of the forces of bending, gravity and terms, flux
+        that of the follower force. Small motions about q obey these operators if q is an
+        equilibrium at the flow speed; elsewhere `jacobian` at rest also contains the derivative of
         the mass, -M^-1 (dM/dq q'').
 
         Args:
-            q: coordinates, shape (dof,); those of `about`, else the straight pipe, where not given.
+            q: coordinates, shape (dof,); default: the configuration of `about`, else the straight
+                pipe.
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
@@ -464,7 +469,7 @@ class Model(OfPipe, ABC):
                    [-2.,  2.]])
 
         Raises:
-            ValueError: also for more than 4000 degrees of freedom.
+            ValueError: also for models with more than 4000 degrees of freedom.
         """
         self._check_dense()
         at = self._reference if q is None else self._coordinates(q)
@@ -476,17 +481,17 @@ class Model(OfPipe, ABC):
         return self._with_loss(found)
 
     def _with_loss(self, of: Callable[[Self], Operators]) -> Operators:
-        """The model's operators, with what hysteresis adds: mu dD/ddelta, D being linear."""
+        """The model's operators with hysteresis, mu dD/ddelta; damping D is linear in delta."""
         found, pipe = of(self), self._pipe
         if not pipe.hysteresis:
             return found
-        step = 1.0 if pipe.damping < 1.0 else -1.0  # by which delta stays in its range
+        step = 1.0 if pipe.damping < 1.0 else -1.0  # a step that keeps delta in its range
         moved = of(self.with_pipe(replace(pipe, damping=pipe.damping + step)))
         return replace(found, loss=pipe.hysteresis * step * (moved.damping - found.damping))
 
     @abstractmethod
     def elastic_operators(self) -> Operators:
-        """Linear operators about rest in elastic coordinates z."""
+        """Linear operators in elastic coordinates z, about the configuration at rest."""
 
     @abstractmethod
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
@@ -501,32 +506,33 @@ class Model(OfPipe, ABC):
         u_dot: float | ArrayLike | None = None,
         base: ArrayLike | None = None,
     ) -> Array:
-        """Rate of the state, geometrically exact at any amplitude.
+        """Rate of the state by geometrically exact equations, for any amplitude.
 
-        Flow, gravity, bending, Kelvin-Voigt damping, quadratic drag and terms, each only where the
-        pipe has it. A batch is one call; its members go through the processor's vectors together.
-        Several threads may call one model at once.
+        The equations contain flow, gravity, bending, Kelvin-Voigt damping, quadratic drag and
+        terms, each if the pipe has it. One call computes all k states with the processor's vector
+        instructions. Several threads may call one model at the same time.
 
         Args:
-            t: time; nothing depends on it.
-            y: state [q, q'], shape (2 c,) with c = `coordinates`, which is dof but for scenes, or
-                (2 c, k) for k states; k may be 0.
-            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
-            u_dot: its rate of change, which accelerates the fluid along the pipe; for k states also
-                (k,). Steady where not given.
-            base: where the base moves, its position, velocity and acceleration, (x, y) each, shape
-                (3, 2), or (3, 2, k) for k states. The base carries the clamp, all that holds the
-                pipe rigidly and what fixes its end axially (`Stretching`); q is counted from it.
-                Drag and other terms see its motion: they rest on the ground. At rest where not
-                given.
+            t: time; the result does not depend on it.
+            y: state [q, q'], shape (2 c,) with c = `coordinates` (dof except for scenes), or (2 c,
+                k) for k states; k may be 0.
+            u: flow speed >= 0, in units of sqrt(EI / mu_f) / L; one number, or for k states also
+                (k,).
+            u_dot: rate of change of u, which accelerates the fluid along the pipe; a number, or for
+                k states also (k,). Default: steady flow.
+            base: position, velocity and acceleration of a moving base, each (x, y): shape (3, 2),
+                or (3, 2, k) for k states. The base carries the clamp, all rigid supports and what
+                fixes the pipe's end axially (`Stretching`); q is measured from it. Drag and other
+                terms act from the ground, so that they depend on the base's motion. Default: at
+                rest.
 
         Returns:
-            dy/dt = [q', q''], of the shape of y.
+            dy/dt = [q', q''], of the same shape as y.
 
         Raises:
-            NotResolved: at a state that is beyond what the model or double precision resolves; says
-                how far it does, and which of k states these are. Within `simulate` such a state is
-                a step that is not taken.
+            NotResolved: for a state that the model or double precision does not resolve; the
+                message gives the limit and the indices of these states among the k. `simulate`
+                rejects a step to such a state.
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
@@ -545,7 +551,7 @@ class Model(OfPipe, ABC):
         return drive_of(y, u_dot, base)
 
     def require_base(self) -> None:
-        """Raises ValueError where it is not known what a moving base does to the model."""
+        """Raises ValueError if the model has no equations for a moving base."""
 
     def jacobian(
         self,
@@ -559,15 +565,16 @@ class Model(OfPipe, ABC):
         """Derivative of `rhs` with respect to the state, analytic.
 
         Args:
-            t: time; nothing depends on it.
+            t: time; the result does not depend on it.
             y: state [q, q'], shape (2 c,), or (2 c, k) for k states of a chain or reduced model.
-            u: flow speed, in units of sqrt(EI / mu_f) / L, >= 0; for k states also one each, (k,).
-            u_dot: its rate of change, as for `rhs`.
-            base: its motion, as for `rhs`.
+            u: flow speed >= 0, in units of sqrt(EI / mu_f) / L; one number, or for k states also
+                (k,).
+            u_dot: rate of change of u, as for `rhs`.
+            base: motion of the base, as for `rhs`.
 
         Returns:
-            d(dy/dt)/dy, shape (2 c, 2 c), or (k, 2 c, 2 c). Drag's share
-            d(|v| v) = 2 |v| dv is 0 where v is.
+            d(dy/dt)/dy, shape (2 c, 2 c), or (k, 2 c, 2 c). The derivative of drag, d(|v| v) =
+            2 |v| dv, is 0 where the velocity v is 0.
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
@@ -579,14 +586,14 @@ class Model(OfPipe, ABC):
 
         Raises:
             NotResolved: as for `rhs`.
-            ValueError: also for more than 4000 segments of a chain.
+            ValueError: also for a chain with more than 4000 segments.
         """
         if u_dot is None and base is None:
             return self._steady_jacobian(t, y, u)
         self._check_dense()
         return self.equations.jacobian(t, y, u, drive=self._drive(y, u_dot, base))
 
-    # Kept, as finding these costs a tenth of a call.
+    # These two functions are kept, as looking them up takes a tenth of a call.
 
     @cached_property
     def _steady_rhs(self) -> Callable[..., Array]:
@@ -603,7 +610,7 @@ class Model(OfPipe, ABC):
         return self.coordinates
 
     def initial_state(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
-        """[p, p'] to integrate from, shape (2 integrated,), of what `simulate` is given."""
+        """Initial state [p, p'], shape (2 integrated,), from the arguments of `simulate`."""
         size = self.coordinates
         rule: dict[str, Any] = {"size": size, "low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
         q = check.array("q0", q0, **rule)
@@ -611,81 +618,82 @@ class Model(OfPipe, ABC):
         return np.concatenate([q, rates])
 
     def to_user(self, p: Array, pdot: Array) -> tuple[Array, Array]:
-        """Coordinates and rates for users, (S, coordinates), from those of p, (S, integrated)."""
+        """Coordinates and rates for users, (S, coordinates), from p and p', (S, integrated)."""
         return p, pdot
 
     def from_user(self, q: Array, qdot: Array) -> Array:
-        """States [p, p'], (S, 2 integrated), from coordinates and rates of users."""
+        """States [p, p'], (S, 2 integrated), from users' q and qdot, (S, coordinates)."""
         return np.concatenate([q, qdot], axis=1)
 
     def resting(self) -> Array:
-        """Where p is at rest, shape (integrated,)."""
+        """Coordinates p of the configuration at rest, shape (integrated,)."""
         return np.zeros(self.integrated) if self._reference is None else self._reference
 
     def free_directions(self, p: Array) -> Array:
-        """Directions that constraints leave about a configuration, shape (integrated, dof)."""
+        """Basis of the changes of p that constraints allow at p, shape (integrated, dof)."""
         return np.eye(self.dof)
 
     def by_coordinates(self) -> Array:
-        """Change of p at rest by each coordinate of `operators()`, shape (integrated, dof)."""
+        """Derivative of p at rest by the coordinates of `operators()`, shape (integrated, dof)."""
         return self.free_directions(self.resting())
 
     def onto_constraints(self, p: Array, rates: Array) -> tuple[Array, Array]:
-        """What meets constraints close to p and its rates, (integrated, ...); NaN if nothing."""
+        """Nearby p and rates that meet the constraints, (integrated, ...); NaN if none exist."""
         return p, rates
 
     def free_states(self, y: Array) -> Array:
-        """Changes of [p, p'] that constraints leave, shape (2 integrated, 2 dof)."""
+        """Basis of the changes of [p, p'] that constraints allow, shape (2 integrated, 2 dof)."""
         return np.eye(2 * self.dof)
 
     def largest_angle(self, p: NDArray[Any]) -> float:
-        """Largest angle of the pipe displaced by p, (integrated,), maybe complex; to first order.
+        """Largest angle of the pipe to first order in p, shape (integrated,), real or complex.
 
-        Coordinates are angles where a model says nothing else.
+        The base class takes coordinates as angles.
         """
         return float(np.abs(p).max())
 
     def motion_rates(
         self, y: Array, u: float | Array, drive: Array | None = None, t: float = 0.0
     ) -> Array:
-        """Rates of [p, p'] or, with the work W done on them, of [p, p', W]; (rows,) or (rows, k).
+        """Rates of [p, p'], or of [p, p', W] with the work W done; shape (rows,) or (rows, k).
 
-        NaN where the model resolves none. drive: what drives them, see `pipedyn.models.drive`,
-        (ROWS,) or (ROWS, k).
+        They are NaN where the model does not resolve the state. drive: rows of the varying flow
+        speed and the moving base, see `pipedyn.models.drive`, shape (ROWS,) or (ROWS, k).
         """
         if len(y) > 2 * self.integrated:
             return np.asarray(self.motion.rhs_and_power(t, y, u, drive))
-        if self.motion is self.core:  # which advances these, and needs no work for it
+        if self.motion is self.core:  # the core advances [p, p'] itself and needs no work
             return np.asarray(self.core.rhs(t, y, u, drive, refuses=False))
         work = np.zeros((1, *y.shape[1:]))
         rates: Array = self.motion.rhs_and_power(t, np.concatenate([y, work]), u, drive)
         return rates[:-1]
 
     def motion_jacobian(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
-        """Derivative of the rates of [p, p'], (2 integrated, 2 integrated), or of k columns."""
+        """Jacobian of the rates of [p, p'], (2 integrated, 2 integrated), or k of them."""
         self._check_dense()
         return self.motion.jacobian(0.0, y, u, drive, refuses=False)
 
     def motion_linearised(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
-        """Rates of [p, p'] of k columns, their derivatives by the speed and by [p, p'].
+        """Rates of [p, p'] for k columns, with derivatives with respect to speed and state.
 
-        One after the other, (k, 2 + 2 integrated, 2 integrated).
+        The rows of the result, (k, 2 + 2 integrated, 2 integrated), are the rates, their derivative
+        by the speed and the derivatives by [p, p'].
         """
         if self.motion is self.core:
             self._check_dense()
             return np.asarray(self.core.linearised(0.0, y, u, drive))
         step = np.where(np.asarray(u) > 0.0, 0.5 * np.asarray(u), 1.0)
         rates, faster, fastest = (self.motion_rates(y, u + k * step, drive) for k in range(3))
-        by_speed = (4.0 * faster - fastest - 3.0 * rates) / (2.0 * step)  # of second degree
+        by_speed = (4.0 * faster - fastest - 3.0 * rates) / (2.0 * step)  # exact to degree 2
         slopes = self.motion_jacobian(y, u, drive)
         return np.concatenate([rates.T[:, None], by_speed.T[:, None], slopes], axis=1)
 
     def energy(self, y: ArrayLike, *, base: ArrayLike | None = None) -> float | Array:
-        """Kinetic, elastic and gravity's energy in EI / L, 0 at rest on the straight pipe.
+        """Kinetic, elastic and gravitational energy in EI / L, 0 at rest on the straight pipe.
 
-        A number for a state y, shape (2 coordinates,), or shape (k,) for k, (2 coordinates, k). It
-        is counted in the frame of the base, but for what springs on the ground store. base: as for
-        `rhs`, and as there raises NotResolved.
+        The result is a number for a state y, shape (2 coordinates,), or has shape (k,) for states
+        (2 coordinates, k). The energy is counted in the frame of the base, except that of springs
+        fixed to the ground. base: as for `rhs`. Raises NotResolved as `rhs` does.
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
@@ -702,10 +710,10 @@ class Model(OfPipe, ABC):
         u_dot: float | ArrayLike | None = None,
         base: ArrayLike | None = None,
     ) -> Power:
-        """What feeds and drains the energy, in EI / (L T): its total is dE/dt along the motion.
+        """Power of each kind of force, in EI / (L T); their total is dE/dt along the motion.
 
-        By what does the work, each a number or shape (k,); states y as for `energy`, flow speed u,
-        u_dot and base as for `rhs`, and as there raises NotResolved.
+        Each entry of the result is a number or has shape (k,). States y are as for `energy`; flow
+        speed u, u_dot and base are as for `rhs`. Raises NotResolved as `rhs` does.
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
@@ -715,11 +723,11 @@ class Model(OfPipe, ABC):
         return Power(*self.equations.power(y, u, drive=self._drive(y, u_dot, base)))
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
-        """Centreline, inextensible at any amplitude: x transverse and y downward.
+        """Centreline (x, y), inextensible at any amplitude: x is transverse, y points downward.
 
         Args:
             q: coordinates, shape (coordinates,).
-            s: arc lengths from the clamp in L, each in [0, 1], shape (p,), or one, a number.
+            s: arc lengths from the clamp in L, each in [0, 1], shape (p,), or one number.
 
         Returns:
             Shape (p, 2), or (2,) for one arc length.
@@ -736,23 +744,24 @@ class Model(OfPipe, ABC):
 
     @abstractmethod
     def _centreline(self, q: ArrayLike, s: Array) -> Array:
-        """What `shape` answers for arc lengths (p,), shape (p, 2)."""
+        """The centreline of `shape` at arc lengths (p,), shape (p, 2)."""
 
     def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
-        """Transverse displacement to first order in q, from where the model is linearised.
+        """Transverse displacement to first order in q, about the configuration of linearisation.
 
         Args:
             q: displacement, real or complex, in the degrees of freedom of `operators`, shape (dof,)
-                or (dof, k), or in the coordinates of a configuration, shape (coordinates,) or
-                (coordinates, k), as those that `equilibria` and `simulate` give; of a scene also
-                in the angles of its segments.
-            s: arc lengths from the clamp in L, each in [0, 1], shape (p,), or one, a number.
-            derivative: 0, or 1 for the angle by which the pipe turns there, the slope of a straight
-                one; of a chain that of its segments in their middles, and between these in
-                proportion to the compliance passed, that is linear if the pipe is uniform.
+                or (dof, k), or in the coordinates of a configuration as in `equilibria` and
+                `simulate`, shape (coordinates,) or (coordinates, k); for a scene also the angles of
+                its segments.
+            s: arc lengths from the clamp in L, each in [0, 1], shape (p,), or one number.
+            derivative: 0, or 1 for the pipe's angle of rotation, which is the slope of a straight
+                pipe. A chain's angle is that of its segments at their middles; between them it is
+                interpolated in proportion to the compliance passed, so linearly if the pipe is
+                uniform.
 
         Returns:
-            Shape (p,) or (p, k); for one arc length () or (k,).
+            Shape (p,) or (p, k); for one number s, () or (k,).
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
@@ -775,16 +784,16 @@ class Model(OfPipe, ABC):
 
     @abstractmethod
     def _deflected(self, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
-        """What `deflection` answers for changes of p, (integrated, k), and arc lengths (p,)."""
+        """The result of `deflection` for changes of p, (integrated, k), at arc lengths (p,)."""
 
     def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
-        """Changes of p, (integrated, k), for columns in any coordinates `deflection` takes."""
+        """Changes of p, (integrated, k), from columns in any coordinates of `deflection`."""
         return columns
 
     def tips(self, q: ArrayLike) -> Array:
         """Positions (x, y) of the free end, (k, 2), for k configurations, (coordinates, k).
 
-        Of a pipe whose end is held across, of its place `Pipe.watched`.
+        If the end is held across, they are positions of the pipe's point `Pipe.watched`.
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
@@ -796,9 +805,9 @@ class Model(OfPipe, ABC):
         return resolved("tips", lambda: self._tips(columns).T, batch=True).T
 
     def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
-        """Velocities (x', y') of what `tips` gives, in L / T, exact, (k, 2), for k states.
+        """Velocities (x', y') of the points of `tips`, in L / T, exact, (k, 2), for k states.
 
-        Coordinates q and their rates have shape (coordinates, k) each.
+        Coordinates q and their rates qdot have shape (coordinates, k) each.
         """
         columns, rates = self._configurations("q", q), self._configurations("qdot", qdot)
         if columns.shape != rates.shape:
@@ -812,18 +821,18 @@ class Model(OfPipe, ABC):
 
     @abstractmethod
     def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
-        """The positions, an analytic function of q, real or complex, (coordinates, k)."""
+        """Positions for `tips`, an analytic function of real or complex q, (coordinates, k)."""
 
     @property
     def kinks_known(self) -> bool:
-        """Whether `kinks` has all; not of drag that acts at many points, each with little of it."""
+        """Whether `kinks` is complete; not with drag all along the pipe, little at each point."""
         return self.pipe.drag == 0.0
 
     def kinks(self, p: Array, pdot: Array, drive: Array | None = None) -> Array:
-        """What changes sign where derivatives of forces jump, (how many, k), at p (integrated, k).
+        """Functions zero where derivatives of forces jump, (how many, k), at p (integrated, k).
 
-        How far the places of terms are from where they meet stops. drive: rows of what drives the
-        states, (ROWS, k), where the base moves.
+        They are distances of the places of terms from the stops that they hit. drive: rows of the
+        varying speed and moving base, (ROWS, k), needed if the base moves.
         """
         met = [(term.place or 0.0, x) for term in self.pipe.terms for x in term.kinks]
         if not met:
@@ -839,16 +848,16 @@ class Model(OfPipe, ABC):
 
     @abstractmethod
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
-        """Coordinates q, shape (dof,), of a bent pipe, so that all models may start the same.
+        """Coordinates q, shape (dof,), of a bent pipe, so that all models can start from one shape.
 
-        `angle` gives theta(s), rad from the straight pipe, of arc lengths s, shape (p,) to (p,).
+        `angle` is a function theta(s), rad from the straight pipe, of arc lengths s; (p,) to (p,).
         """
 
     @abstractmethod
     def sampled(self, angle: Callable[[Array], ArrayLike]) -> Array:
-        """What integrators advance, shape (integrated,), of angles or rates theta(s) as for `bent`.
+        """Coordinates p, shape (integrated,), from angles or rates theta(s), as for `bent`.
 
-        Whether or not these meet supports.
+        They need not meet supports.
         """
 
     @staticmethod
@@ -864,7 +873,7 @@ class Model(OfPipe, ABC):
         )
 
     def tip(self, q: ArrayLike) -> Array:
-        """Position (x, y) of the free end, shape (2,), or of `Pipe.watched` as for `tips`.
+        """Position (x, y) of the free end, shape (2,); of `Pipe.watched` if the end is held across.
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
@@ -884,7 +893,7 @@ class Model(OfPipe, ABC):
         return check.array("q", q, size=self.coordinates, low=-LARGEST_ANGLE, high=LARGEST_ANGLE)
 
     def _columns(self, name: str, given: ArrayLike, *sizes: int) -> NDArray[Any]:
-        """Numbers of one or several columns, real or complex, each of one of some sizes or dof."""
+        """Checks one or several columns of real or complex numbers, each of dof or a given size."""
         sizes = tuple(dict.fromkeys(sizes or (self.dof,)))
         columns = check.numbers(
             *(name, given, "an array of real or complex numbers"),
@@ -895,14 +904,14 @@ class Model(OfPipe, ABC):
             listed = " or ".join(f"({size}, ...)" for size in sizes)
             raise ValueError(f"{name} must have shape {listed}, got {columns.shape}")
         check.entries(name, columns, np.isfinite(columns), "be finite")
-        with np.errstate(over="ignore"):  # of numbers that are wider than a double
+        with np.errstate(over="ignore"):  # numbers may be wider than a double
             largest = np.maximum(np.abs(columns.real), np.abs(columns.imag)).astype(np.float64)
         rule = f"be at most {LARGEST_DISPLACEMENT:g} in size"
         check.entries(name, columns, largest <= LARGEST_DISPLACEMENT, rule)
         return columns
 
     def _configurations(self, name: str, given: ArrayLike) -> Array:
-        """Coordinates of k configurations, (coordinates, k)."""
+        """Checks coordinates of k configurations, shape (coordinates, k)."""
         columns = self._columns(name, given, self.coordinates)
         if columns.ndim != 2:
             raise ValueError(f"{name} must have shape ({self.coordinates}, k), got {columns.shape}")
@@ -912,12 +921,12 @@ class Model(OfPipe, ABC):
 
 
 def arc_lengths(s: ArrayLike) -> tuple[Array, tuple[int, ...]]:
-    """Points on the pipe, 0 <= s <= 1, (p,), and the shape of s: (p,), or () of a number."""
+    """Arc lengths, 0 <= s <= 1, (p,), and the shape of s: (p,), or () for one number."""
     one = isinstance(s, Real) or (isinstance(s, np.ndarray) and s.ndim == 0)
     at = check.array("s", [s] if one else s, low=0.0, high=1.0)
     return at, () if one else at.shape
 
 
 def stored(name: str, doc: str) -> Any:
-    """A property that hands out what the model stores under a private name."""
+    """A read-only property that returns the attribute with a private name."""
     return property(attrgetter(name), doc=doc)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The chain: n rigid segments joined by torsional springs, and the rules that set the springs."""
+"""The chain: n rigid segments joined by torsional springs, and rules for the springs."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ SpringRule = Literal["consistent", "midpoint", "rayleigh", "uniform", "frequency
 SPRING_RULES: tuple[SpringRule, ...] = get_args(SpringRule)
 
 FIRST_BEAM_EIGENVALUE = 1.8751040687119611664**4
-"""Square of a cantilever's first angular frequency: root of cos(k) cosh(k) = -1, to the fourth."""
+"""Square of a cantilever's first angular frequency: k^4 at the root of cos(k) cosh(k) = -1."""
 
 ARRAYS = {
     "lengths": "_lengths",
@@ -53,15 +53,15 @@ ARRAYS = {
     "drag_points": "_drag_points",
     "gyration_radii": "_gyration_radii",
 }
-"""Numbers of each segment: arguments of the constructor, and where a chain keeps them."""
+"""Arrays with one number for each segment: constructor arguments and the attributes they set."""
 
 NOT_HELD = np.zeros(0, dtype=np.intp)
 
 LARGEST_CHAIN = 1_000_000
-"""Segments: their arrays take 8 MB each, a right-hand side some 0.03 s."""
+"""Largest number of segments: each array takes 8 MB, a right-hand side some 0.03 s."""
 
 SHORTEST_SEGMENT = 1e-7
-"""Shorter segments, or a last one with less inertia, are lost in the rounding of the others."""
+"""Shortest segment: shorter ones, or a last one with less inertia, are lost in rounding."""
 
 
 @saved_as(
@@ -84,49 +84,50 @@ class Chain(Model):
     """A chain of n rigid segments, the lumped-parameter model of a pipe.
 
     Coordinates: the angles theta_j of the segments from the straight pipe, shape (n,), from the
-    root to the other end. The terms of the pipe act where they are, anywhere along a segment; what
-    acts at a place of the fixed base moves nothing. `rhs` takes O(n), `jacobian` O(n^2).
+    root to the other end. The terms of the pipe act at their places, anywhere along a segment; a
+    force on the fixed base moves nothing. `rhs` takes O(n), `jacobian` O(n^2).
 
-    Supports, and an end that is pinned or clamped, hold the ends of segments on the axis: n angles
-    then have fewer degrees of freedom, `dof`. States and configurations hold all n, and meet the
-    supports to 1e-9; `bent` and `admissible` give such. Operators and modes have coordinates along
-    `basis`, orthonormal. A root's spring, undamped, lies in series with the first joint, 1 / k_1 +
-    1 / k_r; a guided or clamped end has a joint n + 1, the mirror image of the clamp's.
+    Supports, and an end that is pinned or clamped, hold ends of segments on the axis, so that the
+    degrees of freedom, `dof`, are fewer than n. States and configurations have all n angles and
+    must meet the supports to 1e-9, as the results of `bent` and `admissible` do. Operators and
+    modes have coordinates along the orthonormal `basis`. An undamped root spring lies in series
+    with the first joint, 1 / k_1 + 1 / k_r; a guided or clamped end has a joint n + 1, the mirror
+    image of the clamp's.
 
     Args:
         pipe: the pipe.
-        n: number of segments; not needed where an array is given.
-        springs: stiffness k_j of the joint at each segment's side towards the root, in EI / L,
-            shape (n,), each >= 0, and one more for a guided or clamped end; or a rule:
+        n: number of segments; not needed if an array is given.
+        springs: stiffness k_j of the joint at the root side of each segment, in EI / L, shape (n,),
+            each >= 0, with one more for a guided or clamped end; or a rule:
 
-            - "consistent": 1 / k_j is the length, or where the stiffness e varies the integral of
-              1 / e over what lies nearer to joint j than to any other, with all of the base at the
-              first; n on n equal segments, but 2 n at clamps. Second order.
+            - "consistent": 1 / k_j is the length nearer to joint j than to any other joint (if the
+              stiffness e varies, the integral of 1 / e over that length); the base belongs to the
+              first joint. So k_j = n on n equal segments, but 2 n at clamps. Second order.
             - "midpoint": n equal cells with a joint in the middle of each, all springs n; half a
               cell stays fixed at the clamp and the last segment is half a cell. Second order, for a
               clamped root, an end free or pinned and no supports.
             - "uniform": all springs n. First order.
-            - "frequency": all equal, the chain's first frequency without flow, gravity and terms
-              that of the cantilever. First order.
-            - "rayleigh" (the paper's): all equal; the Rayleigh quotient of the tip-load shape,
-              sampled at the joints, that of the cantilever's first frequency. It does not converge
-              to the continuous pipe, but to one with 0.97133 of its bending stiffness: without
-              gravity frequencies and critical speed end 1.44 % low.
+            - "frequency": all springs equal, so that the chain's first frequency without flow,
+              gravity and terms is the cantilever's. First order.
+            - "rayleigh" (the paper's): all springs equal, so that the Rayleigh quotient of the
+              tip-load shape, sampled at the joints, is the square of the cantilever's first
+              frequency. It converges to a pipe with 0.97133 of the bending stiffness: without
+              gravity, frequencies and critical speed end 1.44 % low.
 
-            Springs that these rules make equal are, where the stiffness varies, in proportion to
-            its harmonic mean over the cell, or else over the joint's segment.
-        lengths: of the segments in L, shape (n,), each > 0, one ending at each support; equal where
-            not given, or between supports.
+            If the stiffness varies, springs that are equal by these rules are multiplied by its
+            harmonic mean over the cell ("midpoint") or over the joint's segment.
+        lengths: lengths of the segments in L, shape (n,), each > 0, with a segment's end at each
+            support. Default: equal, or equal between supports.
         centres: centre of mass of each segment as a fraction chi_j of its length, shape (n,), in
-            [0, 1]; where not given that of the pipe's own mass, 1/2 if it is uniform.
-        gyration_radii: eta_j in L, about the centre of mass, shape (n,), >= 0; where not given
-            that of the pipe's own mass, l_j / sqrt(12) if it is uniform.
-        drag_points: where drag acts, as a fraction xi_j of the length, shape (n,), in [0, 1]; 1/2
-            where not given.
+            [0, 1]. Default: that of the pipe's mass, 1/2 if it is uniform.
+        gyration_radii: radii of gyration eta_j about the centres of mass, in L, shape (n,), >= 0.
+            Default: those of the pipe's mass, l_j / sqrt(12) if it is uniform.
+        drag_points: points where drag acts, as fractions xi_j of the lengths, shape (n,), in [0,
+            1]. Default: 1/2.
         base: length of the fixed part at a clamped root, in L; base + sum(lengths) = 1.
-        masses: of the segments in the pipe's, shape (n,), each > 0; where not given their lengths,
-            or of a pipe whose mass varies the integrals of that. Of such a pipe masses, centres and
-            gyration_radii are given together or not at all.
+        masses: masses of the segments in units of the pipe's mass, shape (n,), each > 0. Default:
+            their lengths, or integrals of the pipe's mass if it varies; then masses, centres and
+            gyration_radii must be given together or not at all.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), n=3)
@@ -139,10 +140,10 @@ class Chain(Model):
 
     Raises:
         ValueError: for a number out of range, arrays that do not fit one another, lengths that do
-            not add up or do not end at the supports, supports that leave nothing that moves, more
-            than a million segments, a segment lighter than its fluid, or "midpoint" with lengths or
-            a base, or where it is not made for how the pipe is held.
-        TypeError: for what is no number, array or pipe.
+            not add up or do not end at the supports, supports that leave no motion, more than a
+            million segments, a segment lighter than its fluid, or "midpoint" with lengths, a base
+            or a way of holding the pipe that the rule excludes.
+        TypeError: for an argument that is not a number, array or pipe.
 
     Source: Orsino and Di Giulio, eqs. (1)-(11) and the modal analysis; "midpoint" after Paidoussis
     and Deksnis (1970).
@@ -184,7 +185,7 @@ class Chain(Model):
             cells = np.full(n, 1.0 / n)
             cells[-1] = 0.5 / n
         self._lengths = _given("lengths", lengths, cells, open_low=True)
-        total = base + float(self._lengths.sum())  # pairwise, which 1e-9 allows
+        total = base + float(self._lengths.sum())  # pairwise sum, whose rounding 1e-9 allows
         if abs(total - 1.0) > 1e-9:
             raise ValueError(f"base + sum(lengths) must be 1, got {total!r}")
         shortest = float(self._lengths.min())
@@ -231,7 +232,7 @@ class Chain(Model):
 
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> Self:
-        """The chain of which a file kept this, checked as the constructor does."""
+        """Restores the chain from the fields of a file, checked as by the constructor."""
         rule, joints, approximates, reference = (
             fields.pop(name) for name in ("rule", "joints", "approximates", "reference")
         )
@@ -243,7 +244,7 @@ class Chain(Model):
         for name, own in ARRAYS.items():
             given = fields.get(name)
             if isinstance(given, np.ndarray) and given.dtype == np.float64:
-                setattr(made, own, _frozen(given))  # which chains of other pipes share
+                setattr(made, own, _frozen(given))  # chains with other pipes share it
         made._joints = kept
         made._rule = None if rule is None else check.choice("rule", rule, SPRING_RULES)
         made._approximates = check.flag("approximates", approximates)
@@ -257,7 +258,7 @@ class Chain(Model):
         return np.minimum(self._base + np.cumsum([0.0, *self._lengths]), 1.0)
 
     def _pipe_inertia(self) -> tuple[Array, Array, Array]:
-        """Masses, centres and radii of gyration of the pipe's own segments."""
+        """Masses, centres of mass and radii of gyration of the pipe's segments, shape (n,) each."""
         lengths, mass = self._lengths, self._pipe.mass
         if mass is None:
             return lengths, np.full(lengths.size, 0.5), lengths / math.sqrt(12.0)
@@ -266,7 +267,7 @@ class Chain(Model):
         return whole, arms / lengths, np.sqrt(second / whole - arms**2)
 
     def _relative_stiffness(self, rule: str) -> Array:
-        """Harmonic mean of the pipe's stiffness over what each joint stands for, shape (n + 1,)."""
+        """Harmonic mean of the pipe's stiffness over the part of each joint, shape (n + 1,)."""
         if self._pipe.stiffness is None:
             return np.ones(self.coordinates + 1)
         cells = self._ends()
@@ -280,7 +281,7 @@ class Chain(Model):
         return np.append(harmonic, harmonic[-1])[: self.coordinates + 1]
 
     def _springs_by_rule(self, rule: str) -> Array:
-        """Springs of all joints with a clamped root, a guided end's too, shape (n + 1,)."""
+        """Springs of all joints, with a clamped root and a guided end's joint, shape (n + 1,)."""
         n, every = self.coordinates, self._relative_stiffness(rule)
         if rule == "consistent":
             beside = np.concatenate([[2.0 * self._base], self._lengths, [0.0]])
@@ -292,24 +293,25 @@ class Chain(Model):
         lowest = _first_eigenvalue(self._pipe)
 
         def inertia(turns: Array) -> Array:
-            """Product with the mass matrix in joint angles, O(n)."""
+            """The product of the mass matrix with joint angles, O(n)."""
             return bare.joint_times(turns[:, None], square=1.0)[:, 0]
 
         if rule == "rayleigh":
             joints = self._base + np.concatenate([[0.0], np.cumsum(self._lengths)])
-            joints[0] = 0.0  # a fixed part does not bend: the first angle is measured from the axis
+            joints[0] = 0.0  # a fixed part does not bend: the first angle is relative to the axis
             tip_load = joints**2 * (3.0 - joints)
             angles = np.diff(tip_load) / self._lengths
             turns = np.diff(angles, prepend=0.0)
             kinetic = turns @ inertia(turns)
             return lowest * kinetic / (turns @ (relative * turns)) * every
-        # "frequency": with such springs times k the largest inertia is k / omega_1^2.
+        # "frequency": with these springs times k, the largest eigenvalue of the mass matrix is
+        # k / omega_1^2.
         soft = np.sqrt(1.0 / relative)
         stretch = largest_stretch(lambda turns: soft * inertia(soft * turns), np.ones(n))
         return lowest * stretch * every
 
     def _check_pipe(self) -> None:
-        """Raises ValueError where the chain is not made for its pipe, or how that is held."""
+        """Raises ValueError if the chain does not fit its pipe or the way the pipe is held."""
         pipe, n = self._pipe, self.coordinates
         lacking = self._masses - pipe.beta * self._lengths
         if lacking.min() < -1e-9 * self._masses.max():
@@ -342,13 +344,13 @@ class Chain(Model):
 
     @cached_property
     def _held(self) -> NDArray[np.intp]:
-        """Which segments' ends are held on the axis, from 0 on."""
+        """Indices, from 0 on, of the segments whose ends are held on the axis."""
         if self._pipe.cantilevered:
             return NOT_HELD
         return held_ends(self._pipe, self._ends()[1:])
 
     def _with_springs(self, springs: Array, pipe: Pipe) -> _core.Chain:
-        return _core.Chain(  # by place, as in `core_pipe`
+        return _core.Chain(  # positional arguments, as in `core_pipe`
             core_pipe(pipe),
             self._lengths,
             self._centers,
@@ -361,17 +363,17 @@ class Chain(Model):
 
     @property
     def _own_joints(self) -> Array:
-        """Stiffness of the joints that the pipe has, shape (n,) or (n + 1,)."""
+        """Stiffness of the joints that the pipe has, shape (n,), or (n + 1,) with a guided end."""
         return self._joints[: self.coordinates + self._pipe.end_directed]
 
     @cached_property
     def core(self) -> _core.Chain:
-        """The compiled chain, but for what holds nodes."""
+        """The compiled chain without the supports."""
         return self._with_springs(self._own_joints, self._pipe)
 
     @cached_property
     def motion(self) -> Any:
-        """The compiled chain, or where supports hold nodes the compiled scene."""
+        """The compiled chain, or the compiled scene if supports hold nodes."""
         if not self._held.size:
             return self.core
         n, joints = self.coordinates, self._own_joints
@@ -393,11 +395,11 @@ class Chain(Model):
 
     @cached_property
     def supported(self) -> ChainSupports | None:
-        """What supports hold, or None if they hold no node."""
+        """The constraints by supports, or None if they hold no node."""
         return ChainSupports(self.motion, self._rows) if self._held.size else None
 
     def _rows(self, theta: Array) -> Array:
-        """Derivative of x of the nodes that are held by the angles, shape (n, c)."""
+        """Derivative of the held nodes' x with respect to the angles, shape (n, c)."""
         before = np.arange(theta.size)[:, None] <= self._held
         return before * (self._lengths * np.cos(theta))[:, None]
 
@@ -407,7 +409,7 @@ class Chain(Model):
 
     @cached_property
     def dof(self) -> int:
-        """Number of angles, less one for each node that supports hold."""
+        """Number of degrees of freedom: n less the number of nodes that supports hold."""
         return self._lengths.size - self._held.size
 
     @property
@@ -426,17 +428,17 @@ class Chain(Model):
 
     @property
     def springs(self) -> Array:
-        """k_j, shape (n,), the first without a root's spring."""
+        """Stiffness k_j of the joints, shape (n,), the first without a root's spring."""
         return self._joints[: self.coordinates]
 
     @property
     def end_spring(self) -> float:
-        """k_{n+1} of the joint that holds a guided or clamped end; 0 of other ends."""
+        """Stiffness k_{n+1} of the joint at a guided or clamped end; 0 for other ends."""
         return float(self._joints[-1]) if self._pipe.end_directed else 0.0
 
     @property
     def _series(self) -> Array:
-        """k_j with the first in series with a root's spring, shape (n,)."""
+        """Stiffness k_j with the first joint in series with a root's spring, shape (n,)."""
         clamped = self._pipe.root == "clamped"
         return self.springs if clamped else self.core.joints[: self.coordinates, 0]
 
@@ -457,7 +459,7 @@ class Chain(Model):
 
     @cached_property
     def elastic_scale(self) -> Array:
-        """Joint angle of one elastic coordinate, shape (n,)."""
+        """Joint angle for a unit of each elastic coordinate, shape (n,)."""
         return _frozen(elastic_scale(self._series))
 
     @property
@@ -470,7 +472,7 @@ class Chain(Model):
 
     @property
     def stations(self) -> Array:
-        """Arc lengths of the nodes: polylines peak there."""
+        """Arc lengths of the nodes, at which polylines have their maxima."""
         return np.minimum(self._base + np.cumsum(self._lengths), 1.0)
 
     def elastic_operators(self) -> Operators:
@@ -493,12 +495,12 @@ class Chain(Model):
 
     @cached_property
     def _free(self) -> _core.Complement:
-        """What supports leave of the angles, where the model is linearised."""
+        """The changes of the angles that supports allow, at the configuration of linearisation."""
         return _core.Complement(self._rows(self.resting()))
 
     @cached_property
     def _elastic_free(self) -> _core.Complement:
-        """What supports leave of the elastic coordinates, where the model is linearised."""
+        """The changes of elastic coordinates that supports allow, where it is linearised."""
         rows = np.cumsum(self._rows(self.resting())[::-1], axis=0)[::-1]
         return _core.Complement(self.elastic_scale[:, None] * rows)
 
@@ -506,11 +508,11 @@ class Chain(Model):
         return free.spread(np.eye(self.dof))
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        """Linear operators about a configuration at rest; where supports hold nodes, along `basis`.
+        """Linear operators about a configuration at rest, along `basis` if supports hold nodes.
 
         Args:
-            q: angles at rest that meet the supports, shape (n,); those of `about`, else the
-                straight pipe, where not given.
+            q: angles at rest that meet the supports, shape (n,). Default: the configuration of
+                `about`, else the straight pipe.
 
         Raises:
             ValueError: also for more than 4000 degrees of freedom.
@@ -522,7 +524,7 @@ class Chain(Model):
         return self._with_loss(lambda of: projected(of._in_angles(theta), of.basis(theta)))
 
     def _in_angles(self, theta: Array) -> Operators:
-        """Operators in all angles, with what supports' forces add to them."""
+        """Operators in all n angles, with the stiffness of the supports' forces."""
         chain = operators_from(self.core.operators(theta), self._pipe)
         if self.supported is None:
             return chain
@@ -530,9 +532,10 @@ class Chain(Model):
         return self.supported.bent(chain, theta, moments, self.elastic_scale)
 
     def basis(self, q: ArrayLike | None = None) -> Array:
-        """Angles of the segments by the degrees of freedom of `operators`, shape (n, dof).
+        """Angles of the segments for each degree of freedom of `operators`, shape (n, dof).
 
-        The identity without supports; else its columns are orthonormal. q: as for `operators`.
+        It is the identity without supports; else its columns are orthonormal. q: as for
+        `operators`.
         """
         self._check_dense()
         theta = self.resting() if q is None else self._coordinates(q)
@@ -572,11 +575,11 @@ class Chain(Model):
         return y
 
     def admissible(self, angles: ArrayLike) -> Array:
-        """Angles close to those given that meet the supports, shape (n,) both.
+        """Angles that meet the supports, close to the given angles; shape (n,) both.
 
         Raises:
-            NotConverged: if none are found near these.
-            ValueError, TypeError: for another shape, or not of finite numbers.
+            NotConverged: if no such angles are found near the given ones.
+            ValueError, TypeError: for an array of another shape, or not of finite real numbers.
         """
         theta = check.array(
             "angles", angles, size=self.coordinates, low=-LARGEST_ANGLE, high=LARGEST_ANGLE
@@ -596,7 +599,7 @@ class Chain(Model):
         return self._require_held("reference", super()._checked_reference(q))
 
     def _require_held(self, name: str, theta: Array) -> Array:
-        """The angles, if they meet the supports."""
+        """The angles, if they meet the supports; else raises ValueError."""
         if self._held.size:
             self._require_met(
                 f"{name} must meet", self._off_axis(theta), MET, f"admissible({name})"
@@ -604,12 +607,12 @@ class Chain(Model):
         return theta
 
     def _off_axis(self, theta: Array) -> Array:
-        """How far the nodes that supports hold are from the axis."""
+        """Distances from the axis of the nodes that supports hold, shape (c,)."""
         off: Array = np.cumsum(self._lengths * np.sin(theta))[self._held]
         return off
 
     def _require_met(self, rule: str, off: Array, most: float, how: str) -> None:
-        """Raises ValueError with the support that is missed by most, if by too much."""
+        """Raises ValueError with the support that is missed by most, if that exceeds `most`."""
         if np.abs(off).max() <= most:
             return
         worst = int(np.argmax(np.abs(off)))
@@ -619,7 +622,7 @@ class Chain(Model):
         )
 
     def _centreline(self, q: ArrayLike, s: Array) -> Array:
-        angles = super()._coordinates(q)  # supports need not be met
+        angles = super()._coordinates(q)  # the angles need not meet supports
         line = along(self._lengths * np.exp(1j * angles), self._base, self._lengths, s)
         return np.stack([line.imag, line.real + np.minimum(s, self._base)], axis=-1)
 
@@ -629,7 +632,7 @@ class Chain(Model):
 
     @cached_property
     def _lengths_to_tip(self) -> Array:
-        """Lengths of the segments as far as the place whose motion `tips` gives, shape (n,)."""
+        """Lengths of the parts of the segments up to the point of `tips`, shape (n,)."""
         place = self.pipe.watched
         if place == 1.0:
             return self._lengths
@@ -641,13 +644,13 @@ class Chain(Model):
         return True
 
     def kinks(self, p: Array, pdot: Array, drive: Array | None = None) -> Array:
-        """Besides, the velocities across the segments of the points at which drag acts."""
+        """Adds the velocities across the segments of the points where drag acts."""
         of_terms = super().kinks(p, pdot, drive)
         if self.pipe.drag == 0.0:
             return of_terms
         tangents = np.exp(1j * p)
         steps = self._lengths[:, None] * pdot * tangents
-        joints = np.cumsum(steps, axis=0) - steps  # velocities where the segments begin
+        joints = np.cumsum(steps, axis=0) - steps  # velocities of the roots of the segments
         if drive is not None:
             joints += drive[3] - 1j * drive[4]
         reach = (self._drag_points * self._lengths)[:, None]
@@ -677,7 +680,7 @@ class Chain(Model):
 
 
 def along(steps: NDArray[Any], base: float, lengths: Array, s: Array) -> NDArray[Any]:
-    """Sum of the segments' steps (n, ...) up to s, linear within a segment, 0 in the base."""
+    """Sum of the segments' vectors (n, ...) up to s, linear within a segment, 0 on the base."""
     ends = base + np.concatenate([[0.0], np.cumsum(lengths)])
     nodes = np.concatenate([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])
     j = np.clip(np.searchsorted(ends, s, side="right") - 1, 0, lengths.size - 1)
@@ -686,17 +689,18 @@ def along(steps: NDArray[Any], base: float, lengths: Array, s: Array) -> NDArray
 
 
 def turned(theta: NDArray[Any], ends: Array, spring: float, pipe: Pipe, s: Array) -> NDArray[Any]:
-    """Angles of the pipe that a chain stands for, at arc lengths s, (p, ...), of second order.
+    """Angles at arc lengths s of the pipe that a chain approximates, (p, ...), of second order.
 
-    Each segment has the pipe's angle in its middle. Between two middles the moment is nearly one,
-    so that the angle grows in proportion to the compliance passed, which of a uniform pipe is the
-    length. Towards a free or pinned end there is no moment and the angle stays; in a guided or
-    clamped end it is 0, and at a root's spring what this has of the first segment's.
+    Each segment has the pipe's angle at its middle. Between two middles the moment is nearly
+    constant, so that the angle grows in proportion to the compliance passed, which for a uniform
+    pipe is the length. Towards a free or pinned end the moment vanishes and the angle is constant;
+    at a guided or clamped end it is 0, and at a root's spring it is the spring's share of the first
+    segment's.
 
     Args:
         theta: angles of the segments, (n, ...).
-        ends: where these begin and end, (n + 1,).
-        spring: of the first joint alone.
+        ends: arc lengths where the segments begin and end, (n + 1,).
+        spring: stiffness of the first joint without the root's spring.
         pipe: the pipe.
         s: arc lengths, (p,).
     """
@@ -724,12 +728,12 @@ def _first_eigenvalue(pipe: Pipe) -> float:
 
 
 def elastic_scale(springs: Array) -> Array:
-    """Joint angle of one elastic coordinate, shape (n,): 1 / sqrt(k_j).
+    """Joint angle for a unit of each elastic coordinate, shape (n,): 1 / sqrt(k_j).
 
-    A joint with no spring, or one far below the mean, takes a scale from the mean instead.
+    A joint whose spring is 0 or below 1e-3 of the mean takes its scale from the mean.
     """
     mean = float(springs.mean())
-    floor = 1e-3 * mean if mean > 1e-100 else float(springs.size)  # squares of the scale are taken
+    floor = 1e-3 * mean if mean > 1e-100 else float(springs.size)  # the scale will be squared
     return 1.0 / np.sqrt(np.maximum(springs, floor))
 
 
@@ -744,7 +748,7 @@ def _segment_count(n: int | None, guided: bool, **arrays: Any) -> int:
 
 
 def _cells(n: int, base: float, supports: Sequence[float]) -> Array:
-    """Lengths of n segments beyond the base, equal in each span between supports, and nearly so."""
+    """Lengths of n segments beyond the base, equal within each span and nearly equal overall."""
     if not supports:
         return np.full(n, (1.0 - base) / n)
     edges = np.array([base, *supports, 1.0])
@@ -769,7 +773,7 @@ def _frozen(values: Array) -> Array:
 
 
 def _given(name: str, values: Any, default: Array, **rule: Any) -> Array:
-    """Numbers of each segment, >= 0: the user's, checked, or the default."""
+    """One number >= 0 for each segment: the user's numbers, checked, or the default."""
     if values is None:
         return _frozen(default)
     return check.array(name, values, size=default.size, low=0.0, **rule)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Chains of which guides and pins hold nodes: what these leave of the angles of the segments."""
+"""Constraints of a chain whose nodes are held by guides and pins."""
 
 from __future__ import annotations
 
@@ -16,28 +16,29 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.util.check import Array
 
 MET = 1e-9
-"""How closely given states must meet the constraints, in L, rad, and these per T.
+"""Tolerance of given states in the constraints, in L and rad, and for rates in these per T.
 
-States that a user has kept in ten digits do; it is far above rounding, 1e-15 n.
+States with ten digits meet it; it is far above rounding, 1e-15 n.
 """
 
 SAME = 1e-12
-"""Places that differ by less are one, and guides and pins are met: rounding leaves some 1e-15."""
+"""Distance below which places are equal and guides and pins are met; rounding is some 1e-15."""
 
 
 class ChainSupports:
-    """Coordinates of nodes that are held, and states that keep to them.
+    """Constraints on the coordinates of held nodes, and the states that meet them.
 
     Args:
-        core: the compiled scene that holds them.
-        rows: their derivative by the angles of the segments, (n, c) of angles (n,), independent.
+        core: the compiled scene that holds the nodes.
+        rows: derivative of the constraints by the angles of the segments, (n, c) as a function of
+            angles (n,); the c columns are independent.
     """
 
     def __init__(self, core: _core.Scene, rows: Callable[[Array], Array]) -> None:
         self.core, self.rows = core, rows
 
     def onto_constraints(self, theta: Array, omega: Array) -> tuple[Array, Array]:
-        """Angles and rates that meet guides and pins, close to those given; NaN without any."""
+        """Nearby angles and rates that meet guides and pins; NaN where none are found."""
         columns = (theta.shape[0], -1)
         *met, missed = self.core.project(theta.reshape(columns), omega.reshape(columns))
         for of in met:
@@ -45,7 +46,7 @@ class ChainSupports:
         return met[0].reshape(theta.shape), met[1].reshape(theta.shape)
 
     def free_states(self, y: Array) -> Array:
-        """Orthonormal changes of [theta, theta'] that are left free, (2 n, 2 dof)."""
+        """Orthonormal changes of [theta, theta'] that constraints allow, (2 n, 2 dof)."""
         theta, omega = np.split(y, 2)
         by_angles = self.rows(theta)
         drift = omega[:, None] * self.rows(theta + 0.5 * math.pi)
@@ -54,21 +55,22 @@ class ChainSupports:
         return np.asarray(vectors[:, 2 * by_angles.shape[1] :])
 
     def bent(self, chain: Operators, theta: Array, moments: Array, scale: Array) -> Operators:
-        """A chain's operators in its angles, with what the forces that hold nodes add.
+        """The chain's operators in its angles, with the stiffness of the forces that hold nodes.
 
-        These forces balance the moments at rest and change their own as the segments turn. They are
-        found by least squares in elastic coordinates, in which stiff springs do not hide soft ones.
+        The forces balance the moments at rest, and their own moments change as the segments turn.
+        They are found by least squares in elastic coordinates, where stiff springs do not hide soft
+        ones.
 
         Args:
-            chain: the operators of the chain alone.
+            chain: the operators of the chain without supports.
             theta: angles of the segments, shape (n,).
             moments: the columns of `rest_moments`, shape (n, 3).
-            scale: joint angle of one elastic coordinate, shape (n,).
+            scale: joint angle for a unit of each elastic coordinate, shape (n,).
         """
         rows, loads = (
             scale[:, None] * np.cumsum(of[::-1], axis=0)[::-1] for of in (self.rows(theta), moments)
         )
-        # The rows are independent, so that no singular value is rounding: none is cut off.
+        # The rows are independent: no singular value is due to rounding, so that none is cut off.
         forces, *_ = np.linalg.lstsq(rows, -loads, rcond=0.0)
         by_turning = self.rows(theta + 0.5 * math.pi) @ forces
         still, thrust, push = map(np.diag, by_turning.T)
@@ -83,19 +85,20 @@ class ChainSupports:
 def rest_moments(core: _core.Chain, theta: Array, lengths: Array, pipe: Pipe) -> Array:
     """Moments on the segments of a chain at rest, shape (n, 3).
 
-    The first column holds those without flow, the others those by a u^2 and by s u'.
+    The first column has the moments without flow, the others the factors of a u^2 and of s u'.
 
     Args:
         core: the compiled chain.
         theta: angles of the segments, shape (n,).
-        lengths: their lengths, shape (n,).
+        lengths: lengths of the segments, shape (n,).
         pipe: the pipe.
     """
     still = core.rhs(0.0, np.append(theta, 0.0 * theta), 0.0, refuses=False)[theta.size :]
     if still.any():
         still = core.operators(theta).mass @ still
     end = (0.0 if pipe.end_directed else theta[-1]) + pipe.jet_angle
-    # For directions written exp(i theta), products give the sines of their differences.
+    # The product of one direction exp(i theta) with another's conjugate gives the sine of their
+    # difference.
     turned = lengths * np.exp(1j * theta)
     beyond = np.cumsum(turned[::-1])[::-1] - turned
     push = -math.sqrt(pipe.beta) * (np.conj(turned) * beyond).imag
@@ -103,7 +106,7 @@ def rest_moments(core: _core.Chain, theta: Array, lengths: Array, pipe: Pipe) ->
 
 
 def held_ends(pipe: Pipe, ends: Array) -> NDArray[np.intp]:
-    """Which of the segments' ends supports or the pipe's end hold on the axis, from 0 on.
+    """Indices of segments whose ends are held on the axis by supports or the pipe's end, from 0 on.
 
     Raises ValueError for a support at which no segment ends.
     """
@@ -121,7 +124,7 @@ def held_ends(pipe: Pipe, ends: Array) -> NDArray[np.intp]:
 
 
 def closest(core: _core.Scene, starts: Iterable[Array]) -> tuple[Array, float]:
-    """Angles that meet guides and pins, from the first start that leads there, or the closest."""
+    """Angles that meet guides and pins, from the first start that converges, else the closest."""
     best, least = np.zeros(0), math.inf
     for start in starts:
         found, _, missed = core.project(start[:, None], np.zeros((start.size, 1)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The continuous pipe: a reduced model grown until the answer asked for converges."""
+"""The continuous pipe: reduced models of growing size, until an answer converges."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ from pipedyn.util.errors import NotConverged
 Reply = TypeVar("Reply")
 
 SMALLEST, LARGEST = 16, 400
-"""Sizes between which the basis grows: measured, 16 functions hold the four lowest modes to 2e-12
-at u = 5 and to 3e-10 at u = 9 with gamma = 10; 300 hold the 113 modes that cross the axis below
-u = 20 where a heavy mass all but pins the free end."""
+"""Smallest and largest basis: as measured, 16 functions give the four lowest modes to 2e-12 at u =
+5 and to 3e-10 at u = 9 with gamma = 10; 300 functions give the 113 modes that cross the axis below
+u = 20 if a heavy mass nearly pins the free end."""
 
 TOLERANCE = 1e-10
-"""Relative distance at which two answers count as one, where no other is asked for."""
+"""Default relative distance below which two answers count as equal."""
 
 FUNCTIONS_A_JOINT, MOST_A_JOINT = 4, 8
-"""By which the smallest and the largest are larger for each joint between panels: a panel needs
-four, see basis.hpp, and ten were needed for the lowest modes of fifty equal spans to 1e-10."""
+"""Additions to the smallest and largest basis for each joint between panels: a panel needs four
+functions, see basis.hpp, and the lowest modes of fifty equal spans needed ten to reach 1e-10."""
 
 
 @dataclass(frozen=True)
 class Converged(Generic[Reply]):
-    """An answer that converged: its value at the larger of the last two sizes.
+    """A converged answer: its value at the larger of the last two sizes of the basis.
 
-    Its error is the relative change from the size before, a bound where convergence is exponential;
-    0 of a model of one size.
+    Its error is the relative change from the smaller size, which is a bound if convergence is
+    exponential; the error is 0 for a model of one size.
     """
 
     value: Reply
@@ -51,9 +51,9 @@ class Converged(Generic[Reply]):
 class Continuum(OfPipe):
     """The continuous pipe (the partial differential equation), for linear questions.
 
-    It answers with Legendre reduced models of growing size: `pipedyn.eigenvalues`, `modes`,
-    `root_loci`, `crossings`, `critical_speed` and `stability_curve` take it like any other model
-    and report size and error where their results have a place for them.
+    Legendre reduced models of growing size compute the answers. `pipedyn.eigenvalues`, `modes`,
+    `root_loci`, `crossings`, `critical_speed` and `stability_curve` accept it like any other model
+    and report size and error if their results have fields for them.
 
     Args:
         pipe: the pipe, with its terms.
@@ -66,8 +66,8 @@ class Continuum(OfPipe):
         Galerkin(Pipe(beta=0.2), m=12, basis='legendre')
 
     Raises:
-        TypeError: for what is no pipe.
-        ValueError: for a pipe that an inclined jet bends.
+        TypeError: for an argument that is not a pipe.
+        ValueError: for a pipe that an inclined jet bends at rest.
 
     Source: Gregory and Paidoussis (1966).
     """
@@ -83,7 +83,7 @@ class Continuum(OfPipe):
             )
 
     def with_pipe(self, pipe: Pipe) -> Continuum:
-        """Another, of another pipe; raises as for `Continuum`."""
+        """A `Continuum` with another pipe; raises the errors of `Continuum`."""
         return Continuum(pipe)
 
     def __repr__(self) -> str:
@@ -101,20 +101,20 @@ class Continuum(OfPipe):
         smallest: int = SMALLEST,
         largest: int = LARGEST,
     ) -> Converged[Reply]:
-        """The answer to a question, from a basis grown until it converges.
+        """The answer to a question from a basis that grows until the answer converges.
 
         Args:
-            question: asked of reduced models of growing size.
-            distance: relative distance between two answers; infinite where they differ in kind.
-            tolerance: distance between the last two answers at which they count as one, > 0.
+            question: function of a reduced model, called with models of growing size.
+            distance: relative distance between two answers; infinite if they differ in kind.
+            tolerance: distance between the last two answers below which they count as equal, > 0.
             smallest: first size, from 1 to 1992.
             largest: last size, up to 2000, or one step above the first. Supports and terms inside
-                the pipe, and steps of its stiffness or mass, add four to the first and eight to
-                the last for each joint that they make.
+                the pipe, and jumps of its stiffness or mass, add for each joint between panels four
+                functions to the first size and eight to the last.
 
         Raises:
-            NotConverged: if it has not converged at the last size; carries the last answer.
-            ValueError, TypeError: for bad arguments.
+            NotConverged: if the answer has not converged at the last size; carries the last answer.
+            ValueError, TypeError: for arguments out of range or of a wrong type.
         """
         for name, given in (("question", question), ("distance", distance)):
             if not callable(given):
@@ -137,9 +137,10 @@ def converged_ahead(
 ) -> Converged[Reply]:
     """Asks a question of reduced models of growing size until two answers agree.
 
-    `Continuum.converge` says what the arguments are, but the question is asked of a model and the
-    next larger one, None after the last. It answers for both, or with None for the larger, which is
-    then asked itself. Where it answers None for the smaller the basis grows the faster.
+    The arguments are those of `Continuum.converge`, but the question is a function of a model and
+    the next larger model (None after the last). It returns the answers for both, or None for the
+    larger, which is then asked separately. If it returns None for the smaller, the basis grows
+    faster.
     """
     tolerance = check.real("tolerance", tolerance, low=0.0, open_low=True)
     smallest = check.count("smallest", smallest, high=LARGEST_BASIS - 8)
@@ -152,12 +153,12 @@ def converged_ahead(
     answers: list[tuple[Reply, int]] = []
 
     def following(share: int) -> int:
-        """The next size, larger by a share, or the last; no step is shorter than others."""
+        """The next size, larger by 1 / share; the last if the rest is less than this step."""
         step = max(8, 2 * (inner + 1), size // share)
         return last if last - (size + step) < step else size + step
 
     while True:
-        more += 1  # so that every panel has more functions than before
+        more += 1  # so that every panel gets more functions than before
         next_size = following(4)
         larger = None if size == last else enriched(model.frozen(next_size), more)
         answer, ahead = question(asked, larger)
@@ -183,7 +184,7 @@ def converged_ahead(
 
 
 def checked_model(model: Any) -> AnyModel:
-    """The argument, if it is a model."""
+    """Returns the argument if it is a model; else raises TypeError."""
     if not isinstance(model, Model | Continuum):
         instead = ": take Continuum(pipe), or Chain(pipe, n)" if isinstance(model, Pipe) else ""
         raise TypeError(f"model must be a Model or a Continuum, got {check.shown(model)}{instead}")
@@ -197,10 +198,12 @@ def answered(
     distance: Callable[[Reply, Reply], float],
     **growth: Any,
 ) -> Converged[Reply]:
-    """A question about flow speeds, asked of any model; the rest as for `Continuum.converge`.
+    """The answer of any model to a question about flow speeds.
+
+    The other arguments are those of `Continuum.converge`.
 
     Raises:
-        ValueError: if the model cannot rest at a speed, where it is linearised.
+        ValueError: if the linearised configuration of the model is no equilibrium at a speed.
     """
     if isinstance(model, Continuum):
         return model.converge(question, distance, **growth)
@@ -209,9 +212,10 @@ def answered(
 
 
 def relative(a: NDArray[Any], b: NDArray[Any], errors: NDArray[Any] | float = 0.0) -> float:
-    """Largest distance of two arrays' entries, relative to the entry or 1; inf if shapes differ.
+    """Largest relative distance of two arrays' entries; infinite if their shapes differ.
 
-    Counted is what the errors of both together, absolute, do not explain.
+    Each distance is divided by the larger of the entry's size and 1. Before that the absolute
+    errors of both arrays together are subtracted from it.
     """
     if a.shape != b.shape or not (np.isfinite(a).all() and np.isfinite(b).all()):
         return np.inf

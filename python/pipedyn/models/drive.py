@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""What drives a pipe in time: a flow whose speed changes or is free to, and a base that moves.
+"""Drives of a pipe in time: a flow whose speed varies or is free, and a moving base.
 
-The base carries the clamp and all that holds the pipe rigidly (supports, guides, pins, what fixes
-its end axially); it moves without turning. Coordinates are counted from it. Springs, dampers,
+The base carries the clamp and all that holds the pipe rigidly (supports, guides, pins, the axial
+fixing of its end); it moves without turning. Coordinates are measured from it. Springs, dampers,
 stops, foundations and the fluid around the pipe rest on the ground.
 """
 
@@ -23,32 +23,34 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 
 ROWS = 7
-"""What drives a state: u', then position, velocity and acceleration of the base, x and y each."""
+"""Number of rows of a drive: u', then position, velocity and acceleration of the base, (x, y)
+each."""
 
 Direction = Literal["x", "y"]
 DIRECTIONS: tuple[Direction, ...] = get_args(Direction)
 
 LARGEST_SPEED = 1e4
-"""Flow speeds beyond are refused: the thrust u^2 is then 1e8 times the elastic stiffness, and
-rounding takes half of the digits."""
+"""Largest flow speed: at it the thrust u^2 is 1e8 times the elastic stiffness, so that rounding
+takes half of the digits."""
 
 LARGEST_HEAD = 1e12
-"""Heads and weights beyond give speeds that are refused."""
+"""Largest head and weight: larger ones give speeds above the largest."""
 
 LARGEST_FREQUENCY = 1e6
-"""Angular: far above any pipe's, far below overflow."""
+"""Largest angular frequency: far above any pipe's, far below overflow."""
 
 STEP = 2e-3
-"""Between the nine values, in T, by which functions are differentiated: for cos(100 t) the first
-and second derivative are so exact to 4e-9, and rounding adds 1e-9 of the values."""
+"""Distance in T between the nine values by which functions are differentiated: the first and second
+derivative of cos(100 t) are then exact to 4e-9, and rounding adds 1e-9 of the values."""
 
 TRIED = 101
-"""Times at which functions are tried beforehand."""
+"""Number of times at which functions are checked beforehand."""
 
 Place: TypeAlias = tuple[float, float]
 
 Base: TypeAlias = Callable[[float], Place] | tuple[Callable[[float], Place], ...]
-"""A function of time to the base's place (X, Y), or this, its first and its second derivative."""
+"""A function of time that gives the base's place (X, Y), or a tuple of it and its first and second
+derivative."""
 
 
 @saved_as("Pulsation")
@@ -56,7 +58,7 @@ Base: TypeAlias = Callable[[float], Place] | tuple[Callable[[float], Place], ...
 class Pulsation:
     """A flow speed that pulsates: u = mean (1 + amplitude cos(frequency t)).
 
-    Called with a time it gives the speed.
+    A call with a time returns the speed.
 
     Attributes:
         mean: u_0 >= 0, in sqrt(EI / mu_f) / L.
@@ -71,7 +73,7 @@ class Pulsation:
 
     Raises:
         ValueError: for a number out of its range, NaN or infinity.
-        TypeError: for what is no number.
+        TypeError: for an argument that is not a number.
     """
 
     mean: float
@@ -93,7 +95,7 @@ class Pulsation:
 
     @classmethod
     def from_si(cls, pipe: Pipe, *, mean: float, amplitude: float, frequency: float) -> Pulsation:
-        """The pulsation of a pipe made with `Pipe.from_si`: mean in m/s, frequency in rad/s.
+        """The pulsation for a pipe made with `Pipe.from_si`: mean in m/s, frequency in rad/s.
 
         Example:
             >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
@@ -111,24 +113,24 @@ class Pulsation:
         return 2.0 * math.pi / self.frequency
 
     def __call__(self, t: float) -> float:
-        """u(t)."""
+        """Flow speed u(t)."""
         return self.mean * (1.0 + self.amplitude * math.cos(self.frequency * t))
 
     def rate(self, t: float) -> float:
-        """du/dt."""
+        """Rate of change of the flow speed, du/dt."""
         return -self.mean * self.amplitude * self.frequency * math.sin(self.frequency * t)
 
 
 @saved_as("Harmonic")
 @dataclass(frozen=True)
 class Harmonic:
-    """A base that oscillates: amplitude cos(frequency t) along x or y, y downward.
+    """A base that oscillates as amplitude cos(frequency t) along x or y, with y downward.
 
-    Called with a time it gives the position (X, Y).
+    A call with a time returns the position (X, Y).
 
     Attributes:
-        amplitude: in L.
-        frequency: angular, in 1 / T, > 0.
+        amplitude: amplitude of the base's displacement, in L.
+        frequency: angular frequency, in 1 / T, > 0.
         direction: "x", across the pipe, or "y", along it.
 
     Example:
@@ -139,7 +141,7 @@ class Harmonic:
 
     Raises:
         ValueError: for a number out of its range, NaN or infinity, or another direction.
-        TypeError: for what is no number.
+        TypeError: for an argument that is not a number.
     """
 
     amplitude: float
@@ -159,7 +161,7 @@ class Harmonic:
     def from_si(
         cls, pipe: Pipe, *, amplitude: float, frequency: float, direction: Direction = "x"
     ) -> Harmonic:
-        """The motion of a pipe's base: amplitude in m, frequency in rad/s.
+        """The motion for a pipe made with `Pipe.from_si`: amplitude in m, frequency in rad/s.
 
         Example:
             >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
@@ -177,19 +179,19 @@ class Harmonic:
         return 2.0 * math.pi / self.frequency
 
     def along(self, value: float) -> Place:
-        """A displacement, velocity or acceleration in the direction, (x, y)."""
+        """The vector (x, y) of a displacement, velocity or acceleration along the direction."""
         return (value, 0.0) if self.direction == "x" else (0.0, value)
 
     def __call__(self, t: float) -> Place:
-        """(X, Y)."""
+        """Position (X, Y)."""
         return self.along(self.amplitude * math.cos(self.frequency * t))
 
     def velocity(self, t: float) -> Place:
-        """(X', Y')."""
+        """Velocity (X', Y')."""
         return self.along(-self.amplitude * self.frequency * math.sin(self.frequency * t))
 
     def acceleration(self, t: float) -> Place:
-        """(X'', Y'')."""
+        """Acceleration (X'', Y'')."""
         return self.along(-self.amplitude * self.frequency**2 * math.cos(self.frequency * t))
 
 
@@ -198,29 +200,30 @@ class Harmonic:
 class Supply:
     """A flow at constant head instead of constant speed.
 
-    The fluid in the pipe obeys Newton's law along it, s being 1 ejecting and -1 aspirating,
+    The fluid in the pipe obeys Newton's law along the pipe, with s = 1 ejecting and -1 aspirating,
 
         sqrt(beta) u' + s beta int t . r'' ds = head + s weight y(1) - friction u^2 / 2,
 
     with the tangent t and the acceleration r'' of the pipe. So the pipe's motion slows the flow or
-    speeds it up, and u' acts on the pipe. Small motions of a straight pipe do not: it loses
-    stability at the same speed. At large ones it matters, see `friction` of `hopf`.
+    speeds it up, and u' acts on the pipe. Small motions of a straight pipe do not change the flow
+    to first order: it loses stability at the same speed. Large motions do, see `friction` of
+    `hopf`.
 
     Attributes:
-        head: what drives the flow, the pressure at the reservoir over that at the outlet times the
-            pipe's section, in EI / L^2.
-        friction: f > 0, all that the flow loses, f rho V^2 / 2: along the wall, its friction factor
-            times length by diameter, where it enters, and what brings it from rest to its speed,
-            which is 1. Below 1 the fluid has a speed before it enters, and a pipe that whips it out
-            may draw ever more of it.
-        weight: of the fluid in the pipe, in EI / L^2; beta gamma where not given. In a fluid
-            outside, whose pressure at the outlet grows with the depth, less what the same volume of
-            it weighs.
-        start: the flow speed to begin with; where not given, that of the straight pipe at rest.
+        head: pressure difference between reservoir and outlet times the pipe's section, in EI /
+            L^2.
+        friction: f > 0, coefficient of all losses of pressure, f rho V^2 / 2: friction factor times
+            length by diameter, loss at the inlet, and 1 for the acceleration of the fluid from
+            rest. Below 1 the fluid has a speed before it enters, and a pipe that whips it out may
+            draw ever more of it.
+        weight: weight of the fluid in the pipe, in EI / L^2; beta gamma by default. With a fluid
+            outside, whose pressure at the outlet grows with depth, subtract the weight of the same
+            volume of it.
+        start: initial flow speed; by default that of the straight pipe at rest.
 
     Raises:
         ValueError: for a number out of its range, NaN or infinity.
-        TypeError: for what is no number.
+        TypeError: for an argument that is not a number.
 
     Example:
         >>> pipe = pp.Pipe(0.2)
@@ -232,8 +235,8 @@ class Supply:
         (501,)
 
     Source: Bajaj, Sethna and Lundgren, SIAM Journal on Applied Mathematics 39 (1980) 213-230, for
-    the question; the equation follows from Newton's law for the fluid's acceleration along t,
-    r'' . t + du/dt, as 2 u dt/dtau and u^2 dt/ds have no part along t.
+    the question; the equation is Newton's law for the fluid's acceleration along t, r'' . t +
+    du/dt, because 2 u dt/dtau and u^2 dt/ds have no component along t.
     """
 
     head: float
@@ -264,7 +267,7 @@ class Supply:
         weight: float | None = None,
         start: float | None = None,
     ) -> Supply:
-        """The head at which the straight pipe at rest has the flow speed u > 0."""
+        """The supply whose head gives the straight pipe at rest the flow speed u > 0."""
         u = check.real("u", u, low=0.0, high=LARGEST_SPEED, open_low=True)
         still = cls(0.0, friction, weight, start)
         return cls(0.5 * still.friction * u**2 - still._hanging(pipe), friction, weight, start)
@@ -280,16 +283,16 @@ class Supply:
         weight: float | None = None,
         start: float | None = None,
     ) -> Supply:
-        """The supply of a pipe made with `Pipe.from_si`.
+        """The supply for a pipe made with `Pipe.from_si`.
 
         Args:
             pipe: the pipe.
-            pressure: at the reservoir over that at the outlet, N/m^2.
-            density: of the fluid in the pipe, kg/m^3, > 0.
+            pressure: pressure at the reservoir less that at the outlet, N/m^2.
+            density: density of the fluid in the pipe, kg/m^3, > 0.
             friction: f, a number.
-            weight: of the fluid in the pipe less that of as much of the fluid outside, N; where not
-                given as in air.
-            start: flow speed to begin with, m/s.
+            weight: weight of the fluid in the pipe less that of the same volume of the fluid
+                outside, N; by default as in air.
+            start: initial flow speed, m/s.
 
         Example:
             >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
@@ -303,18 +306,18 @@ class Supply:
         assert scales is not None
         head = check.real("head from pressure and density", pressure / density / scales.speed**2)
         if weight is not None:
-            force = pipe.beta * scales.mass * scales.speed**2  # EI / L^2
+            force = pipe.beta * scales.mass * scales.speed**2  # unit of force, EI / L^2
             weight = check.real("weight", weight) / force
         if start is not None:
             start = pipe.speed_from_si(check.real("start", start, low=0.0))
         return cls(head, friction, weight, start)
 
     def _hanging(self, pipe: Pipe) -> float:
-        """What the straight pipe's fluid adds to the head."""
+        """Contribution of the fluid's weight in the straight pipe to the head."""
         return _only_pipe(pipe).direction * self.weight_in(pipe)
 
     def weight_in(self, pipe: Pipe) -> float:
-        """Weight of the fluid, in EI / L^2."""
+        """Weight of the fluid in the pipe, in EI / L^2."""
         return pipe.beta * pipe.gamma if self.weight is None else self.weight
 
     def speed(self, pipe: Pipe) -> float:
@@ -339,19 +342,20 @@ Speed: TypeAlias = (
     | tuple[Callable[[float], float], Callable[[float], float]]
     | Supply
 )
-"""A flow speed: steady, a function u(t) of time, this with its derivative, or what drives it."""
+"""A flow speed: steady, a function u(t), a tuple of it and its derivative, or a drive of the
+flow."""
 
 
 def steady_speed(
     name: str, u: Any, *, high: float = LARGEST_SPEED, open_low: bool = False
 ) -> float:
-    """A flow speed that stays; of one that varies TypeError says what can be asked instead."""
+    """Checks a steady flow speed; for one that varies, TypeError names the functions to use."""
     require_steady(name, u)
     return check.real(name, u, low=0.0, high=high, open_low=open_low)
 
 
 def require_steady(name: str, given: Any) -> None:
-    """Raises TypeError if that, or an entry of it, is a flow whose speed is free or pulsates."""
+    """Raises TypeError if the argument or an entry of it is a flow that is free or pulsates."""
     for one in given if isinstance(given, list | tuple) else (given,):
         if isinstance(one, Supply):
             raise TypeError(
@@ -373,7 +377,7 @@ def _only_pipe(pipe: Any) -> Pipe:
 
 
 def with_scales(pipe: Any) -> Pipe:
-    """The argument, if it is a pipe made with `Pipe.from_si`."""
+    """Returns the argument if it is a pipe made with `Pipe.from_si`; else raises."""
     if _only_pipe(pipe).scales is None:
         raise ValueError(f"pipe must be made with Pipe.from_si, got {pipe!r}")
     return pipe
@@ -384,13 +388,13 @@ def _frequency(value: Any) -> float:
 
 
 def drive_of(y: ArrayLike, u_dot: ArrayLike | None, base: ArrayLike | None) -> Array | None:
-    """What the core takes beside states (rows,) or (rows, k): (ROWS,), (ROWS, k), or None.
+    """The drive in the core's form for states (rows,) or (rows, k): (ROWS,), (ROWS, k), or None.
 
     Args:
         y: the states.
-        u_dot: rate of the flow speed, a number or shape (k,); 0 where not given.
-        base: position, velocity and acceleration of the base, x and y of each, shape (3, 2) or
-            (3, 2, k); at rest where not given.
+        u_dot: rate of the flow speed, a number or shape (k,); 0 by default.
+        base: position, velocity and acceleration of the base, x and y of each, shape (3, 2) or (3,
+            2, k); at rest by default.
     """
     if u_dot is None and base is None:
         return None
@@ -414,23 +418,23 @@ def drive_of(y: ArrayLike, u_dot: ArrayLike | None, base: ArrayLike | None) -> A
 
 @saved_as("DriveFailed")
 class DriveFailed(Exception):
-    """A function of time that gives nothing to go on with, found in the course of a motion."""
+    """Raised during a motion if a function of time fails or returns no usable numbers."""
 
 
 class Drive:
-    """What drives a motion from one time to another.
+    """Flow speed and base motion as functions of time, over a range of times.
 
-    Called with a time it gives u, u', X, Y, X', Y', X'', Y'', or raises `DriveFailed`.
+    A call with a time returns u, u', X, Y, X', Y', X'', Y'', or raises `DriveFailed`.
 
     Args:
-        u: the flow speed, as `Speed` says.
-        base: the base's motion, as `Base` says; at rest where None.
-        low: the first time at which functions are asked.
-        high: the last.
+        u: the flow speed, of type `Speed`.
+        base: the base's motion, of type `Base`; at rest if None.
+        low: the first time at which functions are called.
+        high: the last time at which functions are called.
 
     Raises:
-        ValueError: for speeds below 0, numbers that are not finite, other shapes.
-        TypeError: for what is no such function.
+        ValueError: for speeds below 0, numbers that are not finite, or results of wrong shape.
+        TypeError: for an argument that is no function as described.
     """
 
     def __init__(self, u: Any, base: Any, low: float, high: float) -> None:
@@ -442,7 +446,7 @@ class Drive:
             self._at(t)
 
     def __call__(self, t: float) -> tuple[float, ...]:
-        """u, u', X, Y, X', Y', X'', Y'' at a time."""
+        """Values of u, u', X, Y, X', Y', X'', Y'' at a time."""
         try:
             return self._at(t)
         except (ValueError, TypeError) as error:
@@ -459,10 +463,10 @@ class Drive:
 
     @cached_property
     def numbers(self) -> tuple[float, ...] | None:
-        """What the core takes for a function of time where speed and base only oscillate.
+        """Numbers by which the core computes the drive itself, if speed and base only oscillate.
 
-        Mean speed, relative amplitude and frequency; amplitudes along x and y of the base and its
-        frequency.
+        They are mean speed, relative amplitude and frequency of the flow; amplitudes along x and y
+        of the base and its frequency.
         """
         speed = self._speed[0]
         if isinstance(speed, _Constant):
@@ -480,13 +484,13 @@ class Drive:
         return np.array([self(t)[2:] for t in times.tolist()]).T.reshape(3, 2, times.size)
 
     def _evaluated(self, name: str, functions: Any, t: float, entries: int) -> list[Any]:
-        """Values and derivatives at a time, `entries` numbers each."""
+        """Values and derivatives of functions at a time, `entries` numbers each."""
         first, *others = functions
         if others and others[0] is not None:
             return [_finite(name, of, t, entries) for of in functions]
         center = min(max(t, self.low + 4.0 * self.step), self.last)
         near = np.array([_finite(name, first, center + k * self.step, entries) for k in NODES])
-        powers = TO_POWERS @ (near - near[4])  # so that of a constant rounding leaves nothing
+        powers = TO_POWERS @ (near - near[4])  # exact for a constant
         x = (t - center) / self.step
         found = [_finite(name, first, t, entries)]
         for _ in range(1, len(functions)):
@@ -497,11 +501,11 @@ class Drive:
 
 NODES = tuple(range(-4, 5))
 TO_POWERS = np.linalg.inv(np.vander(NODES, increasing=True))
-"""The polynomial of degree 8 through values at these places."""
+"""Matrix from values at these nodes to coefficients of the polynomial of degree 8."""
 
 
 def _with_derivatives(name: str, given: Any, order: int) -> tuple[Any, ...]:
-    """A function and its derivatives, None where it is to be differentiated."""
+    """A function and its derivatives; None for each that must be computed by differences."""
     if isinstance(given, Pulsation):
         return given, given.rate
     if isinstance(given, Harmonic):
@@ -526,7 +530,7 @@ class _Constant:
 
 
 def _finite(name: str, function: Any, t: float, entries: int) -> tuple[float, ...]:
-    """The value of a function of time, as so many finite numbers."""
+    """The value of a function of time, checked to be `entries` finite numbers."""
     try:
         came = function(t)
     except Exception as error:

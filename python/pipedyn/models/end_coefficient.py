@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The free end of a pipe: how much momentum the fluid that passes it carries."""
+"""End coefficient: the momentum of the fluid that passes the free end of a pipe."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 
 QUADRATURE = 1e-12
-"""Relative error asked of both integrals; rounding in 23,000 terms leaves 1e-13."""
+"""Relative error asked of both integrals; rounding in sums of 23,000 terms is 1e-13."""
 
 
 def end_coefficient(
@@ -28,30 +28,30 @@ def end_coefficient(
 ) -> float:
     """End coefficient alpha = A int V^2 dS / (int V dS)^2 of the outlet or inlet at the free end.
 
-    V is the velocity normal to its surface, A the pipe's section. alpha is 1 for a uniform velocity
-    over A, 4/3 for a parabolic profile over A, 2 for a nozzle whose jet is uniform over A / 2, 1/2
-    for a uniform inlet over 2 A. Any consistent units will do.
+    V is the velocity normal to the surface S of the opening and A is the pipe's section. alpha is 1
+    for a uniform velocity over A, 4/3 for a parabolic profile over A, 2 for a nozzle whose jet is
+    uniform over A / 2, and 1/2 for a uniform inlet over 2 A. Any consistent units are allowed.
 
     Args:
-        velocity: an axisymmetric profile V(r), called with some 50,000 floats 0 <= r <= radius,
-            which may jump (a jet narrower than 1e-4 of the radius may be missed); or samples
-            of V, shape (k,), with either their radii or the areas they stand for.
-        radius: radius of the end's opening, for a function.
-        radii: increasing radii of the samples, shape (k,), k >= 2, the first 0 and the last the
-            opening's; between samples the profile is interpolated by monotone cubics.
-        areas: area of the patch that each sample stands for, shape (k,), > 0.
-        section: the pipe's section A; the area of the opening where it is not given.
+        velocity: an axisymmetric profile V(r), a function called with some 50,000 floats 0 <= r <=
+            radius, which may have jumps (a jet narrower than 1e-4 of the radius may be missed); or
+            samples of V, shape (k,), with either their radii or their areas.
+        radius: radius of the end's opening, if velocity is a function.
+        radii: increasing radii of the samples, shape (k,), k >= 2, from 0 to the opening's radius;
+            between samples the profile is interpolated by monotone cubics.
+        areas: area of the patch of each sample, shape (k,), > 0.
+        section: the pipe's section A; the area of the opening by default.
 
     Example:
         >>> round(pp.end_coefficient(lambda r: 1.0 - r**2), 6)  # laminar flow in a tube
         1.333333
 
     Raises:
-        ValueError: for numbers out of range, an end through which nothing flows on balance, or
-            a function that cannot be integrated.
-        TypeError: for what is neither a function nor an array, or not a number.
+        ValueError: for numbers out of range, an end with no net flow, or a function that cannot be
+            integrated.
+        TypeError: for a velocity that is neither function nor array, or a value that is no number.
 
-    Source: Orsino and Di Giulio, eqs. (7)-(8), of an inlet; the jet's momentum the same way.
+    Source: Orsino and Di Giulio, eqs. (7)-(8), for an inlet; the jet's momentum is analogous.
     """
     radius = check.real("radius", radius, low=0.0, open_low=True)
     if section is not None:
@@ -68,7 +68,7 @@ def end_coefficient(
     elif radii is not None:
         at = check.array("radii", radii, low=0.0)
         samples = check.array("velocity", velocity, size=at.size)
-        # A cubic's coefficients grow with the third power of the distance: 1e90 does not overflow.
+        # A cubic's coefficients grow with the inverse cube of the distance: 1e90 does not overflow.
         if at.size < 2 or at[0] != 0.0 or np.any(np.diff(at) <= 1e-30 * at[-1]):
             raise ValueError(
                 f"radii must increase from 0, by more than 1e-30 of the last, "
@@ -76,7 +76,7 @@ def end_coefficient(
             )
         x = at / at[-1]
         profile = scipy.interpolate.PchipInterpolator(x, samples / _peak(samples))
-        # Exact up to degree 7: x times a cubic's square.
+        # The rule is exact up to degree 7, that of x times the square of a cubic.
         nodes, weights = scipy.special.roots_legendre(4)
         half = 0.5 * np.diff(x)[:, None]
         nodes = x[:-1, None] + half * (1.0 + nodes)
@@ -93,7 +93,7 @@ def end_coefficient(
         area = float(patches.max()), whole
     if _vanishes(mean, square):
         raise ValueError(f"velocity must carry fluid through the end, got a mean of {mean:.1e}")
-    # The opening's area is left in two factors: their product may overflow or vanish.
+    # The opening's area is kept as two factors, as their product may overflow or underflow.
     part = 1.0 if section is None else section / area[0] / area[1]
     alpha = part * (square / mean**2)
     if not 0.0 < alpha < math.inf:
@@ -104,9 +104,9 @@ def end_coefficient(
 
 
 def _means_of_function(velocity: Callable[[float], Any], radius: float) -> tuple[float, float]:
-    """Mean over the opening of V and of V^2, V in units of the largest |V| of a first sampling.
+    """Means over the opening of V and V^2, with V in units of the largest |V| of a first sampling.
 
-    Panels are halved where the 10 Gauss and 21 Kronrod nodes in them disagree.
+    Panels are halved where their 10 Gauss and 21 Kronrod nodes give different integrals.
     """
 
     def at(x: float) -> float:
@@ -116,9 +116,9 @@ def _means_of_function(velocity: Callable[[float], Any], radius: float) -> tuple
             return float(value)
         return check.real(f"velocity({r:g})", value)
 
-    # In 1024 panels the widest gap between the 21 nodes is 7.3e-5 of the radius: no jet of 1e-4
-    # lies between two. The first and the last are halved towards the centre and the wall, down to
-    # 2^-40: a profile with an infinite slope there is then known before any panel is divided.
+    # In 1024 panels the widest gap between the 21 nodes is 7.3e-5 of the radius: a jet of width
+    # 1e-4 contains a node. The first and the last panel are halved towards the centre and the wall,
+    # down to 2^-40, so that an infinite slope there is resolved before any panel is divided.
     near = 0.5 ** np.arange(11, 41)
     edges = np.concatenate([[0.0], near[::-1], np.arange(1, 1024) / 1024, 1.0 - near, [1.0]])
     samples = edges[:-1, None] + np.diff(edges)[:, None] * (np.arange(16) + 0.5) / 16
@@ -126,11 +126,11 @@ def _means_of_function(velocity: Callable[[float], Any], radius: float) -> tuple
 
     def ring(x: float) -> Array:
         value = at(x) / peak
-        if abs(value) > 1e100:  # the squares stay far from overflow
+        if abs(value) > 1e100:  # so that squares stay far from overflow
             raise ValueError(f"velocity({x * radius:g}) must be at most 1e+100 times the others")
         return np.array([2.0 * x * value, 2.0 * x * value**2])
 
-    # A jump takes 50 panels more, a profile like (1 - r)^-0.4 takes 840, noise would never end.
+    # A jump takes 50 more panels, a profile like (1 - r)^-0.4 takes 840, noise would never end.
     settings: dict[str, Any] = {
         "epsabs": 0.0,
         "epsrel": QUADRATURE,
@@ -141,7 +141,7 @@ def _means_of_function(velocity: Callable[[float], Any], radius: float) -> tuple
     mean, square = map(float, means)
     if not _vanishes(mean, square):
         uncertain = error * (1.0 / square + 2.0 / abs(mean))
-        # Jumps leave 3e-12, (1 - r)^-0.4 leaves 9e-9, noise of a millionth of the velocity 1e-5.
+        # Jumps leave 3e-12, (1 - r)^-0.4 leaves 9e-9, noise of 1e-6 of the velocity leaves 1e-5.
         if not uncertain <= 1e-7:
             raise ValueError(
                 "velocity must be a profile that can be integrated, got one whose coefficient "
@@ -151,7 +151,7 @@ def _means_of_function(velocity: Callable[[float], Any], radius: float) -> tuple
 
 
 def _peak(velocity: Array) -> float:
-    """Largest magnitude: squares of velocities in this unit neither overflow nor vanish."""
+    """Largest magnitude: squares of velocities in this unit neither overflow nor underflow."""
     peak = float(np.abs(velocity).max())
     if peak == 0.0:
         raise ValueError("velocity must carry fluid through the end, got 0 everywhere")
@@ -159,5 +159,5 @@ def _peak(velocity: Array) -> float:
 
 
 def _vanishes(mean: float, square: float) -> bool:
-    """Whether the mean velocity is rounding of its root mean square, or NaN."""
+    """Whether the mean velocity is only rounding relative to its root mean square, or NaN."""
     return not mean**2 > QUADRATURE**2 * square

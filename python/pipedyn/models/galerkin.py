@@ -37,18 +37,18 @@ from pipedyn.util.later import scipy
 Basis = Literal["beam", "legendre"]
 BASES: tuple[Basis, ...] = get_args(Basis)
 LARGEST_BASIS = 2000
-"""Functions: each matrix takes 32 MB, and all eigenvalues minutes."""
+"""Largest number of functions: each matrix takes 32 MB, and all eigenvalues take minutes."""
 
 LARGEST_TABLE = 100_000_000
-"""Values of functions handed out at once: 800 MB."""
+"""Largest number of values of functions in one result: 800 MB."""
 
 SHORTEST_PANEL = 1e-4
-"""Length of the shortest panel of a basis. To leave out a joint at the distance d from another
-costs d^3, 1e-11 of a critical speed at this length; on panels below a third of it functions move
-so little mass that rounding makes their eigenvalues any."""
+"""Length of the shortest panel of a basis. Leaving out a joint at the distance d from another
+changes results by d^3, 1e-11 of a critical speed at this length; on panels shorter than a third of
+it, functions move so little mass that rounding makes their eigenvalues arbitrary."""
 
 MISSED = 1e-6
-"""How far a state that is given in all coordinates may miss supports: integrators' tolerances."""
+"""Largest distance from supports of a state given in all coordinates: integrators' tolerances."""
 
 
 @lru_cache(maxsize=32)
@@ -59,9 +59,9 @@ def gauss_nodes(count: int) -> tuple[Array, Array]:
 
 
 def panel_ends(pipe: Pipe) -> Array:
-    """Ends of the panels between terms, supports and the pipe's steps, shape (panels + 1,).
+    """Ends of the panels between terms, supports and jumps of the pipe, shape (panels + 1,).
 
-    Integrands are smooth on each.
+    Integrands are smooth on each panel.
     """
     places = [term.place for term in pipe.terms if term.place is not None]
     steps = [s for one in (pipe.stiffness, pipe.mass) if one is not None for s in one.at]
@@ -69,7 +69,7 @@ def panel_ends(pipe: Pipe) -> Array:
 
 
 def basis_joints(pipe: Pipe) -> Array:
-    """Inner ends of the panels of a basis: supports, and others that leave none too short."""
+    """Inner ends of a basis' panels: supports, and other joints that leave no panel too short."""
     ends = [0.0, *pipe.supports, 1.0]
     for place in panel_ends(pipe)[1:-1].tolist():
         k = bisect.bisect(ends, place)
@@ -91,35 +91,37 @@ def basis_joints(pipe: Pipe) -> Array:
 class Galerkin(Model):
     """A reduced model with m functions. Coordinates: their amplitudes q_i, shape (m,).
 
-    The functions are 0 where the pipe is held across and keep the directions that are held; all
-    other conditions follow from the projection. The angle of the centreline is sum_i q_i w_i'(s).
+    The functions are 0 where the pipe is held across and have slope 0 where its direction is held;
+    all other conditions follow from the projection. The angle of the centreline is sum_i q_i
+    w_i'(s).
 
-    Where the pipe is held across, that the functions are 0 there does not keep a bent pipe there.
-    So large motions have one more function for each support and for an end held across, and forces
-    that keep x = 0: states have 2 * `coordinates` entries, which must meet that. `simulate` takes m
-    small amplitudes as well, and angles theta(s), and starts from what is close by and does.
+    Functions that are 0 where the pipe is held across do not keep a strongly bent pipe there. Large
+    motions therefore have one more function for each support and for an end held across, and forces
+    that keep x = 0: states have 2 * `coordinates` entries, which must meet these constraints.
+    `simulate` accepts m small amplitudes and angles theta(s) as well, and starts from a nearby
+    state that meets the constraints.
 
-    `rhs` takes integrals along the pipe with as many nodes as the configuration needs: what they
-    miss is below 1e-10 of the result (1e-6 with drag, whose integrand has kinks), for angles up to
-    pi in any of the functions. Configurations beyond that are given the largest number of
-    nodes, some 16 m + 96, beyond 250 functions fewer. With terms all this holds for each panel
-    between their places. Where q coils the pipe more often than the quadrature resolves (some 100
-    turns of 8 functions), or the mass matrix is singular to rounding, `rhs` and all else that is
-    asked of a state raise `NotResolved`, which says how far the quadrature goes.
+    `rhs` computes integrals along the pipe with as many nodes as the configuration needs: the error
+    is below 1e-10 of the result (1e-6 with drag, whose integrand has kinks), for angles up to pi in
+    any of the functions. Configurations beyond that get the largest number of nodes, some 16 m +
+    96, fewer beyond 250 functions. With terms this holds for each panel between their places. If q
+    coils the pipe more often than the quadrature resolves (some 100 turns with 8 functions), or the
+    mass matrix is singular to rounding, `rhs` and all other functions of a state raise
+    `NotResolved`, whose message gives the limit of the quadrature.
 
     Args:
         pipe: the pipe.
         m: number of functions, from 1 to 2000.
-        basis: "beam" (a uniform beam's modes, held at both ends as the pipe is, unit mass; the
-            critical speed's error falls like m^-4) or "legendre" (w_i'' a normalised Legendre
-            polynomial, unit stiffness; the error falls exponentially, but the highest third of the
-            eigenvalues is not the pipe's).
-            Where a term of the pipe acts, the shear jumps, and where its stiffness does, the
-            curvature. Legendre polynomials then live on the
-            panels between: each panel has some functions, the others go to panels in proportion to
-            length, and convergence stays exponential. Beam modes stay what they are; their error
-            falls like a power of m. So it is with inner supports, at which combinations of beam
-            modes are 0, and with an inclined jet, which loads the end across: m^-2 at rest.
+        basis: "beam" (modes of a uniform beam held at both ends as the pipe is, of unit mass; the
+            critical speed's error falls like m^-4) or "legendre" (w_i'' is a normalised Legendre
+            polynomial, of unit stiffness; the error falls exponentially, but the highest third of
+            the eigenvalues is not the pipe's).
+            The shear jumps at a term of the pipe, and the curvature jumps with its stiffness.
+            Legendre polynomials then belong to the panels between jumps: each panel has a
+            minimum of functions, the others are shared in proportion to length, and convergence
+            stays exponential. Beam modes do not change; their error falls like a power of m.
+            The same holds with inner supports, at which combinations of beam modes are 0, and
+            with an inclined jet, which loads the end across: m^-2 at rest.
 
     Example:
         >>> model = pp.Galerkin(pp.Pipe(0.2), m=8, basis="legendre")
@@ -128,11 +130,12 @@ class Galerkin(Model):
 
     Raises:
         ValueError: for m out of range or less than the number of panels, or an unknown basis.
-        TypeError: for what is no whole number, word or pipe.
+        TypeError: for arguments that are not a whole number, a string or a pipe.
 
     Source: Gregory and Paidoussis (1966) for the equation; Orsino and Pesce (2018) for reduced
-    models of this pipe. Motion is by virtual work along the inextensible centreline; the flow's
-    forces are those of Orsino and Di Giulio, eqs. (1)-(9), for segments without length.
+    models of this pipe. Equations of motion follow from virtual work along the inextensible
+    centreline; the flow's forces are those of Orsino and Di Giulio, eqs. (1)-(9), for infinitely
+    short segments.
     """
 
     def __init__(self, pipe: Pipe, m: int, basis: Basis = "beam") -> None:
@@ -147,7 +150,7 @@ class Galerkin(Model):
 
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> Self:
-        """The model of which a file kept this, checked as the constructor does."""
+        """Restores the model from the fields of a file, checked as by the constructor."""
         more, reference = fields.pop("more"), fields.pop("reference")
         made = cls(**fields)
         made._more = check.count("more", more, low=0, high=LARGEST_BASIS)
@@ -156,8 +159,8 @@ class Galerkin(Model):
         return made
 
     def _check_pipe(self) -> None:
-        # One function on each panel; where the pipe is held takes functions, and a root that turns
-        # adds one.
+        # The core has m functions and one more for each place that is held across. Each panel needs
+        # one of them, and a root that can turn needs one more.
         needs = self.panels - len(self._held)
         if self._basis == "legendre":
             turns, directed = self._pipe.root != "clamped", self._pipe.end_directed
@@ -189,7 +192,7 @@ class Galerkin(Model):
 
     @property
     def coordinates(self) -> int:
-        """Number of functions in large motions, which need not be 0 where the pipe is held."""
+        """Number of functions in large motions; they need not be 0 where the pipe is held."""
         return self._size + len(self._held)
 
     @property
@@ -208,16 +211,16 @@ class Galerkin(Model):
 
     @property
     def resolution(self) -> int:
-        """Number of functions on one panel that would resolve as many modes.
+        """Number of functions on one panel that would resolve as many modes as this basis.
 
-        A joint between panels takes three: with 2 to 20 panels three fifths of the rest are the
-        pipe's modes to some 1e-4, as of all on one panel.
+        A joint between panels takes three functions: with 2 to 20 panels, the lowest three fifths
+        of the remaining number are the pipe's modes to some 1e-4, the same as on one panel.
         """
         return max(self._size - 3 * (self.panels - 1), self._size // 2)
 
     @property
     def resolved_modes(self) -> int:
-        # Legendre's highest third is not the pipe's and heavily damped.
+        # The highest third of Legendre modes is not the pipe's and heavily damped.
         return max(1, (2 * self.resolution) // 3) if self._basis == "legendre" else self.dof
 
     def refined(self) -> Galerkin:
@@ -226,12 +229,12 @@ class Galerkin(Model):
 
     @cached_property
     def _joints(self) -> Array:
-        """Inner ends of the basis' panels; the beam modes have none."""
+        """Inner ends of the panels of the basis; beam modes have none."""
         return basis_joints(self._pipe) if self._basis == "legendre" else np.zeros(0)
 
     @property
     def _held(self) -> tuple[float, ...]:
-        """Arc lengths at which the pipe is held across."""
+        """Arc lengths at which the pipe is held across, ascending."""
         pipe = self._pipe
         return (*pipe.supports, *((1.0,) if pipe.end_held else ()))
 
@@ -241,21 +244,21 @@ class Galerkin(Model):
         return panel_ends(self._pipe)
 
     def _rule(self, count: int, end: float = 1.0) -> tuple[Array, Array]:
-        """Nodes and weights of Gauss-Legendre quadrature up to an end, so many on each panel."""
+        """Nodes and weights of Gauss-Legendre quadrature up to an end, `count` on each panel."""
         nodes, weights = gauss_nodes(count)
         ends = np.minimum(self._ends, end)
         lengths = np.diff(ends)[:, None]
         return (ends[:-1, None] + lengths * nodes).ravel(), (lengths * weights).ravel()
 
     def functions(self, s: ArrayLike, derivative: int = 0) -> Array:
-        """The functions w_i, their slopes or curvatures.
+        """The functions w_i, or their first or second derivatives w_i' or w_i''.
 
         Args:
-            s: arc lengths in L, each in [0, 1], shape (p,), or one, a number.
+            s: arc lengths in L, each in [0, 1], shape (p,), or one number.
             derivative: 0, 1 or 2.
 
         Returns:
-            Shape (p, m), or (m,) for one arc length.
+            Shape (p, m), or (m,) for one number s.
         """
         order = check.count("derivative", derivative, low=0, high=2)
         at, asked = arc_lengths(s)
@@ -284,7 +287,7 @@ class Galerkin(Model):
 
     @property
     def elastic_scale(self) -> Array:
-        """Amplitudes of one elastic coordinate: q_i, shape (m,), or of varying stiffness (m, m)."""
+        """Amplitudes of one elastic coordinate: q_i, shape (m,), or if stiffness varies (m, m)."""
         return self.small_motions[1]
 
     @property
@@ -302,10 +305,10 @@ class Galerkin(Model):
 
     @cached_property
     def small_motions(self) -> tuple[Array | None, Array]:
-        """The core's functions by the model's coordinates, and these by elastic ones.
+        """Matrices from model coordinates to the core's amplitudes, and from elastic to model ones.
 
-        Of a pipe held across about what `about` chose its supports allow other directions than
-        about the straight pipe.
+        If the pipe is held across, its supports allow other directions about the configuration of
+        `about` than about the straight pipe.
         """
         rest, spread = self._reference, self._free.spread
         if rest is None or spread is None:
@@ -334,12 +337,12 @@ class Galerkin(Model):
         return operators_from(found, self._pipe, np.outer(scale, scale))
 
     def _held_across(self, core: Operators, by: Array, straight: bool) -> Operators:
-        """Operators in coordinates of which the core's are `by` times."""
+        """Operators in coordinates q, where the core's coordinates are `by` q."""
         found = projected(core, by)
         gyroscopic = 0.5 * (found.gyroscopic - found.gyroscopic.T)
         if not straight or self._held[-1] != 1.0:
             return replace(found, gyroscopic=gyroscopic)
-        # Where nothing follows the flow and it does no work, exactly.
+        # The end is held: no force follows the pipe and the flow does no work, exactly.
         flux, end_flux = 0.5 * (found.flux + found.flux.T), np.zeros_like(found.flux)
         return replace(found, gyroscopic=gyroscopic, flux=flux, end_flux=end_flux)
 
@@ -377,7 +380,7 @@ class Galerkin(Model):
         return state
 
     def _spread(self, name: str, given: ArrayLike) -> tuple[Array, bool]:
-        """Amplitudes of the core's functions, and whether these were given."""
+        """Amplitudes of the core's functions, and whether the argument has all of them."""
         rule: dict[str, Any] = {"low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
         spread = self._free.spread
         if spread is None:
@@ -390,7 +393,7 @@ class Galerkin(Model):
         return rows if exact else spread @ rows, exact
 
     def _closed(self, name: str, q: Array, rates: Array) -> Array:
-        """The state [q, q'] close by that meets the supports."""
+        """The nearby state [q, q'] that meets the supports."""
         state = np.concatenate(self.onto_constraints(q, rates))
         if not np.isfinite(state).all():
             raise NotConverged(f"no configuration close to {name} meets the supports", q)
@@ -418,12 +421,13 @@ class Galerkin(Model):
     def _integrated(
         self, integrand: Callable[[Array], NDArray[Any]], amplitudes: Array, at: Array
     ) -> NDArray[Any]:
-        """Integral to each of some arc lengths, (p, k), of (points, k) by the slopes (points, m).
+        """Integral up to each of some arc lengths `at`, shape (p, k).
 
-        With as many nodes as the pipe bent by the amplitudes needs.
+        The integrand takes the slopes of the functions, (points, m), to (points, k). The number of
+        nodes is that needed for the pipe bent by the amplitudes.
         """
         nodes, weights = gauss_nodes(self._count_for(amplitudes[:, None]))
-        # In pieces: a table of the functions at every node of every s may not fit into memory.
+        # In pieces, as a table of the functions at all nodes for all s may exceed the memory.
         pieces = math.ceil(at.size * nodes.size * self._size / 1e7)
         found = []
         for piece in np.array_split(at, min(pieces, at.size)):
@@ -443,14 +447,14 @@ class Galerkin(Model):
         return self._tips_in_motion(q, qdot)[2:].T
 
     def _tips_in_motion(self, q: Array, qdot: Array) -> Array:
-        """Positions and velocities of the place watched, shape (4, k)."""
+        """Positions and velocities of the point of `tips`, shape (4, k)."""
         place = self._pipe.watched
         if place == 1.0:
             found = self.core.tips(np.concatenate([q, qdot]))
         else:
             found = np.full((4, q.shape[1]), np.nan)
         coiled = np.isnan(found[0])
-        if coiled.any():  # beyond what the core resolves of motions
+        if coiled.any():  # more often than the core resolves in motions
             nodes, weights = self._rule(self._count_for(q[:, coiled]), place)
             angles, turning = self.core.basis(nodes, 1) @ np.stack([q, qdot])[:, :, coiled]
             across, down = weights[:, None] * np.sin(angles), weights[:, None] * np.cos(angles)
@@ -459,11 +463,11 @@ class Galerkin(Model):
         return found
 
     def _count_for(self, amplitudes: Array) -> int:
-        """Nodes on each panel that integrate sine and cosine of the angle, for columns (m, k)."""
+        """Number of nodes on each panel that integrate sin and cos of the angle; columns (m, k)."""
         count = 2 * self.core.most_on_a_panel() + 60
         turns = np.abs(np.diff(self.core.basis(self._rule(count)[0], 1) @ amplitudes, axis=0))
         most = float(turns.sum(axis=0).max(initial=0.0))
-        if most > 1000.0:  # the quadrature grows with it
+        if most > 1000.0:  # the number of nodes grows with it
             raise ValueError(f"q must bend the pipe by at most 1000 rad in all, got {most:.3g} rad")
         return count + math.ceil(most)
 
@@ -472,7 +476,7 @@ class Galerkin(Model):
 
     @cached_property
     def _fit(self) -> tuple[Array, Array]:
-        """Arc lengths, and what makes amplitudes of angles there by least squares, (m, k)."""
+        """Arc lengths, and the matrix (m, k) from angles there to amplitudes, by least squares."""
         nodes, weights = self._rule(4 * self.core.most_on_a_panel() + 60)
         root = np.sqrt(weights)
         rows, columns = np.linalg.qr(root[:, None] * self.core.basis(nodes, 1))
@@ -500,10 +504,10 @@ class Galerkin(Model):
 
 
 def enriched(model: Galerkin, more: int) -> Galerkin:
-    """A model with as many functions, of which so many more are on short panels.
+    """A model with as many functions, which puts `more` additional ones on short panels.
 
-    Two models of growing size and growing `more` differ on every panel of the basis but those
-    shorter than 0.003, so that the distance of their answers bounds what short panels miss, too.
+    If size and `more` of two models grow, they differ on every panel of the basis but those shorter
+    than 0.003, so that the distance of their answers also bounds the error of short panels.
     """
     made = model.with_pipe(model.pipe)
     made._more = more
@@ -511,5 +515,5 @@ def enriched(model: Galerkin, more: int) -> Galerkin:
 
 
 def last_functions(model: Galerkin) -> list[int]:
-    """Where a model has the last two Legendre functions of each panel."""
+    """Indices of the last two Legendre functions of each panel."""
     return [place for panel in model._free.groups[1:] for place in panel[-2:]]

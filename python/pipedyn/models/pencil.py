@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""P(lambda) = lambda^2 M + lambda C + K of each model: what multiplies with it.
+"""P(lambda) = lambda^2 M + lambda C + K of each model: products of its parts with vectors.
 
-All is in a model's elastic coordinates, where the elastic stiffness is the identity. Chains and
-straight models in Legendre curvatures multiply segment by segment or panel by panel, all else by
-dense matrices. A loss factor mu adds i mu dD/ddelta to K where Im lambda > 0, which the core knows
-and no product below has.
+All vectors are in a model's elastic coordinates, where the elastic stiffness is the identity.
+Chains and straight models in Legendre functions multiply segment by segment or panel by panel,
+other models by dense matrices. A loss factor mu adds i mu dD/ddelta to K for Im lambda > 0; the
+core adds it, and no product below contains it.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from pipedyn.util.check import Array
 Vectors = NDArray[Any]
 
 Product = Callable[[Vectors], Vectors]
-"""Takes and gives (dof, r)."""
+"""A product: takes vectors of shape (dof, r) and returns the same shape."""
 
 LONGEST_DENSE = 64
-"""Chains up to this size are dense: measured, both ways take equal time near there."""
+"""Largest chain with dense matrices: as measured, both methods take equal time near this size."""
 
 
 class LinearModel(Protocol):
-    """What a pencil asks of its model; see `base.Model`."""
+    """Attributes of a model that its pencil needs; see `base.Model`."""
 
     @property
     def pipe(self) -> Pipe: ...
@@ -55,7 +55,7 @@ class LinearModel(Protocol):
 
 
 class ChainModel(LinearModel, Protocol):
-    """What its pencil asks of a chain; see `chain.Chain`."""
+    """Attributes of a chain that its pencil needs; see `chain.Chain`."""
 
     @property
     def core(self) -> _core.Chain: ...
@@ -68,7 +68,7 @@ class ChainModel(LinearModel, Protocol):
 
 
 class ReducedModel(LinearModel, Protocol):
-    """What its pencil asks of a straight reduced model; see `galerkin.Galerkin`."""
+    """Attributes of a straight reduced model that its pencil needs; see `galerkin.Galerkin`."""
 
     @property
     def core(self) -> _core.Galerkin: ...
@@ -84,19 +84,19 @@ class Pencil:
 
     Attributes:
         mass: product with M.
-        velocity: with V.
-        damping: with D: delta times the elastic stiffness, and what else damps.
-        stiffness: with K.
-        flux: with A.
-        gravity: with dK/dgamma; K is linear in gamma.
+        velocity: product with V.
+        damping: product with D, which is delta times the elastic stiffness and all other damping.
+        stiffness: product with K.
+        flux: product with A.
+        gravity: product with dK/dgamma; K is linear in gamma.
         is_long: whether a few roots are found faster than all, in O(dof).
-        end_moves: whether what flows through an end of the pipe does work for sure.
-        lost_power: x^T D x of an x of the order of 1 up to which it is rounding.
+        end_moves: whether the flow is certain to do work at an end of the pipe.
+        lost_power: bound below which x^T D x is rounding, for x of order 1.
     """
 
     is_long = True
     end_moves = False
-    lost_power = 1e-25  # of displacements that are rounding, squared
+    lost_power = 1e-25  # square of displacements that are rounding
     mass: Product
     velocity: Product
     damping: Product
@@ -113,43 +113,43 @@ class Pencil:
         self.centrifugal = self.pipe.alpha
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
-        """The eigenvalues as the core finds them; size: the norm of K at rest."""
+        """The core's solver for eigenvalues; size: the norm of K at rest."""
         raise NotImplementedError
 
     def with_pipe(self, pipe: Pipe) -> Pencil:
-        """The pencil of the model with another pipe."""
+        """The pencil of the same model with another pipe."""
         raise NotImplementedError
 
     def elastic(self, x: Vectors) -> Vectors:
-        """Product with the elastic stiffness, the identity but where joints have no spring."""
+        """Product with the elastic stiffness, the identity except at joints without spring."""
         result: Vectors = self.model.elastic_share[:, None] * x
         return result
 
     def by_damping(self, x: Vectors) -> Vectors:
-        """dD/ddelta x; D is linear in delta."""
+        """Product with dD/ddelta; D is linear in delta."""
         return self.elastic(x)
 
     def by_springs(self, value: complex) -> Any:
-        """Derivative of k_j + value c_j, with its loss, of each joint by its spring k_j, (n,)."""
+        """Derivative of k_j + value c_j, with its loss, by each joint's spring k_j, shape (n,)."""
         return 1.0 + self._lost(value)
 
     def _lost(self, value: complex) -> complex:
-        """What damping adds to an elastic stiffness of 1; a static load has no loss."""
+        """Addition by damping to a unit elastic stiffness; without loss at lambda = value = 0."""
         return self.pipe.damping * value + (1j * self.pipe.hysteresis if value else 0.0)
 
     def forms(self, x: Vectors, y: Vectors) -> _core.Forms:
-        """y^H A x of one root's vectors, shape (dof, 1), for these products A."""
+        """Forms y^H A x with these products A, for vectors of one root, shape (dof, 1)."""
         of = (self.mass, self.velocity, self.damping, self.flux, self.gravity, self.by_damping)
         return _core.Forms(*(complex(np.sum(y.conj() * product(x))) for product in of))
 
 
 def _step(value: float) -> float:
-    """Step by which a number of the pipe stays in its range."""
+    """Step of a number of the pipe that keeps it in its range."""
     return 1.0 if value < 1.0 else -1.0
 
 
 class DensePencil(Pencil):
-    """Matrices; O(dof^3)."""
+    """A pencil by dense matrices; O(dof^3)."""
 
     is_long = False
 
@@ -164,7 +164,7 @@ class DensePencil(Pencil):
 
     @cached_property
     def _moved(self) -> DensePencil:
-        """The pencil at another gravity and damping, in which K and D are linear."""
+        """The pencil at another gravity and damping; K and D are linear in these."""
         more = self.pipe.damping + _step(self.pipe.damping)
         heavier = self.pipe.gamma + _step(self.pipe.gamma)
         return self.with_pipe(replace(self.pipe, gamma=heavier, damping=more))
@@ -189,9 +189,9 @@ class DensePencil(Pencil):
 
 
 class PartsPencil(Pencil):
-    """A model of which the core knows products with each part of P."""
+    """A pencil whose core object multiplies with each part of P."""
 
-    # Methods: kept as partial functions of this they would leave it to the garbage collector.
+    # These are methods: partial functions of self would be a cycle for the garbage collector.
 
     def mass(self, x: Vectors) -> Vectors:
         return self._times(x, square=1.0)
@@ -215,15 +215,15 @@ class PartsPencil(Pencil):
         return self._times(x, by_damping=1.0)
 
     def _times(self, x: Vectors, **part: float) -> Vectors:
-        """Product with so much of each of the core's parts, by their names there."""
+        """Product with the sum of the core's parts, each times the factor given by its name."""
         raise NotImplementedError
 
 
 class ChainPencil(PartsPencil):
-    """A chain, which multiplies in O(n); the core solves it by recursion.
+    """A chain's pencil, with products in O(n); the core solves it by recursion.
 
-    Guides hold the ends of some segments (`held`, a bool each); `complement` is what they leave of
-    the chain's elastic coordinates.
+    Guides hold the ends of some segments (`held`, a bool for each); `complement` spans the elastic
+    coordinates that the guides allow.
     """
 
     def __init__(
@@ -246,7 +246,7 @@ class ChainPencil(PartsPencil):
 
     @property
     def lost_power(self) -> float:  # type: ignore[override]
-        """Power below which a motion of a guided chain is not damped; 0 without guides."""
+        """Power below which a motion of a guided chain counts as undamped; 0 without guides."""
         free = self.scale[:, None] * np.cos(np.arange(1.0, self.scale.size + 1.0))[:, None]
         loads = self.scale[:, None] * self.core.joint_times(free, rate=1.0)
         return 1e-12 * float(np.abs(loads).max(initial=0.0)) if self.held is not None else 0.0
@@ -266,7 +266,7 @@ class ChainPencil(PartsPencil):
         if root == math.inf:
             return every
         by = np.full(self.springs.size, every, dtype=np.complex128)
-        share = root / (root + float(spring)) if root else 0.0  # in series, the root undamped
+        share = root / (root + float(spring)) if root else 0.0  # in series; the root has no damping
         by[0] = share**2 * (1.0 + self._lost(value) * (2.0 * share - 1.0))
         return by
 
@@ -281,7 +281,7 @@ class ChainPencil(PartsPencil):
 
 
 class PanelPencil(PartsPencil):
-    """A straight reduced model in Legendre curvatures, which the core eliminates panel by panel."""
+    """Pencil of a straight model in Legendre functions, which the core eliminates by panels."""
 
     def __init__(self, model: ReducedModel) -> None:
         super().__init__(model)
@@ -291,20 +291,20 @@ class PanelPencil(PartsPencil):
 
     @cached_property
     def spread(self) -> Array:
-        """Slope at the root and curvatures by elastic coordinates, (core's, dof)."""
+        """Matrix from elastic coordinates to root slope and curvatures, (core's, dof)."""
         spread, scale = self.reduced.small_motions
         by = scale if spread is None else spread * scale if scale.ndim == 1 else spread @ scale
         return self.core.on_panels(np.diag(by) if by.ndim == 1 else by)
 
     @cached_property
     def gathered(self) -> Array:
-        """Elastic coordinates by slope at the root and curvatures, (dof, core's)."""
+        """Matrix from root slope and curvatures to elastic coordinates, (dof, core's)."""
         if (self.model.elastic_share < 1.0).any():
             return np.asarray(np.linalg.pinv(self.spread), dtype=np.float64)
         return np.ascontiguousarray(self._elastic(self.spread).T)
 
     def _elastic(self, x: Array) -> Array:
-        """Elastic loads of slope at the root and curvatures, with the root's spring."""
+        """Elastic loads by root slope and curvatures, with the root's spring."""
         loads = self.core.times(x, by_damping=1.0)
         if 0.0 < self.pipe.root_stiffness < math.inf:
             loads[0] += self.pipe.root_stiffness * x[0]
@@ -324,7 +324,7 @@ class PanelPencil(PartsPencil):
 
 
 def real_columns(product: Product, x: Vectors) -> Vectors:
-    """A real product with complex columns, each as two real ones."""
+    """A real product with complex columns, applied to their real and imaginary parts."""
     kind = np.complex128 if np.iscomplexobj(x) else np.float64
     columns = np.ascontiguousarray(x, dtype=kind)
     result: Vectors = product(columns.view(np.float64)).view(columns.dtype)

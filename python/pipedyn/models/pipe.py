@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The pipe: a handful of nondimensional numbers, from SI and back."""
+"""The pipe: a set of nondimensional numbers, and its conversion from and to SI."""
 
 from __future__ import annotations
 
@@ -45,20 +45,21 @@ FLOWS = ("ejecting", "aspirating")
 
 @dataclass(frozen=True)
 class OwnNumber:
-    """A number of the pipe itself, for all that treats numbers alike.
+    """Description of a number of the pipe, for code that treats all numbers alike.
 
     Attributes:
-        word: what it is called in a label.
-        symbol: its symbol in TeX, a Greek letter by its name.
-        rule: range that `check.real` asks of it: far above any pipe's, far below overflow.
-        slider: range of a slider, wider where the pipe's own number lies outside; None where only a
-            number that is not at its default gets one.
-        flow: the flow that alone has it; empty where every pipe does.
-        not_small: why small motions about the straight pipe do not know it; empty where they do.
-        not_large: why motions in time do not; empty where they do.
-        unit: in SI; None where it has none.
+        word: name of the number in a label.
+        symbol: its symbol in TeX; a Greek letter is given by its name.
+        rule: range for `check.real`: far above any pipe's, far below overflow.
+        slider: range of a slider, extended if the pipe's own number lies outside; None if only a
+            number that is not at its default gets a slider.
+        flow: the direction of flow to which the number is limited; empty if it applies to both.
+        not_small: why the number does not enter small motions about the straight pipe; empty if it
+            does.
+        not_large: why the number does not enter motions in time; empty if it does.
+        unit: SI unit; None if it has none.
         effect: name of the effect that `relevant` switches off by setting the number to its
-            default; empty where the effect vanishes with the number, as gravity does with gamma.
+            default; empty if the effect vanishes with the number, as gravity does with gamma.
     """
 
     word: str
@@ -73,7 +74,7 @@ class OwnNumber:
 
     @property
     def letter(self) -> str:
-        """The symbol in words, a Greek letter by its name."""
+        """The symbol in words; a Greek letter is given by its name."""
         return self.symbol.removeprefix("\\")
 
 
@@ -110,57 +111,58 @@ OWN_NUMBERS = {
         *("rotary inertia", "J", {"low": 0.0, "high": 1e3}), effect="rotary inertia"
     ),
 }
-"""The numbers of a pipe by their names as arguments, in the order of `own_numbers` in pipe.hpp."""
+"""The numbers of a pipe by argument name, in the order of `own_numbers` in pipe.hpp."""
 
 
 @saved_as("Pipe", added=("rotary_inertia",))
 @dataclass(frozen=True)
 class Pipe(Saved):
-    """A pipe conveying fluid, a cantilever if not told, in units of L, mu_p + mu_f and EI.
+    """A pipe conveying fluid, by default a cantilever, in units of L, mu_p + mu_f and EI.
 
-    Time is counted in L^2 sqrt((mu_p + mu_f) / EI), flow speed u in sqrt(EI / mu_f) / L. Where EI
-    or mu_p vary along the pipe, these are the values at the root; its bore is uniform.
+    The unit of time is L^2 sqrt((mu_p + mu_f) / EI), that of flow speed u is sqrt(EI / mu_f) / L.
+    If EI or mu_p varies along the pipe, the units use the values at the root; the bore is uniform.
 
     Attributes:
         beta: mass ratio mu_f / (mu_p + mu_f), 0 <= beta < 1.
-        gamma: gravity g L^3 (mu_p + mu_f) / EI, less what a fluid around the pipe bears of its
-            weight; negative when the free end stands above the clamp.
+        gamma: gravity g L^3 (mu_p + mu_f) / EI, less the buoyancy of a fluid around the pipe;
+            negative when the free end stands above the clamp.
         flow: "ejecting" (out of the free end) or "aspirating" (into it).
         alpha: end coefficient >= 0, the factor of u^2 in the centrifugal term, see
-            `end_coefficient`: of the nozzle, the diffuser or the outlet's profile of an ejecting
-            pipe, of the inlet of an aspirating one.
-        drag: quadratic drag kappa = rho_e C_D d_e L / (2 (mu_p + mu_f)) >= 0; it has no part in the
+            `end_coefficient`. It depends on the nozzle, the diffuser or the outlet's profile of an
+            ejecting pipe, and on the inlet of an aspirating one.
+        drag: quadratic drag kappa = rho_e C_D d_e L / (2 (mu_p + mu_f)) >= 0; it does not enter the
             linear analysis.
         damping: Kelvin-Voigt damping delta >= 0; EI becomes EI (1 + delta d/dtau).
-        hysteresis: loss factor mu >= 0 of the material, the same at every frequency; EI becomes
-            EI (1 + i mu) of what oscillates as exp(lambda tau) with Im lambda > 0, and conjugate
-            below. In linear questions alone: it has no equation of motion. Divergence it leaves as
-            it is: a static load loses nothing. See `equivalent_damping`.
-        inflow_share: of an aspirating pipe, share c in [0, 1] of the free end's velocity that the
-            fluid has before it enters: 1 where it already moves with the free end, as in the paper,
-            0 where it is drawn from rest. What it lacks the free end has to give it, which damps:
-            the end's flux of energy is multiplied by c.
-        jet_angle: of an ejecting pipe, angle psi in rad, in [-pi, pi], from the tangent at its free
-            end to the jet of an inclined nozzle: at theta(1) + psi from the downward vertical. Such
-            a pipe rests bent, see `equilibria`; the straight one is no equilibrium of the flow.
-        rotary_inertia: J >= 0, moment of inertia of a cross-section about the axis across the plane
-            of motion, by length, in units of (mu_p + mu_f) L^2, with that of the fluid in it as far
-            as it turns with the pipe. It is the same all along the pipe, and 0 of a slender one.
-        terms: what else acts on the pipe, such as `PointMass` and `Spring`: a sequence of at most
-            400 terms, kept as a tuple.
-        root: how the pipe is held at s = 0: "clamped", "pinned" (a hinge) or a `RootSpring`, a
-            hinge with a rotational spring.
-        end: how it is held at s = 1: "free", "guided" (it keeps its direction and slides across),
-            "pinned" (a hinge on the axis of the straight pipe) or "clamped" (on the axis, in its
-            direction). A pinned or clamped end slides along the axis.
+        hysteresis: loss factor mu >= 0 of the material, the same at every frequency. EI becomes EI
+            (1 + i mu) for oscillations exp(lambda tau) with Im lambda > 0, and its conjugate for Im
+            lambda < 0. It applies to linear analysis only, as it has no equation of motion. It does
+            not change divergence, as a static load has no loss. See `equivalent_damping`.
+        inflow_share: for an aspirating pipe, share c in [0, 1] of the free end's velocity that the
+            fluid has before it enters: 1 if it already moves with the free end, as in the paper, 0
+            if it is drawn from rest. The free end gives it the remaining velocity, which damps the
+            pipe: the end's flux of energy is multiplied by c.
+        jet_angle: for an ejecting pipe, angle psi in rad, in [-pi, pi], from the tangent at the
+            free end to the jet of an inclined nozzle, which leaves at theta(1) + psi from the
+            downward vertical. Such a pipe rests bent, see `equilibria`; the straight pipe is no
+            equilibrium with flow.
+        rotary_inertia: J >= 0, moment of inertia per length of a cross-section about the axis
+            across the plane of motion, in units of (mu_p + mu_f) L^2, including the part of the
+            fluid that turns with the pipe. It is uniform along the pipe, and 0 for a slender pipe.
+        terms: other forces on the pipe, such as `PointMass` and `Spring`: a sequence of at most 400
+            terms, kept as a tuple.
+        root: support at s = 0: "clamped", "pinned" (a hinge) or a `RootSpring`, a hinge with a
+            rotational spring.
+        end: support at s = 1: "free", "guided" (it keeps its direction and slides across), "pinned"
+            (a hinge on the axis of the straight pipe) or "clamped" (on the axis, in its direction).
+            A pinned or clamped end slides along the axis.
         supports: arc lengths in L of rigid supports, hinges on the axis along which the pipe
             slides; at most 100, each in (0, 1), kept as an ascending tuple.
-        stiffness: bending stiffness along the pipe in units of that at the root, a function of
-            arc lengths s, (p,) to (p,), or a `Profile`, which has steps; 1 at s = 0. None where it
-            is uniform. Damping acts on it in proportion. Kept as a `Profile`.
-        mass: the same of the mass per length, the fluid's with it, which does not vary: nowhere
-            below beta.
-        scales: SI value of one unit, or None for a pipe not made with `from_si`.
+        stiffness: bending stiffness along the pipe in units of that at the root: a function of arc
+            lengths s, (p,) to (p,), or a `Profile`, which may have jumps; 1 at s = 0. None if it is
+            uniform. Damping is proportional to it. Kept as a `Profile`.
+        mass: mass per length along the pipe, including the uniform mass of the fluid, in the same
+            form as stiffness; nowhere below beta.
+        scales: values in SI of the units, or None for a pipe not made with `from_si`.
 
     Example:
         >>> hanging = pp.Pipe(beta=0.2, gamma=10.0, terms=[pp.PointMass(at=1.0, mass=0.1)])
@@ -172,13 +174,13 @@ class Pipe(Saved):
     Raises:
         ValueError: for a number out of its range, NaN or infinity; for an inflow_share other than 1
             of an ejecting pipe, or a jet_angle of an aspirating one.
-        TypeError: for what is no number.
+        TypeError: for an argument that is not a number.
 
-    Source: Orsino and Di Giulio, eqs. (1)-(9); delta, mu and inflow_share are not in the paper. Of
-    mu Paidoussis (1970). The last is Hamilton's principle for open systems (McIver 1973) with an
-    inflow of that velocity. Of inclined nozzles Lundgren, Sethna and Bajaj (1979). Of rotary
-    inertia Rayleigh, The Theory of Sound, vol. 1, sec. 162. Of supported pipes Paidoussis,
-    Fluid-Structure Interactions, vol. 1, ch. 3.
+    Source: Orsino and Di Giulio, eqs. (1)-(9); delta, mu and inflow_share are not in the paper. For
+    mu: Paidoussis (1970). For inflow_share: Hamilton's principle for open systems (McIver 1973)
+    with an inflow of that velocity. For inclined nozzles: Lundgren, Sethna and Bajaj (1979). For
+    rotary inertia: Rayleigh, The Theory of Sound, vol. 1, sec. 162. For supported pipes:
+    Paidoussis, Fluid-Structure Interactions, vol. 1, ch. 3.
     """
 
     beta: float
@@ -219,7 +221,7 @@ class Pipe(Saved):
                 "jet_angle must be 0 for an aspirating pipe, as no jet leaves its free end, "
                 f"got {check.shown(self.jet_angle)}"
             )
-        if self.scales is not None:  # mu_f = beta (mu_p + mu_f), also where beta was replaced
+        if self.scales is not None:  # mu_f = beta (mu_p + mu_f), also for a replaced beta
             given["scales"] = scales_at(self.beta, self.scales)
         for i, term in enumerate(self.terms):
             if isinstance(term, Stretching) and not self.end_held:
@@ -256,43 +258,43 @@ class Pipe(Saved):
         stiffness_profile: Along | Profile | None = None,
         mass_profile: Along | Profile | None = None,
     ) -> Pipe:
-        """A pipe from measured quantities.
+        """A pipe from measured quantities in SI units.
 
         Args:
             length: L, m.
-            bending_stiffness: EI, N m^2; at the clamp where it varies.
-            pipe_mass: mu_p, kg/m; at the clamp where it varies.
+            bending_stiffness: EI, N m^2; at the clamp if it varies.
+            pipe_mass: mu_p, kg/m; at the clamp if it varies.
             fluid_mass: mu_f, kg/m, > 0: without fluid there is no unit of flow speed.
             gravity: m/s^2; negative when the free end stands above the clamp, 0 for a pipe that
                 moves in a horizontal plane.
-            drag_coefficient: C_D of the pipe's outside.
+            drag_coefficient: C_D of the pipe's outer surface.
             external_diameter: d_e, m.
-            external_density: rho_e of the surrounding fluid at rest, kg/m^3. With the diameter it
-                gives the pipe buoyancy: gamma is that of the weight less the displaced fluid's,
+            external_density: rho_e of the surrounding fluid at rest, kg/m^3. Together with the
+                diameter it gives buoyancy: gamma is that of the weight less the displaced fluid's,
                 negative if the pipe floats up. A point mass, whose volume is not known, keeps its
-                whole weight: a `Weight` at its place makes up the difference. Not with a
-                mass_profile, but without gravity.
-            added_mass_coefficient: C_m, which makes an `AddedMass` of rho_e pi d_e^2 / 4 C_m: 1 far
+                whole weight: a `Weight` is added at its place. With a mass_profile it is allowed
+                only without gravity.
+            added_mass_coefficient: C_m, which adds an `AddedMass` of rho_e pi d_e^2 / 4 C_m: 1 far
                 from walls, (D^2 + d_e^2) / (D^2 - d_e^2) in the middle of a tank of diameter D.
             damping_time: eps, s; the material's stress is E (strain + eps d strain / dt).
             hysteresis: the material's loss factor.
             flow: "ejecting" or "aspirating".
-            alpha: end coefficient, see `end_coefficient`; 1 where not given.
-            nozzle_ratio: A / A_j > 0, of an ejecting pipe the section over that of a uniform jet,
-                in place of alpha, which it is: above 1 for a nozzle, below for a diffuser. Terms
-                say a nozzle's mass.
+            alpha: end coefficient, see `end_coefficient`; 1 by default.
+            nozzle_ratio: A / A_j > 0, the section of an ejecting pipe over that of a uniform jet;
+                replaces alpha, to which it is equal: above 1 for a nozzle, below 1 for a diffuser.
+                Give a nozzle's mass as a term.
             inflow_share: share of the free end's velocity that the fluid has before it enters.
             jet_angle: angle of an inclined nozzle's jet to the tangent at the free end, rad.
-            rotary_inertia: kg m, density times second moment of area of the pipe's section, with
-                what of the fluid turns along.
-            terms: what else acts on the pipe, its numbers in SI units, `at` in m; `terms_si` gives
-                them back.
-            root: "clamped", "pinned" or a `RootSpring`, its stiffness in N m/rad.
+            rotary_inertia: density times second moment of area of the pipe's section, kg m,
+                including the part of the fluid that turns with it.
+            terms: other forces on the pipe, with numbers in SI units and `at` in m; `terms_si`
+                returns them.
+            root: "clamped", "pinned" or a `RootSpring` with its stiffness in N m/rad.
             end: "free", "guided", "pinned" or "clamped".
             supports: arc lengths of rigid supports, m.
-            stiffness_profile: EI along the pipe over that at the clamp, a function of s = x / L,
-                x from the clamp on, or a `Profile`, as for `Pipe`.
-            mass_profile: the same of mu_p, the pipe's own mass without the fluid.
+            stiffness_profile: EI along the pipe over that at the clamp, a function of s = x / L
+                with x from the clamp, or a `Profile`, as for `Pipe`.
+            mass_profile: the same for mu_p, the pipe's own mass without the fluid.
 
         Example:
             >>> hose = pp.Pipe.from_si(
@@ -306,9 +308,9 @@ class Pipe(Saved):
 
         Raises:
             ValueError: for a number out of its range, a term beyond the free end, both alpha and
-                nozzle_ratio, or surroundings given in part: external_diameter and
-                external_density both or none, and with each coefficient both.
-            TypeError: for what is no number.
+                nozzle_ratio, or incomplete surroundings: external_diameter and external_density
+                must be given together, and each coefficient needs both.
+            TypeError: for an argument that is not a number.
         """
         positive: dict[str, Any] = {"low": 0.0, "high": 1e12, "open_low": True}
         length = check.real("length", length, **positive)
@@ -375,7 +377,7 @@ class Pipe(Saved):
             for name, (value, causes) in numbers.items()
         }
         given = [converted(one, units, operator.truediv) for one in checked_terms(terms, length)]
-        borne = gravity * length**3 * displaced / stiffness  # by the fluid, of the pipe's mass
+        borne = gravity * length**3 * displaced / stiffness  # part of gamma that buoyancy takes
         given += [
             Weight(at=one.at, load=borne * one.mass)
             for one in given
@@ -413,21 +415,21 @@ class Pipe(Saved):
 
     @property
     def direction(self) -> float:
-        """s, the sign of the flow's velocity: 1 ejecting, -1 aspirating."""
+        """Sign s of the flow's velocity: 1 ejecting, -1 aspirating."""
         return -1.0 if self.flow == "aspirating" else 1.0
 
     @property
     def thrust_across(self) -> float:
-        """Share of u^2 with which the jet loads the end of the straight pipe across it.
+        """Transverse load of the jet on the end of the straight pipe, in units of u^2.
 
-        It is 0 where the end is held, and of a jet along the axis.
+        It is 0 if the end is held, and for a jet along the axis.
         """
         across = self.alpha * abs(math.sin(self.jet_angle))
         return 0.0 if self.end_held or across < 1e-15 else across
 
     @property
     def bare(self) -> bool:
-        """Whether it is uniform, nothing but the flow acts on it, and no support holds it between.
+        """Whether the pipe is uniform, without terms, inner supports and rotary inertia.
 
         Weight, damping and drag, which are uniform along the pipe, are allowed. Rotary inertia is
         not, as high modes have more of it than low ones.
@@ -437,7 +439,7 @@ class Pipe(Saved):
 
     @property
     def cantilevered(self) -> bool:
-        """Whether it is clamped at the root and held nowhere else."""
+        """Whether the pipe is clamped at the root and held nowhere else."""
         return self.root == "clamped" and self.end == "free" and not self.supports
 
     @property
@@ -452,39 +454,39 @@ class Pipe(Saved):
 
     @property
     def end_directed(self) -> bool:
-        """Whether the end keeps the direction of that axis."""
+        """Whether the end keeps the direction of the straight pipe's axis."""
         return self.end in ("guided", "clamped")
 
     @property
     def has_kinks(self) -> bool:
-        """Whether derivatives of a force jump: drag's as velocities change sign, a stop's too."""
+        """Whether a force has kinks, as drag has where velocities change sign, or a stop."""
         return self.drag > 0.0 or any(term.kinks for term in self.terms)
 
     @property
     def watched(self) -> float:
-        """Arc length in L of the place meant where results speak of the free end or tip.
+        """Arc length in L of the point to which results on the free end or tip refer.
 
-        That is the end unless it is held across: then a place 0.382 along the longest span between
-        supports, where no low mode has a node.
+        It is the end, unless the end is held across: then it is a point at 0.382 of the longest
+        span between supports, where no low mode has a node.
         """
         return along_longest_span(self.supports) if self.end_held else 1.0
 
     def equivalent_damping(self, frequency: float) -> float:
-        """Kelvin-Voigt damping that loses as much at one frequency as the pipe's damping does.
+        """Kelvin-Voigt damping with the same loss at one frequency as all damping of the pipe.
 
-        At the onset of flutter a pipe with this damping and no hysteresis is the same pipe:
+        At the onset of flutter, the pipe with this damping and without hysteresis is equivalent:
 
             critical = critical_speed(model)
             delta = pipe.equivalent_damping(critical.frequency)
             moving = replace(pipe, damping=delta, hysteresis=0.0)
 
         Args:
-            frequency: angular, nondimensional, > 0, as of a `CriticalSpeed`; of one in rad/s it is
-                `pipe.frequency_from_si(omega)`.
+            frequency: angular, nondimensional, > 0, for instance that of a `CriticalSpeed`; convert
+                one in rad/s with `pipe.frequency_from_si(omega)`.
 
         Returns:
-            delta = damping + hysteresis / frequency; `time_si` makes the damping_time of `from_si`
-            of it.
+            delta = damping + hysteresis / frequency; `time_si` converts it to the damping_time of
+            `from_si`.
 
         Example:
             >>> lossy = pp.Pipe(0.2, damping=1e-3, hysteresis=0.02)
@@ -569,7 +571,7 @@ class Pipe(Saved):
     def frequency_si(self, omega: ArrayLike) -> Any:
         """Angular frequency in rad/s from the nondimensional omega; a number or an array.
 
-        Frequencies of `in_si()` of results are in Hz, this one over 2 pi.
+        The method `in_si()` of results gives frequencies in Hz, which are this value over 2 pi.
 
         Example:
             >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
@@ -589,7 +591,7 @@ class Pipe(Saved):
         return _times_scale("omega_si", omega_si, np.multiply, self._units("time").time)
 
     def length_si(self, s: ArrayLike) -> Any:
-        """Length in m from a fraction of the pipe's; a number or an array.
+        """Length in m from a length in units of L; a number or an array.
 
         Example:
             >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
@@ -599,7 +601,7 @@ class Pipe(Saved):
         return _times_scale("s", s, np.multiply, self._units("length").length)
 
     def length_from_si(self, x: ArrayLike) -> Any:
-        """Length as a fraction of the pipe's from m; a number or an array.
+        """Length in units of L from a length in m; a number or an array.
 
         Example:
             >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
@@ -610,7 +612,7 @@ class Pipe(Saved):
 
 
 def _checked_scales(scales: Any) -> Scales:
-    """The argument, if it is a tuple of four positive numbers."""
+    """Checks that the argument is a tuple of four positive numbers, and returns it."""
     if not isinstance(scales, tuple) or len(scales) != 4:
         raise TypeError(f"scales must be a Scales, got {check.shown(scales)}")
     parts = zip(Scales._fields, scales, strict=True)
@@ -628,7 +630,7 @@ CHECKS: dict[str, Callable[[Any], Any]] = {
     "mass": partial(checked_profile, "mass"),
     "scales": _checked_scales,
 }
-"""What makes of each field, unless it is the default, the one that the pipe has."""
+"""Function for each field that checks and converts a value other than the default."""
 
 DEFAULTS = {item.name: item.default for item in fields(Pipe)}
 

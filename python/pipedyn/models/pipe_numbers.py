@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""A pipe's numbers by name: its own, those of its terms and of the spring at its root.
+"""Numbers of a pipe by name: its own, those of its terms and of the spring at its root.
 
-What moves in the plane of two of them is the small motion about the straight pipe: numbers without
-a part in it are refused.
+Linear questions use small motions about the straight pipe: numbers that do not enter these motions
+are refused.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from pipedyn.util.units import SPEED, Unit
 
 @dataclass(frozen=True)
 class PipeNumber:
-    """One number of a pipe: where it stands, and in which range it may lie."""
+    """One number of a pipe: its name, its place in the pipe's fields and its range."""
 
-    name: str  # as users say it
+    name: str  # name for users
     attribute: str
-    term: int | None  # its place among the terms
-    rule: dict[str, Any]  # what `check.real` asks of it
+    term: int | None  # index among the terms
+    rule: dict[str, Any]  # arguments of `check.real`
 
     def of(self, pipe: Pipe) -> float:
-        """The value that the number has of a pipe."""
+        """The value of the number in a pipe."""
         holder: Any = pipe if self.term is None else pipe.terms[self.term]
         if self.name == "root.stiffness":
             holder = pipe.root
         return float(getattr(holder, self.attribute))
 
     def changed(self, pipe: Pipe, value: float) -> Pipe:
-        """The pipe with another value."""
+        """A copy of the pipe with another value of the number."""
         if self.name == "root.stiffness":
             return replace(pipe, root=RootSpring(value))
         if self.term is None:
@@ -46,9 +46,10 @@ class PipeNumber:
 
 
 def pipe_numbers(pipe: Pipe, motions: bool = False) -> dict[str, PipeNumber]:
-    """The numbers with a part in small motions, or in motions of finite amplitude, by name.
+    """Numbers that enter small motions, or motions of finite amplitude, by name.
 
-    A term's is "terms[0].mass", and "PointMass.mass" where the pipe has one such term.
+    The number of a term is named "terms[0].mass", and also "PointMass.mass" if the pipe has only
+    one term of that kind.
     """
     found = {
         name: PipeNumber(name, name, None, one.rule)
@@ -74,7 +75,7 @@ def pipe_numbers(pipe: Pipe, motions: bool = False) -> dict[str, PipeNumber]:
 
 
 def unit_of_number(name: str, pipe: Pipe) -> Unit | None:
-    """The SI unit of a number of a pipe, or of u; None where it has none."""
+    """The SI unit of a pipe's number or of u; None if there is none."""
     if name == "u":
         return SPEED
     if name in OWN_NUMBERS:
@@ -87,7 +88,7 @@ def unit_of_number(name: str, pipe: Pipe) -> Unit | None:
         return None
     (item,) = (item for item in fields(holder) if item.name == number.attribute)
     mass, length, time = item.metadata["powers"]
-    # Masses are counted per length.
+    # `Scales` counts masses per length.
     powers = zip(("kg", "m", "s"), (mass, length - mass, time), strict=True)
     text = " ".join(f"{unit}^{power}" if power != 1 else unit for unit, power in powers if power)
     if not text:
@@ -106,12 +107,12 @@ def checked_number(
     motions: bool = False,
     others: tuple[str, ...] = ("u",),
 ) -> PipeNumber:
-    """The number of a pipe that an argument names, which may be others, too.
+    """The number of a pipe that an argument names, which may also name other quantities.
 
     Raises:
-        ValueError: if the pipe has none of that name, or small motions do not know it, or motions
-            of finite amplitude where these are meant.
-        TypeError: for what is no word.
+        ValueError: if the pipe has no number of that name, or if the number does not enter small
+            motions, or motions of finite amplitude if these are meant.
+        TypeError: for an argument that is not a string.
     """
     every = pipe_numbers(pipe, motions)
     own = OWN_NUMBERS.get(name) if isinstance(name, str) else None

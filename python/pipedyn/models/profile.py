@@ -18,29 +18,30 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 
 Along: TypeAlias = Callable[[Array], ArrayLike]
-"""A function of arc lengths in L, (p,) to (p,)."""
+"""A function of arc lengths in L, from shape (p,) to (p,)."""
 
 LEAST_RATIO, LARGEST_RATIO = 1e-6, 1e6
 """Range of a profile's values, far beyond that of any pipe's."""
 
 RESOLVED = 3e-14
-"""Share of its largest value that a function's Chebyshev series may miss: rounding leaves less."""
+"""Error of a function's Chebyshev series, as a share of its largest value: rounding is less."""
 
 NEARLY = 1e-9
-"""The same next to a kink of a higher derivative, whose place is known the less the weaker it is:
-kinks of a spline's third derivative to 1e-5 or so."""
+"""Error near a kink of a higher derivative. The weaker the kink, the less certain is its place:
+kinks of a spline's third derivative are found to 1e-5 or so."""
 
 SMOOTH = 1e-3
-"""Where polynomials of degree 8 on a 64th of this resolve a function, it is but steep."""
+"""Length over which a function is steep but smooth if polynomials of degree 8 on a 64th of it
+resolve the function."""
 
 COUNTS = (16, 32, 64, 128)
-"""Lengths of the series tried. What takes longer ones is divided."""
+"""Lengths of the series that are tried. Stretches that need longer series are divided."""
 
 MOST_STRETCHES = 100
-"""Stretches of one profile, each a panel of reduced models."""
+"""Largest number of stretches of one profile; each is a panel of reduced models."""
 
 SHORTEST = 1e-4
-"""Shortest stretch in L, that of a basis' shortest panel: closer to an end a function must be
+"""Shortest stretch in L, equal to a basis' shortest panel: nearer to an end a function must be
 smooth."""
 
 
@@ -53,8 +54,8 @@ class _Series:
 
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> _Series:
-        """The series of which a file kept this, if a function can have it."""
-        made, most = cls(**fields), 2.0 * LARGEST_RATIO  # as a mean of values times twice a cosine
+        """Restores the series from the fields of a file; checks that a function can have it."""
+        made, most = cls(**fields), 2.0 * LARGEST_RATIO  # mean of the values times twice a cosine
         few = 1 <= len(made.coefficients) <= COUNTS[-1]
         if not (few and all(abs(one) <= most for one in made.coefficients)):
             raise ValueError(
@@ -71,22 +72,23 @@ class _Series:
 @saved_as("Profile")
 @dataclass(frozen=True, repr=False, init=False)
 class Profile:
-    """A number that varies along the pipe and may jump, such as its bending stiffness.
+    """A property, such as bending stiffness, that varies along the pipe and may jump.
 
-    Functions are called here and not kept: Chebyshev series stand for them, which miss less than
-    rounding does. So profiles of equal functions are equal, and profiles pickle.
+    Functions are called only at construction and replaced by Chebyshev series, whose error is below
+    rounding. So profiles of equal functions are equal, and profiles pickle.
 
     Attributes:
-        at: arc lengths in L where it jumps or has a kink, ascending in (0, 1); the places where a
-            function does so unsaid are found and added.
-        values: on each stretch between these, from the clamp on, a number or a function of arc
-            lengths s, (p,) to (p,); or one function of all stretches. Each value in [1e-6, 1e6].
+        at: arc lengths in L of jumps and kinks, ascending in (0, 1); jumps and kinks of a function
+            at other places are found and added.
+        values: for each stretch between these places, from the clamp on, a number or a function of
+            arc lengths s, (p,) to (p,); or one function for all stretches. Each value in [1e-6,
+            1e6].
 
     Raises:
-        ValueError: for places that do not ascend in (0, 1), another number of values than of
-            stretches, a function that returns another shape, NaN, infinity or what is out of range,
-            or one that is noise or not smooth within 1e-4 of an end of a stretch.
-        TypeError: for what is neither a number nor a function of real numbers.
+        ValueError: for places that do not ascend in (0, 1), a number of values other than that of
+            stretches, a function whose results have a wrong shape, NaN, infinity or values out of
+            range, or a function that is noise or not smooth within 1e-4 of an end of a stretch.
+        TypeError: for a value that is neither a number nor a function of real numbers.
 
     Example:
         >>> import pipedyn as pp
@@ -145,10 +147,10 @@ class Profile:
 
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> Profile:
-        """The profile of which a file kept this, with its values in their range."""
+        """Restores the profile from the fields of a file; checks the range of its values."""
         made = cls(**fields)
         low, high = made.bounds
-        missed = 10.0 * NEARLY * high  # more than a series misses of its function
+        missed = 10.0 * NEARLY * high  # more than the error of a series
         if not LEAST_RATIO - missed <= low <= high <= LARGEST_RATIO + missed:
             raise ValueError(
                 f"values must lie in [{LEAST_RATIO:g}, {LARGEST_RATIO:g}], got {low} to {high}"
@@ -164,12 +166,12 @@ class Profile:
         return f"Profile(at=({at}), values=({values}))"
 
     def __call__(self, s: ArrayLike) -> Array:
-        """Values at arc lengths s in [0, 1], shape (p,); at a jump the value beyond."""
+        """Values at arc lengths s in [0, 1], shape (p,); at a jump, the value beyond it."""
         return self.core(check.array("s", s, low=0.0, high=1.0, longest=100_000_000))
 
     @property
     def core(self) -> _core.Profile:
-        """The profile as the core takes it."""
+        """The profile in the core's form."""
         return _core.Profile([0.0, *self.at, 1.0], [list(one) for one in self.series])
 
     @property
@@ -179,7 +181,7 @@ class Profile:
 
     @property
     def is_uniform(self) -> bool:
-        """Whether it is 1 all along."""
+        """Whether the profile is 1 everywhere."""
         return all(isinstance(value, float) and value == 1.0 for value in self.values)
 
     @property
@@ -191,13 +193,13 @@ class Profile:
 
 
 def reciprocal(profile: Profile) -> Profile:
-    """1 over it."""
+    """The profile 1 / p of a profile p."""
     core = profile.core
     return Profile(profile.at, lambda s: 1.0 / core(s))
 
 
 def mixed(profile: Profile, share: float) -> Profile:
-    """1 - share + share times it."""
+    """The profile 1 - share + share p of a profile p."""
     values = [np.multiply(share, one) for one in profile.series]
     for one in values:
         one[0] += 1.0 - share
@@ -205,12 +207,13 @@ def mixed(profile: Profile, share: float) -> Profile:
 
 
 def moments(profile: Profile, ends: Array) -> Array:
-    """Integrals of a profile between ascending ends (n + 1,), shape (3, n).
+    """Moments of a profile over the intervals between ascending ends (n + 1,), shape (3, n).
 
-    The integrand is multiplied by the powers 0, 1, 2 of the distance from the first end of each.
+    The rows are integrals of the profile times the powers 0, 1, 2 of the distance from the start of
+    each interval.
     """
     cuts = np.union1d(ends, [s for s in profile.at if ends[0] < s < ends[-1]])
-    # Gauss: exact for the series times the square.
+    # Gauss quadrature is exact for the series times the square of the distance.
     nodes, weights = np.polynomial.legendre.leggauss((max(map(len, profile.series)) + 3) // 2)
     found, core = np.zeros((3, ends.size - 1)), profile.core
     for first in range(0, cuts.size - 1, 100_000):
@@ -250,7 +253,7 @@ def _nodes(count: int) -> tuple[Array, Array]:
 def _fitted(
     function: _Function, low: float, high: float, most: int = MOST_STRETCHES
 ) -> list[tuple[float, float | _Series]]:
-    """Series of a function on stretches from low to high, each with its end."""
+    """Chebyshev series of a function on stretches from low to high, each with its upper end."""
     check_points = low + (high - low) * np.linspace(0.0, 1.0, 2003)
     inside = check_points[0 if low == 0.0 else 1 : None if high == 1.0 else -1]
     expected = function(inside)
@@ -280,11 +283,11 @@ def _fitted(
 
 
 def _least_smooth(function: _Function, low: float, high: float, tolerance: float) -> float:
-    """Where a function has its worst jump or kink, by dividing; the middle where it has none."""
+    """Place of the worst jump or kink of a function, by repeated division; the middle if none."""
     x, matrix = _nodes(9)
     halfway = 0.5 * (low + high)
     for _ in range(8):
-        # Shares at which no jump is likely to lie, which two cells would see on their border.
+        # Borders of cells are at places where a jump is unlikely, as two cells would see it there.
         borders = low + (high - low) * np.append(0.0, np.append((np.arange(64) + 0.618) / 64, 1.0))
         half = 0.5 * np.diff(borders)[:, None]
         s = borders[:-1, None] + half * (1.0 + x)
@@ -297,7 +300,7 @@ def _least_smooth(function: _Function, low: float, high: float, tolerance: float
         low, high = float(borders[worst]), float(borders[worst + 1])
     if high - low > SMOOTH:
         return halfway
-    # A decimal that would lie there by chance once in a thousand is what the user meant.
+    # A round decimal that lies there, by chance once in a thousand, is what the user meant.
     middle = 0.5 * (low + high)
     digits = range(1, max(2, math.floor(-math.log10(1e3 * (high - low)))))
     return next((r for r in (round(middle, k) for k in digits) if low < r < high), middle)
@@ -312,13 +315,13 @@ def _refuse_many(name: str, stretches: int) -> None:
 
 
 def values_along(name: str, function: Any, s: Array) -> Any:
-    """What a function of arc lengths gives; TypeError if it takes none but single numbers."""
+    """Values of a function of arc lengths; TypeError if it accepts only single numbers."""
     try:
         return function(s)
     except (TypeError, ValueError) as error:
         try:
             function(float(s[0]))
-        except Exception:  # it fails at numbers, too: this is not what is wrong
+        except Exception:  # it fails for numbers as well, so this is not the cause
             raise error from None
         raise TypeError(
             f"{name} must be a function of an array of arc lengths, as of numpy's functions, got "
@@ -327,7 +330,7 @@ def values_along(name: str, function: Any, s: Array) -> Any:
 
 
 def checked_profile(name: str, given: Any) -> Profile | None:
-    """A field of the pipe as a profile that is 1 at the clamp; None where it is uniform."""
+    """A field of the pipe as a profile that is 1 at the clamp; None if it is uniform."""
     if given is None:
         return None
     if isinstance(given, list | tuple | np.ndarray):

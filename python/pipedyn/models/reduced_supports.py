@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Supports of a reduced model, whose pipe is held across, x = 0, at its end or between.
+"""Supports of a reduced model: the pipe is held across, x = 0, at its end or between.
 
-The core's functions keep the directions that are held, but need not be 0 where the pipe is held
-across. In small motions that is a linear condition, w(s) = 0: combinations of the functions that
-meet it are a model's functions. In large motions it is none; forces along x keep it. What an
-integrator's state misses decays then, and recorded is a projection of the state that meets it.
+The core's functions have slope 0 where the direction is held, but need not be 0 where the pipe is
+held across. In small motions this is a linear condition, w(s) = 0, and a model's functions are
+combinations that meet it. In large motions the condition is not linear in q; forces along x keep
+it. An integrator's deviation from it decays, and recorded states are projected onto it.
 """
 
 from __future__ import annotations
@@ -22,36 +22,36 @@ STENCIL = np.array([45.0, -9.0, 1.0]) / 60.0
 """Weights of central differences of sixth order, for 1, 2 and 3 steps to either side."""
 
 SUPPORT_MISSED = 1e-13
-"""x at a support, in L, that counts as 0: a hundred times rounding."""
+"""Displacement x at a support, in L, that counts as 0: a hundred times rounding."""
 
 MOST_PROJECTIONS = 30
-"""Newton's method takes four or five where supports are missed by 0.1."""
+"""Largest number of Newton steps; four or five suffice if supports are missed by 0.1."""
 
 
 class ReducedSupports:
-    """Where the supports of a reduced model hold its states.
+    """Constraints of a reduced model by its supports.
 
     Args:
-        core: the compiled model, of `size` functions.
+        core: the compiled model with `size` functions.
     """
 
     def __init__(self, core: _core.Galerkin) -> None:
         self.core = core
         stiffness = core.elastic_stiffness()
-        self.ease = 1.0 / np.maximum(stiffness, 1.0)[:, None]  # steps of least elastic energy
+        self.ease = 1.0 / np.maximum(stiffness, 1.0)[:, None]  # least elastic energy
         self.size = stiffness.size
 
     def held(self, q: Array) -> tuple[Array, Array]:
-        """Places x at supports, (supports, k), of columns q; their derivatives (k, supports, size).
+        """Displacements x at supports, (supports, k), and derivatives by q, (k, supports, size).
 
-        NaN where q coils the pipe more often than the core resolves.
+        They are NaN for columns of q that coil the pipe more often than the core resolves.
         """
         found = self.core.held(np.concatenate([q, np.zeros_like(q)]))
         places, by = np.split(found, [self.core.supports])
         return places, by.reshape(len(places), self.size, -1).transpose(2, 0, 1)
 
     def onto_constraints(self, q: Array, rates: Array) -> tuple[Array, Array]:
-        """Coordinates and rates that meet the supports, close to those given; NaN without any."""
+        """Nearby coordinates and rates that meet the supports; NaN where none are found."""
         columns, turning = (of.reshape(self.size, -1).copy() for of in (q, rates))
         missed, by = self.held(columns)
         for _ in range(MOST_PROJECTIONS):
@@ -66,7 +66,7 @@ class ReducedSupports:
         return columns.reshape(q.shape), turning.reshape(rates.shape)
 
     def _step(self, by: Array, missed: Array) -> Array:
-        """The least change of each column by which places at the supports change by `missed`."""
+        """The least change of each column by which x at the supports changes by `missed`."""
         eased = by * self.ease.T
         lost = ~np.isfinite(by).all(axis=(1, 2))
         inverse = np.full((*by.shape[:2], by.shape[1]), np.nan)
@@ -74,21 +74,21 @@ class ReducedSupports:
         return np.asarray(np.einsum("kbi,kbc,ck->ik", eased, inverse, missed))
 
     def allowed(self, q: Array) -> Array:
-        """Orthonormal changes of coordinates that the supports leave, (size, size - supports).
+        """Orthonormal changes of coordinates that the supports allow, (size, size - supports).
 
-        Raises NotResolved where q coils the pipe more often than the core resolves.
+        Raises NotResolved if q coils the pipe more often than the core resolves.
         """
         by = resolved("operators", lambda: self.held(q[:, None])[1])
         vectors, _ = np.linalg.qr(by[0].T, mode="complete")
         return np.asarray(vectors[:, len(by[0]) :])
 
     def free_states(self, y: Array) -> Array:
-        """Changes of states [q, q'] that the supports leave, (2 size, 2 (size - supports)).
+        """Changes of states [q, q'] that the supports allow, (2 size, 2 (size - supports)).
 
-        They are orthonormal; the state keeps meeting the supports and their rates along them.
+        The changes are orthonormal and keep, to first order, x at the supports and its rate.
         """
         q, rates = np.split(y, 2)
-        # The derivative of the rates of x by q is that of the derivatives of x along the motion.
+        # The derivative of x' by q is the rate of dx/dq along the motion.
         turning = float(np.abs(self.core.basis(np.linspace(0.0, 1.0, 41), 1) @ rates).max())
         step = 0.01 / max(turning, 1e-100)
         _, by = self.held(q[:, None] + step * np.arange(-3, 4) * rates[:, None])
@@ -98,24 +98,24 @@ class ReducedSupports:
 
 
 class FreeFunctions:
-    """A model's functions by the core's, with the scale of their elastic stiffness.
+    """A model's functions as combinations of the core's, with their elastic stiffness.
 
-    Combined are only those that any support holds: all beam modes, and Legendre functions of degree
+    Only functions that supports hold are combined: all beam modes, and Legendre functions of degree
     0 and 1, as the others vanish at the ends of panels. The combinations have unit elastic
     stiffness and are orthogonal in it.
 
     Args:
-        core: the core's model, whose first function is the shape that a force at the end gives the
-            beam if that is a beam held there.
+        core: the compiled model; for a beam held at its end its first function is the shape under a
+            force there.
         held: arc lengths at which the pipe is held across, ascending.
         beam: whether the functions are beam modes.
 
     Attributes:
-        spread: amplitudes of the core's functions by those of the model's, (core's, model's), or
-            None where they are the same.
-        scale: amplitude of one elastic coordinate, (model's,).
-        share: elastic stiffness by elastic coordinates, (model's,): 1, less of one that hardly
-            bends.
+        spread: amplitudes of the core's functions for each of the model's, (core's, model's), or
+            None if they are the same.
+        scale: amplitude for a unit of each elastic coordinate, (model's,).
+        share: elastic stiffness in elastic coordinates, (model's,): 1, but less for a function that
+            hardly bends.
     """
 
     def __init__(self, core: _core.Galerkin, held: tuple[float, ...], beam: bool) -> None:
@@ -146,9 +146,9 @@ class FreeFunctions:
 
     @cached_property
     def groups(self) -> list[list[int]]:
-        """Places of functions that go together, each in the order in which a larger model has them.
+        """Indices of functions in groups, each in the order in which larger models append to it.
 
-        First those that any support holds, then the others of each panel.
+        The first group has the functions that supports hold, the others those of one panel each.
         """
         panels = self._core.functions_by_panel()
         of_degree = [[of[k] for of in panels if len(of) > k and of[k] >= 0] for k in (0, 1)]
@@ -160,13 +160,15 @@ def orthonormal(elastic: Array, share: Array) -> tuple[Array, Array]:
     """Combinations of functions in which the elastic stiffness is diagonal.
 
     Args:
-        elastic: stiffness of a pipe that is not uniform, (m, m).
-        share: that of the same functions on a uniform one, (m,): 1, less of one at the most.
+        elastic: stiffness matrix of a pipe that is not uniform, (m, m).
+        share: stiffness of the same functions on a uniform pipe, (m,): 1, less for one function at
+            most.
 
     Returns:
-        Amplitudes of the functions by those of the combinations, (m, m), and their stiffness, (m,):
-        1, less of one. Each has the function of its own place and those before, which a larger
-        model has, too; that of less than 1, which the others need not have, comes last.
+        Amplitudes of the functions for each combination, (m, m), and the stiffness of the
+        combinations, (m,): 1, less for one. Each combination contains the function of its own index
+        and those before it, which a larger model has as well; the function with less than 1, which
+        the others need not contain, comes last.
     """
     count, soft = share.size, int(np.argmin(share))
     order = [*(k for k in range(count) if k != soft), soft] if share[soft] < 1.0 else range(count)
@@ -180,7 +182,7 @@ def orthonormal(elastic: Array, share: Array) -> tuple[Array, Array]:
 
 
 def _orthonormal_zeros(rows: Array, share: Array) -> Array:
-    """A basis of what rows (r, k) take to 0, orthonormal with weights that are 1 but for one."""
+    """Null space of rows (r, k), orthonormal with weights that are 1 but for one."""
     factors, _ = np.linalg.qr(rows.T, mode="complete")
     free = factors[:, len(rows) :]
     soft = int(np.argmin(share)) if share.size else 0

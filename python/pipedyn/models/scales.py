@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Units of length, mass, time and speed in SI, and numbers that are measured in them."""
+"""Units of length, mass, time and speed in SI, and metadata for numbers in these units."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import numpy as np
 from pipedyn.util.archive import saved_as
 
 SLACK = 1e-9
-"""Share of the length by which a place may lie beyond the free end, far above rounding of sums of
-lengths: as much as a chain's lengths may miss 1."""
+"""Distance in L by which a place may lie beyond the free end: as much as a chain's lengths may miss
+1, far above the rounding of sums of lengths."""
 
 
 @saved_as("Scales")
 class Scales(NamedTuple):
-    """SI value of one nondimensional unit.
+    """Values in SI of the nondimensional units of a pipe.
 
     Example:
         >>> pp.Pipe.from_si(
@@ -38,7 +38,7 @@ class Scales(NamedTuple):
 
 
 def scales_at(beta: Any, scales: Scales) -> Scales:
-    """Scales at another mass ratio, or several, of a pipe with as much length, EI and mass."""
+    """Scales for another mass ratio, or several, at the same length, EI and total mass."""
     with np.errstate(divide="ignore"):
         speed = scales.length / scales.time / np.sqrt(beta)
     if np.ndim(beta):
@@ -57,6 +57,6 @@ def number(
     open_low: bool = False,
     default: Any = MISSING,
 ) -> Any:
-    """A field of a term: its range, and the powers of the units in its SI value, see `Scales`."""
+    """Dataclass field of a term's number: its range, and the powers of `Scales` in its SI unit."""
     rule = {"low": low, "high": high, "open_low": open_low}
     return field(default=default, metadata={"range": rule, "powers": (mass, length, time)})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How a pipe is held: at its root, at its other end and at rigid supports between."""
+"""Supports of a pipe: its root, its other end and rigid supports between them."""
 
 from __future__ import annotations
 
@@ -20,31 +20,33 @@ ROOTS = ("clamped", "pinned")
 ENDS = ("free", "guided", "pinned", "clamped")
 
 MOST_SUPPORTS = 100
-"""Rigid inner supports of a pipe: spans of pipe between them, each of which needs functions."""
+"""Largest number of inner rigid supports of a pipe: each span between them needs functions."""
 
 SHORTEST_SPAN = 1e-3
-"""Least distance between two supports, or from one to an end of the pipe, in L. Two supports that
-close leave a rotation of a third of this under a unit moment: they are a clamp."""
+"""Least distance in L between two supports, or from a support to an end of the pipe. Two supports
+at this distance turn by a third of it under a unit moment: they act as a clamp."""
 
 
 GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
-"""Share of a span at which none of its lowest 20 modes has a node: sin(k pi GOLDEN) > 0.08."""
+"""Place on a span, as a share of it, that is no node of its lowest 20 modes: sin(k pi GOLDEN) >
+0.08."""
 
 
 @saved_as("RootSpring")
 @dataclass(frozen=True)
 class RootSpring:
-    """A hinged root with a rotational spring: a clamp that gives.
+    """A hinged root with a rotational spring, between a hinge and a clamp.
 
     Attributes:
-        stiffness: k >= 0, in EI / L; the moment at the root is k times its angle there. 0 is a
-            hinge, and towards infinity the clamp. The pipe's damping is not the spring's.
+        stiffness: k >= 0, in EI / L; the moment at the root is k times the pipe's angle there. The
+            value 0 is a hinge, and the limit of infinite k is the clamp. The spring has none of the
+            pipe's damping.
 
     In `Pipe.from_si`: stiffness in N m/rad.
 
     Raises:
         ValueError: for a negative stiffness, NaN or infinity.
-        TypeError: for what is no number.
+        TypeError: for an argument that is not a number.
 
     Source: energy stiffness * theta(0)^2 / 2.
 
@@ -56,7 +58,7 @@ class RootSpring:
 
     stiffness: float = number(1e9, mass=1, length=3, time=-2)
 
-    def __post_init__(self) -> None:  # how large is the pipe's matter: it may be in SI
+    def __post_init__(self) -> None:  # the pipe checks how large it is, as it may be in SI
         value = check.real("stiffness", self.stiffness, low=0.0)
         object.__setattr__(self, "stiffness", value)
 
@@ -68,9 +70,9 @@ Root = Literal["clamped", "pinned"] | RootSpring
 
 
 def checked_root(root: Any, given: str = "") -> Root:
-    """The argument, if it is one; a spring of no stiffness is "pinned".
+    """Checks how a root is held; a spring of zero stiffness becomes "pinned".
 
-    `given` is what a message says of where a spring's number comes from.
+    given: text for error messages on the origin of a spring's number.
     """
     if isinstance(root, RootSpring):
         rule = root.__dataclass_fields__["stiffness"].metadata["range"]
@@ -85,10 +87,11 @@ def checked_root(root: Any, given: str = "") -> Root:
 
 
 def checked_supports(supports: Any, end: float = 1.0) -> tuple[float, ...]:
-    """The argument as ascending arc lengths, if it is a sequence of them on a pipe up to its end.
+    """Checks supports and returns them as ascending arc lengths on a pipe of length `end`.
 
-    Raises ValueError for more than 100, for one that is not inside the pipe, or where two, or one
-    and an end of the pipe, are closer than 0.001 L; else TypeError.
+    Raises ValueError for more than 100 supports, for one that is not inside the pipe, or if two
+    supports, or a support and an end of the pipe, are closer than 0.001 L; else TypeError if the
+    argument is no sequence of numbers.
     """
     sequence = isinstance(supports, Sequence) and not isinstance(supports, str | bytes | bytearray)
     if not sequence and not (isinstance(supports, np.ndarray) and supports.ndim == 1):
@@ -119,7 +122,7 @@ def root_stiffness(root: Root) -> float:
 
 
 def along_longest_span(supports: Sequence[float]) -> float:
-    """Arc length of a place on the longest span of a pipe held at its end, see `Pipe.watched`."""
+    """Arc length of a point on the longest span of a pipe whose end is held: `Pipe.watched`."""
     ends = [0.0, *supports, 1.0]
     spans = [right - left for left, right in pairwise(ends)]
     longest = spans.index(max(spans))

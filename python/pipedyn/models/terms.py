@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Terms: laws of force on a pipe, besides its own elasticity, gravity, drag and flow.
+"""Terms: laws of force on a pipe in addition to its elasticity, gravity, drag and flow.
 
-A term is a frozen dataclass: the place where it acts, if it acts at one, and the numbers of its
-law. The law itself (load, mass, inertia, energy and power at a station of the pipe) stands in the
-core under the term's name, cpp/pipedyn/terms/; slopes of the load follow from it. Terms belong to
-the pipe, so that every model has them.
+A term is a frozen dataclass with the place where it acts, if it acts at one place, and the numbers
+of its law. The law (load, mass, inertia, energy and power at a station of the pipe) is in the core
+under the term's name, cpp/pipedyn/terms/; the core derives slopes of the load from it. Terms belong
+to the pipe, so that every model has them.
 """
 
 from __future__ import annotations
@@ -23,32 +23,32 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 MOST_TERMS = 400
-"""A reduced model has a panel between each two places: with four functions each, 400 of these take
-1,600 of the 2,000 functions that a basis may have."""
+"""Largest number of terms. A reduced model has a panel between each two places: with four functions
+each, 400 panels take 1,600 of the 2,000 functions of the largest basis."""
 
 
 def place() -> Any:
-    """The field `at` of a term that acts at one place; the pipe checks that it lies on it."""
+    """The field `at` of a term at one place; the pipe checks that the place lies on it."""
     rule = {"low": 0.0, "open_low": True}
     return field(metadata={"range": rule, "powers": (0, 1, 0)})
 
 
 @dataclass(frozen=True)
 class Term:
-    """A law of force on the pipe. Subclasses are laws; this one is not made.
+    """A law of force on the pipe; base class of all laws, not instantiated itself.
 
     Raises:
         ValueError: for a number out of its range, NaN or infinity, in any law.
-        TypeError: for what is no number.
+        TypeError: for an argument that is not a number.
     """
 
     law: ClassVar[str]
-    """Its name in the core."""
+    """Name of the law in the core."""
 
     def __post_init__(self) -> None:
         if type(self) is Term:
             raise TypeError("Term must be one of its laws, such as PointMass, got Term itself")
-        for item in fields(self):  # how large they are is the pipe's matter: these may be in SI
+        for item in fields(self):  # the pipe checks upper bounds, as these may be in SI
             rule = dict(item.metadata.get("range", {}))
             rule.pop("high", None)
             if rule.get("low", 0.0) < 0.0:
@@ -63,31 +63,31 @@ class Term:
 
     @property
     def place(self) -> float | None:
-        """Arc length where it acts, in L; None where it acts all along the pipe."""
+        """Arc length in L where the term acts; None if it acts all along the pipe."""
         return getattr(self, "at", None)
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Transverse displacements of its place at which the slope of its load jumps, in L."""
+        """Transverse displacements of the place, in L, at which the slope of the load jumps."""
         return ()
 
     @property
     def is_felt_by_small_motions(self) -> bool:
-        """Whether small motions about the straight pipe feel the law."""
+        """Whether the law acts on small motions about the straight pipe."""
         return _core.is_felt_by_small_motions(self.law)
 
     @property
     def largest_angle(self) -> float:
-        """Angle between the pipe and its straight axis, in rad, up to which the law holds."""
+        """Largest angle between the pipe and its straight axis for which the law holds, in rad."""
         return math.inf
 
     @property
     def numbers(self) -> dict[str, float]:
-        """The numbers of the term by name, without its place."""
+        """Numbers of the term by name, without its place."""
         return {item.name: getattr(self, item.name) for item in fields(self) if item.name != "at"}
 
     def law_numbers(self, damping: float) -> list[float]:
-        """What its law in the core reads, of a pipe with this Kelvin-Voigt damping."""
+        """Numbers of the law in the core's order, for a pipe with this Kelvin-Voigt damping."""
         return list(self.numbers.values())
 
 
@@ -96,21 +96,21 @@ class Term:
 class PointMass(Term):
     """A mass at one place of the pipe, with its weight, that moves and turns with the pipe.
 
-    It has no part in the flow: the jet leaves through the pipe's own section. A nozzle or an
-    accelerometer that is fixed to the pipe has rotary inertia besides. It turns with the tangent at
-    its place, in a chain with the segment on which that lies; where two segments meet, with the one
-    that ends there.
+    It does not affect the flow: the jet leaves through the pipe's own section. A nozzle or an
+    accelerometer fixed to the pipe also has rotary inertia. It turns with the tangent at its place,
+    in a chain with the segment on which that place lies; where two segments meet, with the one that
+    ends there.
 
     Attributes:
         at: arc length of the centre of mass from the clamp in L, 0 < at <= 1.
-        mass: >= 0, in the pipe's whole mass (mu_p + mu_f) L.
+        mass: >= 0, in units of the pipe's whole mass (mu_p + mu_f) L.
         inertia: moment of inertia about the centre of mass, across the plane of motion, in
-            [0, 1000], in (mu_p + mu_f) L^3.
+            [0, 1000], in units of (mu_p + mu_f) L^3.
 
     In `Pipe.from_si`: at in m, mass in kg, inertia in kg m^2.
 
-    Source: d'Alembert's principle, mass * (acceleration - gamma) at the place and the couple
-    -inertia * theta'', theta the angle of the tangent.
+    Source: d'Alembert's principle with the force mass * (acceleration - gamma) at the place and the
+    couple -inertia * theta'', theta being the angle of the tangent.
 
     Example:
         >>> import pipedyn as pp
@@ -130,8 +130,8 @@ class PointMass(Term):
 class Spring(Term):
     """A spring between one place of the pipe and the axis of the straight pipe.
 
-    Its force -stiffness * x acts along x alone, x the transverse displacement of the place; it is
-    linear at any amplitude and independent of the place's motion along the axis.
+    Its force -stiffness * x acts along x only, where x is the transverse displacement of the place;
+    it is linear at any amplitude and does not depend on the place's motion along the axis.
 
     Attributes:
         at: arc length from the clamp in L, 0 < at <= 1.
@@ -160,7 +160,7 @@ class RotationalSpring(Term):
 
     Its couple -stiffness * theta acts against the angle theta between the tangent of the pipe and
     the straight axis; it is linear at any amplitude. In a chain theta is the angle of the segment
-    on which the place lies; where two segments meet, of the one that ends there.
+    on which the place lies; where two segments meet, that of the one that ends there.
 
     Attributes:
         at: arc length from the clamp in L, 0 < at <= 1; a spring at the root is `RootSpring`.
@@ -187,9 +187,9 @@ class RotationalSpring(Term):
 class RotationalDamper(Term):
     """A viscous damper between one place of the pipe and the ground that resists rotation.
 
-    Its couple is -coefficient * theta', theta' the rate at which the tangent of the pipe turns; it
-    is linear at any amplitude. In a chain theta' is the rate of the segment on which the place
-    lies; where two segments meet, of the one that ends there.
+    Its couple is -coefficient * theta', where theta' is the rate at which the tangent of the pipe
+    turns; it is linear at any amplitude. In a chain theta' is the rate of the segment on which the
+    place lies; where two segments meet, that of the one that ends there.
 
     Attributes:
         at: arc length from the clamp in L, 0 < at <= 1.
@@ -216,8 +216,8 @@ class RotationalDamper(Term):
 class Damper(Term):
     """A viscous damper between one place of the pipe and the ground, across the pipe.
 
-    Its force is -coefficient * x' along x alone, x' the transverse velocity of the place; it is
-    linear at any amplitude.
+    Its force is -coefficient * x' along x only, where x' is the transverse velocity of the place;
+    it is linear at any amplitude.
 
     Attributes:
         at: arc length from the clamp in L, 0 < at <= 1.
@@ -242,10 +242,10 @@ class Damper(Term):
 @saved_as("Foundation")
 @dataclass(frozen=True, repr=False)
 class Foundation(Term):
-    """An elastic foundation all along the pipe, of springs independent of one another.
+    """An elastic foundation all along the pipe, made of independent springs.
 
-    Its force per length -stiffness * x acts along x alone, x the transverse displacement; it is
-    linear at any amplitude.
+    Its force per length -stiffness * x acts along x only, where x is the transverse displacement;
+    it is linear at any amplitude.
 
     Attributes:
         stiffness: >= 0, in EI / L^4.
@@ -268,10 +268,10 @@ class Foundation(Term):
 @saved_as("Viscosity")
 @dataclass(frozen=True, repr=False)
 class Viscosity(Term):
-    """Linear viscous resistance all along the pipe of a fluid at rest around it.
+    """Linear viscous resistance, all along the pipe, of a fluid at rest around it.
 
-    Its force per length -sigma * v_n acts along the pipe's normal against the velocity v_n in that
-    direction, as that of drag; motion along the pipe's tangent is free.
+    Its force per length -sigma * v_n acts along the pipe's normal, like drag, where v_n is the
+    velocity in that direction; motion along the pipe's tangent is free.
 
     Attributes:
         sigma: >= 0, in sqrt(EI (mu_p + mu_f)) / L^2.
@@ -279,7 +279,7 @@ class Viscosity(Term):
     In `Pipe.from_si`: sigma in N s/m^2, the coefficient c of the force per length.
 
     Source: power -sigma * v_n^2 per length; Paidoussis, Fluid-Structure Interactions, vol. 1,
-    eq. (3.70), has its linear part.
+    eq. (3.70), has its linear form.
 
     Example:
         >>> import pipedyn as pp
@@ -297,23 +297,23 @@ class Viscosity(Term):
 class AddedMass(Term):
     """Added mass of a dense fluid at rest around the pipe, for motions of any amplitude.
 
-    Only the velocity v_n normal to the pipe moves the fluid, whose kinetic energy per length is
-    chi * v_n^2 / 2. The fluid adds no weight; what it bears of the pipe's lessens gamma, see
-    `Pipe.from_si`. Small motions are those of a pipe with the mass ratio beta / (1 + chi), and
-    with damping and viscosity divided by sqrt(1 + chi), at frequencies divided by it. The wake that
-    a free end sheds in large motions (Lighthill) is left out.
+    Only the velocity v_n normal to the pipe moves the fluid, whose kinetic energy per length is chi
+    * v_n^2 / 2. The fluid adds no weight; its buoyancy lowers gamma, see `Pipe.from_si`. Small
+    motions are those of a pipe with the mass ratio beta / (1 + chi), with damping and viscosity
+    divided by sqrt(1 + chi), and with frequencies divided by sqrt(1 + chi). The wake that a free
+    end sheds in large motions (Lighthill) is neglected.
 
     Attributes:
-        chi: >= 0, mass of fluid that moves with a length of the pipe, in mu_p + mu_f:
-            rho_e A_e C_m / (mu_p + mu_f), of the fluid's density rho_e, the pipe's outer section
-            A_e and the coefficient C_m: 1 of a pipe far from any wall, (D^2 + d^2) / (D^2 - d^2)
-            of a pipe of outer diameter d along the middle of a tank of diameter D.
+        chi: >= 0, mass of moving fluid per length of the pipe, in units of mu_p + mu_f: rho_e A_e
+            C_m / (mu_p + mu_f), with the fluid's density rho_e, the pipe's outer section A_e and
+            the coefficient C_m, which is 1 far from any wall and (D^2 + d^2) / (D^2 - d^2) for a
+            pipe of outer diameter d along the middle of a tank of diameter D.
 
     In `Pipe.from_si`: chi in kg/m, the product rho_e A_e C_m.
 
-    Source: Lagrange's equations of that energy; how C_m and the coefficient of `Viscosity` follow
-    from the frequency: Paidoussis, Fluid-Structure Interactions, vol. 1, eqs. (2.153), (2.157) and
-    (3.105).
+    Source: Lagrange's equations with that energy. For the dependence of C_m and of the coefficient
+    of `Viscosity` on frequency: Paidoussis, Fluid-Structure Interactions, vol. 1, eqs. (2.153),
+    (2.157) and (3.105).
 
     Example:
         >>> import pipedyn as pp
@@ -331,8 +331,8 @@ class AddedMass(Term):
 class CubicSpring(Term):
     """A hardening spring between one place of the pipe and the axis of the straight pipe.
 
-    Its force -stiffness * x^3 acts along x alone, x the transverse displacement of the place: a
-    smooth model of a motion-limiting restraint. Small motions do not feel it.
+    Its force -stiffness * x^3 acts along x only, where x is the transverse displacement of the
+    place: a smooth model of a motion-limiting restraint. It does not affect small motions.
 
     Attributes:
         at: arc length from the clamp in L, 0 < at <= 1.
@@ -360,13 +360,13 @@ class Stop(Term):
     """Two elastic stops beside one place of the pipe, a motion-limiting restraint.
 
     Between them the place is free; beyond a stop the force along x is -stiffness * (x - gap), or
-    -stiffness * (x + gap) on the other side, x the transverse displacement of the place. Small
-    motions do not feel it.
+    -stiffness * (x + gap) on the other side, where x is the transverse displacement of the place.
+    Stops do not affect small motions.
 
     Attributes:
         at: arc length from the clamp in L, 0 < at <= 1.
-        gap: > 0, from the axis of the straight pipe to either stop, in L; a stop without a gap is
-            a `Spring`.
+        gap: distance > 0 from the axis of the straight pipe to either stop, in L; a stop without a
+            gap is a `Spring`.
         stiffness: >= 0, in EI / L^3.
 
     In `Pipe.from_si`: at and gap in m, stiffness in N/m.
@@ -389,7 +389,7 @@ class Stop(Term):
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Where it meets the stops."""
+        """Displacements at which the place meets the stops."""
         return (-self.gap, self.gap)
 
 
@@ -399,15 +399,15 @@ class Tension(Term):
     """A dead load at the end along the straight pipe, which keeps its direction.
 
     A pressure p in a pipe of inner section A whose end is held across acts as the load -p A if the
-    end slides along the axis, and as -(1 - 2 nu) p A, nu the material's Poisson's ratio, if it is
-    fixed (`Stretching`): Paidoussis, Fluid-Structure Interactions, vol. 1, eq. (3.70).
+    end slides along the axis, and as -(1 - 2 nu) p A, with the material's Poisson's ratio nu, if it
+    is fixed (`Stretching`): Paidoussis, Fluid-Structure Interactions, vol. 1, eq. (3.70).
 
     Attributes:
-        load: of tension if positive, of compression if negative, in EI / L^2.
+        load: positive in tension, negative in compression, in EI / L^2.
 
     In `Pipe.from_si`: load in N.
 
-    Source: potential -load * (y - 1), y the end's position along the straight pipe.
+    Source: potential -load * (y - 1), where y is the end's position along the straight pipe.
 
     Example:
         >>> import pipedyn as pp
@@ -421,7 +421,7 @@ class Tension(Term):
 
     @property
     def place(self) -> float:
-        """Arc length where it acts, in L: the free end."""
+        """Arc length in L where the term acts: that of the free end."""
         return 1.0
 
 
@@ -430,15 +430,16 @@ class Tension(Term):
 class Weight(Term):
     """A dead load at one place, along the straight pipe, without mass.
 
-    What hangs there without moving much, or what a mass weighs more or less than gamma times it.
+    It stands for a body that hangs there and hardly moves, or for the difference of a mass' weight
+    from gamma times the mass.
 
     Attributes:
         at: arc length from the clamp in L, 0 < at <= 1.
-        load: downward if positive, in EI / L^2.
+        load: positive if downward, in EI / L^2.
 
     In `Pipe.from_si`: at in m, load in N.
 
-    Source: as `Tension`, which acts at the end.
+    Source: potential as for `Tension`, with y at the place.
 
     Example:
         >>> import pipedyn as pp
@@ -455,21 +456,21 @@ class Weight(Term):
 @saved_as("Stretching")
 @dataclass(frozen=True, repr=False)
 class Stretching(Term):
-    """What stretching the pipe between axially fixed ends takes: an axial spring at its end.
+    """Stretching of a pipe between axially fixed ends, modelled by an axial spring at its end.
 
-    The pipe's model is inextensible: its end slides along the axis against this spring, of force
-    stiffness * (1 - y), y the end's position along the straight pipe, with the pipe's Kelvin-Voigt
-    damping. To third order in the amplitude this is the mean tension of a pipe that stretches,
-    stiffness / 2 times the integral of w'^2. Small motions do not feel it. It needs an end that is
-    pinned or clamped. Where the base moves, both ends do so with it.
+    The model of the pipe is inextensible: its end slides along the axis against a spring of force
+    stiffness * (1 - y), where y is the end's position along the straight pipe, with the pipe's
+    Kelvin-Voigt damping. To third order in the amplitude, this force is the mean tension of a pipe
+    that stretches, stiffness / 2 times the integral of w'^2. It does not affect small motions. The
+    end must be pinned or clamped. If the base moves, both ends move with it.
 
-    The law is valid for moderate rotations. In a half sine wave that turns by 0.5 rad its tension
-    is seven eighths of that of a pipe that stretches, at 1 rad half of it. Beyond a quarter turn
-    the pipe would run back along the axis, and no stretching explains 1 - y: the coils that rest
-    there are no pipe's, and `equilibria` discards them.
+    The law is valid for moderate rotations. For a half sine wave with the largest angle 0.5 rad its
+    tension is seven eighths of that of a pipe that stretches, and for 1 rad half of it. Beyond a
+    quarter turn the pipe would run back along the axis, and stretching does not explain 1 - y:
+    coiled equilibria there have no physical meaning, and `equilibria` discards them.
 
     Attributes:
-        stiffness: of the pipe in tension, E A L^2 / (E I) >= 0, in EI / L^3.
+        stiffness: axial stiffness of the pipe, E A L^2 / (E I) >= 0, in EI / L^3.
 
     In `Pipe.from_si`: stiffness E A / L in N/m.
 
@@ -488,16 +489,16 @@ class Stretching(Term):
 
     @property
     def place(self) -> float:
-        """Arc length where it acts, in L: the end."""
+        """Arc length in L where the term acts: that of the end."""
         return 1.0
 
     @property
     def largest_angle(self) -> float:
-        """A quarter turn, in rad."""
+        """Largest angle for which the law holds, a quarter turn, in rad."""
         return 0.5 * math.pi
 
     def law_numbers(self, damping: float) -> list[float]:
-        """Stiffness and damping of the spring."""
+        """Stiffness and damping coefficient of the axial spring."""
         return [self.stiffness, self.stiffness * damping]
 
 
@@ -505,7 +506,7 @@ Law = TypeVar("Law", bound="DataclassInstance")
 
 
 def converted(term: Law, scales: Scales, by: Callable[[float, float], float]) -> Law:
-    """A term or a root's spring with its numbers times (mul) or over (truediv) the units of SI."""
+    """A term or root spring with numbers times (mul) or over (truediv) their SI units."""
     bases, numbers = (scales.mass, scales.length, scales.time), {}
     try:
         for item in fields(term):
@@ -517,9 +518,9 @@ def converted(term: Law, scales: Scales, by: Callable[[float, float], float]) ->
 
 
 def in_range(terms: tuple[Term, ...], given: str = "") -> tuple[Term, ...]:
-    """The terms, if their nondimensional numbers are in their ranges; else ValueError.
+    """Returns the terms if their nondimensional numbers are in range; else raises ValueError.
 
-    `given` is what a message says of where the numbers come from.
+    given: text for error messages on the origin of the numbers.
     """
     for i, term in enumerate(terms):
         for item in fields(term):
@@ -529,9 +530,9 @@ def in_range(terms: tuple[Term, ...], given: str = "") -> tuple[Term, ...]:
 
 
 def checked_terms(terms: Any, end: float = 1.0) -> tuple[Term, ...]:
-    """The argument as a tuple, if it is a sequence of terms that lie on the pipe up to its end.
+    """Checks a sequence of terms on a pipe of length `end` and returns it as a tuple.
 
-    Raises ValueError for more than 400, or a place beyond the free end, else TypeError.
+    Raises ValueError for more than 400 terms, or a place beyond the free end, else TypeError.
     """
     if isinstance(terms, Term) or not isinstance(terms, tuple | list):
         raise TypeError(f"terms must be a tuple or list of terms, got {check.shown(terms)}")
