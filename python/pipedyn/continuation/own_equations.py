@@ -247,8 +247,8 @@ def _start(solver: Continuation, z: Array, width: float) -> Point:
 
 
 PROPORTION = 100.0
-"""Factor between the size of x and the scale beyond which `failures` says so: steps are too short by
-this factor, or so long that they pass over folds."""
+"""Factor between the size of x and the scale beyond which `failures` says so: steps are too short
+by this factor, or so long that they pass over folds."""
 
 
 def _proportion(xs: Array, scale: float) -> list[str]:

@@ -28,8 +28,8 @@ from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
 FLAT = 0.3
-"""Share of the steeper slope dp/ds at the ends of a step. If a cubic through them has a smaller slope
-between them, there may be two folds on the step: the error of the cubic's slope is less than
+"""Share of the steeper slope dp/ds at the ends of a step. If a cubic through both has a smaller
+slope between them, there may be two folds on the step: the error of the cubic's slope is less than
 this share, as tangents turn by `Control.turn` at most."""
 
 BranchEnd = Literal["range", "closed", "points", "not converged"]
