@@ -88,7 +88,7 @@ class AxisProblem(DenseProblem):
             raise NewtonFailed("a number left its range")
 
     def on_other(self, plane: Plane) -> AxisProblem:
-        """The same kind of equations with the matrices of another plane, as for a larger basis."""
+        """Equations of the same kind with the matrices of another plane, as for a larger basis."""
         return type(self)(plane, self.control, self.unit)
 
     def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
