@@ -179,7 +179,7 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
     the largest that is found, from configurations spread evenly as far as elastic forces can
     balance the others, whose largest values are sampled, and from starts beside each equilibrium
     that is known. The search ends when neither these nor as many starts again as before lead to
-    more equilibria, and the equilibria are as many as the degree of the equations demands: elastic
+    more equilibria, and the equilibria found agree with the degree of the equations: elastic
     forces grow without bound and all others do not, so the signs of det K over all equilibria add
     up to 1. For a pipe on a hinge that nothing resists, whole turns about it count once and the
     signs add up to 0. A pair of opposite signs to which no start leads would be missed.
@@ -191,11 +191,11 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
 
     The equations of a reduced model with few functions have solutions that the pipe does not have.
     So each equilibrium of a reduced model is looked for in two larger bases: one with half as many
-    functions again, and one with half as many as that again, each at least four more. It is kept if
-    Newton's method, started from it there, contracts, each step at most half the one before, to an
-    equilibrium that lies nearer to it than to any other that was found, within half a radian as
-    the root mean square along the pipe, and that is stable if it is. Shapes that every basis has,
-    such as the straight one, are kept whatever their stability.
+    functions again, and one with half as many as that again, each at least four more. Newton's
+    method starts there from the equilibrium. The equilibrium is kept if each step is at most half
+    the one before, and if the limit lies nearer to it than to any other that was found, is within
+    half a radian of it as the root mean square along the pipe, and has its stability. Shapes that
+    every basis has, such as the straight one, are kept whatever their stability.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
@@ -647,7 +647,7 @@ class _Solutions:
 
 
 def _reach(statics: Statics, u: float) -> Array:
-    """Rows e_j of which every equilibrium is a sum s_j e_j with |s_j| <= 1, (dof, integrated).
+    """Rows e_j such that every equilibrium is a sum of s_j e_j, |s_j| <= 1; (dof, integrated).
 
     At an equilibrium the elastic forces K x balance the others. These, of gravity, flow and terms,
     are bounded, as they depend on the directions of the pipe and not on how often it is wound up.

@@ -382,8 +382,8 @@ class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
     def amplitude(self, u: float) -> float:
         """Amplitude of the free end by the amplitude equation at a speed, in L.
 
-        If there are two cycles, it is the smaller one's. With three segments at beta 0.2 and drag
-        up to 1 it is right to 4 % at amplitudes up to 0.1; with four segments at beta 0.8,
+        If there are two cycles, it is the smaller amplitude. With three segments at beta 0.2 and
+        drag up to 1 it is right to 4 % at amplitudes up to 0.1; with four segments at beta 0.8,
         where l_1 is near 19, it is right to 3 % up to 0.03.
 
         Example:
