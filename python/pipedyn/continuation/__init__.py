@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Continuation by arc length of a user's own equations, and of all that the package follows."""
+"""Continuation by arc length: of a user's own equations, and of all branches in the package."""
 
 from pipedyn.continuation.arclength import Control
 from pipedyn.continuation.own_equations import Branch, MarkedPoint, follow

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: MIT
 """Pseudo-arclength continuation: branches of solutions of G(x, p) = 0, past folds in p.
 
-`tracer.Tracer` follows them, be they equilibria, cycles, boundaries or a user's own equations.
+`tracer.Tracer` follows branches of equilibria and of cycles, boundaries of stability and branches
+of a user's own equations by this method.
 
 From a solution z = (x, p) with unit tangent t the predictor is z + ds t; the corrector is Newton's
-method with the condition <t, Z - z> = ds, which stays regular at a fold. The product is weighted:
-<a, b> = sum of weights a b. A problem inherits all this and solves its own bordered linear
-equations [G_z; row] dz = [-G; gap], be their matrices dense (equilibria) or almost block diagonal
-(periodic orbits). Whatever solves for a point raises `NewtonFailed` where there is none.
+method for Z with the condition <t, Z - z> = ds, which stays regular at a fold. The inner product is
+weighted: <a, b> = sum of weights a b. A subclass of `Continuation` inherits all this and solves its
+own bordered linear equations [G_z; row] dz = [-G; gap], whose matrices are dense (equilibria) or
+almost block diagonal (periodic orbits). Functions that solve for a point raise `NewtonFailed` where
+they find none.
 
 Source: Keller (1977), Numerical solution of bifurcation and nonlinear eigenvalue problems.
 """
@@ -36,28 +38,32 @@ from pipedyn.util.newton import NewtonFailed, newton
 EVERY = slice(None)
 
 Solver = Callable[[Array, float, float], Array]
-"""G_z at a point, factorised. To row, gap and share it gives the dz with G_z dz = -share G and
-row @ dz = gap: with share 1 Newton's step, with share 0 a tangent."""
+"""Function that solves the equations linearised about a point, with G_z, shape (n, n + 1). For
+arguments (row, gap, share) it returns the dz, shape (n + 1,), with G_z dz = -share G and
+row @ dz = gap: Newton's step if share is 1, and a tangent if share is 0."""
 
 
 @dataclass(frozen=True)
 class Control:
-    """How steps are taken: along the branch, and in Newton's method by `Continuation.relative`."""
+    """Settings of steps along a branch and of Newton's method.
 
-    longest: float  # step along the branch
-    shortest: float = 1e-7  # step at which a branch that cannot be continued is given up
-    turn: float = 0.35  # angle between neighbouring tangents, rad; beyond, the step is halved
-    tolerance: float = 1e-12  # size of Newton's last step
-    stagnation: float = 1e-8  # the same where rounding keeps steps from getting shorter
-    iterations: int = 15  # of Newton's method
-    patience: int | None = None  # slow Newton steps in a row after which it is given up
+    `Continuation.relative` gives the sizes of Newton's steps.
+    """
+
+    longest: float  # longest step along the branch
+    shortest: float = 1e-7  # length of a step below which the branch is given up
+    turn: float = 0.35  # largest angle between neighbouring tangents, rad; else the step is halved
+    tolerance: float = 1e-12  # size of a Newton step that ends the iteration
+    stagnation: float = 1e-8  # size that suffices where rounding keeps steps from shrinking
+    iterations: int = 15  # largest number of Newton steps
+    patience: int | None = None  # number of slow Newton steps in a row that ends it
     longest_change: float = math.inf  # size beyond which a Newton step is shortened
 
 
 @saved_as("PointOnBranch", shapes={"n": "z tangent"})
 @dataclass(frozen=True)
 class Point:
-    """A solution on a branch: unknowns and parameter with a tangent of unit length, (n + 1,)."""
+    """A solution z = (x, p) on a branch, with its tangent of unit length, shape (n + 1,) each."""
 
     z: Array
     tangent: Array
@@ -90,19 +96,23 @@ class Continuation(ABC):
 
     @abstractmethod
     def linearised(self, z: Array) -> Solver:
-        """The equations about a point."""
+        """Solver of the equations linearised about a point z."""
 
     @abstractmethod
     def relative(self, z: Array, step: Array) -> float:
-        """Size of a step of Newton's method relative to that of the solution."""
+        """Size of a step of Newton's method at z, relative to the size of the solution."""
 
     def check(self, z: Array) -> None:  # noqa: B027
-        """Raises NewtonFailed for what is not to be followed: nothing unless a problem says."""
+        """Raises NewtonFailed at a z that is not to be followed; a subclass may override it.
+
+        This method accepts every z.
+        """
 
     def kept(self, equations: Solver, step: float) -> Any:
-        """What is worth keeping of the equations about a solution; nothing unless a problem says.
+        """Data kept with a solution from its linearised equations; None unless overridden.
 
-        They are those about the last iterate, which Newton's last step, of this size, has left.
+        The equations are linearised about the last iterate but one: Newton's last step, of size
+        `step`, leads from there to the solution.
         """
         return None
 
@@ -115,12 +125,12 @@ class Continuation(ABC):
         return math.sqrt(self.product(change, change))
 
     def point(self, z: Array, towards: Array) -> Point:
-        """A solution with its tangent on the side of a direction."""
+        """The solution z with that unit tangent which has a positive product with `towards`."""
         row = self.weights * towards / self.length(towards)
         return Point(z, self._unit(self.linearised(z), row))
 
     def starting(self, z: Array, direction: Array) -> Point:
-        """A point with a direction for its tangent, as at a branch point in a null direction."""
+        """The solution z with a given tangent, such as a null vector at a branch point."""
         return Point(z, direction / self.length(direction))
 
     def _unit(self, equations: Solver, row: Array) -> Array:
@@ -134,10 +144,10 @@ class Continuation(ABC):
         return tangent / length
 
     def at(self, start: Point, ds: float, guess: Array | None = None) -> Point:
-        """The point at arc length ds from another, measured along its tangent.
+        """The point at arc length ds from another one, measured along the tangent of that one.
 
-        Newton's method begins at the guess, on the tangent where there is none. With ds = 0 a start
-        that misses the equations is corrected.
+        Newton's method begins at the guess or, if none is given, on the tangent. With ds = 0 it
+        corrects a start that does not satisfy the equations.
         """
         z = start.z + ds * start.tangent if guess is None else guess
         row = self.weights * start.tangent
@@ -145,20 +155,23 @@ class Continuation(ABC):
         return Point(z, self._unit(equations, row), kept)
 
     def fixed(self, guess: Array, p: float, index: int = -1) -> Array:
-        """The solution z at a value of the parameter, or of another entry of z."""
+        """The solution z at which the parameter, or the entry `index` of z, has the value p."""
         return self.fixed_and_kept(guess, p, index)[0]
 
     def fixed_and_kept(self, guess: Array, p: float, index: int = -1) -> tuple[Array, Any]:
-        """The solution at a value of the parameter, and what is `kept` of the equations there."""
+        """The solution z that `fixed` finds, and the data `kept` with it."""
         row, start = np.zeros(guess.size), guess.copy()
         row[index], start[index] = 1.0, p
         found, _, kept = self._solved(start, row, p)
         z = found.copy()
-        z[index] = p  # to the bit
+        z[index] = p  # exactly, without rounding
         return z, kept
 
     def _solved(self, z: Array, row: Array, value: float) -> tuple[Array, Solver, Any]:
-        """The solution with row @ z = value, the equations about the last iterate, and `kept`."""
+        """The solution with row @ z = value, and the data `kept` with it.
+
+        Second comes the solver of the equations linearised about the last iterate but one.
+        """
         last: Solver | None = None
         size = math.inf
 
@@ -187,9 +200,10 @@ class Continuation(ABC):
     def next(
         self: Equations, start: Point, step: float, ahead: Callable[[float], Array] | None = None
     ) -> tuple[Segment[Equations], float]:
-        """The step to the next point, at most so long, and the length to try after it.
+        """The step to the next point, not longer than `step`, and the length to try after it.
 
-        Newton's method begins at what `ahead` gives for an arc length, on the tangent without it.
+        Newton's method begins at `ahead(ds)` for the arc length ds or, without `ahead`, on the
+        tangent.
         """
         control = self.control
         while True:
@@ -211,7 +225,7 @@ class Continuation(ABC):
     def segments(
         self: Equations, start: Point, step: float, marks: Iterable[tuple[int, float]] = ()
     ) -> Iterator[Segment[Equations]]:
-        """Steps along the branch, without end; NewtonFailed where none can be taken.
+        """Endless sequence of steps along the branch; NewtonFailed if none can be taken.
 
         A step ends where an entry of z passes one of the marks, pairs of its index and a value.
         """
@@ -225,7 +239,7 @@ class Continuation(ABC):
 @saved_as("StepAlongBranch", shapes={"n": "begin.z end.z problem.weights"})
 @dataclass(frozen=True)
 class Segment(Generic[Equations]):
-    """What lies between two neighbouring points of a branch; any point there can be solved for."""
+    """Part of a branch between two neighbouring points; any point on it can be solved for."""
 
     problem: Equations
     begin: Point
@@ -233,34 +247,41 @@ class Segment(Generic[Equations]):
 
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> Segment[Equations]:
-        """The segment of which a file kept this, if it is one of equations."""
+        """The segment with fields from a file; TypeError if `problem` is no `Continuation`."""
         if not isinstance(fields["problem"], Continuation):
             raise TypeError(f"problem must be equations, got {check.shown(fields['problem'])}")
         return cls(**fields)
 
     @property
     def length(self) -> float:
-        """Arc length along the tangent at the beginning."""
+        """Arc length of the segment, measured along the tangent at its beginning."""
         return self.reach(self.end.z)
 
     def ahead(self, s: float) -> Array:
-        """About the solution at an arc length beyond the end, along the tangent there."""
+        """Predictor, shape (n + 1,), at an arc length s beyond the end.
+
+        It lies on the cubic through both ends; s is measured along the tangent at the end.
+        """
         share = self.problem.product(self.begin.tangent, self.end.tangent)
-        # Through the ends: from points that lie close together it would lead anywhere.
+        # The cubic goes through the ends: through points that lie close together, extrapolation
+        # would be inaccurate.
         return self._on_cubic(self.length + share * s, 0.0, self.length)
 
     @property
     def slopes(self) -> tuple[float, float]:
-        """Derivative of the parameter by arc length at both ends."""
+        """Derivatives of the parameter by arc length at the beginning and at the end."""
         return float(self.begin.tangent[-1]), float(self.end.tangent[-1])
 
     def reach(self, z: Array) -> float:
-        """Arc length at which a point lies."""
+        """Arc length from the beginning to a point z, along the tangent at the beginning."""
         return self.problem.product(self.begin.tangent, z - self.begin.z)
 
     @cached_property
     def _known(self) -> dict[float, tuple[Point, Array]]:
-        """Points by arc length with their derivative by it: the ends and those solved for."""
+        """Points that are known, by arc length, with their derivatives by arc length.
+
+        They are the ends and the points solved for so far.
+        """
         onward = self._derivative(self.end)
         return {0.0: (self.begin, self.begin.tangent), self.length: (self.end, onward)}
 
@@ -268,16 +289,16 @@ class Segment(Generic[Equations]):
         return point.tangent / self.problem.product(self.begin.tangent, point.tangent)
 
     def guess(self, s: float, index: int | slice = EVERY) -> Array:
-        """About the solution at an arc length, on the cubic through the nearest known points.
+        """Approximate solution at an arc length, on the cubic through the nearest known points.
 
-        These have their tangents, so that the cubic is Hermite's. index: of z, if not all is asked.
+        The cubic is Hermite's, as tangents are known there. `index`: the entries of z to compute.
         """
         places = sorted(self._known)
         i = min(max(bisect_left(places, s), 1), len(places) - 1)
         return self._on_cubic(s, places[i - 1], places[i], index)
 
     def _on_cubic(self, s: float, low: float, high: float, index: int | slice = EVERY) -> Array:
-        """About the solution at an arc length, on the cubic through two of the known points."""
+        """Approximate solution at an arc length, on the cubic through two known points."""
         h, x = high - low, (s - low) / (high - low)
         (a, first), (b, last) = self._known[low], self._known[high]
         before, u, v = a.z[index], h * first[index], h * last[index]
@@ -293,7 +314,10 @@ class Segment(Generic[Equations]):
         return self._known[s][0]
 
     def up_to(self, marks: Iterable[tuple[int, float]]) -> Segment[Equations]:
-        """The part up to where an entry of z passes one of the marks first; itself if none does."""
+        """The part up to the first place where an entry of z passes one of the marks.
+
+        `marks` are pairs (index of the entry, value). If none is passed, it is the whole segment.
+        """
         z, end = self.begin.z, self.end.z
         passed = [(i, v) for i, v in marks if (v - z[i]) * (end[i] - v) > 0.0]
         if not passed:
@@ -302,21 +326,21 @@ class Segment(Generic[Equations]):
         return replace(self, end=self.problem.point(cut, self.begin.tangent))
 
     def miss(self, z: Array) -> float:
-        """Distance of a point from the solution at the same arc length."""
+        """Distance of a point z from the solution at the same arc length."""
         s = self.reach(z)
         return self.problem.length(self.problem.at(self.begin, s, self.guess(s)).z - z)
 
     def parts(self, lengths: list[float]) -> list[Segment[Equations]]:
-        """The segments into which points at these arc lengths divide it."""
+        """The segments into which points at these arc lengths divide this segment."""
         points = [self.begin, *map(self.at, lengths), self.end]
         return [replace(self, begin=a, end=b) for a, b in pairwise(points)]
 
     def where(self, p: float, index: int = -1) -> Array:
-        """The solution at a value of the parameter, or another entry, between those at the ends."""
+        """The solution at which the entry `index` of z is p, between its values at the ends."""
         return self.where_and_kept(p, index)[0]
 
     def where_and_kept(self, p: float, index: int = -1) -> tuple[Array, Any]:
-        """The solution where the parameter has a value, and what is `kept` of the equations."""
+        """The solution that `where` finds, and the data `kept` with it."""
         ends = {0.0: self.begin.z[index], self.length: self.end.z[index]}
 
         def apart(s: float) -> float:
@@ -336,9 +360,10 @@ class DenseProblem(Continuation):
     """n equations in n unknowns and a parameter, with dense derivatives.
 
     Args:
-        equations: of x and p gives the residual G, shape (n,), and [G_x, G_p], shape (n, n + 1).
+        equations: function of x and p that returns the residual G, shape (n,), and its derivatives
+            [G_x, G_p], shape (n, n + 1).
         size: n.
-        scale: change of the parameter that is as long as one of every x by 1.
+        scale: change of the parameter that is as long as a change of every entry of x by 1.
         control: how steps are taken.
     """
 
@@ -353,7 +378,7 @@ class DenseProblem(Continuation):
         self.equations = equations
 
     def linearised(self, z: Array) -> Solver:
-        """The equations about a point."""
+        """Solver of the equations linearised about a point z, by a dense factorisation."""
         residual, derivative = self.equations(z[:-1], float(z[-1]))
 
         def change(row: Array, gap: float, share: float) -> Array:
@@ -366,5 +391,5 @@ class DenseProblem(Continuation):
         return change
 
     def relative(self, z: Array, step: Array) -> float:
-        """Length of a step relative to 1 plus that of the point."""
+        """Length of a step relative to 1 plus the length of z."""
         return self.length(step) / (1.0 + self.length(z))

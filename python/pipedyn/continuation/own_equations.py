@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Continuation of a user's own equations: a branch with its folds and the zeros of test functions.
 
-The engine is that of every branch in the package (`tracer.Tracer`).
+The same `tracer.Tracer` follows every other branch in the package.
 """
 
 from __future__ import annotations
@@ -56,11 +56,12 @@ class Branch(TableResult):
         p: parameter, shape (S,).
         tangents: directions (x, p) of the branch, shape (S, n + 1).
         points: folds and zeros of test functions, in order along the branch.
-        ends: why it ends at its first and last point: "range" (of the parameter, or a limit of x),
-            "closed", "points" (their number ran out) or "not converged" (no next point was found).
-        failures: why it was not followed beyond an end of the last two kinds, with what an
-            exception of the user's functions says, and which folds and zeros of tests are not
-            known, in sentences.
+        ends: why the branch ends at its first and last point: "range" (the end of the parameter's
+            interval, or a limit of x), "closed", "points" (the largest number is reached) or
+            "not converged" (no next point was found).
+        failures: sentences that say why the branch was not followed beyond an end of the last two
+            kinds, with the message of an exception that the user's functions raised, and which
+            folds and zeros of tests are not known.
     """
 
     x: Array = field(repr=False)
@@ -75,7 +76,7 @@ class Branch(TableResult):
 
     @property
     def folds(self) -> tuple[MarkedPoint, ...]:
-        """Where the parameter turns back."""
+        """Points at which the parameter turns back."""
         return tuple(point for point in self.points if point.kind == "fold")
 
     def _columns(self) -> dict[str, Any]:
@@ -95,32 +96,34 @@ def follow(
     scale: float = 1.0,
     points: int = 1000,
 ) -> Branch:
-    """The branch of solutions of G(x, p) = 0 through a given one, past folds.
+    """The branch of solutions of G(x, p) = 0 through a given solution, followed past folds.
 
-    This is the engine of `equilibrium_branch`, `boundary` and the branches of cycles, for equations
-    of the user's own.
+    It applies the method of `equilibrium_branch`, `boundary` and the branches of cycles to a user's
+    own equations.
 
     Args:
-        problem: the equations G, a function of x, shape (n,), and p that gives n numbers; or a
-            `Continuation`, which brings its own way to solve them and control of steps.
-        x0: near a solution at p0, from which Newton's method goes on, shape (n,). It may be a fold.
-        p0: its parameter, within the interval.
+        problem: the equations G, a function of x, shape (n,), and p that returns n numbers; or a
+            `Continuation`, which has its own solver and control of steps.
+        x0: unknowns near a solution at p0, at which Newton's method starts, shape (n,). The
+            solution may be a fold.
+        p0: parameter of that solution, within the interval.
         interval: (lowest, highest) parameter.
-        derivative: of x and p gives [G_x, G_p], shape (n, n + 1), held against central differences
-            at x0; these serve where it is not given.
+        derivative: function of x and p that returns [G_x, G_p], shape (n, n + 1). It is compared
+            with central differences at x0; if it is not given, central differences are used.
         tests: functions of x and p by name, whose zeros along the branch are solved for where they
-            change sign; those at its ends count, too.
+            change sign; zeros at its ends count, too.
         limits: (lowest, highest) value of entries of x by index, at which the branch ends, too.
         step: longest step along the branch, in units of the scale and of the interval's length.
-        scale: change of x, as the root mean square of its entries, that counts like the interval;
-            `failures` says if it is more than 100 times larger or smaller than x.
-        points: most points either way, from 1 to 100,000.
+        scale: change of x, as the root mean square of its entries, that is as long as a change of
+            p by the interval's length; `failures` says if it is more than 100 times larger or
+            smaller than x.
+        points: largest number of points either way, from 1 to 100,000.
 
     Returns:
-        Branch, from the end that lies in the direction of falling p at x0; from a fold in that in
-        which the entry of x that changes most falls. An exception that a function of the user's
-        raises on the way ends it there: what was found is kept, and `failures` names the cause.
-        At x0 itself it passes through.
+        Branch, whose first end lies in the direction of falling p at x0 or, if x0 is a fold, in the
+        direction in which the entry of x that changes most falls. If a user's function raises an
+        exception on the way, the branch ends there: points found so far are kept, and `failures`
+        names the cause. An exception that it raises at x0 is passed on.
 
     Example:
         >>> import numpy as np
@@ -131,9 +134,9 @@ def follow(
         (('closed', 'closed'), [1.0, -1.0])
 
     Raises:
-        NotConverged: if no solution is found near x0, or it is none that can be followed from.
+        NotConverged: if no solution is found near x0, or no branch can be followed from it.
         ValueError, TypeError: for bad arguments, equations that do not give n numbers, and a
-            derivative that is not theirs.
+            derivative that differs from that of the equations.
 
     Source: Keller (1977).
     """
@@ -195,7 +198,7 @@ def follow(
                 f"{reason_of(error)}"
             )
         for name, test in given.items():
-            # Ends may miss a zero by rounding; the first point of a closed branch is its last.
+            # Rounding may hide a zero at an end; a closed branch ends at its first point.
             near = i == 0 and ends[0] != "closed", i == len(solutions) - 2
             try:
                 found += special_points(segment, 0.0, [_UserTest(segment, name, test, near)])
@@ -216,12 +219,12 @@ def follow(
 
 
 ON_FOLD = 1e-4
-"""Share of the interval by which the parameter of a start on a fold may be off: there Newton's
-method at p0 fails, and the nearest point of the branch is taken."""
+"""Largest difference between p0 and the parameter of a fold at which a branch starts, as a share of
+the interval: Newton's method at p0 fails there, and the nearest point of the branch is taken."""
 
 
 def _start(solver: Continuation, z: Array, width: float) -> Point:
-    """The solution at the parameter of z, or beside a fold that nearest to z, with its tangent."""
+    """The solution at the parameter of z or, at a fold, the nearest to z; with its tangent."""
     index = z.size - 1
     growing = np.append(np.zeros(index), 1.0)
     try:
@@ -229,7 +232,7 @@ def _start(solver: Continuation, z: Array, width: float) -> Point:
     except NewtonFailed as error:
         reason = error
     try:
-        # A fold has one null direction, which any row that it is not orthogonal to shows.
+        # G_z has one null vector at a fold, found with any row that is not orthogonal to it.
         generic = np.cos(1.0 + np.arange(z.size)) / np.sqrt(solver.weights)
         found = solver.at(solver.point(z, generic), 0.0)
     except NewtonFailed:
@@ -244,12 +247,12 @@ def _start(solver: Continuation, z: Array, width: float) -> Point:
 
 
 PROPORTION = 100.0
-"""Factor between the size of x and the scale beyond which that is told: steps are as many times too
-short, or so long that they pass over folds."""
+"""Factor between the size of x and the scale beyond which `failures` says so: steps are too short
+by this factor, or so long that they pass over folds."""
 
 
 def _proportion(xs: Array, scale: float) -> list[str]:
-    """What to say of a scale that is out of proportion to x, shape (S, n)."""
+    """Sentences about a scale that is out of proportion to unknowns xs, shape (S, n)."""
     size = float(np.sqrt(np.mean(np.abs(xs).max(axis=0) ** 2)))
     if size == 0.0 or 1.0 / PROPORTION <= size / scale <= PROPORTION:
         return []
@@ -284,7 +287,7 @@ UserFunction = Callable[[Array, float], ArrayLike]
 def _function_value(
     name: str, function: UserFunction, x: Array, p: float, shape: tuple[int, ...]
 ) -> Array:
-    """What a function of the user's gives; its exceptions pass."""
+    """Value of a user's function as an array; exceptions that it raises are passed on."""
     with np.errstate(all="ignore"):  # numbers that are not finite are refused here, by name
         came = function(x.copy(), p)
     found = check.doubles(name, came, "a function that gives numbers")
@@ -295,17 +298,18 @@ def _function_value(
 
 
 class _UserEquations:
-    """G with its derivative, given or by central differences.
+    """Equations G with their derivative, which is given or computed by central differences.
 
     Args:
         equations: G.
-        derivative: [G_x, G_p], or None.
-        x, p: where they are called first.
-        scale: change of x that counts like the interval of p.
-        interval: of p.
+        derivative: function that returns [G_x, G_p], or None.
+        x, p: unknowns and parameter at which both are called first.
+        scale: change of x that is as long as a change of p by the interval's length.
+        interval: (lowest, highest) p.
 
     Raises:
-        ValueError, TypeError: for what is no such function, and a derivative that is not that of G.
+        ValueError, TypeError: for functions whose values do not have these shapes, and a derivative
+            that differs from that of G.
     """
 
     def __init__(
@@ -336,7 +340,7 @@ class _UserEquations:
     def _at(
         self, name: str, function: UserFunction, x: Array, p: float, shape: tuple[int, ...]
     ) -> Array:
-        """What a function gives; NewtonFailed says why there is none."""
+        """Value of a user's function; NewtonFailed if it raises, or the value is not finite."""
         try:
             found = _function_value(name, function, x, p, shape)
         except NewtonFailed:
@@ -352,8 +356,13 @@ class _UserEquations:
         return found
 
     def _difference(self, z: Array, i: int, times: float = 1.0) -> Array:
-        """The derivative of G by an entry of z, by central differences over so many steps."""
-        # The cube root of rounding: the error of either kind is its square, 4e-11.
+        """Derivative of G by the entry i of z, by differences over `times` the usual step.
+
+        The differences are central, or one-sided at an end of the interval where G is not defined
+        beyond it.
+        """
+        # The relative step is the cube root of rounding: errors of truncation and of rounding then
+        # are about its square, 4e-11.
         unit = float(self.units[i])
         h = 6e-6 * times * unit * max(1.0, abs(z[i]) / unit) ** (1.0 / 3.0)
 
@@ -362,7 +371,7 @@ class _UserEquations:
             moved[i] += steps * h
             return self._at("problem", self.equations, moved[:-1], float(moved[-1]), (self.size,))
 
-        sides = (1.0, -1.0)  # at the limits of the interval there may be nothing beyond
+        sides = (1.0, -1.0)  # G may not be defined beyond the interval
         inward = [
             side
             for side, limit in zip(sides, self.interval, strict=True)
@@ -377,7 +386,7 @@ class _UserEquations:
         return (4.0 * value(side) - 3.0 * value(0.0) - value(2.0 * side)) / (2.0 * side * h)
 
     def _compare(self, came: Array, x: Array, p: float) -> None:
-        """Refuses a derivative from which differences are away by more than their own error."""
+        """Raises ValueError if a derivative is farther from differences than their own error."""
         z = np.append(x, p)
         near, far = np.full((2, *came.shape), np.nan)
         for i in range(z.size):
@@ -397,18 +406,18 @@ class _UserEquations:
 
 
 def _test_value(name: Any, test: Callable[[Array, float], float], x: Array, p: float) -> float:
-    """Value of a test function of the user's; raises TypeError for what gives no number."""
+    """Value of a user's test function; raises TypeError if it is not a number."""
     return float(_function_value(f"tests[{str(name)!r}]", test, x, p, ()).item())
 
 
 class _UserTest(TestFunction[Continuation]):
-    """A test function of the user's on a step: where it changes sign, or is 0 at the last point.
+    """A user's test function on a step; its zeros are changes of sign and zeros at the ends.
 
     Args:
         step: the step.
         name: name of the function.
         test: the function.
-        near: whether it counts as 0 at the first and at the last point if it is up to rounding.
+        near: whether values of the size of rounding count as 0 at the first and at the last point.
     """
 
     def __init__(
@@ -434,7 +443,7 @@ class _UserTest(TestFunction[Continuation]):
         return self.name
 
     def zeros(self, low: float, high: float) -> Iterator[tuple[float, str]]:
-        """Zeros on the step, those at its ends among them."""
+        """Zeros on the step, including those at its ends."""
         first, last = float(self.at(low)[0]), float(self.at(high)[0])
         if first * last < 0.0:
             yield from super().zeros(low, high)

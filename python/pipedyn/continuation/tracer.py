@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: MIT
 """The tracer of branches: it takes steps along a branch, ends it, and finds special points on it.
 
-Equilibria, cycles, forced motions, curves in the plane of two numbers and equations of the user's
-own are problems that one tracer follows. A special point is a zero of a test function: a fold, a
-branch point, a multiplier on the unit circle, or any value that is passed.
+One tracer follows branches of equilibria, cycles and forced motions, curves in the plane of two
+numbers, and branches of a user's own equations. A special point is a zero of a test function: a
+fold, a branch point, a point with a multiplier on the unit circle, or one at which any function
+passes a value.
 
-Source: Kuznetsov, Elements of Applied Bifurcation Theory, ch. 10, for test functions.
+Source: for test functions Kuznetsov, Elements of Applied Bifurcation Theory, ch. 10.
 """
 
 from __future__ import annotations
@@ -27,12 +28,13 @@ from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
 FLAT = 0.3
-"""Share of a step's steepest slope dp/ds below which there may be two folds within it: a cubic
-through the ends misjudges the slope between them by less, as tangents turn by `Control.turn`."""
+"""Share of the steeper slope dp/ds at the ends of a step. If a cubic through both has a smaller
+slope between them, there may be two folds on the step: the error of the cubic's slope is less than
+this share, as tangents turn by `Control.turn` at most."""
 
 BranchEnd = Literal["range", "closed", "points", "not converged"]
-"""Why a branch ends: at a limit, at its beginning, at the last point asked for, or because no next
-point was found."""
+"""Why a branch ends: it reaches a limit, it returns to its beginning, it has the largest number of
+points asked for, or no next point was found."""
 
 
 # ------------------------------------------------------------------------------ special points
@@ -41,13 +43,13 @@ point was found."""
 class TestFunction(ABC, Generic[Equations]):
     """A function along a step of a branch, whose zeros are special points.
 
-    It may have several values, in falling order: a special point lies where the number of positive
-    values changes.
+    The function may have several values, in falling order: a special point lies where the number of
+    positive values changes.
 
     Args:
         step: the step.
-        tolerance: length to which zeros are located.
-        known: what is known `about` some places, by their arc length.
+        tolerance: arc length to which zeros are located.
+        known: results of `about` that are known already, by arc length.
     """
 
     beside_folds = 0.0
@@ -60,20 +62,20 @@ class TestFunction(ABC, Generic[Equations]):
 
     @abstractmethod
     def about(self, s: float) -> Any:
-        """What the values at an arc length follow from: the values, unless a function says."""
+        """Data at an arc length from which `at` takes the values; by default the values."""
 
     @abstractmethod
     def found(self, before: float, beyond: float) -> Any:
-        """What lies between two arc lengths with a zero between them; None if nothing of note."""
+        """The special point at a zero between two arc lengths; None if it is not to be recorded."""
 
     def known(self, s: float) -> Any:
-        """What is known about an arc length, which is computed once."""
+        """The result of `about` at an arc length, which is computed once."""
         if s not in self._known:
             self._known[s] = self.about(s)
         return self._known[s]
 
     def at(self, s: float) -> Array:
-        """Values at an arc length from the beginning of the step."""
+        """Values, in falling order, at an arc length from the beginning of the step."""
         return np.asarray(self.known(s))
 
     def positive(self, s: float) -> int:
@@ -81,11 +83,12 @@ class TestFunction(ABC, Generic[Equations]):
         return int(np.count_nonzero(self.at(s) > 0.0))
 
     def changes(self, low: float, high: float) -> Iterator[tuple[float, float]]:
-        """Arc lengths right before and right beyond zeros between two arc lengths, in order.
+        """Arc lengths right before and right beyond each zero between low and high, in order.
 
-        A value that passes 0 is a continuous function of the length unless others pass with it.
+        A value that passes 0 is a continuous function of the arc length unless other values pass 0
+        with it.
         """
-        for _ in range(8):  # six on one step are the most that have been met
+        for _ in range(8):  # at most six zeros on one step have been met
             first, last = self.positive(low), self.positive(high)
             if first == last:
                 return
@@ -93,25 +96,25 @@ class TestFunction(ABC, Generic[Equations]):
             root = scipy.optimize.brentq(
                 lambda s, i: self.at(s)[i], low, high, (passing,), self.tolerance
             )
-            width = self.tolerance  # more where rounding hides the change
+            width = self.tolerance  # doubled below where rounding hides the change
             while self.positive(max(low, root - width)) == self.positive(min(root + width, high)):
                 width *= 2.0
             yield max(low, root - width), min(root + width, high)
             low = min(root + width, high)
 
     def zeros(self, low: float, high: float) -> Iterator[tuple[float, Any]]:
-        """Special points between two arc lengths: the length right beyond, and what is there."""
+        """Special points between two arc lengths, each after the arc length right beyond it."""
         for before, beyond in self.changes(low, high):
             if (found := self.found(before, beyond)) is not None:
                 yield beyond, found
 
 
 class Fold(TestFunction[Equations]):
-    """The slope of the parameter along a step: it passes 0 where the parameter turns back.
+    """The slope dp/ds of the parameter along a step, which passes 0 at a fold.
 
     Args:
-        step: the step, on which there are none, one or two folds.
-        rtol: share of the step to which they are located.
+        step: the step, which has two folds at most.
+        rtol: share of the step's length to which folds are located.
     """
 
     def __init__(self, step: Segment[Equations], rtol: float) -> None:
@@ -131,7 +134,8 @@ class Fold(TestFunction[Equations]):
         length = self.step.length
         ends = [0.0, length]
         if first * last > 0.0:
-            # Where the cubic with the ends' parameters and slopes is flattest.
+            # A cubic has the parameter's values and slopes at the ends. Its slope is smallest at
+            # `share` of the step.
             mean = (self.step.end.p - self.step.begin.p) / length
             bend = 6.0 * (0.5 * (first + last) - mean)
             share = 0.5 - 0.5 * (last - first) / bend if bend else 0.0
@@ -142,7 +146,7 @@ class Fold(TestFunction[Equations]):
 
 
 def between_folds(step: Segment[Equations], rtol: float) -> list[Segment[Equations]]:
-    """The parts of a step on which the parameter does not turn back.
+    """Parts of a step on which the parameter does not turn back.
 
     Folds are located to `rtol` times the length of the step.
     """
@@ -155,12 +159,12 @@ def special_points(
     tests: Iterable[TestFunction[Equations]],
     until: float | None = None,
 ) -> list[tuple[float, Any]]:
-    """Special points on a step in order: the arc length right beyond each, and what is there.
+    """Special points on a step in order, each after the arc length right beyond it.
 
     Args:
         step: the step.
-        fold_rtol: share of the step to which folds are located; these are "fold". With 0 they are
-            not looked for.
+        fold_rtol: share of the step's length to which folds are located, which are listed as
+            "fold". If it is 0, folds are not looked for.
         tests: test functions on the step.
         until: arc length up to which zeros of tests are looked for; the whole step if not given.
     """
@@ -180,19 +184,21 @@ def special_points(
 
 
 class Tracer(Generic[Equations]):
-    """Follows a branch step by step until it ends, and says why it does.
+    """Follows a branch step by step until it ends, and says why it ends.
 
-    What becomes of each step is said by `note`, which a tracer of a kind of branch overrides.
+    Each step is passed to `note`, which the tracer of a kind of branch overrides.
 
     Args:
-        limits: entries of z by index with their least and largest value, at which a branch ends.
-        most: number of steps either way.
-        failing: exceptions that end a branch, those of equations of the user's among them.
+        limits: triples (index of an entry of z, its least value, its largest value); the branch
+            ends at these values.
+        most: largest number of steps either way.
+        failing: exceptions that end a branch; a user's equations may raise exceptions of any type.
     """
 
     near_limit = 1e-4
-    """Share of a range within which its limit is solved for where no step can be taken: steps that
-    end beyond it may, where nothing is defined there, become as short as `Control.shortest`."""
+    """Distance from a limit, as a share of the range, within which the point at the limit is solved
+    for if no step can be taken. If nothing is defined beyond the limit, steps that would end there
+    are shortened down to `Control.shortest`."""
 
     def __init__(
         self,
@@ -203,9 +209,9 @@ class Tracer(Generic[Equations]):
         self.limits, self.most, self.failing = list(limits), most, failing
 
     def note(self, step: Segment[Equations]) -> str | None:
-        """Takes note of a step, and says why the branch ends with it, None where it goes on.
+        """Records a step, and returns why the branch ends with it, or None if it goes on.
 
-        A NewtonFailed ends the branch, too, as one that was not followed further.
+        A NewtonFailed that it raises also ends the branch, as one that was not followed further.
         """
         return None
 
@@ -215,12 +221,14 @@ class Tracer(Generic[Equations]):
         problem: Equations | None = None,
         begin: Point | None = None,
     ) -> tuple[list[Point], str, str]:
-        """Points of a branch, why it ends, and the reason where it was not followed further.
+        """Points of a branch, why it ends, and a sentence why it was not followed further.
+
+        The sentence is empty if the branch was followed to its end.
 
         Args:
-            steps: steps along the branch; NewtonFailed says why none can be taken.
+            steps: steps along the branch; it raises NewtonFailed if none can be taken.
             problem: the equations at the beginning, if they are known before the first step.
-            begin: the point at the beginning, likewise; it is the first that is returned.
+            begin: the point at the beginning, if it is known; it is the first point returned.
         """
         points = [] if begin is None else [begin]
         if begin is not None and self.is_over(begin):
@@ -244,7 +252,9 @@ class Tracer(Generic[Equations]):
     def both_ways(
         self, problem: Equations, start: Point, step: float
     ) -> tuple[list[Point], tuple[BranchEnd, BranchEnd], tuple[str, str]]:
-        """Points of the branch through a point, why it ends at either end, and the reasons.
+        """Points of the branch through a point, why it ends at either end, and sentences.
+
+        The sentences say why it was not followed further, as for `one_way`.
 
         Args:
             problem: the equations.
@@ -261,7 +271,7 @@ class Tracer(Generic[Equations]):
         return before + ahead, ends, (why_first, why_last)
 
     def is_over(self, point: Point) -> bool:
-        """Whether the branch leaves the limits at a point."""
+        """Whether the branch leaves the range of a limited entry of z at a point."""
         return any(
             (point.z[i] <= low and point.tangent[i] < 0.0)
             or (point.z[i] >= high and point.tangent[i] > 0.0)
@@ -274,7 +284,10 @@ class Tracer(Generic[Equations]):
         problem: Equations | None,
         begin: Point | None,
     ) -> Iterator[Segment[Equations]]:
-        """The steps up to a limit; at last one to a limit right ahead if no other can be taken."""
+        """Steps up to the first limit.
+
+        If no step can be taken and a limit is right ahead, the last step leads to this limit.
+        """
         marks = [(i, value) for i, *ends in self.limits for value in ends]
         try:
             for step in steps:
@@ -289,7 +302,10 @@ class Tracer(Generic[Equations]):
             yield Segment(problem, begin, edge)
 
     def _at_edge(self, problem: Equations, point: Point) -> Point | None:
-        """The point at a limit right ahead, beyond which there may be no equations."""
+        """The point at a limit that is right ahead, within `near_limit`; None if there is none.
+
+        The equations may not be defined beyond the limit.
+        """
         for i, low, high in self.limits:
             edge, slope = (high if point.tangent[i] > 0.0 else low), float(point.tangent[i])
             gap = edge - float(point.z[i])
@@ -305,7 +321,7 @@ class Tracer(Generic[Equations]):
 
 
 def reason_of(error: Exception) -> str:
-    """What an exception says, with what it came from; of others than NewtonFailed its name, too."""
+    """Message of an exception and of its cause, with type names other than NewtonFailed's."""
     text = str(error) if isinstance(error, NewtonFailed) else f"{type(error).__name__}: {error}"
     cause = error.__cause__
     known = cause is None or isinstance(cause, LinAlgError | FloatingPointError | NewtonFailed)
@@ -316,7 +332,7 @@ def reason_of(error: Exception) -> str:
 
 def _passes_through(step: Segment[Equations], point: Point) -> bool:
     """Whether a point of a branch lies on a step, away from its beginning."""
-    if point.z.size != step.begin.z.size:  # of an orbit on another mesh
+    if point.z.size != step.begin.z.size:  # the point is an orbit on another mesh
         return False
     s, length, problem = step.reach(point.z), step.length, step.problem
     ahead = 1e-6 * length < s <= length * (1.0 + 1e-9)

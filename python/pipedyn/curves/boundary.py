@@ -3,7 +3,7 @@
 
 Curves of flutter and of divergence are found where they meet the window's edges or lines across it,
 and are followed by arc length past folds (`continuation.tracer`) until they leave the window or
-close. A curve of the continuous pipe is solved for again in larger bases until its points converge.
+close. Curves of the continuous pipe are solved for in larger bases until their points converge.
 """
 
 from __future__ import annotations
@@ -74,18 +74,18 @@ class BoundaryCurve(Result):
             coupled-mode flutter, too.
         unstable: number of unstable roots other than those on the axis, shape (S,): where it is 0
             the curve bounds the region in which the pipe is stable. At an end "Bogdanov-Takens",
-            where zero is a double root, `unstable` and `change` are those right before it.
+            where zero is a double root, `unstable` and `change` have their values right before it.
         change: number of unstable roots on the left of the curve minus that on its right, shape
             (S,): 2 or -2 for flutter; 1 or -1 for divergence, which changes at a Bogdanov-Takens
             point; and 0 where real roots meet.
         lyapunov: first Lyapunov coefficient of flutter, as in `Hopf`; for divergence the
-            coefficient c of z' = sigma z + c z^3, z being the largest angle; shape (S,). NaN where
-            other roots are unstable, or where it was not asked for.
+            coefficient c of z' = sigma z + c z^3, z being the largest angle; shape (S,). It is NaN
+            where other roots are unstable, or if it was not asked for.
         criticality: "supercritical" where the motion or shape that emerges attracts, "subcritical"
-            where it repels, or "" where that is not known, shape (S,). With drag, the drag decides,
-            as `Hopf` says.
-        error: largest distance of some points along the curve from those in the basis before,
-            relative to their numbers or 1, for `Continuum`; 0 for other models.
+            where it repels, or "" where the criticality is not known, shape (S,). With drag, the
+            drag decides, as for `Hopf`.
+        error: for `Continuum` the largest distance of some points of the curve from the same points
+            in the last smaller basis, relative to their numbers or 1; 0 for other models.
         ends: why the curve ends at its first and last point: "range" (it leaves the window),
             "closed", "Bogdanov-Takens" (its frequency falls to 0), "points" (it has too many) or
             "not converged" (no next point was found).
@@ -126,13 +126,13 @@ class Boundary(InPlane):
     Attributes:
         names: names of x and y.
         ranges: ranges of x and y, ((low, high), (low, high)).
-        curves: the curves, those of flutter first.
-        points: organising points on curves; those at which no other roots are unstable come first.
+        curves: the curves; curves of flutter come first.
+        points: organising points on curves; points at which no other roots are unstable come first.
         u: flow speed where it is neither x nor y; None where it is one of them.
         model: the model.
         size: degrees of freedom of the model that was solved.
-        failures: which curves were not followed to their ends, and which counts of unstable roots
-            do not agree, in sentences.
+        failures: sentences that say which curves were not followed to their ends, and which counts
+            of unstable roots do not agree.
     """
 
     _along = ("frequency", "unstable", "criticality")
@@ -147,7 +147,7 @@ class Boundary(InPlane):
     failures: tuple[str, ...]
 
     def unstable(self, x: float, y: float) -> int:
-        """Number of unstable roots at a point of the window, by its eigenvalues.
+        """Number of unstable roots at a point of the window, counted among the eigenvalues.
 
         Example:
             >>> window = {"gamma": (-20.0, 0.0), "u": (0.0, 5.0)}
@@ -190,7 +190,7 @@ def boundary(
 
     Curves of flutter and divergence are found where they meet the window's edges and lines across
     it, and are followed past folds. Numbers of unstable roots are compared between the ends of
-    curves round the window's edges, so that no curve which meets the edges is lost in silence. A
+    curves round the window's edges, so that `failures` tells of a lost curve that meets them. A
     closed curve of flutter may meet no line: where a pair comes near to the axis on a line and
     turns back, its real part is followed uphill from there until the pair passes the axis or comes
     no nearer. A closed curve is missed if it is so small that it lies between all lines and no
@@ -203,11 +203,11 @@ def boundary(
         x: name of a number of the pipe: "u", "beta", "gamma", "alpha", "damping", "hysteresis",
             "inflow_share" (aspirating), "root.stiffness" of a `RootSpring`, or a number of a term
             such as "PointMass.mass" or, if there are several such terms, "terms[0].mass". Its value
-            in the model's pipe does not count.
+            in the model's pipe has no effect.
         y: name of another number.
         ranges: (low, high) of both numbers, by name.
         u: the flow speed, if it is neither x nor y.
-        criticality: whether to compute on which side motions emerge, and where this changes, which
+        criticality: whether to compute on which side motions emerge, and where this changes; this
             takes most of the time.
         only_stability: whether to leave out curves on which other roots are unstable; then numbers
             of unstable roots at the edges are not compared.
@@ -229,9 +229,9 @@ def boundary(
             or a range outside the allowed one; for a bent pipe.
         TypeError: for arguments of other types than a model, a name or a number.
 
-    Source: Govaerts (2000), Numerical methods for bifurcations of dynamical equilibria; of the
-    organising points Kuznetsov, Elements of Applied Bifurcation Theory, ch. 8. Criticality of
-    flutter as for `hopf`.
+    Source: Govaerts (2000), Numerical methods for bifurcations of dynamical equilibria; for the
+    organising points Kuznetsov, Elements of Applied Bifurcation Theory, ch. 8. The criticality of
+    flutter is computed as in `hopf`.
     """
     checked_model(model)
     if not isinstance(model, Continuum):
@@ -258,7 +258,7 @@ def boundary(
 
 
 def checked_window(model: AnyModel, names: tuple[Any, Any], ranges: Any) -> Window:
-    """The window of two numbers in these ranges; raises ValueError or TypeError where it is bad."""
+    """The window of two numbers in these ranges; ValueError or TypeError for bad arguments."""
     numbers: list[PipeNumber | None] = []
     for argument, name in zip(("x", "y"), names, strict=True):
         own = isinstance(name, str) and name == "u"
@@ -308,7 +308,7 @@ def _bounded(
         tracer = CurveTracer(coarse, starts, wanted)
         counts: list[NDArray[np.int_]] = []
         found: list[DoublePoint] = []
-        on: list[list[tuple[int, int]]] = []  # for each curve, steps and numbers of points in them
+        on: list[list[tuple[int, int]]] = []  # per curve: pairs (step, number of the point)
         while starts:
             new, starts = tracer.trace(starts), []
             for curve in new:
@@ -340,7 +340,7 @@ def _bounded(
             if last is None:
                 continue
             curve = last
-            if plane is not coarse:  # the counts so far are for fewer modes
+            if plane is not coarse:  # the earlier counts are for fewer modes
                 of_curve = unstable_counts(plane, curve, of_curve)
             values = np.full((len(curve.points), 2), np.nan)
             if criticality:
@@ -375,7 +375,10 @@ def _bounded(
 def _solved_again(
     found: list[DoublePoint], plane: Plane, control: Control, failures: list[str]
 ) -> Iterator[OrganisingPoint | None]:
-    """Organising points in a larger basis; None, and a failure, for a point that it lacks."""
+    """Organising points solved for in a larger basis.
+
+    A point that is not found there becomes None, and a sentence is added to `failures`.
+    """
     for one in found:
         try:
             yield one.solved(plane, control).point(plane)
@@ -389,16 +392,16 @@ def _solved_again(
 
 
 def _equal(one: DoublePoint, other: DoublePoint) -> bool:
-    """Whether two double points are one, by their frequencies and places."""
+    """Whether two double points are the same, judged by frequencies and places."""
     near = np.allclose(one.roots, other.roots, rtol=1e-6, atol=1e-6)
     return near and float(np.abs(one.at - other.at).max()) < 1e-6
 
 
 def _disagreements(curves: list[BoundaryCurve], plane: Plane) -> Iterator[str]:
-    """Sentences about neighbouring ends of curves on the window's edges that do not agree.
+    """Sentences about neighbouring ends of curves whose numbers of unstable roots do not agree.
 
-    Going round the edges once, the number of unstable roots after one end must be that before the
-    next. Numbers are not compared next to an end at which all roots lie on the axis.
+    Along the window's edges, the number of unstable roots after one end must be equal to the number
+    before the next. Numbers are not compared next to an end at which all roots lie on the axis.
     """
     window = plane.window
     ends = []
@@ -408,8 +411,8 @@ def _disagreements(curves: list[BoundaryCurve], plane: Plane) -> Iterator[str]:
                 continue
             at = np.array([curve.x[k], curve.y[k]])
             x, y = (at - window.low) / window.size
-            # Places are counted counter-clockwise from the lower left corner, with the direction in
-            # which the edge is walked there.
+            # A place on the edges is measured counter-clockwise from the lower left corner; with it
+            # comes the direction in which the edge is walked there.
             places = {y: (x, (1, 0)), 1.0 - x: (1.0 + y, (0, 1))}
             places |= {1.0 - y: (3.0 - x, (-1, 0)), x: (4.0 - y, (0, -1))}
             place, (right, up) = places[min(places, key=abs)]
@@ -428,13 +431,13 @@ def _disagreements(curves: list[BoundaryCurve], plane: Plane) -> Iterator[str]:
 
 
 def _points_of_change(curve: TracedCurve) -> list[Point]:
-    """Points at which it is computed on which side of the curve roots are unstable.
+    """Points at which the change of the number of unstable roots across the curve is computed.
 
     On a curve of flutter one point is enough, as the side is the same all along the curve.
     """
     if curve.problem.kind == "divergence" or isinstance(curve.problem, CoupledModeProblem):
         return curve.points
-    # It is taken away from the ends, at which the frequency may be 0.
+    # The point lies away from the ends, at which the frequency may be 0.
     return [curve.points[len(curve.points) // 2]]
 
 

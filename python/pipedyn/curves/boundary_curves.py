@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Curves of flutter and divergence in a window of two numbers: how they are found and followed.
+"""Search for curves of flutter and divergence in a window of two numbers, and their continuation.
 
-They are found where lines across the window, its edges among them, meet them. On lines along the
-flow speed these places come from the search for crossings, on lines along other numbers from
-eigenvalues that are followed. A curve of the continuous pipe is solved for again in larger bases
-until its points converge.
+Curves are found where they meet lines across the window, including its edges. On lines along the
+flow speed the search for crossings finds these places; on lines along other numbers eigenvalues are
+followed. Curves of the continuous pipe are solved for in larger bases until their points converge.
 """
 
 from __future__ import annotations
@@ -41,32 +40,33 @@ LONGEST_STEP, LARGEST_TURN = 0.04, 0.18
 tangents: cubics through the points with their tangents then have no visible corners."""
 
 MOST_BOUNDARY_POINTS = 1500
-"""Most points of a curve, either way: at the longest step they go forty times across the window."""
+"""Most points of a curve, either way: with the longest step they cross the window forty times."""
 
 LINES_OF_SPEED, LINES = 7, 3
-"""Numbers of lines across the window, its edges among them, on which curves are looked for: lines
+"""Numbers of lines across the window, including its edges, on which curves are looked for: lines
 along the flow speed, and lines along another number, which take ten times as long."""
 
 FIRST_CLIMB, LAST_CLIMB, MOST_CLIMBS = 0.04, 1e-3, 10
-"""Radius of the first step uphill to a closed curve, length of the shortest step, both in shares of
-the window, and largest number of steps: paths that reach a curve take two to eight."""
+"""Limits of a path uphill to a closed curve: radius of the first step and length of the shortest
+step, both in shares of the window, and largest number of steps: paths that
+reach a curve take two to eight."""
 
 AGREED = 2e-10
-"""Distance of a point of the continuous pipe from that in the basis before, relative to its numbers
-or 1, at which it counts as converged: convergence is exponential, so that the error is smaller."""
+"""Distance between a point in two successive bases of the continuous pipe up to which it is
+converged, relative to its numbers or 1: convergence is exponential, so the error is smaller."""
 
 ROUNDED = 1e-6
-"""Distance of a point from that in the basis before at which it counts as converged if larger bases
-do not make it smaller. It is due to rounding then, in pairs of high frequency whose growth hardly
-changes: at omega 900 with a growth of 1e-3 it is 1e-8."""
+"""Distance between a point in two successive bases up to which it counts as converged if larger
+bases do not reduce the distance. The distance then is due to rounding, in pairs of high frequency
+whose growth hardly changes: at omega 900 with a growth of 1e-3 it is 1e-8."""
 
 SAME_POINT = 1e-7
-"""Distance, in shares of the window, below which two solutions are one."""
+"""Distance, in shares of the window, below which two solutions are the same."""
 
 
 @dataclass(frozen=True)
 class CurveStart:
-    """Start of a curve: unknowns near a point on it, or a solution.
+    """Start of a curve: unknowns near one of its points, or exactly at one.
 
     Attributes:
         z: ([frequency,] y, x), y and x as shares of the window. In a conservative plane the square
@@ -81,7 +81,7 @@ class CurveStart:
 
 @dataclass
 class TracedCurve:
-    """A curve point by point, with the equations that its points solve.
+    """A curve point by point, with the equations that its points satisfy.
 
     Attributes:
         problem: the equations.
@@ -102,7 +102,7 @@ class TracedCurve:
             yield Segment(self.problem, a, b)
 
     def sample(self) -> TracedCurve:
-        """The curve with a few of its points only, the first and last among them."""
+        """The curve with a few of its points only, including the first and the last."""
         which = np.unique(
             np.linspace(0, len(self.points) - 1, 3 + len(self.points) // 8, dtype=int)
         )
@@ -113,7 +113,7 @@ class TracedCurve:
         return np.array([self.problem.place(point.z) for point in self.points])
 
     def holds(self, z: Array) -> bool:
-        """Whether a solution lies on the curve."""
+        """Whether a solution z of the same equations lies on the curve."""
         away = np.array([self.problem.length(point.z - z) for point in self.points])
         k = int(np.argmin(away))
         if away[k] > LONGEST_STEP:
@@ -129,11 +129,11 @@ class TracedCurve:
 
 
 class CurveTracer:
-    """Follows curves in one plane, each once.
+    """Tracer of curves in one plane, which follows each curve once.
 
     Args:
         plane: gives the matrices at each point of the window.
-        starts: starts of curves, the largest frequency of which is the unit of frequencies.
+        starts: starts of curves; their largest frequency is the unit of frequencies.
         wanted: whether the curve through a solution z of a problem is to be followed.
     """
 
@@ -145,8 +145,8 @@ class CurveTracer:
     ) -> None:
         self.plane, self.wanted = plane, wanted
         self.unit = max([1.0, *(abs(float(one.z[0])) for one in starts if one.z.size == 3)])
-        # Derivatives are exact: after a step of Newton's method as short as the tolerance the error
-        # is of the order of its square.
+        # Derivatives are exact: after a step of Newton's method as short as the tolerance, the
+        # error is of the order of the tolerance squared.
         self.control = Control(LONGEST_STEP, shortest=1e-6, turn=LARGEST_TURN, tolerance=SAME_POINT)
         self.curves: list[TracedCurve] = []
 
@@ -154,8 +154,8 @@ class CurveTracer:
         """Curves from these starts, without curves that are already known."""
         before = len(self.curves)
         for start in starts:
-            # A start may lead nowhere, as it is a guess: a curve that is missed shows where numbers
-            # of unstable roots are compared.
+            # A start is a guess and may lead nowhere: a curve that is missed is noticed when
+            # numbers of unstable roots are compared.
             with suppress(NewtonFailed):
                 self._trace(start.z, start.kept)
         return self.curves[before:]
@@ -192,7 +192,7 @@ class CurveTracer:
         self.curves.append(TracedCurve(problem, points, (first, last)))
 
     def failures(self) -> Iterator[str]:
-        """Which curves were not followed to their ends, in sentences."""
+        """Sentences that say which curves were not followed to their ends."""
         for curve in self.curves:
             for end, point in zip(curve.ends, (curve.points[0], curve.points[-1]), strict=True):
                 if end in ("points", "not converged"):
@@ -209,7 +209,8 @@ class CurveTracer:
 def first_plane(model: AnyModel, window: Window, speed: float | None) -> Plane:
     """The plane in which curves are found first.
 
-    The continuous pipe is replaced by a basis that is large enough for the window's highest speed.
+    The continuous pipe is replaced by a reduced model whose basis is large enough for the window's
+    highest speed.
     """
     if not isinstance(model, Continuum):
         return Plane(model, window, speed)
@@ -223,16 +224,17 @@ def first_plane(model: AnyModel, window: Window, speed: float | None) -> Plane:
 
 
 def basis_plane(model: Galerkin, window: Window, speed: float | None) -> Plane:
-    """The plane of a reduced model for the continuous pipe, of which only resolved modes count."""
+    """The plane of a reduced model of the continuous pipe; only its resolved modes count."""
     return Plane(model, window, speed, count_resolved(model, eigenproblem(model).spectrum()))
 
 
 def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[CurveStart], list[str]]:
     """Starts of curves, found on lines across the window, and sentences about what failed.
 
-    Most lie where a line meets a curve. Others lie on curves that a pair reaches uphill from where
-    it comes near to the axis on a line; of the lines along the flow speed three are used for these.
-    With `only_stability` paths uphill begin only where no other pair is unstable.
+    Most starts lie where a line meets a curve. Others lie where a path uphill meets a curve; it
+    begins where a pair comes near to the axis on a line. Three of the lines along the flow speed
+    are used for paths uphill. With `only_stability` these begin only where no other pair is
+    unstable.
     """
     window = plane.window
     found: list[CurveStart] = []
@@ -280,7 +282,7 @@ def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[CurveS
                 ]
         else:
             for at in places:
-                if plane.speed_at(at) > 0.0:  # without flow only damping moves roots off the axis
+                if plane.speed_at(at) > 0.0:  # without flow only damping moves roots
                     passing, others = plane.sections(at, along)
                     extremes += [(along, at, *one) for one in others]
                     for share, root in passing:
@@ -295,13 +297,13 @@ def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[CurveS
 
 
 def climbed(plane: Plane, z: Array, root: complex, only_stability: bool) -> CurveStart | None:
-    """Start on a curve of flutter that is reached by following a pair's real part towards 0.
+    """Start on a curve of flutter, reached along a path on which a pair's real part tends to 0.
 
     The path begins at shares z = (x, y) of the window, where the real part of `root` has an extreme
     on a line. Inside a closed curve that no line meets, the real part has an extreme in the plane
-    with the opposite sign, to which the path leads if nothing else lies between. Steps are those of
-    a quasi-Newton method (symmetric rank one) within a trust radius, with exact derivatives of
-    eigenvalues. The answer is None where the path ends at an extreme beside the axis.
+    with the opposite sign, to which the path leads if nothing else lies between. A quasi-Newton
+    method (symmetric rank one) with a trust radius and exact derivatives of eigenvalues takes the
+    steps. The answer is None if the path ends at an extreme before the pair reaches the axis.
     """
 
     def near(z: Array, guess: complex) -> tuple[complex, NDArray[np.complex128], bool]:
@@ -324,7 +326,7 @@ def climbed(plane: Plane, z: Array, root: complex, only_stability: bool) -> Curv
             if length < LAST_CLIMB:
                 return None
             if plane.conservative_near(z + step, FIRST_CLIMB):
-                return None  # on that edge all pairs lie on the axis
+                return None  # all pairs lie on the axis on that edge
             there, slopes_there, others = near(z + step, root + complex(slopes @ step))
             gained = uphill * (there.real - root.real)
             if there.real * root.real <= 0.0:
@@ -347,9 +349,9 @@ def climbed(plane: Plane, z: Array, root: complex, only_stability: bool) -> Curv
 
 
 def _within(bend: Array, gradient: Array, radius: float) -> Array:
-    """The step to about the largest value of a quadratic function within a radius.
+    """Step, shape (2,), that about maximises a quadratic function within a radius.
 
-    The function has the second derivatives `bend`, (2, 2), and the first derivatives `gradient`.
+    The function has second derivatives `bend`, (2, 2), and first derivatives `gradient`, (2,).
     """
     values, vectors = np.linalg.eigh(bend)
     along = vectors.T @ gradient
@@ -359,8 +361,8 @@ def _within(bend: Array, gradient: Array, radius: float) -> Array:
         length = float(np.linalg.norm(step))
         if length <= 1.2 * radius:
             return vectors @ step
-        # The length of the step is about inverse to the distance of the shift from the largest
-        # eigenvalue.
+        # The length of the step is about inversely proportional to the distance of the shift from
+        # the largest eigenvalue.
         shift += (length / radius - 1.0) * (shift - float(values.max()))
 
 
@@ -369,8 +371,8 @@ def converged_curves(
 ) -> tuple[Plane, list[TracedCurve | None]]:
     """Curves of the continuous pipe in a basis that is large enough for all of them.
 
-    The basis grows until some points of each curve do not move any more, or by rounding alone. A
-    curve that larger bases do not have is None.
+    The basis grows until sampled points of each curve do not move any more, or move by rounding
+    only. A curve that does not exist in larger bases is replaced by None.
 
     Raises:
         NotConverged: if points of a curve still move in the largest basis.
@@ -412,13 +414,13 @@ def converged_curves(
 
 
 def _distance(one: TracedCurve, other: TracedCurve) -> float:
-    """Largest distance of points of two curves, relative to their numbers or 1."""
+    """Largest difference between the points of two curves, relative to their numbers or 1."""
     a, b = one.places(), other.places()
     return float((np.abs(a - b) / np.maximum(1.0, np.abs(a))).max())
 
 
 def _solved_on(curve: TracedCurve, plane: Plane) -> TracedCurve:
-    """The curve with its points solved for in another plane, such as that of a larger basis."""
+    """The curve, its points solved for in another plane, such as the plane of a larger basis."""
     problem = curve.problem.on_other(plane)
     last = len(curve.points) - 1
     points: list[Point] = []
@@ -437,13 +439,13 @@ def _solved_on(curve: TracedCurve, plane: Plane) -> TracedCurve:
 
 
 def _on_edges(problem: AxisProblem, point: Point) -> Point:
-    """The point with shares of exactly 0 or 1 where it lies on an edge but for rounding."""
+    """The point, moved exactly onto an edge of the window if it lies there up to rounding."""
     within = problem.plane.window.on_edges(point.z[-2:])
     return replace(point, z=np.append(point.z[:-2], within))
 
 
 def _edge(z: Array) -> int | None:
-    """Index of the entry of z that lies on the window's edge or is a frequency of 0, or None."""
+    """Index of the entry of z that is on the window's edge, or is a frequency of 0; else None."""
     for index in (-1, -2):
         if z[index] in (0.0, 1.0):
             return index

@@ -2,9 +2,9 @@
 """Folds, pitchforks, period doublings and tori of cycles in the plane of two numbers.
 
 An event on a branch of cycles or of forced motions is solved for (`EventProblem`) and followed both
-ways by the same continuation as the branches themselves. On the way points are named at which two
-conditions meet: cusps; points at which the cycle's amplitude falls to 0 on the curve of onsets, and
-folds therefore end (Bautin); points at which other multipliers pass the unit circle; resonances.
+ways by the same continuation as the branches themselves. Points on the way at which two conditions
+hold get names: cusps; points on the curve of onsets at which the cycle's amplitude falls to 0, so
+that folds end (Bautin); points at which other multipliers pass the unit circle; resonances.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ class CycleBoundary(InPlane):
             `only_stability`, also at speeds beyond the range; None where motions are forced or
             these curves were not found.
         model: the model.
-        failures: which curves were not followed to their ends, in sentences.
-        evaluations: number of right-hand sides and Jacobians.
+        failures: sentences that say which curves were not followed to their ends.
+        evaluations: number of right-hand sides and Jacobians that were computed.
     """
 
     _along = ("frequency", "amplitude", "unstable")
@@ -82,20 +82,21 @@ def cycle_boundary(
             or "torus". A pitchfork breaks the mirror symmetry of cycles; it may be given with
             either of the branches that meet there.
         x: name of a number. For cycles, x or y must be "u", the flow speed; for forced motions, one
-            of them must be "frequency", that of the forcing. The other is a number of the pipe,
-            such as "beta" and "drag", or of a term, such as "terms[0].mass" or, if there is only
-            one such term, "PointMass.mass". For forced motions it may also be "u", or "amplitude":
-            that of the base's motion, or of the pulsation relative to its mean.
+            of them must be "frequency", the frequency of the forcing. The other is a number of the
+            pipe, such as "beta" and "drag", or of a term, such as "terms[0].mass" or, if there is
+            only one such term, "PointMass.mass". For forced motions it may also be "u", or
+            "amplitude", the amplitude of the base's motion or of the pulsation relative to its
+            mean.
         y: name of the other number.
         ranges: (low, high) of both numbers, by name, in which the events lie.
-        progress: show progress on stderr.
+        progress: whether to show progress on stderr.
 
     Returns:
-        CycleBoundary; a curve that cannot be followed further keeps what it has, and `failures`
-        says where and why.
+        CycleBoundary; a curve that cannot be followed further keeps the points found so far, and
+        `failures` says where and why it ends.
 
     Raises:
-        NotConverged: if no event given is found again.
+        NotConverged: if none of the given events is found again.
         ValueError, TypeError: for bad arguments.
 
     Example:
@@ -178,7 +179,7 @@ def cycle_boundary(
 def _distinct(
     points: list[CyclePoint], ranges: tuple[tuple[float, float], tuple[float, float]]
 ) -> list[CyclePoint]:
-    """Named points, each once where two curves have it in common and both have found it."""
+    """Named points without duplicates, as two curves may both have found a common point."""
     widths = [1e-3 * (high - low) for low, high in ranges]
     kept = list[CyclePoint]()
     for new in points:

@@ -28,16 +28,16 @@ from pipedyn.util.parallel import track
 from pipedyn.util.result import Result
 
 LONGEST_EVENT_STEP = 0.08
-"""Longest step: a share of the second number's range, of the frequency or of the speed, or a change
-of the free end's amplitude in L. Cubics through the points then have no visible corners."""
+"""Longest step, as a share of the second number's range, of the frequency or of the speed, or as a
+change of the free end's amplitude in L. Cubics through the points then have no visible corners."""
 
 MOST_EVENT_STEPS = 300
-"""Most steps of a curve, either way: the longest go twenty-four times across the window."""
+"""Most steps of a curve, either way: the longest cross the window 24 times."""
 
 NEAR_END, LEADING_TO_END = 0.01, 0.1
-"""Amplitude in L, or sine of a torus's angle, below which a curve is taken to have reached the
-point at which it is 0, and below which it is taken to lead there if Newton's method fails on the
-way."""
+"""Two limits of the amplitude in L, or of the sine of a torus's angle. Below the first, a curve is
+taken to have reached the point at which this quantity is 0; below the second, it is taken to lead
+there if Newton's method fails on the way."""
 
 
 @saved_as(
@@ -50,11 +50,11 @@ class CycleCurve(Result):
         kind: "fold", "pitchfork" (which breaks the mirror symmetry of cycles), "period doubling" or
             "torus".
         x, y: values of the two numbers, shape (S,).
-        frequency: angular frequency of the cycle, in 1 / T, shape (S,); for a forced motion that of
-            the forcing.
+        frequency: angular frequency of the cycle or, for a forced motion, of the forcing, in 1 / T,
+            shape (S,).
         amplitude: half the peak-to-peak transverse motion of the free end in L, shape (S,).
         multiplier: multiplier on the unit circle that makes the event, shape (S,): 1, or -1 at a
-            period doubling; for a torus, that of the pair with the positive imaginary part.
+            period doubling; for a torus, the one of the pair with positive imaginary part.
         unstable: number of other multipliers outside the unit circle, shape (S,): where it is 0
             a stable cycle meets the curve.
         opens: at a fold, 1 where its two cycles exist at flow speeds (or frequencies of the
@@ -62,9 +62,9 @@ class CycleCurve(Result):
         onset: flow speed of the flutter of the straight pipe from which the branch of cycles comes,
             shape (S,), followed from the beginning of the branch as the other number changes. If
             the branch does not begin at flutter, it is the lowest speed at which the pipe becomes
-            unstable, followed likewise. It is NaN for forced motions, beyond the fold at which that
-            curve turns back over the other number, and if the curve bounds the stable region
-            nowhere.
+            unstable, followed likewise. It is NaN for forced motions, beyond the fold at which the
+            curve of onsets turns back over the other number, and if that curve bounds the stable
+            region nowhere.
         ends: why the curve ends at its first and last point: "range" (it leaves the window),
             "closed", a kind of `CyclePoint`, "points" (it has too many) or "not converged" (no next
             point was found).
@@ -91,8 +91,8 @@ class CycleCurve(Result):
 class CyclePoint(Result):
     """Point of an event's curve at which a second condition holds.
 
-    Multipliers are those over a period; for a cycle that is its own mirror image, they are those
-    over half a period followed by the reflection.
+    Multipliers act over a period; for a cycle that is its own mirror image, they act over half a
+    period followed by the reflection.
 
     Attributes:
         kind: "cusp" (two curves of folds meet); "Bautin" (a curve of folds ends where the
@@ -103,7 +103,7 @@ class CyclePoint(Result):
             1 or two are -1: curves of tori end); "1:3 resonance", "1:4 resonance"; or the names of
             two events that happen at once, such as "fold-torus".
         x, y: values of the two numbers.
-        frequency: angular frequency of the cycle, for a forced motion that of the forcing.
+        frequency: angular frequency of the cycle or, for a forced motion, of the forcing.
         amplitude: amplitude of the cycle, in L; 0 at an onset.
     """
 
@@ -126,10 +126,10 @@ class _Cycle:
         second: value of the second parameter.
         own: value of the branch parameter: the flow speed or the frequency of the forcing.
         orbit: the cycle.
-        amplitude: its amplitude, in L.
+        amplitude: amplitude of the cycle, in L.
         rest: multipliers, or their roots, without those of the event.
         opens: as in `CycleCurve`.
-        vanishing: sizes of what falls to 0 where the curve may end, by the name of that point.
+        vanishing: sizes of quantities that are 0 where the curve may end, by that point's name.
         unstable: number of the multipliers in `rest` that are outside the unit circle.
     """
 
@@ -150,7 +150,7 @@ def _growth_of_others(rest: Complex) -> Array:
 
 
 class _ResonantAngle(TestFunction[EventProblem]):
-    """The angle of a torus on a step, which passes that of a resonance or its opposite."""
+    """Test function for the angle of a torus that passes a resonance's angle or its negative."""
 
     def __init__(self, step: EventStep, name: str, angle: float) -> None:
         super().__init__(step, 1e-8 * step.length)
@@ -166,7 +166,7 @@ class _ResonantAngle(TestFunction[EventProblem]):
 
 
 class _OtherMultipliers(PassingMultiplier[EventProblem]):
-    """Multipliers other than those of the event on a step of its curve."""
+    """Test function for multipliers other than those of the event on a step of its curve."""
 
     beside_folds = 0.0
 
@@ -177,13 +177,13 @@ class _OtherMultipliers(PassingMultiplier[EventProblem]):
         self.follower, self.mirrored = follower, end.orbit.symmetric
 
     def about(self, s: float) -> Complex:
-        """The other multipliers, or their roots."""
+        """The other multipliers, or their roots over half a period."""
         point = self.step.at(s)
         motion = self.follower.plane.family.at(point.p)
         return self.follower.rest(motion, self.step.problem.orbit(point.z), point.z)
 
     def at(self, s: float) -> Array:
-        """Logarithms of the moduli."""
+        """Logarithms of the multipliers' moduli, as `_growth_of_others` gives them."""
         return _growth_of_others(self.known(s))
 
     def candidates(self, before: float, beyond: float) -> tuple[Complex, bool]:
@@ -191,7 +191,7 @@ class _OtherMultipliers(PassingMultiplier[EventProblem]):
         return self.known(beyond), self.mirrored
 
     def event(self, before: float, beyond: float, kind: EventKind, multiplier: complex) -> str:
-        """The name of the point at which two events happen at once."""
+        """Name of the point at which two events happen at once."""
         own, values, second = self.follower.kind, self.known(beyond), str(kind)
         # Where three multipliers meet, errors move them by the cube root of their size.
         nearest = complex(values[int(np.argmin(np.abs(np.log(np.abs(values)))))])
@@ -226,14 +226,14 @@ class EventFollower(Tracer[EventProblem]):
         super().__init__(limits, MOST_EVENT_STEPS)
         self.plane, self.kind, self.shown, self.onset = plane, kind, shown, onset
         self.points, self.failures = list[CyclePoint](), list[str]()
-        self.places = list[_Cycle]()  # of the way that is being followed
+        self.places = list[_Cycle]()  # points in the direction that is followed
         self.how = replace(FINE, longest=LONGEST_EVENT_STEP, tolerance=1e-6, stagnation=1e-5)
 
     def start(self, orbit: PeriodicOrbit) -> tuple[EventProblem, Point]:
-        """The event near an orbit, at the second parameter's value on the branch.
+        """The event near an orbit, with its equations, at the branch's value of the second number.
 
         Raises:
-            NewtonFailed: if it is not found.
+            NewtonFailed: if the event is not found.
         """
         motion, value = self.plane.family.at(self.plane.value), self.plane.value
         orbit = resolved_orbit(
@@ -252,7 +252,7 @@ class EventFollower(Tracer[EventProblem]):
         return problem, problem.point(z, growing)
 
     def lies_on(self, curve: CycleCurve, start: tuple[EventProblem, Point]) -> bool:
-        """Whether a known curve passes the event."""
+        """Whether a known curve passes through the event at the given start."""
         if curve.kind != self.kind:
             return False
         problem, point = start
@@ -271,7 +271,7 @@ class EventFollower(Tracer[EventProblem]):
         return False
 
     def run(self, start: tuple[EventProblem, Point]) -> CycleCurve:
-        """The curve, followed both ways from the event."""
+        """The curve of the event, followed both ways from a start."""
         problem, point = start
         ahead, last = self._one_way(problem, point)
         back, first = list[_Cycle](), last
@@ -305,7 +305,7 @@ class EventFollower(Tracer[EventProblem]):
         return complex(value.real, abs(value.imag))
 
     def place(self, problem: EventProblem, point: Point) -> _Cycle:
-        """The point of the curve with all that is computed there."""
+        """A point of the curve, with its amplitude, other multipliers and further quantities."""
         orbit, second = problem.orbit(point.z), float(point.z[-1])
         motion = self.plane.family.at(second)
         own = orbit.frequency * self.plane.order if self.plane.forced else orbit.u
@@ -321,7 +321,7 @@ class EventFollower(Tracer[EventProblem]):
     def rest(self, motion: VectorField, orbit: PeriodicOrbit, z: Array) -> Complex:
         """Multipliers without those of the event.
 
-        For a cycle that is its own mirror image they are their roots over half a period.
+        For a cycle that is its own mirror image, the roots over half a period replace multipliers.
         """
         _, roots, _ = orbit_multipliers(motion, orbit)
         rest = roots if self.plane.forced else nontrivial(roots)
@@ -335,7 +335,7 @@ class EventFollower(Tracer[EventProblem]):
     # ------------------------------------------------------------------------------- one way
 
     def _one_way(self, problem: EventProblem, point: Point) -> tuple[list[_Cycle], str]:
-        """Points of the curve from one on, until it leaves the window, ends or is lost; and why."""
+        """Points of the curve from a given one to its end, and why it ends there."""
         places = self.places = [self.place(problem, point)]
         steps = onward(problem, point, 0.25 * self.how.longest)
         steps = track(steps, None, self.kind, self.shown)
@@ -347,7 +347,7 @@ class EventFollower(Tracer[EventProblem]):
         return places, end
 
     def note(self, step: EventStep) -> str | None:
-        """Keeps the end of a step and the named points on it, and says why the curve ends."""
+        """Keeps the end of a step and the named points on it; returns why the curve ends."""
         places = self.places
         if (name := self._ending(step)) is not None:
             return name
@@ -365,7 +365,7 @@ class EventFollower(Tracer[EventProblem]):
         )
 
     def _closing(self, step: EventStep, begin: _Cycle) -> _Cycle | None:
-        """The first point of the curve as it is met again, if a step passes it; else None."""
+        """The first point of the curve, computed again on a step that passes it; else None."""
         low, high = sorted((step.begin.p, step.end.p))
         if not low <= begin.second <= high:
             return None
@@ -384,10 +384,10 @@ class EventFollower(Tracer[EventProblem]):
     # --------------------------------------------------------------------------- named points
 
     def _odd(self, problem: EventProblem, z: Array) -> dict[str, Array]:
-        """Quantities that change sign where the curve ends, by the name of that point.
+        """Quantities that change sign at an end of the curve, by the name of that point.
 
-        Each is odd in the distance from that point: the cycle itself, which falls to 0, the part of
-        it that breaks a symmetry, or the sine of the angle of a torus.
+        Each is an odd function of the distance from that point: the cycle itself, whose amplitude
+        falls to 0, the part of the cycle that breaks a symmetry, or the sine of a torus's angle.
         """
         if self.kind == "torus":
             angle = float(z[-2])
@@ -404,7 +404,7 @@ class EventFollower(Tracer[EventProblem]):
         return {name: breaking_part(orbit, kind) for kind, name in kinds.items()}
 
     def _ending(self, step: EventStep) -> str | None:
-        """The kind of the point at which the curve ends, which is kept, if a step passes it."""
+        """Kind of the point at which the curve ends, if a step passes it; the point is kept."""
         problem = step.problem
         begin, end = (self._odd(problem, point.z) for point in (step.begin, step.end))
         for name in begin.keys() & end.keys():
@@ -418,16 +418,16 @@ class EventFollower(Tracer[EventProblem]):
         return None
 
     def _ends_at(self, near: list[_Cycle], name: str) -> str:
-        """Keeps the named point at which the curve ends, to which three points lead."""
+        """Keeps the named end of the curve, extrapolated from three points; returns its name."""
         self.places.append(self._limit(near, name))
         self.points.append(self._named(name, self.places[-1]))
         return name
 
     def _limit(self, places: list[_Cycle], name: str) -> _Cycle:
-        """The point at which a quantity is 0 that falls towards 0 at three points.
+        """The point at which a quantity is 0, extrapolated from three points at which it falls.
 
-        The two numbers are extrapolated in the square of this quantity; at the end of a fold's
-        curve with drag in the amplitude itself.
+        The two numbers are extrapolated as functions of the square of this quantity; at a point
+        named "Hopf", as functions of the quantity itself.
         """
         power = 1 if name == "Hopf" else 2
         sizes = np.array([place.vanishing[name] for place in places]) ** power
@@ -436,8 +436,7 @@ class EventFollower(Tracer[EventProblem]):
             for values in ([p.second for p in places], [p.own for p in places])
         )
         last = places[-1]
-        # An extrapolated point may lie beyond an edge of the window beyond which there are no
-        # pipes.
+        # An extrapolated point may lie beyond an edge of the window, where there may be no pipes.
         low, high = self.plane.ranges[1 if self.plane.own_first else 0]
         second = min(max(second, low), high)
         orbit = last.orbit if self.plane.forced else replace(last.orbit, u=own)
@@ -445,9 +444,9 @@ class EventFollower(Tracer[EventProblem]):
         return replace(last, second=second, own=own, orbit=orbit, amplitude=amplitude)
 
     def _near_end(self, within: float) -> str | None:
-        """The named end to which the last three points lead, if the quantity that falls is small.
+        """Name of the end to which the last three points lead; None if they lead to no end.
 
-        It must be smaller than `within`. The end is kept.
+        The quantity that falls to 0 at this end must be smaller than `within`. The end is kept.
         """
         near = self.places[-3:]
         for name, size in near[-1].vanishing.items() if len(near) == 3 else ():
@@ -459,7 +458,7 @@ class EventFollower(Tracer[EventProblem]):
         return None
 
     def _passed(self, step: EventStep, before: _Cycle, after: _Cycle) -> Iterator[_Cycle]:
-        """Points of the curve at the named points that a step passes, which are kept as well."""
+        """Points of the curve at named points that a step passes; the named points are kept."""
         tests = list[TestFunction[EventProblem]]()
         if self.kind == "torus":
             tests.append(_ResonantAngle(step, "1:3 resonance", 2.0 * math.pi / 3.0))

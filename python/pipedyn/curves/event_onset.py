@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Onset of the flutter from which a branch of cycles comes, over the second number of its event."""
+"""Onset of flutter at which a branch of cycles begins, as a function of the second number."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
 FROM_0 = 1e-3
-"""Share of the upper end of a number's range at which its boundary begins if the range begins at 0
-and matrices have no derivative by the number there, as by beta."""
+"""Lower end of a number's range, as a share of its upper end, for the boundary of stability if the
+range begins at 0, where matrices have no derivative by the number, as by beta."""
 
 SAME_ONSET = 1e-4
-"""Relative distance of a boundary from the onset of a branch up to which it is taken to pass it:
-cubics through the boundary's points are far nearer, and two onsets are farther apart."""
+"""Relative difference of speed up to which a boundary is taken to pass the onset of a branch:
+cubics through the boundary's points are far more precise, and two onsets are farther apart."""
 
 
 class Onset:
-    """Boundary of the straight pipe's stability, and the onset of a branch of cycles on it.
+    """Boundary of stability of the straight pipe, with the onset of a branch of cycles on it.
 
     Args:
         plane: plane of an event of cycles, not of forced motions.
-        begin: flow speed at which the branch begins at flutter; NaN if it does not.
+        begin: flow speed of the flutter at which the branch begins; NaN if it begins elsewhere.
         fastest: flow speed up to which onsets are of interest.
     """
 
@@ -59,7 +59,7 @@ class Onset:
         plane = self.plane
         try:
             checked_number("x", name, plane.model.pipe)
-        except ValueError:  # the number has no part in small motions
+        except ValueError:  # the number has no effect on small motions
             ends = [critical_speed(plane.family.at(end).model) for end in ranges[name]]
             if not math.isclose(ends[0].speed, ends[1].speed, rel_tol=1e-9):
                 raise
@@ -100,7 +100,7 @@ class Onset:
         return low + (high - low) * float(at[1 - self._second](s))
 
     def along(self, values: Array) -> Array:
-        """Flow speed of the onset at values of the second number, (k,); NaN where there is none."""
+        """Flow speed of the onset at values of the second number, shape (k,); NaN for no onset."""
         if self._curve is None or self.found is None:
             return np.full(values.size, self._flat)
         curve, found = self._curve, self.found
@@ -126,9 +126,9 @@ class Onset:
 
 
 def _splines(curve: BoundaryCurve, found: Boundary) -> tuple[Array, list[Any]]:
-    """Lengths along a curve at its points, and cubic splines of x and y over this length.
+    """Arc lengths of a curve's points, and cubic splines of x and y over the arc length.
 
-    Lengths, x and y are in shares of the window.
+    Arc lengths, x and y are in shares of the window.
     """
     low, high = np.array(found.ranges).T
     at = (np.column_stack([curve.x, curve.y]) - low) / (high - low)
@@ -139,10 +139,9 @@ def _splines(curve: BoundaryCurve, found: Boundary) -> tuple[Array, list[Any]]:
 
 
 def _places_of_value(spline: Any, value: float, left: float, right: float) -> list[float]:
-    """Arguments from `left` to `right` at which a cubic spline has a value.
+    """Arguments from `left` to `right` at which a cubic spline has a given value.
 
-    If there is none between them, each of these two counts at which the spline has the value but
-    for rounding.
+    If there are none, `left` and `right` count if the spline has the value there up to rounding.
     """
     found = np.atleast_1d(spline.solve(value, extrapolate=False))
     inside = [float(s) for s in found if left <= s <= right]
@@ -150,7 +149,7 @@ def _places_of_value(spline: Any, value: float, left: float, right: float) -> li
 
 
 def _monotone_parts(s: Array, second: Any) -> Array:
-    """Lengths along a curve, between each two of which the second number grows or falls only."""
+    """Arc lengths that divide a curve into parts on which the second number is monotone."""
     turns = np.atleast_1d(second.derivative().roots(extrapolate=False))
     return np.unique(np.concatenate([s[:1], s[-1:], turns[np.isfinite(turns)]]))
 
@@ -162,7 +161,7 @@ def _level(
     speed: float,
     frequency: float,
 ) -> Boundary:
-    """The boundary over a number that has no part in small motions: one critical speed for all."""
+    """Boundary over a number without effect on small motions: the critical speed is constant."""
     ends, twice, passing = np.array(ranges[name]), np.ones(2), 2 if frequency else 1
     at, along = [ends, speed * twice], np.array([[1.0, 0.0], [1.0, 0.0]])
     if plane.own_first:
@@ -173,7 +172,7 @@ def _level(
         y=at[1],
         frequency=frequency * twice,
         unstable=np.zeros(2, dtype=int),
-        change=np.full(2, -passing if plane.own_first else passing),  # unstable beyond the speed
+        change=np.full(2, -passing if plane.own_first else passing),  # unstable at higher speeds
         lyapunov=math.nan * twice,
         criticality=np.array(["", ""]),
         error=0.0,

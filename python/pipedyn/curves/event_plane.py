@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The plane of two numbers in which an event of cycles is followed: names, ranges and motions."""
+"""Plane of two numbers in which an event of cycles is followed: names, ranges and motions."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ def checked_branch_events(
     """The events of a branch that a user gave, as a list.
 
     Raises:
-        ValueError, TypeError: for what is no event of this branch, or of no kind that is followed.
+        ValueError, TypeError: if one is not an event of this branch, or of a kind that is not
+            followed.
     """
     kind = CycleEvent if isinstance(branch, CycleBranch) else ForcedEvent
     given = [events] if isinstance(events, CycleEvent | ForcedEvent) else events
@@ -54,10 +55,10 @@ def checked_branch_events(
 
 
 def checked_names(branch: CycleBranch | ForcedBranch, x: Any, y: Any) -> tuple[str, str]:
-    """The names of x and y, one of which must be that of the branch parameter.
+    """The names of x and y, as a user gave them.
 
     Raises:
-        ValueError, TypeError: if they are not.
+        ValueError, TypeError: unless exactly one of them names the branch parameter.
     """
     for name, value in (("x", x), ("y", y)):
         if not isinstance(value, str):
@@ -72,17 +73,17 @@ def checked_names(branch: CycleBranch | ForcedBranch, x: Any, y: Any) -> tuple[s
 
 @dataclass(frozen=True)
 class EventPlane:
-    """The plane of the branch parameter and a second number, with the motions in it.
+    """Plane of the branch parameter and a second number, with the equations of motion in it.
 
     Attributes:
-        family: motions over the second number.
+        family: equations of motion as a function of the second number.
         names: names of x and y.
         model: the model of the branch.
         value: the second number's value on the branch.
         own_first: whether x is the branch parameter.
         ranges: ranges of x and y.
-        forced: whether motions are forced; the branch parameter is the frequency then, else u.
-        order: number of periods of the forcing in one of the motion, 1 for cycles.
+        forced: whether motions are forced; then the branch parameter is the frequency, else u.
+        order: number of periods of the forcing in one period of the motion, 1 for cycles.
         motions: all equations of motion made so far.
     """
 
@@ -106,7 +107,7 @@ class EventPlane:
 
 
 def plane_of(branch: CycleBranch | ForcedBranch, names: tuple[str, str], given: Any) -> EventPlane:
-    """The plane of a branch, for names of x and y and for ranges as a user gave them.
+    """The plane of a branch, with names of x and y and with ranges that a user gave.
 
     Raises:
         ValueError, TypeError: for a name that stands for no number, and for bad ranges.
@@ -164,19 +165,19 @@ def plane_of(branch: CycleBranch | ForcedBranch, names: tuple[str, str], given: 
 def orbit_at_event(
     branch: CycleBranch | ForcedBranch, event: Any, motion: VectorField
 ) -> PeriodicOrbit:
-    """An orbit near that at an event, from the nearest known orbit of the branch.
+    """An orbit near the orbit at an event, from the nearest known orbit of the branch.
 
-    Where the branch begins or ends at a symmetry-breaking pitchfork, it is made its own mirror
-    image; where the branch begins or ends at a period doubling, it gets half the period.
+    At a symmetry-breaking pitchfork an orbit without the symmetry is made its own mirror image. At
+    a period doubling at which the branch begins or ends, the orbit gets half the period.
     """
     orbit = _nearest_orbit(branch, event)
     begins = ends = False
     if isinstance(event, CycleEvent) and isinstance(branch, CycleBranch):
         begins = event.kind == branch.origin and event.speed == branch.onset
-        ends = event.multiplier == 1.0  # it is -1 at a doubling that the branch passes
+        ends = event.multiplier == 1.0  # the multiplier is -1 at a doubling that the branch passes
 
     def mean(sign: float, turns: int, symmetric: bool) -> PeriodicOrbit:
-        """The mean of the orbit and, with a sign, of itself half a period later."""
+        """The mean of the orbit and of `sign` times the orbit half a period later."""
 
         def states(phase: Array) -> Array:
             early, late = (np.mod(phase / turns + s, 2.0 * math.pi) for s in (0.0, math.pi))
@@ -193,7 +194,10 @@ def orbit_at_event(
 
 
 def _nearest_orbit(branch: CycleBranch | ForcedBranch, event: Any) -> PeriodicOrbit:
-    """The known orbit that is nearest to an event."""
+    """The known orbit of the branch that is nearest to an event.
+
+    The distance is the sum of relative differences of the branch parameter and of the amplitude.
+    """
     if isinstance(branch, CycleBranch):
         apart = np.abs(branch.speeds / event.speed - 1.0)
         apart += np.abs(branch.amplitudes / event.amplitude - 1.0)

@@ -1,23 +1,24 @@
 # SPDX-License-Identifier: MIT
 """Equations of a periodic orbit at an event, for continuation in two parameters.
 
-The collocation equations G(z) = 0 of an orbit z = (states, rates, omega, u) leave one degree of
-freedom: a branch with the unit tangent t. A second parameter x adds another one, and the event adds
-a condition:
+The collocation equations G(z) = 0 of an orbit z = (states, rates, omega, u) have one equation less
+than unknowns: their solutions form a branch, with the unit tangent t. A second parameter x adds an
+unknown, and the event adds a condition:
 
     fold              the component of t along u is 0;
     root rho          the smallest singular value of A = L + rho R is 0, where L y(0) + R y(span) =
                       0 holds for solutions y of the linearised equations: after the span a
                       perturbation is multiplied by rho;
-    torus             as for a root rho = e^(i theta) with theta unknown, in two real equations.
+    torus             the condition of a root rho = e^(i theta) with theta unknown, which is two
+                      real equations.
 
 Each is a minimally extended system (Govaerts 2000, Numerical methods for bifurcations of dynamical
 equilibria, sec. 4 and 7; for cycles Doedel, Govaerts and Kuznetsov 2003): with the left and right
-singular vectors w and v of A about a point, w* A v is the scalar of the system that they border,
+singular vectors w and v of A near a point, w* A v is the scalar that the bordered system defines,
 and w* dA v is its derivative. The vectors t, v and w follow from the linear equations that Newton's
-method on the orbit solves anyway. So do the changes that an orbit may undergo, which are the
-solutions of [G_z; <t, .>] for -G, for t and for -G_x: the condition is differentiated along these
-alone, by differences of the condition itself. It needs no second derivatives of the forces.
+method for the orbit solves anyway. Every change of the orbit is a combination of the solutions of
+[G_z; <t, .>] for the right-hand sides -G, t and -G_x: the condition is differentiated along these
+only, by differences of the condition itself. No second derivatives of the forces are needed.
 """
 
 from __future__ import annotations
@@ -43,21 +44,21 @@ Followed = Literal["fold", "pitchfork", "period doubling", "torus"]
 """Events that are followed in two parameters."""
 
 SHORT, LONG, SMALL_CYCLE = 1e-6, 1e-4, 0.05
-"""Changes over which conditions are differentiated, relative to the orbit's size or the parameter's
-range: this is about the factor by which each step of Newton's method is shorter than the last.
-Conditions have an error of some 1e-12. Beside a Hopf point the condition of a fold changes with the
-square of the amplitude; below the third number, an amplitude in L, rounding therefore demands a
-change that grows from the first number up to the second."""
+"""Steps of differences of conditions, relative to the orbit's size or the parameter's range. Each
+step of Newton's method is shorter than the last by about this factor. Conditions have an error of
+some 1e-12. Near a Hopf point the condition of a fold changes with the square of the amplitude.
+Below the third number, an amplitude in L, rounding therefore demands a step of the differences that
+grows from the first number up to the second."""
 
 
 class Family:
-    """Equations of motion over a second parameter.
+    """Equations of motion as a function of a second parameter.
 
     Args:
-        make: makes the equations at a value of the parameter; raises ValueError where there are
-            none.
-        width: width of the parameter's range. A change of the parameter by it is as long as a
-            change of the free end's position by L.
+        make: function that returns the equations at a value of the parameter; it raises ValueError
+            where there are none.
+        width: width of the parameter's range. A change of the parameter by this width is as long as
+            a change of the free end's position by L.
         is_speed: whether the parameter is the flow speed of a forced motion.
     """
 
@@ -71,16 +72,17 @@ class Family:
 class EventProblem(OrbitProblem):
     """Equations of a periodic orbit at an event.
 
-    The unknowns are z = (orbit, theta of a torus, x), where x is the second parameter.
+    The unknowns are z = (orbit, theta, x), where x is the second parameter and theta, the angle of
+    the multipliers' roots, is an unknown of a torus only.
 
     Args:
         family: equations of motion over x.
         kind: kind of the event.
         start: an orbit near the event.
-        extra: the unknowns beside the orbit, at the start: x, or theta and x.
+        extra: values at the start of the unknowns other than the orbit: x, or theta and x.
         control: how steps along the curve are taken.
         unit: root mean square of the positions for each L of the free end's amplitude, as in
-            `OrbitProblem`; that of the start where it is not given.
+            `OrbitProblem`; by default its value at the start.
     """
 
     def __init__(
@@ -100,9 +102,9 @@ class EventProblem(OrbitProblem):
         self.family, self.kind, self.extra = family, kind, extra
         self._of_orbit = slice(self.weights.size)
         if not start.forced:
-            # All multiples of the start about its mean meet the condition on the phase, so that a
-            # curve may pass through an amplitude of 0. This needs a correction, as sums over a mesh
-            # do not make velocities exactly orthogonal to positions.
+            # All multiples of the start's deviation from its mean satisfy the condition on the
+            # phase, so that a curve may pass through an amplitude of 0. The row is corrected for
+            # this, as velocities are not exactly orthogonal to positions in sums over a mesh.
             row, size = self._phase[0], self._size(start)
             mean, swing = self._swing(start)
             row = row - (row @ swing) / size**2 * self.weights * swing
@@ -116,7 +118,7 @@ class EventProblem(OrbitProblem):
         return np.append(self.start.packed(), self.extra)
 
     def about(self, z: Array, edges: Array | None = None) -> Self:
-        """These equations with a start at unknowns z, on another mesh if its edges are given."""
+        """Equations of the same event that start at z, on another mesh if its edges are given."""
         extra = z[self.weights.size - self.extra.size :]
         orbit = self.remeshed(z, edges)
         return type(self)(self.family, self.kind, orbit, extra, self.control, self.unit)
@@ -127,14 +129,14 @@ class EventProblem(OrbitProblem):
         return replace(orbit, u=float(z[-1])) if self.family.is_speed else orbit
 
     def relative(self, z: Array, step: Array) -> float:
-        """Size of a step relative to the orbit, 1 rad and the parameter's range."""
+        """Largest size of a step's parts relative to the orbit, 1 rad or the parameter's range."""
         rest = step[self.weights.size - self.extra.size :].copy()
         rest[-1] /= self.family.width
         of_orbit = super().relative(z, step[self._of_orbit])
         return max(of_orbit, float(np.abs(rest).max()))
 
     def check(self, z: Array) -> None:
-        """Raises NewtonFailed at unknowns that are no orbit near the start, or without a motion."""
+        """Raises NewtonFailed if z is no orbit near the start, or has no equations of motion."""
         super().check(z)
         try:
             self.family.at(float(z[-1]))
@@ -193,21 +195,23 @@ class EventProblem(OrbitProblem):
     def opens(self, z: Array) -> int:
         """Side of a fold on which its cycles exist.
 
-        It is 1 where they exist at speeds (or frequencies) above the fold's and -1 where below.
+        It is 1 if they exist at speeds (or frequencies) above the fold and -1 if below.
         """
         orbit, x = self.orbit(z), float(z[-1])
         equations = self._equations(orbit, x)
         tangent, row = self._tangent(equations, orbit)
         h = self._difference(orbit)
         there = self._equations(self._shifted(orbit, h * tangent, 0.0), x)
-        # The slope of the speed is 0 at the fold, and has the sign of its change beyond.
+        # The slope of the speed along the branch is 0 at the fold; its change beyond the fold has
+        # the sign that is looked for.
         change = there(row, 1.0, 0.0)[-1] - tangent[-1]
         return 1 if change > 0.0 else -1
 
     def _tangent(self, equations: Linearised, orbit: PeriodicOrbit) -> tuple[Array, Array]:
         """Unit tangent of the branch at a fixed second parameter, and its row of inner products."""
         weights = self.weights[self._of_orbit]
-        # The tangent is not orthogonal to this: a branch changes in size, in frequency or in speed.
+        # The tangent is not orthogonal to this direction, as size, frequency or speed change along
+        # a branch.
         generic = orbit.packed() / self._size(orbit)
         generic[-2:] = 0.3 * orbit.packed()[-2], 0.2 * orbit.packed()[-1]
         tangent = equations(weights * generic, self.length_of_orbit(generic), 0.0)
@@ -215,11 +219,11 @@ class EventProblem(OrbitProblem):
         return tangent, weights * tangent
 
     def length_of_orbit(self, change: Array) -> float:
-        """Length of a change of the orbit, without the other unknowns."""
+        """Length of a change of the orbit's unknowns."""
         return math.sqrt(float((self.weights[self._of_orbit] * change) @ change))
 
     def _swing(self, orbit: PeriodicOrbit) -> tuple[Array, Array]:
-        """The mean state of an orbit and its deviation from it, each with the orbit's unknowns.
+        """Mean state of an orbit and deviation from it, each as a vector of the orbit's unknowns.
 
         The mean is 0 if the orbit is its own mirror image.
         """
@@ -261,17 +265,17 @@ class EventProblem(OrbitProblem):
         angle: float | None,
         turn: complex = 1.0,
     ) -> Callable[[Linearised, PeriodicOrbit], Array]:
-        """The event's condition as a function of equations and an orbit near this one.
+        """The event's condition as a function of equations and of an orbit near the given one.
 
-        It vanishes at the event and has the shape (1,), or (2,) for a torus. `turn` = 1j gives its
-        derivative by the angle of a torus.
+        The function is 0 at the event and has the shape (1,), or (2,) for a torus. With `turn` = 1j
+        it is the derivative of the condition by the angle of a torus.
         """
         if self.kind == "fold":
             scale, size = float(orbit.packed()[-1]), float(np.sum(orbit.rates**2))
 
             def slope(near: Linearised, other: PeriodicOrbit) -> Array:
-                # Towards a Hopf point the slope falls to 0 with the amplitude: divided by the
-                # amplitude it is 0 at folds alone.
+                # Towards a Hopf point the slope falls to 0 with the amplitude: the quotient of both
+                # is 0 at folds only.
                 small = float(np.sum(other.rates * orbit.rates)) / size
                 return np.array([near(row, 1.0, 0.0)[-1] / (scale * small)])
 
@@ -293,7 +297,7 @@ class EventProblem(OrbitProblem):
 
 
 def event_angle(roots: Complex) -> float:
-    """Angle of the pair of multipliers' roots that is nearest to the unit circle, in (0, pi)."""
+    """Angle, in (0, pi), of the pair of multipliers' roots nearest to the unit circle."""
     pairs = roots[roots.imag > 1e-3 * np.abs(roots)]
     if pairs.size == 0:
         raise NewtonFailed("no pair of multipliers lies near the unit circle")

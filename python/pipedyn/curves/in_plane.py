@@ -17,7 +17,7 @@ class InPlane(TableResult):
     A subclass has `names` of x and y, `curves` and a `model`.
     """
 
-    _along: ClassVar[tuple[str, ...]] = ()  # columns beside x and y
+    _along: ClassVar[tuple[str, ...]] = ()  # attributes of curves that are columns, besides x and y
 
     def _unit(self, name: str) -> Unit | None:
         own: Any = self

@@ -46,40 +46,40 @@ PointKind = Literal[
 ]
 
 BRACKET = 1e-7
-"""Share of a step to which a change of the number of unstable roots is narrowed down, before
-Newton's method solves for it."""
+"""Share of a step to which a change of the number of unstable roots is narrowed down before
+Newton's method solves for the double point."""
 
 ROUNDING_STEP = 1e-6
-"""Length up to which a step of Newton's method that does not get shorter is taken for rounding. For
-a pair of high frequency whose growth hardly changes (omega 258 and growth within 1e-4) rounding
+"""Length up to which a step of Newton's method is taken for rounding if it does not get shorter.
+For a pair of high frequency whose growth hardly changes (omega 258 and growth within 1e-4) rounding
 leaves steps of 1e-7."""
 
 OWN = 1e-3
-"""Distance of an eigenvalue from that on the curve up to which both are one, relative to 1 plus the
-frequency."""
+"""Distance of an eigenvalue from the root on the axis up to which both are the same, relative to 1
+plus the frequency."""
 
 STATIC = 1e-4
 """Imaginary part up to which a root on the axis counts as 0. A double root 0 scatters by the square
-root of rounding, of which 3e-6 was met."""
+root of rounding; the largest scatter met was 3e-6."""
 
 AT_EDGE = 1e-4
 """Distance, as a share of the window, from an edge without damping within which no point counts as
 an organising point: on that edge all roots lie on the axis."""
 
 SECOND_RANK = 1e-4
-"""Second smallest singular value of K, whose elastic stiffnesses are 1, up to which K may lack two
-ranks; Newton's method then decides."""
+"""Second smallest singular value of K, whose elastic stiffnesses are 1, up to which K may lack
+two ranks; Newton's method then decides."""
 
 CROSSED = 1e-9
-"""Stiffness up to which the two modes of a double divergence count as having none."""
+"""Largest stiffness of the two modes of a double divergence that counts as 0."""
 
 NEARBY = 0.1
-"""Distance, in shares of the window, beyond which a solution is not the one looked for."""
+"""Distance from the start, in shares of the window, beyond which a solution is rejected."""
 
 
 @saved_as("OrganisingPoint")
 class OrganisingPoint(Result):
-    """Point of the plane at which two conditions hold, which organises the motions nearby.
+    """Point of the plane at which two conditions hold at once, which organises motions nearby.
 
     Points with two roots on the axis are solved for to about 1e-9. Points at which the criticality
     changes are as precise as the differences that give it: by measurement, to 1e-6 of the window.
@@ -127,8 +127,8 @@ def unstable_counts(
 ) -> NDArray[np.int_]:
     """Number of unstable roots other than those on the axis at each point of a curve, (S,).
 
-    Where the numbers in a smaller basis are given as `expected`, each run of points with the same
-    number is checked at its first, middle and last point, and at all points if one of them differs.
+    If the numbers in a smaller basis are given as `expected`, each run of points with equal numbers
+    is checked at its first, middle and last point, and at all its points if one number differs.
     """
 
     def number(k: int) -> int:
@@ -143,8 +143,8 @@ def unstable_counts(
             same = all(found == expected[run[0]] for found in some.values())
             counts += [int(expected[k]) if same else number(k) for k in run]
     if curve.problem.kind == "flutter" and not plane.conservative:
-        # At an end without damping and flow all roots lie on the axis: the number is that right
-        # before it.
+        # At an end without damping and flow all roots lie on the axis: the number right before the
+        # end is taken.
         for end, before in ((0, 1), (-1, -2)):
             if plane.conservative_at(curve.problem.place(curve.points[end].z)):
                 counts[end] = counts[before]
@@ -176,7 +176,7 @@ class DoublePoint:
     """Point at which two roots lie on the axis at once.
 
     Attributes:
-        roots: their angular frequencies, rising; 0 for a real root.
+        roots: angular frequencies of the two roots, rising; 0 for a real root.
         at: the point (y, x), as shares of the window.
         unstable: number of other roots that are unstable.
         modes: number of modes to which two roots 0 belong: 2 where K lacks two ranks, else 1.
@@ -190,7 +190,7 @@ class DoublePoint:
     def starts(self) -> Iterator[CurveStart]:
         """Starts of the curves on which the point lies.
 
-        There are none at a double divergence, as the curves that cross there are known.
+        A double divergence has none, as the curves that cross there are known.
         """
         if self.modes == 2:
             return
@@ -200,10 +200,10 @@ class DoublePoint:
             yield CurveStart(np.array([omega, *self.at] if omega else self.at))
 
     def solved(self, plane: Plane, control: Control) -> DoublePoint:
-        """The point nearby at which both conditions hold exactly.
+        """The double point nearby, solved for by Newton's method.
 
         Raises:
-            NewtonFailed: if there is none.
+            NewtonFailed: if none is found.
         """
         low, high = self.roots
         if self.modes == 2:
@@ -238,9 +238,8 @@ def double_points(
 ) -> Iterator[tuple[tuple[int, float] | None, DoublePoint] | str]:
     """Points along a curve at which another root lies on the axis.
 
-    Each point comes after the index of the step in which it lies and its arc length from the
-    beginning of the step, or None if it is an end of the curve. A point that was not solved for is
-    a sentence instead.
+    Each point comes with the pair (index of its step, arc length from the beginning of the step),
+    or with None at an end of the curve. A sentence replaces a point that was not solved for.
     """
     for k, end in ((0, curve.ends[0]), (-1, curve.ends[1])):
         if end == "Bogdanov-Takens":
@@ -250,7 +249,7 @@ def double_points(
     if plane.conservative:
         if curve.problem.kind != "divergence":
             return  # pairs of a conservative pipe lie on the axis all along the curve
-        # Gyroscopic forces may stabilise roots; the eigenvalues of K tell where another passes 0.
+        # Gyroscopic forces may stabilise roots; eigenvalues of K show where another root passes 0.
         stiffness = [_beside(plane, curve.problem, point.z) for point in curve.points]
         counts = np.array([np.count_nonzero(one < 0.0) for one in stiffness])
     for k, (segment, (before, after)) in enumerate(
@@ -275,7 +274,7 @@ def double_points(
 def separated(
     plane: Plane, curve: TracedCurve, counts: NDArray[np.int_], places: list[tuple[int, float, int]]
 ) -> tuple[NDArray[np.int_], list[tuple[int, int]]]:
-    """Adds points to a curve so that each step holds one double point at most.
+    """Adds points to a curve so that each step has one double point at most.
 
     Args:
         plane: gives the matrices at each point of the window.
@@ -284,7 +283,8 @@ def separated(
         places: for each double point the step, the arc length in it, and the point's number.
 
     Returns:
-        The counts with those at the new points, and the steps and numbers of the double points.
+        The counts, including those at new points, and for each double point a pair of its step and
+        its number.
     """
     places.sort()
     steps = [step for step, *_ in places]
@@ -304,38 +304,38 @@ def separated(
 
 
 def _beside(plane: Plane, problem: AxisProblem, z: Array) -> Array:
-    """Eigenvalues of the symmetric part of K at a point of divergence, without that which is 0."""
+    """Eigenvalues of the symmetric part of K at a point of divergence, without the one near 0."""
     stiffness = plane.at(problem.place(z))[2].real
     values = np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))
     return np.delete(values, np.argmin(np.abs(values)))
 
 
 class _OtherRoots(TestFunction[AxisProblem]):
-    """Growth of the roots other than those on the axis, on a step of a curve."""
+    """Test function: growth of roots other than those on the axis, on a step of a curve."""
 
     def __init__(self, step: Segment[AxisProblem], plane: Plane) -> None:
         super().__init__(step, BRACKET * step.length)
         self.plane = plane
 
     def about(self, s: float) -> tuple[Complex, Array]:
-        """The other roots, and their growth."""
+        """The other roots and their growth, as `other_roots` gives them."""
         return other_roots(self.plane, self.step.problem, self.step.at(s).z)
 
     def at(self, s: float) -> Array:
-        """Growth of the roots; in a conservative pipe the negative stiffnesses."""
+        """Growth of the other roots; in a conservative pipe minus the other stiffnesses."""
         if self.plane.conservative:
             return -_beside(self.plane, self.step.problem, self.step.at(s).z)
         return np.asarray(self.known(s)[1])
 
     def found(self, before: float, beyond: float) -> DoublePoint | None:
-        """The point at which another root is on the axis, approximately."""
+        """Approximate double point, at which another root is on the axis too."""
         plane, problem = self.plane, self.step.problem
         z = self.step.at(beyond).z
         if plane.conservative_near(z[[-1, -2]], AT_EDGE) and not plane.conservative:
             return None
         found, grown = self.known(beyond)
         least = min(_unstable(self.known(before)[1]), _unstable(grown))
-        # Where two eigenvalues of a symmetric K pass 0 at once, it lacks two ranks.
+        # If two eigenvalues of a symmetric K pass 0 at once, K lacks two ranks.
         if plane.conservative or (problem.kind == "divergence" and _lacks_two_ranks(plane, z)):
             return DoublePoint((0.0, 0.0), z[-2:], least, modes=2)
         passing = abs(float(found[np.argmin(np.abs(self.at(beyond)))].imag))
@@ -353,12 +353,13 @@ def _two_modes(plane: Plane, at: Array) -> Array:
     """The point (y, x), in shares of the window, at which K lacks two ranks.
 
     With two borders on each side, [K B; C^T 0] [V; G] = [0; 1] defines a block G of four entries,
-    which are 0 there. By any number p of the matrices, G_p = -W^T K_p V. These are four equations
-    in two unknowns. They have a solution where curves cross because of a symmetry, or because two
-    modes belong to separate stiffnesses: Newton's steps solve them by least squares.
+    which are 0 at this point. The derivative by any number p of the matrices is G_p = -W^T K_p V.
+    These are four equations in two unknowns. They have a solution if curves cross because of a
+    symmetry, or because two modes belong to separate stiffnesses: Newton's steps solve them by
+    least squares.
 
     Raises:
-        NewtonFailed: if there is no such point nearby.
+        NewtonFailed: if no point with this property is found nearby.
     """
     left, _, right = np.linalg.svd(plane.at(plane.window.place(at[::-1]))[2].real)
     n = len(left)
@@ -390,8 +391,8 @@ def _two_modes(plane: Plane, at: Array) -> Array:
 def _both_conditions(pair: list[AxisProblem], z: Array) -> Array:
     """Solution of two problems' equations at one point of the window, by Newton's method.
 
-    The unknowns z are the first problem's frequency, the second's if it is one of flutter, and
-    (y, x).
+    The unknowns z are the frequency of the first problem, the frequency of the second problem if
+    its kind is flutter, and (y, x).
     """
     columns = [[0, -2, -1], [1, -2, -1] if z.size == 4 else [-2, -1]]
 
@@ -419,17 +420,17 @@ def _both_conditions(pair: list[AxisProblem], z: Array) -> Array:
 
 
 def coefficients(plane: Plane, problem: AxisProblem, z: Array) -> tuple[float, float]:
-    """The cubic coefficient at a point of a curve, and what decides the criticality.
+    """The cubic coefficient at a point of a curve, and the coefficient that decides criticality.
 
-    The second number is the mean of drag, if there is any, else the cubic coefficient. It is
-    negative where the motion or shape that emerges attracts. Both are NaN where they are not known.
+    The second number is the mean of drag or, without drag, the cubic coefficient. It is negative
+    where the motion or shape that emerges attracts. Both are NaN where they are not known.
     """
     at, omega = problem.place(z), problem.frequency(z)
     if isinstance(problem, CoupledModeProblem) or (problem.kind == "flutter" and omega < 1e-4):
         return np.nan, np.nan
     model, u = plane.model_at(at), plane.speed_at(at)
     pipe = model.pipe
-    if pipe.hysteresis:  # viscous damping that is equivalent to it at this frequency replaces it
+    if pipe.hysteresis:  # replaced by the equivalent viscous damping at this frequency
         damping = pipe.equivalent_damping(omega) if omega else pipe.damping
         model = model.with_pipe(replace(pipe, hysteresis=0.0, damping=damping))
     with suppress(NotConverged, NoHopf, ValueError, np.linalg.LinAlgError):
@@ -446,18 +447,18 @@ def changes_of_criticality(
 ) -> Iterator[tuple[int, OrganisingPoint] | str]:
     """Points along a curve at which the criticality changes and no other root is unstable.
 
-    Each point comes after the index of the step in which it lies. A point that was not solved for
-    is a sentence instead.
+    Each point comes after the index of the step in which it lies. A sentence replaces a point that
+    was not solved for.
 
-    The criticality is computed with `plane`, whose basis may be smaller than that of the curve, as
-    differences lose digits in a larger one.
+    The criticality is computed with `plane`, whose basis may be smaller than the basis of the
+    curve, as differences lose digits in a larger basis.
     """
     for k, segment in enumerate(curve.segments()):
         if counts[k] or counts[k + 1] or not leading[k] * leading[k + 1] < 0.0:
             continue
         test = _Criticality(segment, plane, leading[k : k + 2])
         try:
-            # Rounding may show more than one zero where there is one.
+            # Rounding may lead to several zeros near a single one: the first is taken.
             _, point = next(test.zeros(0.0, segment.length), (0.0, None))
         except (NewtonFailed, ValueError) as error:
             x, y = curve.problem.place(segment.begin.z)
@@ -471,7 +472,10 @@ def changes_of_criticality(
 
 
 class _Criticality(TestFunction[AxisProblem]):
-    """What decides the criticality on a step of a curve; `ends` has its values at the ends."""
+    """Coefficient that decides the criticality on a step of a curve.
+
+    `ends` has its values at the ends of the step, shape (2,).
+    """
 
     def __init__(self, step: Segment[AxisProblem], plane: Plane, ends: Array) -> None:
         known = {0.0: ends[:1], step.length: ends[1:]}
@@ -481,16 +485,16 @@ class _Criticality(TestFunction[AxisProblem]):
         self.kind: PointKind = "Bautin" if flutter else "degenerate pitchfork"
 
     def about(self, s: float) -> Array:
-        """The coefficient that decides, shape (1,)."""
+        """The coefficient that decides the criticality, shape (1,)."""
         found = coefficients(self.plane, self.step.problem, self.step.at(s).z)[1]
         if np.isnan(found):
             raise NewtonFailed("the criticality is not known all along the step")
         return np.array([found])
 
     def found(self, before: float, beyond: float) -> OrganisingPoint | None:
-        """The point at which the coefficient is 0; None where it passes through infinity.
+        """The point at which the coefficient is 0; None if the coefficient passes through infinity.
 
-        It does so where two pairs meet.
+        It passes through infinity where two pairs meet.
         """
         middle = 0.5 * (before + beyond)
         z, problem = self.step.at(middle).z, self.step.problem

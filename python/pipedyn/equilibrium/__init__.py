@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""Where the pipe rests: equilibria, their branches, and Hopf points with their normal forms."""
+"""Equilibria of the pipe, their branches, and Hopf points with their normal forms."""

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""The equations of points in a plane of two numbers at which an eigenvalue lies on the axis.
+"""Equations of points in a plane of two numbers at which an eigenvalue lies on the axis.
 
 P(lambda; x, y) = K + lambda C + lambda^2 M is the pencil of small motions, x and y are two numbers
 of the pipe. With two real borders b and c, P(i omega; x, y) v + b g = 0 and c^T v = 1 define one
-number g, which vanishes where P is singular and nowhere else nearby. By any number p of the
-matrices
+number g, which vanishes where P is singular and nowhere else nearby. The derivative of g by any
+number p of the matrices is exactly
 
-    g_p = -w^T P_p v,      w^T P + h c^T = 0,  w^T b = 1,
+    g_p = -w^T P_p v,      w^T P + h c^T = 0,  w^T b = 1.
 
-exactly. Flutter is Re g = Im g / omega = 0: without hysteresis Re g is even in omega and Im g odd,
+Flutter is Re g = Im g / omega = 0: without hysteresis Re g is even in omega and Im g odd,
 so that these equations stay smooth where the frequency falls to 0 (Bogdanov-Takens). Divergence is
 g = 0 at omega = 0. The borders are the real parts of v and w at an earlier point of the curve.
 
@@ -33,18 +33,18 @@ from pipedyn.util.newton import NewtonFailed
 
 LEAST = 1e-5
 """Share of the unit of frequency below which Im g / omega is replaced by its limit at omega = 0,
-from which it differs by the square of the share. Derivatives are then taken at this share."""
+as the two differ by the square of the share. Derivatives are then taken at this share."""
 
 LEAST_SQUARE = 1e-6
-"""Square of a double root below which the equations are evaluated at this value instead, and
-extrapolated linearly from there: they divide by the root, which falls to 0."""
+"""Square of a double root below which the equations are evaluated at this value and extrapolated
+linearly from there: the equations divide by the root, which falls to 0."""
 
 NEWTON_LIMIT = 20.0
-"""Largest unknown that Newton's method may reach, in sizes of the window or units of frequency."""
+"""Largest unknown that Newton's method may reach: share of the window, or units of frequency."""
 
 LONGEST_NULL_VECTOR = 3.0
-"""Length of v or w, 1 over the cosine of its angle to the border, beyond which borders are renewed.
-Next to a curve a renewed real border makes this length at most the square root of 2."""
+"""Length of v or w beyond which borders are renewed. The length is 1 over the cosine of the angle
+to the border; next to a curve a renewed real border makes it the square root of 2 at most."""
 
 Borders = tuple[Array, Array]
 """The left border b and the right border c, real vectors of unit length, shape (n,) each."""
@@ -59,15 +59,15 @@ class AxisProblem(DenseProblem):
     Args:
         plane: gives the matrices at each point of the window.
         control: how steps along a curve are taken.
-        unit: unit of frequency, of no effect where none is among the unknowns.
+        unit: unit of frequency; it has no effect if no frequency is among the unknowns.
     """
 
     kind: CrossingKind = "flutter"
     unknowns = 2
 
     def __init__(self, plane: Plane, control: Control, unit: float = 1.0) -> None:
-        # Lengths are those in the window scaled to a square, and a unit of frequency is as long as
-        # one of its sides.
+        # Lengths are measured in the window scaled to a unit square; a unit of frequency is as
+        # long as a side of the square.
         super().__init__(self._equations, self.unknowns, math.sqrt(self.unknowns), control)
         self.plane, self.unit = plane, unit
         self._borders: Borders | None = None
@@ -81,21 +81,21 @@ class AxisProblem(DenseProblem):
         return float(z[0] * self.unit) if z.size == 3 else 0.0
 
     def check(self, z: Array) -> None:
-        """Raises NewtonFailed far from the window, and where the plane has no matrices."""
+        """Raises NewtonFailed if z is far from the window, or the plane has no matrices there."""
         if not (np.abs(z) < NEWTON_LIMIT).all():
             raise NewtonFailed("Newton's method left the window")
         if not self.plane.defined(self.place(z)):
             raise NewtonFailed("a number left its range")
 
     def on_other(self, plane: Plane) -> AxisProblem:
-        """These equations with the matrices of another plane, such as those of a larger basis."""
+        """Equations of the same kind with the matrices of another plane, as for a larger basis."""
         return type(self)(plane, self.control, self.unit)
 
     def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
         raise NotImplementedError
 
     def change(self, point: Point) -> int:
-        """Number of unstable roots on the left of the curve minus that on its right."""
+        """Number of unstable roots on the left of the curve minus the number on its right."""
         z, omega = point.z, self.frequency(point.z)
         (mass, damping, stiffness), by_x, by_y = self.plane.matrices(self.place(z))
         whole = stiffness + 1j * omega * damping - omega**2 * mass
@@ -110,19 +110,19 @@ class AxisProblem(DenseProblem):
         down = complex(w @ (damping @ v) + 2j * omega * (w @ (mass @ v)))
         sizes = float(np.linalg.norm(w) * np.linalg.norm(damping) * np.linalg.norm(v))
         if not omega and abs(down) <= 1e-9 * sizes:
-            # Zero is a double root. Then lambda^2 passes 0 instead of lambda, at a rate with half
-            # of the second derivative of g by lambda.
+            # Zero is a double root. Then lambda^2 passes 0 instead of lambda, and half of the
+            # second derivative of g by lambda replaces the first derivative.
             down = complex(w @ (mass @ v)) + gyroscopic_mass(stiffness.real, damping, v, w)
         return (2 if self.kind == "flutter" else 1) * (1 if (leftwards / down).real > 0.0 else -1)
 
     def starting_at(self, z: Array) -> Point:
-        """The solution z as a point of the curve; its unit tangent points either way."""
+        """The solution z as a point of the curve; its unit tangent may point either way."""
         _, derivative = self._equations(z[:-1], float(z[-1]))
         tangent = np.linalg.svd(derivative)[2][-1]
         return Point(z, tangent / self.length(tangent))
 
     def renew(self) -> None:
-        """Forgets the borders, which is needed before a point that is not near the last one."""
+        """Forgets the borders, as is needed before a point far from the last one is solved for."""
         self._borders = None
 
     def _bordered(self, matrix: NDArray[Any]) -> tuple[complex, NDArray[Any], NDArray[Any]]:
@@ -149,9 +149,9 @@ class AxisProblem(DenseProblem):
 
 
 def gyroscopic_mass(stiffness: Array, damping: Array, v: NDArray[Any], w: NDArray[Any]) -> float:
-    """What gyroscopic forces add to the mass w @ M @ v of a mode that has no stiffness.
+    """Mass that gyroscopic forces add to the mass w @ M @ v of a mode that has no stiffness.
 
-    The mode's right and left null vectors of the stiffness are v and w, shape (n,).
+    v and w, shape (n,), are the right and left null vectors of the stiffness, shape (n, n).
     """
     n = len(stiffness)
     bordered = np.zeros((n + 1, n + 1))
@@ -170,7 +170,7 @@ def _largest_real(v: NDArray[Any]) -> Array:
 
 
 class FlutterProblem(AxisProblem):
-    """Flutter, a pair on the axis: z = (omega / unit, y, x), y and x as shares of the window."""
+    """Equations of flutter, a pair on the axis: z = (omega / unit, y, x), shares of the window."""
 
     def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
         share = max(float(x[0]), LEAST)
@@ -201,7 +201,7 @@ class FlutterProblem(AxisProblem):
 
 
 class DivergenceProblem(AxisProblem):
-    """Divergence, a real eigenvalue 0: z = (y, x) as shares of the window."""
+    """Equations of divergence, a real eigenvalue 0: z = (y, x) as shares of the window."""
 
     kind: CrossingKind = "divergence"
     unknowns = 1
@@ -218,7 +218,7 @@ class DivergenceProblem(AxisProblem):
 
 
 class CoupledModeProblem(AxisProblem):
-    """Coupled-mode flutter of a conservative pipe, where two pairs of eigenvalues meet.
+    """Equations of coupled-mode flutter of a conservative pipe, where two pairs meet.
 
     The unknowns are z = (s / unit, y, x), where s = -lambda^2 is a double root. As
     P(lambda)^T = P(-lambda), g is a real function of s if both sides have the same border b, and
@@ -231,21 +231,21 @@ class CoupledModeProblem(AxisProblem):
         return math.sqrt(max(float(z[0]) * self.unit, 0.0))
 
     def root(self, z: Array) -> complex:
-        """The double root: that above the real axis or, if it is real, the growing one."""
+        """The double root above the real axis or, if double roots are real, the growing one."""
         return cmath.sqrt(-float(z[0]) * self.unit)
 
     def change(self, point: Point) -> int:
-        """Number of unstable roots on the left of the curve minus that on its right.
+        """Number of unstable roots on the left of the curve minus the number on its right.
 
-        It is 0 where real roots meet: as many are unstable before they meet as after.
+        The difference is 0 where real roots meet: as many are unstable before as after they meet.
         """
         if point.z[0] <= 0.0:
             return 0
         _, derivative = self._equations(point.z[:-1], point.p)
         right, up = point.tangent[[-1, -2]]
         leftwards = right * derivative[0, 1] - up * derivative[0, 2]
-        # The two roots s near a double one are real where g and its second derivative by s differ
-        # in sign.
+        # The two roots s near a double root are real where g and its second derivative by s have
+        # opposite signs.
         return 2 if leftwards * derivative[1, 0] > 0.0 else -2
 
     def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
@@ -275,7 +275,7 @@ class CoupledModeProblem(AxisProblem):
             v_by = np.linalg.solve(factors, np.append(-(by @ v), zero))[:n]
             w_by = np.linalg.solve(factors.T, np.append(-(w @ by), zero))[:n]
             second.append(-(w_by @ by_root @ v + w @ mixed @ v + w @ by_root @ v_by))
-        # Derivatives by lambda become those by s with ds = -2 lambda dlambda.
+        # Derivatives by lambda are converted to derivatives by s with ds = -2 lambda dlambda.
         slope = -first[0] / (2.0 * root)
         bend = (second[0] / (2.0 * root) - first[0] / (2.0 * root**2)) / (2.0 * root)
         off = s - moved
@@ -292,7 +292,7 @@ class CoupledModeProblem(AxisProblem):
     def _one_border(
         self, matrix: NDArray[Any]
     ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], complex]:
-        """The bordered matrix, with the same border on both sides, and its v, w and g."""
+        """The matrix bordered by the same vector on both sides, with its v, w and g."""
         if self._borders is None:
             left, _, right = np.linalg.svd(matrix)
             self._borders = (_common(left[:, -1], right[-1]),) * 2
@@ -307,6 +307,6 @@ class CoupledModeProblem(AxisProblem):
 
 
 def _common(one: NDArray[Any], other: NDArray[Any]) -> Array:
-    """A border in a direction between those of two vectors, as their normalised sum."""
+    """A border between the directions of two vectors: the normalised sum of their real parts."""
     a, b = _largest_real(one), _largest_real(other)
     return _largest_real(a + (b if a @ b >= 0.0 else -b))

@@ -2,7 +2,7 @@
 """Configurations at which a pipe rests in the flow: all at one speed, and branches over the speed.
 
 The flow acts on a pipe at rest only through a u^2, a being the end coefficient, so that forces are
-affine in u^2 at any configuration. Their derivatives are exact: the operators' stiffness and flux.
+affine in u^2 at any configuration. Their derivatives are exact, from stiffness and flux operators.
 Branches are followed past folds, and changes of stability along them are recorded.
 """
 
@@ -43,14 +43,15 @@ EQUILIBRIA_DOF = 500
 
 DISTINCT = 1e-6
 """Largest difference of a coordinate, relative to 1 plus the largest coordinate, up to which two
-solutions are one equilibrium. In 11 searches of five models solutions for one equilibrium differed
-by 7e-16 at most, and different equilibria by 0.1 at least."""
+solutions are the same equilibrium. In 11 searches of five models, solutions for one equilibrium
+differed by 7e-16 at most, and different equilibria by 0.1 at least."""
 
 TEN_TURNS = 60.0
 """Largest coordinate, about ten turns in rad, up to which equilibria are searched and followed."""
 
 BEND_ANGLES = (0.5, 1.0, 1.5, 2.2, 3.0, 4.0, 5.0, 7.0, 9.0)
-"""Angles, in rad, of the bends from which equilibria are searched; a first look takes every second.
+"""Angles, in rad, of the bends from which equilibria are searched; a first look takes every second
+angle.
 For 96 pipes with 2 to 20 degrees of freedom under a weight up to 180, these starts led to all
 equilibria with no coordinate beyond 4 rad that scipy's hybrid method found. Of its equilibria with
 larger coordinates they missed 16, and they led to 88 equilibria that it did not find."""
@@ -68,21 +69,21 @@ COUNTED_DOF = 4
 """Most degrees of freedom in which equilibria are counted by the signs of their determinants."""
 
 DRAWN = 200
-"""Configurations from which it is told how large the forces are that springs balance."""
+"""Number of configurations at which forces that springs balance are sampled for their size."""
 
 FIRST_SIZE, FIRST_STARTS, MOST_STARTS, MOST_FOUND = 4.0, 4, 2**16, 256
 """Limits of a search that counts equilibria: the largest angle of its first starts, in rad; their
-number, to the power of the degrees of freedom and at least 256; the number of starts after which it
-ends, which take some seconds; and the number of equilibria at which it ends, as a pipe that is soft
-beside its weight and its jet has thousands."""
+number, which is this to the power of the degrees of freedom and at least 256; the number of starts,
+which take some seconds, after which the search ends; and the number of equilibria at which it ends,
+as a pipe that is soft relative to its weight and jet has thousands."""
 
 NEIGHBOURS, RADIUS = 40, 2.0
-"""Number of starts beside each equilibrium that is known, and their largest angle from it, in rad.
+"""Number of starts around each known equilibrium, and their largest angle from it, in rad.
 In 27 chains of four segments these starts led to all of up to 55 equilibria; 80,000 starts spread
 evenly led to all but four."""
 
 LEAST_SHARE, SOLVED, MOST_SEARCH_STEPS = 0.01, 1e-8, 40
-"""Limits of Newton's method from each start: the share of its step below which it gives up; the
+"""Limits of Newton's method from each start: the share of a full step below which it gives up; the
 length of a step after which the error, of the order of its square, is small enough; and the largest
 number of steps."""
 
@@ -95,8 +96,8 @@ ALONG = np.linspace(0.0, 1.0, 201)
 """Arc lengths s, in lengths of the pipe, at which shapes are compared."""
 
 BATCH_ENTRIES = 1_000_000
-"""Most entries of the Jacobians by x of one batch of starts. The Jacobians by the whole state, of
-which these are part, have four times as many and take 32 MB."""
+"""Most entries of the Jacobians by x of one batch of starts. Jacobians by the whole state, which
+contain these, have four times as many entries and take 32 MB."""
 
 
 @saved_as(
@@ -105,9 +106,9 @@ which these are part, have four times as many and take 32 MB."""
     shapes={"k coordinates": "q", "k": "stable growth residuals", "k 2": "tips"},
 )
 class Equilibria(TableResult, units={"growth": RATE}):
-    """Equilibria at one flow speed, in the order of how far they are bent, the straight one first.
+    """Equilibria at one flow speed, ordered by how far they are bent, the straight one first.
 
-    The equilibria that `equilibria` returns are resolved and valid; it puts others in `discarded`.
+    Equilibria that `equilibria` returns are resolved and valid; it puts others in `discarded`.
 
     Attributes:
         q: coordinates, shape (k, coordinates).
@@ -118,16 +119,17 @@ class Equilibria(TableResult, units={"growth": RATE}):
         resolved: whether two larger bases of the reduced model have the equilibrium too, by the
             test that `equilibria` describes, shape (k,); where not, it is an artefact of the
             discretisation. Always True for chains and scenes.
-        valid: whether the laws of all terms hold at its angles, shape (k,): that of `Stretching`
-            does up to a quarter turn. `resolved` and `valid` are None in files of versions that did
-            not ask.
+        valid: whether the laws of all terms hold at the equilibrium's angles, shape (k,): the law
+            of `Stretching` holds up to a quarter turn. `resolved` and `valid` are None in files of
+            versions that did not compute them.
         u: flow speed.
         model: the model.
         discarded: solutions of the model's equations that are not resolved or not valid; None where
             there are none.
         complete: whether the search for all solutions with angles up to 60 rad ended and their
-            count was right, as `equilibria` describes; None in files of versions that did not ask.
-        search: how equilibria were looked for, and why that is complete or not.
+            count was right, as `equilibria` describes; None in files of versions that did not
+            compute it.
+        search: sentences on how equilibria were looked for, and why that is complete or not.
 
     Example:
         >>> found = pp.equilibria(pp.Chain(pp.Pipe(0.2, -20.0), 2), 1.0)
@@ -177,23 +179,23 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
     the largest that is found, from configurations spread evenly as far as elastic forces can
     balance the others, whose largest values are sampled, and from starts beside each equilibrium
     that is known. The search ends when neither these nor as many starts again as before lead to
-    more equilibria, and the equilibria are as many as the degree of the equations demands: elastic
+    more equilibria, and the equilibria found agree with the degree of the equations: elastic
     forces grow without bound and all others do not, so the signs of det K over all equilibria add
     up to 1. For a pipe on a hinge that nothing resists, whole turns about it count once and the
     signs add up to 0. A pair of opposite signs to which no start leads would be missed.
 
     In other pipes starts are bent by half a radian to one and a half turns, in all mixtures of the
     first three or four modes, and in the shapes in which the straight pipe buckles at that speed.
-    That may miss some equilibria, above all of pipes that are held, which wind up in many ways:
+    This may miss some equilibria, above all of pipes that are held, which wind up in many ways:
     `complete` is False. Further starts may be given as `starts`.
 
     The equations of a reduced model with few functions have solutions that the pipe does not have.
     So each equilibrium of a reduced model is looked for in two larger bases: one with half as many
-    functions again, and one with half as many as that again, each at least four more. It is kept if
-    Newton's method, started from it there, contracts, each step at most half the one before, to an
-    equilibrium that lies nearer to it than to any other that was found, within half a radian as
-    the root mean square along the pipe, and that is stable if it is. Shapes that every basis has,
-    such as the straight one, are kept whatever their stability.
+    functions again, and one with half as many as that again, each at least four more. Newton's
+    method starts there from the equilibrium. The equilibrium is kept if each step is at most half
+    the one before, and if the limit lies nearer to it than to any other that was found, is within
+    half a radian of it as the root mean square along the pipe, and has its stability. Shapes that
+    every basis has, such as the straight one, are kept whatever their stability.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
@@ -201,7 +203,7 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
         starts: further starts, each given by coordinates or by angles theta(s), as for `simulate`.
 
     Returns:
-        Equilibria that are kept, with others as its `discarded`. Equilibria of an undamped pipe
+        Equilibria that are kept, with all others in `discarded`. Equilibria of an undamped pipe
         without flow count as stable where small motions about them oscillate.
 
     Example:
@@ -211,16 +213,16 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
 
     Raises:
         NotConverged: if no equilibrium is found, or if all are discarded; then the exception's
-            `result` has those.
+            `result` has the discarded ones.
         ValueError, TypeError: for bad arguments.
     """
     return searched(model, u, starts, counted=True)
 
 
 def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> Equilibria:
-    """The answer of `equilibria`, whose search may leave out the count of all equilibria.
+    """Result of `equilibria`; without `counted` the search for all equilibria is left out.
 
-    Without `counted`, starts are bent by up to one and a half turns only. That is for diagrams: a
+    Without `counted`, starts are bent by up to one and a half turns only. Diagrams need this: a
     soft pipe in a fast flow has dozens of equilibria wound up by many turns, which no motion
     reaches.
     """
@@ -287,8 +289,8 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
 class Statics:
     """Accelerations of a pipe at rest and their derivatives, in the integrated coordinates.
 
-    In directions that guides and pins forbid, accelerations lead back to where these are met: all
-    are zero only at an equilibrium that meets the constraints.
+    In directions that guides and pins forbid, accelerations lead back to configurations that meet
+    the constraints: all are zero only at an equilibrium that meets the constraints.
     """
 
     def __init__(self, model: Model) -> None:
@@ -297,7 +299,7 @@ class Statics:
         self.motion = VectorField(model)
         self.resting = np.array(model.resting(), dtype=np.float64)
         self._about: tuple[Array, Operators] | None = None  # operators about the last configuration
-        # Forces are affine in the square of the speed: if balanced at two, they are so at all.
+        # Forces are affine in the square of the speed: balanced at two speeds, they are at all.
         self.always_rests = max(model.unbalanced(0.0), model.unbalanced(1.0)) <= BALANCED
 
     def accelerations(self, xs: Array, u: float | Array) -> Array:
@@ -313,11 +315,11 @@ class Statics:
         return whole[..., self.size :, : self.size]
 
     def steps(self, xs: Array, residuals: Array, u: float) -> Array:
-        """Newton's steps from the rows of xs, (k, integrated); not finite where there is none."""
+        """Newton's steps from the rows of xs, (k, integrated); not finite where no step exists."""
         derivative = self.jacobian(xs, u)
         try:
             found = np.linalg.solve(derivative, -residuals[:, :, None])
-        except np.linalg.LinAlgError:  # a shift lets the other rows go on beside singular ones
+        except np.linalg.LinAlgError:  # with a shift, rows that are not singular go on
             shifted = derivative + 1e-12 * np.eye(self.size)
             found = np.linalg.solve(shifted, -residuals[:, :, None])
         return np.asarray(found[:, :, 0])
@@ -325,7 +327,7 @@ class Statics:
     def equations(self, x: Array, p: float) -> tuple[Array, Array]:
         """Accelerations, (integrated,), with derivatives by x and p, (integrated, integrated + 1).
 
-        They are evaluated as affine in the square of the speed.
+        They are evaluated as affine functions of the square of the speed.
         """
         at_zero, at_one = self.accelerations(np.stack([x, x]), np.array([0.0, 1.0]))
         by_square = at_one - at_zero
@@ -333,7 +335,7 @@ class Statics:
         return at_zero + p**2 * by_square, derivative
 
     def at_rest(self, x: Array, p: float) -> tuple[Array, Array]:
-        """The straight pipe's equations x = rest, regular also where other branches leave it."""
+        """Equations x = rest of the straight pipe, regular also where other branches leave it."""
         return x - self.resting, np.eye(self.size, self.size + 1)
 
     def solved(self, x: Array, u: float) -> Array:
@@ -351,12 +353,12 @@ class Statics:
     def balanced(self, x: Array, u: float, **rules: Any) -> Array:
         """The equilibrium to which Newton's method leads from x; `rules` are those of `newton`.
 
-        Newton's method balances forces here, whose derivative is the stiffness. The accelerations
-        that `_balanced` makes vanish for many starts at once are less linear, as the inverse of the
-        mass changes with the configuration. Steps are measured by their angles.
+        Here Newton's method balances forces, whose derivative is the stiffness. Accelerations,
+        which `_balanced` brings to 0 for many starts at once, are less linear, as the inverse of
+        the mass changes with the configuration. Steps are measured by their angles.
 
         Raises:
-            NewtonFailed: if it leads to no equilibrium.
+            NewtonFailed: if Newton's method leads to no equilibrium.
         """
         if self.unbalanced(x, u) <= BALANCED:
             return x
@@ -380,9 +382,9 @@ class Statics:
         return found
 
     def buckled(self, u: float) -> Iterator[Array]:
-        """Starts in the shapes in which the pipe buckles, where rest is statically unstable.
+        """Starts in the shapes in which the pipe buckles, if the rest is statically unstable.
 
-        If its root is a hinge, the pipe at rest turned upside down is another start.
+        If the root is a hinge, the pipe at rest turned upside down is another start.
         """
         if self.whole_turn is not None:
             yield self.resting + 0.5 * self.whole_turn
@@ -420,7 +422,7 @@ class Statics:
     def _forces(self, x: Array, u: float) -> tuple[Array, Array, Operators]:
         """Unbalanced forces in the directions that constraints leave free, with these directions.
 
-        Third come the operators about x, which act in these directions.
+        The third result is the operators about x, which act in these directions.
         """
         free, of = self.model.free_directions(x), self.model.operators(x)
         return of.mass @ (free.T @ self.accelerations(x[None], u)[0]), free, of
@@ -436,13 +438,13 @@ class Statics:
         return np.sort(beyond_rounding(self.eigenvalues(x, u)))[::-1]
 
     def to_user(self, xs: Array) -> Array:
-        """Coordinates that users see, (k, coordinates), for integrated ones, (k, integrated)."""
+        """Users' coordinates, (k, coordinates), of integrated coordinates xs, (k, integrated)."""
         return self.model.to_user(xs, np.zeros_like(xs))[0]
 
     def from_start(self, name: str, start: Any) -> Array:
-        """The coordinates x that are integrated, (integrated,), of a start, the argument `name`.
+        """Integrated coordinates x, (integrated,), of a start that is the argument `name`.
 
-        The start consists of coordinates or is an angle theta(s).
+        The start consists of coordinates or is a function theta(s).
         """
         given = self.model.bent(start) if callable(start) else start
         try:
@@ -452,7 +454,7 @@ class Statics:
 
     @cached_property
     def whole_turn(self) -> Array | None:
-        """Change of x by a whole turn about a hinge at the root; None if something resists it."""
+        """Change of x by a whole turn about a hinge at the root; None if a force resists turns."""
         if self.model.pipe.root != "pinned":
             return None
         turn = self.model.sampled(lambda s: np.full_like(s, 2.0 * math.pi))
@@ -465,15 +467,15 @@ class Statics:
         turn = self.whole_turn
         if turn is None:
             return x
-        # A mean angle of pi or -pi, which rounding may not tell apart, becomes -pi.
+        # A mean angle of pi or -pi becomes -pi, as rounding may not tell them apart.
         return x - turn * math.floor(float(x @ turn) / float(turn @ turn) + 0.5 + 1e-9)
 
     def rms(self, x: Array) -> float:
-        """Root mean square of a difference of configurations over the coordinates."""
+        """Root mean square over the coordinates of a difference x of configurations."""
         return float(np.linalg.norm(x)) / math.sqrt(self.size)
 
     def straight(self, x: Array) -> bool:
-        """Whether a configuration is the straight pipe's, which is its own mirror image."""
+        """Whether a configuration is that of the straight pipe, which is its own mirror image."""
         return not self.resting.any() and self.rms(x) < 1e-9
 
 
@@ -490,7 +492,7 @@ def rms_along(angles: Array) -> Any:
 def _contracted(statics: Statics, x: Array, u: float) -> Array:
     """The equilibrium to which Newton's method contracts from x, each step at most half the last.
 
-    Where steps contract from the first on, there is a single equilibrium nearby, by the theorem of
+    If steps contract from the first one on, there is a single equilibrium nearby, by the theorem of
     Newton and Mysovskikh.
 
     Source: Deuflhard (2004), Newton methods for nonlinear problems, sec. 2.1.
@@ -501,7 +503,10 @@ def _contracted(statics: Statics, x: Array, u: float) -> Array:
 def _in_larger_bases(
     statics: Statics, u: float, xs: Array, stable: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Which equilibria, (k, integrated), two larger bases have too, by the test of `equilibria`."""
+    """Whether two larger bases have each equilibrium xs, (k, integrated), too; shape (k,).
+
+    The test is that of `equilibria`.
+    """
     larger = statics.model.refined()
     largest = larger and larger.refined()
     if larger is None or largest is None:
@@ -528,8 +533,8 @@ class _Solutions:
 
     Attributes:
         found: solutions with coordinates up to `TEN_TURNS`, each once, with their mirror images.
-        complete: whether there are no others.
-        search: how they were looked for, and why that is complete or not, in words.
+        complete: whether there are no other solutions.
+        search: sentences on how they were looked for, and why that is complete or not.
     """
 
     def __init__(self, statics: Statics, u: float) -> None:
@@ -571,7 +576,7 @@ class _Solutions:
         )
 
     def add(self, xs: Sequence[Array] | Array) -> int:
-        """Keeps those of the rows xs that are solutions and new, and returns their number."""
+        """Keeps the rows of xs that are new solutions, and returns their number."""
         before = len(self.found)
         for x in xs:
             size = float(np.abs(x).max())
@@ -600,8 +605,8 @@ class _Solutions:
         while not settled and every < MOST_STARTS and len(self.found) < MOST_FOUND:
             many = max(first, here)
             draws = anywhere.random(many)
-            # High modes are stiff, so their largest angle falls with their number, by a power that
-            # is drawn as well.
+            # High modes are stiff: their largest angle falls as a power of their number, whose
+            # exponent is drawn as well.
             even = 2.0 * draws[:, :-1] - 1.0
             parts = size * even * _shares(basis, 0.5 + 0.5 * draws[:, -1:])
             new = led_to(statics.resting + np.concatenate([parts @ basis, even @ reach]))
@@ -642,12 +647,12 @@ class _Solutions:
 
 
 def _reach(statics: Statics, u: float) -> Array:
-    """Rows e_j of which every equilibrium is a sum s_j e_j with |s_j| <= 1, (dof, integrated).
+    """Rows e_j such that every equilibrium is a sum of s_j e_j, |s_j| <= 1; (dof, integrated).
 
     At an equilibrium the elastic forces K x balance the others. These, of gravity, flow and terms,
-    are bounded, as they depend on the directions of the pipe and not on how often it is wound up:
-    each is taken to be at most a fifth larger than in configurations drawn at random. Rows end at
-    `TEN_TURNS`, as where no spring resists.
+    are bounded, as they depend on the directions of the pipe and not on how often it is wound up.
+    Each is taken to be at most a fifth larger than in configurations drawn at random. Rows are
+    limited to `TEN_TURNS`, for instance where no spring resists.
     """
     model, size = statics.model, statics.size
     plain = model.with_pipe(replace(model.pipe, gamma=0.0, terms=(), jet_angle=0.0))
@@ -655,7 +660,7 @@ def _reach(statics: Statics, u: float) -> Array:
     places = np.random.default_rng(0).uniform(-TEN_TURNS, TEN_TURNS, (DRAWN, size))
     forces = np.zeros((0, size))
     for place in places:
-        with suppress(ValueError, PipedynError):  # as where a reduced model coils
+        with suppress(ValueError, PipedynError):  # for instance where a reduced model coils
             left, _, _ = statics._forces(place, u)
             forces = np.append(forces, (left + elastic @ place)[None], axis=0)
     most = 1.2 * np.abs(forces).max(axis=0, initial=0.0)
@@ -678,15 +683,15 @@ def _shares(basis: Array, power: float | Array) -> Array:
 def _bends(statics: Statics, modes: int, sizes: Sequence[float], odd: bool) -> list[Array]:
     """Starts that are bent in all mixtures of the first modes, with the largest angles `sizes`.
 
-    Where motions are odd, one of a bend and its mirror image is enough, as it leads to a solution
-    whose mirror image is the other's.
+    If motions are odd, one of a bend and its mirror image is enough, as the mirror image leads to
+    the mirror image of the solution.
     """
     none = (0,) * modes
     every = product((-1, 0, 1), repeat=modes)
     mixtures = [np.array(p) for p in every if p > none or (p < none and not odd)]
     starts: list[Array] = []
     for parts in (size * mixture for size in sizes for mixture in mixtures):
-        with suppress(PipedynError):  # guides and pins may be such that no such bend meets them
+        with suppress(PipedynError):  # no bend of this kind may meet the guides and pins
             starts.append(statics.from_start("q0", modal_bend(parts)))
     return starts
 
@@ -695,7 +700,7 @@ def _balanced(statics: Statics, u: float, starts: list[Array], longest: float) -
     """Solutions to which Newton's method leads from many starts, in batches, (k, integrated).
 
     Most solutions are listed once. A step is at most `longest` relative to 1 rad plus the size of
-    x, and is quartered until it lowers the residual; a start whose step then is too short is given
+    x, and is quartered until it lowers the residual; a start whose step becomes too short is given
     up.
     """
     found = np.zeros((0, statics.size))
@@ -768,7 +773,7 @@ class EquilibriumBranch(TableResult):
         stable: whether the equilibrium is stable, shape (S,).
         unstable: number of eigenvalues with positive real part, shape (S,).
         tips: position (x, y) of the free end in L, shape (S, 2).
-        points: where the branch turns or its stability changes, in order along the branch.
+        points: points at which the branch turns back or its stability changes, in order.
         ends: why the branch ends, at its first and its last point: "range" (of speeds), "pitchfork"
             (it joins its mirror image on the straight pipe), "closed", "far" (a coordinate beyond
             60 rad), "points" (it has too many) or "not converged" (no next point was found).
@@ -794,7 +799,7 @@ class EquilibriumBranch(TableResult):
 
     @property
     def straight(self) -> bool:
-        """Whether the configuration, that of the straight pipe, is the same at every speed."""
+        """Whether the branch is the straight pipe, whose shape is the same at every speed."""
         return not float(np.ptp(self.q, axis=0).max()) > 0.0
 
     def _columns(self) -> dict[str, Any]:
@@ -815,7 +820,7 @@ def equilibrium_branch(
     speeds: tuple[float, float],
     step: float = 0.05,
 ) -> EquilibriumBranch:
-    """The branch of equilibria through a given one, followed in the flow speed past folds.
+    """The branch of equilibria through a given equilibrium, followed past folds in the speed.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom; each point costs the
@@ -829,7 +834,7 @@ def equilibrium_branch(
             the coordinates, and in tenths of the range of speeds.
 
     Returns:
-        EquilibriumBranch, whose first end is that to which it leads from q0 with falling speed.
+        EquilibriumBranch; its first end is the one reached from q0 with falling speed.
 
     Example:
         >>> model = pp.Chain(pp.Pipe(0.2, -20.0), 2)
@@ -839,7 +844,7 @@ def equilibrium_branch(
         (2, True)
 
     Raises:
-        NotConverged: if there is no equilibrium near q0, or it is a branch point.
+        NotConverged: if there is no equilibrium near q0, or that equilibrium is a branch point.
         ValueError, TypeError: for bad arguments.
 
     Source: Keller (1977) for the continuation.
@@ -904,12 +909,12 @@ class _GrowthOnStep(TestFunction[DenseProblem]):
         self.statics = statics
 
     def about(self, s: float) -> Array:
-        """The growth, as `Statics.growth` gives it."""
+        """The growth of small motions, as `Statics.growth` gives it."""
         point = self.step.at(s)
         return self.statics.growth(point.x, abs(point.p))
 
     def found(self, before: float, beyond: float) -> Change:
-        """The kind of the change: that of a pair if the number of eigenvalues changes by two."""
+        """Kind of the change: "hopf" if the number of unstable eigenvalues changes by two."""
         if (self.positive(beyond) - self.positive(before)) % 2 == 0:
             return "hopf"
         return "pitchfork" if self.statics.straight(self.step.at(beyond).x) else "branch point"
@@ -930,13 +935,13 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
         self.changes: list[BranchPoint] = []
 
     def followed(self, branch: DenseProblem) -> str:
-        """Why the branch ends, after it was followed."""
+        """Follows the branch, and returns why it ends."""
         start = self.points[0]
         steps = branch.segments(start, 0.2 * self.longest, [(-1, start.p)])
         return self.one_way(steps, branch, start)[1]
 
     def note(self, step: Segment[DenseProblem]) -> str | None:
-        """Keeps the end of a step and the changes on it, and says why the branch ends there.
+        """Keeps the end of a step and the changes on it; returns why the branch ends there.
 
         In an undamped pipe an eigenvalue is like the square root of the distance to a fold, so that
         by rounding the number of unstable eigenvalues changes next to the fold: both are one
@@ -972,7 +977,7 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
     def _pitchfork(self, u: float) -> float | None:
         """Speed of the pitchfork of the straight pipe nearest to u, or None if none is near.
 
-        It is an eigenvalue, as the Jacobian at rest is affine in the square of the speed.
+        Its square is an eigenvalue, as the Jacobian at rest is affine in the square of the speed.
         """
         rest, jacobian = self.statics.resting, self.statics.jacobian
         if not self.statics.always_rests:
@@ -992,7 +997,7 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
             if oscillating.size:
                 crossing = np.argmin(np.abs(oscillating.real))
                 frequency = float(abs(oscillating[crossing].imag))
-        if kind == "pitchfork":  # the roots of det K are more precise than the change of the count
+        if kind == "pitchfork":  # roots of det K are more precise than changes of the count
             speed = self._pitchfork(speed) or speed
         q = statics.to_user(point.x[None])[0]
         return BranchPoint(kind, speed, frequency, q, statics.model.tips(q[:, None])[0])

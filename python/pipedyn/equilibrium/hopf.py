@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Onset of flutter beyond linear theory: on which side cycles emerge, and how fast they grow.
+"""Onset of flutter beyond linear theory: side on which cycles emerge, and growth of amplitude.
 
 On the centre manifold of a pair of eigenvalues +- i omega, whose right and left eigenvectors are q
 and p with <p, q> = 1,
@@ -10,8 +10,8 @@ and p with <p, q> = 1,
 
 where A, B and C are the first three derivatives of f in y' = f(y) at rest, and the first Lyapunov
 coefficient is l_1 = Re c_1 / omega (Kuznetsov, Elements of Applied Bifurcation Theory, eq. (5.39)
-of the third edition). B and C act along two real directions only, so they follow from the Jacobian
-on these two lines, by central differences whose steps are halved and extrapolated.
+of the third edition). B and C act along two real directions only, so that they follow from the
+Jacobian on these two lines, by central differences with halved steps and extrapolation.
 
 Let N be a force without a third derivative at rest that is odd and of second degree along each ray,
 N(r y) = r^2 N(y). To first order in r it adds, at y = rest + r Re(q exp(i phi)), the coefficient
@@ -21,12 +21,13 @@ N(r y) = r^2 N(y). To first order in r it adds, at y = rest + r Re(q exp(i phi))
 These formulas hold for any system. Without drag l_1 decides: if q is scaled to unit displacement of
 the free end, whose amplitude then is 2 |z|, amplitude^2 / (u - u_c) -> -4 growth / (omega_c l_1).
 
-Quadratic drag is such a force N: it has no third derivative at rest and acts at second degree. The
+Quadratic drag is a force N of this kind: it has no third derivative at rest and acts at second
+degree. The
 free end moves like Re Z with the amplitude equation
 
     Z' = (i omega_c + lambda_u (u - u_c)) Z + d |Z| Z + c_1 / 4 |Z|^2 Z + ...,
 
-in which c_1 is the coefficient of all other forces. With drag amplitude / (u - u_c) -> -growth /
+in which c_1 is the coefficient of all other forces. With drag, amplitude / (u - u_c) -> -growth /
 Re(d). Strictly the drag alone decides the onset, but only below the amplitude 4 |Re d / Re c_1|, at
 which the two terms balance. Neglected terms are of the size d^2 |Z|^2 Z and d (u - u_c) |Z| Z: the
 equation holds for weak drag, and for any drag where the amplitude is small.
@@ -77,8 +78,8 @@ from pipedyn.util.units import LENGTH, SPEED
 
 LEVELS, FIRST_STEP = 6, 0.2
 """Number of steps of the differences, each half of the last, and the largest angle, in rad, by
-which the first step displaces the pipe. The error of the coefficient is then 8e-8 at most in 28
-smooth pipes; a seventh step gains nothing."""
+which the first step displaces the pipe. With these values the error of the coefficient is 8e-8 at
+most in 28 smooth pipes; a seventh step gains nothing."""
 
 
 @saved_as("NoHopf")
@@ -94,7 +95,7 @@ class NormalForm:
     right: Complex = field(repr=False)  # q, shape (N,)
     left: Complex = field(repr=False)  # p, shape (N,), with <p, q> = sum conj(p) q = 1
     cubic: complex  # c_1
-    error: float  # of c_1, absolute, from the last two extrapolations
+    error: float  # absolute error of c_1, from the last two extrapolations
 
     @property
     def lyapunov(self) -> float:
@@ -134,7 +135,7 @@ def normal_form(
     terms = float(np.abs(p) @ np.abs(a) @ np.abs(q))
     rounding = np.finfo(float).eps * terms / steps**2
     value, error = _neville_limit(values, rounding)
-    # Where a force is not smooth, the error is some per cent.
+    # If a force is not smooth, the error is some per cent.
     if not error <= 1e-3 * abs(value) + rounding[-1]:
         raise NotConverged(
             "the third derivatives at the onset do not converge as the steps of their differences "
@@ -144,7 +145,7 @@ def normal_form(
 
 
 def _is_odd(rates: Callable[[Array], Array], rest: Array, x: Array) -> bool:
-    """Whether f(rest - x) = -f(rest + x) within rounding, as it is about a straight pipe."""
+    """Whether f(rest - x) = -f(rest + x) up to rounding, as holds about a straight pipe."""
     ahead, behind = rates(np.stack([rest + x, rest - x], axis=1)).T
     return float(np.abs(ahead + behind).max()) <= 1e-14 * float(np.abs(ahead - behind).max())
 
@@ -152,11 +153,11 @@ def _is_odd(rates: Callable[[Array], Array], rest: Array, x: Array) -> bool:
 def _third_derivatives(
     rates: Callable[[Array], Array], rest: Array, linear: Complex, q: Complex, steps: Array
 ) -> Iterable[Complex]:
-    """C(q, q, q*) of an odd f, computed with each step h to an error of O(h^2).
+    """C(q, q, q*) of an odd f for each step h, with an error of O(h^2).
 
     At rest + h Re(q e^(i phase)) the Fourier coefficient of f for e^(i phase) is
-    h A q / 2 + h^3 C / 16. A mean over six phases yields it, up to the fifth harmonic; f is odd, so
-    that three of these phases suffice.
+    h A q / 2 + h^3 C / 16. A mean over six phases yields it, up to the fifth harmonic. As f is
+    odd, three of these phases suffice.
     """
     turn = np.exp(1j * np.pi * np.arange(3) / 3.0)
     moves = np.einsum("h,dk->dhk", steps, np.outer(q, turn).real)
@@ -174,7 +175,7 @@ def _cubic_terms(
     frequency: float,
     steps: Array,
 ) -> Iterable[Complex]:
-    """Vector whose projection on p is 2 c_1 in Kuznetsov's formula, for each step h to O(h^2)."""
+    """Vector whose product with p is 2 c_1 in Kuznetsov's formula, for each step h to O(h^2)."""
     signs = np.array([1.0, -1.0])
     moves = np.einsum("h,s,dn->nhsd", steps, signs, [q.real, q.imag])
     states = (rest[:, None] + moves.reshape(rest.size, -1)).copy()
@@ -196,7 +197,7 @@ def _cubic_terms(
 def vectors(
     a: Array, frequency: float, scale: Callable[[Complex], complex]
 ) -> tuple[Complex, Complex]:
-    """Right and left eigenvector q and p of i omega, by inverse iteration.
+    """Right and left eigenvectors q and p of the eigenvalue i omega, by inverse iteration.
 
     They are scaled so that scale(q) = <p, q> = 1.
 
@@ -204,7 +205,7 @@ def vectors(
         ValueError: if i omega is no eigenvalue.
         NoHopf: if it is a double eigenvalue, or scale(q) is 0.
     """
-    # With rates in units of the frequency, rates in this mode are as large as coordinates.
+    # Rates are scaled by the frequency, so that in this mode they are as large as coordinates.
     unit = np.ones(len(a))
     unit[len(a) // 2 :] = frequency
     scaled = a * unit / unit[:, None]
@@ -223,7 +224,7 @@ def vectors(
             f"crossing must be one of the model's: no eigenvalue lies at {frequency:g} i, "
             f"the nearest at {value:g}"
         )
-    # Where two pairs meet, p and q are orthogonal but for the square root of rounding.
+    # Where two pairs meet, p and q are orthogonal up to the square root of rounding.
     if abs(complex(left.conj() @ right)) < 3e-5:
         raise NoHopf("two pairs meet on the axis at the onset")
     right, left = unit * right, left / unit
@@ -235,7 +236,7 @@ def vectors(
 
 
 def _neville_limit(values: list[complex], rounding: Array) -> tuple[complex, float]:
-    """Limit of values whose error is a series in h^2, by Neville's scheme, and its error.
+    """Limit, by Neville's scheme, of values whose error is a series in h^2, and its error.
 
     The step h is halved from one value to the next. As the least error estimate of the scheme may
     be small by chance, the rounding of the values is added to each.
@@ -265,7 +266,7 @@ class HopfPoint(Result):
 
 
 def hopf_point(motion: VectorField, crossing: Crossing | BranchPoint) -> HopfPoint:
-    """Hopf point of a flutter of the straight pipe or a bent one.
+    """Hopf point at a flutter of the straight pipe or of a bent pipe.
 
     Raises:
         ValueError, NoHopf: as `vectors` does.
@@ -277,7 +278,7 @@ def hopf_point(motion: VectorField, crossing: Crossing | BranchPoint) -> HopfPoi
 
 
 def _rest_at(motion: VectorField, crossing: Crossing | BranchPoint) -> Array:
-    """The equilibrium that flutters, an integrated state, shape (2 integrated,).
+    """The equilibrium that starts to flutter, an integrated state, shape (2 integrated,).
 
     Raises:
         ValueError: if the pipe is not in equilibrium there.
@@ -303,19 +304,19 @@ class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
         detuning: d Im(lambda) / du of the pair.
         quadratic: complex coefficient of the drag, in 1 / (L T); 0 without drag.
         cubic: complex coefficient of all other forces, in 1 / (L^2 T).
-        lyapunov: first Lyapunov coefficient, with q scaled to unit displacement of the free end; it
-            leaves out the drag.
-        lyapunov_error: its absolute error, which comes from differences.
-        amplitude_law: limit of amplitude^2 / (u - u_c), with drag of amplitude / (u - u_c);
+        lyapunov: first Lyapunov coefficient without drag, with q scaled to unit displacement of the
+            free end.
+        lyapunov_error: absolute error of `lyapunov`, which comes from differences.
+        amplitude_law: limit of amplitude^2 / (u - u_c) or, with drag, of amplitude / (u - u_c);
             negative where the cycle exists below u_c. Where the leading coefficient passes 0 along
-            a parameter (a Bautin point) it grows without bound, and holds at ever smaller
+            a parameter (a Bautin point) the limit grows without bound, and holds at ever smaller
             amplitudes only.
         amplitude_error: absolute error of amplitude_law, which comes from differences.
         frequency_law: limit of (omega - omega_c) / (u - u_c) along the cycles.
-        exponent: power of |u - u_c| with which the amplitude grows: 1/2, with drag 1.
+        exponent: power of |u - u_c| with which the amplitude grows: 1/2, or 1 with drag.
         criticality: "supercritical" if the cycle attracts motions in the critical mode, and so
             exists where that mode grows; "subcritical" if it repels. With drag this holds at
-            amplitudes far below `balance`; for those beyond see `fold`. Where other modes grow at
+            amplitudes far below `balance`; for larger ones see `fold`. Where other modes grow at
             the onset, `other_unstable`, no cycle that emerges there is stable.
         crossing: the crossing of the pair, as it was given or found.
         model: the model.
@@ -347,7 +348,7 @@ class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
 
     @property
     def other_unstable(self) -> int:
-        """Number of eigenvalues with positive real part at the onset, other than the pair."""
+        """Number of eigenvalues with positive real part at the onset, without the critical pair."""
         if isinstance(self.crossing, Crossing):
             return min(self.crossing.unstable_before, self.crossing.unstable_after)
         place = np.split(self.rest, 2)[0]
@@ -366,9 +367,9 @@ class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
 
     @property
     def fold(self) -> float | None:
-        """Speed at which cycles of the amplitude equation turn back; None where they do not.
+        """Speed at which cycles of the amplitude equation turn back; None if they do not.
 
-        They turn where drag and cubic terms have opposite signs, at half the amplitude of
+        Cycles turn back if drag and cubic terms have opposite signs, at half the amplitude of
         `balance`. For two segments (beta 0.05 and 0.02) the distance of this speed from the onset
         is right to 1 % at an amplitude of 0.02 and to 12 % at 0.05; the cycles of the pipe do not
         turn back at this speed if that amplitude is 0.085 or more.
@@ -381,7 +382,7 @@ class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
     def amplitude(self, u: float) -> float:
         """Amplitude of the free end by the amplitude equation at a speed, in L.
 
-        Where there are two cycles, it is that of the smaller. With three segments at beta 0.2 and
+        If there are two cycles, it is the smaller amplitude. With three segments at beta 0.2 and
         drag up to 1 it is right to 4 % at amplitudes up to 0.1; with four segments at beta 0.8,
         where l_1 is near 19, it is right to 3 % up to 0.03.
 
@@ -415,7 +416,7 @@ class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
         raise ValueError(f"u must be {where}, got {u:.9g}")
 
     def cycle_frequency(self, u: float) -> float:
-        """Angular frequency of the cycle of `amplitude` at a speed, in 1 / T.
+        """Angular frequency, in 1 / T, of the cycle whose amplitude `amplitude` gives at a speed.
 
         Example:
             >>> found = pp.hopf(pp.Chain(pp.Pipe(0.2), 4))
@@ -436,14 +437,14 @@ def hopf(
     *,
     friction: float | None = None,
 ) -> Hopf:
-    """The limit cycle that emerges at a flutter onset: its law, and on which side it exists.
+    """The limit cycle that emerges at a flutter onset: amplitude law, and side where it exists.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
         crossing: a flutter from `crossings(model, ...)`, or a point of kind "hopf" on a branch of
-            bent equilibria, of `equilibrium_branch(model, ...)`; the critical speed where not
-            given.
-        friction: friction of a straight pipe that is fed at constant head, as in `Supply`; where it
+            bent equilibria from `equilibrium_branch(model, ...)`; if not given, the crossing at
+            the critical speed.
+        friction: friction of a straight pipe that is fed at constant head, as in `Supply`; if it
             is not given, the speed is constant. The onset is the same, with u the speed in the
             straight pipe.
 
@@ -457,17 +458,17 @@ def hopf(
         ('supercritical', 'supercritical', True)
 
     Raises:
-        NoCrossing: if none is given and the pipe does not lose stability.
+        NoCrossing: if no crossing is given and the pipe does not lose stability.
         NoHopf: if stability is lost by divergence or from u = 0 on, two pairs meet at the onset, or
             the free end does not move in the mode.
         NotConverged: if differences do not converge (a force other than drag is not smooth), or
             the law's first coefficient is 0 within its error; eigenvalues not found.
         ValueError: if the crossing is no flutter, or not of this model.
-        TypeError: for what is no such model or crossing.
+        TypeError: for arguments that are not a model or crossing of these kinds.
 
     Source: Kuznetsov's projection formula, see `normal_form`.
     """
-    # With more degrees of freedom dense eigenvectors lose the digits that differences need.
+    # With more degrees of freedom, dense eigenvectors lose digits that differences need.
     model = checked_model_in_motion(model, largest=500, purpose="hopf")
     own = crossing is None
     if crossing is None:
@@ -511,7 +512,7 @@ def hopf(
         try:
             form = _pipe_form(motion, rest, crossing.frequency, jacobians, state)
         except ValueError as error:
-            if own:  # where two pairs meet, eigenvalues scatter by the square root of rounding
+            if own:  # where two pairs meet, eigenvalues scatter by the root of rounding
                 raise NoHopf(f"no simple pair lies on the axis at u = {u:g}") from error
             raise
         slope = _slope(motion, rest, u, form)
@@ -576,7 +577,7 @@ def _pipe_form(
 
 
 def onset_coefficients(model: Model, u: float, frequency: float) -> tuple[NormalForm, complex]:
-    """Normal form without drag, and the mean of drag, of a flutter of the straight pipe.
+    """Normal form without drag, and the mean of drag, at a flutter of the straight pipe.
 
     Raises:
         ValueError, NoHopf, NotConverged: as `normal_form` does.
@@ -593,7 +594,7 @@ def static_cubic(model: Model, u: float) -> float:
     """Coefficient c of z' = sigma z + c z^3 at a divergence of the straight pipe, in 1 / T.
 
     The amplitude z is the largest angle of the shape that buckles, in rad; c is negative where the
-    bent equilibria attract. For a pipe that nothing damps, z'' stands in place of z'.
+    bent equilibria attract. For an undamped pipe z'' replaces z'.
 
     Raises:
         NotConverged: if differences do not converge.
@@ -629,14 +630,14 @@ def static_cubic(model: Model, u: float) -> float:
 
 
 def with_drag(model: Model, drag: float) -> VectorField:
-    """Equations of motion of a model whose drag is replaced by another."""
+    """Equations of motion of a model in which the pipe's drag has another value."""
     return VectorField(model.with_pipe(replace(model.pipe, drag=drag)))
 
 
 def _slope(motion: VectorField, rest: Array, u: float, form: NormalForm) -> complex:
     """Derivative of the pair's eigenvalue by the speed.
 
-    It includes what the equilibrium's own change with the speed contributes.
+    It includes the effect of the change of the equilibrium with the speed.
     """
     force = motion.linearised(rest[:, None], u)[0, 1]
     moved = np.zeros_like(rest)
@@ -649,15 +650,15 @@ def _slope(motion: VectorField, rest: Array, u: float, form: NormalForm) -> comp
 def _mean_drag(
     model: Model, smooth: VectorField, rest: Array, u: float, form: NormalForm
 ) -> tuple[complex, float]:
-    """Mean of drag over one period of the mode, d of this module's docstring, and its error.
+    """Mean of drag over one period of the mode, called d in the module's docstring, and its error.
 
-    It is 0 without drag, and where drag does not act on the mode.
+    The mean is 0 without drag, and if drag does not act on the mode.
     """
-    # A smaller drag decides only at amplitudes that are 0 to any accuracy, and its law overflows.
+    # A smaller drag decides only at amplitudes that are practically 0, and its law overflows.
     if model.pipe.drag < 1e-100:
         return 0j, 0.0
-    # At a small amplitude r, terms of higher degree are r^2 of the mean. The drag is multiplied by
-    # 1 / r: then it is as large as the linear forces, in whose rounding it would be lost otherwise.
+    # At a small amplitude r, terms of higher degree are r^2 times the mean. The drag is multiplied
+    # by 1 / r to make it as large as the linear forces: else it would be lost in their rounding.
     r = 1e-6 / model.largest_angle(form.right[: smooth.half])
     strong = with_drag(model, 1.0 / r)
     turn = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 8192, endpoint=False))  # kinks need many
@@ -665,7 +666,7 @@ def _mean_drag(
     y = np.ascontiguousarray(rest[:, None] + r * line)
     means = 2.0 * (form.left.conj() @ (strong(y, u) - smooth(y, u))) * turn.conj() / r
     value = complex(np.mean(means))
-    # The error is the difference from a mean over a quarter of the phases, plus rounding.
+    # The error is the difference from the mean over a quarter of the phases, plus rounding.
     error = abs(complex(np.mean(means[::4])) - value) + 1e-9 * abs(value)
     if abs(value) <= 1e-12 * form.frequency:
         value = 0j
@@ -693,8 +694,8 @@ class CriticalityCurve(TableResult, units={"folds": SPEED}):
     Attributes:
         values: values of the parameter, shape (S,).
         onsets: the Hopf at each value, None where the point failed.
-        failures: points that failed, with what they raised: `NoHopf` where stability is not lost by
-            flutter, `NoCrossing` where it is not lost.
+        failures: points that failed, with the exceptions raised: `NoHopf` if stability is lost
+            otherwise than by flutter, `NoCrossing` if it is not lost.
         pipes: the pipe at each value, None where there is no model.
     """
 
@@ -705,12 +706,12 @@ class CriticalityCurve(TableResult, units={"folds": SPEED}):
 
     @property
     def speeds(self) -> Array:
-        """Flow speeds of the onsets, shape (S,), NaN where there is none."""
+        """Flow speeds of the onsets, shape (S,); NaN where there is no onset."""
         return of_each(self.onsets, "speed")
 
     @property
     def laws(self) -> Array:
-        """Amplitude laws, negative where the onset is subcritical, shape (S,), NaN for none."""
+        """Amplitude laws, shape (S,), negative if subcritical; NaN where there is no onset."""
         return of_each(self.onsets, "amplitude_law")
 
     @property
@@ -721,9 +722,9 @@ class CriticalityCurve(TableResult, units={"folds": SPEED}):
 
     @property
     def folds(self) -> Array:
-        """Speeds of `Hopf.fold`, shape (S,), NaN where there is none.
+        """Speeds of `Hopf.fold`, shape (S,); NaN where there is no fold.
 
-        With drag an onset may be supercritical and yet its cycles turn back at this speed, beyond
+        With drag an onset may be supercritical although its cycles turn back at this speed, beyond
         which flutter is large at once. Under weak drag this speed is hardly above the onset.
         """
         return of_each(self.onsets, "fold")
@@ -758,7 +759,7 @@ class CriticalityCurve(TableResult, units={"folds": SPEED}):
         return first_known(self.pipes) or super()._pipe()
 
     def _scales(self) -> Any:
-        """Scales of each point, as each may have another pipe."""
+        """Scales of each point, as each point may have another pipe."""
         return scales_of_each(self.pipes, self.onsets)
 
 
@@ -772,15 +773,15 @@ def criticality_curve(
     executor: futures.Executor | None = None,
     progress: bool = False,
 ) -> CriticalityCurve:
-    """Whether flutter at the critical speed is supercritical, against any parameter.
+    """Criticality of flutter at the critical speed, super- or subcritical, against a parameter.
 
     Args:
         make_model: makes the model at a value of the parameter; it is called in this process, so a
             lambda will do. A map over two parameters consists of one such curve for each row.
         values: values of the parameter, shape (S,).
         executor: a `concurrent.futures.Executor` that computes the points. Points that it does not
-            answer, since a worker died or it is broken or shut down, fail.
-        progress: show progress on stderr.
+            compute, because a worker died or it is broken or shut down, fail.
+        progress: whether to show progress on stderr.
 
     Returns:
         CriticalityCurve; a point that fails is recorded in `failures` and the others are kept.
