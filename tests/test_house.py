@@ -19,7 +19,7 @@ LIMITS = {
     "names with more than one meaning": 11,
     "docstrings that begin with a leaning word": 0,
     "lines of Python": 24061,
-    "lines of C++": 14992,
+    "lines of C++": 14991,
 }
 
 ROOT = Path(__file__).parents[1]
