@@ -63,8 +63,9 @@ struct EliminationKernel {
   /// values; a root k at lambda itself is left out of the sum. signs, if not null: the sign of the
   /// determinant, if it is real, and the logarithm of its absolute value.
   void (*log_derivative)(const EliminationModel&, const Points&, double* out, double* signs);
-  /// Null vectors at roots or at values near them; the coordinates are theta at a root that turns,
-  /// then the amplitudes of curvatures, panel by panel. Both functions use the thread's scratch.
+  /// Null vectors at roots of the determinant or at values near them. Their coordinates are the
+  /// slope theta at s = 0, if the pipe can turn there, and the amplitudes of curvatures, panel by
+  /// panel. Both functions use the thread's scratch.
   void (*pairs)(const EliminationModel&, const Points&, const PairsAsked&);
 };
 
