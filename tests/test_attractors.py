@@ -455,6 +455,7 @@ def test_a_motion_that_winds_up_leaves_the_others_their_ends():
     assert isinstance(failure.error, pp.MotionStopped)
 
 
+@pytest.mark.slow
 def test_motions_that_joined_others_which_joined_more_have_their_ends():
     """One that joined another, which went on as a third one, had no answer."""
     stop = pp.Stop(0.527800982578, 0.172022108989, 1879.476871)

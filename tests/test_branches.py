@@ -515,6 +515,7 @@ def test_no_cycles_are_sought_where_none_are_asked_for():
     assert pp.bifurcation_diagram(THREE, [4.0, 5.0], cycles=0).cycles == ()
 
 
+@pytest.mark.slow
 def test_a_step_beyond_a_meeting_of_branches_leaves_the_diagram():
     """From a motion beside a period doubling a branch began that no meeting could be found on."""
     pipe = pp.Pipe(0.313591587301, gamma=-10.0, jet_angle=-0.478597799288)
