@@ -172,7 +172,8 @@ class Modes(TableResult, units={"errors": RATE}):
         computed at the first request.
         """
         problem = eigenproblem(self.shapes[0].model)
-        roots = min(2 * self.eigenvalues.size, 2 * problem.dof)
+        # Conjugates that are no modes are among the lowest roots, too.
+        roots = self.eigenvalues.size + int(np.nansum(np.sign(self.eigenvalues.imag)))
         pairs = problem.lowest(self.speed, roots, left=True)
         errors = np.full(self.eigenvalues.size, np.inf)
         good = np.flatnonzero(np.isfinite(self.eigenvalues))
