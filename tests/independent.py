@@ -29,120 +29,127 @@ def lagrangian_equations(
     inflow_share=1,
     jet_angle=0,
 ):
-    """The paper's eqs. (1)-(9) from its Lagrangian, as expressions that vanish, and (q, q', q'').
+    """The paper's eqs. (1)-(9) from its Lagrangian, as a function of (q, q', q'') that vanishes.
 
     Written with L = EI = mu_p + mu_f = 1, so mu_f = beta, V = u / sqrt(beta), g = gamma. delta
     gives each joint a dashpot delta k_j beside its spring, which the paper does not have. A fixed
     part at the clamp shifts everything alike and changes nothing. terms: (law, arc length from the
     first joint, coefficient), laws "point_mass", "spring" and "damper" to the axis, and
     "foundation", a spring per length all along. Fluid enters with the share of the end's velocity,
-    and leaves at jet_angle to the last segment: two momenta of the end's force.
+    and leaves at jet_angle to the last segment: two momenta of the end's force. A point of the
+    chain is given by the lengths c of the segments before it: it lies at sum_j c_j t_j.
     """
-    import sympy  # half a second, which most tests need not wait for
-
     n = len(lengths)
-    q, v, a = (sympy.symbols(f"{letter}1:{n + 1}") for letter in "qva")
     length, chi, eta, k, xi = (
-        [sympy.Rational(str(x)) for x in numbers]
-        for numbers in (lengths, centres, radii, springs, points or [0] * n)
+        exact_numbers(x) for x in (lengths, centres, radii, springs, points or [0] * n)
     )
-    beta, gamma, delta, alpha, u, drag = (
-        sympy.Rational(str(x)) for x in (beta, gamma, delta, alpha, u, drag)
+    beta, gamma, delta, alpha, u, drag, share, angle = exact_numbers(
+        (beta, gamma, delta, alpha, u, drag, inflow_share, jet_angle)
     )
-    speed = u / sympy.sqrt(beta)
-    sign = -1 if aspirating else 1
+    speed = u / mpmath.sqrt(beta)
+    flow = (-1 if aspirating else 1) * speed
+    nodes = np.array([[length[i] if i < j else 0 * u for i in range(n)] for j in range(n + 1)])
+    middles = nodes[:-1] + chi[:, None] * (nodes[1:] - nodes[:-1])
+    dragged = nodes[:-1] + xi[:, None] * (nodes[1:] - nodes[:-1])
 
-    def rate(expression):
-        return sum(sympy.diff(expression, x) * dx for x, dx in zip(q, v, strict=True))
+    def point(at):
+        last = next(j for j in range(1, n + 1) if sum(length[:j]) >= at)
+        return np.where(np.arange(n) == last - 1, at - sum(length[: last - 1]), nodes[last - 1])
 
-    tangents = [sympy.Matrix([sympy.sin(x), sympy.cos(x)]) for x in q]
-    nodes = [sympy.zeros(2, 1)]
-    for j in range(n):
-        nodes.append(nodes[-1] + length[j] * tangents[j])
-    lagrangian = 0
-    forces = []
-    for j in range(n):
-        velocity = ((1 - chi[j]) * nodes[j] + chi[j] * nodes[j + 1]).applyfunc(rate)
-        fluid = velocity + sign * speed * tangents[j]
-        height = (1 - chi[j]) * nodes[j][1] + chi[j] * nodes[j + 1][1]
-        kinetic = (1 - beta) * velocity.dot(velocity) + beta * fluid.dot(fluid)
-        kinetic += eta[j] ** 2 * v[j] ** 2
-        turn = q[j] - (q[j - 1] if j else 0)
-        lagrangian += length[j] * (kinetic + 2 * gamma * height) / 2 - k[j] * turn**2 / 2
-        if drag:
-            where = (1 - xi[j]) * nodes[j] + xi[j] * nodes[j + 1]
-            normal = sympy.Matrix([sympy.cos(q[j]), -sympy.sin(q[j])])
-            across = where.applyfunc(rate).dot(normal)
-            forces.append((where, -drag * length[j] * sympy.Abs(across) * across * normal))
-    for law, at, coefficient in terms:
-        number = sympy.Rational(str(coefficient))
-        if law == "foundation":  # of x^2 over a segment, x linear
-            for size, (x, _), (y, _) in zip(length, nodes[:-1], nodes[1:], strict=True):
-                lagrangian -= number * size * (x**2 + x * y + y**2) / 6
-            continue
-        rest = sympy.Rational(str(at))
-        j = next(j for j in range(n) if sum(length[: j + 1]) >= rest)
-        where = nodes[j] + (rest - sum(length[:j])) * tangents[j]
-        velocity = where.applyfunc(rate)
-        if law == "point_mass":
-            lagrangian += number * (velocity.dot(velocity) / 2 + gamma * where[1])
-        elif law == "spring":
-            lagrangian -= number * where[0] ** 2 / 2
+    laws = [
+        (law, None if law == "foundation" else point(*exact_numbers([at])), *exact_numbers([size]))
+        for law, at, size in terms
+    ]
+
+    def tangents(q):
+        return np.array([[mpmath.sin(x), mpmath.cos(x)] for x in q])
+
+    def lagrangian(q, v):
+        along, across = tangents(q), tangents(q + mpmath.pi / 2)
+        velocities = (middles * v) @ across
+        fluid = velocities + flow * along
+        kinetic = (1 - beta) * (velocities**2).sum(1) + beta * (fluid**2).sum(1) + (eta * v) ** 2
+        total = (length * (kinetic / 2 + gamma * (middles @ along)[:, 1])).sum()
+        total -= (k * np.diff(q, prepend=0) ** 2).sum() / 2
+        for law, c, size in laws:
+            if law == "point_mass":
+                total += size * ((((c * v) @ across) ** 2).sum() / 2 + gamma * (c @ along)[1])
+            elif law == "spring":
+                total -= size * (c @ along)[0] ** 2 / 2
+            elif law == "foundation":  # of x^2 over a segment, x linear
+                x = (nodes @ along)[:, 0]
+                total -= size * (length * (x[:-1] ** 2 + x[:-1] * x[1:] + x[1:] ** 2)).sum() / 6
+        return total
+
+    def loads(q, v):
+        """Points and the forces on them."""
+        along, across = tangents(q), tangents(q + mpmath.pi / 2)
+        for c, size, normal in zip(dragged, length, across, strict=True):
+            slip = ((c * v) @ across) @ normal
+            yield c, -drag * size * abs(slip) * slip * normal
+        for law, c, size in laws:
+            if law == "damper":
+                yield c, -size * ((c * v) @ across) * [1, 0]
+        end = (nodes[-1] * v) @ across
+        if aspirating:
+            yield nodes[-1], beta * speed * (share * end - alpha * speed * along[-1])
         else:
-            forces.append((where, sympy.Matrix([-number * velocity[0], 0])))
-    end = nodes[-1].applyfunc(rate)
-    if aspirating:
-        inflow = sympy.Rational(str(inflow_share)) * end - alpha * speed * tangents[-1]
-        force = beta * speed * inflow
-    else:
-        jet = q[-1] + sympy.Rational(str(jet_angle))
-        force = (
-            -beta * speed * (end + alpha * speed * sympy.Matrix([sympy.sin(jet), sympy.cos(jet)]))
-        )
-    forces.append((nodes[-1], force))
-    dissipation = sum(delta * k[j] * (v[j] - (v[j - 1] if j else 0)) ** 2 / 2 for j in range(n))
+            yield nodes[-1], -beta * speed * (end + alpha * speed * tangents(q[-1:] + angle)[0])
 
-    equations = []
-    for row in range(n):
-        momentum = sympy.diff(lagrangian, v[row])
-        equation = rate(momentum) - sympy.diff(lagrangian, q[row])
-        equation += sum(sympy.diff(momentum, x) * dx for x, dx in zip(v, a, strict=True))
-        equation -= sum(force.dot(sympy.diff(where, q[row])) for where, force in forces)
-        equations.append(equation + sympy.diff(dissipation, v[row]))
-    return equations, q, v, a
+    def residual(q, v, a):
+        step, units = mpmath.mpf(10) ** -20, np.eye(n, dtype=int)
 
+        def momentum(q, v):
+            return np.array(
+                [
+                    (lagrangian(q, v + step * unit) - lagrangian(q, v - step * unit)) / (2 * step)
+                    for unit in units
+                ]
+            )
 
-def lagrangian_operators(*numbers, **more):
-    """M, C and K of the equations above, linearised about the straight pipe, as floats.
-
-    Derivatives by complex steps, which lose no digits.
-    """
-    import sympy  # half a second, which most tests need not wait for
-
-    equations, q, v, a = lagrangian_equations(*numbers, **more)
-    residual, n = sympy.lambdify([*q, *v, *a], equations, "mpmath"), len(q)
-    with mpmath.workdps(40):
-        step = mpmath.mpf(10) ** -30
-        columns = [
-            [float(row.imag / step) for row in residual(*(x * mpmath.mpc(0, step) for x in unit))]
-            for unit in np.eye(3 * n, dtype=int).tolist()
+        ahead, behind = (momentum(q + h * v, v + h * a) for h in (step, -step))
+        left = (ahead - behind) / (2 * step)
+        left -= [
+            (lagrangian(q + step * unit, v) - lagrangian(q - step * unit, v)) / (2 * step)
+            for unit in units
         ]
-    stiffness, damping, mass = np.split(np.transpose(columns), 3, axis=1)
+        across = tangents(q + mpmath.pi / 2)
+        for c, force in loads(q, v):
+            left -= c * (across @ force)
+        moments = delta * k * np.diff(v, prepend=0)
+        return left + moments - [*moments[1:], 0]
+
+    return residual
+
+
+def exact_numbers(values):
+    """Decimal numbers as they are written, in as many digits as mpmath works with."""
+    return np.array([mpmath.mpf(str(x)) for x in values])
+
+
+@mpmath.workdps(80)
+def lagrangian_operators(*numbers, **more):
+    """M, C and K of the equations above, linearised about the straight pipe, as floats."""
+    residual, n = lagrangian_equations(*numbers, **more), len(numbers[0])
+    step = mpmath.mpf(10) ** -20
+    columns = [
+        (residual(*np.split(step * unit, 3)) - residual(*np.split(-step * unit, 3))) / (2 * step)
+        for unit in np.eye(3 * n, dtype=int)
+    ]
+    stiffness, damping, mass = np.split(np.transpose(columns).astype(float), 3, axis=1)
     return mass, damping, stiffness
 
 
+@mpmath.workdps(80)
 def lagrangian_accelerations(states, *numbers, **more):
     """q'' of the equations above at states (2 n, k), shape (n, k)."""
-    import sympy  # half a second, which most tests need not wait for
-
-    equations, q, v, a = lagrangian_equations(*numbers, **more)
-    residual = sympy.lambdify([*q, *v, *a], equations, cse=True)
-    n = len(q)
+    residual, n = lagrangian_equations(*numbers, **more), len(numbers[0])
     result = np.empty((n, states.shape[1]))
     for j, state in enumerate(states.T):
-        still = np.array(residual(*state, *np.zeros(n)))
-        mass = np.array([residual(*state, *unit) for unit in np.eye(n)]).T - still[:, None]
-        result[:, j] = np.linalg.solve(mass, -still)
+        q, v = np.split(np.array([mpmath.mpf(x) for x in state]), 2)
+        at_rest = residual(q, v, np.zeros(n, dtype=int))
+        mass = np.array([residual(q, v, unit) - at_rest for unit in np.eye(n, dtype=int)]).T
+        result[:, j] = np.linalg.solve(mass.astype(float), -at_rest.astype(float))
     return result
 
 
