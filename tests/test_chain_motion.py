@@ -45,7 +45,7 @@ def worst(found, expected):
 
 @flows
 def test_chain_moves_as_the_papers_lagrangian_says(flow):
-    """Three unequal segments, base and all effects, at large states; derived with sympy."""
+    """Three unequal segments, base and all effects, at large states, derived by differences."""
     arrays = {
         "lengths": [0.45, 0.3, 0.15],
         "centres": [0.4, 0.65, 0.55],

@@ -37,7 +37,7 @@ for pipe in pipes:
         pp.eigenvalues(model, 1.0)
         pp.critical_speed(model)
 pp.relevant(pipe, 1.0, "frequencies", count=2)
-print("imported:", *sorted({"matplotlib", "tqdm", "IPython", "mpmath", "sympy"} & set(sys.modules)))
+print("imported:", *sorted({"matplotlib", "tqdm", "IPython", "mpmath"} & set(sys.modules)))
 print("plot" in dir(pp))
 pp.plot.root_loci
 print("matplotlib" in sys.modules)
