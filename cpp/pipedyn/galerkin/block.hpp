@@ -313,48 +313,25 @@ struct Block {
     }
   }
 
-  /// The factor sqrt(k_r) theta(0) for amplitudes x. The root's spring adds a product of two of
-  /// these to sum_ij k_ij x_i x_j.
-  Real root_turn(const double* x) const {
-    Real sum{};
-    for (Count i = 0; i < m; ++i) sum += grid.turned[i] * at<Real>(x, i);
-    return sum;
-  }
-
+  /// Adds the forces of bending and of its damping.
   void elastic(const double* y) {
-    if (effects.damping != 0.0 && grid.turned != nullptr) {
-      const Real rate = effects.damping * root_turn(y + m * lanes<Real>);
-      for (Count j = 0; j < m; ++j) add(force, j, Real(grid.turned_forces[j] * rate));
-    }
     for (Count i = 0; i < m; ++i) {
-      Real strain = at<Real>(y, i);
-      if (effects.damping != 0.0) strain += effects.damping * at<Real>(y, m + i);
-      if (grid.elastic != nullptr) {
-        const double* const row = grid.elastic_forces + i * m;
-        for (Count j = 0; j < m; ++j) add(force, j, Real(-row[j] * strain));
-        continue;
-      }
-      const Real moment_of = grid.stiffness[i] * strain;
-      if (grid.to_basis == nullptr) {
-        add(force, i, Real(-moment_of));
-        continue;
-      }
-      for (Count j = i; j < m; ++j) add(force, j, Real(-grid.to_basis[i * m + j] * moment_of));
+      const Real strain = at<Real>(y, i), rate = effects.damping * at<Real>(y, m + i);
+      const double* const row = grid.elastic_forces + i * m;
+      const double* const damped = grid.damped_forces + i * m;
+      for (Count j = 0; j < m; ++j) add(force, j, Real(-row[j] * strain - damped[j] * rate));
     }
   }
 
-  /// Adds factor times sum_ij k_ij x_i x_j to sum.
-  void add_elastic_product(double factor, const double* x, Real& sum) const {
+  /// The sum of a_ij x_i x_j over all i and j.
+  Real quadratic_form(const double* a, const double* x) const {
+    Real sum{};
     for (Count i = 0; i < m; ++i) {
-      const Real own = at<Real>(x, i);
-      if (grid.elastic == nullptr) {
-        sum += factor * grid.stiffness[i] * (own * own);
-        continue;
-      }
       Real row{};
-      for (Count j = 0; j < m; ++j) row += grid.elastic[i * m + j] * at<Real>(x, j);
-      sum += factor * (own * row);
+      for (Count j = 0; j < m; ++j) row += a[i * m + j] * at<Real>(x, j);
+      sum += at<Real>(x, i) * row;
     }
+    return sum;
   }
 
   enum class Product { all, lower_half, added };
@@ -413,24 +390,13 @@ struct Block {
           return grid.mass[k >> 1] * load<Pack>(displacements(k) + j * lanes<Real>);
         },
         mass, mass_stride(), Product::lower_half);
-    if (grid.inertia != nullptr) {
-      const auto turning = [&](Count panel) {
-        return grid.orthonormal + (panel * block + nodes) * padded;
-      };
+    if (grid.turning > 0) {
+      const auto turning = [&](Count k) { return grid.orthonormal + grid.turning_at[k] * padded; };
       product_of(
-          grid.panels,
-          [&](Count panel, Count i) { return all<Real>(grid.inertia[panel] * turning(panel)[i]); },
-          [&](Count panel, Count j) { return load<Numbers>(turning(panel) + j); }, mass,
-          mass_stride(), Product::added);
-    }
-    if (effects.rotary_inertia != 0.0) {
-      product_of(
-          points, [&](Count p, Count i) { return Real{} + grid.orthonormal[p * padded + i]; },
-          [&](Count p, Count j) {
-            return (grid.weight[p] * effects.rotary_inertia) *
-                   load<Numbers>(grid.orthonormal + p * padded + j);
-          },
-          mass, mass_stride(), Product::added);
+          grid.turning,
+          [&](Count k, Count i) { return all<Real>(grid.inertia[k] * turning(k)[i]); },
+          [&](Count k, Count j) { return load<Numbers>(turning(k) + j); }, mass, mass_stride(),
+          Product::added);
     }
     if (!across_alone) return;
     const auto normal = [&]<class Number>(Count p, Count i, const Number&) {
@@ -612,20 +578,18 @@ struct Block {
     for (Count i = 0; i < 4; ++i) set(out, i, found[i]);
   }
 
-  Real energy(const Batch& batch) {
+  void energy(const Batch& batch, double* out) {
     const Count row = velocities(batch);
     Real twice{};
     for (Count p = 0; p < grid.heavy; ++p) {
       const Real x = at<Real>(moments + p * row, 0), y = at<Real>(moments + p * row, 1);
       twice += grid.mass[p] * (x * x + y * y);
-      const Real w = at<Real>(omega, p);
-      twice += (grid.weight[p] * effects.rotary_inertia) * (w * w);
     }
-    for (Count panel = 0; grid.inertia != nullptr && panel < grid.panels; ++panel) {
-      const Real rate = at<Real>(omega, panel * block + nodes);
-      twice += grid.inertia[panel] * (rate * rate);
+    for (Count k = 0; k < grid.turning; ++k) {
+      const Real rate = at<Real>(omega, grid.turning_at[k]);
+      twice += grid.inertia[k] * (rate * rate);
     }
-    add_elastic_product(1.0, batch.y, twice);
+    twice += quadratic_form(grid.elastic, batch.y);
     if (across_alone) {
       for (Count p = 0; p < points; ++p) {
         const double* const v = moments + p * row;
@@ -645,7 +609,7 @@ struct Block {
     for_each_station(batch, row, 0, [&](const auto& law, const auto& station, Count, double w) {
       twice += (2.0 * w) * law.energy(station);
     });
-    return 0.5 * twice;
+    set(out, 0, Real(0.5 * twice));
   }
 
   void power(const Batch& batch, double* out) {
@@ -681,15 +645,8 @@ struct Block {
     const Real base_x = driven(batch, Drive::velocity), base_y = driven(batch, Drive::velocity + 1);
     const Real flow = (own * x + entry * base_x - along * s - across * c) * x +
                       (own * y + entry * base_y - along * c + across * s) * y;
-    Real joints{}, dragged{}, others{};
-    if (effects.damping != 0.0) {
-      const double* const rates = batch.y + m * lanes<Real>;
-      add_elastic_product(-effects.damping, rates, joints);
-      if (grid.turned != nullptr) {
-        const Real rate = root_turn(rates);
-        joints += effects.damping * (rate * rate);
-      }
-    }
+    const Real joints = -effects.damping * quadratic_form(grid.damped, batch.y + m * lanes<Real>);
+    Real dragged{}, others{};
     if (drags) {
       drag(row, 0);
       for (Count p = 0; p < end; ++p) {

@@ -91,7 +91,6 @@ MotionEffects effects_of(const Pipe& pipe, const Panels& panels) {
           .drag = pipe.drag,
           .damping = pipe.damping,
           .normal_mass = panels.normal_mass,
-          .rotary_inertia = pipe.rotary_inertia,
           .loads = panels.loads.data(),
           .load_count = static_cast<Index>(panels.loads.size()),
           .held = panels.held.data(),
@@ -117,7 +116,7 @@ void add_supports(const Grid& grid, const MotionEffects& effects, const Vector& 
   for (Index b = 0; b < count; ++b) before.col(b).head((effects.held[b] + 1) * block).setOnes();
   const Vector across = weight.array() * theta.array().cos();
   const Matrix by = inner(slope, across, before);
-  const Eigen::Map<const Vector> stiffness(grid.tables.stiffness, m);
+  const Vector stiffness = Eigen::Map<const Matrix>(grid.tables.elastic, m, m).diagonal();
   // Forces of the supports for given forces on the pipe: any choice is valid that leaves no force
   // at an equilibrium; this one leaves the least elastic energy.
   const Vector ease = stiffness.cwiseMax(1.0).cwiseInverse();
@@ -149,10 +148,9 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
   GridTables in_basis = grid.tables;  // basis functions in place of orthonormal ones
   in_basis.orthonormal = in_basis.slope;
   in_basis.to_basis = in_basis.from_basis = nullptr;
-  const Vector none = Vector::Zero(m);
+  const Matrix none = Matrix::Zero(m, m);
   GridTables unbending = in_basis;  // forces of bending are added below
-  unbending.elastic = nullptr;
-  unbending.stiffness = none.data();
+  unbending.elastic_forces = unbending.damped_forces = none.data();
   Matrix straight;
   if (q.isZero(0.0)) straight = basis.evaluate(grid.places, 0);
   Matrix found(3 * m + 3, m);
@@ -167,15 +165,9 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
   ops.mass = found.topRows(m);
   ops.stiffness = -by_state.leftCols(m);
   ops.damping = -by_state.rightCols(m);
-  const Eigen::Map<const Vector> each(in_basis.stiffness, m);
-  Matrix elastic = each.asDiagonal();
-  if (in_basis.elastic != nullptr) elastic = Eigen::Map<const Matrix>(in_basis.elastic, m, m);
+  const Eigen::Map<const Matrix> elastic(grid.tables.elastic, m, m);
   ops.stiffness += elastic;
-  ops.damping += effects.damping * elastic;
-  if (in_basis.turned != nullptr) {  // the root's spring is undamped
-    const Eigen::Map<const Vector> turned(in_basis.turned, m);
-    ops.damping -= effects.damping * turned * turned.transpose();
-  }
+  ops.damping += effects.damping * Eigen::Map<const Matrix>(grid.tables.damped, m, m);
   const Vector still = found.row(3 * m + 2).transpose() - elastic * q;
   about(flow, 0.0, faster);  // writes to `found` again
   ops.unsteady = -by_state.leftCols(m);

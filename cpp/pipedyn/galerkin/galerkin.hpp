@@ -90,8 +90,7 @@ class Galerkin {
   Index dof() const { return basis_.size(); }
   const Pipe& pipe() const { return pipe_; }
   const Basis& basis() const { return basis_; }
-  /// The integrals k_ij (m, m) if the stiffness varies along the pipe, else empty: see
-  /// Basis::stiffness.
+  /// The integrals k_ij, (m, m).
   Matrix elastic() const { return Panels(basis_, pipe_).elastic; }
 
   /// Operators about a configuration q at rest, or about the straight pipe if q is empty, by a

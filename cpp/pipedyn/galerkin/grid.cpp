@@ -129,7 +129,8 @@ Orthonormal::Orthonormal(const Basis& basis) : identity(basis.orthonormal()) {
 Orthonormal::Orthonormal(Index m)
     : identity(true), to_basis(Matrix::Identity(m, m)), inverse(to_basis) {}
 
-Panels::Panels(const Basis& basis, const Pipe& pipe) : pipe_mass(pipe.mass) {
+Panels::Panels(const Basis& basis, const Pipe& pipe)
+    : pipe_mass(pipe.mass), rotary_inertia(pipe.rotary_inertia) {
   std::vector<double> places(basis.ends().begin(), basis.ends().end());
   places.insert(places.end(), pipe.supports.begin(), pipe.supports.end());
   std::sort(places.begin(), places.end());
@@ -151,17 +152,14 @@ Panels::Panels(const Basis& basis, const Pipe& pipe) : pipe_mass(pipe.mass) {
     });
   }
   ends = Eigen::Map<const Vector>(places.data(), static_cast<Index>(places.size()));
-  mass = Vector::Zero(ends.size() - 1);
+  mass = inertia = Vector::Zero(ends.size() - 1);
   for (const Term& term : pipe.terms) {
     const Index panel = static_cast<Index>(nearest(term.at) - places.begin()) - 1;
     Laws::with(term, [&]<class Law>(const Law& law) {
       if (!Law::along && panel < 0) return;  // terms at the root do not act on any motion
       (Law::along ? mass_per_length : mass[panel]) += law.mass();
       normal_mass += law.normal_mass();
-      if (law.inertia() != 0.0) {
-        if (inertia.size() == 0) inertia = Vector::Zero(count());
-        inertia[panel] += law.inertia();
-      }
+      if (!Law::along) inertia[panel] += law.inertia();
       if (has_load<Law>) loads.push_back({term, Law::along ? -1 : panel});
     });
   }
@@ -169,11 +167,17 @@ Panels::Panels(const Basis& basis, const Pipe& pipe) : pipe_mass(pipe.mass) {
     held.push_back(std::lower_bound(places.begin(), places.end(), support) - places.begin() - 1);
   }
   if (pipe.end == End::pinned || pipe.end == End::clamped) held.push_back(count() - 1);
+  Matrix root = Matrix::Zero(basis.size(), basis.size());  // of a spring there
   if (pipe.root > 0.0 && pipe.root < std::numeric_limits<double>::infinity()) {
-    turned = std::sqrt(pipe.root) * basis.evaluate(Vector::Zero(1), 1).row(0);
+    const Vector slope = basis.evaluate(Vector::Zero(1), 1).row(0);
+    root = pipe.root * slope * slope.transpose();
   }
-  if (!pipe.stiffness.varies()) return;
-  elastic = Matrix::Zero(basis.size(), basis.size());
+  if (!pipe.stiffness.varies()) {
+    elastic = basis.stiffness().asDiagonal();
+    damped = elastic - root;
+    return;
+  }
+  damped = Matrix::Zero(basis.size(), basis.size());
   const Quadrature rule(basis.nodes_of_products() + (pipe.stiffness.degree(0.0) + 1) / 2);
   for (Index panel = 0; panel < count(); ++panel) {
     const double length = ends[panel + 1] - ends[panel];
@@ -181,9 +185,9 @@ Panels::Panels(const Basis& basis, const Pipe& pipe) : pipe_mass(pipe.mass) {
     const auto stiffness = [&](double at) { return pipe.stiffness(at); };
     const Vector weight = length * rule.weight.array() * s.unaryExpr(stiffness).array();
     const Matrix curvature = basis.evaluate(s, 2);
-    elastic += inner(curvature, weight, curvature);
+    damped += inner(curvature, weight, curvature);
   }
-  if (turned.size() > 0) elastic += turned * turned.transpose();
+  elastic = damped + root;
 }
 
 double Panels::mass_beyond(double s) const {
@@ -193,7 +197,7 @@ double Panels::mass_beyond(double s) const {
 }
 
 Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& panels, Index nodes)
-    : rule_(nodes), length_(panels.count()), arc_(nodes + 1), stiffness_(basis.stiffness()) {
+    : rule_(nodes), length_(panels.count()), arc_(nodes + 1) {
   const Index m = basis.size(), block = nodes + 1, half = block / 2, middle = half - 1;
   const Index points = panels.count() * block;
   const Index stride = whole(points, GridTables::widest);
@@ -241,11 +245,10 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
     arc_[k] = rule_.node[k];
   }
   arc_[nodes] = 1.0;
-  inertia_ = panels.inertia;
   elastic_ = panels.elastic;
-  if (elastic_.size() > 0) elastic_forces_ = elastic_ * orthonormal.to_basis;
-  turned_ = panels.turned;
-  if (turned_.size() > 0) turned_forces_ = orthonormal.to_basis.transpose() * turned_;
+  damped_ = panels.damped;
+  elastic_forces_ = elastic_ * orthonormal.to_basis;
+  damped_forces_ = damped_ * orthonormal.to_basis;
   tables = {.functions = m,
             .padded = orthonormal_.cols(),
             .panels = panels.count(),
@@ -263,17 +266,18 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
             .length = length_.data(),
             .weight = weight_.data(),
             .mass = mass.data(),
-            .inertia = inertia_.size() > 0 ? inertia_.data() : nullptr,
+            .turning = static_cast<Index>(inertia_.size()),
+            .turning_at = turning_at_.data(),
+            .inertia = inertia_.data(),
             .density = panels.pipe_mass.varies() ? density_.data() : nullptr,
             .beyond = beyond_.data(),
             .arc = arc_.data(),
             .expansion = rule_.expansion.data(),
             .recurrence = recurrence_.data(),
-            .stiffness = stiffness_.data(),
-            .elastic = panels.elastic.size() > 0 ? elastic_.data() : nullptr,
+            .elastic = elastic_.data(),
+            .damped = damped_.data(),
             .elastic_forces = elastic_forces_.data(),
-            .turned = turned_.size() > 0 ? turned_.data() : nullptr,
-            .turned_forces = turned_forces_.data()};
+            .damped_forces = damped_forces_.data()};
 }
 
 void Grid::set_masses(const Panels& panels) {
@@ -291,6 +295,12 @@ void Grid::set_masses(const Panels& panels) {
     }
     density_[end] = 1.0;
     mass[end] = panels.mass[panel];
+    for (Index p = first; p <= end; ++p) {
+      const double inertia = p < end ? panels.rotary_inertia * weight_[p] : panels.inertia[panel];
+      if (inertia == 0.0) continue;
+      turning_at_.push_back(p);
+      inertia_.push_back(inertia);
+    }
     if (!varies) {
       for (Index p = first; p <= end; ++p) beyond_[p] = panels.mass_beyond(places[p]);
       continue;

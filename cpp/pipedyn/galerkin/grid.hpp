@@ -65,14 +65,15 @@ struct Orthonormal {
 struct Panels {
   Vector ends;                   // ends of panels from 0 to 1, (P + 1,)
   Vector mass;                   // point mass at the end of each panel, (P,)
-  Vector inertia;                // rotary inertia there, (P,); empty if all are 0
+  Vector inertia;                // rotary inertia there, (P,)
   double mass_per_length = 0.0;  // mass of terms all along, without the 1 of the pipe
   double normal_mass = 0.0;      // mass per length that moves across the pipe alone
   std::vector<PanelTerm> loads;  // terms that have a load
   std::vector<Index> held;       // panels at whose ends the pipe is held across
   Profile pipe_mass;             // m(s), the mass per length
-  Vector turned;                 // sqrt(k_r) Theta_i(0) of a spring at the root, (m,), else empty
-  Matrix elastic;  // integrals of e w_i'' w_j'' (m, m) if the stiffness varies, else empty
+  double rotary_inertia;         // rotary inertia per length
+  Matrix damped;                 // integrals of e w_i'' w_j'', (m, m)
+  Matrix elastic;                // these and k_r w_i'(0) w_j'(0) of a spring at the root, (m, m)
 
   Panels(const Basis& basis, const Pipe& pipe);
 
@@ -97,10 +98,10 @@ struct Grid {
  private:
   Quadrature rule_;
   Matrix slope_by_function_, orthonormal_, from_basis_, from_sums_, from_differences_, recurrence_;
-  Vector inertia_;
-  Matrix elastic_, elastic_forces_;
-  Vector turned_, turned_forces_;
-  Vector length_, arc_, weight_, beyond_, density_, stiffness_;
+  std::vector<Index> turning_at_;
+  std::vector<double> inertia_;
+  Matrix elastic_, damped_, elastic_forces_, damped_forces_;
+  Vector length_, arc_, weight_, beyond_, density_;
 
   void set_masses(const Panels& panels);
 };

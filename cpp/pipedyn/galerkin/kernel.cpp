@@ -10,58 +10,30 @@
 
 namespace {
 
+/// Calls a function of a block, with scratch memory for its arrays.
 template <class Of>
-Of placed(const GridTables& grid, const MotionEffects& effects) {
+void call(void (Of::*compute)(const Batch&, double*), const GridTables& grid,
+          const MotionEffects& effects, const Batch& batch, double* out) {
   Of block(grid, effects);
   laid_out([&](Layout& layout) { block.take(layout); });
-  return block;
+  (block.*compute)(batch, out);
 }
 
-/// Calls body with the block for a batch: of one member or of as many as a pack holds.
-template <template <class> class Of, class Body>
-void with_block(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
-                const Body& body) {
+/// Calls a function of the block for a batch: of one member or of as many as a pack holds.
+template <auto alone, auto side_by_side>
+void run(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out) {
   if (batch.members == 1) {
-    body(placed<Of<double>>(grid, effects));
+    call(alone, grid, effects, batch, out);
   } else {
-    body(placed<Of<Pack>>(grid, effects));
+    call(side_by_side, grid, effects, batch, out);
   }
-}
-
-void accelerations(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
-                   double* out) {
-  with_block<Block>(grid, effects, batch, [&](auto&& block) { block.accelerations(batch, out); });
-}
-
-void jacobian(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
-              double* out) {
-  with_block<Linearisation>(grid, effects, batch,
-                            [&](auto&& block) { block.jacobian(batch, out); });
 }
 
 void operators(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
                const double* displacements, double* out) {
-  placed<Linearisation<double>>(grid, effects).operators(batch, displacements, out);
-}
-
-void energy(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out) {
-  with_block<Block>(grid, effects, batch, [&](auto&& block) { store(out, block.energy(batch)); });
-}
-
-void power(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out) {
-  with_block<Block>(grid, effects, batch, [&](auto&& block) { block.power(batch, out); });
-}
-
-void axial(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out) {
-  with_block<Axial>(grid, effects, batch, [&](auto&& block) { block.axial(batch, out); });
-}
-
-void tips(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out) {
-  with_block<Block>(grid, effects, batch, [&](auto&& block) { block.tips(batch, out); });
-}
-
-void held(const GridTables& grid, const MotionEffects& effects, const Batch& batch, double* out) {
-  with_block<Block>(grid, effects, batch, [&](auto&& block) { block.held(batch, out); });
+  Linearisation<double> block(grid, effects);
+  laid_out([&](Layout& layout) { block.take(layout); });
+  block.operators(batch, displacements, out);
 }
 
 }  // namespace
@@ -69,13 +41,13 @@ void held(const GridTables& grid, const MotionEffects& effects, const Batch& bat
 namespace pipedyn {
 
 const GalerkinKernel PIPEDYN_NAMED(galerkin) = {
-    .accelerations = ::accelerations,
-    .energy = ::energy,
-    .power = ::power,
-    .axial = ::axial,
-    .tips = ::tips,
-    .held = ::held,
-    .jacobian = ::jacobian,
+    .accelerations = run<&Block<double>::accelerations, &Block<Pack>::accelerations>,
+    .energy = run<&Block<double>::energy, &Block<Pack>::energy>,
+    .power = run<&Block<double>::power, &Block<Pack>::power>,
+    .axial = run<&Axial<double>::axial, &Axial<Pack>::axial>,
+    .tips = run<&Block<double>::tips, &Block<Pack>::tips>,
+    .held = run<&Block<double>::held, &Block<Pack>::held>,
+    .jacobian = run<&Linearisation<double>::jacobian, &Linearisation<Pack>::jacobian>,
     .operators = ::operators,
 };
 

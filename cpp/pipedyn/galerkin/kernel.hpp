@@ -44,17 +44,18 @@ struct GridTables {
   const double* length;             // length of each panel, (P,)
   const double* weight;             // weights of the quadrature, 0 at the ends of panels, (N,)
   const double* mass;               // mass of the pipe and its terms at each point, (N,)
-  const double* inertia;            // rotary inertia at ends of panels, (P,); null if all are 0
-  const double* density;            // mass per length at nodes, 1 at ends, (N,); null if uniform
-  const double* beyond;             // mass beyond each point, (N,)
-  const double* arc;                // places of a panel's points, from 0 to 1, (Q + 1,)
-  const double* expansion;          // expansion of Quadrature, (Q, Q)
-  const double* recurrence;         // (2 k + 1) / (k + 1), k / (k + 1), 1 / (4 k + 2), (Q, 3)
-  const double* stiffness;          // k_ii of a uniform pipe, (m,)
-  const double* elastic;            // k_ij, (m, m); null if the stiffness is uniform
-  const double* elastic_forces;     // k T, (m, m)
-  const double* turned;             // sqrt(k_r) Theta_i(0), (m,); null without a spring at the root
-  const double* turned_forces;      // T^T turned, (m,); with both, the spring is left undamped
+  std::ptrdiff_t turning;           // number of points with rotary inertia
+  const std::ptrdiff_t* turning_at;  // these points, (turning,)
+  const double* inertia;             // their rotary inertia, (turning,)
+  const double* density;             // mass per length at nodes, 1 at ends, (N,); null if uniform
+  const double* beyond;              // mass beyond each point, (N,)
+  const double* arc;                 // places of a panel's points, from 0 to 1, (Q + 1,)
+  const double* expansion;           // expansion of Quadrature, (Q, Q)
+  const double* recurrence;          // (2 k + 1) / (k + 1), k / (k + 1), 1 / (4 k + 2), (Q, 3)
+  const double* elastic;             // k_ij, (m, m)
+  const double* damped;              // k_ij without the spring at the root, which has no damping
+  const double* elastic_forces;      // k T of the first, (m, m)
+  const double* damped_forces;       // k T of the second, (m, m)
 };
 
 /// A term with a load: at the end of a panel or, if it acts all along, at every node.
@@ -69,8 +70,7 @@ struct MotionEffects {
   double entry = 0.0;              // (1 - c) s sqrt(beta)
   std::array<double, 2> thrust{};  // a cos psi, along the free end, and a sin psi, across it
   double gamma = 0.0, drag = 0.0, damping = 0.0;
-  double normal_mass = 0.0;     // mass per length that moves across the pipe alone
-  double rotary_inertia = 0.0;  // rotary inertia of cross-sections per length
+  double normal_mass = 0.0;  // mass per length that moves across the pipe alone
   const PanelTerm* loads = nullptr;
   std::ptrdiff_t load_count = 0;
   const std::ptrdiff_t* held = nullptr;  // panels at whose ends x = 0 is held, ascending

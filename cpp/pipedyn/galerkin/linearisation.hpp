@@ -427,18 +427,11 @@ struct Linearisation : Block<Real> {
     Base::template along<1>({acceleration}, {spin});
     linearise(batch, row);
     for (Count j = 0; j < m; ++j) {
-      const bool full = grid.elastic != nullptr, diagonal = !full && grid.to_basis == nullptr;
-      for (Count i = full ? 0 : j; i < (diagonal ? j + 1 : m); ++i) {
-        const double elastic =
-            grid.elastic != nullptr
-                ? grid.elastic_forces[j * m + i]
-                : grid.stiffness[j] * (grid.to_basis == nullptr ? 1.0 : grid.to_basis[j * m + i]);
-        add(system, 2 * i * stride + j, all<Real>(-elastic));
-        add(system, (2 * i + 1) * stride + j, all<Real>(-effects.damping * elastic));
-      }
-      for (Count i = 0; grid.turned != nullptr && i < m; ++i) {
-        const double root = grid.turned_forces[i] * grid.turned[j];
-        add(system, (2 * i + 1) * stride + j, all<Real>(effects.damping * root));
+      const double* const elastic = grid.elastic_forces + j * m;
+      const double* const damped = grid.damped_forces + j * m;
+      for (Count i = 0; i < m; ++i) {
+        add(system, 2 * i * stride + j, all<Real>(-elastic[i]));
+        add(system, (2 * i + 1) * stride + j, all<Real>(-effects.damping * damped[i]));
       }
     }
     solve_system();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/galerkin/panel_pencil.hpp"
 
+#include <Eigen/SparseCore>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -13,159 +14,75 @@ namespace pipedyn {
 
 namespace {
 
-/// A polynomial on a panel, given by its coefficients of the orthonormal p_i in (s - a) / h.
-using Polynomial = std::vector<double>;
+using Sparse = Eigen::SparseMatrix<double, Eigen::RowMajor>;
 
-/// The polynomial of a profile on a panel, which lies in one stretch of the profile.
-Polynomial polynomial_of(const Profile& profile, double low, double length) {
-  if (!profile.varies()) return {1.0};
-  const Quadrature rule(profile.degree(0.0) + 1);
-  const Matrix values = legendre_values(rule.node, rule.size());
-  Polynomial found(static_cast<std::size_t>(rule.size()), 0.0);
-  double largest = 0.0;
-  for (std::size_t i = 0; i < found.size(); ++i) {
-    const Index k = static_cast<Index>(i);
-    for (Index p = 0; p < rule.size(); ++p) {
-      found[i] += rule.weight[p] * profile(low + length * rule.node[p]) * values(p, k);
-    }
-    found[i] *= std::sqrt(2.0 * static_cast<double>(k) + 1.0);
-    largest = std::max(largest, std::abs(found[i]));
-  }
-  while (found.size() > 1 && std::abs(found.back()) < 1e-16 * largest) found.pop_back();
-  return found;
-}
-
-/// The integral of p_j from 0 as a series, `lower` p_{j-1} + `upper` p_{j+1}; for j = 0, `lower`
-/// belongs to p_0.
-struct Integral {
-  double lower, upper;
-
-  explicit Integral(Index j) {
-    const auto root = [](Index k) { return std::sqrt(2.0 * static_cast<double>(k) + 1.0); };
+/// The integrals from 0 of the orthonormal p_j, j < count, as sums of p_i: (count, count).
+Sparse integration(Index count) {
+  Sparse found(count, count);
+  const auto root = [](Index k) { return std::sqrt(2.0 * static_cast<double>(k) + 1.0); };
+  for (Index j = 0; j < count; ++j) {
     const double half = 0.5 / root(j);
-    upper = half / root(j + 1);
-    lower = j == 0 ? half : -half / root(j - 1);
+    found.insert(j, std::max<Index>(j - 1, 0)) = j == 0 ? half : -half / root(j - 1);
+    if (j + 1 < count) found.insert(j, j + 1) = half / root(j + 1);
   }
-};
-
-/// The integral of a polynomial from each place to 1.
-Polynomial beyond(const Polynomial& f) {
-  Polynomial found(f.size() + 1, 0.0);
-  for (std::size_t j = 0; j < f.size(); ++j) {
-    const Integral by(static_cast<Index>(j));
-    found[j + 1] -= f[j] * by.upper;
-    found[j == 0 ? 0 : j - 1] -= f[j] * by.lower;
-  }
-  found[0] += f[0];
   return found;
 }
 
-/// Series of p_i for the shape, slope or curvature of function j: the coefficients of p_{j-4} ..
-/// p_j; those of polynomials that do not exist are 0.
+/// The Jacobi matrix X, which multiplies by x, for p_i of i < count: (count, count).
+Sparse jacobi(Index count) {
+  Sparse found(count, count);
+  for (Index i = 1; i < count; ++i) {
+    const double k = static_cast<double>(i);
+    found.insert(i - 1, i) = found.insert(i, i - 1) = k / std::sqrt(4.0 * k * k - 1.0);
+  }
+  return found;
+}
+
+/// The matrix f(X) of a factor f, given by its coefficients of p_i, by the recurrence of p_i(X).
+/// All rows are exact but as many of the last ones as f has degrees.
+Sparse multiplication(const Vector& f, Index count) {
+  const Sparse x = jacobi(count);
+  Sparse before(count, count), one(count, count);
+  one.setIdentity();
+  Sparse sum = f[0] * one;
+  for (Index k = 0; k + 1 < f.size(); ++k) {  // X p_k = X_{k, k+1} p_{k+1} + X_{k, k-1} p_{k-1}
+    Sparse next = x * one;
+    if (k > 0) next -= x.coeff(k, k - 1) * before;
+    next /= x.coeff(k, k + 1);
+    sum += f[k + 1] * next;
+    before.swap(one);
+    one.swap(next);
+  }
+  return sum;
+}
+
+/// A profile on a panel, which lies in one stretch of it, by its coefficients of p_i in (s - a) /
+/// h.
+Vector series_of(const Profile& profile, double low, double length) {
+  const Quadrature rule(profile.degree(0.0) + 1);
+  const Vector s = low + length * rule.node.array();
+  Vector found = rule.expansion * s.unaryExpr([&](double at) { return profile(at); });
+  for (Index k = 0; k < found.size(); ++k)
+    found[k] /= std::sqrt(2.0 * static_cast<double>(k) + 1.0);
+  return found;
+}
+
+/// The shapes, slopes and curvatures of the functions of a panel as sums of p_i, i < count: each
+/// (size, count). The shape of function j is of the degrees j - 4 to j.
 constexpr Index reach = 4;
-using Series = std::array<double, reach + 1>;
-
 struct Functions {
-  std::vector<Series> shape, slope, curvature;
+  Sparse shape, slope, curvature;
 
-  explicit Functions(Index size)
-      : shape(size, Series{}), slope(size, Series{}), curvature(size, Series{}) {
-    const auto integrate = [](const Series& of, Index j, Series& to) {
-      for (Index t = 0; t <= reach; ++t) {
-        const Index i = j - reach + t;
-        if (i < 0 || of[t] == 0.0) continue;
-        const Integral by(i);
-        to[t + 1] += of[t] * by.upper;
-        to[i == 0 ? t : t - 1] += of[t] * by.lower;
-      }
-    };
-    shape[0][reach] = 1.0;
-    if (size > 1) {
-      slope[1][reach - 1] = 1.0;
-      integrate(slope[1], 1, shape[1]);
-    }
-    for (Index j = 2; j < size; ++j) {
-      curvature[j][reach - 2] = 1.0;
-      integrate(curvature[j], j, slope[j]);
-      integrate(slope[j], j, shape[j]);
-    }
+  Functions(Index size, Index count)
+      : shape(size, count), slope(size, count), curvature(size, count) {
+    const Sparse integral = integration(count);
+    for (Index j = 2; j < size; ++j) curvature.insert(j, j - 2) = 1.0;
+    slope = curvature * integral;
+    slope.coeffRef(1, 0) = 1.0;
+    shape = slope * integral;
+    shape.coeffRef(0, 0) = 1.0;
   }
 };
-
-/// A banded matrix with the entries (i, i - half .. i + half) of each row.
-struct Band {
-  Index size, half;
-  std::vector<double> entries;
-
-  Band(Index rows, Index width)
-      : size(rows), half(width), entries(static_cast<std::size_t>(rows * (2 * width + 1)), 0.0) {}
-  double& operator()(Index i, Index j) {
-    return entries[static_cast<std::size_t>(i * (2 * half + 1) + j - i + half)];
-  }
-  double at(Index i, Index j) const {
-    if (j < 0 || j >= size || std::abs(i - j) > half) return 0.0;
-    return entries[static_cast<std::size_t>(i * (2 * half + 1) + j - i + half)];
-  }
-};
-
-/// f(X), of which the first `rows` rows are exact, by the recurrence of p_i(X). The matrix has as
-/// many rows more as the degree of f, so that the truncation of X does not reach the first rows.
-Band multiplication(const Polynomial& f, Index rows) {
-  const Index degree = static_cast<Index>(f.size()) - 1, size = rows + degree;
-  const auto next_to = [](Index i) {  // X_{i, i + 1}
-    const double k = static_cast<double>(i) + 1.0;
-    return k / std::sqrt(4.0 * k * k - 1.0);
-  };
-  Band sum(size, degree), before(size, degree), one(size, degree);
-  for (Index i = 0; i < size; ++i) one(i, i) = 1.0;
-  for (Index k = 0;; ++k) {
-    for (std::size_t e = 0; e < sum.entries.size(); ++e) {
-      sum.entries[e] += f[static_cast<std::size_t>(k)] * one.entries[e];
-    }
-    if (k == degree) return sum;
-    Band next(size, degree);  // X p_k = next_to(k) p_{k+1} + next_to(k - 1) p_{k-1}
-    for (Index i = 0; i < size; ++i) {
-      const Index low = std::max<Index>(0, i - k - 1), high = std::min(size - 1, i + k + 1);
-      for (Index j = low; j <= high; ++j) {
-        double value = i + 1 < size ? next_to(i) * one.at(i + 1, j) : 0.0;
-        if (i > 0) value += next_to(i - 1) * one.at(i - 1, j);
-        if (k > 0) value -= next_to(k - 1) * before.at(i, j);
-        next(i, j) = value / next_to(k);
-      }
-    }
-    before = std::move(one);
-    one = std::move(next);
-  }
-}
-
-/// Adds share times the integrals of left_i f right_j to a band of half-bandwidth `half`.
-void add_integrals(const std::vector<Series>& left, const Polynomial& f,
-                   const std::vector<Series>& right, double share, Index half,
-                   std::vector<double>& to) {
-  const Index size = static_cast<Index>(left.size());
-  const bool constant = f.size() == 1;
-  const Band by = constant ? Band(0, 0) : multiplication(f, size);
-  for (Index i = 0; i < size; ++i) {
-    const Index low = std::max<Index>(0, i - half), high = std::min(size - 1, i + half);
-    for (Index j = low; j <= high; ++j) {
-      double sum = 0.0;
-      for (Index t = 0; t <= reach; ++t) {
-        const Index k = i - reach + t;
-        if (left[i][t] == 0.0) continue;
-        if (constant) {
-          const Index other = k - j + reach;
-          if (other >= 0 && other <= reach) sum += left[i][t] * right[j][other];
-          continue;
-        }
-        for (Index s = 0; s <= reach; ++s) {
-          if (right[j][s] != 0.0) sum += left[i][t] * by.at(k, j - reach + s) * right[j][s];
-        }
-      }
-      to[static_cast<std::size_t>(i * (2 * half + 1) + j - i + half)] +=
-          share * (constant ? f[0] : 1.0) * sum;
-    }
-  }
-}
 
 constexpr double eps = std::numeric_limits<double>::epsilon();
 
@@ -174,8 +91,6 @@ using Reals = Eigen::ArrayXd;
 /// Whether s is the end of a panel. Exact comparison is right here: the ends are numbers of the
 /// basis, and so are the places of terms.
 bool is_end(const Vector& ends, double s) { return (ends.array() == s).any(); }
-
-Index degree_of(const Polynomial& f) { return static_cast<Index>(f.size()) - 1; }
 
 }  // namespace
 
@@ -209,7 +124,6 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
   const auto numbers = basis.by_panel();
   const Index count = static_cast<Index>(numbers.size());
   panels_.resize(static_cast<std::size_t>(count));
-  std::vector<Polynomial> masses, stiffnesses, weights;
   double mass_along = 0.0, normal_along = 0.0;
   Slopes<double> along;
   for (const Term& term : pipe.terms) {
@@ -220,16 +134,10 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
       add(along, 1.0, AtRest(law, 0.0).slopes);
     });
   }
-  for (Index p = 0; p < count; ++p) {
-    const double low = ends[p], length = ends[p + 1] - low;
-    Polynomial mass_here = polynomial_of(pipe.mass, low, length);
-    mass_here[0] += mass_along;
-    masses.push_back(mass_here);
-    stiffnesses.push_back(polynomial_of(pipe.stiffness, low, length));
-    // The polynomial of the tension from weight is of one degree more, but slopes have only half
-    // the reach.
-    band_ = std::max({band_, reach + degree_of(mass_here), degree_of(stiffnesses.back())});
-  }
+  // The tension from weight is a polynomial of one degree more than the mass, but slopes have only
+  // half the reach.
+  const Index of_mass = pipe.mass.degree(0.0), of_stiffness = pipe.stiffness.degree(0.0);
+  band_ = std::max(reach + of_mass, of_stiffness);
   const double flow = pipe.direction() * pipe.sqrt_beta(), jet = std::cos(pipe.jet_angle);
   double carried = 0.0, pulled = 0.0;  // mass and axial load beyond the panel
   for (Index p = count - 1; p >= 0; --p) {
@@ -265,38 +173,48 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
       });
     }
     if (last) add_station(velocity, 0, 0, -pipe.entry());
-    const Functions functions(panel.size);
+    const Index wide = 2 * band_ + 1, degrees = panel.size + std::max(of_mass + 1, of_stiffness);
+    for (auto& band : panel.bands) band.assign(static_cast<std::size_t>(panel.size * wide), 0.0);
+    const Functions functions(panel.size, degrees);
     const auto& [shape, slope, curvature] = functions;
-    for (auto& band : panel.bands) {
-      band.assign(static_cast<std::size_t>(panel.size * (2 * band_ + 1)), 0.0);
-    }
-    const auto add = [&](Part part, const auto& left, const Polynomial& f, const auto& right,
+    // Adds the integrals of left_i f right_j.
+    const auto add = [&](Part part, const Sparse& left, const Vector& f, const Sparse& right,
                          double share) {
-      if (share != 0.0) add_integrals(left, f, right, share, band_, panel.bands[part]);
+      if (share == 0.0) return;
+      const Sparse by = left * multiplication(f, degrees), found = by * Sparse(right.transpose());
+      for (Index i = 0; i < panel.size; ++i) {
+        for (Sparse::InnerIterator one(found, i); one; ++one) {
+          const Index place = i * wide + one.col() - i + band_;
+          panel.bands[part][static_cast<std::size_t>(place)] += share * one.value();
+        }
+      }
     };
     const double h2 = h * h, h3 = h * h2, h4 = h2 * h2;
-    const Polynomial& mass_here = masses[static_cast<std::size_t>(p)];
-    Polynomial moved = mass_here;
-    moved[0] += normal_along;
-    add(mass, shape, moved, shape, h4);
-    add(mass, slope, {1.0}, slope, pipe.rotary_inertia * h2);
-    add(velocity, shape, {1.0}, slope, 2.0 * flow * h3);
-    add(flux, shape, {1.0}, curvature, jet * h2);
-    add(elastic, curvature, stiffnesses[static_cast<std::size_t>(p)], curvature, 1.0);
-    add(Part::rest, slope, {1.0}, slope, pulled * h2);
-    const std::vector<Series>* const moves[] = {&shape, &slope};
+    const Vector one = Vector::Ones(1);
+    Vector mass_here = series_of(pipe.mass, low, h);
+    mass_here[0] += mass_along;
+    add(mass, shape, mass_here, shape, h4);
+    add(mass, shape, one, shape, normal_along * h4);
+    add(mass, slope, one, slope, pipe.rotary_inertia * h2);
+    add(velocity, shape, one, slope, 2.0 * flow * h3);
+    add(flux, shape, one, curvature, jet * h2);
+    add(elastic, curvature, series_of(pipe.stiffness, low, h), curvature, 1.0);
+    add(Part::rest, slope, one, slope, pulled * h2);
+    const Sparse* const moves[] = {&shape, &slope};
     for (const int i : {0, 1}) {
       for (const int j : {0, 1}) {
         const double* const by = along.by[small_rows[i]];
         const double share = i + j == 0 ? h4 : i + j == 1 ? h3 : h2;
-        add(Part::rest, *moves[i], {1.0}, *moves[j], -by[small_still[j]] * share);
-        add(resistance, *moves[i], {1.0}, *moves[j], -by[small_moving[j]] * share);
+        add(Part::rest, *moves[i], one, *moves[j], -by[small_still[j]] * share);
+        add(resistance, *moves[i], one, *moves[j], -by[small_moving[j]] * share);
       }
     }
-    Polynomial weight = beyond(mass_here);
-    for (double& one : weight) one *= h;
-    weight[0] += carried;
-    add(gravity, slope, weight, slope, h2);
+    // The weight beyond a place: what the panels beyond carry, and the rest of this one.
+    Vector weight = Vector::Zero(degrees);
+    weight.head(mass_here.size()) = -h * mass_here;
+    weight = integration(degrees).transpose() * weight;
+    weight[0] += carried + h * mass_here[0];
+    add(gravity, slope, weight.head(of_mass + 2), slope, h2);
     carried += h * mass_here[0];
   }
   if (turns_) ++size_;
