@@ -25,7 +25,6 @@ def lagrangian_equations(
     u,
     drag=0,
     points=None,
-    terms=(),
     inflow_share=1,
     jet_angle=0,
 ):
@@ -33,10 +32,8 @@ def lagrangian_equations(
 
     Written with L = EI = mu_p + mu_f = 1, so mu_f = beta, V = u / sqrt(beta), g = gamma. delta
     gives each joint a dashpot delta k_j beside its spring, which the paper does not have. A fixed
-    part at the clamp shifts everything alike and changes nothing. terms: (law, arc length from the
-    first joint, coefficient), laws "point_mass", "spring" and "damper" to the axis, and
-    "foundation", a spring per length all along. Fluid enters with the share of the end's velocity,
-    and leaves at jet_angle to the last segment: two momenta of the end's force.
+    part at the clamp shifts everything alike and changes nothing. Fluid enters with the share of
+    the end's velocity, and leaves at jet_angle to the last segment: two momenta of the end's force.
     """
     import sympy  # half a second, which most tests need not wait for
 
@@ -74,22 +71,6 @@ def lagrangian_equations(
             normal = sympy.Matrix([sympy.cos(q[j]), -sympy.sin(q[j])])
             across = where.applyfunc(rate).dot(normal)
             forces.append((where, -drag * length[j] * sympy.Abs(across) * across * normal))
-    for law, at, coefficient in terms:
-        number = sympy.Rational(str(coefficient))
-        if law == "foundation":  # of x^2 over a segment, x linear
-            for size, (x, _), (y, _) in zip(length, nodes[:-1], nodes[1:], strict=True):
-                lagrangian -= number * size * (x**2 + x * y + y**2) / 6
-            continue
-        rest = sympy.Rational(str(at))
-        j = next(j for j in range(n) if sum(length[: j + 1]) >= rest)
-        where = nodes[j] + (rest - sum(length[:j])) * tangents[j]
-        velocity = where.applyfunc(rate)
-        if law == "point_mass":
-            lagrangian += number * (velocity.dot(velocity) / 2 + gamma * where[1])
-        elif law == "spring":
-            lagrangian -= number * where[0] ** 2 / 2
-        else:
-            forces.append((where, sympy.Matrix([-number * velocity[0], 0])))
     end = nodes[-1].applyfunc(rate)
     if aspirating:
         inflow = sympy.Rational(str(inflow_share)) * end - alpha * speed * tangents[-1]
