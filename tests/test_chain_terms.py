@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Terms of the pipe on a chain, anywhere along a segment: in motion and in linear answers."""
+"""Terms of the pipe on a chain, anywhere along a segment: in motion and in linear answers.
+
+The virtual work, energy and operators of each law are in test_terms.py.
+"""
 
 import pickle
 from dataclasses import replace
@@ -14,8 +17,6 @@ from independent import (
     dense_jacobian,
     dense_rates,
     derivative,
-    lagrangian_accelerations,
-    lagrangian_operators,
     unstable_count,
 )
 
@@ -61,43 +62,6 @@ def test_recursion_solves_the_dense_equations(n, pipe, level, at_level):
     np.testing.assert_allclose(found, exact, atol=1e-11 * np.abs(exact).max())
 
 
-NUMBERS = ([0.3, 0.45, 0.25], [0.4, 0.5, 0.6], [0.1, 0.15, 0.08], [4, 2, 5], 0.3, 2, 0.01)
-LAWS = [("point_mass", 0.42, 0.3), ("spring", 0.87, 40), ("point_mass", 1, 0.1), ("spring", 0.2, 9)]
-NAMES = {"point_mass": pp.PointMass, "spring": pp.Spring}
-
-
-@pytest.fixture(scope="module")
-def three():
-    """Three segments as the Lagrangian of `independent` takes them."""
-    lengths, centres, radii, springs, beta, gamma, damping = NUMBERS
-    terms = [NAMES[law](at, number) for law, at, number in LAWS]
-    pipe = pp.Pipe(beta, gamma, damping=damping, drag=0.8, terms=terms)
-    points = [0.2, 0.5, 0.7]
-    return pp.Chain(
-        pipe,
-        lengths=lengths,
-        centres=centres,
-        gyration_radii=radii,
-        springs=springs,
-        drag_points=points,
-    ), (*NUMBERS, False, 1, 3, 0.8, points, LAWS)
-
-
-def test_accelerations_follow_from_the_lagrangian(three):
-    chain, numbers = three
-    states = np.random.default_rng(4).normal(size=(6, 3))
-    expected = lagrangian_accelerations(states, *numbers)
-    size = np.abs(expected).max()
-    np.testing.assert_allclose(chain.rhs(0.0, states, 3.0)[3:], expected, atol=1e-12 * size)
-
-
-def test_operators_follow_from_the_lagrangian(three):
-    chain, numbers = three
-    exact = lagrangian_operators(*numbers[:10], terms=LAWS)
-    for found, expected in zip(chain.operators().at(3.0), exact, strict=True):
-        np.testing.assert_allclose(found, expected, atol=1e-13 * np.abs(expected).max())
-
-
 @pytest.mark.parametrize("level", LEVELS)
 def test_power_is_the_energys_rate(level, at_level):
     at_level(level)
@@ -117,39 +81,7 @@ def test_a_motion_keeps_its_balance_of_energy():
     assert motion.audit < 1e-10
 
 
-# --------------------------------------------------------------------------------- the operators
-
-
-@pytest.mark.parametrize("k", [0, 2, 4])
-@pytest.mark.parametrize("base", [0.0, 0.1])
-def test_a_mass_at_a_node_adds_the_square_of_its_jacobian(k, base):
-    lengths = (1.0 - base) * np.array([0.3, 0.1, 0.25, 0.15, 0.2])
-    plain = pp.Chain(pp.Pipe(0.2, 7.0), lengths=lengths, base=base)
-    at = min(base + float(lengths[: k + 1].sum()), 1.0)
-    loaded = plain.with_pipe(replace(plain.pipe, terms=(pp.PointMass(at, 0.6),)))
-    jacobian = np.where(np.arange(5) <= k, lengths, 0.0)
-    before, after = plain.operators(), loaded.operators()
-    added = 0.6 * np.outer(jacobian, jacobian)
-    np.testing.assert_allclose(after.mass - before.mass, added, rtol=1e-13, atol=1e-16)
-    hung = 0.6 * 7.0 * np.diag(jacobian)
-    np.testing.assert_allclose(after.stiffness - before.stiffness, hung, rtol=1e-12, atol=1e-14)
-    for name in ("gyroscopic", "end_flux", "flux", "damping"):
-        np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
-
-
-def test_operators_of_a_bent_chain_are_derivatives_of_its_motion():
-    chain = any_chain(5, terms=ALL, gamma=-9.0, damping=0.01)
-    angles, zero = np.random.default_rng(3).normal(size=5), np.zeros(5)
-
-    def force(t, direction):
-        q = angles + t * direction
-        return -chain.operators(q).mass @ chain.rhs(0.0, np.concatenate([q, zero]), 2.0)[5:]
-
-    mass, velocity, stiffness = chain.operators(angles).at(2.0)
-    expected = np.stack([derivative(lambda t, e=e: force(t, e), 1e-3) for e in np.eye(5)], axis=1)
-    np.testing.assert_allclose(stiffness, expected, atol=1e-9 * np.abs(stiffness).max())
-    by_rates = chain.jacobian(0.0, np.concatenate([angles, zero]), 2.0)[5:, 5:]
-    np.testing.assert_allclose(-mass @ by_rates, velocity, atol=1e-12 * np.abs(velocity).max())
+# ------------------------------------------------------------------------------------- places
 
 
 def test_a_place_on_the_fixed_base_does_nothing():

@@ -198,29 +198,6 @@ def test_members_move_as_each_does_alone():
         assert motion.evaluations == alone.evaluations
 
 
-def test_several_members_of_one_integrator_go_one_after_the_other():
-    chain = pp.Chain(pp.Pipe(0.2, damping=0.01), 3)
-    start = np.stack(
-        [np.append(chain.initial_state(scale * np.ones(3), None), 0.0) for scale in (1, 2)], 1
-    )
-    times, states = np.array([0.0, 0.3, 1.0]), np.empty((2, 3, 7))
-    u = np.array([1.0, 5.0])
-    motion = _core.Integrator(
-        *(chain.motion, u, 0.1 * start, 0.0, [1e-8, 1e-6], np.tile([1e-10, 1e-8], (7, 1)), 1e6),
-        jacobian=chain.motion_jacobian,
-    )
-    while not motion.advance(times, states, 1_000_000)[0]:
-        pass
-    for j, rtol in enumerate((1e-8, 1e-6)):
-        alone = pp.simulate(
-            *(chain, u[j], 1.0, 0.1 * start[:3, j]),
-            times=times,
-            rtol=rtol,
-            method="radau",
-        )
-        np.testing.assert_array_equal(states[j, :, :3], alone.q)
-
-
 @pytest.mark.parametrize("level", LEVELS)
 def test_vector_levels_agree(level, at_level):
     def ends():

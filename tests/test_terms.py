@@ -11,6 +11,7 @@ import dataclasses
 import itertools
 from collections.abc import Callable
 
+import independent
 import numpy as np
 import pytest
 import redundant
@@ -157,26 +158,10 @@ def turned(t, angle=0.9):
 rows = pytest.mark.parametrize("row", TABLE, ids=str)
 models = pytest.mark.parametrize("kind", MODELS)
 
-# Central differences of eighth order (Fornberg 1988, table 1), exact to 1e-12 at these steps.
-FIRST = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
-SECOND = {0: -205 / 72, 1: 8 / 5, 2: -1 / 5, 3: 8 / 315, 4: -1 / 560}
-
 
 def derivative(function, at, direction, step=0.02):
-    """Of a function along a direction."""
-    total = 0.0
-    for k, weight in FIRST.items():
-        ahead, behind = function(at + k * step * direction), function(at - k * step * direction)
-        total = total + weight * (ahead - behind)
-    return total / step
-
-
-def second_derivative(function, at, direction, step=0.04):
-    total = SECOND[0] * function(at)
-    for k in range(1, 5):
-        ahead, behind = function(at + k * step * direction), function(at - k * step * direction)
-        total = total + SECOND[k] * (ahead + behind)
-    return total / step**2
+    """Of a function along a direction, exact to 1e-12 at these steps."""
+    return independent.derivative(lambda t: function(at + t * direction), step)
 
 
 def jacobian_by_differences(function, at, sizes, step=0.02):
@@ -302,7 +287,7 @@ def test_term_does_the_virtual_work_of_its_law(row, kind):
 
     by_q = jacobian_by_differences(positions, q, sizes_of(model))
     velocity = by_q @ rate
-    bias = second_derivative(positions, q, rate)
+    bias = independent.second_derivative(lambda t: positions(q + t * rate), 0.04)
     across, along = row.load(*positions(q).T, *velocity.T, tangents_of(row, plain, q, places))
     load = np.stack(np.broadcast_arrays(across, along, weights)[:2], axis=1)
     load = load - row.mass * (by_q @ fitted + bias - np.array([0.0, PIPE.gamma]))
@@ -498,24 +483,17 @@ def test_terms_are_checked_where_they_are_given():
 
 
 def test_terms_take_and_give_si_values():
-    pipe = pp.Pipe.from_si(
-        length=0.6,
-        bending_stiffness=7.3e-3,
-        pipe_mass=0.19,
-        fluid_mass=0.12,
-        terms=[pp.PointMass(at=0.6, mass=0.01), pp.Spring(at=0.3, stiffness=2.0)],
-    )
-    mass, spring = pipe.terms
+    hose = {"length": 0.6, "bending_stiffness": 7.3e-3, "pipe_mass": 0.19, "fluid_mass": 0.12}
+    terms = [pp.PointMass(0.6, 0.01), pp.Spring(0.3, 2.0), pp.Viscosity(0.2)]
+    pipe = pp.Pipe.from_si(**hose, terms=[*terms, pp.CubicSpring(0.3, 40.0)])
+    mass, spring, viscosity, cubic = pipe.terms
     assert mass == pp.PointMass(1.0, 0.01 / (0.31 * 0.6))
     assert spring.at == pytest.approx(0.5, rel=1e-15)
     assert spring.stiffness == pytest.approx(2.0 * 0.6**3 / 7.3e-3, rel=1e-14)
-    for term, given in zip(pipe.terms_si, (0.01, 2.0), strict=True):
-        assert next(iter(term.numbers.values())) == pytest.approx(given, rel=1e-14)
-    hose = {"length": 0.6, "bending_stiffness": 7.3e-3, "pipe_mass": 0.19, "fluid_mass": 0.12}
-    terms = [pp.Viscosity(0.2), pp.CubicSpring(0.3, 40.0)]
-    viscosity, cubic = pp.Pipe.from_si(**hose, terms=terms).terms
     assert viscosity.sigma == pytest.approx(0.2 * 0.6**2 / np.sqrt(7.3e-3 * 0.31), rel=1e-14)
     assert cubic.stiffness == pytest.approx(40.0 * 0.6**5 / 7.3e-3, rel=1e-14)
+    for term, given in zip(pipe.terms_si, (0.01, 2.0, 0.2, 40.0), strict=True):
+        assert next(iter(term.numbers.values())) == pytest.approx(given, rel=1e-14)
     riser = {"length": 1000.0, "bending_stiffness": 1e10, "pipe_mass": 5e3, "fluid_mass": 5e3}
     heavy = pp.Pipe.from_si(**riser, terms=[pp.PointMass(3 * 333.3333333333334, 2e6)])
     assert heavy.terms == (pp.PointMass(1.0, 0.2),)
@@ -525,13 +503,7 @@ def test_terms_take_and_give_si_values():
     ):
         pp.Pipe.from_si(**riser, terms=[pp.Spring(1.0, 1e12)])
     with pytest.raises(ValueError, match=r"terms\[0\]\.at must lie in \(0, 0\.6\], got 0\.7"):
-        pp.Pipe.from_si(
-            length=0.6,
-            bending_stiffness=1.0,
-            pipe_mass=1.0,
-            fluid_mass=1.0,
-            terms=[pp.Spring(0.7, 1.0)],
-        )
+        pp.Pipe.from_si(**hose, terms=[pp.Spring(0.7, 1.0)])
     with pytest.raises(ValueError, match="terms in SI need a pipe made with"):
         _ = pp.Pipe(0.2, terms=[mass]).terms_si
 

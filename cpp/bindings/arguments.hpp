@@ -250,41 +250,6 @@ void require_answer(const char* what, const Model& of, py::ssize_t rows, const p
   refuse(what, members, states.one ? py::object(py::none()) : py::int_(k), why);
 }
 
-/// For each member its rates and their derivatives by the speed and by the state, one below the
-/// other, (members, 2 + rows, rows).
-template <class Model>
-void linearise(const Model& model, const Batch& batch, double* out) {
-  if constexpr (requires { model.linearise(batch, out); }) {
-    model.linearise(batch, out);
-  } else {
-    const Index rows = 2 * model.dof(), square = rows * rows, members = batch.members;
-    Matrix rates[3] = {Matrix(rows, members), Matrix(rows, members), Matrix(rows, members)};
-    const auto step = [&](Index k) {
-      const double u = batch.u[k * batch.u_step];
-      return u > 0.0 ? 0.5 * u : 1.0;
-    };
-    for (Index i = 0; i < 3; ++i) {  // they are of second degree in the speed
-      Vector u(members);
-      for (Index k = 0; k < members; ++k) {
-        u[k] = batch.u[k * batch.u_step] + static_cast<double>(i) * step(k);
-      }
-      Batch faster = batch;
-      faster.u = u.data();
-      faster.u_step = 1;
-      model.rhs(faster, rates[i].data());
-    }
-    std::vector<double> slopes(static_cast<std::size_t>(members * square));
-    model.jacobian(batch, slopes.data());
-    for (Index k = 0; k < members; ++k) {
-      double* const own = out + k * (2 * rows + square);
-      const auto at = [&](Index i) { return rates[i].col(k); };
-      Eigen::Map<Vector>(own, rows) = at(0);
-      Eigen::Map<Vector>(own + rows, rows) = (4.0 * at(1) - at(2) - 3.0 * at(0)) / (2.0 * step(k));
-      std::copy_n(slopes.data() + k * square, square, own + 2 * rows);
-    }
-  }
-}
-
 /// Energy of each member. rows, cost: as for `results_of`; refuses: whether to raise NotResolved.
 template <class Model>
 NumberOrArray energy_of(const Model& model, py::ssize_t rows, py::ssize_t cost, const py::object& y,
@@ -362,11 +327,6 @@ void define_equations(py::class_<Model>& model) {
           },
           "t"_a, "y"_a, "u"_a, drive, refuses)
       .def(
-          "linearised",
-          [slopes](const Model& of, const object&, const object& y, const object& u,
-                   const object& driven) { return slopes(of, y, u, driven, 2, linearise<Model>); },
-          "t"_a, "y"_a, "u"_a, drive)
-      .def(
           "energy",
           [](const Model& of, const object& y, const object& driven, bool refused) {
             return energy_of(of, 2 * of.dof(), work_of(of), y, driven, refused);
@@ -387,6 +347,15 @@ void define_equations(py::class_<Model>& model) {
                               [&](const Batch& batch, double* out) { of.axial(batch, out); });
           },
           "y"_a, drive);
+  if constexpr (requires { &Model::linearise; }) {
+    model.def(
+        "linearised",
+        [slopes](const Model& of, const object&, const object& y, const object& u,
+                 const object& driven) {
+          return slopes(of, y, u, driven, 2, std::mem_fn(&Model::linearise));
+        },
+        "t"_a, "y"_a, "u"_a, drive);
+  }
 }
 
 /// Defines eigenproblems, spectra and searches; see linear.cpp.

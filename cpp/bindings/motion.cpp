@@ -24,23 +24,6 @@ using namespace py::literals;
 
 namespace {
 
-/// Flow speed u (members,) of each motion of a batch, its drive (Drive::rows, members), or empty if
-/// nothing drives it, and the relative errors that quadratures may leave, as in `Batch`, or empty.
-struct Flows {
-  Reals u;
-  Matrix drive;
-  Vector errors;
-
-  bool driven() const { return !drive.isZero(0.0); }
-  Batch of(const double* y) const {
-    return {.y = y,
-            .u = u.data(),
-            .members = u.size(),
-            .u_step = 1,
-            .drive = driven() ? drive.data() : nullptr,
-            .errors = errors.size() > 0 ? errors.data() : nullptr};
-  }
-};
 using FlowsAt = std::function<void(const Vector& t, const std::vector<Index>& which, Flows& flows)>;
 
 /// A flow speed mean (1 + part cos(frequency t)) and a base that moves as (x, y) cos(own t).
@@ -212,12 +195,12 @@ Rates rates_of(const py::object& of, Index rows, const py::object& u, const Vect
 DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows,
                                        const FlowAt& flow_at) {
   return [function, rows, flow_at](double t, const double* y, Index member, double* out) {
-    const Flow flow = flow_at(t, member);
+    const Flows flow = flow_at(t, member);
     const py::gil_scoped_acquire locked;
     const Numbers state(rows, y);
-    const py::object made = flow.driven
-                                ? function(t, state, flow.u, Numbers(Drive::rows, flow.drive))
-                                : function(t, state, flow.u);
+    const py::object made =
+        flow.driven() ? function(t, state, flow.u[0], Numbers(Drive::rows, flow.drive.data()))
+                      : function(t, state, flow.u[0]);
     const Numbers found = made.cast<Numbers>();
     if (found.size() != rows * rows) throw py::value_error("a Jacobian must have a row a state");
     std::copy_n(found.data(), rows * rows, out);
@@ -233,8 +216,7 @@ std::unique_ptr<ShiftedSystems> shifted_systems(const Model& model, const FlowAt
     };
     return std::make_unique<DenseSystems>(slopes, 2 * model.dof());
   } else {
-    using Systems = std::conditional_t<std::is_same_v<Model, Chain>, ChainSystems, SceneSystems>;
-    return std::make_unique<Systems>(model, flow_at);
+    return std::make_unique<SceneSystems>(model, flow_at);
   }
 }
 
@@ -245,9 +227,7 @@ ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian
   const FlowAt flow_at = [at = flows_at(u)](double t, Index member) {
     Flows flows;
     at(Vector::Constant(1, t), {member}, flows);
-    Flow one{.u = flows.u[0], .driven = flows.driven()};
-    std::copy_n(flows.drive.data(), flows.drive.size(), one.drive);
-    return one;
+    return flows;
   };
   ImplicitRates made;
   const auto compiled = [&]<class Model>(const Model& model) {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <stdexcept>
 #include <string>
+#include <tuple>
 #include <utility>
 
 #include "pipedyn/chain/stations.hpp"
@@ -53,14 +54,52 @@ void for_each_place(const Terms& terms, const Vector& length, double base, const
   }
 }
 
-/// Sums of each segment's loads, LoadMoments, for the chain at rest at the angles.
-std::vector<LoadMoments<double>> loads_at(const MotionModel& model, const Vector& angles,
-                                          const Vector& sine, const Vector& cosine) {
+/// Sums of each segment's loads for the chain at rest at the angles (n); empty if it has no loads.
+std::vector<LoadMoments<double>> loads_at(const MotionModel& model, const Vector& angles) {
+  if (model.load_count == 0) return {};
   std::vector<LoadMoments<double>> sums(static_cast<std::size_t>(model.size));
+  const Vector sine = angles.array().sin(), cosine = angles.array().cos();
   load_moments(
       model, sine.data(), cosine.data(), [&](Index j) { return angles[j]; },
       [](Index) { return 0.0; }, Driven<double>{}, sums.data());
   return sums;
+}
+
+/// Derivatives of the loads on a segment at rest by the displacement of its joint and by its angle,
+/// or by the rates of both.
+struct LoadSlopes {
+  double force[2][2];    // force by displacement
+  Plane<double> turned;  // force by angle
+  Plane<double> moment;  // moment about the joint by displacement
+  double turned_moment;  // moment about the joint by angle
+
+  LoadSlopes(const LoadMoments<double>& sums, Variable place, Variable angle,
+             const Plane<double>& across) {
+    const Slopes<double>(&of)[3] = sums.slopes;
+    for (int i = 0; i < 2; ++i) {
+      for (int k = 0; k < 2; ++k) force[i][k] = of[0].by[i][place + k];
+    }
+    turned = plus(force_by(of[1], place, across), force_by(of[0], angle));
+    moment = plus(work_by(of[1], place, across), couple_by(of[0], place));
+    const Plane<double> lifted = plus(force_by(of[2], place, across), force_by(of[1], angle));
+    turned_moment = dot(across, plus(lifted, couple_by(of[1], place))) + of[0].by[2][angle];
+  }
+};
+
+/// The seven operators from part(LinearPart), the matrix of a sum of their parts. direction: the
+/// sign of the flow.
+template <class Part>
+Operators operators_by(const Part& part, Index dof, double direction) {
+  Operators ops(dof);
+  ops.mass = part({.square = 1.0});
+  ops.damping = part({.rate = 1.0});
+  ops.stiffness = part({.still = 1.0});
+  ops.flux = part({.flux = 1.0});
+  ops.unsteady = direction * part({.unsteady = 1.0});
+  const Matrix velocity = direction * part({.velocity = 1.0});
+  ops.gyroscopic = 0.5 * (velocity - velocity.transpose());
+  ops.end_flux = velocity - ops.gyroscopic;
+  return ops;
 }
 
 }  // namespace
@@ -155,8 +194,7 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
 
 void Chain::linearise() {
   const Index n = dof();
-  std::vector<LoadMoments<double>> sums;
-  if (!loads_.empty()) sums = loads_at(motion(), Vector::Zero(n), Vector::Zero(n), Vector::Ones(n));
+  const std::vector<LoadMoments<double>> sums = loads_at(motion(), Vector::Zero(n));
   double tension = 0.0;  // sum of the loads along the pipe beyond the segment
   impedances_.resize(static_cast<std::size_t>(n));
   for (Index j = n - 1; j >= 0; --j) {
@@ -168,46 +206,37 @@ void Chain::linearise() {
             .across = {0.0, 0.0, link.first_moment},
             .turned = {0.0, 0.0, link.first_moment},
             .moment = {link.weight, 0.0, link.inertia},
-            .joint_loss = pipe_.hysteresis * damped_springs_[j],
-            .moment_loss = 0.0,
-            .turned_size = 0.0,
+            .joint_hysteresis = pipe_.hysteresis * damped_springs_[j],
+            .moment_hysteresis = 0.0,
             .moment_size = std::abs(link.weight),
             .held = held_[static_cast<std::size_t>(j)],
             .loaded = false,
             .repeats = false};
     if (j == n - 1) {
-      made.moment.still += end_spring_;
-      made.moment.rate += end_damping_;
-      made.moment_loss = pipe_.hysteresis * end_spring_;
-      made.moment_size += end_spring_ + made.moment_loss;
-      made.loaded = end_damping_ != 0.0 || made.moment_loss != 0.0;
+      made.moment.stiffness += end_spring_;
+      made.moment.damping += end_damping_;
+      made.moment_hysteresis = pipe_.hysteresis * end_spring_;
+      made.moment_size += end_spring_ + made.moment_hysteresis;
+      made.loaded = end_damping_ != 0.0 || made.moment_hysteresis != 0.0;
     }
     if (sums.empty()) continue;
-    const auto& [load, slopes, any] = sums[static_cast<std::size_t>(j)];
-    const double pulled = link.length * tension + load[1][1];
-    tension += load[0][1];
-    // Derivatives of the transverse force and the moment by displacement and angle, or by their
-    // rates.
-    const auto add_slopes = [&, &of = slopes](int place, int angle, double ImpedanceParts::* to) {
-      const double force[2] = {-of[1].by[0][place], -of[0].by[0][angle]};
-      const double moment[3] = {-of[2].by[0][place], -of[1].by[0][angle] - of[1].by[2][place],
-                                -of[0].by[2][angle]};
-      made.force.*to -= of[0].by[0][place];
-      made.across.*to -= of[1].by[0][place] + of[0].by[2][place];
-      made.turned.*to += force[0] + force[1];
-      made.moment.*to += moment[0] + moment[1] + moment[2];
-      return std::array{std::abs(force[0]) + std::abs(force[1]),
-                        std::abs(moment[0]) + std::abs(moment[1]) + std::abs(moment[2])};
+    const LoadMoments<double>& of = sums[static_cast<std::size_t>(j)];
+    const double pulled = link.length * tension + of.load[1][1];
+    tension += of.load[0][1];
+    const auto add = [&](const LoadSlopes& slopes, double ImpedanceParts::* to) {
+      made.force.*to -= slopes.force[0][0];
+      made.across.*to -= slopes.moment.x;
+      made.turned.*to -= slopes.turned.x;
+      made.moment.*to -= slopes.turned_moment;
     };
-    const auto [turned_size, moment_size] =
-        add_slopes(by_position, by_angle, &ImpedanceParts::still);
-    add_slopes(by_velocity, by_rate, &ImpedanceParts::rate);
-    made.turned_size = turned_size;
-    made.moment_size += moment_size + std::abs(pulled);
-    made.moment.still += pulled;
-    made.loaded = made.loaded || made.moment.rate != 0.0;
+    const LoadSlopes bent(of, by_position, by_angle, {1.0, 0.0});
+    add(bent, &ImpedanceParts::stiffness);
+    add(LoadSlopes(of, by_velocity, by_rate, {1.0, 0.0}), &ImpedanceParts::damping);
+    made.moment_size += std::abs(bent.turned_moment) + std::abs(pulled);
+    made.moment.stiffness += pulled;
+    made.loaded = made.loaded || made.moment.damping != 0.0;
     for (const ImpedanceParts* const part : {&made.force, &made.across, &made.turned}) {
-      made.loaded = made.loaded || part->rate != 0.0 || part->still != 0.0;
+      made.loaded = made.loaded || part->damping != 0.0 || part->stiffness != 0.0;
     }
   }
   for (std::size_t j = 1; j < impedances_.size(); ++j) {
@@ -312,108 +341,19 @@ Chain Chain::coarser(Index segments) const {
 
 Operators Chain::operators(const Vector& angles) const {
   const Index n = dof();
-  Vector sine = Vector::Zero(n), cosine = Vector::Ones(n);
   if (angles.size() > 0) require_rows(angles.size(), n);
-  for (Index k = 0; k < angles.size(); ++k) {
-    sine[k] = std::sin(angles[k]);
-    cosine[k] = std::cos(angles[k]);
-  }
-  const auto cosine_between = [&](Index k, Index i) {
-    return cosine[k] * cosine[i] + sine[k] * sine[i];
+  const Vector at = angles.size() > 0 ? angles : Vector(Vector::Zero(n));
+  const auto part = [&](const LinearPart& of) -> Matrix {
+    Matrix found = moments(Matrix::Identity(n, n), of, at);
+    const Vector joint = joint_factors(of);
+    const auto beyond = joint.tail(n - 1);
+    found.diagonal() += joint;
+    found.diagonal().head(n - 1) += beyond;
+    found.diagonal(1) -= beyond;
+    found.diagonal(-1) -= beyond;
+    return found;
   };
-  const double sqrt_beta = pipe_.sqrt_beta(), share = pipe_.inflow_share;
-  const bool guided = pipe_.is_guided();
-  const double end = guided || angles.size() == 0 ? 0.0 : angles[n - 1];
-  const double jet = end + pipe_.jet_angle;
-  double beyond = 0.0, spring_beyond = end_spring_, damping_beyond = end_damping_;
-  Operators ops(n);
-  for (Index k = n - 1; k >= 0; --k) {
-    const Link& link = this->link(k);
-    const double l = link.length;
-    ops.mass(k, k) = link.length_square * beyond + link.inertia;
-    ops.end_flux(k, k) = share * sqrt_beta * l * l;
-    for (Index i = k + 1; i < n; ++i) {
-      const double turned = cosine_between(k, i);
-      const double product = sqrt_beta * l * this->link(i).length * turned;
-      ops.mass(k, i) = ops.mass(i, k) = l * first_moment_[i] * turned;
-      ops.end_flux(k, i) = ops.end_flux(i, k) = share * product;
-      ops.gyroscopic(k, i) = ops.unsteady(k, i) = product;
-      ops.gyroscopic(i, k) = -product;
-      ops.unsteady(k, k) -= product;
-    }
-    const double thrust = l * (cosine[k] * std::cos(jet) + sine[k] * std::sin(jet));
-    ops.flux(k, k) -= thrust;
-    if (!guided) ops.flux(k, n - 1) += thrust;
-    const double elastic = link.spring + spring_beyond;
-    ops.stiffness(k, k) = elastic + pipe_.gamma * (first_moment_[k] * cosine[k]);
-    ops.damping(k, k) = link.damping + damping_beyond;
-    if (k + 1 < n) {
-      ops.stiffness(k, k + 1) = ops.stiffness(k + 1, k) = -spring_beyond;
-      ops.damping(k, k + 1) = ops.damping(k + 1, k) = -damping_beyond;
-    }
-    beyond += link.mass;
-    spring_beyond = link.spring;
-    damping_beyond = link.damping;
-  }
-  if (!loads_.empty()) {
-    add_loads(angles.size() > 0 ? angles : Vector(Vector::Zero(n)), sine, cosine, ops);
-    add_normal_mass(sine, cosine, ops.mass);
-  }
-  return ops;
-}
-
-void Chain::add_normal_mass(const Vector& sine, const Vector& cosine, Matrix& mass) const {
-  double beyond[2][2] = {};  // sum of m n n^T of the segments beyond
-  for (Index i = dof() - 1; i >= 0; --i) {
-    const Link& link = this->link(i);
-    const Plane<double> across{cosine[i], -sine[i]}, own = scaled(link.added, across);
-    // Momentum of the masses on segment i and beyond, by the rate of segment i.
-    const Plane<double> moved = plus(scaled(link.length, times(beyond, across)),  // beyond
-                                     scaled(0.5 * link.length, own));             // segment i
-    for (Index k = 0; k < i; ++k) {
-      const double both = this->link(k).length * dot({cosine[k], -sine[k]}, moved);
-      mass(k, i) += both;
-      mass(i, k) += both;
-    }
-    mass(i, i) += link.length_square * dot(across, times(beyond, across));
-    beyond[0][0] += own.x * across.x;
-    beyond[0][1] += own.x * across.y;
-    beyond[1][0] += own.y * across.x;
-    beyond[1][1] += own.y * across.y;
-  }
-}
-
-void Chain::add_loads(const Vector& angles, const Vector& sine, const Vector& cosine,
-                      Operators& ops) const {
-  const std::vector<LoadMoments<double>> sums = loads_at(motion(), angles, sine, cosine);
-  const auto normal = [&](Index k) { return Plane<double>{cosine[k], -sine[k]}; };
-  Slopes<double> beyond;  // derivatives of all loads beyond segment i
-  Plane<double> load{0.0, 0.0};
-  for (Index i = dof() - 1; i >= 0; --i) {
-    const auto& [loads, slopes, any] = sums[static_cast<std::size_t>(i)];
-    const double l = link(i).length;
-    const Plane<double> across = normal(i), along{sine[i], cosine[i]};
-    // Sums with arm and arm^2 about the joint of segment i, the loads beyond it included.
-    Slopes<double> arm = slopes[1], own = slopes[2];
-    add(arm, l, beyond);
-    add(own, l * l, beyond);
-    const auto add_slopes = [&, &of = slopes](Variable place, Variable angle, Matrix& to) {
-      const Plane<double> moved = plus(force_by(arm, place, across), force_by(of[0], angle));
-      const Plane<double> turned = plus(work_by(arm, place, across), couple_by(of[0], place));
-      for (Index k = 0; k < i; ++k) {
-        const Plane<double> other = scaled(link(k).length, normal(k));
-        to(k, i) -= dot(other, moved);
-        to(i, k) -= dot(turned, other);
-      }
-      to(i, i) -= dot(across, plus(force_by(own, place, across), force_by(of[1], angle)));
-      to(i, i) -= dot(across, couple_by(of[1], place)) + of[0].by[2][angle];
-    };
-    add_slopes(by_position, by_angle, ops.stiffness);
-    add_slopes(by_velocity, by_rate, ops.damping);
-    ops.stiffness(i, i) += dot(along, plus(scaled(l, load), plane(loads[1])));
-    add(beyond, 1.0, slopes[0]);
-    load = plus(load, plane(loads[0]));
-  }
+  return operators_by(part, n, pipe_.direction());
 }
 
 Operators Chain::joint_operators(const Vector& scale) const {
@@ -422,51 +362,89 @@ Operators Chain::joint_operators(const Vector& scale) const {
   const auto part = [&](const LinearPart& of) -> Matrix {
     return scale.asDiagonal() * joint_times(columns, of);
   };
-  Operators ops(dof());
-  ops.mass = part({.square = 1.0});
-  ops.damping = part({.rate = 1.0});
-  ops.stiffness = part({.still = 1.0});
-  ops.flux = part({.flux = 1.0});
-  ops.unsteady = pipe_.direction() * part({.unsteady = 1.0});
-  const Matrix velocity = pipe_.direction() * part({.velocity = 1.0});
-  ops.gyroscopic = 0.5 * (velocity - velocity.transpose());
-  ops.end_flux = velocity - ops.gyroscopic;
-  return ops;
+  return operators_by(part, dof(), pipe_.direction());
 }
 
 Matrix Chain::joint_times(const Matrix& x, const LinearPart& part) const {
-  const Index n = dof(), columns = x.cols();
+  const Index n = dof();
   require_rows(x.rows(), n);
+  Matrix angles = x;
+  for (Index j = 1; j < n; ++j) angles.row(j) += angles.row(j - 1);
+  Matrix out = moments(angles, part, Vector::Zero(n));
+  for (Index j = n - 2; j >= 0; --j) out.row(j) += out.row(j + 1);
+  out += joint_factors(part).asDiagonal() * x;
+  return out;
+}
+
+Vector Chain::joint_factors(const LinearPart& part) const {
+  return part.still * segments_.spring + part.rate * segments_.damping +
+         part.by_damping * damped_springs_;
+}
+
+Matrix Chain::moments(const Matrix& x, const LinearPart& part, const Vector& angles) const {
+  const Index n = dof(), columns = x.cols();
+  const std::vector<LoadMoments<double>> sums = loads_at(motion(), angles);
+  const bool loaded = !sums.empty(), guided = pipe_.is_guided();
   const double flow = pipe_.sqrt_beta() * pipe_.direction();
   const double coriolis = part.velocity * flow, push = part.unsteady * flow;
-  const double thrust = part.flux * std::cos(pipe_.jet_angle);
-  const auto sum = [&](const ImpedanceParts& of) {
-    return part.still * of.still + part.rate * of.rate + part.square * of.square;
-  };
+  const double entry = part.velocity * pipe_.entry();
+  const auto along = [&](double angle) { return Plane<double>{std::sin(angle), std::cos(angle)}; };
+  const auto across = [](const Plane<double>& t) { return Plane<double>{t.y, -t.x}; };
+  // The variables on which loads depend, and the factors of their derivatives.
+  const std::tuple<Variable, Variable, double> variables[] = {{by_position, by_angle, part.still},
+                                                              {by_velocity, by_rate, part.rate}};
+  Matrix out(n, columns), force_x(n, columns), force_y(n, columns);
   using Row = Eigen::RowVectorXd;
-  Matrix out(n, columns), force(n, columns);
-  Row angle = Row::Zero(columns), place = angle, moment = angle;
-  double left = segments_.length.sum();  // length of the pipe beyond a segment
+  Row place_x = Row::Zero(columns), place_y = place_x;  // displacement of the joint
   for (Index j = 0; j < n; ++j) {
-    const ImpedanceSegment& at = impedances_[static_cast<std::size_t>(j)];
-    const double l = at.length;
-    angle += x.row(j);
-    left -= l;
-    const double turned = 2.0 * l * coriolis + l * push;
-    force.row(j) = sum(at.force) * place + (sum(at.turned) + turned) * angle;
-    const double own =
-        l * l * coriolis - l * (thrust + left * push) + part.gravity * first_moment_[j];
-    out.row(j) = sum(at.across) * place + (sum(at.moment) + own) * angle;
-    place += l * angle;
+    const Link& link = this->link(j);
+    const double l = link.length, mass = part.square * link.mass;
+    const double lever = part.square * link.first_moment;
+    const Plane<double> n_j = across(along(angles[j])),
+                        added = scaled(part.square * link.added, n_j);
+    // Derivatives of the force on the segment, and of its moment, by place and angle.
+    double force[2][2] = {{mass + added.x * n_j.x, added.x * n_j.y},
+                          {added.y * n_j.x, mass + added.y * n_j.y}};
+    Plane<double> turned = scaled(lever + l * (2.0 * coriolis + push), n_j);
+    Plane<double> moment = scaled(lever, n_j);
+    double own = part.square * link.inertia + l * l * coriolis;
+    for (const auto& [place, angle, factor] : variables) {
+      if (!loaded || factor == 0.0) continue;
+      const LoadSlopes slopes(sums[static_cast<std::size_t>(j)], place, angle, n_j);
+      turned = plus(turned, scaled(-factor, slopes.turned));
+      moment = plus(moment, scaled(-factor, slopes.moment));
+      own -= factor * slopes.turned_moment;
+      for (int i = 0; i < 2; ++i) {
+        for (int k = 0; k < 2; ++k) force[i][k] -= factor * slopes.force[i][k];
+      }
+    }
+    force_x.row(j) = force[0][0] * place_x + force[0][1] * place_y + turned.x * x.row(j);
+    force_y.row(j) = force[1][0] * place_x + force[1][1] * place_y + turned.y * x.row(j);
+    out.row(j) = moment.x * place_x + moment.y * place_y + own * x.row(j);
+    place_x += (l * n_j.x) * x.row(j);
+    place_y += (l * n_j.y) * x.row(j);
   }
-  out.row(n - 1) += (part.by_damping * end_spring_) * angle;
-  Row beyond = -part.velocity * pipe_.entry() * place;
-  if (!pipe_.is_guided()) beyond += thrust * angle;
+  const Plane<double> jet = along(pipe_.jet_angle + (guided ? 0.0 : angles[n - 1]));
+  const Plane<double> turned_jet = scaled(guided ? 0.0 : part.flux, across(jet));
+  Row beyond_x = turned_jet.x * x.row(n - 1) - entry * place_x;
+  Row beyond_y = turned_jet.y * x.row(n - 1) - entry * place_y;
+  Plane<double> load{0.0, 0.0}, apart{0.0, 0.0};  // loads and pipe beyond the segment's end
   for (Index j = n - 1; j >= 0; --j) {
-    const ImpedanceSegment& at = impedances_[static_cast<std::size_t>(j)];
-    moment += out.row(j) + at.length * beyond;
-    beyond += force.row(j);
-    out.row(j) = moment + (sum(at.joint) + part.by_damping * damped_springs_[j]) * x.row(j);
+    const Link& link = this->link(j);
+    const double l = link.length;
+    const Plane<double> t_j = along(angles[j]), n_j = across(t_j);
+    double own = t_j.y * (part.still * link.weight + part.gravity * first_moment_[j]) -
+                 l * (part.flux * dot(t_j, jet) + push * dot(t_j, apart));
+    if (j == n - 1) own += (part.still + part.by_damping) * end_spring_ + part.rate * end_damping_;
+    if (loaded) {
+      const auto& of = sums[static_cast<std::size_t>(j)].load;
+      own += part.still * dot(t_j, plus(scaled(l, load), plane(of[1])));
+      load = plus(load, plane(of[0]));
+    }
+    out.row(j) += (l * n_j.x) * beyond_x + (l * n_j.y) * beyond_y + own * x.row(j);
+    beyond_x += force_x.row(j);
+    beyond_y += force_y.row(j);
+    apart = plus(apart, scaled(l, t_j));
   }
   return out;
 }

@@ -191,9 +191,12 @@ class Chain {
 
   const Link& link(Index j) const { return links_[static_cast<std::size_t>(j)]; }
   void linearise();
-  void add_loads(const Vector& angles, const Vector& sine, const Vector& cosine,
-                 Operators& ops) const;
-  void add_normal_mass(const Vector& sine, const Vector& cosine, Matrix& mass) const;
+  /// Product of x, changes of the angles of the segments (n, k), with a sum of the operators about
+  /// the configuration at rest `angles` (n), without the joints between segments. It takes O(n) a
+  /// column.
+  Matrix moments(const Matrix& x, const LinearPart& part, const Vector& angles) const;
+  /// Factors of the joint angles in the moments of the joints between segments (n).
+  Vector joint_factors(const LinearPart& part) const;
   MotionModel motion() const;
 };
 

@@ -28,35 +28,29 @@ struct Coefficients {
   Number elastic, force, across, turned, moment;  // e k, z, f, t, g
 };
 
-inline Coefficients<Lanes> coefficients(const ImpedanceSegment& at, const Powers<Lanes>& by) {
+/// Coefficients of a segment; or, from absolute values of the powers, sums of the absolute values
+/// of the numbers whose sums are the coefficients.
+template <class Number>
+inline Coefficients<Number> coefficients(const ImpedanceSegment& at, const Powers<Number>& by) {
+  constexpr bool sizes = std::is_same_v<Number, Pack>;
+  const auto of = [](double x) { return sizes ? std::fabs(x) : x; };
   const double l = at.length;
-  Coefficients<Lanes> sum{at.joint.rate * by.one + at.joint.still, at.force.square * by.square,
-                          at.across.square * by.square,
-                          at.turned.square * by.square + (2.0 * l) * by.coriolis,
-                          at.moment.square * by.square + (l * l) * by.coriolis + at.moment.still};
-  sum.elastic.im += at.joint_loss;
+  Coefficients<Number> sum{at.joint.damping * by.one + at.joint.stiffness,
+                           at.force.mass * by.square, at.across.mass * by.square,
+                           at.turned.mass * by.square + (2.0 * l) * by.coriolis,
+                           at.moment.mass * by.square + (l * l) * by.coriolis +
+                               (sizes ? at.moment_size : at.moment.stiffness)};
   if (at.loaded) {
-    sum.force = sum.force + (at.force.rate * by.one + at.force.still);
-    sum.across = sum.across + (at.across.rate * by.one + at.across.still);
-    sum.turned = sum.turned + (at.turned.rate * by.one + at.turned.still);
-    sum.moment = sum.moment + at.moment.rate * by.one;
-    sum.moment.im += at.moment_loss;
+    sum.force = sum.force + (of(at.force.damping) * by.one + of(at.force.stiffness));
+    sum.across = sum.across + (of(at.across.damping) * by.one + of(at.across.stiffness));
+    sum.turned = sum.turned + (of(at.turned.damping) * by.one + of(at.turned.stiffness));
+    sum.moment = sum.moment + of(at.moment.damping) * by.one;
   }
-  return sum;
-}
-
-/// Sums of the absolute values of the numbers whose sums are the coefficients of a segment.
-inline Coefficients<Pack> coefficient_sizes(const ImpedanceSegment& at, const Powers<Pack>& by) {
-  const double l = at.length;
-  Coefficients<Pack> sum{at.joint.rate * by.one + (at.joint.still + at.joint_loss),
-                         at.force.square * by.square, at.across.square * by.square,
-                         at.turned.square * by.square + (2.0 * l) * by.coriolis,
-                         at.moment.square * by.square + (l * l) * by.coriolis + at.moment_size};
-  if (at.loaded) {
-    sum.force += std::fabs(at.force.rate) * by.one + std::fabs(at.force.still);
-    sum.across += std::fabs(at.across.rate) * by.one + std::fabs(at.across.still);
-    sum.turned += std::fabs(at.turned.rate) * by.one + at.turned_size;
-    sum.moment += std::fabs(at.moment.rate) * by.one;
+  if constexpr (sizes) {
+    sum.elastic += at.joint_hysteresis;
+  } else {
+    sum.elastic.im += at.joint_hysteresis;
+    sum.moment.im += at.moment_hysteresis;
   }
   return sum;
 }
@@ -82,14 +76,14 @@ struct Problem {
   Coefficients<Lanes> by_lambda(const ImpedanceSegment& at) const {
     const double l = at.length;
     const Lanes twice = 2.0 * powers.one;
-    Coefficients<Lanes> sum{Lanes{} + at.joint.rate, at.force.square * twice,
-                            at.across.square * twice, at.turned.square * twice + 2.0 * l * flow,
-                            at.moment.square * twice + l * l * flow};
+    Coefficients<Lanes> sum{Lanes{} + at.joint.damping, at.force.mass * twice,
+                            at.across.mass * twice, at.turned.mass * twice + 2.0 * l * flow,
+                            at.moment.mass * twice + l * l * flow};
     if (at.loaded) {
-      sum.force = sum.force + at.force.rate;
-      sum.across = sum.across + at.across.rate;
-      sum.turned = sum.turned + at.turned.rate;
-      sum.moment = sum.moment + at.moment.rate;
+      sum.force = sum.force + at.force.damping;
+      sum.across = sum.across + at.across.damping;
+      sum.turned = sum.turned + at.turned.damping;
+      sum.moment = sum.moment + at.moment.damping;
     }
     return sum;
   }
@@ -159,7 +153,8 @@ void log_derivative(const ImpedanceModel& model, const Points& points, double* o
       const Step step(segment.length, at, own), moved(segment.length, by, change);
       const Lanes share = inverse(step.p), pushed = (step.h + problem.thrust) * share;
       const Lanes w = step.w * share, r = step.r * share, e = own.elastic * share;
-      const Lanes turned = segment.joint.rate * r, carried = e * moved.r, kept = turned - carried;
+      const Lanes turned = segment.joint.damping * r, carried = e * moved.r,
+                  kept = turned - carried;
       sum += moved.p * share;
       by = {by.a + change.force - w * (moved.h - pushed * moved.p) - pushed * moved.w,
             moved.h * e + pushed * kept, e * moved.w + w * kept, r * turned + e * carried};
@@ -207,13 +202,13 @@ struct Rates {
   PIPEDYN_INLINE void add(const ImpedanceSegment& at, const Motion& dual, const Motion& motion) {
     const double l = at.length;
     const Lanes &x = motion.joint, &angle = motion.angle, &y = dual.joint, &other = dual.angle;
-    mass += y * (at.force.square * x + at.turned.square * angle) +
-            other * (at.across.square * x + at.moment.square * angle);
+    mass += y * (at.force.mass * x + at.turned.mass * angle) +
+            other * (at.across.mass * x + at.moment.mass * angle);
     flow += (l * other + 2.0 * y) * (l * angle);
-    if (at.joint.rate != 0.0) damping += at.joint.rate * (dual.turn * motion.turn);
+    if (at.joint.damping != 0.0) damping += at.joint.damping * (dual.turn * motion.turn);
     if (!at.loaded) return;
-    damping += y * (at.force.rate * x + at.turned.rate * angle) +
-               other * (at.across.rate * x + at.moment.rate * angle);
+    damping += y * (at.force.damping * x + at.turned.damping * angle) +
+               other * (at.across.damping * x + at.moment.damping * angle);
   }
   Lanes sum(const Problem& problem) const {
     return (2.0 * problem.powers.one) * mass + problem.flow * flow + damping;
@@ -294,7 +289,7 @@ void pairs(const ImpedanceModel& model, const Points& points, const PairsAsked& 
       const double l = segment.length;
       if (j == start || !model.segments[j - 1].repeats) {
         own = coefficients(segment, problem.powers);
-        terms = coefficient_sizes(segment, sizes);
+        terms = coefficients(segment, sizes);
       }
       const auto& [at, share] = segments[j];
       const Turned loaded = out.loaded ? turned_by[j] : Turned{};

@@ -34,7 +34,7 @@ namespace pipedyn {
 
 /// Factors of lambda^0, lambda^1 and lambda^2 in a coefficient.
 struct ImpedanceParts {
-  double still, rate, square;
+  double stiffness, damping, mass;
 
   bool operator==(const ImpedanceParts&) const = default;
 };
@@ -42,17 +42,16 @@ struct ImpedanceParts {
 /// Coefficients of one segment, without the contributions of the flow.
 struct ImpedanceSegment {
   double length;
-  ImpedanceParts joint;            // e k, of the joint, which has no inertia
-  ImpedanceParts force;            // z: force on all beyond the joint, by the joint's displacement
-  ImpedanceParts across;           // f: moment about the joint, by the joint's displacement
-  ImpedanceParts turned;           // t: force on all beyond the joint, by the angle
-  ImpedanceParts moment;           // g: moment about the joint, by the angle
-  double joint_loss, moment_loss;  // imaginary parts of e k and of g
-  // Sums of the absolute values of the numbers whose sums are t and g at lambda = 0.
-  double turned_size, moment_size;
-  bool held;     // whether a guide holds its end
-  bool loaded;   // whether z, f or t is more than inertia, or g has a rate or a loss
-  bool repeats;  // whether the next segment equals it in all of the above
+  ImpedanceParts joint;   // e k, of the joint, which has no inertia
+  ImpedanceParts force;   // z: force on all beyond the joint, by the joint's displacement
+  ImpedanceParts across;  // f: moment about the joint, by the joint's displacement
+  ImpedanceParts turned;  // t: force on all beyond the joint, by the angle
+  ImpedanceParts moment;  // g: moment about the joint, by the angle
+  double joint_hysteresis, moment_hysteresis;  // imaginary parts of e k and of g
+  double moment_size;  // sum of the absolute values of the numbers whose sum is g at lambda = 0
+  bool held;           // whether a guide holds its end
+  bool loaded;         // whether z, f or t is more than inertia, or g has damping or hysteresis
+  bool repeats;        // whether the next segment equals it in all of the above
 
   bool operator==(const ImpedanceSegment&) const = default;
 };

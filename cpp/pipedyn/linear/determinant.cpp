@@ -189,7 +189,7 @@ template <class Number, class Visit>
 void still_pivots(const ImpedanceModel& model, Number u, const Visit& visit) {
   const auto number = [](double value) { return Number{value}; };
   const auto still = [&](const ImpedanceParts& of) {
-    return number(of.still + beside_zero * (of.rate + beside_zero * of.square));
+    return number(of.stiffness + beside_zero * (of.damping + beside_zero * of.mass));
   };
   const Number thrust = number(model.thrust) * u * u;
   const Number coriolis = number(model.coriolis * beside_zero) * u;

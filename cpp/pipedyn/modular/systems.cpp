@@ -7,15 +7,16 @@
 
 namespace pipedyn {
 
-SceneSystems::SceneSystems(const Scene& scene, FlowAt flow)
-    : scene_(scene),
+SceneSystems::SceneSystems(const Chain& chain, FlowAt flow, Linearise linearise)
+    : chain_(chain),
       flow_at_(std::move(flow)),
-      factors_(static_cast<std::size_t>(scene.chain().factor_numbers())) {}
+      linearise_(std::move(linearise)),
+      factors_(static_cast<std::size_t>(chain.factor_numbers())) {}
 
 void SceneSystems::linearise(double t, const double* y, Index member) {
-  state_ = Eigen::Map<const Vector>(y, 2 * scene_.dof());
+  state_ = Eigen::Map<const Vector>(y, 2 * chain_.dof());
   flow_ = flow_at_(t, member);
-  about_ = scene_.linearised(flow_.of(state_.data()), Scene::return_rate);
+  about_ = linearise_(flow_.of(state_.data()));
 }
 
 SceneSystems::Shifted SceneSystems::product(const Matrix& rows, const double* x) {
@@ -32,7 +33,7 @@ SceneSystems::Shifted SceneSystems::product(const Matrix& rows, const double* x)
 }
 
 SceneSystems::Shifted SceneSystems::shifted_rows(const double* x) const {
-  const Shifted moved = product(about_.r, x + 2 * shifts * scene_.dof());
+  const Shifted moved = product(about_.r, x + 2 * shifts * chain_.dof());
   Shifted all = product(about_.e, x);
   for (Index i = 0; i < all.rows(); ++i) {
     const Parts re = moved.row(i).head<shifts>(), im = moved.row(i).tail<shifts>();
@@ -43,13 +44,12 @@ SceneSystems::Shifted SceneSystems::shifted_rows(const double* x) const {
 }
 
 void SceneSystems::factorise(const double* mu) {
-  const Chain& chain = scene_.chain();
   const Index size = about_.x.cols();
   const auto or_none = [](const Vector& of) { return of.size() > 0 ? of.data() : nullptr; };
   Batch one = flow_.of(state_.data());
   one.moments = or_none(about_.moments);
   one.slopes = or_none(about_.slopes);
-  chain.factorise(one, mu, factors_.data());
+  chain_.factorise(one, mu, factors_.data());
   mu_re_ = Eigen::Map<const Parts>(mu);
   mu_im_ = Eigen::Map<const Parts>(mu + shifts);
   responses_.assign(static_cast<std::size_t>(size), Matrix::Zero(state_.size(), 2 * shifts));
@@ -57,8 +57,8 @@ void SceneSystems::factorise(const double* mu) {
   pivots_.resize(static_cast<std::size_t>(shifts * size));
   for (Index z = 0; z < size; ++z) {
     Matrix& response = responses_[static_cast<std::size_t>(z)];
-    response.bottomLeftCorner(scene_.dof(), shifts).colwise() = about_.x.col(z);
-    chain.solve(flow_.u, factors_.data(), response.data());
+    response.bottomLeftCorner(chain_.dof(), shifts).colwise() = about_.x.col(z);
+    chain_.solve(flow_.u[0], factors_.data(), response.data());
     const Shifted column = shifted_rows(response.data());
     for (Index i = 0; i < size; ++i) systems_.row(i * size + z) = column.row(i);
     systems_.row(z * size + z).head<shifts>() += about_.compliance[z];
@@ -68,8 +68,8 @@ void SceneSystems::factorise(const double* mu) {
 
 void SceneSystems::solve(double* b) {
   const Index size = about_.x.cols();
-  const Shifted wanted = product(about_.r, b + 2 * shifts * scene_.dof());
-  scene_.chain().solve(flow_.u, factors_.data(), b);
+  const Shifted wanted = product(about_.r, b + 2 * shifts * chain_.dof());
+  chain_.solve(flow_.u[0], factors_.data(), b);
   if (size == 0) return;
   Shifted z = wanted - shifted_rows(b);
   motion_kernel().solve_dense(systems_.data(), pivots_.data(), size, z.data());

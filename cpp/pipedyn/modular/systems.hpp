@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: MIT
 //
-// Solution of (mu - J) x = b for a scene, about states that meet guides and pins nearly. S b is the
-// solution for the chain with constant forces along the rows (chain/shifted.hpp), and R, E and X
-// are those of scene.hpp, where R and X apply to accelerations. Then
+// Solution of (mu - J) x = b for a chain or a scene, about states that meet guides and pins nearly.
+// S b is the solution for the chain with constant forces along the rows (chain/shifted.hpp), and R,
+// E and X are those of scene.hpp, where R and X apply to accelerations. Then
 //
 //   x = S (b + X z),   ((mu R + E) S X + compliance) z = R b - (mu R + E) S b.
 //
-// Each right side costs one solve of the chain; each new mu costs one more for each entry of z.
+// Each right side costs one solve of the chain; each new mu costs one more for each entry of z. A
+// chain alone has no z.
 #pragma once
 
 #include "pipedyn/modular/scene.hpp"
@@ -14,10 +15,15 @@
 
 namespace pipedyn {
 
-/// The linear systems of implicit integrators for a scene.
+/// The linear systems of implicit integrators for a chain or a scene.
 class SceneSystems final : public ShiftedSystems {
  public:
-  SceneSystems(const Scene& scene, FlowAt flow);
+  SceneSystems(const Chain& chain, FlowAt flow)
+      : SceneSystems(chain, std::move(flow), [](const Batch&) { return Scene::Linear(); }) {}
+  SceneSystems(const Scene& scene, FlowAt flow)
+      : SceneSystems(scene.chain(), std::move(flow), [&scene](const Batch& one) {
+          return scene.linearised(one, Scene::return_rate);
+        }) {}
   void linearise(double t, const double* y, Index member) override;
   void factorise(const double* mu) override;
   void solve(double* b) override;
@@ -29,10 +35,14 @@ class SceneSystems final : public ShiftedSystems {
   using Shifted = Eigen::Array<double, Eigen::Dynamic, 2 * shifts, Eigen::RowMajor>;
   using Parts = Eigen::Array<double, 1, shifts>;
 
-  const Scene& scene_;
+  using Linearise = std::function<Scene::Linear(const Batch& one)>;
+  SceneSystems(const Chain& chain, FlowAt flow, Linearise linearise);
+
+  const Chain& chain_;
   FlowAt flow_at_;
+  Linearise linearise_;
   Vector state_;
-  Flow flow_;
+  Flows flow_;
   Scene::Linear about_;
   std::vector<double> factors_;
   Parts mu_re_, mu_im_;

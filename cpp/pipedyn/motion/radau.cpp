@@ -53,22 +53,6 @@ Vector times(double from, double h) {
 
 // ------------------------------------------------------------------------------------ systems
 
-ChainSystems::ChainSystems(const Chain& chain, FlowAt flow)
-    : chain_(chain),
-      flow_at_(std::move(flow)),
-      factors_(static_cast<std::size_t>(chain.factor_numbers())) {}
-
-void ChainSystems::linearise(double t, const double* y, Index member) {
-  state_ = Eigen::Map<const Vector>(y, 2 * chain_.dof());
-  flow_ = flow_at_(t, member);
-}
-
-void ChainSystems::factorise(const double* mu) {
-  chain_.factorise(flow_.of(state_.data()), mu, factors_.data());
-}
-
-void ChainSystems::solve(double* b) { chain_.solve(flow_.u, factors_.data(), b); }
-
 DenseSystems::DenseSystems(Jacobian jacobian, Index size)
     : jacobian_(std::move(jacobian)),
       slopes_(size, size),

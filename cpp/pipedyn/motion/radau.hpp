@@ -14,7 +14,7 @@
 
 #include <memory>
 
-#include "pipedyn/chain/chain.hpp"
+#include "pipedyn/chain/motion.hpp"
 #include "pipedyn/motion/integrator.hpp"
 
 namespace pipedyn {
@@ -34,33 +34,25 @@ class ShiftedSystems {
   virtual bool is_cheap() const { return false; }
 };
 
-/// Flow speed and drive of one member at one time.
-struct Flow {
-  double u = 0.0, drive[Drive::rows] = {};
-  bool driven = false;
+/// Flow speed u (members,) of each motion of a batch, its drive (Drive::rows, members), or empty if
+/// nothing drives it, and the relative errors that quadratures may leave, as in `Batch`, or empty.
+struct Flows {
+  Vector u;
+  Matrix drive;
+  Vector errors;
 
+  bool driven() const { return !drive.isZero(0.0); }
   Batch of(const double* y) const {
-    return {.y = y, .u = &u, .members = 1, .u_step = 0, .drive = driven ? drive : nullptr};
+    return {.y = y,
+            .u = u.data(),
+            .members = u.size(),
+            .u_step = 1,
+            .drive = driven() ? drive.data() : nullptr,
+            .errors = errors.size() > 0 ? errors.data() : nullptr};
   }
 };
-using FlowAt = std::function<Flow(double t, Index member)>;
-
-/// Systems of a chain, solved in O(n) by its recursion.
-class ChainSystems final : public ShiftedSystems {
- public:
-  ChainSystems(const Chain& chain, FlowAt flow);
-  void linearise(double t, const double* y, Index member) override;
-  void factorise(const double* mu) override;
-  void solve(double* b) override;
-  bool is_cheap() const override { return true; }
-
- private:
-  const Chain& chain_;
-  FlowAt flow_at_;
-  Vector state_;
-  Flow flow_;
-  std::vector<double> factors_;
-};
+/// The flow of one member at one time.
+using FlowAt = std::function<Flows(double t, Index member)>;
 
 /// Systems with J as a dense matrix.
 class DenseSystems final : public ShiftedSystems {

@@ -662,8 +662,8 @@ class Model(OfPipe, ABC):
         """
         if len(y) > 2 * self.integrated:
             return np.asarray(self.motion.rhs_and_power(t, y, u, drive))
-        if self.motion is self.core:  # the core advances [p, p'] itself and needs no work
-            return np.asarray(self.core.rhs(t, y, u, drive, refuses=False))
+        if self.compiled is not None:  # it advances [p, p'] itself and needs no work
+            return np.asarray(self.compiled.rhs(t, y, u, drive, refuses=False))
         work = np.zeros((1, *y.shape[1:]))
         rates: Array = self.motion.rhs_and_power(t, np.concatenate([y, work]), u, drive)
         return rates[:-1]
@@ -679,9 +679,6 @@ class Model(OfPipe, ABC):
         The rows of the result, (k, 2 + 2 integrated, 2 integrated), are the rates, their derivative
         by the speed and the derivatives by [p, p'].
         """
-        if self.motion is self.core:
-            self._check_dense()
-            return np.asarray(self.core.linearised(0.0, y, u, drive))
         step = np.where(np.asarray(u) > 0.0, 0.5 * np.asarray(u), 1.0)
         rates, faster, fastest = (self.motion_rates(y, u + k * step, drive) for k in range(3))
         by_speed = (4.0 * faster - fastest - 3.0 * rates) / (2.0 * step)  # exact to degree 2

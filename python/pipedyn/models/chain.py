@@ -547,13 +547,6 @@ class Chain(Model):
     def free_states(self, y: Array) -> Array:
         return super().free_states(y) if self.supported is None else self.supported.free_states(y)
 
-    def motion_rates(
-        self, y: Array, u: float | Array, drive: Array | None = None, t: float = 0.0
-    ) -> Array:
-        if len(y) > 2 * self.integrated:
-            return super().motion_rates(y, u, drive, t)
-        return np.asarray(self.motion.rhs(t, y, u, drive, refuses=False))
-
     def onto_constraints(self, p: Array, rates: Array) -> tuple[Array, Array]:
         if self.supported is None:
             return p, rates
