@@ -49,15 +49,6 @@ def test_chains_converge_in_a_window(rule, order, sizes, largest):
     assert error[-1] < largest
 
 
-def test_the_papers_rule_ends_1_44_percent_low():
-    """5.5107 in place of 5.5914, from three sizes extrapolated."""
-    a, b, c = (chain_speed("rayleigh", n) for n in (20, 40, 80))
-    limit = (8.0 * c - 6.0 * b + a) / 3.0
-    assert limit == pytest.approx(5.5107, rel=0, abs=3e-4)
-    assert limit / EXACT - 1.0 == pytest.approx(-0.0144, rel=0, abs=1e-4)
-    assert abs(c / EXACT - 1.0) > 0.0144
-
-
 @pytest.mark.parametrize(
     ("rule", "speeds"),
     [

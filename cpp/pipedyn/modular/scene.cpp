@@ -154,21 +154,13 @@ Scene::Scene(const Pipe& pipe, const Segments& segments, const Matrix& inertia,
       inertia_(chain_.without_forces()),
       held_from_(inertia.rows()),
       value_(value) {
-  if (!(length_.minCoeff() > 0.0)) throw std::invalid_argument("length must be positive");
-  require("value", value.size(), static_cast<Index>(held.size()));
-  if (held_from_ > 0) require("a row of inertia", inertia.cols(), coordinates());
   const Index count = held_from_ + value.size() + (lends_ ? 1 : 0);
   weights_ = Matrix::Zero(count, coordinates());
   compliance_ = Vector::Zero(count);
   compliance_.head(held_from_).setOnes();
   if (held_from_ > 0) weights_.topRows(held_from_) = inertia;
   Index row = held_from_;
-  for (const Index coordinate : held) {
-    if (coordinate < 0 || coordinate >= coordinates() || coordinate % 3 == 2) {
-      throw std::invalid_argument("what is held must be nodes' coordinates");
-    }
-    weights_(row++, coordinate) = 1.0;
-  }
+  for (const Index coordinate : held) weights_(row++, coordinate) = 1.0;
   if (lends_) {  // w . q is a multiple of the last segment's angle, the sum of the joints' angles
     const double last = length_[dof() - 1];
     for (Index j = 0; j < dof(); ++j) weights_(row, 3 * j + 2) = std::sqrt(last * last * last);
@@ -198,9 +190,6 @@ Matrix Scene::bodies() const {
 
 Matrix Scene::redundant(const Matrix& theta, const Matrix& omega) const {
   const Index n = dof(), size = coordinates(), members = theta.cols();
-  require("theta", theta.rows(), n);
-  require("omega", omega.rows(), n);
-  require("a row of omega", omega.cols(), members);
   Matrix sine, cosine;
   turn(theta, sine, cosine);
   Matrix states(2 * size, members);

@@ -51,8 +51,7 @@ class Scene {
  public:
   /// inertia: rows of weights of the inertia besides the chain's (rows, 3 n). held: indices of the
   /// coordinates x or y of nodes that guides or pins hold, each once; value: their values. Throws
-  /// std::invalid_argument if arrays differ in length, a length is not positive or an index is not
-  /// that of a node's coordinate.
+  /// std::invalid_argument if arrays of the segments differ in length.
   Scene(const Pipe& pipe, const Segments& segments, const Matrix& inertia,
         const std::vector<Index>& held, const Vector& value);
 

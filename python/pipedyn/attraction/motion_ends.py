@@ -389,7 +389,7 @@ class _Engine:
 
     def stopped(self, run: _Run, task: Task, outcome: Outcome) -> MotionStopped:
         """The error of a motion that stopped, with its start and the time since the start."""
-        [motion] = assembled([task], [outcome])
+        [(motion, _)] = assembled([task], [outcome])
         reached = self.elapsed + float(motion.t[-1] if motion.t.size else 0.0)
         report = f"the motion from start {run.start} stopped after t = {reached:g}: {outcome[2]}"
         return MotionStopped(report, motion)

@@ -477,12 +477,6 @@ class Drive:
         along = base.along(base.amplitude)
         return (speed.mean, speed.amplitude, speed.frequency, *along, base.frequency)
 
-    def base(self, times: Array) -> Array | None:
-        """The base's motion at times (k,), as `Model.rhs` takes it, shape (3, 2, k)."""
-        if self._base is None:
-            return None
-        return np.array([self(t)[2:] for t in times.tolist()]).T.reshape(3, 2, times.size)
-
     def _evaluated(self, name: str, functions: Any, t: float, entries: int) -> list[Any]:
         """Values and derivatives of functions at a time, `entries` numbers each."""
         first, *others = functions

@@ -319,8 +319,8 @@ def exponents_together(
             both = slice(2 * place, 2 * place + 2)
             for task, outcome in zip(tasks[both], outcomes[both], strict=True):
                 if outcome[2] is not None:
-                    [motion] = assembled([task], [outcome])
-                    answers[k] = MotionStopped(f"the motion stopped: {outcome[2]}", motion)
+                    [(motion, why)] = assembled([task], [outcome])
+                    answers[k] = MotionStopped(f"the motion stopped: {why}", motion)
             if k in answers:
                 continue
             one, other = (outcome[0][-1, :size] for outcome in outcomes[both])

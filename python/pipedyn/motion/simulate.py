@@ -558,9 +558,7 @@ def motions_of(
 ) -> list[tuple[Motion, str | None]]:
     """Motion of each member of a batch, and the reason why it stopped early, or None."""
     found = map(as_sparse_as_shown, tasks, integrate(tasks, shown, observer))
-    tasks, outcomes = zip(*((task, _while_driven(task, one)) for task, one in found), strict=True)
-    motions = assembled(tasks, outcomes)
-    return [(motion, why) for motion, (_, _, why) in zip(motions, outcomes, strict=True)]
+    return assembled(*zip(*found, strict=True))
 
 
 def finely_sampled(task: Task) -> Task:
@@ -606,33 +604,45 @@ def as_sparse_as_shown(task: Task, outcome: Outcome) -> tuple[Task, Outcome]:
     return replace(task, times=task.times[::every], finer=1), (rows, calls, why)
 
 
-def _while_driven(task: Task, outcome: Outcome) -> Outcome:
-    """The outcome of a task, cut before the first sample at which its functions of time fail."""
-    rows, calls, _ = outcome
-    if task.drive is not None and task.drive.numbers is None:
-        for k, t in enumerate(task.times[: len(rows) - 1].tolist()):
-            try:
-                task.drive(t)
-            except DriveFailed as failed:
-                return rows[: k + 1], calls, str(failed)
-    return outcome
+def _driven(task: Task, outcome: Outcome) -> tuple[Array, int, str | None, Array]:
+    """The outcome, cut before the first sample at which a function of time fails, and its drive.
+
+    The drive has a row of u, u' and the base's place, velocity and acceleration for the start and
+    each sample, shape (1 + S, 8).
+    """
+    rows, calls, why = outcome
+    if task.drive is None:
+        return rows, calls, why, np.tile([task.flow(0.0)[0], *(0.0,) * 7], (len(rows), 1))
+    values = [task.drive(task.t0)]
+    for t in task.times[: len(rows) - 1].tolist():
+        try:
+            values.append(task.drive(t))
+        except DriveFailed as failed:
+            why = str(failed)
+            break
+    return rows[: len(values)], calls, why, np.array(values)
 
 
-def assembled(tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Motion]:
-    """Motions from the outcomes of tasks of one model, with energies, audits and free ends."""
+def assembled(
+    tasks: Sequence[Task], outcomes: Sequence[Outcome]
+) -> list[tuple[Motion, str | None]]:
+    """Motions from the outcomes of tasks of one model, with the reasons why they stopped early.
+
+    They have energies, audits and free ends.
+    """
     model, size = tasks[0].model, tasks[0].model.integrated
-    rows = np.concatenate([rows for rows, _, _ in outcomes])
+    driven = list(map(_driven, tasks, outcomes))
+    rows = np.concatenate([rows for rows, *_ in driven])
     q, qdot = model.to_user(rows[:, :size], rows[:, size : 2 * size])
     states = np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
-    moves = [_base_of(task, len(rows)) for task, (rows, _, _) in zip(tasks, outcomes, strict=True)]
-    base = None if moves[0] is None else np.concatenate(moves, axis=2)
-    drive = model._drive(states, None, base)
+    moves = np.concatenate([values[:, 2:].T.reshape(3, 2, -1) for *_, values in driven], axis=2)
+    drive = model._drive(states, None, None if tasks[0].base is None else moves)
     energy = np.asarray(model.motion.energy(states, drive, refuses=False))
     states[model.coordinates :] = 0.0  # the same configurations at rest
     kinetic = energy - np.asarray(model.motion.energy(states, drive, refuses=False))
     supplied = rows[:, 2 * size] if rows.shape[1] > 2 * size else np.full(len(rows), math.nan)
     motions, start = [], 0
-    for task, (own, evaluations, _) in zip(tasks, outcomes, strict=True):
+    for task, (own, evaluations, why, values) in zip(tasks, driven, strict=True):
         of = slice(start + 1, start + len(own))
         scale = float(max(np.abs(energy[of]).max(initial=0.0), kinetic[of].max(initial=0.0)))
         missed = energy[of] - energy[start] - supplied[of]
@@ -645,13 +655,13 @@ def assembled(tasks: Sequence[Task], outcomes: Sequence[Outcome]) -> list[Motion
             energy=energy[of],
             audit=float(np.abs(missed).max(initial=0.0)) / scale if scale else 0.0,
             u=task.u,
-            flow_speed=_speeds_of(task, own[1:]),
+            flow_speed=own[1:, -1] if task.constant_head else values[1:, 0],
             method=task.method,
             evaluations=evaluations,
             model=model,
             base=task.base,
         )
-        motions.append(motion)
+        motions.append((motion, why))
         start += len(own)
     return motions
 
@@ -665,22 +675,6 @@ def _without_samples(task: Task) -> Motion:
         model=task.model,
         base=task.base,
     )
-
-
-def _speeds_of(task: Task, rows: Array) -> Array:
-    """Flow speeds at the samples of a task, one for each row."""
-    if task.constant_head is not None:
-        return rows[:, -1]
-    if task.drive is None:
-        return np.full(len(rows), task.u)
-    return np.array([task.flow(t)[0] for t in task.times[: len(rows)].tolist()])
-
-
-def _base_of(task: Task, rows: int) -> Any:
-    """Place, velocity and acceleration of the base at start and samples: (3, 2, rows), or None."""
-    if task.drive is None:
-        return None
-    return task.drive.base(np.append(task.t0, task.times)[:rows])
 
 
 # ------------------------------------------------------------------------- starts and arguments
