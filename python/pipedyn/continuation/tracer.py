@@ -330,16 +330,16 @@ def reason_of(error: Exception) -> str:
     return f"{text} ({type(cause).__name__}: {cause})"
 
 
-NEAR_END = 1e-6
+AT_END = 1e-6
 """Distance from an end of a step, as a share of its length, that counts as rounding."""
 
 
-def passes_through(step: Segment[Equations], z: Array, after: float = NEAR_END) -> bool:
+def passes_through(step: Segment[Equations], z: Array, after: float = AT_END) -> bool:
     """Whether a solution z lies on a step, beyond the share `after` of its length."""
     if z.size != step.begin.z.size:  # z is an orbit on another mesh
         return False
     s, length, problem = step.reach(z), step.length, step.problem
-    ahead = after * length < s <= length * (1.0 + NEAR_END)
+    ahead = after * length < s <= length * (1.0 + AT_END)
     if ahead and problem.length(step.guess(s) - z) <= 0.1 * length:
         with suppress(NewtonFailed):
             return step.miss(z) <= 1e-6 * (1.0 + problem.length(z))

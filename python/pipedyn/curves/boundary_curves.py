@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import Control, Point, Segment
-from pipedyn.continuation.tracer import NEAR_END, Tracer, passes_through
+from pipedyn.continuation.tracer import AT_END, Tracer, passes_through
 from pipedyn.equilibrium.axis_problems import (
     AxisProblem,
     CoupledModeProblem,
@@ -111,7 +111,7 @@ class TracedCurve:
 
     def holds(self, z: Array) -> bool:
         """Whether a solution z of the same equations lies on the curve."""
-        return any(passes_through(segment, z, -NEAR_END) for segment in self.segments())
+        return any(passes_through(segment, z, -AT_END) for segment in self.segments())
 
 
 class CurveTracer:
