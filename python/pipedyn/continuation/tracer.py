@@ -235,7 +235,7 @@ class Tracer(Generic[Equations]):
             return points, "range", ""
         try:
             for count, step in enumerate(self._within_limits(steps, problem, begin), 1):
-                closes = begin is not None and count > 1 and _passes_through(step, begin)
+                closes = begin is not None and count > 1 and passes_through(step, begin.z)
                 step = replace(step, end=points[0]) if closes else step
                 end = self.note(step)
                 points.append(step.end)
@@ -330,13 +330,17 @@ def reason_of(error: Exception) -> str:
     return f"{text} ({type(cause).__name__}: {cause})"
 
 
-def _passes_through(step: Segment[Equations], point: Point) -> bool:
-    """Whether a point of a branch lies on a step, away from its beginning."""
-    if point.z.size != step.begin.z.size:  # the point is an orbit on another mesh
+AT_END = 1e-6
+"""Distance from an end of a step, as a share of its length, that counts as rounding."""
+
+
+def passes_through(step: Segment[Equations], z: Array, after: float = AT_END) -> bool:
+    """Whether a solution z lies on a step, beyond the share `after` of its length."""
+    if z.size != step.begin.z.size:  # z is an orbit on another mesh
         return False
-    s, length, problem = step.reach(point.z), step.length, step.problem
-    ahead = 1e-6 * length < s <= length * (1.0 + 1e-9)
-    if ahead and problem.length(step.guess(s) - point.z) <= 0.1 * length:
+    s, length, problem = step.reach(z), step.length, step.problem
+    ahead = after * length < s <= length * (1.0 + AT_END)
+    if ahead and problem.length(step.guess(s) - z) <= 0.1 * length:
         with suppress(NewtonFailed):
-            return step.miss(point.z) <= 1e-6 * (1.0 + problem.length(point.z))
+            return step.miss(z) <= 1e-6 * (1.0 + problem.length(z))
     return False

@@ -169,7 +169,8 @@ class Boundary(InPlane):
 
     @cached_property
     def _plane(self) -> Plane:
-        of = checked_window(self.model, self.names, dict(zip(self.names, self.ranges, strict=True)))
+        ranges = dict(zip(self.names, self.ranges, strict=True))
+        of = checked_window(self.model, self.names, ranges, motions=True)
         model = self.model
         if isinstance(model, Continuum):
             return basis_plane(model.frozen(self.size), of, self.u)
@@ -254,15 +255,20 @@ def boundary(
         if u is None:
             raise ValueError(f'u must be given where neither x nor y is "u", got {x!r} and {y!r}')
         u = check.real("u", u, low=0.0, high=largest_speed(model))
-    return _bounded(model, window, u, asked, only, (x, y))
+    return bounded(model, window, u, asked, only, (x, y))
 
 
-def checked_window(model: AnyModel, names: tuple[Any, Any], ranges: Any) -> Window:
-    """The window of two numbers in these ranges; ValueError or TypeError for bad arguments."""
+def checked_window(
+    model: AnyModel, names: tuple[Any, Any], ranges: Any, motions: bool = False
+) -> Window:
+    """The window of two numbers in these ranges; ValueError or TypeError for bad arguments.
+
+    The numbers must enter small motions or, with `motions`, motions of finite amplitude.
+    """
     numbers: list[PipeNumber | None] = []
     for argument, name in zip(("x", "y"), names, strict=True):
         own = isinstance(name, str) and name == "u"
-        numbers.append(None if own else checked_number(argument, name, model.pipe))
+        numbers.append(None if own else checked_number(argument, name, model.pipe, motions))
     places = [None if one is None else (one.term, one.attribute) for one in numbers]
     if places[0] == places[1]:
         raise ValueError(f"x and y must be two numbers, got {names[0]!r} and {names[1]!r}")
@@ -282,7 +288,7 @@ def checked_window(model: AnyModel, names: tuple[Any, Any], ranges: Any) -> Wind
     return Window((numbers[0], numbers[1]), low_, high_ - low_)
 
 
-def _bounded(
+def bounded(
     model: AnyModel,
     window: Window,
     u: float | None,
@@ -290,6 +296,7 @@ def _bounded(
     only_stability: bool,
     names: tuple[str, str],
 ) -> Boundary:
+    """The boundaries in a checked window, with the other arguments of `boundary` checked, too."""
     with one_thread(2 * getattr(model, "dof", 64)):
         coarse = first_plane(model, window, u)
         by_speed = coarse.speed_index is not None

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import Control, Point, Segment
-from pipedyn.continuation.tracer import Tracer
+from pipedyn.continuation.tracer import AT_END, Tracer, passes_through
 from pipedyn.equilibrium.axis_problems import (
     AxisProblem,
     CoupledModeProblem,
@@ -59,9 +59,6 @@ ROUNDED = 1e-6
 """Distance between a point in two successive bases up to which it counts as converged if larger
 bases do not reduce the distance. The distance then is due to rounding, in pairs of high frequency
 whose growth hardly changes: at omega 900 with a growth of 1e-3 it is 1e-8."""
-
-SAME_POINT = 1e-7
-"""Distance, in shares of the window, below which two solutions are the same."""
 
 
 @dataclass(frozen=True)
@@ -114,18 +111,7 @@ class TracedCurve:
 
     def holds(self, z: Array) -> bool:
         """Whether a solution z of the same equations lies on the curve."""
-        away = np.array([self.problem.length(point.z - z) for point in self.points])
-        k = int(np.argmin(away))
-        if away[k] > LONGEST_STEP:
-            return False
-        self.problem.renew()
-        for a, b in pairwise(self.points[max(0, k - 1) : k + 2]):
-            segment = Segment(self.problem, a, b)
-            if -0.01 <= segment.reach(z) / segment.length <= 1.01:
-                with suppress(NewtonFailed):
-                    if segment.miss(z) <= 100.0 * SAME_POINT:
-                        return True
-        return bool(away[k] <= 100.0 * SAME_POINT)
+        return any(passes_through(segment, z, -AT_END) for segment in self.segments())
 
 
 class CurveTracer:
@@ -147,7 +133,7 @@ class CurveTracer:
         self.unit = max([1.0, *(abs(float(one.z[0])) for one in starts if one.z.size == 3)])
         # Derivatives are exact: after a step of Newton's method as short as the tolerance, the
         # error is of the order of the tolerance squared.
-        self.control = Control(LONGEST_STEP, shortest=1e-6, turn=LARGEST_TURN, tolerance=SAME_POINT)
+        self.control = Control(LONGEST_STEP, shortest=1e-6, turn=LARGEST_TURN, tolerance=1e-7)
         self.curves: list[TracedCurve] = []
 
     def trace(self, starts: list[CurveStart]) -> list[TracedCurve]:

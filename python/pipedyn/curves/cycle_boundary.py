@@ -18,12 +18,12 @@ from pipedyn.curves.boundary import Boundary
 from pipedyn.curves.event_curve import CycleCurve, CyclePoint, EventFollower
 from pipedyn.curves.event_onset import Onset
 from pipedyn.curves.event_plane import (
+    Followed,
     checked_branch_events,
     checked_names,
     orbit_at_event,
     plane_of,
 )
-from pipedyn.curves.event_problem import Followed
 from pipedyn.curves.in_plane import InPlane
 from pipedyn.cycles.branches import CycleBranch, CycleEvent
 from pipedyn.forced.forced_response import ForcedBranch, ForcedEvent
@@ -123,7 +123,7 @@ def cycle_boundary(
     window = plane.ranges
     starts = []
     for event in given:
-        begin = orbit_at_event(branch, event, plane.family.at(plane.value))
+        begin = orbit_at_event(branch, event, plane.at(plane.value))
         own = begin.frequency * plane.order if plane.forced else begin.u
         for name, value, (low, high) in zip(
             names, plane.places(plane.value, own), window, strict=True
@@ -133,12 +133,11 @@ def cycle_boundary(
                     f"ranges must hold the event: {name} is {value:.6g} there, and its range is "
                     f"{(low, high)}"
                 )
-        place = 1 if plane.own_first else 0
-        for end in window[place] if begin.symmetric else ():
-            if not plane.family.at(end).is_odd(begin.u):
+        for end in window[plane.second] if begin.symmetric else ():
+            if not plane.at(end).is_odd(begin.u):
                 raise ValueError(
-                    f"{'xy'[place]} must leave the pipe the mirror symmetry that the cycle has, "
-                    f"got {names[place]!r}"
+                    f"{'xy'[plane.second]} must leave the pipe the mirror symmetry that the cycle "
+                    f"has, got {names[plane.second]!r}"
                 )
         starts.append(begin)
     curves, points, failures = list[CycleCurve](), list[CyclePoint](), list[str]()

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from pipedyn.continuation.arclength import Point, Segment
 from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
 from pipedyn.curves.event_onset import Onset
-from pipedyn.curves.event_plane import EVENTS, EventPlane
-from pipedyn.curves.event_problem import EventProblem, Followed, event_angle
+from pipedyn.curves.event_plane import EVENTS, EventPlane, Followed
+from pipedyn.curves.event_problem import EventProblem, event_angle
 from pipedyn.cycles.limit_cycle import amplitude_of
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.motion.vector_field import VectorField
@@ -179,7 +179,7 @@ class _OtherMultipliers(PassingMultiplier[EventProblem]):
     def about(self, s: float) -> Complex:
         """The other multipliers, or their roots over half a period."""
         point = self.step.at(s)
-        motion = self.follower.plane.family.at(point.p)
+        motion = self.follower.plane.at(point.p)
         return self.follower.rest(motion, self.step.problem.orbit(point.z), point.z)
 
     def at(self, s: float) -> Array:
@@ -219,8 +219,7 @@ class EventFollower(Tracer[EventProblem]):
     def __init__(
         self, plane: EventPlane, kind: Followed, shown: bool, onset: Onset | None = None
     ) -> None:
-        first, last = plane.ranges
-        second, (low, high) = (last, first) if plane.own_first else (first, last)
+        second, (low, high) = plane.ranges[plane.second], plane.ranges[1 - plane.second]
         self.own = -3 if kind == "torus" else -2  # index of the branch parameter in z
         limits = [(-1, *second), (self.own, low / plane.order, high / plane.order)]
         super().__init__(limits, MOST_EVENT_STEPS)
@@ -235,14 +234,14 @@ class EventFollower(Tracer[EventProblem]):
         Raises:
             NewtonFailed: if the event is not found.
         """
-        motion, value = self.plane.family.at(self.plane.value), self.plane.value
+        motion, value = self.plane.at(self.plane.value), self.plane.value
         orbit = resolved_orbit(
             *(motion, orbit.states, orbit.frequency, orbit.u, orbit.symmetric), self.how.defect
         )
         extra = [value]
         if self.kind == "torus":
             extra.insert(0, event_angle(orbit_multipliers(motion, orbit)[1]))
-        problem = EventProblem(self.plane.family, self.kind, orbit, np.array(extra), self.how)
+        problem = EventProblem(self.plane, self.kind, orbit, np.array(extra), self.how)
         z = problem.fixed(problem.origin, value)
         found = problem.orbit(z)
         if abs(found.frequency / orbit.frequency - 1.0) > 0.02:
@@ -257,7 +256,7 @@ class EventFollower(Tracer[EventProblem]):
             return False
         problem, point = start
         here = self.place(problem, point)
-        second, own = (curve.y, curve.x) if self.plane.own_first else (curve.x, curve.y)
+        second, own = (curve.x, curve.y)[:: -1 if self.plane.second else 1]
         near = (second[:-1] - here.second) * (second[1:] - here.second) <= 0.0
         for i in np.flatnonzero(near).tolist():
             for one in (curve.orbits[i], curve.orbits[i + 1]):
@@ -307,7 +306,7 @@ class EventFollower(Tracer[EventProblem]):
     def place(self, problem: EventProblem, point: Point) -> _Cycle:
         """A point of the curve, with its amplitude, other multipliers and further quantities."""
         orbit, second = problem.orbit(point.z), float(point.z[-1])
-        motion = self.plane.family.at(second)
+        motion = self.plane.at(second)
         own = orbit.frequency * self.plane.order if self.plane.forced else orbit.u
         opens = problem.opens(point.z) if self.kind == "fold" else 0
         rest = self.rest(motion, orbit, point.z)
@@ -395,7 +394,7 @@ class EventFollower(Tracer[EventProblem]):
             return {name: np.array([math.sin(angle)])}
         orbit, kinds = problem.orbit(z), dict[str, str]()
         if not self.plane.forced:
-            drag = self.plane.family.at(float(z[-1])).model.pipe.drag
+            drag = self.plane.at(float(z[-1])).model.pipe.drag
             kinds["hopf"] = "Hopf" if drag or self.kind != "fold" else "Bautin"
         if not orbit.symmetric and self.kind == "fold":
             kinds["period doubling"] = "degenerate period doubling"
@@ -437,7 +436,7 @@ class EventFollower(Tracer[EventProblem]):
         )
         last = places[-1]
         # An extrapolated point may lie beyond an edge of the window, where there may be no pipes.
-        low, high = self.plane.ranges[1 if self.plane.own_first else 0]
+        low, high = self.plane.ranges[self.plane.second]
         second = min(max(second, low), high)
         orbit = last.orbit if self.plane.forced else replace(last.orbit, u=own)
         amplitude = 0.0 if name in ("Bautin", "Hopf") else last.amplitude

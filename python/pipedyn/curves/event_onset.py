@@ -4,17 +4,17 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
 from pipedyn.continuation.arclength import Control
-from pipedyn.curves.boundary import Boundary, BoundaryCurve, boundary
+from pipedyn.curves.boundary import Boundary, BoundaryCurve, bounded, checked_window
 from pipedyn.curves.event_plane import EventPlane
 from pipedyn.equilibrium.axis_problems import AxisProblem, DivergenceProblem, FlutterProblem
-from pipedyn.linear.critical_speed import critical_speed
 from pipedyn.linear.modes import largest_speed
-from pipedyn.models.pipe_numbers import checked_number
+from pipedyn.linear.plane import Window
 from pipedyn.util.check import Array
 from pipedyn.util.errors import PipedynError
 from pipedyn.util.later import scipy
@@ -41,39 +41,30 @@ class Onset:
     def __init__(self, plane: EventPlane, begin: float, fastest: float) -> None:
         self.plane, self.failures = plane, list[str]()
         self.found: Boundary | None = None
-        self._flat = math.nan
         self._curve: BoundaryCurve | None = None
-        second = plane.ranges[1 if plane.own_first else 0]
-        name = plane.names[1 if plane.own_first else 0]
-        speeds = plane.ranges[0 if plane.own_first else 1]
+        second, name = plane.ranges[plane.second], plane.names[plane.second]
+        speeds = plane.ranges[1 - plane.second]
         top = min(max(speeds[1], fastest), largest_speed(plane.model))
         ranges = {name: second, "u": (min(speeds[0] or math.inf, 0.1 * top), top)}
         if name in ("beta", "root.stiffness") and second[0] == 0.0:
             ranges[name] = (FROM_0 * second[1], second[1])
         try:
-            self._find(name, ranges, begin)
+            for one in map(plane.at, ranges[name]):
+                if one.model.pipe.thrust_across or one.resting().any():
+                    raise ValueError(f"the straight pipe does not rest, got {one.model!r}")
+            # A number without effect on small motions has a level boundary.
+            self.window = checked_window(plane.model, plane.names, ranges, motions=True)
+            self.found = bounded(plane.model, self.window, None, False, True, plane.names)
         except (PipedynError, ValueError) as error:
             self.failures.append(f"the onset of flutter was not followed over {name}: {error}")
-
-    def _find(self, name: str, ranges: dict[str, tuple[float, float]], begin: float) -> None:
-        plane = self.plane
-        try:
-            checked_number("x", name, plane.model.pipe)
-        except ValueError:  # the number has no effect on small motions
-            ends = [critical_speed(plane.family.at(end).model) for end in ranges[name]]
-            if not math.isclose(ends[0].speed, ends[1].speed, rel_tol=1e-9):
-                raise
-            self._flat = ends[0].speed
-            self.found = _level(plane, name, ranges, ends[0].speed, ends[0].frequency)
             return
-        words: dict[str, Any] = {"criticality": False, "only_stability": True}
-        self.found = boundary(plane.model, *plane.names, ranges, **words)
         lowest = math.inf
         for curve in self.found.curves:
-            s, at = _splines(curve, self.found)
-            bounds = _monotone_parts(s, at[self._second])
-            for here in _places_of_value(at[self._second], self._share(plane.value), s[0], s[-1]):
-                speed = self._speed(at, here)
+            s, at = _splines(curve, self.window)
+            bounds = _monotone_parts(s, at[plane.second])
+            for here in _places_of_value(at[plane.second], self._share(plane.value), s[0], s[-1]):
+                place = self.window.place(np.array([at[0](here), at[1](here)]))
+                speed = float(place[1 - plane.second])
                 k = min(int(np.searchsorted(s, here, "right")) - 1, len(curve) - 2)
                 if math.isnan(begin):
                     wanted = speed < lowest and curve.unstable[k : k + 2].min() == 0
@@ -84,54 +75,39 @@ class Onset:
                     i = min(int(np.searchsorted(bounds, here, "right")), bounds.size - 1)
                     self._ends = bounds[i - 1], bounds[i]
 
-    @property
-    def _second(self) -> int:
-        """Index of the second number, 0 where it is x and 1 where it is y."""
-        return 1 if self.plane.own_first else 0
-
     def _share(self, value: float) -> float:
-        assert self.found is not None
-        low, high = self.found.ranges[self._second]
-        return (value - low) / (high - low)
-
-    def _speed(self, at: list[Any], s: float) -> float:
-        assert self.found is not None
-        low, high = self.found.ranges[1 - self._second]
-        return low + (high - low) * float(at[1 - self._second](s))
+        """A value of the second number as a share of its range."""
+        second = self.plane.second
+        return float((value - self.window.low[second]) / self.window.size[second])
 
     def along(self, values: Array) -> Array:
         """Flow speed of the onset at values of the second number, shape (k,); NaN for no onset."""
-        if self._curve is None or self.found is None:
-            return np.full(values.size, self._flat)
-        curve, found = self._curve, self.found
-        s, at = _splines(curve, found)
-        (left, right), unit = self._ends, float(curve.frequency.max()) or 1.0
-        plane, control = found._plane, Control(longest=1.0)
-        of: type[AxisProblem] = FlutterProblem if curve.kind == "flutter" else DivergenceProblem
-        problem = of(plane, control, unit)
         speeds = np.full(values.size, math.nan)
-        for i, value in enumerate(values.tolist()):
-            share = self._share(value)
-            for here in _places_of_value(at[self._second], share, left, right)[:1]:
+        if self._curve is None or self.found is None:
+            return speeds
+        curve, second = self._curve, self.plane.second
+        s, at = _splines(curve, self.window)
+        unit = float(curve.frequency.max()) or 1.0
+        of: type[AxisProblem] = FlutterProblem if curve.kind == "flutter" else DivergenceProblem
+        problem = of(self.found._plane, Control(longest=1.0), unit)
+        for i, share in enumerate(map(self._share, values.tolist())):
+            for here in _places_of_value(at[second], share, *self._ends)[:1]:
                 z = np.array([at[1](here), at[0](here)])
                 if curve.kind == "flutter":
                     z = np.append(np.interp(here, s, curve.frequency) / unit, z)
                 problem.renew()
-                try:
-                    z = problem.fixed(z, share, -1 - self._second)
-                except NewtonFailed:
-                    continue
-                speeds[i] = problem.place(z)[1 - self._second]
+                with suppress(NewtonFailed):
+                    z = problem.fixed(z, share, -1 - second)
+                    speeds[i] = problem.place(z)[1 - second]
         return speeds
 
 
-def _splines(curve: BoundaryCurve, found: Boundary) -> tuple[Array, list[Any]]:
+def _splines(curve: BoundaryCurve, window: Window) -> tuple[Array, list[Any]]:
     """Arc lengths of a curve's points, and cubic splines of x and y over the arc length.
 
     Arc lengths, x and y are in shares of the window.
     """
-    low, high = np.array(found.ranges).T
-    at = (np.column_stack([curve.x, curve.y]) - low) / (high - low)
+    at = (np.column_stack([curve.x, curve.y]) - window.low) / window.size
     steps = np.linalg.norm(np.diff(at, axis=0), axis=1)
     s = np.append(0.0, np.cumsum(np.maximum(steps, 1e-12)))
     make = scipy.interpolate.CubicHermiteSpline
@@ -152,41 +128,3 @@ def _monotone_parts(s: Array, second: Any) -> Array:
     """Arc lengths that divide a curve into parts on which the second number is monotone."""
     turns = np.atleast_1d(second.derivative().roots(extrapolate=False))
     return np.unique(np.concatenate([s[:1], s[-1:], turns[np.isfinite(turns)]]))
-
-
-def _level(
-    plane: EventPlane,
-    name: str,
-    ranges: dict[str, tuple[float, float]],
-    speed: float,
-    frequency: float,
-) -> Boundary:
-    """Boundary over a number without effect on small motions: the critical speed is constant."""
-    ends, twice, passing = np.array(ranges[name]), np.ones(2), 2 if frequency else 1
-    at, along = [ends, speed * twice], np.array([[1.0, 0.0], [1.0, 0.0]])
-    if plane.own_first:
-        at, along = at[::-1], along[:, ::-1]
-    curve = BoundaryCurve(
-        kind="flutter" if frequency else "divergence",
-        x=at[0],
-        y=at[1],
-        frequency=frequency * twice,
-        unstable=np.zeros(2, dtype=int),
-        change=np.full(2, -passing if plane.own_first else passing),  # unstable at higher speeds
-        lyapunov=math.nan * twice,
-        criticality=np.array(["", ""]),
-        error=0.0,
-        ends=("range", "range"),
-        slopes=along,
-        organising=np.zeros((0, 2), dtype=int),
-    )
-    return Boundary(
-        names=plane.names,
-        ranges=(ranges[plane.names[0]], ranges[plane.names[1]]),
-        curves=(curve,),
-        points=(),
-        u=None,
-        model=plane.model,
-        size=plane.model.dof,
-        failures=(),
-    )

@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, get_args
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Literal, get_args
 
 import numpy as np
 
-from pipedyn.curves.event_problem import Family, Followed
 from pipedyn.cycles.branches import CycleBranch, CycleEvent
 from pipedyn.cycles.limit_cycle import amplitude_of
 from pipedyn.forced.forced_response import ForcedBranch, ForcedEvent
@@ -23,6 +23,9 @@ from pipedyn.orbits.orbit_continuation import FINE, orbit_at
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit, resolved_orbit
 from pipedyn.util import check
 from pipedyn.util.check import Array
+
+Followed = Literal["fold", "pitchfork", "period doubling", "torus"]
+"""Events that are followed in two parameters."""
 
 EVENTS: tuple[Followed, ...] = get_args(Followed)
 """Kinds of events that are followed, in the order in which they are named together."""
@@ -76,34 +79,57 @@ class EventPlane:
     """Plane of the branch parameter and a second number, with the equations of motion in it.
 
     Attributes:
-        family: equations of motion as a function of the second number.
+        make: function that returns the equations at a value of the second number; it raises
+            ValueError where there are none.
         names: names of x and y.
         model: the model of the branch.
         value: the second number's value on the branch.
-        own_first: whether x is the branch parameter.
         ranges: ranges of x and y.
         forced: whether motions are forced; then the branch parameter is the frequency, else u.
         order: number of periods of the forcing in one period of the motion, 1 for cycles.
-        motions: all equations of motion made so far.
     """
 
-    family: Family
+    make: Callable[[float], VectorField]
     names: tuple[str, str]
     model: Model
     value: float
-    own_first: bool
     ranges: tuple[tuple[float, float], tuple[float, float]]
-    forced: bool
-    order: int
-    motions: list[VectorField]
+    forced: bool = False
+    order: int = 1
+    _motions: dict[float, VectorField] = field(default_factory=dict)
+
+    @cached_property
+    def second(self) -> int:
+        """Index of the second number, 0 where it is x and 1 where it is y."""
+        return int(self.names[0] == ("frequency" if self.forced else "u"))
+
+    @property
+    def width(self) -> float:
+        """Width of the second number's range.
+
+        A change by this width is as long as a change of the free end's position by L.
+        """
+        low, high = self.ranges[self.second]
+        return high - low
+
+    @property
+    def is_speed(self) -> bool:
+        """Whether the second number is the flow speed of a forced motion."""
+        return self.forced and self.names[self.second] == "u"
+
+    def at(self, value: float) -> VectorField:
+        """Equations of motion at a value of the second number; ValueError where there are none."""
+        if value not in self._motions:
+            self._motions[value] = self.make(value)
+        return self._motions[value]
 
     def places(self, second: float, own: float) -> tuple[float, float]:
         """Values (x, y) at values of the second number and of the branch parameter."""
-        return (own, second) if self.own_first else (second, own)
+        return (own, second) if self.second else (second, own)
 
     def evaluations(self) -> int:
         """Number of right-hand sides and Jacobians computed so far."""
-        return sum(motion.evaluations for motion in self.motions)
+        return sum(motion.evaluations for motion in self._motions.values())
 
 
 def plane_of(branch: CycleBranch | ForcedBranch, names: tuple[str, str], given: Any) -> EventPlane:
@@ -118,7 +144,6 @@ def plane_of(branch: CycleBranch | ForcedBranch, names: tuple[str, str], given: 
     based = branch.motion if isinstance(branch, ForcedBranch) else None
     forced, order = based is not None, 1 if based is None else based.order
     model = branch.cycles[0].model if isinstance(branch, CycleBranch) else branch.motion.model
-    motions = list[VectorField]()
     others: tuple[str, ...] = (own, *FORCINGS) if forced else (own,)
     number: PipeNumber | None = None
     if not forced or name not in FORCINGS:
@@ -132,18 +157,15 @@ def plane_of(branch: CycleBranch | ForcedBranch, names: tuple[str, str], given: 
     if not forced:
         varies["high"] = largest_speed(model)
     ranges = check.window(names, given, (rule, varies) if place == 0 else (varies, rule))
-    low, high = ranges[place]
 
     def make(value: float) -> VectorField:
         varied = model if number is None else model.with_pipe(number.changed(model.pipe, value))
         if based is None:
-            motions.append(VectorField(varied))
-        else:
-            forcing = based.forcing
-            if name == "amplitude":
-                forcing = replace(forcing, amplitude=value)
-            motions.append(ForcedField(varied, forcing, order))
-        return motions[-1]
+            return VectorField(varied)
+        forcing = based.forcing
+        if name == "amplitude":
+            forcing = replace(forcing, amplitude=value)
+        return ForcedField(varied, forcing, order)
 
     if number is not None:
         value = number.of(model.pipe)
@@ -153,13 +175,12 @@ def plane_of(branch: CycleBranch | ForcedBranch, names: tuple[str, str], given: 
         if name == "u":
             constant = branch.steps[0].problem.start.u
             value = forcing.mean if isinstance(forcing, Pulsation) else constant
-    for end in (low, high):
+    for end in ranges[place]:
         try:
             make(end)
         except ValueError as error:
             raise ValueError(f"ranges[{name!r}] must be a range of pipes: {error}") from None
-    family = Family(make, high - low, is_speed=forced and name == "u")
-    return EventPlane(family, names, model, value, place == 1, ranges, forced, order, motions)
+    return EventPlane(make, names, model, value, ranges, forced, order)
 
 
 def orbit_at_event(

@@ -26,22 +26,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache
-from typing import Literal, Self
+from typing import Self
 
 import numpy as np
 
 from pipedyn.continuation.arclength import Control, Solver
+from pipedyn.curves.event_plane import EventPlane, Followed
 from pipedyn.linear.eigenproblem import Complex
-from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import Linearised, OrbitProblem
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.newton import NewtonFailed
-
-Followed = Literal["fold", "pitchfork", "period doubling", "torus"]
-"""Events that are followed in two parameters."""
 
 SHORT, LONG, SMALL_CYCLE = 1e-6, 1e-4, 0.05
 """Steps of differences of conditions, relative to the orbit's size or the parameter's range. Each
@@ -51,24 +47,6 @@ Below the third number, an amplitude in L, rounding therefore demands a step of 
 grows from the first number up to the second."""
 
 
-class Family:
-    """Equations of motion as a function of a second parameter.
-
-    Args:
-        make: function that returns the equations at a value of the parameter; it raises ValueError
-            where there are none.
-        width: width of the parameter's range. A change of the parameter by this width is as long as
-            a change of the free end's position by L.
-        is_speed: whether the parameter is the flow speed of a forced motion.
-    """
-
-    def __init__(
-        self, make: Callable[[float], VectorField], width: float, is_speed: bool = False
-    ) -> None:
-        self.width, self.is_speed = width, is_speed
-        self.at: Callable[[float], VectorField] = lru_cache(maxsize=64)(make)
-
-
 class EventProblem(OrbitProblem):
     """Equations of a periodic orbit at an event.
 
@@ -76,7 +54,7 @@ class EventProblem(OrbitProblem):
     the multipliers' roots, is an unknown of a torus only.
 
     Args:
-        family: equations of motion over x.
+        plane: the plane of the branch parameter and x.
         kind: kind of the event.
         start: an orbit near the event.
         extra: values at the start of the unknowns other than the orbit: x, or theta and x.
@@ -87,7 +65,7 @@ class EventProblem(OrbitProblem):
 
     def __init__(
         self,
-        family: Family,
+        plane: EventPlane,
         kind: Followed,
         start: PeriodicOrbit,
         extra: Array,
@@ -95,11 +73,11 @@ class EventProblem(OrbitProblem):
         unit: float | None = None,
     ) -> None:
         try:
-            motion = family.at(float(extra[-1]))
+            motion = plane.at(float(extra[-1]))
         except ValueError as error:
             raise NewtonFailed(str(error)) from None
         super().__init__(motion, start, control, unit)
-        self.family, self.kind, self.extra = family, kind, extra
+        self.plane, self.kind, self.extra = plane, kind, extra
         self._of_orbit = slice(self.weights.size)
         if not start.forced:
             # All multiples of the start's deviation from its mean satisfy the condition on the
@@ -109,7 +87,7 @@ class EventProblem(OrbitProblem):
             mean, swing = self._swing(start)
             row = row - (row @ swing) / size**2 * self.weights * swing
             self._phase = row, float(row @ mean)
-        ends = [family.width**-2] if extra.size == 1 else [1.0, family.width**-2]
+        ends = [plane.width**-2] if extra.size == 1 else [1.0, plane.width**-2]
         self.weights = np.append(self.weights, ends)
 
     @property
@@ -121,17 +99,17 @@ class EventProblem(OrbitProblem):
         """Equations of the same event that start at z, on another mesh if its edges are given."""
         extra = z[self.weights.size - self.extra.size :]
         orbit = self.remeshed(z, edges)
-        return type(self)(self.family, self.kind, orbit, extra, self.control, self.unit)
+        return type(self)(self.plane, self.kind, orbit, extra, self.control, self.unit)
 
     def orbit(self, z: Array) -> PeriodicOrbit:
         """The orbit at unknowns z."""
         orbit = self.start.unpacked(z[self._of_orbit])
-        return replace(orbit, u=float(z[-1])) if self.family.is_speed else orbit
+        return replace(orbit, u=float(z[-1])) if self.plane.is_speed else orbit
 
     def relative(self, z: Array, step: Array) -> float:
         """Largest size of a step's parts relative to the orbit, 1 rad or the parameter's range."""
         rest = step[self.weights.size - self.extra.size :].copy()
-        rest[-1] /= self.family.width
+        rest[-1] /= self.plane.width
         of_orbit = super().relative(z, step[self._of_orbit])
         return max(of_orbit, float(np.abs(rest).max()))
 
@@ -139,7 +117,7 @@ class EventProblem(OrbitProblem):
         """Raises NewtonFailed if z is no orbit near the start, or has no equations of motion."""
         super().check(z)
         try:
-            self.family.at(float(z[-1]))
+            self.plane.at(float(z[-1]))
         except ValueError as error:
             raise NewtonFailed(str(error)) from None
 
@@ -147,7 +125,7 @@ class EventProblem(OrbitProblem):
 
     def linearised(self, z: Array) -> Solver:
         """Solver of the equations with the event's condition, linearised about unknowns z."""
-        orbit, x, width = self.orbit(z), float(z[-1]), self.family.width
+        orbit, x, width = self.orbit(z), float(z[-1]), self.plane.width
         angle = float(z[-2]) if self.kind == "torus" else None
         count = self.weights[self._of_orbit].size
         equations = self._equations(orbit, x)
@@ -249,12 +227,12 @@ class EventProblem(OrbitProblem):
     def _shifted(self, orbit: PeriodicOrbit, change: Array, more: float) -> PeriodicOrbit:
         """The orbit after a change of its unknowns and, by `more`, of the second parameter."""
         moved = orbit.unpacked(orbit.packed() + change)
-        return replace(moved, u=orbit.u + more) if self.family.is_speed else moved
+        return replace(moved, u=orbit.u + more) if self.plane.is_speed else moved
 
     def _equations(self, orbit: PeriodicOrbit, x: float) -> Linearised:
         """The collocation equations, linearised about an orbit, at a second parameter x."""
         phase = (self._phase[0], orbit.u) if orbit.forced else self._phase
-        motion = self.family.at(x)
+        motion = self.plane.at(x)
         return Linearised(motion, orbit, phase, not motion.forced)
 
     def _measure(

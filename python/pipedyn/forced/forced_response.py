@@ -30,7 +30,7 @@ from pipedyn.models.base import Model
 from pipedyn.models.drive import Harmonic, Pulsation, require_steady, steady_speed
 from pipedyn.motion.simulate import MotionStopped, Trajectory, checked_model_in_motion, simulate
 from pipedyn.motion.vector_field import ForcedField
-from pipedyn.orbits.collocation import OrbitProblem, residual, solved
+from pipedyn.orbits.collocation import Linearised, OrbitProblem, residual, solved
 from pipedyn.orbits.floquet import UNIT, EventKind, orbit_multipliers
 from pipedyn.orbits.orbit_continuation import (
     FINE,
@@ -531,46 +531,26 @@ def _from_rest(
             window = 0.9 * min(low, ends.min()), 1.1 * max(high, ends.max())
             for edge in ends.tolist():
                 motion = ForcedField(model, replace(forcing, frequency=edge), order)
-                yield Begin(kind, motion, _leaving_rest(motion, hill, edge, mean), window, rests)
+                yield Begin(kind, motion, _leaving_rest(motion, mean), window, rests)
 
 
-def _leaving_rest(motion: ForcedField, hill: Hill, edge: float, mean: float) -> BranchStart:
+def _leaving_rest(motion: ForcedField, mean: float) -> BranchStart:
     """First step from rest, towards the motion that neither grows nor decays on an edge.
 
     Args:
         motion: equations of motion at the edge.
-        hill: Hill's equations of the pipe.
-        edge: frequency of the flow on the edge.
         mean: mean flow speed.
     """
-    model, order, n = motion.model, motion.order, hill.pipe.size
-    share = 0.5 if order == 2 else 0.0
-    count = 2 * hill.many + (order == 1)
-    amplitude = motion.forcing.amplitude
-    h = hill.matrix(edge, share * edge, amplitude, count)
-    parts = np.linalg.svd(h)[2][-1].conj().reshape(count, n)
-    # A real motion has conjugate parts for opposite harmonics.
-    options = [factor * parts for factor in (1.0, 1j)]
-    parts = max((x + x[::-1].conj() for x in options), key=lambda x: float(np.abs(x).max()))
-    turns = (np.arange(count) - hill.many + share) * order
-    spread = model.by_coordinates() @ np.asarray(model.from_elastic(parts.T))
-    w = edge / order
-
-    def moved(phases: Array, power: int) -> Array:
-        """Positions at k phases, or their derivative by time of order `power`, (k, integrated)."""
-        factors = (1j * turns * w) ** power * np.exp(1j * phases[..., None] * turns)
-        return np.asarray((factors @ spread.T).real)
-
     coarse = coarsest_mesh(motion.is_odd(mean))
     edges = divided(coarse, np.full(coarse.size - 1, 3))
-    starts = np.concatenate([moved(edges[:-1], 0), moved(edges[:-1], 1)], axis=1)
-    rates = moved(stage_phases(edges), 2)
-    states = moved(np.linspace(0.0, 2.0 * math.pi, 65), 0)
-    tip = motion.tip(1e-6 * np.concatenate([states, states], axis=1).T) * 1e6
-    base = PeriodicOrbit(edges, 0.0 * starts, 0.0 * rates, w, mean, True)
-    towards = np.concatenate([starts.ravel(), rates.ravel(), [0.0, 0.0]])
-    scale = FIRST_AMPLITUDE / max(0.5 * float(np.ptp(tip)), 1e-300)
-    return BranchStart(base, scale * towards, (0.98 * w, 1.02 * w))
+    states = np.zeros((edges.size - 1, motion.size))
+    rates = np.zeros((*stage_phases(edges).shape, motion.half))
+    w = motion.forcing.frequency / motion.order
+    rest = PeriodicOrbit(edges, states, rates, w, mean, True)
+    towards = Linearised(motion, rest, (0.0 * rest.packed(), 0.0)).neutral(1.0)
+    small = rest.unpacked(rest.packed() + 1e-6 * towards)
+    scale = 1e-6 * FIRST_AMPLITUDE / max(amplitude_of(motion, small)[0], 1e-300)
+    return BranchStart(rest, scale * towards, (0.98 * w, 1.02 * w))
 
 
 # -------------------------------------------------------------------------- following branches

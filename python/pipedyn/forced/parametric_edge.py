@@ -108,8 +108,9 @@ class Edge(DenseProblem):
         kind: kind of the region.
         scale: unit of frequency.
         largest: unit of amplitude in the length of a step along the edge.
-        centre: whether to follow the saddle of f between both edges in place of an edge. This is
-            for combination regions of multipliers that meet on the unit circle.
+        centre: whether to follow the point between both edges, at which f does not change with w
+            (and nu), in place of an edge. It is a saddle of f in combination regions of multipliers
+            that meet on the unit circle.
     """
 
     def __init__(
@@ -162,14 +163,14 @@ class Edge(DenseProblem):
     def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
         """Functions that vanish on the edge, shape (n,), and their derivatives, (n, n + 1)."""
         z = np.append(x, p)
+        count = z.size - 1
         if self.centre:
-            _, by, second = self.derivatives(z, 0, 1)
-            return by[:2].real, second.real
+            _, by, second = self.derivatives(z, *range(count))
+            return by[:count].real, second.real
         if self.meeting:
             f, by, second = self.derivatives(z, 1)
             return np.array([f.real, by[1].real]), np.stack([by.real, second[0].real])
         f, by, _ = self.derivatives(z)
-        count = z.size - 1
         return np.array([f.real, f.imag])[:count], np.stack([by.real, by.imag])[:count]
 
     def renew(self, z: Array) -> None:

@@ -162,6 +162,11 @@ class RegionSearch:
             _BothEdges(self, edge, found, way).run(z)
         return found
 
+    def corner(self, kind: RegionKind, frequency: float, nu: float) -> Array:
+        """Amplitude 0, w and nu where both edges of a region meet, near a frequency and nu."""
+        centre = self.edge(kind, frequency, True)
+        return centre.place(centre.started(frequency, nu, 0.0))
+
     def put(self, found: RegionEdges, index: int, centre: Edge, z: Array) -> None:
         """Adds both edges about a saddle z at an amplitude, unless the region is too thin there."""
         ends = []
@@ -396,9 +401,8 @@ class _OneEdge(_EdgeTracer):
             return "fold"
         if end.p <= self.lowest:
             # In a conservative pipe both edges of a region end in a corner at amplitude 0.
-            at = edge.place(end.z - end.p / end.tangent[-1] * end.tangent)
-            resonance = self.search.hill.pipe.resonance(edge.kind, float(at[1]))
-            self.found.bottom = np.array([0.0, resonance, at[2]])
+            _, frequency, nu = edge.place(end.z - end.p / end.tangent[-1] * end.tangent).tolist()
+            self.found.bottom = self.search.corner(edge.kind, frequency, nu)
         return None
 
     def _add(self, index: int, z: Array) -> None:
@@ -430,8 +434,7 @@ class _BothEdges(_EdgeTracer):
         for index, at in search.passed(step):
             search.put(found, index, edge, at)
         if step.end.p <= self.lowest:
-            edge.renew(step.end.z)
-            found.bottom = edge.place(edge.fixed(step.end.z, 0.0))
+            found.bottom = search.corner(edge.kind, *edge.place(step.end.z)[1:].tolist())
 
 
 def _merged(parts: list[RegionEdges]) -> list[RegionEdges]:
@@ -499,11 +502,8 @@ def again(hill: Hill, old: RegionEdges, amplitudes: Array, low: float) -> Region
                 found.edges[index, side], found.nus[index, side] = place
     found.bottom = old.bottom.copy()
     amplitude, frequency, nu = old.bottom.tolist()
-    if amplitude == 0.0 and meets:
-        centre = search.edge(old.kind, frequency, True)
-        found.bottom = centre.place(centre.started(frequency, nu, 0.0))
-    elif amplitude == 0.0:
-        found.bottom[1] = hill.pipe.resonance(old.kind, frequency)
+    if amplitude == 0.0:
+        found.bottom = search.corner(old.kind, frequency, nu)
     elif amplitude > 0.0:
         edge = search.edge(old.kind, frequency)
         found.bottom = edge.bottom(edge.unknowns(frequency, nu, amplitude))

@@ -52,10 +52,6 @@ EXTRA = 3
 """Number of harmonics that are kept beyond those that reach as high in frequency: each reduces the
 error of edges by a factor of ten or more."""
 
-RESONANCE_ORDERS = 20
-"""Half the order up to which resonances are considered. They lie at 2 omega, or at the sum or
-difference of two frequencies omega of the pipe, divided by the order."""
-
 LARGEST_UNREDUCED = 30
 """Largest number of degrees of freedom of a model that is not projected on its lowest modes: Hill's
 equations have some ten times as many unknowns."""
@@ -137,21 +133,6 @@ class PulsatingPipe:
                 f"mean must be a speed at which the pipe is stable, got {self.mean:g}, at which "
                 f"motions grow like exp({worst:.2g} tau)"
             )
-
-    def resonance(self, kind: str, frequency: float) -> float:
-        """Frequency nearest to `frequency` at which a region of a conservative pipe starts."""
-        values = self.steady(0.0)
-        omega = np.unique(np.abs(values.imag)[np.abs(values.imag) > 0.0])
-        if kind == "combination":
-            i, j = np.triu_indices(omega.size, 1)
-            of = np.concatenate([omega[i] + omega[j], omega[j] - omega[i]])
-        else:
-            of = 2.0 * omega
-        order = np.arange(1.0, 2.0 * RESONANCE_ORDERS)
-        if kind != "combination":
-            order = order[::2] if kind == "subharmonic" else order[1::2]
-        every = (of[:, None] / order).ravel()
-        return float(every[np.argmin(np.abs(every - frequency))])
 
     def multipliers(self, amplitude: float, frequency: float) -> tuple[Complex, float]:
         """Floquet multipliers, the largest modulus first, and the error of the worst.

@@ -195,14 +195,14 @@ class Linearised:
         """
         return self._first, self._last
 
-    def neutral(self) -> Array:
-        """The change at fixed speed that minimises the error of dy(span) = -mirror * dy(0).
+    def neutral(self, root: float = -1.0) -> Array:
+        """The change at fixed speed that minimises the error of dy(span) = root * mirror * dy(0).
 
-        The error is 0 where an orbit loses its symmetry or doubles its period.
+        With the root -1 the error is 0 where an orbit loses its symmetry or doubles its period.
         """
-        opposite = self._first - self.orbit.mirror * self._last
-        y = np.linalg.svd(opposite)[2][-1]
-        ends = np.stack([y, -self.orbit.mirror * y])
+        factor = root * self.orbit.mirror
+        y = np.linalg.svd(self._first + factor * self._last)[2][-1]
+        ends = np.stack([y, factor * y])
         return self._restored(ends[..., None], np.zeros((3, 1)))[:, 0]
 
     def _restored(self, ends: Array, factors: Array) -> Array:
