@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from typing import Any, TypeAlias
 
@@ -451,7 +451,7 @@ def converged_cycle(
     for _ in range(MULTIPLIER_MESHES):
         enough = LAST_CHANGE * rtol if at_once and not motion.model.pipe.has_kinks else 0.0
         known, error, reason = refined_until(motion, orbit, largest, rtol, tolerance, enough)
-        orbit = known.orbit
+        orbit, _ = known
         try:
             result = cycle_on_mesh(motion, known, error, samples, how)
         except NewtonFailed as failure:
@@ -474,13 +474,8 @@ def converged_cycle(
     )
 
 
-@dataclass(frozen=True)
-class MeasuredOrbit:
-    """An orbit with its `amplitude_of`, and the coarser orbit that it was refined from."""
-
-    orbit: PeriodicOrbit
-    peak: tuple[float, float]
-    coarser: PeriodicOrbit | None = None
+MeasuredOrbit: TypeAlias = tuple[PeriodicOrbit, tuple[float, float]]
+"""An orbit with its `amplitude_of`."""
 
 
 def refined_until(
@@ -499,12 +494,12 @@ def refined_until(
     refinement stops.
     """
     # With kinks two answers may agree by chance: an error falls by at most the fourth power of h.
-    known, error, worst = MeasuredOrbit(orbit, amplitude_of(motion, orbit)), math.inf, math.inf
+    known, error, worst = (orbit, amplitude_of(motion, orbit)), math.inf, math.inf
     smooth = not motion.model.pipe.has_kinks
     last = 0.0 if smooth else math.inf
     most = 2  # largest number of parts of an interval
     while True:
-        orbit = known.orbit
+        orbit, (before, _) = known
         defects = orbit.defects()
         coarse, coarsest, worst = defects > largest, worst, float(defects.max())
         if error <= enough:
@@ -522,12 +517,12 @@ def refined_until(
             return known, error, f"that takes more than {MOST_CYCLE_INTERVALS} mesh intervals"
         try:
             guess = refined(motion, orbit, parts, at_kinks=True)
-            finer = solved(motion, guess, tolerance, closing=enough > 0.0)
+            finer = solved(motion, guess, tolerance)
         except NewtonFailed as failure:
             return known, error, str(failure)
-        before, known = known, MeasuredOrbit(finer, amplitude_of(motion, finer), orbit)
-        measured = known.peak[0] / before.peak[0]
-        change = max(abs(measured - 1.0), abs(finer.frequency / orbit.frequency - 1.0))
+        amplitude, first = amplitude_of(motion, finer)
+        known = finer, (amplitude, first)
+        change = max(abs(amplitude / before - 1.0), abs(finer.frequency / orbit.frequency - 1.0))
         change = max(change, 1e-13)  # answers of ever finer meshes differ by some 3e-14
         error, last = max(change, last / 16.0), change
         most = 4 if smooth else 2
@@ -590,7 +585,7 @@ def on_branch(
     plain: LimitCycle | None = None
 
     def of(orbit: PeriodicOrbit) -> LimitCycle:
-        known = MeasuredOrbit(orbit, amplitude_of(motion, orbit))
+        known = orbit, amplitude_of(motion, orbit)
         return cycle_on_mesh(motion, known, error, samples, how, ON_BRANCH)
 
     if not (motion.model.pipe.has_kinks and motion.model.kinks_known):
@@ -614,12 +609,12 @@ def cycle_on_mesh(
     tolerance: float = MULTIPLIER_TOLERANCE,
 ) -> LimitCycle:
     """The cycle of an orbit on its mesh; raises `NewtonFailed` as `orbit_multipliers` does."""
-    orbit, (amplitude, first) = known.orbit, known.peak
+    orbit, (amplitude, first) = known
     period = 2.0 * math.pi / orbit.frequency
     t = np.linspace(0.0, period, samples)
     y = orbit.states(first + orbit.frequency * t)
     q, qdot = motion.model.to_user(y[: motion.half].T.copy(), y[motion.half :].T.copy())
-    multipliers, _, change = orbit_multipliers(motion, orbit, tolerance, known.coarser)
+    multipliers, _, change = orbit_multipliers(motion, orbit, tolerance)
     # Rounding of the eigenvalues of matrices of this size leaves about as much.
     change = max(change, multipliers.size * float(np.finfo(float).eps))
     others = np.abs(nontrivial(multipliers))

@@ -95,14 +95,11 @@ _INTEGRALS_BETWEEN = both_integrals(BETWEEN)
 @saved_as("Closing", shapes={"n n": "first last"})
 @dataclass(frozen=True)
 class Closing:
-    """L and R, (n, n) each, of L y(0) + R y(span) = 0 for small changes y of an orbit's state.
-
-    Both are in units of the state, and linearised about the last iterate of Newton's method.
-    """
+    """Matrices that files of version 0.2 may hold with an orbit; they are read and left out."""
 
     first: Array
     last: Array
-    step: float  # relative size of the step after that iterate
+    step: float
 
 
 @saved_as("PeriodicOrbit", shapes={"M+1": "edges", "M 2half": "starts", "M 8 half": "rates"})
@@ -119,12 +116,11 @@ class PeriodicOrbit:
     frequency: float
     u: float
     forced: bool = False
-    closing: Closing | None = field(default=None, repr=False, compare=False)  # None if unknown
 
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> PeriodicOrbit:
         """The orbit with the fields that a file kept, checked."""
-        made = cls(**fields)
+        made = cls(**{name: value for name, value in fields.items() if name != "closing"})
         numbers = np.concatenate([made.edges, made.starts.ravel(), made.rates.ravel()])
         finite = np.isfinite(numbers).all() and math.isfinite(made.u)
         if not (finite and 0.0 < made.frequency < math.inf):
