@@ -29,6 +29,7 @@ from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.neutral import grows
 from pipedyn.models.base import Model
 from pipedyn.models.drive import steady_speed
+from pipedyn.motion.sampling import zeros_between
 from pipedyn.motion.simulate import (
     Motion,
     Start,
@@ -85,8 +86,8 @@ LAST_CHANGE = 0.1
 changes the answer where forces are smooth: the remaining error is smaller by some 2^-15."""
 
 SAMPLES_A_STAGE = 2
-"""Number of samples for each stage of an orbit, from which its extreme displacements are narrowed
-down."""
+"""Number of samples for each stage of an orbit, between which its free end turns back once at
+most."""
 
 MULTIPLIER_MESHES = 3
 """Largest number of meshes on which the multipliers are computed, each for a hundredth of the
@@ -94,9 +95,6 @@ defect before: on the third it is 1e-7 of rtol, where only rounding is left."""
 
 ON_BRANCH = 1e-5
 """Error of multipliers that is aimed at on a branch: under drag its orbits allow no less."""
-
-QUARTIC = np.linalg.inv(np.vander(np.arange(-2.0, 3.0)))
-"""Matrix from values at -2 .. 2 to the coefficients of their polynomial, the highest first."""
 
 TRIVIAL, SHARE_OF_NEXT = 1e-6, 0.01
 """Allowed distance of the trivial multiplier from 1: the tolerance to which users ask for cycles
@@ -532,47 +530,18 @@ def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, floa
     """Half the free end's peak-to-peak motion, and the phase of its largest displacement."""
     # Samples are as close as the mesh requires: a period may have a dozen peaks.
     phases, y = orbit.sampled(SAMPLES_A_STAGE * ORBIT_STAGES)
-    phases, across = phases[:-1], motion.tip(y)[:-1]
     if orbit.symmetric:
-        phases = np.append(phases, orbit.span + phases)
-        across = np.concatenate([across, -across])
-    greatest, where = _greatest_displacement(motion, orbit, phases, across, 1.0)
-    if orbit.symmetric:
-        return greatest, where
-    least, _ = _greatest_displacement(motion, orbit, phases, across, -1.0)
-    return 0.5 * (greatest + least), where
-
-
-def _greatest_displacement(
-    motion: VectorField, orbit: PeriodicOrbit, phases: Array, across: Array, sign: float
-) -> tuple[float, float]:
-    """The free end's largest displacement to one side and its phase, from samples of a period."""
-    heights = sign * across
-    # Between samples the displacement may be larger by a hundredth of its range, and at several
-    # peaks.
-    most = float(heights.max())
-    high = heights >= most - 0.02 * (most - float(heights.min()))
-    around = np.concatenate([heights[-1:], heights, heights[:1]])
-    peaks = high & (heights >= around[:-2]) & (heights >= around[2:])
-    # Near peaks, samples are so close that the polynomial through five of them is the motion.
-    gaps = np.diff(
-        np.concatenate([phases[-1:] - 2.0 * math.pi, phases, phases[:1] + 2.0 * math.pi])
+        phases = np.append(phases, orbit.span + phases[1:])
+        y = np.concatenate([y, -y[:, 1:]], axis=1)
+    velocity = motion.tip_velocity(y)
+    before = np.flatnonzero((velocity[:-1] > 0.0) != (velocity[1:] > 0.0))
+    peaks = zeros_between(
+        lambda phase: motion.tip_velocity(orbit.states(phase)),
+        *(phases[before], phases[before + 1], velocity[before], velocity[before + 1]),
     )
-    apart = 0.0625 * np.maximum(gaps[:-1], gaps[1:])[peaks]
-    near = phases[peaks][:, None] + apart[:, None] * np.arange(-18.0, 19.0)
-    finer = sign * motion.tip(orbit.states(near.ravel())).reshape(near.shape)
-    i, j = divmod(int(np.argmax(finer[:, 2:-2])), finer.shape[1] - 4)
-    a, b, c, d, e = (QUARTIC @ finer[i, j : j + 5]).tolist()
-    x = -0.5 * d / c if c < 0.0 else 0.0
-    for _ in range(4):  # Newton's method from the top of a parabola
-        bend = (12.0 * a * x + 6.0 * b) * x + 2.0 * c
-        if not (bend < 0.0 and abs(x) <= 1.0):
-            x = 0.0
-            break
-        x -= (((4.0 * a * x + 3.0 * b) * x + 2.0 * c) * x + d) / bend
-    x = x if abs(x) <= 1.0 else 0.0
-    height = (((a * x + b) * x + c) * x + d) * x + e
-    return float(height), float(near[i, j + 2] + apart[i] * x)
+    phases = np.append(phases, peaks)
+    across = np.append(motion.tip(y), motion.tip(orbit.states(peaks)))
+    return 0.5 * float(np.ptp(across)), float(phases[np.argmax(across)])
 
 
 def on_branch(
