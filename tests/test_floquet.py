@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Floquet multipliers by Magnus' series, against Mathieu's equation, exponentials and kinks."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import scipy
@@ -12,7 +10,7 @@ from pipedyn.cycles.limit_cycle import amplitude_of
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits import collocation, magnus, periodic_orbit
 from pipedyn.orbits.collocation import solved
-from pipedyn.orbits.floquet import orbit_multipliers, quick_multipliers
+from pipedyn.orbits.floquet import orbit_multipliers
 from pipedyn.orbits.periodic_orbit import STAGE_NODES, interpolated
 
 
@@ -118,28 +116,6 @@ def test_both_ways_to_the_multipliers_agree(monkeypatch):
     by_collocation, _, other = orbit_multipliers(motion, cycle.orbit)
     assert other < 1e-9 < error < 1e-7
     assert by_series == pytest.approx(by_collocation, abs=error)
-
-
-def test_what_was_solved_for_an_orbit_gives_its_multipliers():
-    model = pp.Chain(pp.Pipe(0.2, damping=1e-3), 3)
-    motion, orbit = VectorField(model), pp.limit_cycle(model, 7.0).orbit
-    known = solved(motion, orbit, 1e-6, closing=True)
-    anew, _, _ = orbit_multipliers(motion, solved(motion, orbit, 1e-12))
-    quick = quick_multipliers(motion, known, 1e-5)
-    assert np.sort(np.abs(quick)) == pytest.approx(np.sort(np.abs(anew)), abs=1e-9)
-    assert quick_multipliers(motion, orbit, 1e-5) is None  # nothing was kept for it
-    rough = replace(known, closing=replace(known.closing, step=1e-8))
-    assert quick_multipliers(motion, rough, 1e-5) is None
-
-
-def test_half_and_twice_as_fine_meshes_agree_on_a_damped_pipe(monkeypatch):
-    model, u = pp.Chain(pp.Pipe(0.2, damping=1e-3), 8), 6.0
-    motion, orbit = VectorField(model), pp.limit_cycle(model, u).orbit
-    found, _, error = orbit_multipliers(motion, orbit)
-    monkeypatch.setattr("pipedyn.orbits.floquet._by_pairs", lambda motion, orbit: None)
-    finer, _, _ = orbit_multipliers(motion, orbit)
-    assert error < 1e-8
-    assert found == pytest.approx(finer, abs=error)
 
 
 def test_products_of_maps_and_orthogonal_transformations_give_the_same(monkeypatch):

@@ -81,25 +81,6 @@ def test_the_projection_formula_meets_the_planar_one(omega, a, b):
     assert form.error < 1e-8 * abs(form.cubic)
 
 
-@pytest.mark.parametrize("even", [0.0, 0.3])
-def test_rates_give_the_cubic_where_they_are_odd_and_jacobians_elsewhere(even):
-    """Of x^3 and x^2 v Re c_1 is 4 (6 + 2) / 16, to which x^2 adds nothing."""
-    omega, asked = 1.5, []
-
-    def rates(y):
-        x, v = y
-        return np.array([-omega * v + x**3 + even * x**2, omega * x + x**2 * v + v**5])
-
-    def jacobian(y):
-        x, v = y
-        asked.append(y)
-        return np.array([[3 * x**2 + 2 * even * x, -omega], [omega + 2 * x * v, x**2 + 5 * v**4]])
-
-    form = normal_form(of_each(jacobian), np.zeros(2), omega, lambda q: q[0], largest, rates)
-    assert form.cubic.real == pytest.approx(2.0, rel=1e-9)
-    assert (len(asked) == 1) == (even == 0.0)
-
-
 def test_quadratic_terms_act_through_slaved_modes():
     # z' = i omega z - w z, w' = -k w + |z|^2: w = |z|^2 / k at rest, so c_1 = -1 / k.
     omega, k = 2.0, 5.0

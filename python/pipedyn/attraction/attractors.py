@@ -29,7 +29,7 @@ from pipedyn.attraction.solutions import Solution, equilibria_near
 from pipedyn.equilibrium.equilibria import EQUILIBRIA_DOF, searched
 from pipedyn.models.base import Model
 from pipedyn.models.drive import LARGEST_SPEED, Harmonic, Pulsation, Supply
-from pipedyn.motion.sampling import turning_points
+from pipedyn.motion.sampling import turning_points, zeros_between
 from pipedyn.motion.simulate import (
     BATCH,
     LARGEST_ENSEMBLE,
@@ -611,12 +611,8 @@ def _states_at_maxima(motion: Motion) -> Array:
     falls = np.flatnonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
     if not falls.size:
         return np.empty((0, 2 * half))
-    low, high = t[falls], t[falls + 1]
-    for _ in range(50):  # bisection, to rounding
-        middle = 0.5 * (low + high)
-        above = velocity(middle) > 0.0
-        low, high = np.where(above, middle, low), np.where(above, high, middle)
-    return np.ascontiguousarray(dense(high).T)
+    at = zeros_between(velocity, t[falls], t[falls + 1], values[falls], values[falls + 1])
+    return np.ascontiguousarray(dense(at).T)
 
 
 def _lines(t: Array, x: Array, *, whole: bool) -> tuple[Array, Array]:

@@ -109,7 +109,7 @@ class Solution:
             end = region.points[np.argmax(region.points[:, -2]), : end.size].copy()
         image, orbit = replace(one, end=end, turnings=-one.turnings), self.orbit
         if orbit is not None:
-            orbit = replace(orbit, starts=-orbit.starts, rates=-orbit.rates, closing=None)
+            orbit = replace(orbit, starts=-orbit.starts, rates=-orbit.rates)
         orbit = None if shifts else orbit
         return replace(self, attractor=image, region=region, orbit=orbit)
 

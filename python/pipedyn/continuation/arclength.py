@@ -20,7 +20,7 @@ import math
 from abc import ABC, abstractmethod
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, Generic, TypeVar
@@ -67,7 +67,11 @@ class Point:
 
     z: Array
     tangent: Array
-    kept: Any = field(default=None, repr=False, compare=False)  # see `Continuation.kept`
+
+    @classmethod
+    def restored(cls, fields: dict[str, Any]) -> Point:
+        """The point with the fields that a file kept, which has one more in version 0.2."""
+        return cls(fields["z"], fields["tangent"])
 
     @property
     def x(self) -> Array:
@@ -108,14 +112,6 @@ class Continuation(ABC):
         This method accepts every z.
         """
 
-    def kept(self, equations: Solver, step: float) -> Any:
-        """Data kept with a solution from its linearised equations; None unless overridden.
-
-        The equations are linearised about the last iterate but one: Newton's last step, of size
-        `step`, leads from there to the solution.
-        """
-        return None
-
     def product(self, a: Array, b: Array) -> float:
         """Inner product of two changes of the unknowns."""
         return float((self.weights * a) @ b)
@@ -151,36 +147,29 @@ class Continuation(ABC):
         """
         z = start.z + ds * start.tangent if guess is None else guess
         row = self.weights * start.tangent
-        z, equations, kept = self._solved(z, row, float(row @ start.z) + ds)
-        return Point(z, self._unit(equations, row), kept)
+        z, equations = self._solved(z, row, float(row @ start.z) + ds)
+        return Point(z, self._unit(equations, row))
 
     def fixed(self, guess: Array, p: float, index: int = -1) -> Array:
         """The solution z at which the parameter, or the entry `index` of z, has the value p."""
-        return self.fixed_and_kept(guess, p, index)[0]
-
-    def fixed_and_kept(self, guess: Array, p: float, index: int = -1) -> tuple[Array, Any]:
-        """The solution z that `fixed` finds, and the data `kept` with it."""
         row, start = np.zeros(guess.size), guess.copy()
         row[index], start[index] = 1.0, p
-        found, _, kept = self._solved(start, row, p)
-        z = found.copy()
+        z = self._solved(start, row, p)[0].copy()
         z[index] = p  # exactly, without rounding
-        return z, kept
+        return z
 
-    def _solved(self, z: Array, row: Array, value: float) -> tuple[Array, Solver, Any]:
-        """The solution with row @ z = value, and the data `kept` with it.
+    def _solved(self, z: Array, row: Array, value: float) -> tuple[Array, Solver]:
+        """The solution with row @ z = value.
 
         Second comes the solver of the equations linearised about the last iterate but one.
         """
         last: Solver | None = None
-        size = math.inf
 
         def correction(here: Array) -> tuple[Array, float]:
-            nonlocal last, size
+            nonlocal last
             last = self.linearised(here)
             step = last(row, value - float(row @ here), 1.0)
-            size = self.relative(here, step)
-            return step, size
+            return step, self.relative(here, step)
 
         control = self.control
         self.check(z)
@@ -195,7 +184,7 @@ class Continuation(ABC):
             check=self.check,
         )
         assert last is not None
-        return found, last, self.kept(last, size)
+        return found, last
 
     def next(
         self: Equations, start: Point, step: float, ahead: Callable[[float], Array] | None = None
@@ -337,20 +326,16 @@ class Segment(Generic[Equations]):
 
     def where(self, p: float, index: int = -1) -> Array:
         """The solution at which the entry `index` of z is p, between its values at the ends."""
-        return self.where_and_kept(p, index)[0]
-
-    def where_and_kept(self, p: float, index: int = -1) -> tuple[Array, Any]:
-        """The solution that `where` finds, and the data `kept` with it."""
         ends = {0.0: self.begin.z[index], self.length: self.end.z[index]}
 
         def apart(s: float) -> float:
             return float(ends[s] if s in ends else self.guess(s, index)) - p
 
         s = scipy.optimize.brentq(apart, 0.0, self.length)
-        found, kept = self.problem.fixed_and_kept(self.guess(s), p, index)
+        found = self.problem.fixed(self.guess(s), p, index)
         if not -0.5 * self.length <= self.reach(found) <= 1.5 * self.length:
             raise NewtonFailed("Newton's method left the neighbourhood of its start")
-        return found, kept
+        return found
 
 
 # ----------------------------------------------------------------------------- dense equations

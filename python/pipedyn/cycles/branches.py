@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from pipedyn.attraction.motion_ends import Failed
 from pipedyn.continuation.tracer import Tracer, special_points
 from pipedyn.cycles.limit_cycle import (
-    ON_BRANCH,
     LimitCycle,
     NoCycle,
     amplitude_of,
@@ -42,7 +41,6 @@ from pipedyn.orbits.floquet import (
     log_moduli,
     nontrivial,
     orbit_multipliers,
-    quick_multipliers,
 )
 from pipedyn.orbits.orbit_continuation import (
     FINE,
@@ -374,8 +372,7 @@ class _PassingOfCycles(PassingMultiplier[OrbitProblem]):
 
     def about(self, s: float) -> Array:
         """Logarithms of the moduli of all nontrivial multipliers."""
-        quick = quick_multipliers(self.motion, orbit_at(self.step, s), ON_BRANCH)
-        return log_moduli(self.cycle(s).multipliers if quick is None else quick)
+        return log_moduli(self.cycle(s).multipliers)
 
     def candidates(self, before: float, beyond: float) -> tuple[Complex, bool]:
         """Roots of the nontrivial multipliers just beyond, and whether the cycle is symmetric."""
@@ -633,11 +630,11 @@ class _Follower(Tracer[OrbitProblem]):
         speeds = self.options.speeds
         for u in speeds[(speeds >= low) & (speeds <= high) & (speeds != part.begin.p)].tolist():
             try:
-                z, kept = part.where_and_kept(u)
+                z = part.where(u)
             except NewtonFailed as reason:
                 self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: {reason}", u)))
                 continue
-            cycle = self._finished(replace(step.problem.orbit(z), closing=kept))
+            cycle = self._finished(step.problem.orbit(z))
             if cycle is not None:
                 yield step.reach(z), cycle, None
                 self.closed = self.closed or self._is_first(cycle)

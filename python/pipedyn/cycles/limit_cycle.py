@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from typing import Any, TypeAlias
 
@@ -29,6 +29,7 @@ from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.neutral import grows
 from pipedyn.models.base import Model
 from pipedyn.models.drive import steady_speed
+from pipedyn.motion.sampling import zeros_between
 from pipedyn.motion.simulate import (
     Motion,
     Start,
@@ -85,8 +86,8 @@ LAST_CHANGE = 0.1
 changes the answer where forces are smooth: the remaining error is smaller by some 2^-15."""
 
 SAMPLES_A_STAGE = 2
-"""Number of samples for each stage of an orbit, from which its extreme displacements are narrowed
-down."""
+"""Number of samples for each stage of an orbit, between which its free end turns back once at
+most."""
 
 MULTIPLIER_MESHES = 3
 """Largest number of meshes on which the multipliers are computed, each for a hundredth of the
@@ -94,9 +95,6 @@ defect before: on the third it is 1e-7 of rtol, where only rounding is left."""
 
 ON_BRANCH = 1e-5
 """Error of multipliers that is aimed at on a branch: under drag its orbits allow no less."""
-
-QUARTIC = np.linalg.inv(np.vander(np.arange(-2.0, 3.0)))
-"""Matrix from values at -2 .. 2 to the coefficients of their polynomial, the highest first."""
 
 TRIVIAL, SHARE_OF_NEXT = 1e-6, 0.01
 """Allowed distance of the trivial multiplier from 1: the tolerance to which users ask for cycles
@@ -451,7 +449,7 @@ def converged_cycle(
     for _ in range(MULTIPLIER_MESHES):
         enough = LAST_CHANGE * rtol if at_once and not motion.model.pipe.has_kinks else 0.0
         known, error, reason = refined_until(motion, orbit, largest, rtol, tolerance, enough)
-        orbit = known.orbit
+        orbit, _ = known
         try:
             result = cycle_on_mesh(motion, known, error, samples, how)
         except NewtonFailed as failure:
@@ -474,13 +472,8 @@ def converged_cycle(
     )
 
 
-@dataclass(frozen=True)
-class MeasuredOrbit:
-    """An orbit with its `amplitude_of`, and the coarser orbit that it was refined from."""
-
-    orbit: PeriodicOrbit
-    peak: tuple[float, float]
-    coarser: PeriodicOrbit | None = None
+MeasuredOrbit: TypeAlias = tuple[PeriodicOrbit, tuple[float, float]]
+"""An orbit with its `amplitude_of`."""
 
 
 def refined_until(
@@ -499,12 +492,12 @@ def refined_until(
     refinement stops.
     """
     # With kinks two answers may agree by chance: an error falls by at most the fourth power of h.
-    known, error, worst = MeasuredOrbit(orbit, amplitude_of(motion, orbit)), math.inf, math.inf
+    known, error, worst = (orbit, amplitude_of(motion, orbit)), math.inf, math.inf
     smooth = not motion.model.pipe.has_kinks
     last = 0.0 if smooth else math.inf
     most = 2  # largest number of parts of an interval
     while True:
-        orbit = known.orbit
+        orbit, (before, _) = known
         defects = orbit.defects()
         coarse, coarsest, worst = defects > largest, worst, float(defects.max())
         if error <= enough:
@@ -522,12 +515,12 @@ def refined_until(
             return known, error, f"that takes more than {MOST_CYCLE_INTERVALS} mesh intervals"
         try:
             guess = refined(motion, orbit, parts, at_kinks=True)
-            finer = solved(motion, guess, tolerance, closing=enough > 0.0)
+            finer = solved(motion, guess, tolerance)
         except NewtonFailed as failure:
             return known, error, str(failure)
-        before, known = known, MeasuredOrbit(finer, amplitude_of(motion, finer), orbit)
-        measured = known.peak[0] / before.peak[0]
-        change = max(abs(measured - 1.0), abs(finer.frequency / orbit.frequency - 1.0))
+        amplitude, first = amplitude_of(motion, finer)
+        known = finer, (amplitude, first)
+        change = max(abs(amplitude / before - 1.0), abs(finer.frequency / orbit.frequency - 1.0))
         change = max(change, 1e-13)  # answers of ever finer meshes differ by some 3e-14
         error, last = max(change, last / 16.0), change
         most = 4 if smooth else 2
@@ -537,47 +530,18 @@ def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, floa
     """Half the free end's peak-to-peak motion, and the phase of its largest displacement."""
     # Samples are as close as the mesh requires: a period may have a dozen peaks.
     phases, y = orbit.sampled(SAMPLES_A_STAGE * ORBIT_STAGES)
-    phases, across = phases[:-1], motion.tip(y)[:-1]
     if orbit.symmetric:
-        phases = np.append(phases, orbit.span + phases)
-        across = np.concatenate([across, -across])
-    greatest, where = _greatest_displacement(motion, orbit, phases, across, 1.0)
-    if orbit.symmetric:
-        return greatest, where
-    least, _ = _greatest_displacement(motion, orbit, phases, across, -1.0)
-    return 0.5 * (greatest + least), where
-
-
-def _greatest_displacement(
-    motion: VectorField, orbit: PeriodicOrbit, phases: Array, across: Array, sign: float
-) -> tuple[float, float]:
-    """The free end's largest displacement to one side and its phase, from samples of a period."""
-    heights = sign * across
-    # Between samples the displacement may be larger by a hundredth of its range, and at several
-    # peaks.
-    most = float(heights.max())
-    high = heights >= most - 0.02 * (most - float(heights.min()))
-    around = np.concatenate([heights[-1:], heights, heights[:1]])
-    peaks = high & (heights >= around[:-2]) & (heights >= around[2:])
-    # Near peaks, samples are so close that the polynomial through five of them is the motion.
-    gaps = np.diff(
-        np.concatenate([phases[-1:] - 2.0 * math.pi, phases, phases[:1] + 2.0 * math.pi])
+        phases = np.append(phases, orbit.span + phases[1:])
+        y = np.concatenate([y, -y[:, 1:]], axis=1)
+    velocity = motion.tip_velocity(y)
+    before = np.flatnonzero((velocity[:-1] > 0.0) != (velocity[1:] > 0.0))
+    peaks = zeros_between(
+        lambda phase: motion.tip_velocity(orbit.states(phase)),
+        *(phases[before], phases[before + 1], velocity[before], velocity[before + 1]),
     )
-    apart = 0.0625 * np.maximum(gaps[:-1], gaps[1:])[peaks]
-    near = phases[peaks][:, None] + apart[:, None] * np.arange(-18.0, 19.0)
-    finer = sign * motion.tip(orbit.states(near.ravel())).reshape(near.shape)
-    i, j = divmod(int(np.argmax(finer[:, 2:-2])), finer.shape[1] - 4)
-    a, b, c, d, e = (QUARTIC @ finer[i, j : j + 5]).tolist()
-    x = -0.5 * d / c if c < 0.0 else 0.0
-    for _ in range(4):  # Newton's method from the top of a parabola
-        bend = (12.0 * a * x + 6.0 * b) * x + 2.0 * c
-        if not (bend < 0.0 and abs(x) <= 1.0):
-            x = 0.0
-            break
-        x -= (((4.0 * a * x + 3.0 * b) * x + 2.0 * c) * x + d) / bend
-    x = x if abs(x) <= 1.0 else 0.0
-    height = (((a * x + b) * x + c) * x + d) * x + e
-    return float(height), float(near[i, j + 2] + apart[i] * x)
+    phases = np.append(phases, peaks)
+    across = np.append(motion.tip(y), motion.tip(orbit.states(peaks)))
+    return 0.5 * float(np.ptp(across)), float(phases[np.argmax(across)])
 
 
 def on_branch(
@@ -590,7 +554,7 @@ def on_branch(
     plain: LimitCycle | None = None
 
     def of(orbit: PeriodicOrbit) -> LimitCycle:
-        known = MeasuredOrbit(orbit, amplitude_of(motion, orbit))
+        known = orbit, amplitude_of(motion, orbit)
         return cycle_on_mesh(motion, known, error, samples, how, ON_BRANCH)
 
     if not (motion.model.pipe.has_kinks and motion.model.kinks_known):
@@ -614,12 +578,12 @@ def cycle_on_mesh(
     tolerance: float = MULTIPLIER_TOLERANCE,
 ) -> LimitCycle:
     """The cycle of an orbit on its mesh; raises `NewtonFailed` as `orbit_multipliers` does."""
-    orbit, (amplitude, first) = known.orbit, known.peak
+    orbit, (amplitude, first) = known
     period = 2.0 * math.pi / orbit.frequency
     t = np.linspace(0.0, period, samples)
     y = orbit.states(first + orbit.frequency * t)
     q, qdot = motion.model.to_user(y[: motion.half].T.copy(), y[motion.half :].T.copy())
-    multipliers, _, change = orbit_multipliers(motion, orbit, tolerance, known.coarser)
+    multipliers, _, change = orbit_multipliers(motion, orbit, tolerance)
     # Rounding of the eigenvalues of matrices of this size leaves about as much.
     change = max(change, multipliers.size * float(np.finfo(float).eps))
     others = np.abs(nontrivial(multipliers))

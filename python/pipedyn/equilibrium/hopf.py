@@ -109,15 +109,12 @@ def normal_form(
     frequency: float,
     scale: Callable[[Complex], complex],
     reach: Callable[[Complex], float],
-    rates: Callable[[Array], Array] | None = None,
 ) -> NormalForm:
     """Cubic normal form at an equilibrium, shape (N,), of any smooth system y' = f(y).
 
     `jacobians` gives df/dy at states, shape (N, k), as an array (k, N, N); `frequency` is omega, to
     a relative accuracy of some 1e-6. The eigenvector q is divided by scale(q), a linear function.
     Steps of differences are measured by `reach` of the displacement, such as its largest angle.
-    `rates`, if given, is f at states, shape (N, k): where f is odd about the equilibrium it is used
-    in place of Jacobians.
 
     Raises:
         ValueError: if i omega is no eigenvalue.
@@ -127,10 +124,7 @@ def normal_form(
     a = jacobians(rest[:, None])[0]
     q, p = vectors(a, frequency, scale)
     steps = np.ldexp(FIRST_STEP / reach(q), -np.arange(LEVELS))
-    if rates is not None and _is_odd(rates, rest, steps[0] * (q.real + q.imag)):
-        totals = _third_derivatives(rates, rest, a @ q, q, steps)
-    else:
-        totals = _cubic_terms(jacobians, rest, a, q, frequency, steps)
+    totals = _cubic_terms(jacobians, rest, a, q, frequency, steps)
     values = [complex(0.5 * (p.conj() @ total)) for total in totals]
     terms = float(np.abs(p) @ np.abs(a) @ np.abs(q))
     rounding = np.finfo(float).eps * terms / steps**2
@@ -142,29 +136,6 @@ def normal_form(
             f"shrink: {value:.6g} with an error of {error:.1e}",
         )
     return NormalForm(frequency, q, p, value, error)
-
-
-def _is_odd(rates: Callable[[Array], Array], rest: Array, x: Array) -> bool:
-    """Whether f(rest - x) = -f(rest + x) up to rounding, as holds about a straight pipe."""
-    ahead, behind = rates(np.stack([rest + x, rest - x], axis=1)).T
-    return float(np.abs(ahead + behind).max()) <= 1e-14 * float(np.abs(ahead - behind).max())
-
-
-def _third_derivatives(
-    rates: Callable[[Array], Array], rest: Array, linear: Complex, q: Complex, steps: Array
-) -> Iterable[Complex]:
-    """C(q, q, q*) of an odd f for each step h, with an error of O(h^2).
-
-    At rest + h Re(q e^(i phase)) the Fourier coefficient of f for e^(i phase) is
-    h A q / 2 + h^3 C / 16. A mean over six phases yields it, up to the fifth harmonic. As f is
-    odd, three of these phases suffice.
-    """
-    turn = np.exp(1j * np.pi * np.arange(3) / 3.0)
-    moves = np.einsum("h,dk->dhk", steps, np.outer(q, turn).real)
-    states = (rest[:, None] + moves.reshape(rest.size, -1)).copy()
-    first = rates(states).reshape(moves.shape) @ turn.conj() / 3.0
-    for h, part in zip(steps, first.T, strict=True):
-        yield 16.0 * (part - 0.5 * h * linear) / h**3
 
 
 def _cubic_terms(
@@ -558,7 +529,6 @@ def _pipe_form(
     frequency: float,
     jacobians: Callable[[Array], Array],
     state: Array,
-    rates: Callable[[Array], Array] | None = None,
 ) -> NormalForm:
     """Normal form of a pipe, with q scaled to unit displacement of the free end.
 
@@ -570,7 +540,6 @@ def _pipe_form(
         frequency,
         lambda q: _tip_of(motion, rest, q),
         lambda q: motion.model.largest_angle(q[: motion.half]),
-        rates,
     )
     of_pipe = slice(rest.size)
     return replace(form, right=form.right[of_pipe], left=form.left[of_pipe])
@@ -585,8 +554,7 @@ def onset_coefficients(model: Model, u: float, frequency: float) -> tuple[Normal
     motion = VectorField(model)
     smooth, rest = with_drag(model, 0.0) if model.pipe.drag else motion, motion.resting()
     with one_thread(motion.size):
-        rates = partial(smooth, u=u)
-        form = _pipe_form(smooth, rest, frequency, partial(smooth.jacobians, u=u), rest, rates)
+        form = _pipe_form(smooth, rest, frequency, partial(smooth.jacobians, u=u), rest)
         return form, _mean_drag(model, smooth, rest, u, form)[0]
 
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.continuation.arclength import Point
 from pipedyn.continuation.tracer import Tracer, between_folds, special_points
-from pipedyn.cycles.limit_cycle import MeasuredOrbit, amplitude_of, refined_until
+from pipedyn.cycles.limit_cycle import amplitude_of, refined_until
 from pipedyn.forced.parametric_search import regions
 from pipedyn.forced.pulsating import Hill, PulsatingPipe, require_motion
 from pipedyn.linear.eigenproblem import Complex
@@ -724,16 +724,15 @@ def _refined_motion(
     Raises:
         NotConverged: if the amplitude is not known to rtol; its `result` has the motion.
     """
-    known: MeasuredOrbit
     known, error, reason = refined_until(motion, orbit, 1e-3 * rtol, rtol, min(1e-7, 1e-2 * rtol))
-    orbit = known.orbit
+    orbit, (amplitude, _) = known
     multipliers, _, unsure = orbit_multipliers(motion, orbit)
     period = 2.0 * math.pi / orbit.frequency
     t = np.linspace(0.0, period, samples)
     y = orbit.states(orbit.frequency * t)
     q, qdot = motion.model.to_user(y[: motion.half].T.copy(), y[motion.half :].T.copy())
     found = ForcedMotion(
-        amplitude=known.peak[0],
+        amplitude=amplitude,
         frequency=motion.order * orbit.frequency,
         period=period,
         multipliers=multipliers,

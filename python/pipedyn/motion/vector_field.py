@@ -138,6 +138,11 @@ class VectorField:
         q, _ = self.model.to_user(y[: self.half].T, y[self.half :].T)
         return self.model.tips(q.T)[:, 0]
 
+    def tip_velocity(self, y: Array) -> Array:
+        """Transverse velocity of the free end at the k states in the columns, shape (k,)."""
+        q, rates = self.model.to_user(y[: self.half].T, y[self.half :].T)
+        return self.model.tip_velocities(q.T, rates.T)[:, 0]
+
 
 @saved_as("ForcedField")
 class ForcedField(VectorField):

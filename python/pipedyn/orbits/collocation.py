@@ -10,7 +10,7 @@ large multipliers cost no digits either. The cost is linear in the number of int
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -26,7 +26,6 @@ from pipedyn.orbits.periodic_orbit import (
     RATES_BETWEEN,
     STAGE_NODES,
     TWICE,
-    Closing,
     PeriodicOrbit,
     interpolated,
     stage_phases,
@@ -380,14 +379,6 @@ class OrbitProblem(Continuation):
         """The equations linearised about unknowns z."""
         return self.about_orbit(self._at(z))
 
-    def kept(self, equations: Solver, step: float) -> Closing | None:
-        """Matrices from which the orbit's multipliers follow, or None."""
-        # Multipliers with kinked forces change with every iterate, and those with constraints need
-        # more than these matrices.
-        if self.motion.model.pipe.has_kinks or self.motion.constrained:
-            return None
-        return Closing(*equations.closing, step) if isinstance(equations, Linearised) else None
-
     def about_orbit(self, orbit: PeriodicOrbit) -> Linearised:
         """The equations of an orbit, linearised about it."""
         return Linearised(self.motion, orbit, self._phase, self._speed_varies)
@@ -425,12 +416,10 @@ def solved(
     motion: VectorField,
     orbit: PeriodicOrbit,
     tolerance: float,
-    closing: bool = False,
     iterations: int = OrbitControl.iterations,
 ) -> PeriodicOrbit:
     """The periodic orbit near another at its speed, on its mesh; NewtonFailed if none is found.
 
-    closing: whether the result has the matrices from which its multipliers follow.
     iterations: number of Newton steps after which the search fails.
     """
     control = OrbitControl(
@@ -442,8 +431,7 @@ def solved(
     )
     problem = OrbitProblem(motion, orbit, control, unit=1.0, speed_varies=False)
     z = orbit.packed()
-    z, kept = problem.fixed_and_kept(z, float(z[-1]))
-    return replace(problem.orbit(z), closing=kept if closing else None)
+    return problem.orbit(problem.fixed(z, float(z[-1])))
 
 
 def residual(motion: VectorField, orbit: PeriodicOrbit) -> float:

@@ -27,7 +27,7 @@ from pipedyn.orbits.collocation import (
     through,
 )
 from pipedyn.orbits.magnus import interval_maps
-from pipedyn.orbits.periodic_orbit import Closing, PeriodicOrbit, interpolated, refined
+from pipedyn.orbits.periodic_orbit import PeriodicOrbit, refined
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.later import scipy
@@ -42,11 +42,6 @@ TURN = 4.0
 """Largest |lambda| h of an interval, for modes that persist, up to which multipliers are known to
 MULTIPLIER_TOLERANCE: the error is 3e-8, and at half of it 5e-13, as it falls with the sixteenth
 power."""
-
-SENSITIVITY = 1e4
-"""Factor between the relative changes of multipliers and of the orbit. Measured in 970 Newton steps
-on branches of a chain and a reduced model: 60 in the mean, less than this in 99 of 100, and much
-more only where two multipliers meet."""
 
 FINER = 2.0
 """Factor by which the collocation may need more intervals before Magnus' series is tried: then both
@@ -73,13 +68,10 @@ def orbit_multipliers(
     motion: VectorField,
     orbit: PeriodicOrbit,
     tolerance: float = MULTIPLIER_TOLERANCE,
-    coarser: PeriodicOrbit | None = None,
 ) -> tuple[Complex, Complex, float]:
     """Floquet multipliers, the largest modulus first, their roots and the error of the worst.
 
     Finer meshes are tried until the error is at most the tolerance, which may remain out of reach.
-    `coarser` is the orbit on the mesh from which its own was refined, if that is known: if the
-    matrices of the equations solved for both are known, no other equations are needed.
 
     If the orbit has mirror symmetry, the roots are the eigenvalues of the map over half a period
     followed by the reflection. The multipliers, shape (2 dof,), are their squares: the trivial one
@@ -97,7 +89,7 @@ def orbit_multipliers(
     if parts.sum() > FINER * parts.size and (smooth := _between_kinks(motion, orbit)):
         roots, error = _by_magnus(motion, smooth, turns.sum(), tolerance)
     if not error <= tolerance:
-        others, other = _by_collocation(motion, orbit, parts, tolerance, coarser)
+        others, other = _by_collocation(motion, orbit, parts, tolerance)
         if not other > error:
             roots, error = others, other
     values: Complex = roots**2 if orbit.symmetric else roots
@@ -107,26 +99,6 @@ def orbit_multipliers(
     return values[order].astype(np.complex128), roots[order], error
 
 
-def quick_multipliers(
-    motion: VectorField, orbit: PeriodicOrbit, tolerance: float
-) -> Complex | None:
-    """The multipliers from the equations that were solved for the orbit, without their error.
-
-    None if these equations are not known, or would not give multipliers to the tolerance.
-    """
-    closing = _closing(orbit, tolerance)
-    if closing is None or _turns(motion, orbit).max() > _longest(tolerance):
-        return None
-    roots = orbit.mirror * _roots_of_pencil(closing.first, closing.last)
-    return roots**2 if orbit.symmetric else roots
-
-
-def _closing(orbit: PeriodicOrbit, tolerance: float) -> Closing | None:
-    """Matrices of the solved equations, if they give multipliers to a tolerance; otherwise None."""
-    known = orbit.closing
-    return known if known is not None and SENSITIVITY * known.step <= tolerance else None
-
-
 def parts_for(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> NDArray[np.int_]:
     """Number of parts of each interval, (M,), with which multipliers meet a tolerance."""
     return _parts_for_turns(_turns(motion, orbit), tolerance)
@@ -134,12 +106,8 @@ def parts_for(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> ND
 
 def _parts_for_turns(turns: Array, tolerance: float) -> NDArray[np.int_]:
     """Number of parts of each interval, (M,), from `_turns`, for multipliers to a tolerance."""
-    return np.ceil(np.maximum(turns / _longest(tolerance), 1.0)).astype(int)
-
-
-def _longest(tolerance: float) -> float:
-    """Largest |lambda| h of an interval with which multipliers meet a tolerance."""
-    return TURN * (tolerance / MULTIPLIER_TOLERANCE) ** 0.0625
+    longest = TURN * (tolerance / MULTIPLIER_TOLERANCE) ** 0.0625
+    return np.ceil(np.maximum(turns / longest, 1.0)).astype(int)
 
 
 def _between_kinks(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None:
@@ -217,27 +185,18 @@ def _by_collocation(
     orbit: PeriodicOrbit,
     parts: NDArray[np.int_],
     tolerance: float,
-    coarser: PeriodicOrbit | None,
 ) -> tuple[Complex, float]:
     """Roots of the multipliers and the error of the worst, by collocation.
 
     The equations are those that the orbit solves, with interval i divided into parts[i] parts, and
-    those on meshes half and twice as fine. Halving leaves 2^-15 of the error where f is smooth, and
-    2^-3 across kinks at unknown phases; somewhat more is allowed for both.
+    those on meshes twice as fine. Halving leaves 2^-15 of the error where f is smooth, and 2^-3
+    across kinks at unknown phases; somewhat more is allowed for both.
     """
     left = 1e-3 if motion.model.kinks_known else 0.25
     if (parts > 1).any() and 2 * parts.sum() <= MOST_FLOQUET_INTERVALS:
         orbit = refined(motion, orbit, parts, at_kinks=True)
-    used = _closing(orbit, tolerance)
-    least = SENSITIVITY * used.step if used is not None else 0.0
-    roots, error = _roots(motion, orbit, tolerance), math.inf
+    roots, error = _roots(motion, orbit), math.inf
     power = 2 if orbit.symmetric else 1
-    smooth = not motion.model.pipe.has_kinks
-    if coarser is not None and _closing(coarser, tolerance / left) is not None and smooth:
-        coarse = _roots(motion, coarser, tolerance / left)
-        error = max(left * _worst_change(coarse**power, roots**power), least)
-    elif smooth and (pairs := _by_pairs(motion, orbit)):
-        error = max(0.1 * _worst_change(_roots(motion, pairs) ** power, roots**power), least)
     for _ in range(MOST_HALVINGS):
         if error <= tolerance or 2 * len(orbit.starts) > MOST_FLOQUET_INTERVALS:
             break
@@ -249,29 +208,9 @@ def _by_collocation(
     return roots, error
 
 
-def _roots(motion: VectorField, orbit: PeriodicOrbit, tolerance: float = 0.0) -> Complex:
-    """The roots of the multipliers by the collocation on the orbit's own mesh.
-
-    If the equations solved for the orbit give them to a tolerance, those are used.
-    """
-    if (closing := _closing(orbit, tolerance)) is not None:
-        return np.asarray(orbit.mirror * _roots_of_pencil(closing.first, closing.last))
+def _roots(motion: VectorField, orbit: PeriodicOrbit) -> Complex:
+    """The roots of the multipliers by the collocation on the orbit's own mesh."""
     return _roots_of_maps(motion, orbit, *collocation_maps(motion, orbit))
-
-
-def _by_pairs(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None:
-    """An orbit with intervals joined in pairs, the last three if they are odd in number.
-
-    None is returned if the lengths of neighbours differ by half.
-
-    To join neighbours one of which is 1.8 times as long increases the error 1,000 times, and at
-    least 30 times where the polynomial between the orbit's stages causes it.
-    """
-    steps = np.log(np.diff(orbit.edges))
-    if steps.size < 4 or np.abs(np.diff(steps)).max() > math.log(1.8):
-        return None
-    edges = np.append(orbit.edges[:-2:2], orbit.span)
-    return interpolated(motion, orbit.states, edges, orbit.frequency, orbit.u)
 
 
 def _worst_change(before: Complex, after: Complex) -> float:

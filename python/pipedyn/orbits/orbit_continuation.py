@@ -82,8 +82,7 @@ Step = Segment[OrbitProblem]
 
 def orbit_at(step: Step, s: float) -> PeriodicOrbit:
     """The orbit at an arc length from the beginning of a step."""
-    point = step.at(s)
-    return replace(step.problem.orbit(point.z), closing=point.kept)
+    return step.problem.orbit(step.at(s).z)
 
 
 def solved_anew(

@@ -14,6 +14,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from pipedyn import _core
+from pipedyn.motion.sampling import zeros_between
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -37,10 +38,6 @@ slopes, below rounding; kinks are found to some 1e-14."""
 KINK_SAMPLES = 8
 """Number of samples of an interval, between which kinks are looked for: two kinks that lie closer
 enclose only a short stretch of other slopes."""
-
-MOST_SECANTS, KINK_ERROR = 30, 1e-12
-"""Largest number of secant steps to find kinks, which mostly take five or six, and the change of
-phase after which no further step is taken: the next would be far smaller."""
 
 _X: Array = np.sort(legendre.legroots([0.0] * (ORBIT_STAGES - 1) + [-1.0, 1.0]).real)
 _X[-1] = 1.0
@@ -95,14 +92,11 @@ _INTEGRALS_BETWEEN = both_integrals(BETWEEN)
 @saved_as("Closing", shapes={"n n": "first last"})
 @dataclass(frozen=True)
 class Closing:
-    """L and R, (n, n) each, of L y(0) + R y(span) = 0 for small changes y of an orbit's state.
-
-    Both are in units of the state, and linearised about the last iterate of Newton's method.
-    """
+    """Matrices that files of version 0.2 may hold with an orbit; they are read and left out."""
 
     first: Array
     last: Array
-    step: float  # relative size of the step after that iterate
+    step: float
 
 
 @saved_as("PeriodicOrbit", shapes={"M+1": "edges", "M 2half": "starts", "M 8 half": "rates"})
@@ -119,12 +113,11 @@ class PeriodicOrbit:
     frequency: float
     u: float
     forced: bool = False
-    closing: Closing | None = field(default=None, repr=False, compare=False)  # None if unknown
 
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> PeriodicOrbit:
         """The orbit with the fields that a file kept, checked."""
-        made = cls(**fields)
+        made = cls(**{name: value for name, value in fields.items() if name != "closing"})
         numbers = np.concatenate([made.edges, made.starts.ravel(), made.rates.ravel()])
         finite = np.isfinite(numbers).all() and math.isfinite(made.u)
         if not (finite and 0.0 < made.frequency < math.inf):
@@ -361,22 +354,17 @@ def stop_contacts(motion: VectorField, orbit: PeriodicOrbit) -> StopContacts:
 def _kinks(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     """Phases at which derivatives of the forces jump, shape (k,), rising.
 
-    The functions that change sign at kinks are sampled, and zeros between samples are found by the
-    Illinois method: secants, in which the value at an end that stays is halved.
+    There, functions change their signs, which are looked for between samples.
     """
     phase, y = orbit.sampled(KINK_SAMPLES)
     signed = motion.along(phase, orbit.frequency).kinks(y)
     positive = signed > 0.0
     which, before = np.nonzero(positive[:, 1:] != positive[:, :-1])
-    low, high = phase[before], phase[before + 1]
-    below, above = signed[which, before], signed[which, before + 1]
     every = np.arange(which.size)
-    for _ in range(MOST_SECANTS):
-        last, high = high, (low * above - high * below) / (above - below)
-        if np.abs(high - last).max(initial=0.0) <= KINK_ERROR:
-            break
-        found = motion.along(high, orbit.frequency).kinks(orbit.states(high))[which, every]
-        crossed = (found > 0.0) != (above > 0.0)
-        low, below = np.where(crossed, last, low), np.where(crossed, above, 0.5 * below)
-        above = found
-    return np.sort(high) - BEFORE
+
+    def values(phase: Array) -> Array:
+        return motion.along(phase, orbit.frequency).kinks(orbit.states(phase))[which, every]
+
+    ends = phase[before], phase[before + 1]
+    found = zeros_between(values, *ends, signed[which, before], signed[which, before + 1])
+    return np.sort(found) - BEFORE
