@@ -29,15 +29,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from pipedyn import plot
 from pipedyn.models.chain import SPRING_RULES
 from pipedyn.models.galerkin import BASES
-from pipedyn.paper.analysis import (
-    HIGHEST_SPEED,
-    LEAST_HIGHEST,
-    Findings,
-    Options,
-    forecast,
-    gather,
-    measured_pace,
-)
+from pipedyn.paper.analysis import HIGHEST_SPEED, LEAST_HIGHEST, Findings, Options, gather
 from pipedyn.paper.pipe_options import add_pipe_options, taken_pipe
 from pipedyn.paper.report import BEFORE_MAPS, HEADINGS, SI_HEADER, Draw, map_figure, report, table
 from pipedyn.util import check
@@ -201,10 +193,6 @@ def _figure_saver(case: Options, findings: Findings, name: str, draw: Draw) -> d
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command and returns its exit status."""
     case = _parsed(arguments)
-    if case.progress:
-        seconds = forecast(case, measured_pace(case.workers))
-        low, high = (float(f"{share * seconds:.2g}") for share in (0.7, 1.6))
-        _say(f"takes about {low:g} to {high:g} s as fast as this machine is now")
     # Nine tenths of the time are spent in the core, which releases the lock of the interpreter.
     with _threads(case.workers) as executor:
         stages = gather(case, executor)
