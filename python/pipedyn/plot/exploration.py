@@ -193,17 +193,17 @@ class Exploration:
         value = check.real(name, value, low=slider.low, high=slider.high)
         if value == self.values[name]:
             return
-        before = self.values
-        self.values = before | {name: value}
+        values = self.values | {name: value}
         if name != "u":
-            try:
-                model = Chain(self._turned(), round(self.values["segments"]), springs=self._springs)
-                loss = _loss(model)
-                curve = self.curve if name == self.against else self._curve_of(model)
-            except Exception:
-                self.values = before
-                raise
+            pipe = self._pipe
+            for turned, number in self._numbers.items():
+                if values[turned] != number.of(self._pipe):
+                    pipe = number.changed(pipe, values[turned])
+            model = Chain(pipe, round(values["segments"]), springs=self._springs)
+            loss = _loss(model)
+            curve = self.curve if name == self.against else self._curve_of(model)
             self.model, self._loss, self.curve = model, loss, curve
+        self.values = values
         # Answers are computed again when they are used; two of them do not depend on u.
         for one in ("modes", "film", *(("loci", "stable_speeds") if name != "u" else ())):
             self.__dict__.pop(one, None)
@@ -212,13 +212,6 @@ class Exploration:
         """The slider of a name; raises ValueError or TypeError if there is none."""
         check.choice("name", name, tuple(one.name for one in self.sliders))
         return next(one for one in self.sliders if one.name == name)
-
-    def _turned(self) -> Pipe:
-        pipe = self._pipe
-        for name, number in self._numbers.items():
-            if self.values[name] != number.of(self._pipe):
-                pipe = number.changed(pipe, self.values[name])
-        return pipe
 
     def _slider(self, name: str, given: Mapping[str, tuple[float, float]]) -> Slider:
         value = self.values[name]
@@ -364,7 +357,7 @@ class Exploration:
     def _curve_of(self, model: Chain) -> StabilityCurve:
         slider = self.slider(self.against)
         number = self._numbers[self.against]
-        points = next(points for most, points in FINENESS if round(self.values["segments"]) <= most)
+        points = next(points for most, points in FINENESS if model.lengths.size <= most)
         values = np.linspace(slider.low, slider.high, points)
         return stability_curve(
             lambda value: model.with_pipe(number.changed(model.pipe, value)), values
