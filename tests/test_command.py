@@ -130,7 +130,7 @@ def test_the_table_of_a_pipe_in_si_units_is_in_metres_per_second_and_hertz(tmp_p
     said = report(case, findings)
     assert "V_c (m/s)  f_c (Hz)" in said
     assert f"{speed:.7f}  {hertz:.6f}  flutter" in said
-    command.written(case, findings, command._table_saver(case, findings))
+    command.save_table(case, findings, tmp_path / "critical-speeds.csv")
     with (tmp_path / "critical-speeds.csv").open(encoding="utf-8") as stream:
         (first, *_) = csv.DictReader(stream)
     assert float(first["speed (m/s)"]) == pytest.approx(speed, rel=1e-14)
