@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The command `pipedyn`: options that it must not take, a pipe in SI units, what it forecasts."""
+"""The command `pipedyn`: options that it must not take, a pipe in SI units."""
 
 import csv
 import math
@@ -11,15 +11,7 @@ import pytest
 import pipedyn as pp
 import pipedyn.__main__ as command
 from pipedyn.__main__ import main
-from pipedyn.paper.analysis import (
-    SECONDS_OF_A_SEARCH,
-    STARTED,
-    Findings,
-    Pace,
-    Row,
-    forecast,
-    measured_pace,
-)
+from pipedyn.paper.analysis import Findings, Row
 from pipedyn.paper.report import report
 
 HOSE = ["--length", "0.45", "--bending-stiffness", "7.3e-3"]
@@ -138,7 +130,7 @@ def test_the_table_of_a_pipe_in_si_units_is_in_metres_per_second_and_hertz(tmp_p
     said = report(case, findings)
     assert "V_c (m/s)  f_c (Hz)" in said
     assert f"{speed:.7f}  {hertz:.6f}  flutter" in said
-    command.written(case, findings, command._table_saver(case, findings))
+    command.save_table(case, findings, tmp_path / "critical-speeds.csv")
     with (tmp_path / "critical-speeds.csv").open(encoding="utf-8") as stream:
         (first, *_) = csv.DictReader(stream)
     assert float(first["speed (m/s)"]) == pytest.approx(speed, rel=1e-14)
@@ -146,51 +138,3 @@ def test_the_table_of_a_pipe_in_si_units_is_in_metres_per_second_and_hertz(tmp_p
     assert float(first["speed"]) == exact.speed
     plain = replace(case, pipe=replace(case.pipe, scales=None))
     assert f"{exact.speed:.7f}" in report(plain, findings)
-
-
-@pytest.mark.parametrize(
-    ("words", "others", "factor"),
-    [
-        (["--speeds", "722"], [], 1.0),
-        (["--highest", "40"], [], 1.0),
-        (["--chain", *"246", "200"], [], 1.0),
-        (["--reduced", *"24", "60"], [], 1.0),
-        (["--springs", "rayleigh", "consistent", "midpoint"], [], 1.0),
-        (["--format", "pdf"], [], 1.0),
-        (["--format", "svg"], [], 1.0),
-        (["--gamma", "1085"], [], 1.5),  # the map reaches as high as the critical speed asks
-        (["--speeds", "30", "--highest", "100"], ["--speeds", "30", "--highest", "9"], 2.0),
-    ],
-    ids=lambda words: " ".join(words) if isinstance(words, list) else "",
-)
-def test_the_forecast_grows_with_what_is_asked(words, others, factor, tmp_path):
-    more, less = (forecast(case_of(of, tmp_path), Pace(1.0, 1.0)) for of in (words, others))
-    assert more > factor * less
-
-
-def test_a_slower_machine_takes_longer_and_its_pace_is_measured(tmp_path, monkeypatch):
-    case = case_of([], tmp_path)
-    usual = forecast(case, Pace(1.0, 0.5))
-    assert forecast(case, Pace(2.0, 1.0)) == pytest.approx(2.0 * usual)
-    assert usual < forecast(case, Pace(1.0, 1.0)) < 2.0 * usual
-    slower, held_up = (forecast(case, Pace(1.0, shared)) for shared in (1.0, 1.5))
-    assert held_up == pytest.approx(1.5 * slower - 0.5 * STARTED)
-    times = iter([0.0, 6.0, 0.0, 8.0])  # of two searches in turn, and of two on each thread
-    monkeypatch.setattr("time.perf_counter", lambda: SECONDS_OF_A_SEARCH * next(times))
-    assert measured_pace(2) == pytest.approx(Pace(3.0, 2.0))
-
-
-def test_the_forecast_is_said_before_anything_is_computed(tmp_path, monkeypatch, capsys):
-    def gather(case, executor):
-        raise InterruptedError("nothing is computed")
-
-    monkeypatch.setattr(command, "gather", gather)
-    for words, said in (
-        ([], r"pipedyn: takes about \d+(\.\d)? to \d+(\.\d)? s as fast as this machine is now\n"),
-        (["--quiet"], ""),
-    ):
-        with pytest.raises(InterruptedError):
-            main([*words, "--workers", "2", "--output", str(tmp_path)])
-        out, err = capsys.readouterr()
-        assert out == ""
-        assert re.fullmatch(said, err), err

@@ -40,7 +40,13 @@ def dotted(path):
 
 TREES = {path: ast.parse(path.read_text("utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
 MODULES = {dotted(path): path for path in TREES}
-FOLDERS = sorted(path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists())
+FOLDERS = (
+    *("util", "models", "modular", "linear", "motion"),
+    *("continuation", "equilibrium", "orbits", "attraction", "cycles", "forced", "curves"),
+    *("diagram", "accuracy", "plot", "paper"),
+)
+"""Data flows from left to right: a folder imports from itself and from those to its left. The
+diagram is a file."""
 
 
 def within(folder):
@@ -50,10 +56,7 @@ def within(folder):
 
 @functools.cache
 def imported(name):
-    """Modules of the package that one imports, wherever in its file the import stands.
-
-    The package itself, whose imports are its public names, is none of them.
-    """
+    """Modules of the package that one imports, wherever in its file the import stands."""
     path, found = MODULES[name], set()
     for node in ast.walk(TREES[path]):
         if isinstance(node, ast.Import):
@@ -62,9 +65,9 @@ def imported(name):
             folder = name.split(".") if path.stem == "__init__" else name.split(".")[:-1]
             above = folder[: len(folder) + 1 - node.level] if node.level else []
             source = ".".join([*above, *filter(None, [node.module])])
-            inner = {f"{source}.{alias.name}" for alias in node.names} & MODULES.keys()
-            found.update(inner or {source})
-    return (found & MODULES.keys()) - {name, "pipedyn"}
+            inner = {f"{source}.{alias.name}" for alias in node.names}
+            found.update(inner & {*MODULES, "pipedyn._core"} or {source})
+    return (found & MODULES.keys()) - {name}
 
 
 def lines_of_docstrings(tree):
@@ -86,6 +89,26 @@ def check(measure, found):
 
 def test_no_module_imports_itself_by_way_of_others():
     TopologicalSorter({name: imported(name) for name in MODULES}).prepare()  # names the circle
+
+
+def test_the_package_is_folders_and_three_files():
+    files = {path.name for path in PACKAGE.glob("*.py")}
+    assert files == {"__init__.py", "__main__.py", "diagram.py"}
+    folders = {path.name for path in PACKAGE.iterdir() if list(path.glob("*.py"))}
+    assert folders == {*FOLDERS} - {"diagram"}
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_nothing_imports_upward(folder):
+    """The package itself, whose public names come from every folder, is above all of them."""
+    allowed = FOLDERS[: FOLDERS.index(folder) + 1]
+    upward = [
+        (name, other)
+        for name in within(folder)
+        for other in imported(name)
+        if not f"{other}.".startswith(tuple(f"pipedyn.{one}." for one in allowed))
+    ]
+    assert upward == []
 
 
 @pytest.mark.parametrize("folder", FOLDERS)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What importing the package brings along, and who imports whom within it."""
+"""What importing the package brings along, and its public names."""
 
-import ast
 import inspect
 import json
 import re
@@ -9,19 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 import pipedyn as pp
-
-FOLDERS = (
-    *("util", "models", "modular", "linear", "motion"),
-    *("continuation", "equilibrium", "orbits", "attraction", "cycles", "forced", "curves"),
-    *("diagram", "accuracy", "plot", "paper"),
-)
-"""Data flows from left to right: a folder imports from itself and from those to its left. The
-diagram is a file."""
-
-PACKAGE = Path(pp.__file__).parent
 
 FEATURES = """
 import sys
@@ -152,73 +139,6 @@ def test_progress_needs_no_progress_bar(monkeypatch, terminal):
     err = terminal.readouterr().err
     assert "root loci" in err
     assert "2/2" in err
-
-
-def imported_names(source, path):
-    """Dotted names that a file imports, below pipedyn; path: its place in the package."""
-    inside = ["pipedyn", *path.parent.parts]
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            base = inside[: len(inside) + 1 - node.level] if node.level else []
-            base += node.module.split(".") if node.module else []
-            names = [".".join([*base, alias.name]) for alias in node.names]
-        else:
-            continue
-        yield from (name for name in names if name.split(".")[0] == "pipedyn")
-
-
-def upward_imports(source, path):
-    """Those of a file's imports that lie in a folder to the right of its own."""
-    own = FOLDERS.index(path.with_suffix("").parts[0])
-    for name in imported_names(source, path):
-        (_, folder, *_) = [*name.split("."), ""]
-        if folder not in FOLDERS:  # the package's own names come from every folder
-            if folder != "_core":
-                yield name
-        elif FOLDERS.index(folder) > own:
-            yield name
-
-
-@pytest.mark.parametrize("folder", FOLDERS)
-def test_nothing_imports_upward(folder):
-    files = sorted((PACKAGE / folder).rglob("*.py")) or [PACKAGE / f"{folder}.py"]
-    found = {
-        str(path): upward
-        for path in (file.relative_to(PACKAGE) for file in files)
-        if (upward := list(upward_imports((PACKAGE / path).read_text(encoding="utf-8"), path)))
-    }
-    assert found == {}
-
-
-@pytest.mark.parametrize(
-    ("source", "path", "upward"),
-    [
-        ("from pipedyn.plot.style import BLUE", "linear/modes.py", ["pipedyn.plot.style.BLUE"]),
-        ("import pipedyn.motion.simulate as s", "linear/modes.py", ["pipedyn.motion.simulate"]),
-        ("from pipedyn import plot", "accuracy/trade.py", ["pipedyn.plot"]),
-        ("from pipedyn import Chain", "plot/motion.py", ["pipedyn.Chain"]),
-        ("import pipedyn", "plot/motion.py", ["pipedyn"]),
-        ("from ..linear import modes", "models/pipe.py", ["pipedyn.linear.modes"]),
-        ("from .. import paper", "modular/parts.py", ["pipedyn.paper"]),
-        ("def f():\n    from .. import motion", "models/pipe.py", ["pipedyn.motion"]),
-        ("from . import modes", "linear/crossings.py", []),
-        ("from .modular.parts import Bar", "models/chain.py", []),
-        ("from pipedyn import _core", "models/chain.py", []),
-        ("from pipedyn._core import Chain", "models/chain.py", []),
-        ("import numpy.linalg\nfrom pipedyn.util import check", "models/pipe.py", []),
-    ],
-)
-def test_the_search_for_upward_imports_sees_every_way_of_writing_one(source, path, upward):
-    assert list(upward_imports(source, Path(path))) == upward
-
-
-def test_the_package_is_folders_and_three_files():
-    files = {path.name for path in PACKAGE.glob("*.py")}
-    assert files == {"__init__.py", "__main__.py", "diagram.py"}
-    folders = {path.name for path in PACKAGE.iterdir() if list(path.glob("*.py"))}
-    assert folders == {*FOLDERS} - {"diagram"}
 
 
 def test_the_package_shows_public_names_only():

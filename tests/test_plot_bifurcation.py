@@ -146,27 +146,6 @@ def test_multipliers_of_a_branch_are_coloured_by_speed():
     assert len(ax.figure.axes) == 2
 
 
-@pytest.mark.parametrize(
-    ("call", "kind", "message"),
-    [
-        (lambda: plot.bifurcation_diagram(3), TypeError, "diagram must be of type"),
-        (
-            lambda: plot.bifurcation_diagram(diagram(), 2),
-            ValueError,
-            "coordinate must be from 0 to 1",
-        ),
-        (lambda: plot.bifurcation_diagram(diagram(), ax=3), TypeError, "ax must be of type Axes"),
-        (lambda: plot.orbit(3), TypeError, "cycles must be limit cycles, got 3"),
-        (lambda: plot.orbit([]), ValueError, "cycles must hold at least one"),
-        (lambda: plot.multipliers(None), TypeError, "cycles must be limit cycles, got None"),
-        (lambda: plot.multipliers(circle(), ax=3), TypeError, "ax must be of type Axes"),
-    ],
-)
-def test_bad_arguments_are_refused_by_name(call, kind, message):
-    with pytest.raises(kind, match=message):
-        call()
-
-
 def test_branches_are_drawn_without_corners_through_their_points():
     """Of a circle with 16 points, whose chords turn by 22.5 degrees."""
     turn = np.linspace(0.0, 1.5 * np.pi, 13)

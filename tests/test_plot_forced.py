@@ -81,14 +81,8 @@ def test_forced_motions_are_drawn_with_their_folds():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (
-            lambda ax: plot.frequency_response(3, ax=ax),
-            "response must be of type Frequency",
-        ),
-        (lambda ax: plot.frequency_response(RESPONSE, 1, ax=ax), "phase must be True or False"),
         (lambda ax: plot.parametric_regions(REGION, ax=ax), "regions must be those of parametric"),
         (lambda ax: plot.parametric_regions([3], ax=ax), "regions[0] must be of type Parametric"),
-        (lambda ax: plot.forced_response(3, ax=ax), "response must be of type ForcedResponse"),
     ],
 )
 def test_bad_arguments_are_named(call, message):

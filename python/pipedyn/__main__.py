@@ -29,15 +29,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from pipedyn import plot
 from pipedyn.models.chain import SPRING_RULES
 from pipedyn.models.galerkin import BASES
-from pipedyn.paper.analysis import (
-    HIGHEST_SPEED,
-    LEAST_HIGHEST,
-    Findings,
-    Options,
-    forecast,
-    gather,
-    measured_pace,
-)
+from pipedyn.paper.analysis import HIGHEST_SPEED, LEAST_HIGHEST, Findings, Options, gather
 from pipedyn.paper.pipe_options import add_pipe_options, taken_pipe
 from pipedyn.paper.report import BEFORE_MAPS, HEADINGS, SI_HEADER, Draw, map_figure, report, table
 from pipedyn.util import check
@@ -153,17 +145,27 @@ def _writable(name: str) -> Path:
         raise OSError(f"argument --output: cannot write to {name!r}: {reason}") from None
 
 
-def save_figure(figure: plot.Figure, path: Path) -> None:
+Saver: TypeAlias = Callable[[Options, Findings, Path], None]
+
+
+def save_table(case: Options, findings: Findings, path: Path) -> None:
+    """Saves the table as comma-separated values."""
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(HEADINGS if case.pipe.scales is None else HEADINGS + SI_HEADER)
+        writer.writerows(table(case.pipe, findings))
+
+
+def save_figure(draw: Draw, case: Options, findings: Findings, path: Path) -> None:
     """Saves a figure. Bitmaps avoid `savefig`, which would draw the figure twice for its layout."""
-    if path.suffix == ".png":
-        figure.set_dpi(matplotlib.rcParams["savefig.dpi"])
-        canvas: Any = FigureCanvasAgg(figure)
-        canvas.print_png(path)
-    else:
-        figure.savefig(path)
-
-
-Saver: TypeAlias = Callable[[Path], None]
+    with plot.style():
+        figure = draw(case, findings)
+        if path.suffix == ".png":
+            figure.set_dpi(matplotlib.rcParams["savefig.dpi"])
+            canvas: Any = FigureCanvasAgg(figure)
+            canvas.print_png(path)
+        else:
+            figure.savefig(path)
 
 
 def written(case: Options, findings: Findings, savers: dict[str, Saver]) -> list[Path]:
@@ -173,48 +175,27 @@ def written(case: Options, findings: Findings, savers: dict[str, Saver]) -> list
         path = case.output / name
         try:
             with replacing(path) as beside:
-                save(beside)
+                save(case, findings, beside)
             paths.append(path)
         except OSError as error:
             findings.failures.append(f"{path}: {error.strerror or error}")
     return paths
 
 
-def _table_saver(case: Options, findings: Findings) -> dict[str, Saver]:
-    def save(path: Path) -> None:
-        with path.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.writer(stream)
-            writer.writerow(HEADINGS if case.pipe.scales is None else HEADINGS + SI_HEADER)
-            writer.writerows(table(case.pipe, findings))
-
-    return {"critical-speeds.csv": save}
-
-
-def _figure_saver(case: Options, findings: Findings, name: str, draw: Draw) -> dict[str, Saver]:
-    def save(path: Path) -> None:
-        with plot.style():
-            save_figure(draw(case, findings), path)
-
-    return {f"{name}.{case.format}": save}
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command and returns its exit status."""
     case = _parsed(arguments)
-    if case.progress:
-        seconds = forecast(case, measured_pace(case.workers))
-        low, high = (float(f"{share * seconds:.2g}") for share in (0.7, 1.6))
-        _say(f"takes about {low:g} to {high:g} s as fast as this machine is now")
     # Nine tenths of the time are spent in the core, which releases the lock of the interpreter.
     with _threads(case.workers) as executor:
         stages = gather(case, executor)
         findings = next(stages)
-        savers = _table_saver(case, findings)
+        savers: dict[str, Saver] = {"critical-speeds.csv": save_table}
         for name, draw in BEFORE_MAPS.items():
-            savers |= _figure_saver(case, findings, name, draw)
+            savers[f"{name}.{case.format}"] = partial(save_figure, draw)
         paths = written(case, findings, savers)
         next(stages)
-    paths += written(case, findings, _figure_saver(case, findings, "stability-map", map_figure))
+    savers = {f"stability-map.{case.format}": partial(save_figure, map_figure)}
+    paths += written(case, findings, savers)
     try:
         print(report(case, findings))
         print("\nWritten: " + ", ".join(map(str, paths)), flush=True)

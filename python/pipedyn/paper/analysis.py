@@ -7,12 +7,11 @@ Results that fail are left out and named; all others are kept.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +31,7 @@ from pipedyn.models.continuum import Continuum
 from pipedyn.models.galerkin import BASES, Basis, Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.later import futures
-from pipedyn.util.parallel import Job, outcome_of, parallel
+from pipedyn.util.parallel import Job, parallel
 
 BRANCHES = 4
 """Number of branches in figures 2 and 3, equal to that of the paper's smallest chain."""
@@ -47,25 +46,6 @@ REDUCED_SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 22, 32, 46)
 sqrt(2) and sizes up to 8 by 1, because the error of Legendre functions falls to rounding by m = 12.
 """
 
-
-class Pace(NamedTuple):
-    """Times that this machine needs for one second of work on the machine of `forecast`."""
-
-    alone: float  # seconds for work on one thread
-    shared: float  # seconds for work that all threads share
-
-
-AS_MEASURED = Pace(1.0, 0.5)
-"""Pace of the machine of `forecast` with two free cores."""
-
-SECONDS_OF_A_SEARCH = 0.16
-"""Time in seconds of the search in `measured_pace` on a core of the machine of `forecast`."""
-
-DRAWING = {"png": 1.0, "pdf": 2.05, "svg": 1.7}
-"""Times of drawing in each format relative to bitmaps: 9 panels take 3.9, 8.0 and 6.6 s."""
-
-STARTED = 2.0
-"""Time in seconds before the forecast, in which modules are imported and `measured_pace` runs."""
 
 MAP_MODES = 9
 """Number of mass ratios of a map at which the report names the mode that loses stability."""
@@ -181,57 +161,6 @@ def gather(case: Options, executor: futures.Executor | None = None) -> Iterator[
             if not isinstance(failure.error, NoCrossing)
         ]
     yield findings
-
-
-def forecast(case: Options, pace: Pace = AS_MEASURED) -> float:
-    """Estimated time in seconds of the analysis for some options.
-
-    Each constant is the time of a core of one machine (AMD Zen 4), measured for chains of 4 to 256
-    segments, reduced models of 2 to 200 functions, 21 to 721 speeds up to 8 and 100, and maps up to
-    speeds of 0.3 to 30. Threads share the computations, and one thread draws. The number of
-    functions for the continuous pipe is proportional to the highest speed, and the time of each
-    speed to the second or third power of that number.
-
-    Args:
-        case: the options of the command.
-        pace: how fast this machine is, as `measured_pace` returns it.
-    """
-    exact = outcome_of(partial(critical_speed, Continuum(case.pipe)))
-    found = None if isinstance(exact, Exception) else exact
-    rows = len(case.springs)
-    highest = _highest(case, found)
-    continuous = 1.7e-5 * highest**3  # crossings of the continuous pipe, and loci at a few speeds
-    at_a_speed = 1.5e-3 + 3.5e-6 * highest**2  # loci of the continuous pipe at each speed
-    at_a_speed += rows * sum(1e-6 * n for n in case.chain_sizes)
-    at_a_speed += sum(6e-7 * m**2.35 for m in case.reduced_sizes)
-    critical = sum(6.5e-7 * m**3 for m in {*REDUCED_SIZES, *case.reduced_sizes})
-    critical += 5e-5 * sum({*CHAIN_SIZES, *case.chain_sizes})
-    a_map = 0.2 + 1.2 * (map_top(found) / 20.0) ** 3
-    computed = len(_gammas(case)) * a_map + critical + continuous + case.speeds * at_a_speed
-    panels = rows * len(case.chain_sizes) + len(case.reduced_sizes)
-    drawn = DRAWING[case.format] * (1.05 + panels * (0.3 + 1.4e-4 * case.speeds))
-    # Most figures are drawn while other threads compute and thereby slow the drawing down.
-    slower = max(pace.alone, pace.shared)
-    return STARTED * pace.alone + computed * pace.shared + drawn * slower
-
-
-def measured_pace(workers: int) -> Pace:
-    """Current speed of this machine, from short searches on one thread and on all threads."""
-    threads = max(1, workers)
-    window = {"beta": (0.1, 0.3), "u": (0.0, 8.0)}
-    search = partial(boundary, criticality=False, only_stability=True)
-    job = partial(search, Galerkin(Pipe(0.2), 6), "beta", "u", window)
-    job()  # imports what it needs
-    alone = _seconds_of([job] * 2) / 2.0
-    with futures.ThreadPoolExecutor(threads) as executor:
-        together = _seconds_of([job] * (2 * threads), executor) / (2.0 * threads)
-    return Pace(alone / SECONDS_OF_A_SEARCH, together / SECONDS_OF_A_SEARCH)
-
-
-def _seconds_of(jobs: list[Job[Any]], executor: futures.Executor | None = None) -> float:
-    begin = time.perf_counter()
-    list(parallel(jobs, executor))
-    return time.perf_counter() - begin
 
 
 def _highest(case: Options, critical: CriticalSpeed | None) -> float:

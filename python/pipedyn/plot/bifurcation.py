@@ -173,16 +173,24 @@ def mark_event(ax: Axes, kind: str, place: Any) -> None:
     ax.plot(*place, label=kind.replace("hopf", "Hopf"), **look)
 
 
-def smooth(speeds: Array, heights: Array) -> Array:
-    """A smooth curve through k points of a branch, with `A_STEP` pieces a step, (pieces + 1, 2).
+def smooth(*columns: Array) -> Array:
+    """A smooth curve through k points of a branch, with `A_STEP` pieces a step.
 
     The curve consists of Akima's cubics over the chord lengths between points, which are scaled by
     their ranges. If one point moves, the cubics change only near it, and they do not oscillate.
+
+    Args:
+        columns: numbers of the points, each of shape (k,): coordinates in the plane, and any other
+            numbers that tell points apart where the curve in the plane has a cusp.
+
+    Returns:
+        The columns on finer steps, shape (A_STEP (k - 1) + 1, number of columns).
     """
-    points = np.stack([speeds, heights], axis=1)
+    points = np.stack(columns, axis=1)
     if not points.size:
         return points
-    chords = np.linalg.norm(np.diff(points / (np.ptp(points, axis=0) + 1e-300), axis=0), axis=1)
+    ranges = np.ptp(points, axis=0) + 1e-12 * np.abs(points).max(axis=0) + 1e-300
+    chords = np.linalg.norm(np.diff(points / ranges, axis=0), axis=1)
     places = np.append(0.0, np.cumsum(np.maximum(chords, 1e-12)))
     if places.size < 3 or not places[-1] > 1e-9:
         return np.repeat(points, A_STEP, axis=0)[: (len(points) - 1) * A_STEP + 1]

@@ -11,13 +11,11 @@ from matplotlib.axes import Axes
 
 from pipedyn.curves.boundary import Boundary
 from pipedyn.curves.cycle_boundary import CycleBoundary
-from pipedyn.curves.event_curve import CycleCurve
 from pipedyn.plot import common
-from pipedyn.plot.bifurcation import A_STEP, draw_pieces
+from pipedyn.plot.bifurcation import A_STEP, draw_pieces, smooth
 from pipedyn.plot.stability_map import parts_of_stability
 from pipedyn.plot.units import PlaneView, Units
 from pipedyn.util.check import Array
-from pipedyn.util.later import scipy
 
 COLOURS = {
     "fold": common.VERMILION,
@@ -61,7 +59,8 @@ def cycle_boundary(
     ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
     across = found.names[0] == "u"  # the flow speed is on the x axis
     for curve in found.curves:
-        x, y = (_on_finer_steps(curve, of) for of in (curve.x, curve.y))
+        # A curve in the plane may have a cusp, where frequency and amplitude go on smoothly.
+        x, y, *_ = smooth(curve.x, curve.y, curve.frequency, curve.amplitude).T
         steady = np.maximum(curve.unstable[:-1], curve.unstable[1:]) == 0
         labels = {"stable": f"{curve.kind} of a stable cycle"}
         labels["unstable"] = f"{curve.kind} of unstable cycles"
@@ -69,7 +68,7 @@ def cycle_boundary(
         if found.onsets is None or curve.kind != "fold":
             continue
         second, speed = (y, x) if across else (x, y)
-        onset = _on_finer_steps(curve, curve.onset)
+        onset = np.interp(np.arange(len(x)) / A_STEP, np.arange(curve.onset.size), curve.onset)
         shade = ax.fill_betweenx if across else ax.fill_between
         place = np.arange(len(x) - 1) // A_STEP
         opens = np.where(curve.opens[:-1] != 0, curve.opens[:-1], curve.opens[1:])
@@ -128,27 +127,3 @@ def _stable_until(onsets: Boundary, second: Array, speed: Array, across: bool) -
                 below = (bound.change[nearest] > 0) == (at[i + 1] > at[i])
                 stable[inside[first]] = below != across
     return np.where(stable, lowest, np.nan)
-
-
-def _length(curve: CycleCurve) -> Array:
-    """Length along a curve in the scaled numbers, frequency and amplitude, shape (S,).
-
-    With frequency and amplitude among the coordinates the curve has no cusps.
-    """
-    columns = [curve.x, curve.y, curve.frequency]
-    scaled = [of / max(float(np.ptp(of)), 1e-12 * float(np.abs(of).max())) for of in columns]
-    scaled.append(curve.amplitude / max(float(curve.amplitude.max()), 1e-300))
-    steps = np.linalg.norm(np.diff(np.stack(scaled, axis=1), axis=0), axis=1)
-    return np.append(0.0, np.cumsum(np.maximum(steps, 1e-9)))
-
-
-def _on_finer_steps(curve: CycleCurve, values: Array) -> Array:
-    """Values (S,) along a curve, interpolated on finer steps by cubics, (A_STEP (S - 1) + 1,)."""
-    s = _length(curve)
-    share = np.linspace(0.0, 1.0, A_STEP + 1)[:-1]
-    at = np.append((s[:-1, None] + np.diff(s)[:, None] * share).ravel(), s[-1])
-    known = np.isfinite(values)
-    if known.sum() < 4:
-        return np.interp(at, s[known], values[known], np.nan, np.nan)
-    smooth = scipy.interpolate.CubicSpline(s[known], values[known], extrapolate=False)
-    return np.asarray(smooth(at))

@@ -62,9 +62,6 @@ FRAMES = 16
 """Number of frames in each cycle of the mode in a film. Straight lines between frames differ from
 the motion by 2 % of the amplitude."""
 
-CYCLE_SECONDS = 1.2
-"""Time in seconds that a cycle takes on the screen, slow enough to follow by eye."""
-
 SWING, STEEPEST = 0.25, 0.7
 """Largest displacement in a film, in L, and largest slope. A linear mode has no amplitude of its
 own, so it is scaled until it meets one of them."""
@@ -91,12 +88,10 @@ class ModeFilm:
     Attributes:
         shapes: centrelines, x transverse and y along the straight pipe, shape (frames, points, 2).
         duration: time from the first frame to the last, in T.
-        seconds: time that the film takes on the screen.
     """
 
     shapes: Array
     duration: float
-    seconds: float
 
 
 class Exploration:
@@ -198,17 +193,17 @@ class Exploration:
         value = check.real(name, value, low=slider.low, high=slider.high)
         if value == self.values[name]:
             return
-        before = self.values
-        self.values = before | {name: value}
+        values = self.values | {name: value}
         if name != "u":
-            try:
-                model = Chain(self._turned(), round(self.values["segments"]), springs=self._springs)
-                loss = _loss(model)
-                curve = self.curve if name == self.against else self._curve_of(model)
-            except Exception:
-                self.values = before
-                raise
+            pipe = self._pipe
+            for turned, number in self._numbers.items():
+                if values[turned] != number.of(self._pipe):
+                    pipe = number.changed(pipe, values[turned])
+            model = Chain(pipe, round(values["segments"]), springs=self._springs)
+            loss = _loss(model)
+            curve = self.curve if name == self.against else self._curve_of(model)
             self.model, self._loss, self.curve = model, loss, curve
+        self.values = values
         # Answers are computed again when they are used; two of them do not depend on u.
         for one in ("modes", "film", *(("loci", "stable_speeds") if name != "u" else ())):
             self.__dict__.pop(one, None)
@@ -217,13 +212,6 @@ class Exploration:
         """The slider of a name; raises ValueError or TypeError if there is none."""
         check.choice("name", name, tuple(one.name for one in self.sliders))
         return next(one for one in self.sliders if one.name == name)
-
-    def _turned(self) -> Pipe:
-        pipe = self._pipe
-        for name, number in self._numbers.items():
-            if self.values[name] != number.of(self._pipe):
-                pipe = number.changed(pipe, self.values[name])
-        return pipe
 
     def _slider(self, name: str, given: Mapping[str, tuple[float, float]]) -> Slider:
         value = self.values[name]
@@ -240,7 +228,7 @@ class Exploration:
             lost = 4.0 if critical is None or critical.unstable_before else 1.2 * critical.speed
             return Slider(name, 0.0, rounded_up(1.4 * max(value, lost)))
         if name == "segments":
-            return Slider(name, self._fewest_segments(), MOST_SEGMENTS)
+            return Slider(name, 1.0, MOST_SEGMENTS)
         rule = self._numbers[name].rule
         usual = OWN_NUMBERS[name].slider if name in OWN_NUMBERS else None
         low, high = usual or (0.0, 0.0 if value else 1.0)
@@ -253,16 +241,6 @@ class Exploration:
         below, above = rule.get("low", -math.inf), rule.get("high", math.inf)
         high = min(high, 0.999 if name == "beta" else above)
         return Slider(name, max(low, below), high)
-
-    def _fewest_segments(self) -> float:
-        n = round(self.values["segments"])
-        for fewer in range(1, n):
-            try:
-                Chain(self._pipe, fewer, springs=self._springs)
-            except ValueError:
-                continue
-            return float(fewer)
-        return float(n)
 
     # ------------------------------------------------------------------------------- answers
 
@@ -316,10 +294,9 @@ class Exploration:
         shape = self.least_stable
         value = 0j if shape is None else shape.eigenvalue
         grows = self._growth
+        duration = 3.0 / abs(grows) if grows else 1.0
         if value.imag:
-            duration, seconds = CYCLES * 2.0 * math.pi / value.imag, CYCLES * CYCLE_SECONDS
-        else:
-            duration, seconds = (3.0 / abs(grows) if grows else 1.0), CYCLES * CYCLE_SECONDS
+            duration = CYCLES * 2.0 * math.pi / value.imag
         times = np.linspace(0.0, duration, CYCLES * FRAMES + 1)
         across = np.zeros((times.size, s.size))
         if shape is not None:
@@ -330,7 +307,7 @@ class Exploration:
             across *= min(SWING / max(np.abs(across).max(), 1e-300), STEEPEST / (slopes or 1.0))
         along = np.sqrt(np.diff(s) ** 2 - np.diff(across, axis=1) ** 2)
         down = np.concatenate([np.zeros((times.size, 1)), np.cumsum(along, axis=1)], axis=1)
-        return ModeFilm(np.stack([across, down], axis=-1), duration, seconds)
+        return ModeFilm(np.stack([across, down], axis=-1), duration)
 
     @property
     def report(self) -> tuple[str, str]:
@@ -380,7 +357,7 @@ class Exploration:
     def _curve_of(self, model: Chain) -> StabilityCurve:
         slider = self.slider(self.against)
         number = self._numbers[self.against]
-        points = next(points for most, points in FINENESS if round(self.values["segments"]) <= most)
+        points = next(points for most, points in FINENESS if model.lengths.size <= most)
         values = np.linspace(slider.low, slider.high, points)
         return stability_curve(
             lambda value: model.with_pipe(number.changed(model.pipe, value)), values

@@ -16,22 +16,24 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from pipedyn.linear.neutral import grows
-from pipedyn.models.scales import scales_at
 from pipedyn.plot import common, units
 from pipedyn.plot.common import rounded_up
 from pipedyn.plot.linear import branches_of, pieces
 from pipedyn.plot.motion import clamp_and_gravity, flow_ends
 from pipedyn.plot.stability_map import STABLE
-from pipedyn.plot.units import Measure
+from pipedyn.plot.units import Measure, PlaneView
 from pipedyn.util.check import Array
 
 CYCLES = 3
 """Number of cycles of the mode in a film."""
+
+CYCLE_SECONDS = 1.2
+"""Time in seconds that a cycle takes on the screen, slow enough to follow by eye."""
 
 PICTURE_WIDTH, PICTURE_HEIGHT, PICTURE_DPI = 9.6, 3.7, 110
 """Size of the picture in inches, and pixels an inch; it is as wide as the page of a notebook."""
@@ -100,6 +102,8 @@ class ExplorationPicture:
         if self._shown == self._of.values:
             return
         self._shown = dict(self._of.values)
+        system: units.Units = "si" if self._of.view.si else "nondimensional"
+        self._view = PlaneView(system, self._of.model.pipe, (self._of.against, "u"))
         for ax in self.axes:
             for artist in (*ax.lines, *ax.collections, *ax.patches, *ax.texts):
                 artist.remove()
@@ -108,18 +112,12 @@ class ExplorationPicture:
             self._draw_map(self.axes[1], self._highest)
             self._draw_motion(self.axes[2])
 
-    def _speed(self, beta: Any) -> Any:
-        """Value shown for a flow speed u = 1, at one mass ratio or several."""
-        scales = self._view.scales
-        si = self._view.si and scales is not None
-        return scales_at(beta, scales).speed if si and scales is not None else np.ones_like(beta)
-
     def _draw_loci(self, ax: Axes) -> None:
         """Draws root loci, coloured by the flow speed, and the roots at the present speed."""
         of, view, rate = self._of, self._view, self._view.one(units.GROWTH)
-        branches, colours = rate * branches_of(of.loci), of.loci.speeds[:, None]
-        colours = self._speed(of.values["beta"]) * colours
-        segments, colours = pieces(branches.real, branches.imag, colours)
+        branches = rate * branches_of(of.loci)
+        speeds = view.one(units.FLOW_SPEED) * of.loci.speeds[:, None]
+        segments, colours = pieces(branches.real, branches.imag, speeds)
         look: dict[str, Any] = {"cmap": self._colours.cmap, "norm": self._colours.norm}
         lines = LineCollection(
             list(segments), array=colours, linewidths=1.8, zorder=2.0, gid="root loci", **look
@@ -146,28 +144,14 @@ class ExplorationPicture:
 
     def _draw_map(self, ax: Axes, highest: float) -> None:
         """Draws critical speeds against a number, and the speeds at which the pipe is stable."""
-        of, view = self._of, self._view
-        shown = units.of_number(of.against, of.model.pipe)
-        across, slider = view.one(shown), of.slider(of.against)
-        betas = of.curve.values if of.against == "beta" else of.values["beta"]
-        one = self._speed(np.broadcast_to(betas, of.curve.values.shape))
-        values, speeds = across * of.curve.values, one * of.curve.speeds
+        of, view, (shown, _) = self._of, self._view, self._view.quantities
+        values, speeds = view.at(of.curve.values, of.curve.speeds)
+        low, high = (view.at(of.curve.values, ends)[1] for ends in of.stable_speeds.T)
         if of.against == "beta" and view.si:  # the unit of speed depends on beta
             largest = float(np.max(speeds, initial=0.0, where=speeds < np.inf))
             highest = max(highest, rounded_up(1.2 * largest))
-        low, high = (
-            one * of.stable_speeds[:, 0],
-            np.minimum(one * of.stable_speeds[:, 1], 2.0 * highest),
-        )
-        corners = [(values[:-1], low[:-1]), (values[1:], low[1:])]
-        corners += [(values[1:], high[1:]), (values[:-1], high[:-1])]
-        quads = np.stack([np.stack(corner, axis=-1) for corner in corners], axis=1)
-        quads = quads[np.isfinite(quads).all(axis=(1, 2))]
-        # Antialiasing would make the common edges of neighbours visible.
-        fill: dict[str, Any] = {"facecolors": STABLE, "edgecolors": "none", "antialiased": False}
-        ax.add_collection(
-            PolyCollection(list(quads), zorder=0.2, gid="stable", **fill), autolim=False
-        )
+        fill: dict[str, Any] = {"facecolor": STABLE, "linewidth": 0.0, "zorder": 0.2}
+        ax.fill_between(values, low, np.minimum(high, 2.0 * highest), gid="stable", **fill)
         # A crossing is no boundary of stability if the pipe is unstable below it, too.
         lost = [one if one and not one.unstable_before else None for one in of.curve.critical]
         kinds = np.array(["" if one is None else one.kind for one in lost])
@@ -186,10 +170,10 @@ class ExplorationPicture:
         ax.plot(values, regained, label="buckled below", **dashed)
         place = common.open_marker(6.0, zorder=4.0, clip_on=False, gid="place")
         place["markerfacecolor"] = common.VERMILION if of.unstable else "white"
-        u = of.values["u"] * float(self._speed(of.values["beta"]))
-        ax.plot([across * of.values[of.against]], [u], **place)
-        ax.set(xlim=(across * slider.low, across * slider.high), ylim=(0.0, highest))
-        ax.set(xlabel=view.label(shown), ylabel=self._speed_label)
+        ax.plot(*view.at(of.values[of.against], of.values["u"]), **place)
+        slider = of.slider(of.against)
+        ends = view.one(shown) * np.array([slider.low, slider.high])
+        ax.set(xlim=ends, ylim=(0.0, highest), xlabel=view.label(shown), ylabel=self._speed_label)
         ax.set_title("green: stable; ring: this pipe", pad=20.0)
         above: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.01), "ncols": 3}
         above |= {"handlelength": 1.6, "columnspacing": 1.2, "borderpad": 0.0}
@@ -240,5 +224,5 @@ class ExplorationPicture:
         flat[:, 1] = self.figure.bbox.height - flat[:, 1]
         tenths = (10.0 * flat).round().astype(int).reshape(len(places), -1)  # tenths of a pixel
         frames = [" ".join(map(str, frame)) for frame in tenths.tolist()]
-        seconds = self._of.film.seconds
-        return POLYLINE.format(first=frames[0], every=";".join(frames), look=look, seconds=seconds)
+        every, seconds = ";".join(frames), CYCLES * CYCLE_SECONDS
+        return POLYLINE.format(first=frames[0], every=every, look=look, seconds=seconds)

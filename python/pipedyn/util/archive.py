@@ -156,7 +156,33 @@ class Saved:
                 the path does not end in .npz, or its folder does not exist.
             OSError: if the file cannot be written.
         """
-        save(self, path)
+        place = _checked(path)
+        if not place.parent.is_dir():
+            given = check.shown(str(place))
+            raise ValueError(f"path must lie in a folder that exists, got {given}")
+        writer, name = _Writer(), type(self).__name__
+        try:
+            root = writer.encoded(self, name)
+        except RecursionError:
+            raise ValueError(f"{name} cannot be saved: it is nested too deeply") from None
+        except ValueError as error:
+            if hasattr(self, "to_csv"):
+                raise ValueError(f"{error}; to_csv or to_dataframe writes its table") from None
+            raise
+        header = {
+            "format": FORMAT,
+            "package": sys.modules["pipedyn"].__version__,
+            "root": root,
+            "objects": writer.objects,
+        }
+        with replacing(place) as beside:
+            with beside.open("wb") as file:
+                np.savez_compressed(file, header=np.array(json.dumps(header)), **writer.arrays)
+            try:
+                with zipfile.ZipFile(beside) as archive:
+                    _Members(archive, beside.stat().st_size)
+            except ValueError as error:  # `load` would refuse the new file
+                raise ValueError(f"{name} cannot be saved: {error}") from None
 
 
 class _Writer:
@@ -277,26 +303,21 @@ class _Members:
             raise ValueError(f"{name} is compressed otherwise than `save` does")
         if entry.file_size > DEFLATED * entry.compress_size:
             raise ValueError(f"{name} is longer than what it is compressed to can be")
-        with self._archive.open(entry) as file:
-            start = file.read(10)
-            text = file.read(int.from_bytes(start[8:], "little")).decode("latin-1")
-            description = DESCRIPTION.fullmatch(text)
-            if start[:8] != b"\x93NUMPY\x01\x00" or description is None:
-                raise ValueError(f"{name} is described otherwise than `save` does")
-            dtype = np.dtype(description[1])
-            shape = tuple(int(size) for size in description[3].split(",") if size.strip())
-            if math.prod(shape) > check.LONGEST:
-                raise ValueError(f"{name} has more than {check.LONGEST} entries")
-            length = math.prod(shape) * dtype.itemsize
-            if len(start) + len(text) + length != entry.file_size:
-                raise ValueError(f"{name} is not as long as its shape says")
-            raw = bytearray(file.read(length))
-            if len(raw) < length or file.read(1):  # reading to the end also checks the checksum
-                raise ValueError(f"{name} is not as long as it says")
-        if dtype.kind == "b" and raw.strip(b"\x00\x01"):
+        raw = bytearray(self._archive.read(entry))  # zipfile also checks the checksum
+        start = 10 + int.from_bytes(raw[8:10], "little")
+        description = DESCRIPTION.fullmatch(raw[10:start].decode("latin-1"))
+        if raw[:8] != b"\x93NUMPY\x01\x00" or description is None:
+            raise ValueError(f"{name} is described otherwise than `save` does")
+        dtype = np.dtype(description[1])
+        shape = tuple(int(size) for size in description[3].split(",") if size.strip())
+        if math.prod(shape) > check.LONGEST:
+            raise ValueError(f"{name} has more than {check.LONGEST} entries")
+        if start + math.prod(shape) * dtype.itemsize != len(raw):
+            raise ValueError(f"{name} is not as long as its shape says")
+        if dtype.kind == "b" and raw[start:].strip(b"\x00\x01"):
             raise ValueError(f"{name} has what is neither true nor false")
         order: Any = "F" if description[2] == "True" else "C"
-        values = np.ndarray(shape, dtype, raw, order=order)
+        values = np.ndarray(shape, dtype, raw, start, order=order)
         return values.astype(dtype.newbyteorder("="), copy=False)
 
     def require_read(self) -> None:
@@ -386,38 +407,6 @@ def _made(entry: _Entry, values: dict[str, Any]) -> Any:
         raise ValueError(f"{lacking[0]} of {entry.name} is missing")
     check_shapes(entry.name, made, entry.shapes)
     return made
-
-
-def save(thing: Any, path: str | os.PathLike[str]) -> None:
-    """Writes a result, a model or a pipe to a file; see the method `Saved.save`."""
-    place = _checked(path)
-    if not place.parent.is_dir():
-        raise ValueError(f"path must lie in a folder that exists, got {check.shown(str(place))}")
-    writer = _Writer()
-    try:
-        root = writer.encoded(thing, type(thing).__name__)
-    except RecursionError:
-        raise ValueError(
-            f"{type(thing).__name__} cannot be saved: it is nested too deeply"
-        ) from None
-    except ValueError as error:
-        if hasattr(thing, "to_csv"):
-            raise ValueError(f"{error}; to_csv or to_dataframe writes its table") from None
-        raise
-    header = {
-        "format": FORMAT,
-        "package": sys.modules["pipedyn"].__version__,
-        "root": root,
-        "objects": writer.objects,
-    }
-    with replacing(place) as beside:
-        with beside.open("wb") as file:
-            np.savez_compressed(file, header=np.array(json.dumps(header)), **writer.arrays)
-        try:
-            with zipfile.ZipFile(beside) as archive:
-                _Members(archive, beside.stat().st_size)
-        except ValueError as error:  # `load` would refuse the new file
-            raise ValueError(f"{type(thing).__name__} cannot be saved: {error}") from None
 
 
 @overload

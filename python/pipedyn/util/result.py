@@ -148,7 +148,9 @@ class Result(Saved):
 
     def _known_scales(self, pipe: Any) -> Any:
         """Scales of the given pipe, or else of the result's own; refused if there are none."""
-        scales = self._scales() if pipe is None else _scales_of(pipe)
+        if pipe is not None and not hasattr(pipe, "scales"):
+            raise TypeError(f"pipe must be a Pipe, got {check.shown(pipe)}")
+        scales = self._scales() if pipe is None else pipe.scales
         if scales is None and pipe is None and self._pipe() is None:
             raise ValueError(
                 f"pipe must be given: {type(self).__name__} does not hold its pipe; if it is a "
@@ -350,7 +352,7 @@ class SI:
             return None
         if isinstance(value, Result):
             return self._within(name, value)
-        if isinstance(value, tuple) and (value == () or _results_in(value)):
+        if isinstance(value, tuple) and (not value or any(isinstance(v, Result) for v in value)):
             return tuple(one if one is None else self._within(name, one) for one in value)
         raise AttributeError(f"{name} of {type(self._result).__name__} has no value in SI units")
 
@@ -397,23 +399,13 @@ class SI:
         return f'in_si() of a {own}: pass the {own} itself, and units="si" for SI in pictures'
 
 
-def _scales_of(pipe: Any) -> Any:
-    if not hasattr(pipe, "scales"):
-        raise TypeError(f"pipe must be a Pipe, got {check.shown(pipe)}")
-    return pipe.scales
-
-
 def _names_of_numbers(one: Result) -> Iterator[str]:
     """Names of the fields and properties of a result that are numbers."""
     kinds = [kind for kind in type(one).__mro__ if kind is not Result]
-    own = [name for kind in kinds for name in vars(kind) if _is_property(kind, name)]
+    own = [name for kind in kinds for name, of in vars(kind).items() if isinstance(of, property)]
     fields = [field.name for field in dataclasses.fields(one)]  # type: ignore[arg-type]
     public = (name for name in dict.fromkeys(fields + own) if not name.startswith("_"))
     return (name for name in public if isinstance(getattr(one, name), NUMBERS))
-
-
-def _is_property(kind: type, name: str) -> bool:
-    return isinstance(vars(kind)[name], property)
 
 
 def _results_within(one: Result) -> list[tuple[str, Result]]:
@@ -421,14 +413,10 @@ def _results_within(one: Result) -> list[tuple[str, Result]]:
     found = []
     for field in dataclasses.fields(one):  # type: ignore[arg-type]
         value = getattr(one, field.name)
-        within = _results_in(value if isinstance(value, tuple) else (value,))
-        if within:
+        parts = value if isinstance(value, tuple) else (value,)
+        if within := [part for part in parts if isinstance(part, Result)]:
             found.append((field.name, within[0]))
     return found
-
-
-def _results_in(values: tuple[Any, ...]) -> list[Result]:
-    return [one for one in values if isinstance(one, Result)]
 
 
 # ------------------------------------------------------------------------------------- short texts
