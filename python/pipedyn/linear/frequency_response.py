@@ -330,7 +330,7 @@ class _Response:
     def products(self, x: NDArray[Any]) -> tuple[NDArray[Any], ...]:
         """Products of K, C and M with the columns of x, (dof, k): three arrays of that shape."""
         of, u = self.pencil, self.u
-        stiffness: NDArray[Any] = of.stiffness(x) + of.centrifugal * u**2 * of.flux(x)
+        stiffness: NDArray[Any] = of.stiffness(x) + of.pipe.alpha * u**2 * of.flux(x)
         if of.pipe.hysteresis:  # the sign is that for omega > 0
             stiffness = stiffness + 1j * of.pipe.hysteresis * of.by_damping(x)
         return stiffness, u * of.velocity(x) + of.damping(x), of.mass(x)
