@@ -414,13 +414,13 @@ class Plane:
         waiting = list(pairwise(samples))[::-1]
         while waiting:
             a, b = waiting.pop()
-            guesses, doubtful = _passed(a, b)
+            passed, nearest, doubtful = _between(a, b)
             if halved and doubtful and b[0] - a[0] > SHORTEST_STEP:
                 middle = sample(0.5 * (a[0] + b[0]))
                 waiting += [(middle, b), (a, middle)]
             else:
-                found += guesses
-                extremes += _nearest(a, b)
+                found += passed
+                extremes += nearest
         return found, extremes
 
     def pairs(self, at: Array) -> tuple[Complex, Complex]:
@@ -461,51 +461,34 @@ RootOnLine = tuple[float, complex]
 """Share of a line, and an eigenvalue there."""
 
 
-def _matched(a: Sample, b: Sample) -> Array:
-    """Sum of the errors, (k, l), with which tangents at two samples predict the other's roots."""
-    (s, one, slope), (t, other, slope_there) = a, b
-    ahead, back = one + (t - s) * slope, other - (t - s) * slope_there
-    misses: Array = np.abs(ahead[:, None] - other) + np.abs(one[:, None] - back)
-    return misses
+def _between(a: Sample, b: Sample) -> tuple[list[RootOnLine], list[RootOnLine], bool]:
+    """Roots that cross the imaginary axis between two samples, extremes, and whether to halve.
 
-
-def _nearest(a: Sample, b: Sample) -> list[RootOnLine]:
-    """Estimates of extremes between two samples, at which real parts come nearest to 0."""
-    (s, one, slope), (t, other, slope_there) = a, b
-    found: list[RootOnLine] = []
-    if not one.size or not other.size:
-        return found
-    for i, j in enumerate(np.argmin(_matched(a, b), axis=1).tolist()):
-        first, last = slope[i].real, slope_there[j].real
-        away = -one[i].real
-        if away * other[j].real < 0.0 and away * first > 0.0 > away * last:
-            share = first / (first - last)
-            found.append((s + share * (t - s), complex(one[i] + share * (other[j] - one[i]))))
-    return found
-
-
-def _passed(a: Sample, b: Sample) -> tuple[list[RootOnLine], bool]:
-    """Roots that cross the imaginary axis between two samples, and whether more may cross.
-
-    A cubic with the values and slopes at both ends differs from the straight line between them by
-    less than its tangents miss the other end. A root whose real part at both ends is larger than
-    that has not crossed the axis twice. If the numbers of roots differ, one has left the real axis.
+    Extremes are roots whose real part comes nearest to 0 without crossing. A step is to be halved
+    if more roots may cross: a cubic with the values and slopes at both ends differs from the
+    straight line between them by less than its tangents miss the other end. A root whose real part
+    at both ends is larger than that has not crossed the axis twice. If the numbers of roots differ,
+    one has left the real axis.
     """
-    (s, one, _), (t, other, _) = a, b
-    found: list[RootOnLine] = []
+    (s, one, slope), (t, other, slope_there) = a, b
+    passed: list[RootOnLine] = []
+    extremes: list[RootOnLine] = []
     doubtful = one.size != other.size
     if not one.size or not other.size:
-        return found, doubtful
-    misses = _matched(a, b)
+        return passed, extremes, doubtful
+    ahead, back = one + (t - s) * slope, other - (t - s) * slope_there
+    misses = np.abs(ahead[:, None] - other) + np.abs(one[:, None] - back)
     for i, j in enumerate(np.argmin(misses, axis=1).tolist()):
-        first, last, missed = one[i].real, other[j].real, misses[i, j]
-        if first * last < 0.0:
+        ends, rates = (one[i].real, other[j].real), (slope[i].real, slope_there[j].real)
+        crosses = ends[0] * ends[1] < 0.0
+        doubtful |= misses[i, j] > (sum(map(abs, ends)) if crosses else min(map(abs, ends)))
+        turns = ends[0] * ends[1] > 0.0 and ends[0] * rates[0] < 0.0 < ends[0] * rates[1]
+        if crosses or turns:
+            first, last = ends if crosses else rates
             share = first / (first - last)
-            found.append((s + share * (t - s), complex(one[i] + share * (other[j] - one[i]))))
-            doubtful |= missed > abs(first) + abs(last)
-        else:
-            doubtful |= missed > min(abs(first), abs(last))
-    return found, bool(doubtful)
+            place = s + share * (t - s), complex(one[i] + share * (other[j] - one[i]))
+            (passed if crosses else extremes).append(place)
+    return passed, extremes, bool(doubtful)
 
 
 def _differ_little(one: NDArray[Any], other: NDArray[Any]) -> bool:
