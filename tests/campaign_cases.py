@@ -245,6 +245,21 @@ def with_terms(rng: Random, size: int) -> Numbers:
     return made
 
 
+def with_couples(rng: Random, size: int) -> Numbers:
+    """What turns with the pipe or holds its rotation."""
+    made = rng.choice([cantilevered, cantilevered, held, held_damped, aspirating])(rng, size)
+    laws: list[tuple[str, Numbers]] = [
+        ("RotationalSpring", {"stiffness": power(rng, -1, 2)}),
+        ("RotationalDamper", {"coefficient": power(rng, -2, 1)}),
+        ("PointMass", {"mass": power(rng, -2, 0), "inertia": power(rng, -4, -1)}),
+    ]
+    some = rng.sample(laws, rng.choice([1, 1, 2]))
+    # An end that keeps its direction has no rotation, but the last segment of a chain has.
+    last = 0.95 if made.get("end") in ("guided", "clamped") else 1.0
+    made["terms"] = [(law, {"at": min(some_place(rng), last), **of}) for law, of in some]
+    return made
+
+
 CLASSES: dict[str, Callable[[Random, int], Numbers]] = {
     "cantilevered": cantilevered,
     "held": held,
@@ -256,6 +271,7 @@ CLASSES: dict[str, Callable[[Random, int], Numbers]] = {
     "with supports": supported,
     "profiles": profiled,
     "with terms": with_terms,
+    "with couples": with_couples,
 }
 
 
@@ -267,7 +283,7 @@ def energy_paths(numbers: Numbers) -> tuple[bool, bool]:
     follows = numbers.get("alpha", 1.0) > 0.0 and end != "guided"
     still = {*numbers.get("supports", ()), *([1.0] if held else [])}
     damps = [
-        law == "Viscosity" or (law == "Damper" and of["at"] not in still)
+        law in ("Viscosity", "RotationalDamper") or (law == "Damper" and of["at"] not in still)
         for law, of in numbers.get("terms", ())
     ]
     return held or not (carried or follows), any(

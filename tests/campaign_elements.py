@@ -6,7 +6,7 @@ With w the displacement and v any that the supports allow, virtual work is
     int EI (1 + delta d/dt + i mu) w'' v'' + T w' v' + (k + sigma d/dt) w v + (m + chi) w_tt v ds
     + alpha u^2 (w'(1) v(1) - int w' v' ds)
     + s sqrt(beta) u (c w_t(1) v(1) + int w_t' v - w_t v' ds)
-    + what springs, dampers and masses at places do,
+    + what springs, dampers and masses at places do by w, and couples and inertia by w',
 
 T the weight, dead loads and tension beyond a place, c the share of the free end's velocity that
 flows in or out with the fluid, s the flow's sign. On each element between places where something
@@ -66,7 +66,8 @@ def elements(numbers: Numbers, wave: float, more: int) -> System:
     terms, supports = numbers.get("terms", ()), numbers.get("supports", ())
     stiffness, heaviness = numbers.get("stiffness"), numbers.get("mass")
     gamma, delta = numbers.get("gamma", 0.0), numbers.get("damping", 0.0)
-    acting = [(law, of) for law, of in terms if law in ("PointMass", "Spring", "Damper", "Weight")]
+    local = ("PointMass", "Spring", "Damper", "Weight", "RotationalSpring", "RotationalDamper")
+    acting = [(law, of) for law, of in terms if law in local]
     steps = [s for one in (stiffness, heaviness) if one for s in one[0]]
     ends = np.array(sorted({0.0, 1.0, *supports, *steps, *(of["at"] for _, of in acting)}))
     lengths = np.diff(ends)
@@ -107,9 +108,12 @@ def elements(numbers: Numbers, wave: float, more: int) -> System:
     mass += along("AddedMass") * plain
     still = bending + tension + along("Foundation") * plain
     for law, of in acting:
-        if law != "Weight":
-            i, (_, number) = 2 * int(np.searchsorted(ends, of["at"])), of.values()
-            {"PointMass": mass, "Spring": still, "Damper": damping}[law][i, i] += number
+        i = 2 * int(np.searchsorted(ends, of["at"]))
+        k = i + law.startswith("Rotational")  # the row of the displacement or of the slope
+        mass[i, i] += of.get("mass", 0.0)
+        mass[i + 1, i + 1] += of.get("inertia", 0.0)
+        still[k, k] += of.get("stiffness", 0.0)
+        damping[k, k] += of.get("coefficient", 0.0)
     root, held = numbers.get("root", "clamped"), numbers.get("end", "free")
     still[1, 1] += root if isinstance(root, float) else 0.0
     fixed = {0, *(2 * int(np.searchsorted(ends, s)) for s in supports)}

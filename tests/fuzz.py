@@ -502,19 +502,35 @@ class Target:
     called: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
+def public_name(call: Any) -> str:
+    """The name by which users call a function, class, method or callable object."""
+    name = getattr(call, "__name__", "__call__")
+    owner = getattr(call, "__self__", call if name == "__call__" else None)
+    module = call.__module__
+    if owner is not None:
+        cls = owner if isinstance(owner, type) else type(owner)
+        name, module = f"{cls.__name__}.{name}", cls.__module__
+    folder = module.split(".")[1]
+    return f"{folder}.{name}" if folder in ("modular", "plot") else name
+
+
 def target(
-    name: str,
     call: Callable[..., Any],
+    name: str = "",
     /,
     slow: bool = False,
     called: Mapping[str, str] | None = None,
     **kinds: Kind,
 ) -> Target:
-    """A call with kinds of its arguments; those of `USUAL` and flags need not be given."""
+    """A call with kinds of its arguments; those of `USUAL` and flags need not be given.
+
+    name: what messages call it; what begins with a bracket follows the public name.
+    """
     own = inspect.signature(call).parameters
     usual = {k: v for k, v in USUAL.items() if k in own}
     usual |= {k: FLAG for k, argument in own.items() if isinstance(argument.default, bool)}
-    return Target(name, call, usual | kinds, slow, called or {})
+    full = public_name(call) + name if name[:1] in ("", "[") else name
+    return Target(full, call, usual | kinds, slow, called or {})
 
 
 def _pipes() -> Iterator[Target]:
@@ -533,8 +549,8 @@ def _pipes() -> Iterator[Target]:
     }
     for flow, own in ends.items():
         yield target(
-            f"Pipe[{flow}]",
             pp.Pipe,
+            f"[{flow}]",
             beta=real((0.0, 0.99), -0.1, 1.0),
             gamma=real((-10.0, 10.0), -1e7, 1e300),
             flow=word(flow),
@@ -550,14 +566,14 @@ def _pipes() -> Iterator[Target]:
             **own,
         )
     places, values = array(1, (0.2, 0.8), (-0.1, 1.0)), array(2, (0.5, 2.0), (-1.0, 0.0, 1e7))
-    yield target("Profile", pp.Profile, at=places, values=values)
-    yield target("Profile", pp.Profile, values=UPWARD)
-    yield target("Profile.__call__", pp.Profile([0.5], [1.0, 0.5]))
+    yield target(pp.Profile, at=places, values=values)
+    yield target(pp.Profile, values=UPWARD)
+    yield target(pp.Profile([0.5], [1.0, 0.5]))
     positive = real((0.1, 3.0), 0.0, 1e300)
     for flow, own in ends.items():
         yield target(
-            f"Pipe.from_si[{flow}]",
             pp.Pipe.from_si,
+            f"[{flow}]",
             **numbers,
             **dict.fromkeys(SI, positive) | {"length": real((1.0, 1.0), 0.0, 1e300)},  # of places
             gravity=real((-9.81, 9.81), -1e13, 1e300),
@@ -571,13 +587,13 @@ def _pipes() -> Iterator[Target]:
             **own,
         )
     yield target(
-        "Pipe.from_si[mass_profile]",
         lambda mass_profile: pp.Pipe.from_si(**SI, mass_profile=mass_profile),
+        "Pipe.from_si[mass_profile]",
         mass_profile=ALONG,
     )
     yield target(
-        "Pipe.from_si[nozzle]",
         lambda nozzle_ratio: pp.Pipe.from_si(**SI, nozzle_ratio=nozzle_ratio),
+        "Pipe.from_si[nozzle]",
         nozzle_ratio=Kind(positive.good, _not(None, positive.bad)),
     )
     rows = array(4)
@@ -594,15 +610,14 @@ def _pipes() -> Iterator[Target]:
         ),
     ):
         yield target(
-            f"Pipe.{method}",
             getattr(MEASURED, method),
             **{name: Kind(any_of(rows.good, NUMBER.good), odd)},
         )
     size = real((0.1, 2.0), 0.0)
-    yield target("Pipe.equivalent_damping", MEASURED.equivalent_damping, frequency=size)
+    yield target(MEASURED.equivalent_damping, frequency=size)
     yield target(
-        "end_coefficient[function]",
         pp.end_coefficient,
+        "[function]",
         slow=True,
         velocity=PROFILE,
         radius=size,
@@ -611,15 +626,15 @@ def _pipes() -> Iterator[Target]:
     rows = array(3, (0.1, 1.0))
     rising = array(3, (0.1, 1.0), (-1.0,), fair=one_of([0.0, 0.4, 1.0], np.array([0.0, 1.0, 2.0])))
     yield target(
-        "end_coefficient[radii]",
         pp.end_coefficient,
+        "[radii]",
         called={"radii": "radii|velocity"},
         velocity=rows,
         radii=rising,
     )
     yield target(
-        "end_coefficient[areas]",
         pp.end_coefficient,
+        "[areas]",
         called={"areas": "areas|velocity"},
         velocity=rows,
         areas=array(3, (0.1, 1.0), (0.0, -1.0)),
@@ -632,7 +647,7 @@ def _pipes() -> Iterator[Target]:
         for name, kind in kinds.items():
             ends = one_of(*(getattr(term, name) for term in extremes(law)))
             kinds[name] = Kind(any_of(kind.good, ends), kind.bad)
-        yield target(law.__name__, law, **kinds)
+        yield target(law, **kinds)
 
 
 def _chains() -> Iterator[Target]:
@@ -653,26 +668,24 @@ def _chains() -> Iterator[Target]:
         "base": Kind(one_of(0.0, 0), real((0.0, 0.1), -0.1, 1.0).bad),
     }
     without = {**kinds, "n": Kind(one_of(3), any_of(*NOTHINGS, *WORDS, one_of(0, -1, 2.0)))}
-    yield target("Chain", pp.Chain, **without)
+    yield target(pp.Chain, **without)
     four = array(4, (0.0, 9.0), (-1.0, 1e300))  # an end that is clamped or guided has a joint, too
     held = {**without, "pipe": of(HINGED, GUIDED), "springs": Kind(rules, four.bad)}
     held["base"] = Kind(one_of(0.0), kinds["base"].bad)
-    for cls, make in (("Chain", pp.Chain), ("modular.chain", modular.chain)):
-        yield target(f"{cls}[held]", make, **held)
-    yield target("modular.chain", modular.chain, **without)
+    for make in (pp.Chain, modular.chain):
+        yield target(make, "[held]", **held)
+    yield target(modular.chain, **without)
     yield target(
-        "Galerkin",
         pp.Galerkin,
         pipe=PIPES,
         m=Kind(count(2, 6).good, count(1, 6, 2001).bad),
         basis=word("beam", "legendre"),
     )
-    yield target("Continuum", pp.Continuum, pipe=PIPES)
-    yield target("Continuum.with_pipe", EXACT.with_pipe, pipe=PIPES)
-    yield target("Continuum.frozen", EXACT.frozen, m=count(1, 9, 2001))
+    yield target(pp.Continuum, pipe=PIPES)
+    yield target(EXACT.with_pipe, pipe=PIPES)
+    yield target(EXACT.frozen, m=count(1, 9, 2001))
     no_function = any_of(NONE, *NOTHINGS[:12], *WORDS, one_of(3, NAN))
     yield target(
-        "Continuum.converge",
         EXACT.converge,
         question=Kind(one_of(lambda rom: rom.dof), no_function),
         distance=Kind(
@@ -715,40 +728,40 @@ def _models() -> Iterator[Target]:
             array(model.dof, any_size=model.dof != model.coordinates).bad,
         )
         complexes = Kind(small.good, _no_complex(small.bad))
-        yield target(f"{cls}.rhs{tag}", lambda y, u, m=model: m.rhs(0.0, y, u), y=y, u=U)
+        yield target(lambda y, u, m=model: m.rhs(0.0, y, u), f"{cls}.rhs{tag}", y=y, u=U)
         yield target(
-            f"{cls}.jacobian{tag}", lambda y, u, m=model: m.jacobian(0.0, y, u), y=rates, u=U
+            lambda y, u, m=model: m.jacobian(0.0, y, u), f"{cls}.jacobian{tag}", y=rates, u=U
         )
-        yield target(f"{cls}.energy{tag}", model.energy, y=y)
-        yield target(f"{cls}.power{tag}", model.power, y=y, u=U)
+        yield target(model.energy, tag, y=y)
+        yield target(model.power, tag, y=y, u=U)
         driven = {
             **{"y": rates, "u": U, "u_dot": optional(real((-9.0, 9.0)))},
             "base": optional(array((3, 2))),
         }
         for ask in (model.rhs, model.jacobian):
             yield target(
-                f"{cls}.{ask.__name__}{tag}", lambda ask=ask, **given: ask(0.0, **given), **driven
+                lambda ask=ask, **given: ask(0.0, **given), f"{cls}.{ask.__name__}{tag}", **driven
             )
-        yield target(f"{cls}.power{tag}", model.power, **driven)
+        yield target(model.power, tag, **driven)
         # Small changes of a held pipe, (dof,), are taken as well as coordinates.
         either = q if model.dof == model.coordinates else Kind(q.good, any_of(*NOTHINGS, *WORDS))
-        yield target(f"{cls}.shape{tag}", model.shape, q=either)
-        yield target(f"{cls}.tip{tag}", model.tip, q=either)
-        yield target(f"{cls}.tips{tag}", model.tips, q=columns)
-        yield target(f"{cls}.tip_velocities{tag}", model.tip_velocities, q=columns, qdot=columns)
-        yield target(f"{cls}.bent{tag}", model.bent, angle=FUNCTION)
+        yield target(model.shape, tag, q=either)
+        yield target(model.tip, tag, q=either)
+        yield target(model.tips, tag, q=columns)
+        yield target(model.tip_velocities, tag, q=columns, qdot=columns)
+        yield target(model.bent, tag, angle=FUNCTION)
         others = Kind(one_of(model.pipe), PIPES.bad) if name == "tapered" else OTHERS
-        yield target(f"{cls}.with_pipe{tag}", model.with_pipe, pipe=others)
-        yield target(f"{cls}.deflection{tag}", model.deflection, q=complexes)
-        yield target(f"{cls}.from_elastic{tag}", model.from_elastic, z=complexes)
-        yield target(f"{cls}.operators{tag}", model.operators, q=optional(q))
-        yield target(f"{cls}.about{tag}", model.about, q=q)
+        yield target(model.with_pipe, tag, pipe=others)
+        yield target(model.deflection, tag, q=complexes)
+        yield target(model.from_elastic, tag, z=complexes)
+        yield target(model.operators, tag, q=optional(q))
+        yield target(model.about, tag, q=q)
         shape = pp.modes(model, 0.0).shapes[0]
-        yield target(f"ModeShape.__call__{tag}", shape)
-    yield target("Galerkin.functions", LEGENDRE.functions, derivative=count(0, 2, 3))
+        yield target(shape, tag)
+    yield target(LEGENDRE.functions, derivative=count(0, 2, 3))
     for model in (CHAIN, SPANNED, LOST):
         given = {"u": U, "u_dot": real((-9.0, 9.0), -1e300)}
-        yield target("Operators.at", model.operators().at, **given)
+        yield target(model.operators().at, **given)
 
 
 def any_loaded(maker: Maker) -> Values:
@@ -789,8 +802,8 @@ def _loaded() -> Iterator[Target]:
     for name, maker in MAKERS.items():
         model = Kind(any_loaded(maker), None)
         seed = Kind(lambda dice: dice.randrange(1000), None)
-        yield target(f"states[{name}]", _same_in_batches, model=model, seed=seed)
-        yield target(f"motion[{name}]", _moved, model=model)
+        yield target(_same_in_batches, f"states[{name}]", model=model, seed=seed)
+        yield target(_moved, f"motion[{name}]", model=model)
 
 
 def _no_complex(draw: Values) -> Values:
@@ -831,10 +844,9 @@ def _scenes() -> Iterator[Target]:
         modular.Drag: {},
         modular.InternalFlow: {},
     }.items():
-        yield target(f"modular.{part.__name__}", part, **kinds)
+        yield target(part, f"modular.{part.__name__}", **kinds)
     functions = Kind(one_of(None), any_of(*NOTHINGS[:12], *WORDS, one_of(3, NAN, [])))
     yield target(
-        "modular.Custom",
         modular.Custom,
         called={"mass": "mass|Custom|mine", "name": "name"},
         nodes=either([(1,), [2, 3], np.array([1])], 1, NAN, (0,), (1, 1), (1.5,), (True,), ("a",)),
@@ -856,8 +868,8 @@ def _scenes() -> Iterator[Target]:
         ),
     )
     yield target(
-        "modular.Assembly[energy]",
         lambda energy: SCENE.plus(modular.Custom(nodes=(2,), energy=energy, name="mine")),
+        "modular.Assembly[energy]",
         called={"energy": "mine"},
         energy=wrong,
     )
@@ -868,13 +880,12 @@ def _scenes() -> Iterator[Target]:
         ),
     )
     yield target(
-        "modular.Assembly[force]",
         lambda force: SCENE.plus(modular.Custom(nodes=(2,), force=force, name="mine")),
+        "modular.Assembly[force]",
         called={"force": "mine"},
         force=force,
     )
     yield target(
-        "modular.Assembly",
         modular.Assembly,
         called={
             "modules": "module|segment|node|lengths|inertia|terms",
@@ -892,8 +903,8 @@ def _scenes() -> Iterator[Target]:
         ),
     )
     yield target(
-        "modular.Assembly.plus",
         lambda parts: SCENE.plus(parts),
+        "modular.Assembly.plus",
         called={"parts": "parts|module|constraint|node|lengths|segment|terms"},
         parts=either(
             [modular.PointMass(1, 0.2), modular.Guide(3)], *FURTHER, 3, [], modular.Segment(0.1)
@@ -905,20 +916,17 @@ def _scenes() -> Iterator[Target]:
         fair = one_of(np.zeros(n)) if tag else None
         turned = array(n, (-0.2, 0.2), (1e7,), fair=fair)
         state = array(6 * n, (-0.2, 0.2))
-        yield target(f"modular.Assembly.about{tag}", scene.about, q=turned)
-        yield target(
-            f"modular.Assembly.state{tag}", scene.state, angles=turned, rates=optional(turned)
-        )
-        yield target(f"modular.Assembly.angles{tag}", scene.angles, y=state)
-        yield target(f"modular.Assembly.admissible{tag}", scene.admissible, angles=angles)
-        yield target(f"modular.Assembly.basis{tag}", scene.basis, q=optional(turned))
-        yield target(f"modular.Assembly.equilibrium{tag}", scene.equilibrium, start=angles, u=SLOW)
+        yield target(scene.about, tag, q=turned)
+        yield target(scene.state, tag, angles=turned, rates=optional(turned))
+        yield target(scene.angles, tag, y=state)
+        yield target(scene.admissible, tag, angles=angles)
+        yield target(scene.basis, tag, q=optional(turned))
+        yield target(scene.equilibrium, tag, start=angles, u=SLOW)
 
 
 def _questions() -> Iterator[Target]:
     for function, several in ((pp.eigenvalues, 4), (pp.modes, 2)):
         yield target(
-            function.__name__,
             function,
             model=LINEAR,
             u=SLOW,
@@ -926,31 +934,20 @@ def _questions() -> Iterator[Target]:
         )
     speeds = array(3, (0.0, 3.0), (-1.0, 1e9), rising=True, any_size=True)
     yield target(
-        "root_loci",
-        pp.root_loci,
-        slow=True,
-        model=STRAIGHT,
-        speeds=speeds,
-        count=optional(count(1, 2, 1001)),
+        pp.root_loci, slow=True, model=STRAIGHT, speeds=speeds, count=optional(count(1, 2, 1001))
     )
     ends = real((1.0, 9.0), 0.0, 1e9)
     for function in (pp.crossings, pp.critical_speed):
-        yield target(function.__name__, function, slow=True, model=STRAIGHT, max_speed=ends)
+        yield target(function, slow=True, model=STRAIGHT, max_speed=ends)
     maker = Kind(
         one_of(lambda value: pp.Chain(pp.Pipe(value), 2)),
         any_of(NONE, *NOTHINGS[:10], *WORDS, one_of(3, NAN, CHAIN)),
     )
     values = array(2, (0.1, 0.5), any_size=True)
     yield target(
-        "stability_curve",
-        pp.stability_curve,
-        slow=True,
-        make_model=maker,
-        values=values,
-        max_speed=optional(ends),
+        pp.stability_curve, slow=True, make_model=maker, values=values, max_speed=optional(ends)
     )
     yield target(
-        "boundary",
         pp.boundary,
         slow=True,
         model=STRAIGHT,
@@ -969,10 +966,8 @@ def _questions() -> Iterator[Target]:
         u=Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(1.0, -1.0, NAN, [None]))),
     )
     inside = {"x": real((0.1, 0.9), 0.09, 0.91), "y": real((0.0, 9.0), -0.1, 9.1)}
-    yield target("Boundary.unstable", BOUNDARY.unstable, **inside)
-    yield target(
-        "criticality_curve", pp.criticality_curve, slow=True, make_model=maker, values=values
-    )
+    yield target(BOUNDARY.unstable, **inside)
+    yield target(pp.criticality_curve, slow=True, make_model=maker, values=values)
 
 
 QUANTITIES: dict[str, dict[str, Kind]] = {
@@ -1035,11 +1030,11 @@ def _comparisons() -> Iterator[Target]:
             ("both", {"tolerance": Kind(tolerance.good, None), "budget": Kind(budget.good, None)}),
         ):
             kinds = {**common, **demand, "among": among, "repeats": repeats}
-            yield target(f"choose[{name}, {tag}]", _chosen, slow=True, called=called, **kinds)
+            yield target(_chosen, f"choose[{name}, {tag}]", slow=True, called=called, **kinds)
         measured = {"families": among, "sizes": Kind(several, no_sizes), "progress": FLAG}
         yield target(
-            f"trade[{name}]",
             _traded,
+            f"trade[{name}]",
             slow=True,
             called=called,
             **common,
@@ -1050,7 +1045,7 @@ def _comparisons() -> Iterator[Target]:
         if name == "limit_cycle":  # those without one take long
             common["u"] = Kind(one_of(1e-3), conditions["u"].bad)
         kinds = {"u": SLOW, **common, "tolerance": wanted}
-        yield target(f"relevant[{name}]", _relevance, slow=True, called=called, **kinds)
+        yield target(_relevance, f"relevant[{name}]", slow=True, called=called, **kinds)
 
 
 def _chosen(**given: Any) -> tuple[Any, ...]:
@@ -1115,8 +1110,8 @@ def _motions() -> Iterator[Target]:
             rates = Kind(one_of(np.zeros(n), [0.0] * n), rates.bad)
         rates = optional(rates)
         yield target(
-            f"simulate[{name}]",
             lambda m=model, **given: pp.simulate(m, **_without_none(given, "times")),
+            f"simulate[{name}]",
             called={"q0": "q0|angle"},
             **common,
             u=SLOW,
@@ -1124,7 +1119,7 @@ def _motions() -> Iterator[Target]:
             qdot0=rates,
         )
     yield target(
-        "simulate", lambda model: pp.simulate(model, 1.0, 0.1, bend, samples=3), model=MOVING
+        lambda model: pp.simulate(model, 1.0, 0.1, bend, samples=3), "simulate", model=MOVING
     )
     watched = {
         "method": word("dop853", "radau"),
@@ -1137,23 +1132,23 @@ def _motions() -> Iterator[Target]:
         "callback": Kind(one_of(None, lambda t, q, qdot: None), any_of(*WORDS, one_of(3, [], NAN))),
     }
     yield target(
-        "simulate[watched]",
         lambda **given: pp.simulate(CHAIN, 1.0, 0.1, bend, samples=3, **given),
+        "simulate[watched]",
         **watched,
     )
     for tag, model in (("chain", CHAIN), ("supported", pp.Galerkin(HINGED, 3))):
         yield target(
-            f"simulate[{tag}, driven]",
             lambda m=model, **given: pp.simulate(m, duration=0.1, q0=bend, samples=3, **given),
+            f"simulate[{tag}, driven]",
             u=FLOWS,
             base=SHAKERS,
         )
     speeds = array(2, (0.0, 3.0), (-1.0, 1e9), any_size=True)
     yield target(
-        "simulate_many",
         lambda **given: pp.simulate_many(
             given.pop("models"), given.pop("speeds"), **_without_none(given, "times")
         ),
+        "simulate_many",
         called={"q0": "q0|angle", "speeds": "speeds|models"},
         **common,
         models=Kind(one_of(CHAIN, [CHAIN, CHAIN]), any_of(MOVING.bad, one_of([], [EXACT], [3]))),
@@ -1164,8 +1159,8 @@ def _motions() -> Iterator[Target]:
     many = one_of([PUMP, 1.0, lambda t: 1.0 + t], (PUMP, PUMP), [(lambda t: 1.0, lambda t: 0.0)])
     few = one_of([PUMP, -1.0], [None], [lambda t: NAN], [(PUMP,)], [[PUMP]], ["a"], [], 1j)
     yield target(
-        "simulate_many[driven]",
         lambda **given: pp.simulate_many(CHAIN, duration=0.1, q0=bend, samples=3, **given),
+        "simulate_many[driven]",
         called={"speeds": r"speeds|\bu\b"},
         speeds=Kind(many, few),
         base=SHAKERS,
@@ -1174,7 +1169,6 @@ def _motions() -> Iterator[Target]:
     flutter = Kind(one_of(FLUTTER), MOVING.bad)
     beyond = Kind(one_of(SPEED), real((1.0, 2.0), -1.0, 1e9).bad)
     yield target(
-        "limit_cycle",
         pp.limit_cycle,
         slow=True,
         model=flutter,
@@ -1183,14 +1177,13 @@ def _motions() -> Iterator[Target]:
         rtol=real((1e-6, 1e-3), 0.0, 1.0),
         samples=count(9, 33, 100_001),
     )
-    yield target("hopf", pp.hopf, slow=True, model=flutter, crossing=optional(of(CROSSING)))
+    yield target(pp.hopf, slow=True, model=flutter, crossing=optional(of(CROSSING)))
     lossy = {"model": Kind(one_of(OVERHANG), one_of(LOST, EXACT, 3, NAN, None))}
     refused = {"model": "model|hysteresis"}
-    yield target("hopf[supported]", pp.hopf, slow=True, called=refused, **lossy)
+    yield target(pp.hopf, "[supported]", slow=True, called=refused, **lossy)
     given = {**lossy, "u": Kind(one_of(1.02 * OVERHANG_SPEED), SLOW.bad)}
-    yield target("limit_cycle[supported]", pp.limit_cycle, slow=True, called=refused, **given)
+    yield target(pp.limit_cycle, "[supported]", slow=True, called=refused, **given)
     yield target(
-        "equilibria",
         pp.equilibria,
         slow=True,
         model=Kind(any_of(MOVING.good, one_of(pp.Chain(JET, 3))), MOVING.bad),
@@ -1199,7 +1192,6 @@ def _motions() -> Iterator[Target]:
     )
     pair = array(2, (0.0, 3.0), (-1.0, 1e9), fair=one_of((0.5, 1.5), [0.0, 2.0]))
     yield target(
-        "equilibrium_branch",
         pp.equilibrium_branch,
         slow=True,
         called={"q0": "q0|angle"},
@@ -1210,7 +1202,6 @@ def _motions() -> Iterator[Target]:
         step=real((0.1, 1.0), 0.0, 2.0),
     )
     yield target(
-        "lyapunov_exponent",
         pp.lyapunov_exponent,
         slow=True,
         model=MOVING,
@@ -1236,7 +1227,6 @@ def _motions() -> Iterator[Target]:
     own = any_of(array((2, 3), (-0.1, 0.1)).good, array((2, 6), (-0.1, 0.1)).good)
     own = any_of(count(1, 3).good, own, one_of(PLANE))
     yield target(
-        "attractors",
         pp.attractors,
         slow=True,
         called={"starts": "starts|angle"},
@@ -1251,15 +1241,14 @@ def _motions() -> Iterator[Target]:
     )
     wrong = any_of(NONE, *WORDS, one_of(3, (0,), (0, 0), (-1, 2)))
     yield target(
-        "StartPlane",
         pp.StartPlane,
         x=array(2, (-1.0, 1.0), rising=True, any_size=True),
         y=array(3, (-1.0, 1.0), rising=True, any_size=True),
         indices=Kind(one_of((0, 1), (1, 5), [0, 3]), wrong),
         state=optional(array(6, (-0.1, 0.1), any_size=True)),
     )
-    yield target("bifurcation_diagram", pp.bifurcation_diagram, slow=True, **diagram)
-    yield target("diagram_cost", pp.diagram_cost, slow=True, exponents=FLAG, **diagram)
+    yield target(pp.bifurcation_diagram, slow=True, **diagram)
+    yield target(pp.diagram_cost, slow=True, exponents=FLAG, **diagram)
     wrong = any_of(NONE, *NOTHINGS, *WORDS, one_of(3, NAN, {}, []))
     other = (
         {"beta": (0.1, 0.05), "u": (3.0, 3.3)},
@@ -1267,7 +1256,6 @@ def _motions() -> Iterator[Target]:
         NEAR_FOLD | {"u": (0.0, 1.0)},
     )
     yield target(
-        "cycle_boundary",
         pp.cycle_boundary,
         slow=True,
         branch=Kind(one_of(FOLDED), any_of(wrong, one_of(BRANCH, DIAGRAM))),
@@ -1339,24 +1327,24 @@ def _uncertain(found: Any) -> Any:
 
 def _results() -> Iterator[Target]:
     at = Kind(one_of(SPEED, CYCLE.u), real((1.0, 2.0), -1.0).bad)
-    yield target("BifurcationDiagram.at", DIAGRAM.at, u=at)
-    yield target("CycleBranch.at", BRANCH.at, u=at)
+    yield target(DIAGRAM.at, u=at)
+    yield target(BRANCH.at, u=at)
     event = BRANCH.events[0]
-    yield target("CycleEvent.same", event.same, other=of(event))
-    yield target("Trade.of", TRADE.of, family=word("beam"))
+    yield target(event.same, other=of(event))
+    yield target(TRADE.of, family=word("beam"))
     costs = word("seconds", "dof", "right_hand_sides", "factorisations")
-    yield target("Trade.pareto", TRADE.pareto, cost=costs)
+    yield target(TRADE.pareto, cost=costs)
     rows = {"found": Kind(any_trade, None)}
-    yield target("Trade.pareto[rows]", _front, **rows, cost=costs)
-    yield target("Trade.orders[rows]", lambda found: _laws(found), **rows)
-    yield target("Trade.__str__[rows]", lambda found: (str(found), found._repr_html_()), **rows)
-    yield target("Trade.to_csv[rows]", lambda found: found.to_csv(), **rows)
-    yield target("Modes.errors", _uncertain, found=Kind(any_of(_any_modes, one_of(MODES)), None))
-    yield target("RootLoci.errors", _uncertain, found=Kind(any_of(_any_loci, one_of(LOCI)), None))
+    yield target(_front, "Trade.pareto[rows]", **rows, cost=costs)
+    yield target(lambda found: _laws(found), "Trade.orders[rows]", **rows)
+    yield target(lambda found: (str(found), found._repr_html_()), "Trade.__str__[rows]", **rows)
+    yield target(lambda found: found.to_csv(), "Trade.to_csv[rows]", **rows)
+    yield target(_uncertain, "Modes.errors", found=Kind(any_of(_any_modes, one_of(MODES)), None))
+    yield target(_uncertain, "RootLoci.errors", found=Kind(any_of(_any_loci, one_of(LOCI)), None))
     path = Kind(one_of(None), one_of(3, 2.5, [], {}, NAN, True))
-    yield target("Trade.to_csv", TRADE.to_csv, path=path)
-    yield target("Hopf.amplitude", HOPF.amplitude, u=at)
-    yield target("Hopf.cycle_frequency", HOPF.cycle_frequency, u=at)
+    yield target(TRADE.to_csv, path=path)
+    yield target(HOPF.amplitude, u=at)
+    yield target(HOPF.cycle_frequency, u=at)
 
 
 def _kept() -> Iterator[Target]:
@@ -1364,25 +1352,25 @@ def _kept() -> Iterator[Target]:
     kept, bad = one_of(KEPT, str(KEPT)), any_of(NONE, *NOTHINGS, one_of("x.json", 3))
     path = Kind(kept, any_of(bad, one_of("/nowhere/x.npz")))
     things = Kind(one_of(CHAIN, PIPE, CRITICAL, CYCLE, SCENE), None)
-    yield target("Saved.save", lambda thing, path: thing.save(path), thing=things, path=path)
+    yield target(lambda thing, path: thing.save(path), "Saved.save", thing=things, path=path)
     found = (MODES, LOCI, MOTION, ENSEMBLE, DIAGRAM, TRADE, ENDS, BOUNDARY, RESPONSE, SHAKES)
     table = {"table": Kind(one_of(*found), None), "units": word("nondimensional")}
-    yield target("TableResult.columns", lambda table, units: table.columns(units), **table)
+    yield target(lambda table, units: table.columns(units), "TableResult.columns", **table)
     table["units"] = word("si", "nondimensional")
     table["table"] = Kind(one_of(pp.modes(pp.Chain(MEASURED, 3), 1.0)), None)
-    yield target("TableResult.to_csv", lambda table, units: table.to_csv(units=units), **table)
+    yield target(lambda table, units: table.to_csv(units=units), "TableResult.to_csv", **table)
     yield target(
-        "TableResult.to_dataframe", lambda table, units: table.to_dataframe(units), **table
+        lambda table, units: table.to_dataframe(units), "TableResult.to_dataframe", **table
     )
     known = {"found": Kind(one_of(CRITICAL, CYCLE, LOCI, BOUNDARY), None)}
     known["pipe"] = Kind(one_of(MEASURED), one_of(PIPE, 3, "pipe", CHAIN))
-    yield target("Result.in_si", lambda found, pipe: repr(found.in_si(pipe)), **known)
-    yield target("load", pp.load, path=Kind(kept, bad))
+    yield target(lambda found, pipe: repr(found.in_si(pipe)), "Result.in_si", **known)
+    yield target(pp.load, path=Kind(kept, bad))
     size, most = real((0.1, 5.0), -1.0, 1e300), real((0.1, 5.0), 0.0, 1e300)
     words = ("frequency", "decay_rate", "decrement", "critical_speed", "critical_frequency")
     yield target(
-        "Measurement",
         lambda **given: pp.Measurement(**given),
+        "Measurement",
         quantity=Kind(one_of(*words[:3]), any_of(NONE, *NOTHINGS, one_of("speed", 3))),
         value=Kind(size.good, one_of(NAN, "1", 1e300)),
         uncertainty=most,
@@ -1393,7 +1381,6 @@ def _kept() -> Iterator[Target]:
     names = one_of(["damping"], ("damping",), {"damping": (1e-4, 1.0)})
     wrong = one_of([], ["damping", "damping"], ["x"], {"damping": (1.0, 0.0)}, {"damping": 3}, "x")
     yield target(
-        "identify",
         pp.identify,
         slow=True,
         pipe=Kind(one_of(PIPE), any_of(NONE, *NOTHINGS, one_of(CHAIN))),
@@ -1404,50 +1391,35 @@ def _kept() -> Iterator[Target]:
 
 def _driven() -> Iterator[Target]:
     frequency = real((20.0, 40.0), 0.0, 1e300)
-    yield target("RootSpring", pp.RootSpring, stiffness=real((0.0, 9.0), -0.1))
-    yield target(
-        "Pulsation",
-        pp.Pulsation,
-        mean=U,
-        amplitude=real((-1.0, 1.0), -1.1, 1.1),
-        frequency=frequency,
-    )
+    yield target(pp.RootSpring, stiffness=real((0.0, 9.0), -0.1))
+    yield target(pp.Pulsation, mean=U, amplitude=real((-1.0, 1.0), -1.1, 1.1), frequency=frequency)
     size = real((-0.1, 0.1))
-    yield target(
-        "Harmonic", pp.Harmonic, amplitude=size, frequency=frequency, direction=word("x", "y")
-    )
+    yield target(pp.Harmonic, amplitude=size, frequency=frequency, direction=word("x", "y"))
     positive = real((0.1, 3.0), 0.0, 1e300)
     si = {"pipe": of(MEASURED), "frequency": positive}
-    yield target(
-        "Pulsation.from_si",
-        pp.Pulsation.from_si,
-        **si,
-        mean=real((0.0, 3.0), -0.1, 1e300),
-        amplitude=size,
-    )
-    yield target("Harmonic.from_si", pp.Harmonic.from_si, **si, amplitude=size)
+    yield target(pp.Pulsation.from_si, **si, mean=real((0.0, 3.0), -0.1, 1e300), amplitude=size)
+    yield target(pp.Harmonic.from_si, **si, amplitude=size)
     supply = {"friction": real((0.5, 9.0), 0.0), "weight": optional(real((-1.0, 1.0)))}
     supply["start"] = optional(SLOW)
-    yield target("Supply", pp.Supply, head=real((5.0, 50.0)), **supply)
+    yield target(pp.Supply, head=real((5.0, 50.0)), **supply)
     at_speed = {"pipe": of(PIPE, DRAGGED), "u": real((0.5, 9.0), 0.0, 1e5), **supply}
-    yield target("Supply.at_speed", pp.Supply.at_speed, **at_speed)
+    yield target(pp.Supply.at_speed, **at_speed)
     dense = {"pressure": real((1e3, 1e5)), "density": real((500.0, 1500.0), 0.0)}
     dense |= {"pipe": of(MEASURED), "friction": supply["friction"], "start": optional(SLOW)}
-    yield target("Supply.from_si", pp.Supply.from_si, **dense)
-    yield target("Supply.speed", pp.Supply(20.0, 2.0).speed, pipe=of(PIPE, DRAGGED))
+    yield target(pp.Supply.from_si, **dense)
+    yield target(pp.Supply(20.0, 2.0).speed, pipe=of(PIPE, DRAGGED))
     lossless = Kind(
         one_of(CHAIN, LEGENDRE, SCENE, SPANNED, SUPPORTED),
         any_of(of(CHAIN, LEGENDRE, SCENE, EXACT).bad, one_of(LOST, pp.Chain(JET, 3))),
     )
     refused = {"model": "model|hysteresis"}
     given = {"model": lossless, "pulsation": of(PUMP)}
-    yield target("floquet", pp.floquet, called=refused, **given)
+    yield target(pp.floquet, called=refused, **given)
     frequencies = Kind(
         one_of((20.0, 30.0)),
         any_of(*NOTHINGS, *WORDS, one_of(3, NAN, (2.0, 1.0), (0.0, 1.0), (1.0,), (NAN, 1.0))),
     )
     yield target(
-        "parametric_regions",
         pp.parametric_regions,
         called={"model": "model|mean|hysteresis"},  # some are unstable there
         slow=True,
@@ -1460,7 +1432,6 @@ def _driven() -> Iterator[Target]:
         one_of("tip", 1.0, 0.5), any_of(NONE, *NOTHINGS, *LOGICAL, one_of("root", NAN, -0.1, 1.1))
     )
     yield target(
-        "frequency_response",
         pp.frequency_response,
         model=of(CHAIN, LEGENDRE, SCENE, EXACT, HINGES, LOST, *ENDLESS),
         u=real((0.0, 2.0), -0.1, 1e300),
@@ -1473,7 +1444,6 @@ def _driven() -> Iterator[Target]:
         tolerance=real((1e-3, 1e-2), 0.0, 1.0),
     )
     yield target(
-        "forced_response",
         pp.forced_response,
         slow=True,
         called=refused,
@@ -1484,8 +1454,8 @@ def _driven() -> Iterator[Target]:
     )
     still = pp.Pulsation(2.0, 0.0, 25.0)
     yield target(
-        "forced_response[flow]",
         pp.forced_response,
+        "[flow]",
         slow=True,
         called={"u": r"\bu\b|base", **refused},
         model=Kind(one_of(SHAKEN, SPANNED), lossless.bad),
@@ -1493,8 +1463,8 @@ def _driven() -> Iterator[Target]:
         frequencies=frequencies,
     )
     inside = Kind(one_of(22.0, 25.0), real((20.0, 30.0), 0.0).bad)
-    yield target("ForcedResponse.at", SHAKES.at, frequency=inside)
-    yield target("ForcedBranch.at", SHAKES.branches[0].at, frequency=inside)
+    yield target(SHAKES.at, frequency=inside)
+    yield target(SHAKES.branches[0].at, frequency=inside)
 
 
 def _pictures() -> Iterator[Target]:
@@ -1577,17 +1547,17 @@ def _pictures() -> Iterator[Target]:
     }
     knob = plot.Exploration(PIPE, 3)
     sliders = {"name": word("beta", "gamma")}
-    yield target("plot.Exploration.slider", knob.slider, **sliders)
+    yield target(knob.slider, **sliders)
     moved = Kind(real((0.1, 0.9), 0.0).good, None)  # the message names the slider
-    yield target("plot.Exploration.set", knob.set, **sliders, value=moved)
+    yield target(knob.set, **sliders, value=moved)
     explored = {"pipe": of(PIPE), "n": count(1, 4, 1001), "against": word("beta", "gamma")}
     explored["units"] = word("nondimensional")
-    yield target("plot.explore", plot.Exploration, **explored)  # without its widgets
+    yield target(plot.Exploration, "plot.explore", **explored)  # without its widgets
     ends = {"found": of(ENDS), "fps": real((4.0, 5.0), 0.0, 1e3)}
-    yield target("plot.films", _films, slow=True, **ends)
+    yield target(_films, "plot.films", slow=True, **ends)
     for name, kinds in calls.items():
         call = _filmed if name == "animate" else getattr(plot, name)
-        yield target(f"plot.{name}", call, slow=bool(kinds) and name != "panels", **kinds)
+        yield target(call, f"plot.{name}", slow=bool(kinds) and name != "panels", **kinds)
 
 
 def _filmed(**given: Any) -> str:

@@ -148,7 +148,7 @@ class Ring(Plane):
 
     def __init__(self, center=(0.5, 0.5), radius=0.3):
         self.center, self.radius = np.array(center), radius
-        self._scales = [Scale((0.0, 1.0))] * 2
+        self._scales = [Scale(0.0, 1.0)] * 2
         self.window = Window((None, None), np.zeros(2), np.ones(2))
         self.dof = self.modes = 1
         self.hysteretic = self.conservative = False

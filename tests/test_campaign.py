@@ -18,6 +18,9 @@ SHORT = range(10, 60)
 """Cases of seed 0: five of each class, none of more than 40 degrees of freedom."""
 
 SLOW = pytest.mark.slow
+NUMBERED = [*CLASSES][:10]
+"""The classes among which cases with numbers below are drawn."""
+
 BEFORE = [197, 541, 586, 603, 908, 2798, 3275, 3323, 3703, 4013, 4053, 4359, 5625]
 BEFORE += [686, 976, 1604, 1936, 4286, 8646, 8681, 8985, 703, 1332, 1618, 2569, 573, 2323]
 LONG = [253, 403, 1223, 1572, 2737, 2833, 3233, 6387, 9283]
@@ -83,8 +86,8 @@ LENGTHY = (*range(3 * len(KNOWN) - 3, 3 * len(KNOWN)), len(CASES) - 2, len(CASES
 
 @pytest.mark.parametrize("name", CLASSES)
 def test_random_pipes_lose_stability_where_independent_programs_say(name):
-    names = [*CLASSES]
-    cases = [drawn(0, i, names) for i in SHORT if names[i % len(names)] == name]
+    names = NUMBERED if name in NUMBERED else [name] * 10
+    cases = [drawn(0, i, names) for i in SHORT if names[i % 10] == name][:5]
     outcomes = [campaign.judged(case) for case in cases]
     wrong = [(one.case.text, one.reason) for one in outcomes if one.verdict != "right"]
     assert len(outcomes) == 5
@@ -93,7 +96,7 @@ def test_random_pipes_lose_stability_where_independent_programs_say(name):
 
 @pytest.mark.parametrize("number", [*BEFORE, *(pytest.param(n, marks=SLOW) for n in LONG)])
 def test_random_pipes_that_were_answered_wrongly_are_right(number):
-    outcome = campaign.judged(drawn(0, number, [*CLASSES]))
+    outcome = campaign.judged(drawn(0, number, NUMBERED))
     assert (outcome.verdict, outcome.reason) == ("right", "")
 
 

@@ -88,7 +88,7 @@ def test_uncertainties_are_the_spread_of_estimates_from_noisy_measurements():
 def differences(problem, x):
     """Derivatives of the predictions by differences, (M, U)."""
     ahead, behind = (
-        [problem.predictions(x + step, 16)[0] for step in sign * 1e-4 * np.eye(x.size)]
+        [problem.predictions(x + step, 16).every[0] for step in sign * 1e-4 * np.eye(x.size)]
         for sign in (1.0, -1.0)
     )
     return np.subtract(ahead, behind).T / 2e-4
@@ -105,7 +105,7 @@ def test_derivatives_are_those_of_the_predictions():
         [*EVERY, "Viscosity.sigma"],
     )
     x = problem.begin + 0.05
-    _, slopes = problem.predictions(x, 16)
+    _, slopes = problem.predictions(x, 16).every
     for column, expected in zip(slopes.T, differences(problem, x).T, strict=True):
         np.testing.assert_allclose(column, expected, rtol=1e-5, atol=1e-6 * np.abs(slopes).max())
 
@@ -123,7 +123,7 @@ def test_derivatives_are_those_of_the_predictions():
 def test_derivatives_of_speeds_at_which_roots_meet_on_the_axis(pipe, unknown):
     problem = _checked_problem(pipe, [pp.Measurement("critical_speed", 5.0, 0.1)], [unknown])
     x = problem.begin + 0.05
-    _, slopes = problem.predictions(x, 16)
+    _, slopes = problem.predictions(x, 16).every
     np.testing.assert_allclose(slopes, differences(problem, x), rtol=1e-6)
 
 

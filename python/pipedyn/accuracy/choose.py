@@ -38,8 +38,8 @@ from pipedyn.accuracy.quantities import (
     checked_quantity,
 )
 from pipedyn.accuracy.trade import TradeRow, measured
-from pipedyn.models.base import Model, checked_pipe
-from pipedyn.models.pipe import Pipe
+from pipedyn.models.base import Model
+from pipedyn.models.pipe import Pipe, checked_pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.errors import PipedynError

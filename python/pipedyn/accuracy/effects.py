@@ -25,11 +25,11 @@ from pipedyn.cycles.limit_cycle import NoCycle
 from pipedyn.linear.critical_speed import NoCrossing, largest_tension
 from pipedyn.linear.modes import CONTINUUM_SPEED, modes
 from pipedyn.linear.neutral import growth
-from pipedyn.models.base import checked_pipe, core_pipe
+from pipedyn.models.base import core_pipe
 from pipedyn.models.continuum import LARGEST, Continuum
 from pipedyn.models.drive import Pulsation, Supply
 from pipedyn.models.galerkin import Galerkin
-from pipedyn.models.pipe import DEFAULTS, OWN_NUMBERS, Pipe
+from pipedyn.models.pipe import DEFAULTS, OWN_NUMBERS, Pipe, checked_pipe
 from pipedyn.models.profile import Profile
 from pipedyn.models.supports import RootSpring
 from pipedyn.util import check

@@ -20,8 +20,7 @@ from pipedyn.accuracy.convergence import (
     fitted_law,
 )
 from pipedyn.accuracy.quantities import MARGIN, Answer, Quantity, QuantityName, checked_quantity
-from pipedyn.models.base import checked_pipe
-from pipedyn.models.pipe import Pipe
+from pipedyn.models.pipe import Pipe, checked_pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.counters import clock, counted, limited

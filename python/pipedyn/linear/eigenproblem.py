@@ -79,7 +79,7 @@ class Eigenproblem:
             return abs(one - sign * other) > 1e-11 * size
 
         of = self.pencil
-        thrust = of.centrifugal != 0.0 and differ(of.flux, 1.0)
+        thrust = self.pipe.alpha != 0.0 and differ(of.flux, 1.0)
         return not (thrust or differ(of.velocity, -1.0) or differ(of.stiffness, 1.0))
 
     @cached_property

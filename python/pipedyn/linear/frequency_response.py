@@ -330,7 +330,7 @@ class _Response:
     def products(self, x: NDArray[Any]) -> tuple[NDArray[Any], ...]:
         """Products of K, C and M with the columns of x, (dof, k): three arrays of that shape."""
         of, u = self.pencil, self.u
-        stiffness: NDArray[Any] = of.stiffness(x) + of.centrifugal * u**2 * of.flux(x)
+        stiffness: NDArray[Any] = of.stiffness(x) + of.pipe.alpha * u**2 * of.flux(x)
         if of.pipe.hysteresis:  # the sign is that for omega > 0
             stiffness = stiffness + 1j * of.pipe.hysteresis * of.by_damping(x)
         return stiffness, u * of.velocity(x) + of.damping(x), of.mass(x)
@@ -564,6 +564,10 @@ def _resonances(
 ) -> tuple[Resonance, ...]:
     """Peaks of a response whose values are known at frequencies that resolve it."""
     sizes, undamped = np.abs(values), _undamped(poles)
+
+    def above(omega: float, level: float) -> float:
+        return float(abs(response(np.array([omega]))[0])) - level
+
     found = list[Resonance]()
     for omega in undamped[(undamped >= at[0]) & (undamped <= at[-1])].tolist():
         # From 1e-5 to 1e-6 of the frequency of a pole, the response grows tenfold, unless the mode
@@ -575,27 +579,22 @@ def _resonances(
         close = np.abs(undamped - at[k]) < 1e-4 * at[k]
         if not sizes[k - 1] < sizes[k] >= sizes[k + 1] or close.any():
             continue
-        low, high = at[k - 1], at[k + 1]
-        for _ in range(7):  # each pass narrows the interval to an eighth
-            some = np.linspace(low, high, 17)
-            heights = np.abs(response(some))
-            best = int(np.argmax(heights))
-            low, high = some[max(best - 1, 0)], some[min(best + 1, 16)]
-        peak, height = float(some[best]), float(heights[best])
+        peak = scipy.optimize.minimize_scalar(
+            lambda omega: -above(omega, 0.0),
+            bounds=(at[k - 1], at[k + 1]),
+            method="bounded",
+            options={"xatol": 1e-8 * at[k]},
+        ).x
+        height = above(peak, 0.0)
         level = math.sqrt(0.5) * height
         sides = list[float]()
         for way in (-1, 1):
             j = k
             while 0 <= j < at.size and sizes[j] > level:
                 j += way
-            if not 0 <= j < at.size:
-                sides.append(math.nan)
-                continue
-            ends = np.array([at[j - way], at[j]])
-            for _ in range(12):
-                some = np.linspace(float(ends[0]), float(ends[1]), 17)
-                above = int(np.count_nonzero(np.cumprod(np.abs(response(some)) > level)))
-                ends = some[[max(above - 1, 0), min(above, 16)]]
-            sides.append(float(ends.mean()))
-        found.append(Resonance(peak, height, sides[1] - sides[0]))
+            falls = 0 <= j < at.size
+            sides.append(
+                scipy.optimize.brentq(above, peak, at[j], args=(level,)) if falls else math.nan
+            )
+        found.append(Resonance(float(peak), height, sides[1] - sides[0]))
     return tuple(sorted(found, key=lambda peak: peak.frequency))

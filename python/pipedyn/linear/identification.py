@@ -26,11 +26,10 @@ import numpy as np
 
 from pipedyn.linear.critical_speed import CriticalSpeed, critical_speed
 from pipedyn.linear.modes import root_loci
-from pipedyn.models.base import Operators, checked_pipe
+from pipedyn.models.base import Operators
 from pipedyn.models.continuum import Continuum
-from pipedyn.models.galerkin import Galerkin
-from pipedyn.models.pipe import Pipe
-from pipedyn.models.pipe_numbers import checked_number
+from pipedyn.models.pipe import Pipe, checked_pipe
+from pipedyn.models.pipe_numbers import checked_number, unit_of_number
 from pipedyn.models.reduced_supports import STENCIL
 from pipedyn.models.scales import Scales
 from pipedyn.models.supports import RootSpring
@@ -127,15 +126,16 @@ class Measurement:
     def __post_init__(self) -> None:
         check.choice("quantity", self.quantity, get_args(MeasuredQuantity))
         signed = self.quantity in ("decay_rate", "decrement")
-        value = check.real("value", self.value, low=-1e9 if signed else 0.0, high=1e9)
-        sigma = check.real("uncertainty", self.uncertainty, low=0.0, high=1e9, open_low=True)
-        speed = check.real("speed", self.speed, low=0.0, high=1e6)
-        if speed and self.quantity.startswith("critical"):
-            raise ValueError(f"speed must be left out of a {self.quantity}, got {speed:g}")
-        mode = check.count("mode", self.mode, low=1, high=HIGHEST_MODE)
-        given = {"value": value, "uncertainty": sigma, "speed": speed, "mode": mode}
-        for name, one in given.items():
-            object.__setattr__(self, name, one)
+        vars(self).update(
+            value=check.real("value", self.value, low=-1e9 if signed else 0.0, high=1e9),
+            uncertainty=check.real(
+                "uncertainty", self.uncertainty, low=0.0, high=1e9, open_low=True
+            ),
+            speed=check.real("speed", self.speed, low=0.0, high=1e6),
+            mode=check.count("mode", self.mode, low=1, high=HIGHEST_MODE),
+        )
+        if self.speed and self.quantity.startswith("critical"):
+            raise ValueError(f"speed must be left out of a {self.quantity}, got {self.speed:g}")
 
 
 @saved_as(
@@ -280,14 +280,8 @@ def _unit(name: str, pipe: Pipe) -> float:
         return mass * length**4 / time**2
     if name == COMPLIANCE:
         return time**2 / (mass * length**3)
-    number = checked_number("unknowns", name, pipe, others=())
-    if number.name == "root.stiffness":
-        return mass * length**3 / time**2
-    if number.term is None:
-        return time if number.name == "damping" else 1.0
-    term = pipe.terms[number.term]
-    unit = converted(replace(term, **{number.attribute: 1.0}), pipe.scales, operator.mul)
-    return float(getattr(unit, number.attribute))
+    unit = unit_of_number(name, pipe)
+    return 1.0 if unit is None else float(unit.scale(pipe.scales))
 
 
 def _speed_unit(pipe: Pipe) -> float:
@@ -412,7 +406,7 @@ class _Problem:
     measurements: tuple[Measurement, ...]
     unknowns: tuple[_Unknown, ...]
     begin: Array
-    last: list[_Roots] = field(default_factory=list)
+    last: list[_Predictions] = field(default_factory=list)
 
     @property
     def bounds(self) -> Array:
@@ -428,22 +422,12 @@ class _Problem:
             pipe = one.put(pipe, value)
         return pipe
 
-    def model(self, x: Array, size: int) -> Galerkin:
-        """The reduced model at x with `size` functions."""
-        return Continuum(self.pipe(x)).frozen(size)
-
-    def roots(self, x: Array, size: int) -> _Roots:
-        """Roots of the model at x, cached for the next call with the same model."""
+    def predictions(self, x: Array, size: int) -> _Predictions:
+        """Predictions of the model at x, cached for the next call with the same model."""
         known = self.last[-1:]
         if not known or known[0].size != size or not np.array_equal(known[0].x, x):
-            self.last[:] = [_Roots(self, x.copy(), size)]
+            self.last[:] = [_Predictions(self, x.copy(), size)]
         return self.last[-1]
-
-    def predictions(self, x: Array, size: int) -> tuple[Array, Array]:
-        """Predictions for the measurements, (M,), and their derivatives by x, (M, U)."""
-        roots = self.roots(x, size)
-        found = [roots.answer(one) for one in self.measurements]
-        return np.array([value for value, _ in found]), np.array([slope for _, slope in found])
 
     def fitted(self, begin: Array, size: int) -> Array:
         """The least-squares x, searched from `begin` and, if misfits are large, from other x."""
@@ -496,7 +480,7 @@ class _Problem:
 
     def _misfit(self, x: Array, size: int) -> tuple[Array, Array]:
         """Residuals (predicted - measured) / uncertainty, (M,), and derivatives by x, (M, U)."""
-        predicted, slopes = self.predictions(x, size)
+        predicted, slopes = self.predictions(x, size).every
         sigma = np.array([one.uncertainty for one in self.measurements])
         measured = np.array([one.value for one in self.measurements])
         return (predicted - measured) / sigma, slopes / sigma[:, None]
@@ -533,7 +517,8 @@ class _Problem:
                 f"{squares:.3g} at {check.how_many(freedom, 'degree')} of freedom. An effect is "
                 "missing, a range too narrow, or the uncertainties are too small"
             )
-        speed, by_x = self.roots(x, size).answer(Measurement("critical_speed", 0.0, 1.0))
+        predictions = self.predictions(x, size)
+        speed, by_x = predictions.at_onset("critical_speed")
         inner = spread[np.ix_(free, free)]
         scale = np.sqrt(np.diag(spread))
         return Identification(
@@ -542,7 +527,7 @@ class _Problem:
             uncertainties=sigma,
             covariance=spread * np.outer(values, values),
             correlation=spread / np.outer(scale, scale),
-            predicted=self.predictions(x, size)[0],
+            predicted=predictions.every[0],
             residuals=-residuals,
             chi_squared=squares,
             freedom=freedom,
@@ -581,14 +566,13 @@ class _Problem:
                 yield f"{one.name} is known to {100.0 * relative[i]:.0f} % only"
 
 
-class _Roots:
+class _Predictions:
     """Predictions of one model for measurements, and their derivatives by the unknowns."""
 
     def __init__(self, problem: _Problem, x: Array, size: int) -> None:
         self.problem, self.x, self.size = problem, x, size
         self.pipe = problem.pipe(x)
-        self.model = problem.model(x, size)
-        self._answers: dict[Measurement, tuple[float, Array]] = {}
+        self.model = Continuum(self.pipe).frozen(size)
 
     @cached_property
     def _beside(self) -> list[list[tuple[float, Pipe, Operators]]]:
@@ -610,15 +594,16 @@ class _Roots:
         """Critical speed of the model."""
         return critical_speed(self.model)
 
-    def answer(self, one: Measurement) -> tuple[float, Array]:
-        """The predicted value of a measurement and its derivatives by x, shape (U,)."""
-        if one not in self._answers:
-            self._answers[one] = self._answer(one)
-        return self._answers[one]
+    @cached_property
+    def every(self) -> tuple[Array, Array]:
+        """Predictions for the measurements, (M,), and their derivatives by x, (M, U)."""
+        found = [self._of(one) for one in self.problem.measurements]
+        return np.array([value for value, _ in found]), np.array([slope for _, slope in found])
 
-    def _answer(self, one: Measurement) -> tuple[float, Array]:
+    def _of(self, one: Measurement) -> tuple[float, Array]:
+        """The predicted value of a measurement and its derivatives by x, shape (U,)."""
         if one.quantity.startswith("critical"):
-            return self._at_onset(one.quantity)
+            return self.at_onset(one.quantity)
         u = one.speed / _speed_unit(self.pipe)
         if u > MOST_SPEED:
             raise NotConverged(f"at u = {u:.3g} no mode is followed")
@@ -644,7 +629,7 @@ class _Roots:
         value = omega / (turn * time)
         return value, slope / (turn * time) - value * by_time
 
-    def _at_onset(self, quantity: str) -> tuple[float, Array]:
+    def at_onset(self, quantity: str) -> tuple[float, Array]:
         """The critical speed or frequency and its derivatives by x."""
         found = self._critical
         refused = "measurements must not have a critical_frequency of a pipe that"

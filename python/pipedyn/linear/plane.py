@@ -13,7 +13,7 @@ at each point, and derivatives are differences.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise, product
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.neutral import SHIFT, companion, eigenvalues_of, grows, shifted
-from pipedyn.models.base import Model, Operators
+from pipedyn.models.base import COMPLEX_STEP, Model, Operators
 from pipedyn.models.chain import Chain
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe_numbers import PipeNumber
@@ -52,6 +52,11 @@ FAR = 2.0
 """Real part, less the magnitude of the imaginary part, beyond which a root is ignored on a line: it
 does not cross the axis within a step."""
 
+POLYNOMIALS = {
+    k: np.linalg.inv(np.vander(np.linspace(0.0, 1.0, k), increasing=True)) for k in (1, 2, 3)
+}
+"""Matrices from values at k evenly spaced nodes in [0, 1] to coefficients of a polynomial."""
+
 Matrices = tuple[Array, Array, NDArray[Any]]
 """The matrices M, C, K, shape (dof, dof) each; K is complex with hysteresis."""
 
@@ -76,67 +81,50 @@ class Window:
 
 @dataclass(frozen=True)
 class Scale:
-    """A function s of a number, in which the matrices are polynomials, and interpolation nodes."""
+    """A function s of a number between two values, in which the matrices are polynomials."""
 
-    nodes: Sequence[float]  # values of the number at which matrices are computed
-    of: Callable[[float], float] = float
-    slope: Callable[[float], float] = lambda value: 1.0
-    back: Callable[[float], float] = float
+    low: float
+    high: float
+    count: int = 2  # number of nodes, at which matrices are computed
+    of: Callable[[Any], Any] = lambda value: value
+    back: Callable[[Any], Any] = lambda s: s
     least: float = -math.inf  # the number must exceed this value
     affine: bool = True  # whether K is affine in s
 
-    @cached_property
-    def _ends(self) -> tuple[float, float]:
-        """Values of s at the first and the last node."""
-        return self.of(self.nodes[0]), self.of(self.nodes[-1])
+    def spaced(self, count: int) -> Array:
+        """Numbers from `low` to `high`, evenly spaced in s, shape (count,)."""
+        between = np.linspace(self.of(self.low), self.of(self.high), count)[1:-1]
+        return np.array([self.low, *self.back(between), self.high])
+
+    @property
+    def nodes(self) -> Array:
+        """Values of the number at the nodes of interpolation, evenly spaced in s."""
+        return self.spaced(max(self.count, 2))[: self.count]
 
     def weights(self, value: float) -> tuple[Array, Array]:
-        """Weights of the k nodes, (k,), in the interpolating polynomial, and their derivatives.
-
-        The second of three nodes is half-way between the others in s.
-        """
-        if len(self.nodes) == 1:
-            return np.ones(1), np.zeros(1)
-        low, high = self._ends
-        s, slope = (self.of(value) - low) / (high - low), self.slope(value) / (high - low)
-        if len(self.nodes) == 2:
-            return np.array([1.0 - s, s]), np.array([-slope, slope])
-        shares = np.array([(2.0 * s - 1.0) * (s - 1.0), 4.0 * s * (1.0 - s), s * (2.0 * s - 1.0)])
-        return shares, slope * np.array([4.0 * s - 3.0, 4.0 - 8.0 * s, 4.0 * s - 1.0])
+        """Weights of the k nodes, (k,), in the interpolating polynomial, and their derivatives."""
+        low, high = self.of(self.low), self.of(self.high)
+        s = (self.of(value + 1j * COMPLEX_STEP) - low) / (high - low)
+        found = np.array([1.0, s, s * s])[: self.count] @ POLYNOMIALS[self.count]
+        return found.real, found.imag / COMPLEX_STEP
 
 
 def _scale(number: PipeNumber | None, low: float, high: float, model: Model) -> Scale:
     """The scale in which a model's matrices are polynomials of a number between two values."""
     if number is None:
-        return Scale((low,))  # `Plane.matrices` has the polynomials of the speed
+        return Scale(low, high, 1)  # `Plane.matrices` has the polynomials of the speed
     if number.name == "beta":
-        return Scale(
-            (low, high), math.sqrt, lambda beta: 0.5 / math.sqrt(beta), lambda root: root**2, 0.0
-        )
+        return Scale(low, high, of=np.sqrt, back=np.square, least=0.0)
     if number.name == "root.stiffness" and isinstance(model, Chain):
+        # Damping and loss of the first joint are proportional to the square of its share of the
+        # angle: three nodes are needed.
         joint = float(model.springs[0])
-
-        def share(k: float) -> float:
-            return k / (joint + k)
-
-        def back(s: float) -> float:
-            return joint * s / (1.0 - s)
-
-        # Damping and loss of the joint are proportional to the square of the share: three nodes are
-        # needed.
-        nodes = low, back(0.5 * (share(low) + share(high))), high
-        return Scale(nodes, share, lambda k: joint / (joint + k) ** 2, back, -0.5 * joint)
+        share, back = (lambda k: k / (joint + k)), (lambda s: joint * s / (1.0 - s))
+        return Scale(low, high, 3, share, back, -0.5 * joint)
     if number.name == "root.stiffness" and isinstance(model, Galerkin):
         # Functions have unit stiffness, so that the root's rotation is proportional to 1 / sqrt(k).
-        def angle(k: float) -> float:
-            return 1.0 / math.sqrt(k)
-
-        def of_angle(t: float) -> float:
-            return 1.0 / t**2
-
-        nodes = low, of_angle(0.5 * (angle(low) + angle(high))), high
-        return Scale(nodes, angle, lambda k: -0.5 * k**-1.5, of_angle, 0.0, affine=False)
-    return Scale((low, high))
+        return Scale(low, high, 3, lambda k: k**-0.5, lambda t: t**-2.0, 0.0, affine=False)
+    return Scale(low, high)
 
 
 class Plane:
@@ -399,11 +387,8 @@ class Plane:
 
     def lines(self, index: int, number: int) -> Array:
         """Values of x (index 0) or y (1) of lines, evenly spaced in the scale of that number."""
-        low, high = self.window.low[index], self.window.low[index] + self.window.size[index]
         scale = self._scales[index]
-        even = scale if scale.affine else Scale(scale.nodes)
-        between = np.linspace(even.of(low), even.of(high), number)[1:-1]
-        return np.array([low, *(even.back(value) for value in between), high])
+        return (scale if scale.affine else Scale(scale.low, scale.high)).spaced(number)
 
     def sections(
         self, at: Array, index: int, halved: bool = True
@@ -429,13 +414,13 @@ class Plane:
         waiting = list(pairwise(samples))[::-1]
         while waiting:
             a, b = waiting.pop()
-            guesses, doubtful = _passed(a, b)
+            passed, nearest, doubtful = _between(a, b)
             if halved and doubtful and b[0] - a[0] > SHORTEST_STEP:
                 middle = sample(0.5 * (a[0] + b[0]))
                 waiting += [(middle, b), (a, middle)]
             else:
-                found += guesses
-                extremes += _nearest(a, b)
+                found += passed
+                extremes += nearest
         return found, extremes
 
     def pairs(self, at: Array) -> tuple[Complex, Complex]:
@@ -476,51 +461,34 @@ RootOnLine = tuple[float, complex]
 """Share of a line, and an eigenvalue there."""
 
 
-def _matched(a: Sample, b: Sample) -> Array:
-    """Sum of the errors, (k, l), with which tangents at two samples predict the other's roots."""
-    (s, one, slope), (t, other, slope_there) = a, b
-    ahead, back = one + (t - s) * slope, other - (t - s) * slope_there
-    misses: Array = np.abs(ahead[:, None] - other) + np.abs(one[:, None] - back)
-    return misses
+def _between(a: Sample, b: Sample) -> tuple[list[RootOnLine], list[RootOnLine], bool]:
+    """Roots that cross the imaginary axis between two samples, extremes, and whether to halve.
 
-
-def _nearest(a: Sample, b: Sample) -> list[RootOnLine]:
-    """Estimates of extremes between two samples, at which real parts come nearest to 0."""
-    (s, one, slope), (t, other, slope_there) = a, b
-    found: list[RootOnLine] = []
-    if not one.size or not other.size:
-        return found
-    for i, j in enumerate(np.argmin(_matched(a, b), axis=1).tolist()):
-        first, last = slope[i].real, slope_there[j].real
-        away = -one[i].real
-        if away * other[j].real < 0.0 and away * first > 0.0 > away * last:
-            share = first / (first - last)
-            found.append((s + share * (t - s), complex(one[i] + share * (other[j] - one[i]))))
-    return found
-
-
-def _passed(a: Sample, b: Sample) -> tuple[list[RootOnLine], bool]:
-    """Roots that cross the imaginary axis between two samples, and whether more may cross.
-
-    A cubic with the values and slopes at both ends differs from the straight line between them by
-    less than its tangents miss the other end. A root whose real part at both ends is larger than
-    that has not crossed the axis twice. If the numbers of roots differ, one has left the real axis.
+    Extremes are roots whose real part comes nearest to 0 without crossing. A step is to be halved
+    if more roots may cross: a cubic with the values and slopes at both ends differs from the
+    straight line between them by less than its tangents miss the other end. A root whose real part
+    at both ends is larger than that has not crossed the axis twice. If the numbers of roots differ,
+    one has left the real axis.
     """
-    (s, one, _), (t, other, _) = a, b
-    found: list[RootOnLine] = []
+    (s, one, slope), (t, other, slope_there) = a, b
+    passed: list[RootOnLine] = []
+    extremes: list[RootOnLine] = []
     doubtful = one.size != other.size
     if not one.size or not other.size:
-        return found, doubtful
-    misses = _matched(a, b)
+        return passed, extremes, doubtful
+    ahead, back = one + (t - s) * slope, other - (t - s) * slope_there
+    misses = np.abs(ahead[:, None] - other) + np.abs(one[:, None] - back)
     for i, j in enumerate(np.argmin(misses, axis=1).tolist()):
-        first, last, missed = one[i].real, other[j].real, misses[i, j]
-        if first * last < 0.0:
+        ends, rates = (one[i].real, other[j].real), (slope[i].real, slope_there[j].real)
+        crosses = ends[0] * ends[1] < 0.0
+        doubtful |= misses[i, j] > (sum(map(abs, ends)) if crosses else min(map(abs, ends)))
+        turns = ends[0] * ends[1] > 0.0 and ends[0] * rates[0] < 0.0 < ends[0] * rates[1]
+        if crosses or turns:
+            first, last = ends if crosses else rates
             share = first / (first - last)
-            found.append((s + share * (t - s), complex(one[i] + share * (other[j] - one[i]))))
-            doubtful |= missed > abs(first) + abs(last)
-        else:
-            doubtful |= missed > min(abs(first), abs(last))
-    return found, bool(doubtful)
+            place = s + share * (t - s), complex(one[i] + share * (other[j] - one[i]))
+            (passed if crosses else extremes).append(place)
+    return passed, extremes, bool(doubtful)
 
 
 def _differ_little(one: NDArray[Any], other: NDArray[Any]) -> bool:

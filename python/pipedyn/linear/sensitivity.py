@@ -219,7 +219,7 @@ def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensiti
         slope = crossing.slope
     else:
         down = 1.0 + 0j
-        slope = -forms.flux * 2.0 * pencil.centrifugal * u
+        slope = -forms.flux * 2.0 * model.pipe.alpha * u
     if slope.real == 0.0:
         return None
     # d lambda / dp = -y^H (dP/dp) x / down

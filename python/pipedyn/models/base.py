@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn import _core
 from pipedyn.models.drive import drive_of
 from pipedyn.models.pencil import DensePencil, Pencil
-from pipedyn.models.pipe import OWN_NUMBERS, Pipe
+from pipedyn.models.pipe import OWN_NUMBERS, Pipe, checked_pipe
 from pipedyn.models.profile import values_along
 from pipedyn.util import check
 from pipedyn.util.archive import Saved, saved_as
@@ -187,13 +187,6 @@ def core_pipe(pipe: Pipe) -> _core.Pipe:
         UNIFORM if pipe.stiffness is None else pipe.stiffness.core,
         UNIFORM if pipe.mass is None else pipe.mass.core,
     )
-
-
-def checked_pipe(pipe: Any) -> Pipe:
-    """Returns the argument if it is a pipe; else raises TypeError."""
-    if not isinstance(pipe, Pipe):
-        raise TypeError(f"pipe must be a Pipe, got {check.shown(pipe)}")
-    return pipe
 
 
 class OfPipe(Saved):

@@ -17,7 +17,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.models.pipe import Pipe
+from pipedyn.models.pipe import Pipe, checked_pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -81,17 +81,15 @@ class Pulsation:
     frequency: float
 
     def __post_init__(self) -> None:
-        checked = {
-            "mean": check.real("mean", self.mean, low=0.0, high=LARGEST_SPEED),
-            "amplitude": check.real("amplitude", self.amplitude),
-            "frequency": _frequency(self.frequency),
-        }
-        if abs(checked["amplitude"]) > 1.0:
+        vars(self).update(
+            mean=check.real("mean", self.mean, low=0.0, high=LARGEST_SPEED),
+            amplitude=check.real("amplitude", self.amplitude),
+            frequency=_frequency(self.frequency),
+        )
+        if abs(self.amplitude) > 1.0:
             raise ValueError(
                 f"amplitude must lie in [-1, 1], or the flow reverses, got {self.amplitude!r}"
             )
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
 
     @classmethod
     def from_si(cls, pipe: Pipe, *, mean: float, amplitude: float, frequency: float) -> Pulsation:
@@ -149,13 +147,11 @@ class Harmonic:
     direction: Direction = "x"
 
     def __post_init__(self) -> None:
-        checked = {
-            "amplitude": check.real("amplitude", self.amplitude, low=-1e6, high=1e6),
-            "frequency": _frequency(self.frequency),
-            "direction": check.choice("direction", self.direction, DIRECTIONS),
-        }
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
+        vars(self).update(
+            amplitude=check.real("amplitude", self.amplitude, low=-1e6, high=1e6),
+            frequency=_frequency(self.frequency),
+            direction=check.choice("direction", self.direction, DIRECTIONS),
+        )
 
     @classmethod
     def from_si(
@@ -245,17 +241,16 @@ class Supply:
     start: float | None = None
 
     def __post_init__(self) -> None:
-        checked: dict[str, float | None] = {
-            "head": check.real("head", self.head, low=-LARGEST_HEAD, high=LARGEST_HEAD),
-            "friction": check.real("friction", self.friction, low=0.0, high=1e9, open_low=True),
+        rules: dict[str, dict[str, Any]] = {
+            "head": {"low": -LARGEST_HEAD, "high": LARGEST_HEAD},
+            "friction": {"low": 0.0, "high": 1e9, "open_low": True},
+            "weight": {"low": -LARGEST_HEAD, "high": LARGEST_HEAD},
+            "start": {"low": 0.0, "high": LARGEST_SPEED},
         }
-        if self.weight is not None:
-            of = check.real("weight", self.weight, low=-LARGEST_HEAD, high=LARGEST_HEAD)
-            checked["weight"] = of
-        if self.start is not None:
-            checked["start"] = check.real("start", self.start, low=0.0, high=LARGEST_SPEED)
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
+        given = vars(self)
+        for name, rule in rules.items():
+            if given[name] is not None or name in ("head", "friction"):
+                given[name] = check.real(name, given[name], **rule)
 
     @classmethod
     def at_speed(
@@ -314,7 +309,7 @@ class Supply:
 
     def _hanging(self, pipe: Pipe) -> float:
         """Contribution of the fluid's weight in the straight pipe to the head."""
-        return _only_pipe(pipe).direction * self.weight_in(pipe)
+        return checked_pipe(pipe).direction * self.weight_in(pipe)
 
     def weight_in(self, pipe: Pipe) -> float:
         """Weight of the fluid in the pipe, in EI / L^2."""
@@ -370,15 +365,9 @@ def require_steady(name: str, given: Any) -> None:
             )
 
 
-def _only_pipe(pipe: Any) -> Pipe:
-    if not isinstance(pipe, Pipe):
-        raise TypeError(f"pipe must be a Pipe, got {check.shown(pipe)}")
-    return pipe
-
-
 def with_scales(pipe: Any) -> Pipe:
     """Returns the argument if it is a pipe made with `Pipe.from_si`; else raises."""
-    if _only_pipe(pipe).scales is None:
+    if checked_pipe(pipe).scales is None:
         raise ValueError(f"pipe must be made with Pipe.from_si, got {pipe!r}")
     return pipe
 

@@ -109,8 +109,6 @@ class Pencil:
         self.pipe = model.pipe
         self.dof = model.dof
         self.is_damped = any((self.pipe.damping, self.pipe.hysteresis, model.resisted))
-        self.direction = self.pipe.direction
-        self.centrifugal = self.pipe.alpha
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
         """The core's solver for eigenvalues; size: the norm of K at rest."""
@@ -156,7 +154,7 @@ class DensePencil(Pencil):
     def __init__(self, model: LinearModel) -> None:
         super().__init__(model)
         ops = model.elastic_operators()
-        velocity = self.direction * (ops.gyroscopic + ops.end_flux)
+        velocity = ops.direction * (ops.gyroscopic + ops.end_flux)
         self.matrices = ops.mass, velocity, ops.damping, ops.stiffness, ops.flux
         self.mass, self.velocity, self.damping, self.stiffness, self.flux = (
             partial(np.matmul, matrix) for matrix in self.matrices
@@ -185,7 +183,7 @@ class DensePencil(Pencil):
         if traits.loss:
             loss = traits.loss * self.by_damping(np.eye(self.dof))
         rounding = self.model.matrix_rounding
-        return _core.Eigenproblem(traits, self.matrices, self.centrifugal, size, loss, rounding)
+        return _core.Eigenproblem(traits, self.matrices, self.pipe.alpha, size, loss, rounding)
 
 
 class PartsPencil(Pencil):

@@ -28,7 +28,6 @@ from pipedyn.models.supports import (
 from pipedyn.models.terms import (
     AddedMass,
     PointMass,
-    Stretching,
     Term,
     Weight,
     checked_terms,
@@ -224,7 +223,7 @@ class Pipe(Saved):
         if self.scales is not None:  # mu_f = beta (mu_p + mu_f), also for a replaced beta
             given["scales"] = scales_at(self.beta, self.scales)
         for i, term in enumerate(self.terms):
-            if isinstance(term, Stretching) and not self.end_held:
+            if term.needs_held_end and not self.end_held:
                 raise ValueError(
                     f'terms[{i}] stretches a pipe whose end is "pinned" or "clamped", got end '
                     f"{self.end!r}"
@@ -609,6 +608,13 @@ class Pipe(Saved):
             0.5
         """
         return _times_scale("x", x, np.divide, self._units("length").length)
+
+
+def checked_pipe(pipe: Any) -> Pipe:
+    """Returns the argument if it is a pipe; else raises TypeError."""
+    if not isinstance(pipe, Pipe):
+        raise TypeError(f"pipe must be a Pipe, got {check.shown(pipe)}")
+    return pipe
 
 
 def _checked_scales(scales: Any) -> Scales:

@@ -59,8 +59,7 @@ class RootSpring:
     stiffness: float = number(1e9, mass=1, length=3, time=-2)
 
     def __post_init__(self) -> None:  # the pipe checks how large it is, as it may be in SI
-        value = check.real("stiffness", self.stiffness, low=0.0)
-        object.__setattr__(self, "stiffness", value)
+        vars(self).update(stiffness=check.real("stiffness", self.stiffness, low=0.0))
 
     def __repr__(self) -> str:
         return f"RootSpring(stiffness={self.stiffness:.12g})"

@@ -45,6 +45,9 @@ class Term:
     law: ClassVar[str]
     """Name of the law in the core."""
 
+    needs_held_end: ClassVar[bool] = False
+    """Whether the law acts only on pipes whose end is held on the axis of the straight pipe."""
+
     def __post_init__(self) -> None:
         if type(self) is Term:
             raise TypeError("Term must be one of its laws, such as PointMass, got Term itself")
@@ -485,6 +488,7 @@ class Stretching(Term):
     """
 
     law: ClassVar[str] = "stretching"
+    needs_held_end: ClassVar[bool] = True
     stiffness: float = number(1e9, mass=1, length=1, time=-2)
 
     @property

@@ -19,13 +19,12 @@ from pipedyn.models.base import (
     LARGEST_RESULT,
     Model,
     Operators,
-    checked_pipe,
     stored,
 )
 from pipedyn.models.chain import LARGEST_CHAIN, Chain, along, elastic_scale, turned
 from pipedyn.models.chain_supports import MET, SAME
 from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
-from pipedyn.models.pipe import Pipe
+from pipedyn.models.pipe import Pipe, checked_pipe
 from pipedyn.models.terms import Term
 from pipedyn.modular.custom import CustomForces
 from pipedyn.modular.layout import CONSTRAINTS, MODULES, Layout
