@@ -41,7 +41,7 @@ any_chain = given(chains(calm_pipes(), wild=False))
     ],
 )
 def test_chain_linearises_the_papers_lagrangian(flow, alpha, share):
-    """Three unequal segments against eqs. (1)-(6), derived by differences; the inflow has momentum."""
+    """Three unequal segments against eqs. (1)-(6), by differences; the inflow has momentum."""
     pipe = pp.Pipe(0.3, gamma=2.5, flow=flow, alpha=alpha, damping=0.01, inflow_share=share)
     chain = pp.Chain(pipe, **UNEQUAL)
     numbers = *UNEQUAL.values(), 0.3, 2.5, 0.01, flow == "aspirating", alpha
