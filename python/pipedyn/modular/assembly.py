@@ -173,10 +173,7 @@ class Assembly(Model):
 
     @property
     def compiled(self) -> Any:
-        if self._customs:
-            return None  # Python computes custom modules
-        # A scene without held nodes and without further inertia is a chain.
-        return self.core if self.core.compliance.size else self.core.chain
+        return None if self._customs else self.core  # Python computes custom modules
 
     def __repr__(self) -> str:
         layout = self._layout
