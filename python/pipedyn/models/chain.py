@@ -24,9 +24,8 @@ from pipedyn.models.base import (
 )
 from pipedyn.models.chain_supports import (
     MET,
-    SAME,
     ChainSupports,
-    closest,
+    closed,
     held_ends,
     rest_moments,
 )
@@ -37,7 +36,6 @@ from pipedyn.models.profile import moments, reciprocal
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.errors import NotConverged
 from pipedyn.util.power_iteration import largest_stretch
 
 SpringRule = Literal["consistent", "midpoint", "rayleigh", "uniform", "frequency"]
@@ -578,11 +576,7 @@ class Chain(Model):
         )
         if self.supported is None:
             return theta
-        shares = (1.0, 0.75, 0.5, 0.25, 0.0)
-        found, missed = closest(self.motion, (share * theta for share in shares))
-        if missed > SAME:
-            raise NotConverged("no angles close to those given meet the supports", found)
-        return found
+        return closed(self.motion, theta, 0.0 * theta, "the supports")
 
     def _coordinates(self, q: ArrayLike) -> Array:
         return self._require_held("q", super()._coordinates(q))
