@@ -310,8 +310,8 @@ def core_scene(n=3, **given):
         "length": np.full(n, 1.0 / n),
         "center": np.full(n, 0.5),
         "gyration_radius": np.full(n, 0.1),
-        **{name: np.zeros(n) for name in ("spring", "damping", "rest_moment", "drag_point")},
-        **{"base": 0.0, "inertia": np.zeros((0, 3 * n)), "held": [], "value": []},
+        **{name: np.zeros(n) for name in ("spring", "drag_point")},
+        **{"base": 0.0, "mass": [], "held": [], "value": []},
     }
     return _core.Scene(core_pipe(pp.Pipe(0.3, 4.0)), **arguments | given)
 

@@ -84,18 +84,18 @@ void define_scene(py::module_& m) {
   define_equations<Scene, work_of>(defined);
   defined
       .def(py::init([](const Pipe& pipe, Vector length, Vector center, Vector gyration_radius,
-                       Vector spring, Vector damping, Vector rest_moment, Vector drag_point,
-                       double base, const Matrix& inertia, const std::vector<Index>& held,
-                       const Vector& value, Vector mass) {
+                       Vector spring, Vector drag_point, double base, Vector mass,
+                       const std::vector<Index>& held, const Vector& value, const Matrix& inertia,
+                       Vector damping, Vector rest_moment) {
              const Segments segments{
                  std::move(length),  std::move(center),      std::move(gyration_radius),
                  std::move(spring),  std::move(drag_point),  base,
                  std::move(damping), std::move(rest_moment), std::move(mass)};
              return std::make_unique<Scene>(pipe, segments, inertia, held, value);
            }),
-           "pipe"_a, "length"_a, "center"_a, "gyration_radius"_a, "spring"_a, "damping"_a,
-           "rest_moment"_a, "drag_point"_a, "base"_a, "inertia"_a, "held"_a, "value"_a,
-           "mass"_a = Vector())
+           "pipe"_a, "length"_a, "center"_a, "gyration_radius"_a, "spring"_a, "drag_point"_a,
+           "base"_a, "mass"_a, "held"_a, "value"_a, "inertia"_a = Matrix(), "damping"_a = Vector(),
+           "rest_moment"_a = Vector())
       .def_property_readonly("coordinates", &Scene::coordinates)
       .def_property_readonly("weights", &Scene::weights)
       .def_property_readonly("compliance", &Scene::compliance)

@@ -496,14 +496,14 @@ class Scene:
         center: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         gyration_radius: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         spring: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        damping: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        rest_moment: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         drag_point: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         base: typing.SupportsFloat | typing.SupportsIndex,
-        inertia: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         held: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
         value: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+        inertia: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
+        damping: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+        rest_moment: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
     ) -> None: ...
     def angles(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
     def axial(

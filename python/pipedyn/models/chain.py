@@ -24,9 +24,8 @@ from pipedyn.models.base import (
 )
 from pipedyn.models.chain_supports import (
     MET,
-    SAME,
     ChainSupports,
-    closest,
+    closed,
     held_ends,
     rest_moments,
 )
@@ -37,7 +36,6 @@ from pipedyn.models.profile import moments, reciprocal
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.errors import NotConverged
 from pipedyn.util.power_iteration import largest_stretch
 
 SpringRule = Literal["consistent", "midpoint", "rayleigh", "uniform", "frequency"]
@@ -289,7 +287,7 @@ class Chain(Model):
         if rule in ("uniform", "midpoint"):
             return n * every
         cantilever = replace(self._pipe, terms=(), root="clamped", end="free", supports=())
-        bare, relative = self._with_springs(np.ones(n), cantilever), every[:-1]
+        bare, relative = _core.Chain(*self._segments(np.ones(n), cantilever)), every[:-1]
         lowest = _first_eigenvalue(self._pipe)
 
         def inertia(turns: Array) -> Array:
@@ -349,8 +347,11 @@ class Chain(Model):
             return NOT_HELD
         return held_ends(self._pipe, self._ends()[1:])
 
-    def _with_springs(self, springs: Array, pipe: Pipe) -> _core.Chain:
-        return _core.Chain(  # positional arguments, as in `core_pipe`
+    def _segments(
+        self, springs: Array, pipe: Pipe
+    ) -> tuple[_core.Pipe, Array, Array, Array, Array, Array, float, Array]:
+        """Arguments of a compiled chain or scene with these joints' springs."""
+        return (
             core_pipe(pipe),
             self._lengths,
             self._centers,
@@ -369,26 +370,15 @@ class Chain(Model):
     @cached_property
     def core(self) -> _core.Chain:
         """The compiled chain without the supports."""
-        return self._with_springs(self._own_joints, self._pipe)
+        return _core.Chain(*self._segments(self._own_joints, self._pipe))
 
     @cached_property
     def motion(self) -> Any:
         """The compiled chain, or the compiled scene if supports hold nodes."""
         if not self._held.size:
             return self.core
-        n, joints = self.coordinates, self._own_joints
         return _core.Scene(
-            pipe=core_pipe(self._pipe),
-            length=self._lengths,
-            center=self._centers,
-            gyration_radius=self._gyration_radii,
-            spring=joints,
-            damping=self._pipe.damping * joints,
-            rest_moment=np.zeros(n),
-            drag_point=self._drag_points,
-            base=self._base,
-            mass=self._masses,
-            inertia=np.zeros((0, 3 * n)),
+            *self._segments(self._own_joints, self._pipe),
             held=(3 * self._held).tolist(),
             value=np.zeros(self._held.size),
         )
@@ -579,11 +569,7 @@ class Chain(Model):
         )
         if self.supported is None:
             return theta
-        shares = (1.0, 0.75, 0.5, 0.25, 0.0)
-        found, missed = closest(self.motion, (share * theta for share in shares))
-        if missed > SAME:
-            raise NotConverged("no angles close to those given meet the supports", found)
-        return found
+        return closed(self.motion, theta, 0.0 * theta, "the supports")
 
     def _coordinates(self, q: ArrayLike) -> Array:
         return self._require_held("q", super()._coordinates(q))

@@ -14,6 +14,7 @@ from pipedyn import _core
 from pipedyn.models.base import Operators
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.check import Array
+from pipedyn.util.errors import NotConverged
 
 MET = 1e-9
 """Tolerance of given states in the constraints, in L and rad, and for rates in these per T.
@@ -133,3 +134,18 @@ def closest(core: _core.Scene, starts: Iterable[Array]) -> tuple[Array, float]:
         if least <= SAME:
             break
     return best, least
+
+
+def closed(core: _core.Scene, theta: Array, rest: Array, held_by: str) -> Array:
+    """Angles close to those given, shape (n,), that meet guides and pins.
+
+    If Newton's method fails, as for segments in line with a pin, it starts again from points
+    between the given angles and `rest`, a known configuration that meets all constraints.
+
+    Raises NotConverged, with a message that names what holds the nodes, if no angles are found.
+    """
+    shares = (0.0, 0.25, 0.5, 0.75, 1.0)
+    found, missed = closest(core, (theta + share * (rest - theta) for share in shares))
+    if missed > SAME:
+        raise NotConverged(f"no angles close to those given meet {held_by}", found)
+    return found

@@ -22,7 +22,7 @@ from pipedyn.models.base import (
     stored,
 )
 from pipedyn.models.chain import LARGEST_CHAIN, Chain, along, elastic_scale, turned
-from pipedyn.models.chain_supports import MET, SAME
+from pipedyn.models.chain_supports import MET, closed
 from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
 from pipedyn.models.pipe import Pipe, checked_pipe
 from pipedyn.models.terms import Term
@@ -172,10 +172,7 @@ class Assembly(Model):
 
     @property
     def compiled(self) -> Any:
-        if self._customs:
-            return None  # Python computes custom modules
-        # A scene without held nodes and without further inertia is a chain.
-        return self.core if self.core.compliance.size else self.core.chain
+        return None if self._customs else self.core  # Python computes custom modules
 
     def __repr__(self) -> str:
         layout = self._layout
@@ -381,12 +378,7 @@ class Assembly(Model):
         given = check.array(
             "angles", angles, size=self.integrated, low=-LARGEST_ANGLE, high=LARGEST_ANGLE
         )
-        theta, missed = self._layout.closed(self.core, given)
-        if missed > SAME:
-            raise NotConverged(
-                f"no angles close to those given meet {self._layout.guides_text()}", theta
-            )
-        return theta
+        return closed(self.core, given, self._layout.rest, self._layout.guides_text())
 
     def equilibrium(self, start: ArrayLike, u: float = 0.0) -> Array:
         """A configuration at which all forces balance, stable or not, by Newton's method.

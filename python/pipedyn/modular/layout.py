@@ -245,15 +245,6 @@ class Layout:
         """Columns of `rows` for the independent held coordinates, shape (n, independent)."""
         return self.rows(theta)[:, self.independent]
 
-    def closed(self, core: _core.Scene, theta: Array) -> tuple[Array, float]:
-        """Angles close to those given that meet guides and pins, and the remaining distance.
-
-        If Newton's method fails, as for segments in line with a pin, it starts again from points
-        between the given angles and a known configuration that meets all constraints.
-        """
-        shares = (0.0, 0.25, 0.5, 0.75, 1.0)
-        return closest(core, (theta + share * (self.rest - theta) for share in shares))
-
     def _found_rest(self) -> Array:
         """Angles that meet all constraints: those of the straight pipe if it meets them."""
         straight = np.zeros(self.size)
