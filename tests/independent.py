@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Routes to the answers that share nothing with the package's own, and what several tests need."""
 
+from dataclasses import replace
 from functools import cache, lru_cache
 from itertools import pairwise
 
@@ -698,6 +699,22 @@ def tells_its_distance(found, start, exact):
         return False
     assert found.discretisation <= 10.0 * distance
     return True
+
+
+def assert_differences(by, find, pipe, steps, rel=1e-5, least=0.0):
+    """Asserts that sensitivities of a crossing are differences of its speed and frequency.
+
+    by: the sensitivities; find: finds the crossing of a pipe; steps: of the pipe's numbers, by
+    name; rel, least: the relative error allowed, and the absolute one.
+    """
+    for name, step in steps.items():
+        ahead, behind = (
+            find(replace(pipe, **{name: getattr(pipe, name) + h})) for h in (step, -step)
+        )
+        for quantity in ("speed", "frequency"):
+            slope = (getattr(ahead, quantity) - getattr(behind, quantity)) / (2.0 * step)
+            off = getattr(getattr(by, quantity), name) - slope
+            assert abs(off) <= max(rel * abs(slope), least), (name, quantity)
 
 
 def bent_state(model, rng, angle, speed=14.0, falling=2):
