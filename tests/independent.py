@@ -575,75 +575,107 @@ def clamp_misfit(chain, value, u):
 
 
 def series_misfit(pipe, value, u, digits):
-    """Zero where lambda is an eigenvalue of the continuous pipe, in mpmath.
+    """Zero where lambda is an eigenvalue of the continuous pipe, in mpmath."""
+    with mpmath.workdps(digits):
+        rows, _ = _conditions(pipe, value, u)
+        return mpmath.det(mpmath.matrix([row[1:] for row in rows]))
 
-    Between places where something acts, (1 + delta lambda + i mu) w'''' = (T w')' + (J lambda^2 -
-    alpha u^2) w'' - 2 sqrt(beta) s u lambda w' - (lambda^2 (1 + chi) + sigma lambda + k) w. T, the
-    weight and loads beyond, is linear in s, so that w = sum a_k (s - s_0)^k converges everywhere.
-    Its terms cancel: digits must exceed what they lose. Sums are of integers, numbers times 2^bits,
-    ten times as fast as mpmath's. At a place w'' grows by the couple and w''' falls by the load; a
-    support's reaction is one more unknown, and its place one more equation.
+
+def series_response(pipe, omega, u, load="base", output=1.0, digits=40):
+    """Displacement at an arc length per unit of a harmonic load, counted from a moving base.
+
+    load: "base", or "force" or "moment" with its place.
+    """
+    with mpmath.workdps(digits):
+        rows, seen = _conditions(pipe, 1j * mpmath.mpf(omega), u, load, output)
+        free = mpmath.matrix([row[1:] for row in rows])
+        parts = mpmath.lu_solve(free, mpmath.matrix([-row[0] for row in rows]))
+        moved = seen[0] + sum(a * b for a, b in zip(parts, seen[1:], strict=False))
+        return complex(moved) - (load == "base")
+
+
+def _conditions(pipe, value, u, load=None, output=1.0):
+    """Conditions at supports and at the end, and the displacement of a place, of each solution.
+
+    The first solution is that of the load, the others begin with what the root leaves free and
+    with the reactions of supports. Between places where something acts,
+
+        (1 + delta lambda + i mu) w'''' = (T w')' + (J lambda^2 - alpha u^2) w''
+            - 2 sqrt(beta) s u lambda w' - (lambda^2 (1 + chi) + sigma lambda + k) w.
+
+    T, the weight and loads beyond, is linear in s, so that w = sum a_k (s - s_0)^k converges
+    everywhere. Its terms cancel: digits must exceed what they lose. Sums are of integers, numbers
+    times 2^bits, ten times as fast as mpmath's. At a place w'' grows by the couple and w''' falls
+    by the load; a support's reaction is one more unknown, and its place one more equation.
     """
     aspirating = pipe.flow == "aspirating"
-    with mpmath.workdps(digits):
-        bits = mpmath.mp.prec + 64
+    bits = mpmath.mp.prec + 64
 
-        def fixed(number):
-            number = mpmath.mpmathify(number)
-            return [int(mpmath.ldexp(part, bits)) for part in (number.real, number.imag)]
+    def fixed(number):
+        number = mpmath.mpmathify(number)
+        return [int(mpmath.ldexp(part, bits)) for part in (number.real, number.imag)]
 
-        def along(law):
-            return sum(sum(t.numbers.values()) for t in pipe.terms if t.law == law)
+    def along(law):
+        return sum(sum(t.numbers.values()) for t in pipe.terms if t.law == law)
 
-        def total(here, name):
-            return sum(mpmath.mpf(t.numbers.get(name, 0.0)) for t in here)
+    def total(here, name):
+        return sum(mpmath.mpf(t.numbers.get(name, 0.0)) for t in here)
 
-        value, u = mpmath.mpmathify(value), mpmath.mpf(u)
-        elastic = 1 + mpmath.mpf(pipe.damping) * value + mpmath.mpc(0, pipe.hysteresis)
-        coriolis = 2 * mpmath.sqrt(mpmath.mpf(pipe.beta)) * (-u if aspirating else u) * value
-        inertia = mpmath.mpf(pipe.rotary_inertia) * value**2
-        gamma, thrust = mpmath.mpf(pipe.gamma), mpmath.mpf(pipe.alpha) * u**2
-        square = value**2 * (1 + along("added_mass")) + value * along("viscosity")
-        square += along("foundation")
-        laws = ("point_mass", "tension", "spring", "damper", "rotational_spring")
-        placed = [t for t in pipe.terms if t.law in (*laws, "rotational_damper")]
-        ends = sorted({0.0, 1.0, *pipe.supports, *(t.place for t in placed)})
-        root, rows = pipe.root_stiffness, []
-        turned = [0, 0, 1, 0] if root == mpmath.inf else [0, 1, root / elastic, 0]
-        columns = [[mpmath.mpmathify(x) for x in one] for one in (turned, [0, 0, 0, 1])]
-        for low, high in pairwise(ends):
-            beyond = [t for t in placed if t.place > low]
-            tension = gamma * (1 - mpmath.mpf(low) + total(beyond, "mass"))
-            tension += total(beyond, "load")
-            h = mpmath.mpf(high) - mpmath.mpf(low)
-            bend = fixed((tension + inertia - thrust) * h**2 / elastic)
-            loads = (one / elastic for one in (gamma * h**3, coriolis * h**3, square * h**4))
-            parts = bend, *map(fixed, loads)
-            columns = [_along_span(column, h, parts, fixed, bits) for column in columns]
-            here = [t for t in placed if t.place == high]
-            mass, turning = total(here, "mass"), total(here, "inertia") * value**2
-            held = mass * value**2
-            for t in here:
-                number = total([t], "stiffness") + value * total([t], "coefficient")
-                if t.law.startswith("rotational"):
-                    turning += number
-                else:
-                    held += number
-            lost = gamma * mass + total(here, "load")
-            if high == 1.0:
-                lost += inertia
-                held -= (1 - mpmath.mpf(pipe.inflow_share)) * coriolis / 2
-            for column in columns:
-                w, slope = column[:2]
-                column[2] += turning * slope / elastic
-                column[3] -= (held * w + lost * slope) / elastic
-            if high in pipe.supports:
-                rows.append([w for w, *_ in columns])
-                columns.append([mpmath.mpc(x) for x in (0, 0, 0, 1)])
-        kept = {"free": (2, 3), "guided": (1, 3), "pinned": (0, 2), "clamped": (0, 1)}[pipe.end]
-        rows += [[column[k] for column in columns] for k in kept]
-        full = [[*row, *[0] * (len(columns) - len(row))] for row in rows]
-        return mpmath.det(mpmath.matrix(full))
+    value, u = mpmath.mpmathify(value), mpmath.mpf(u)
+    elastic = 1 + mpmath.mpf(pipe.damping) * value + mpmath.mpc(0, pipe.hysteresis)
+    coriolis = 2 * mpmath.sqrt(mpmath.mpf(pipe.beta)) * (-u if aspirating else u) * value
+    inertia = mpmath.mpf(pipe.rotary_inertia) * value**2
+    gamma, thrust = mpmath.mpf(pipe.gamma), mpmath.mpf(pipe.alpha) * u**2
+    square = value**2 * (1 + along("added_mass")) + value * along("viscosity")
+    square += along("foundation")
+    laws = ("point_mass", "tension", "spring", "damper", "rotational_spring")
+    placed = [t for t in pipe.terms if t.law in (*laws, "rotational_damper")]
+    base = load == "base"
+    loaded = {} if base or load is None else {load[1]: load[0]}
+    places = 0.0, 1.0, output, *loaded, *pipe.supports, *(t.place for t in placed)
+    root, rows = pipe.root_stiffness, []
+    turned = [0, 0, 1, 0] if root == mpmath.inf else [0, 1, root / elastic, 0]
+    starts = [base, 0, 0, 0], turned, [0, 0, 0, 1]
+    columns = [[mpmath.mpc(x) for x in one] for one in starts]
+    for low, high in pairwise(sorted(set(places))):
+        beyond = [t for t in placed if t.place > low]
+        tension = gamma * (1 - mpmath.mpf(low) + total(beyond, "mass"))
+        tension += total(beyond, "load")
+        h = mpmath.mpf(high) - mpmath.mpf(low)
+        bend = fixed((tension + inertia - thrust) * h**2 / elastic)
+        loads = (one / elastic for one in (gamma * h**3, coriolis * h**3, square * h**4))
+        parts = bend, *map(fixed, loads)
+        columns = [_along_span(column, h, parts, fixed, bits) for column in columns]
+        here = [t for t in placed if t.place == high]
+        mass, turning = total(here, "mass"), total(here, "inertia") * value**2
+        held = mass * value**2
+        for t in here:
+            number = total([t], "stiffness") + value * total([t], "coefficient")
+            if t.law.startswith("rotational"):
+                turning += number
+            else:
+                held += number
+        lost = gamma * mass + total(here, "load")
+        if high == 1.0:
+            lost += inertia
+            held -= (1 - mpmath.mpf(pipe.inflow_share)) * coriolis / 2
+        for column in columns:
+            w, slope = column[:2]
+            column[2] += turning * slope / elastic
+            column[3] -= (held * w + lost * slope) / elastic
+        if high in loaded:
+            columns[0][2] -= (loaded[high] == "moment") / elastic
+            columns[0][3] += (loaded[high] == "force") / elastic
+        if high == output:
+            seen = [w for w, *_ in columns]
+        if high in pipe.supports:
+            rows.append([w - base * (i == 0) for i, (w, *_) in enumerate(columns)])
+            columns.append([mpmath.mpc(x) for x in (0, 0, 0, 1)])
+    kept = {"free": (2, 3), "guided": (1, 3), "pinned": (0, 2), "clamped": (0, 1)}[pipe.end]
+    for k in kept:
+        rows.append([column[k] for column in columns])
+        rows[-1][0] -= base and k == 0
+    return [[*row, *[0] * (len(columns) - len(row))] for row in rows], seen
 
 
 def _along_span(column, h, parts, fixed, bits):
