@@ -193,6 +193,16 @@ def second_derivative(function, h):
     return (pairs - 205 / 72 * function(0.0)) / h**2
 
 
+def derivative_along(function, at, direction, step=0.02):
+    """Derivative of a function at a point along a direction."""
+    return derivative(lambda h: function(at + h * direction), step)
+
+
+def second_derivative_along(function, at, direction, step=0.04):
+    """Second derivative of a function at a point along a direction."""
+    return second_derivative(lambda h: function(at + h * direction), step)
+
+
 def places(chain, at):
     """(segment, arm, weight) of a place of a chain, or of Simpson's points all along it."""
     if at is None:
