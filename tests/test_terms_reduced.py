@@ -97,25 +97,6 @@ def test_no_panel_has_more_functions_than_its_quadrature_serves(m):
 # --------------------------------------------------------------------------------- linear answers
 
 
-def test_a_cantilever_with_an_end_mass_vibrates_at_the_textbooks_frequencies():
-    """Roots of 1 + cos k cosh k + mu k (cos k sinh k - sin k cosh k) = 0, omega = k^2."""
-    mu = 0.3
-
-    def characteristic(k):
-        ratio = math.cos(k) * math.tanh(k) - math.sin(k)
-        return 1.0 / math.cosh(k) + math.cos(k) + mu * k * ratio
-
-    k = np.linspace(0.5, 20.0, 400)
-    sign = np.array([characteristic(x) for x in k]) > 0.0
-    roots = [
-        brentq(characteristic, k[i], k[i + 1], xtol=1e-14)
-        for i in np.flatnonzero(sign[1:] != sign[:-1])
-    ]
-    found = pp.eigenvalues(pp.Continuum(pp.Pipe(0.2, terms=(pp.PointMass(1.0, mu),))), 0.0, 10)
-    omega = np.sort(found.imag[found.imag > 0.0])
-    np.testing.assert_allclose(omega, np.square(roots[:5]), rtol=1e-10)
-
-
 @pytest.mark.parametrize(
     ("beta", "u", "terms", "damping"),
     [
