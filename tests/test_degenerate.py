@@ -7,7 +7,7 @@ from functools import cache
 import mpmath
 import numpy as np
 import pytest
-from independent import assert_differences, collocation_eigenvalues
+from independent import assert_differences, series_crossing
 from scipy.optimize import brentq
 
 import pipedyn as pp
@@ -150,15 +150,8 @@ def test_a_divergence_beside_a_meeting_is_known_to_rounding(beta, gamma):
 
     found = divergence(gamma)
     assert found.error < 1e-10 * found.speed
-    pipe = pp.Pipe(beta, gamma)
-
-    def determinant(u):  # of the strong form: the product of its roots, of no more than 2e15 or so
-        lowest = collocation_eigenvalues(pipe, u)
-        lowest = lowest[np.argsort(np.abs(lowest))][:6]
-        return float(np.prod(lowest).real)
-
-    strong = brentq(determinant, found.speed - 1e-3, found.speed + 1e-3, xtol=1e-12)
-    assert found.speed == pytest.approx(strong, abs=1e-7)
+    exact, _ = series_crossing(pp.Pipe(beta, gamma), found.speed, 0.0)
+    assert found.speed == pytest.approx(exact, abs=1e-10)
     h = 1e-3
     slope = (divergence(gamma + h).speed - divergence(gamma - h).speed) / (2 * h)
     assert found.sensitivity.speed.gamma == pytest.approx(slope, rel=1e-5)
