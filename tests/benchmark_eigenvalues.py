@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from campaign_cases import drawn
-from independent import chain_newton_step, companion_eigenvalues, determinant_crossing
+from independent import chain_newton_step, companion_eigenvalues, series_crossing
 from measuring import check, ended, machine, timed
 
 import pipedyn as pp
@@ -125,9 +125,9 @@ def searches() -> None:
 
 
 def critical_speeds() -> None:
-    exact = determinant_crossing(BETA, "5.5914", "13.7147", 30)[0]
-    fastest = determinant_crossing(FASTEST, "18.2896", "74.5179", 30)[0]
-    print(f"critical speed, beta = {BETA}, gamma = 0: {exact:.9f} by the exact determinant,")
+    exact = series_crossing(PIPE, 5.5914, 13.7147)[0]
+    fastest = series_crossing(pp.Pipe(FASTEST), 18.2896, 74.5179)[0]
+    print(f"critical speed, beta = {BETA}, gamma = 0: {exact:.9f} by power series,")
     print(f"beta = {FASTEST}: {fastest:.9f}")
     print("| model | critical speed | relative error | time (ms) |")
     print("|---|---|---|---|")

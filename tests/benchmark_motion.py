@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
-from independent import dense_jacobian, dense_rates, exact_rates
+from independent import dense_jacobian, dense_rates, derivative_along, exact_rates
 from measuring import check, cost_of, ended, machine
 
 import pipedyn as pp
@@ -153,17 +154,6 @@ def reduced_state(model: pp.Galerkin, rng: np.random.Generator) -> np.ndarray:
     return np.concatenate([q, rate])
 
 
-def eighth_order(model: pp.Galerkin, y: np.ndarray, column: int, step: float) -> np.ndarray:
-    """Central difference of rhs with respect to one entry of the state."""
-    pairs = zip((1, 2, 3, 4), (4 / 5, -1 / 5, 4 / 105, -1 / 280), strict=True)
-    unit = step * np.eye(y.size)[column]
-    moved = (
-        c * (model.rhs(0.0, y + k * unit, SPEED) - model.rhs(0.0, y - k * unit, SPEED))
-        for k, c in pairs
-    )
-    return sum(moved) / step
-
-
 def reduced_model(pipe: pp.Pipe, basis: str, m: int) -> list[tuple[float, float]]:
     """Errors of rhs, a batch and the Jacobian, each with the cost of a state, s.
 
@@ -178,7 +168,10 @@ def reduced_model(pipe: pp.Pipe, basis: str, m: int) -> list[tuple[float, float]
     )
     jacobian = model.jacobian(0.0, y, SPEED)
     steps = 1e-2 * np.concatenate([model.elastic_scale, 14.0 * model.elastic_scale])
-    differences = np.stack([eighth_order(model, y, j, h) for j, h in enumerate(steps)], axis=1)
+    columns = [
+        derivative_along(partial(model.rhs, 0.0, u=SPEED), y, way, 1.0) for way in np.diag(steps)
+    ]
+    differences = np.stack(columns, axis=1) / steps
     errors = (
         worst(model.rhs(0.0, y, SPEED)[m:], finer.rhs(0.0, y, SPEED)[m:]),
         worst(model.rhs(0.0, many, speeds)[m:], finer.rhs(0.0, many, speeds)[m:]),

@@ -11,28 +11,17 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from independent import dense_rates
-from measuring import check, ended, machine
+from measuring import check, ended, machine, timed
 from scipy.integrate import ode, solve_ivp
 
 import pipedyn as pp
 from pipedyn import modular as md
 from pipedyn.motion.integrator import choose_method, fastest_rates
-
-
-def clocked(call: Callable[[], Any], rounds: int = 3, cpu: bool = False) -> tuple[float, Any]:
-    """Shortest time of a call, s, and its answer; once where it takes seconds."""
-    best, now = np.inf, time.process_time if cpu else time.perf_counter
-    for _ in range(rounds):
-        start = now()
-        answer = call()
-        best = min(best, now() - start)
-        if best > 2.0:
-            break
-    return best, answer
 
 
 def bow(s: np.ndarray) -> np.ndarray:
@@ -93,7 +82,8 @@ def compared(row: str, model: Any, members: int, chosen: str, fastest: float) ->
             continue
         costs[method] = []
         for rtol in TOLERANCES:
-            cost, found = clocked(lambda method=method, rtol=rtol: states(method, rtol), cpu=True)
+            ask = partial(states, method, rtol)
+            found, cost = timed(ask, 1.0, time.process_time)
             costs[method].append((cost, np.abs(found - exact).max()))
     error = costs[chosen][TOLERANCES.index(1e-6)][1]
     check(error, 1e-4, f"{row} by {chosen} at rtol 1e-6")
@@ -120,7 +110,8 @@ def flutter() -> None:
     """20 segments from a small push to the settled limit cycle, against plain dense numpy."""
     chain, u, end = pp.Chain(pp.Pipe(0.2), 20), 6.0, 60.0
     q0 = chain.bent(lambda s: 0.01 * s)
-    cost, ours = clocked(lambda: pp.simulate(chain, u, end, q0, rtol=1e-6, samples=601))
+    ask = partial(pp.simulate, chain, u, end, q0, rtol=1e-6, samples=601)
+    ours, cost = timed(ask, 1.0, time.perf_counter)
     start = time.perf_counter()
     plain = solve_ivp(
         lambda t, y: dense_rates(chain, y, u),
@@ -132,7 +123,7 @@ def flutter() -> None:
         t_eval=ours.t,
     )
     dense = time.perf_counter() - start
-    script, by_script = clocked(lambda: scipys_own(chain, u, q0, ours.t))
+    by_script, script = timed(lambda: scipys_own(chain, u, q0, ours.t), 1.0, time.perf_counter)
     exact = pp.simulate(chain, u, end, q0, rtol=1e-10, samples=601)
     tip = chain.tips(plain.y[:20])
     print("20 segments, u = 6, beta = 0.2, a small push, to tau = 60, rtol 1e-6")

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Routes to the answers that share nothing with the package's own, and what several tests need."""
 
+from dataclasses import replace
 from functools import cache, lru_cache
+from itertools import pairwise
 
 import mpmath
 import numpy as np
@@ -170,6 +172,16 @@ def second_derivative(function, h):
     return (pairs - 205 / 72 * function(0.0)) / h**2
 
 
+def derivative_along(function, at, direction, step=0.02):
+    """Derivative of a function at a point along a direction."""
+    return derivative(lambda h: function(at + h * direction), step)
+
+
+def second_derivative_along(function, at, direction, step=0.04):
+    """Second derivative of a function at a point along a direction."""
+    return second_derivative(lambda h: function(at + h * direction), step)
+
+
 def places(chain, at):
     """(segment, arm, weight) of a place of a chain, or of Simpson's points all along it."""
     if at is None:
@@ -272,72 +284,6 @@ def dense_jacobian(chain, y, u):
     step = 1e-30
     columns = [dense_rates(chain, y + 1j * step * unit, u).imag / step for unit in np.eye(y.size)]
     return np.stack(columns, axis=1)
-
-
-def determinant(
-    value,
-    u,
-    beta,
-    *,
-    centrifugal=1.0,
-    direction=1.0,
-    damping=0.0,
-    inflow_share=1.0,
-    mass=0.0,
-    spring=0.0,
-):
-    """Determinant of the four exponentials of the continuous pipe without gravity, in mpmath.
-
-    With w = exp(a s + lambda tau), (1 + delta lambda) a^4 + c u^2 a^2 + 2 sqrt(beta) s u lambda a
-    + lambda^2 = 0; rows: w and w' at the clamp, w'' and the force across the free end, which is
-    (1 + delta lambda) w''' + (1 - share) sqrt(beta) s u lambda w - (mass lambda^2 + spring) w with
-    a mass and a spring there. Divided by the Vandermonde determinant, so that it does not vanish
-    where two exponents meet.
-    """
-    value, u, beta = mpmath.mpmathify(value), mpmath.mpmathify(u), mpmath.mpmathify(beta)
-    thrust = mpmath.mpmathify(centrifugal) * u**2
-    coriolis = 2 * mpmath.sqrt(beta) * direction * u * value
-    elastic = 1 + damping * value
-    polynomial = [elastic, 0, thrust, coriolis, value**2]
-    entering = (1 - mpmath.mpmathify(inflow_share)) * coriolis / (2 * elastic)
-    entering -= (mpmath.mpmathify(mass) * value**2 + mpmath.mpmathify(spring)) / elastic
-    a = mpmath.polyroots(polynomial, maxsteps=200, extraprec=60)
-    largest = max(x.real for x in a)
-    rows = [
-        [mpmath.mpf(1)] * 4,
-        list(a),
-        [x**2 * mpmath.exp(x - largest) for x in a],
-        [(x**3 + entering) * mpmath.exp(x - largest) for x in a],
-    ]
-    meeting = mpmath.mpf(1)
-    for i in range(4):
-        for j in range(i):
-            meeting *= a[i] - a[j]
-    return mpmath.det(mpmath.matrix(rows)) / meeting
-
-
-def determinant_crossing(beta, u, omega, digits=25, **more):
-    """(u, omega) where an eigenvalue i omega lies on the axis, from a guess of both."""
-    with mpmath.workdps(digits):
-
-        def parts(speed, frequency):
-            value = determinant(1j * frequency, speed, beta, **more)
-            return value.real, value.imag
-
-        u, omega = mpmath.findroot(parts, (mpmath.mpf(u), mpmath.mpf(omega)), tol=1e-30)
-        return float(u), float(omega)
-
-
-def determinant_eigenvalue(guess, u, beta, digits=25, **more):
-    """The eigenvalue nearest to a guess."""
-    with mpmath.workdps(digits):
-        return complex(
-            mpmath.findroot(
-                lambda value: determinant(value, u, beta, **more),
-                mpmath.mpmathify(guess),
-                tol=1e-35,
-            )
-        )
 
 
 @lru_cache(maxsize=8)
@@ -618,49 +564,138 @@ def clamp_misfit(chain, value, u):
 
 
 def series_misfit(pipe, value, u, digits):
-    """Zero where lambda is an eigenvalue of the continuous pipe, at any gravity, in mpmath.
+    """Zero where lambda is an eigenvalue of the continuous pipe, in mpmath."""
+    with mpmath.workdps(digits):
+        rows, _ = _conditions(pipe, value, u)
+        return mpmath.det(mpmath.matrix([row[1:] for row in rows]))
 
-    The equation's coefficients are linear in x = 1 - s, so that its solutions are power series in
-    x, w = sum a_k x^k, which converge everywhere; free at x = 0 (a_2 = a_3 = 0), clamped at x = 1.
-    Their terms cancel: digits must exceed what they lose. Sums are of integers, numbers times
-    2^bits, ten times as fast as mpmath's.
+
+def series_response(pipe, omega, u, load="base", output=1.0, digits=40):
+    """Displacement at an arc length per unit of a harmonic load, counted from a moving base.
+
+    load: "base", or "force" or "moment" with its place.
     """
     with mpmath.workdps(digits):
-        bits = mpmath.mp.prec + 64
+        rows, seen = _conditions(pipe, 1j * mpmath.mpf(omega), u, load, output)
+        free = mpmath.matrix([row[1:] for row in rows])
+        parts = mpmath.lu_solve(free, mpmath.matrix([-row[0] for row in rows]))
+        moved = seen[0] + sum(a * b for a, b in zip(parts, seen[1:], strict=False))
+        return complex(moved) - (load == "base")
 
-        def fixed(number):
-            number = mpmath.mpmathify(number)
-            return [int(mpmath.ldexp(part, bits)) for part in (number.real, number.imag)]
 
-        aspirating = pipe.flow == "aspirating"
-        value, u = mpmath.mpmathify(value), mpmath.mpf(u)
-        elastic = 1 + mpmath.mpf(pipe.damping) * value + mpmath.mpc(0, pipe.hysteresis)
-        thrust = mpmath.mpf(pipe.alpha) * u**2
-        coriolis = 2 * mpmath.sqrt(mpmath.mpf(pipe.beta)) * (-u if aspirating else u) * value
-        coefficients = mpmath.mpf(pipe.gamma), coriolis, thrust, value**2
-        (weight, weight_i), (coriolis, coriolis_i), (thrust, thrust_i), (square, square_i) = (
-            fixed(number / elastic) for number in coefficients
-        )
-        ends = []
-        for a, b in ((1 << bits, 0), (0, 1 << bits)):
-            a_i = b_i = c = c_i = d = d_i = 0
-            deflection, deflection_i, slope, slope_i, k, quiet = a + b, 0, b, 0, 0, 0
-            while quiet < 8:
-                p, p_i = weight * (k + 1) + coriolis, weight_i * (k + 1) + coriolis_i
-                q, q_i = thrust * (k + 2), thrust_i * (k + 2)
-                below = ((k + 2) * (k + 3) * (k + 4)) << bits
-                e = p * b - p_i * b_i - q * c + q_i * c_i
-                e_i = p * b_i + p_i * b - q * c_i - q_i * c
-                e = (e - (square * a - square_i * a_i) // (k + 1)) // below
-                e_i = (e_i - (square * a_i + square_i * a) // (k + 1)) // below
-                a, a_i, b, b_i, c, c_i, d, d_i = b, b_i, c, c_i, d, d_i, e, e_i
-                deflection, deflection_i = deflection + d, deflection_i + d_i
-                slope, slope_i = slope + (k + 4) * d, slope_i + (k + 4) * d_i
-                quiet = quiet + 1 if abs(d) + abs(d_i) <= 2 else 0  # -1 is rounded too
-                k += 1
-            ends += [mpmath.mpc(deflection, deflection_i), mpmath.mpc(slope, slope_i)]
-        p, q, r, t = ends
-        return (p * t - q * r) / mpmath.mpf(4) ** bits
+def _conditions(pipe, value, u, load=None, output=1.0):
+    """Conditions at supports and at the end, and the displacement of a place, of each solution.
+
+    The first solution is that of the load, the others begin with what the root leaves free and
+    with the reactions of supports. Between places where something acts,
+
+        (1 + delta lambda + i mu) w'''' = (T w')' + (J lambda^2 - alpha u^2) w''
+            - 2 sqrt(beta) s u lambda w' - (lambda^2 (1 + chi) + sigma lambda + k) w.
+
+    T, the weight and loads beyond, is linear in s, so that w = sum a_k (s - s_0)^k converges
+    everywhere. Its terms cancel: digits must exceed what they lose. Sums are of integers, numbers
+    times 2^bits, ten times as fast as mpmath's. At a place w'' grows by the couple and w''' falls
+    by the load; a support's reaction is one more unknown, and its place one more equation.
+    """
+    aspirating = pipe.flow == "aspirating"
+    bits = mpmath.mp.prec + 64
+
+    def fixed(number):
+        number = mpmath.mpmathify(number)
+        return [int(mpmath.ldexp(part, bits)) for part in (number.real, number.imag)]
+
+    def along(law):
+        return sum(sum(t.numbers.values()) for t in pipe.terms if t.law == law)
+
+    def total(here, name):
+        return sum(mpmath.mpf(t.numbers.get(name, 0.0)) for t in here)
+
+    value, u = mpmath.mpmathify(value), mpmath.mpf(u)
+    elastic = 1 + mpmath.mpf(pipe.damping) * value + mpmath.mpc(0, pipe.hysteresis)
+    coriolis = 2 * mpmath.sqrt(mpmath.mpf(pipe.beta)) * (-u if aspirating else u) * value
+    inertia = mpmath.mpf(pipe.rotary_inertia) * value**2
+    gamma, thrust = mpmath.mpf(pipe.gamma), mpmath.mpf(pipe.alpha) * u**2
+    square = value**2 * (1 + along("added_mass")) + value * along("viscosity")
+    square += along("foundation")
+    laws = ("point_mass", "tension", "spring", "damper", "rotational_spring")
+    placed = [t for t in pipe.terms if t.law in (*laws, "rotational_damper")]
+    base = load == "base"
+    loaded = {} if base or load is None else {load[1]: load[0]}
+    places = 0.0, 1.0, output, *loaded, *pipe.supports, *(t.place for t in placed)
+    root, rows = pipe.root_stiffness, []
+    turned = [0, 0, 1, 0] if root == mpmath.inf else [0, 1, root / elastic, 0]
+    starts = [base, 0, 0, 0], turned, [0, 0, 0, 1]
+    columns = [[mpmath.mpc(x) for x in one] for one in starts]
+    for low, high in pairwise(sorted(set(places))):
+        beyond = [t for t in placed if t.place > low]
+        tension = gamma * (1 - mpmath.mpf(low) + total(beyond, "mass"))
+        tension += total(beyond, "load")
+        h = mpmath.mpf(high) - mpmath.mpf(low)
+        bend = fixed((tension + inertia - thrust) * h**2 / elastic)
+        loads = (one / elastic for one in (gamma * h**3, coriolis * h**3, square * h**4))
+        parts = bend, *map(fixed, loads)
+        columns = [_along_span(column, h, parts, fixed, bits) for column in columns]
+        here = [t for t in placed if t.place == high]
+        mass, turning = total(here, "mass"), total(here, "inertia") * value**2
+        held = mass * value**2
+        for t in here:
+            number = total([t], "stiffness") + value * total([t], "coefficient")
+            if t.law.startswith("rotational"):
+                turning += number
+            else:
+                held += number
+        lost = gamma * mass + total(here, "load")
+        if high == 1.0:
+            lost += inertia
+            held -= (1 - mpmath.mpf(pipe.inflow_share)) * coriolis / 2
+        for column in columns:
+            w, slope = column[:2]
+            column[2] += turning * slope / elastic
+            column[3] -= (held * w + lost * slope) / elastic
+        if high in loaded:
+            columns[0][2] -= (loaded[high] == "moment") / elastic
+            columns[0][3] += (loaded[high] == "force") / elastic
+        if high == output:
+            seen = [w for w, *_ in columns]
+        if high in pipe.supports:
+            rows.append([w - base * (i == 0) for i, (w, *_) in enumerate(columns)])
+            columns.append([mpmath.mpc(x) for x in (0, 0, 0, 1)])
+    kept = {"free": (2, 3), "guided": (1, 3), "pinned": (0, 2), "clamped": (0, 1)}[pipe.end]
+    for k in kept:
+        rows.append([column[k] for column in columns])
+        rows[-1][0] -= base and k == 0
+    return [[*row, *[0] * (len(columns) - len(row))] for row in rows], seen
+
+
+def _along_span(column, h, parts, fixed, bits):
+    """Values of w, w', w'' and w''' at the end of a span of length h from those at its beginning.
+
+    With b_k = a_k h^k, (k + 1) ... (k + 4) b_(k+4) is (k + 1) (k + 2) bend b_(k+2) - (k + 1)
+    ((k + 1) weight + coriolis) b_(k+1) - square b_k.
+    """
+    (bend, bend_i), (weight, weight_i), (coriolis, coriolis_i), (square, square_i) = parts
+    scaled = (x * h**k / mpmath.factorial(k) for k, x in enumerate(column))
+    (a, a_i), (b, b_i), (c, c_i), (d, d_i) = map(fixed, scaled)
+    sums = [[a + b + c + d, a_i + b_i + c_i + d_i], [b + 2 * c + 3 * d, b_i + 2 * c_i + 3 * d_i]]
+    sums += [[2 * c + 6 * d, 2 * c_i + 6 * d_i], [6 * d, 6 * d_i]]
+    k = quiet = 0
+    while quiet < 8:
+        p, p_i = weight * (k + 1) + coriolis, weight_i * (k + 1) + coriolis_i
+        q, q_i = bend * (k + 2), bend_i * (k + 2)
+        below = ((k + 2) * (k + 3) * (k + 4)) << bits
+        e = q * c - q_i * c_i - p * b + p_i * b_i
+        e_i = q * c_i + q_i * c - p * b_i - p_i * b
+        e = (e - (square * a - square_i * a_i) // (k + 1)) // below
+        e_i = (e_i - (square * a_i + square_i * a) // (k + 1)) // below
+        a, a_i, b, b_i, c, c_i, d, d_i = b, b_i, c, c_i, d, d_i, e, e_i
+        k += 1
+        factor = 1
+        for order, one in enumerate(sums):
+            one[0], one[1] = one[0] + factor * d, one[1] + factor * d_i
+            factor *= k + 3 - order
+        quiet = quiet + 1 if abs(d) + abs(d_i) <= 2 else 0  # -1 is rounded too
+    unit = mpmath.mpf(2) ** bits
+    return [mpmath.mpc(*one) / (unit * h**n) for n, one in enumerate(sums)]
 
 
 def series_newton_step(pipe, value, u, digits=60):
@@ -685,6 +720,22 @@ def tells_its_distance(found, start, exact):
         return False
     assert found.discretisation <= 10.0 * distance
     return True
+
+
+def assert_differences(by, find, pipe, steps, rel=1e-5, least=0.0):
+    """Asserts that sensitivities of a crossing are differences of its speed and frequency.
+
+    by: the sensitivities; find: finds the crossing of a pipe; steps: of the pipe's numbers, by
+    name; rel, least: the relative error allowed, and the absolute one.
+    """
+    for name, step in steps.items():
+        ahead, behind = (
+            find(replace(pipe, **{name: getattr(pipe, name) + h})) for h in (step, -step)
+        )
+        for quantity in ("speed", "frequency"):
+            slope = (getattr(ahead, quantity) - getattr(behind, quantity)) / (2.0 * step)
+            off = getattr(getattr(by, quantity), name) - slope
+            assert abs(off) <= max(rel * abs(slope), least), (name, quantity)
 
 
 def bent_state(model, rng, angle, speed=14.0, falling=2):

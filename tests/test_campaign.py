@@ -10,7 +10,7 @@ import campaign_reference
 import numpy as np
 import pytest
 from campaign_cases import CLASSES, Case, drawn
-from independent import beck_speed, determinant_crossing
+from independent import beck_speed, series_crossing
 
 import pipedyn as pp
 
@@ -161,9 +161,9 @@ def test_elements_know_hinged_pipes_on_equal_spans(spans):
     assert np.all(rest < 22.3733 * spans**2)
 
 
-def test_elements_find_flutter_where_exponentials_and_beck_do():
+def test_elements_find_flutter_where_power_series_and_beck_do():
     found = campaign_elements.continuum_changes({"beta": 0.2}, 8.0).changes[0]
-    speed, frequency = determinant_crossing(0.2, found.speed, found.frequency)
+    speed, frequency = series_crossing(pp.Pipe(0.2), found.speed, found.frequency)
     assert found.speed == pytest.approx(speed, rel=1e-10)
     assert found.frequency == pytest.approx(frequency, rel=1e-9)
     (without_fluid,) = campaign_elements.continuum_changes({"beta": 0.0}, 5.0).changes

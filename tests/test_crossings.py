@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Crossings of the imaginary axis: none missed, each with an error that bounds the true one."""
 
-import dataclasses
 import itertools
 
 import numpy as np
@@ -9,10 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from independent import (
+    assert_differences,
     chain_crossing,
     collocation_eigenvalues,
     companion_eigenvalues,
-    determinant_crossing,
+    series_crossing,
     unstable_count,
 )
 from scipy.optimize import brentq, minimize_scalar
@@ -297,7 +297,7 @@ def test_one_segment_never_flutters():
 @pytest.mark.parametrize("beta", [0.1, 0.2, 0.295, 0.9, 0.99])
 def test_the_continuums_error_bounds_the_true_one(beta):
     for crossing in pp.crossings(pp.Continuum(pp.Pipe(beta)), 18.5)[:4]:
-        speed, frequency = determinant_crossing(beta, crossing.speed, crossing.frequency, digits=35)
+        speed, frequency = series_crossing(pp.Pipe(beta), crossing.speed, crossing.frequency)
         assert abs(crossing.speed - speed) <= crossing.error + 4e-16 * speed
         assert crossing.frequency == pytest.approx(frequency, rel=1e-8 if beta > 0.9 else 1e-10)
         assert crossing.error < 1e-8 * speed
@@ -321,16 +321,12 @@ def test_discretisation_bounds_the_distance_to_the_continuous_pipe():
 # ----------------------------------------------------------------------------- sensitivity
 
 
-def central_difference(crossing, make_model, value, step):
-    """d(speed, frequency) of a crossing by a parameter."""
-
-    def moved(to):
-        found = pp.crossings(make_model(to), 1.01 * crossing.speed)
-        near = min(found, key=lambda c: abs(c.speed - crossing.speed))
-        assert near.kind == crossing.kind
-        return np.array([near.speed, near.frequency])
-
-    return (moved(value + step) - moved(value - step)) / (2.0 * step)
+def near(crossing, model):
+    """The crossing of another model nearest to one."""
+    found = pp.crossings(model, 1.01 * crossing.speed)
+    nearest = min(found, key=lambda c: abs(c.speed - crossing.speed))
+    assert nearest.kind == crossing.kind
+    return nearest
 
 
 SCENES = {
@@ -363,32 +359,20 @@ def test_sensitivity_meets_differences(scene, kind):
     make_model = (
         MODELS[kind] if kind != "continuum" else lambda pipe: pp.Galerkin(pipe, 20, "legendre")
     )
-
-    for name, step in steps.items():
-        speed, frequency = central_difference(
-            crossing,
-            lambda value, name=name: make_model(dataclasses.replace(pipe, **{name: value})),
-            getattr(pipe, name),
-            step,
-        )
-        found = crossing.sensitivity
-        assert getattr(found.speed, name) == pytest.approx(speed, rel=1e-5, abs=1e-7), name
-        assert getattr(found.frequency, name) == pytest.approx(frequency, rel=1e-5, abs=1e-6), name
+    assert_differences(
+        crossing.sensitivity, lambda of: near(crossing, make_model(of)), pipe, steps, least=1e-7
+    )
 
 
 def test_sensitivity_of_a_long_chain_meets_differences(monkeypatch):
     """The route of sweeps along the chain, which those beyond 64 segments take."""
     monkeypatch.setattr("pipedyn.models.pencil.LONGEST_DENSE", 20)
-    pipe, step = pp.Pipe(0.2, gamma=3.0, damping=1e-4), 1e-4
-    found = pp.critical_speed(pp.Chain(pipe, 30)).sensitivity
-    more, less = (
-        pp.critical_speed(pp.Chain(dataclasses.replace(pipe, beta=beta), 30))
-        for beta in (pipe.beta + step, pipe.beta - step)
-    )
-    speed = (more.speed - less.speed) / (2.0 * step)
-    frequency = (more.frequency - less.frequency) / (2.0 * step)
-    assert found.speed.beta == pytest.approx(speed, rel=1e-5)
-    assert found.frequency.beta == pytest.approx(frequency, rel=1e-5)
+    pipe = pp.Pipe(0.2, gamma=3.0, damping=1e-4)
+
+    def find(pipe):
+        return pp.critical_speed(pp.Chain(pipe, 30))
+
+    assert_differences(find(pipe).sensitivity, find, pipe, {"beta": 1e-4})
 
 
 @pytest.mark.parametrize("scene", SCENES)
@@ -404,9 +388,10 @@ def test_sensitivity_to_each_spring_meets_differences(scene):
             changed = np.where(np.arange(4) == j, value, springs)
             return pp.Chain(pipe, lengths=[0.2, 0.3, 0.15, 0.35], springs=changed)
 
-        speed, frequency = central_difference(crossing, stiffer, springs[j], 1e-3)
-        assert found.speed.springs[j] == pytest.approx(speed, rel=1e-5, abs=1e-7)
-        assert found.frequency.springs[j] == pytest.approx(frequency, rel=1e-5, abs=1e-6)
+        ahead, behind = (near(crossing, stiffer(springs[j] + h)) for h in (1e-3, -1e-3))
+        speed, frequency = ahead.speed - behind.speed, ahead.frequency - behind.frequency
+        assert found.speed.springs[j] == pytest.approx(speed / 2e-3, rel=1e-5, abs=1e-7)
+        assert found.frequency.springs[j] == pytest.approx(frequency / 2e-3, rel=1e-5, abs=1e-6)
 
 
 def test_stiffer_springs_and_faster_flow_scale_together(monkeypatch):
@@ -428,13 +413,11 @@ def test_a_damped_pipe_without_fluid_mass_has_no_derivative_by_it():
     pipe = pp.Pipe(0.0, damping=1e-2)
     crossing = first_of(pp.Galerkin(pipe, 6), "flutter")
     assert crossing.sensitivity.speed.beta is None
-    speed, _ = central_difference(
-        crossing,
-        lambda value: pp.Galerkin(dataclasses.replace(pipe, gamma=value), 6),
-        0.0,
-        1e-3,
+    assert_differences(
+        *(crossing.sensitivity, lambda of: near(crossing, pp.Galerkin(of, 6)), pipe),
+        {"gamma": 1e-3},
+        rel=1e-6,
     )
-    assert crossing.sensitivity.speed.gamma == pytest.approx(speed, rel=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: MIT
 """Crossings where plain eigenvalues do not serve: free joints, meetings at zero, weak forces."""
 
-import dataclasses
 import itertools
 from functools import cache
 
 import mpmath
 import numpy as np
 import pytest
-from independent import collocation_eigenvalues
+from independent import assert_differences, series_crossing
 from scipy.optimize import brentq
 
 import pipedyn as pp
@@ -151,15 +150,8 @@ def test_a_divergence_beside_a_meeting_is_known_to_rounding(beta, gamma):
 
     found = divergence(gamma)
     assert found.error < 1e-10 * found.speed
-    pipe = pp.Pipe(beta, gamma)
-
-    def determinant(u):  # of the strong form: the product of its roots, of no more than 2e15 or so
-        lowest = collocation_eigenvalues(pipe, u)
-        lowest = lowest[np.argsort(np.abs(lowest))][:6]
-        return float(np.prod(lowest).real)
-
-    strong = brentq(determinant, found.speed - 1e-3, found.speed + 1e-3, xtol=1e-12)
-    assert found.speed == pytest.approx(strong, abs=1e-7)
+    exact, _ = series_crossing(pp.Pipe(beta, gamma), found.speed, 0.0)
+    assert found.speed == pytest.approx(exact, abs=1e-10)
     h = 1e-3
     slope = (divergence(gamma + h).speed - divergence(gamma - h).speed) / (2 * h)
     assert found.sensitivity.speed.gamma == pytest.approx(slope, rel=1e-5)
@@ -208,17 +200,12 @@ def test_the_weakest_damping_destabilises_becks_column_at_a_limit(delta):
 def test_sensitivity_of_weak_forces_meets_differences(name):
     pipe = pp.Pipe(1e-12, damping=1e-7)
     value = getattr(pipe, name)
-    step = 1e-3 * (value or 1.0)
+    steps = {name: 1e-3 * (value or 1.0)}
 
-    def moved(by):
-        other = dataclasses.replace(pipe, **{name: value + by})
-        return pp.critical_speed(pp.Chain(other, 5))
+    def find(pipe):
+        return pp.critical_speed(pp.Chain(pipe, 5))
 
-    difference = (moved(step).speed - moved(-step).speed) / (2.0 * step)
-    of_frequency = (moved(step).frequency - moved(-step).frequency) / (2.0 * step)
-    by = moved(0.0).sensitivity
-    assert getattr(by.speed, name) == pytest.approx(difference, rel=1e-4)
-    assert getattr(by.frequency, name) == pytest.approx(of_frequency, rel=1e-4)
+    assert_differences(find(pipe).sensitivity, find, pipe, steps, rel=1e-4)
 
 
 def test_all_crossings_of_the_lightest_fluid_have_a_limit():

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from independent import (
+    assert_differences,
     chain_crossing,
     chain_newton_step,
     companion_eigenvalues,
@@ -253,16 +254,12 @@ def test_eigenvalues_and_root_loci_of_the_continuous_pipe_by_series():
 
 @pytest.mark.parametrize("make", [*MODELS.values()][:2], ids=[*MODELS][:2])
 def test_sensitivities_by_differences(make):
-    found = pp.critical_speed(make(LOSSY)).sensitivity
-    for name in ("beta", "gamma", "damping", "alpha", "hysteresis"):
-        h = 1e-5
-        low, high = (
-            pp.critical_speed(make(replace(LOSSY, **{name: getattr(LOSSY, name) + step})))
-            for step in (-h, h)
-        )
-        for quantity, derivatives in (("speed", found.speed), ("frequency", found.frequency)):
-            slope = (getattr(high, quantity) - getattr(low, quantity)) / (2.0 * h)
-            assert getattr(derivatives, name) == pytest.approx(slope, rel=1e-5, abs=1e-6)
+    steps = dict.fromkeys(("beta", "gamma", "damping", "alpha", "hysteresis"), 1e-5)
+
+    def find(pipe):
+        return pp.critical_speed(make(pipe))
+
+    assert_differences(find(LOSSY).sensitivity, find, LOSSY, steps, least=1e-6)
 
 
 def test_sensitivity_to_springs_by_differences():
@@ -289,16 +286,12 @@ def test_the_limit_of_weak_damping_depends_on_the_ratio_to_the_coriolis_force():
 
 def test_sensitivities_of_weak_damping_by_differences():
     pipe = pp.Pipe(1e-12, hysteresis=3e-6, damping=1e-7)
-    found = pp.critical_speed(pp.Galerkin(pipe, 8, "legendre")).sensitivity.speed
-    for name in ("beta", "damping", "hysteresis"):
-        h = 1e-3 * getattr(pipe, name)
-        low, high = (
-            pp.critical_speed(
-                pp.Galerkin(replace(pipe, **{name: getattr(pipe, name) + step}), 8, "legendre")
-            ).speed
-            for step in (-h, h)
-        )
-        assert getattr(found, name) == pytest.approx((high - low) / (2.0 * h), rel=1e-3)
+    steps = {name: 1e-3 * getattr(pipe, name) for name in ("beta", "damping", "hysteresis")}
+
+    def find(pipe):
+        return pp.critical_speed(pp.Galerkin(pipe, 8, "legendre"))
+
+    assert_differences(find(pipe).sensitivity, find, pipe, steps, rel=1e-3)
 
 
 def test_joints_with_a_damping_of_their_own_are_not_the_pipe_s_material():

@@ -10,14 +10,12 @@ import numpy as np
 import pytest
 import redundant
 from campaign_elements import elements
-from independent import panels
+from independent import derivative_along, panels, second_derivative_along
 from scipy.integrate import quad
 from test_terms import (
     LENGTHS,
     MODELS,
-    derivative,
     jacobian_by_differences,
-    second_derivative,
     sizes_of,
     state_of,
     turning_of,
@@ -138,7 +136,7 @@ def test_inertia_weight_and_bending_do_the_virtual_work_of_what_varies(kind):
         return varying.shape(at, s)
 
     by_q = jacobian_by_differences(positions, q, sizes_of(varying))
-    bias = second_derivative(positions, q, rate)
+    bias = second_derivative_along(positions, q, rate)
 
     def left(model, density, energy):
         force = model.rhs(0.0, np.concatenate([q, rate]), SPEED)[model.dof :]
@@ -170,14 +168,14 @@ def test_energy_is_that_of_what_varies_and_changes_as_its_power_says(kind):
     y = np.concatenate([q, rate])
     s, weights = panels(kinks(model))
     _, height = model.shape(q, s).T
-    velocity = derivative(lambda at: model.shape(at, s), q, rate)
+    velocity = derivative_along(lambda at: model.shape(at, s), q, rate)
     density = mass(s) * (np.sum(velocity**2, axis=1) / 2 - PIPE.gamma * (height - s))
     expected = np.sum(weights * density) + elastic_energy(model, q)
     assert model.energy(y) == pytest.approx(expected, rel=1e-9)
     parts = model.power(y, SPEED)
     damped = -2.0 * PIPE.damping * elastic_energy(model, rate)
     assert parts.joints == pytest.approx(damped, rel=1e-9)
-    change = derivative(model.energy, y, model.rhs(0.0, y, SPEED), step=1e-4)
+    change = derivative_along(model.energy, y, model.rhs(0.0, y, SPEED), step=1e-4)
     assert parts.total == pytest.approx(change, rel=1e-7)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
+from independent import derivative_along
 
 import pipedyn as pp
 from pipedyn import modular
@@ -137,14 +138,6 @@ def state(model, dice, size=1.0, rate=3.0):
     return np.concatenate([q, p])
 
 
-def along(f, y, way, step):
-    """Derivative of f at y along a way, by differences of sixth order."""
-    return sum(
-        weight * (f(y + k * step * way) - f(y - k * step * way))
-        for k, weight in ((1, 45.0), (2, -9.0), (3, 1.0))
-    ) / (60.0 * step)
-
-
 def norm(matrix):
     return np.abs(matrix).sum(axis=1).max()
 
@@ -217,7 +210,7 @@ def test_energy_changes_by_the_power_of_what_acts(model, u, seed, size):
     assert np.isfinite(rates).all()
     still = np.concatenate([y[: y.size // 2], 0.0 * y[y.size // 2 :]])
     way, fast = rates / np.abs(rates).max(), np.abs(rates).max()
-    change = fast * along(model.energy, y, way, 1e-3)
+    change = fast * derivative_along(model.energy, y, way, 1e-3)
     parts = [power.flow, power.joints, power.drag, power.others]
     sizes = max(map(abs, [*parts, fast * (model.energy(y) - model.energy(still))]))
     largest = 1.0 + abs(model.pipe.gamma) + abs(model.energy(y))  # of what the energy sums
@@ -237,7 +230,7 @@ def test_the_jacobian_is_the_derivative_of_the_rates(model, u, seed):
     dice = np.random.default_rng(seed)
     y, way = state(model, dice), state(model, dice)
     jacobian = model.jacobian(0.0, y, u)
-    change = along(lambda y: model.rhs(0.0, y, u), y, way, 1e-3)
+    change = derivative_along(lambda y: model.rhs(0.0, y, u), y, way, 1e-3)
     size = np.abs(model.rhs(0.0, y, u)).max() + norm(jacobian) * np.abs(way).max()
     expected = jacobian @ way
     assert np.abs(change - expected).max() <= 1e-6 * size

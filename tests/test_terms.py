@@ -15,7 +15,7 @@ import independent
 import numpy as np
 import pytest
 import redundant
-from independent import leggauss
+from independent import derivative_along, leggauss, second_derivative_along
 from numpy.polynomial import Polynomial
 
 import pipedyn as pp
@@ -159,15 +159,10 @@ rows = pytest.mark.parametrize("row", TABLE, ids=str)
 models = pytest.mark.parametrize("kind", MODELS)
 
 
-def derivative(function, at, direction, step=0.02):
-    """Of a function along a direction, exact to 1e-12 at these steps."""
-    return independent.derivative(lambda t: function(at + t * direction), step)
-
-
 def jacobian_by_differences(function, at, sizes, step=0.02):
     """Steps are in units of the coordinates' sizes."""
     directions = np.diag(np.broadcast_to(sizes, at.shape))
-    columns = [derivative(function, at, direction, step) for direction in directions]
+    columns = [derivative_along(function, at, direction, step) for direction in directions]
     return np.stack(columns, axis=-1) / sizes
 
 
@@ -223,7 +218,7 @@ def tangents_of(row, model, q, places):
         return np.array(lines)[:, None]
     if row.place is not None:
         return None
-    return derivative(lambda s: model.shape(q, s), places, np.ones_like(places), step=1e-5).T
+    return derivative_along(lambda s: model.shape(q, s), places, np.ones_like(places), step=1e-5).T
 
 
 def angle_at(place, model, q, near=0.0):
@@ -261,10 +256,10 @@ def lagrangian_inertia(row, model, q, rate, acceleration):
 
     def energy(at):
         t = tangents_of(row, model, at, places)
-        vx, vy = derivative(lambda x: model.shape(x, places), at, rate).T
+        vx, vy = derivative_along(lambda x: model.shape(x, places), at, rate).T
         return 0.5 * np.sum(weights * (vx * t[1] - vy * t[0]) ** 2)
 
-    change = derivative(momentum, np.zeros(1), np.ones(1))
+    change = derivative_along(momentum, np.zeros(1), np.ones(1))
     by_q = jacobian_by_differences(energy, q, sizes_of(model))
     return row.normal_mass * (change - by_q)
 
@@ -287,7 +282,7 @@ def test_term_does_the_virtual_work_of_its_law(row, kind):
 
     by_q = jacobian_by_differences(positions, q, sizes_of(model))
     velocity = by_q @ rate
-    bias = independent.second_derivative(lambda t: positions(q + t * rate), 0.04)
+    bias = second_derivative_along(positions, q, rate)
     across, along = row.load(*positions(q).T, *velocity.T, tangents_of(row, plain, q, places))
     load = np.stack(np.broadcast_arrays(across, along, weights)[:2], axis=1)
     load = load - row.mass * (by_q @ fitted + bias - np.array([0.0, PIPE.gamma]))
@@ -307,7 +302,7 @@ def test_energy_of_a_term_is_its_laws_and_changes_as_its_power_says(row, kind):
     y = np.concatenate([q, rate])
     places, weights = places_of(row, model)
     x, height = plain.shape(q, places).T
-    vx, vy = derivative(lambda at: plain.shape(at, places), q, rate).T
+    vx, vy = derivative_along(lambda at: plain.shape(at, places), q, rate).T
     density = row.mass * ((vx**2 + vy**2) / 2 - PIPE.gamma * (height - places))
     expected = np.sum(weights * (density + row.energy(x, height)))
     t = tangents_of(row, plain, q, places)
@@ -316,7 +311,7 @@ def test_energy_of_a_term_is_its_laws_and_changes_as_its_power_says(row, kind):
     power = np.sum(weights * row.power(x, height, vx, vy, t))
     if row.turns:
         theta = angle_at(row.place, plain, q)
-        omega = derivative(lambda at: angle_at(row.place, plain, at, theta), q, rate)
+        omega = derivative_along(lambda at: angle_at(row.place, plain, at, theta), q, rate)
         expected += row.energy_of_turning(theta) + row.inertia * omega**2 / 2
         resisted = 0.0 if row.couple is None else row.couple(0.0, omega) * omega
         power += resisted
@@ -324,7 +319,7 @@ def test_energy_of_a_term_is_its_laws_and_changes_as_its_power_says(row, kind):
     parts, name = model.power(y, SPEED), "flow" if row.term is None else "others"
     fed = getattr(parts, name) - getattr(plain.power(y, SPEED), name)
     assert fed == pytest.approx(power, rel=1e-9, abs=1e-12)
-    change = derivative(model.energy, y, model.rhs(0.0, y, SPEED), step=1e-4)
+    change = derivative_along(model.energy, y, model.rhs(0.0, y, SPEED), step=1e-4)
     assert parts.total == pytest.approx(change, rel=1e-9)
 
 
@@ -346,7 +341,7 @@ def test_numbers_of_the_free_end_keep_the_books_with_all_that_acts_at_once(numbe
     terms = [pp.AddedMass(0.4), pp.PointMass(0.4, 0.2), pp.Viscosity(0.3)]
     model = MODELS[kind](dataclasses.replace(PIPE, flow=flow, terms=terms, **numbers))
     y = np.concatenate(state_of(model))
-    change = derivative(model.energy, y, model.rhs(0.0, y, SPEED), step=1e-4)
+    change = derivative_along(model.energy, y, model.rhs(0.0, y, SPEED), step=1e-4)
     assert model.power(y, SPEED).total == pytest.approx(change, rel=1e-8)
     exact, sizes = model.jacobian(0.0, y, SPEED), np.tile(sizes_of(model), 2)
     differences = jacobian_by_differences(lambda at: model.rhs(0.0, at, SPEED), y, sizes)

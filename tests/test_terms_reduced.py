@@ -7,13 +7,20 @@ import re
 from dataclasses import replace
 from itertools import pairwise
 
-import mpmath
 import numpy as np
 import pytest
-from independent import bent_state, derivative, gauss, second_derivative, tells_its_distance
-from scipy.integrate import solve_ivp
+from independent import (
+    assert_differences,
+    bent_state,
+    derivative,
+    gauss,
+    second_derivative,
+    series_crossing,
+    series_newton_step,
+    tells_its_distance,
+)
 from scipy.linalg import eigh
-from scipy.optimize import brentq, root
+from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
 import pipedyn as pp
@@ -30,101 +37,10 @@ PLACES = np.array([0.25, 0.6, 1.0])
 MASSES, STIFFNESSES = np.array([0.4, 0.0, 0.2]), np.array([0.0, 50.0, 3.0])
 
 
-def masses(terms, test=lambda at: True):
-    """Sum of the point masses whose places pass a test."""
-    return sum(t.mass for t in terms if isinstance(t, pp.PointMass) and test(t.at))
-
-
-def springs(terms, test=lambda at: True):
-    """Sum of the springs' stiffnesses whose places pass a test."""
-    return sum(t.stiffness for t in terms if isinstance(t, pp.Spring) and test(t.at))
-
-
 def panel_gauss(ends, count):
     nodes, weights = gauss(count)
     parts = [(low + (high - low) * nodes, (high - low) * weights) for low, high in pairwise(ends)]
     return (np.concatenate(each) for each in zip(*parts, strict=True))
-
-
-# --------------------------------------------------------------------------- independent routes
-
-
-def exponentials_determinant(value, u, beta, terms, damping=0.0):
-    """Vanishes at eigenvalues of the ejecting pipe without gravity, in mpmath.
-
-    Four exponentials on each panel; w, w' and w'' are continuous where a term acts, and the shear
-    jumps: (1 + delta lambda) (w'''(s+) - w'''(s-)) + (mu lambda^2 + k) w = 0, with w'' and w''' 0
-    beyond the free end.
-    """
-    value, u, beta = (mpmath.mpmathify(x) for x in (value, u, beta))
-    elastic = 1 + damping * value
-    polynomial = [elastic, 0, u**2, 2 * mpmath.sqrt(beta) * u * value, value**2]
-    a = mpmath.polyroots(polynomial, maxsteps=200, extraprec=80)
-    ends = sorted({0.0, 1.0, *(t.at for t in terms)})
-    size = 4 * (len(ends) - 1)
-    rows = mpmath.zeros(size, size)
-    for k in range(4):
-        rows[0, k], rows[1, k] = 1, a[k]
-    for panel, (low, high) in enumerate(pairwise(ends)):
-        here = lambda at, high=high: at == high  # noqa: E731
-        held = (masses(terms, here) * value**2 + springs(terms, here)) / elastic
-        length = mpmath.mpf(high) - mpmath.mpf(low)
-        first = 4 * panel + 2
-        for k in range(4):
-            w = mpmath.exp(a[k] * length)
-            column = 4 * panel + k
-            rows[first, column], rows[first + 1, column] = a[k] ** 2 * w, (a[k] ** 3 - held) * w
-            if high < 1.0:
-                rows[first + 2, column], rows[first + 3, column] = w, a[k] * w
-                beyond = column + 4
-                rows[first, beyond], rows[first + 1, beyond] = -(a[k] ** 2), -(a[k] ** 3)
-                rows[first + 2, beyond], rows[first + 3, beyond] = -1, -a[k]
-    # Divided by what changes sign with the (arbitrary) order of the exponentials as this does.
-    pairs = [a[j] - a[i] for i in range(4) for j in range(i + 1, 4)]
-    return mpmath.det(rows) / mpmath.fprod(pairs) ** (len(ends) - 1)
-
-
-def shooting_determinant(value, u, pipe):
-    """The same with gravity, aspirating too: two solutions integrated from the clamp.
-
-    The tension gamma (1 - s + masses beyond) falls where a mass hangs, and its jump times the slope
-    joins the shear's.
-    """
-    aspirating = pipe.flow == "aspirating"
-    thrust = (pipe.alpha) * u**2
-    coriolis = 2.0 * math.sqrt(pipe.beta) * (-u if aspirating else u) * value
-    elastic = 1.0 + pipe.damping * value
-    y = np.array([0, 0, 1, 0, 0, 0, 0, 1], dtype=complex)
-    for low, high in pairwise(sorted({0.0, 1.0, *(t.at for t in pipe.terms)})):
-        hanging = masses(pipe.terms, lambda at, low=low: at > low)
-
-        def slope(s, y, hanging=hanging):
-            w, first, second, third = y.reshape(2, 4).T
-            tension = pipe.gamma * (1.0 - s + hanging) - thrust
-            fourth = tension * second - (pipe.gamma + coriolis) * first - value**2 * w
-            return np.stack([first, second, third, fourth / elastic], axis=1).ravel()
-
-        y = solve_ivp(slope, (low, high), y, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
-        here = lambda at, high=high: at == high  # noqa: E731
-        mass = masses(pipe.terms, here)
-        held = mass * value**2 + springs(pipe.terms, here)
-        w, first = y[0::4], y[1::4]
-        # Of the shear beyond what is before: at the free end nothing is beyond.
-        y[3::4] -= (held * w + pipe.gamma * mass * first) / elastic
-    return y[2] * y[7] - y[6] * y[3]
-
-
-def nearest_root(function, guess):
-    """Complex root by the secant method."""
-    values = [complex(guess), complex(guess) * (1.0 + 1e-5)]
-    found = [function(value) for value in values]
-    for _ in range(12):
-        step = found[1] * (values[1] - values[0]) / (found[1] - found[0])
-        values = [values[1], values[1] - step]
-        if abs(step) < 1e-11 * abs(values[1]):
-            return values[1]
-        found = [found[1], function(values[1])]
-    raise AssertionError("no root near by")
 
 
 # ------------------------------------------------------------------------------------- the basis
@@ -181,25 +97,6 @@ def test_no_panel_has_more_functions_than_its_quadrature_serves(m):
 # --------------------------------------------------------------------------------- linear answers
 
 
-def test_a_cantilever_with_an_end_mass_vibrates_at_the_textbooks_frequencies():
-    """Roots of 1 + cos k cosh k + mu k (cos k sinh k - sin k cosh k) = 0, omega = k^2."""
-    mu = 0.3
-
-    def characteristic(k):
-        ratio = math.cos(k) * math.tanh(k) - math.sin(k)
-        return 1.0 / math.cosh(k) + math.cos(k) + mu * k * ratio
-
-    k = np.linspace(0.5, 20.0, 400)
-    sign = np.array([characteristic(x) for x in k]) > 0.0
-    roots = [
-        brentq(characteristic, k[i], k[i + 1], xtol=1e-14)
-        for i in np.flatnonzero(sign[1:] != sign[:-1])
-    ]
-    found = pp.eigenvalues(pp.Continuum(pp.Pipe(0.2, terms=(pp.PointMass(1.0, mu),))), 0.0, 10)
-    omega = np.sort(found.imag[found.imag > 0.0])
-    np.testing.assert_allclose(omega, np.square(roots[:5]), rtol=1e-10)
-
-
 @pytest.mark.parametrize(
     ("beta", "u", "terms", "damping"),
     [
@@ -209,58 +106,40 @@ def test_a_cantilever_with_an_end_mass_vibrates_at_the_textbooks_frequencies():
         (0.3, 3.0, ALL, 2e-3),
     ],
 )
-def test_eigenvalues_are_roots_of_the_exponentials_determinant(beta, u, terms, damping):
+def test_eigenvalues_are_those_of_power_series(beta, u, terms, damping):
     model = pp.Continuum(pp.Pipe(beta, damping=damping, terms=terms))
     found = pp.eigenvalues(model, u, 6)
-    with mpmath.workdps(30):
-        for value in found[found.imag > 0.0]:
-            exact = mpmath.findroot(
-                lambda x: exponentials_determinant(x, u, beta, terms, damping),
-                mpmath.mpmathify(complex(value)),
-                tol=1e-25,
-            )
-            assert abs(value - complex(exact)) < 1e-9 * abs(value)
+    for value in found[found.imag > 0.0]:
+        assert abs(series_newton_step(model.pipe, value, u)) < 1e-9 * abs(value)
 
 
 @pytest.mark.parametrize("terms", [SPRUNG, LOADED, ALL], ids=["spring", "mass", "all"])
-def test_critical_speed_is_a_root_of_the_exponentials_determinant(terms):
+def test_critical_speed_is_that_of_power_series(terms):
     found = pp.critical_speed(pp.Continuum(pp.Pipe(0.2, terms=terms)))
     assert found.kind == "flutter"
-    with mpmath.workdps(25):
-
-        def parts(u, omega):
-            value = exponentials_determinant(1j * omega, u, 0.2, terms)
-            return value.real, value.imag
-
-        guess = mpmath.mpf(found.speed), mpmath.mpf(found.frequency)
-        u, omega = mpmath.findroot(parts, guess, tol=1e-20)
-    assert found.speed == pytest.approx(float(u), rel=1e-10)
-    assert found.frequency == pytest.approx(float(omega), rel=1e-9)
-    assert abs(found.speed - float(u)) <= found.error + 1e-12
+    u, omega = series_crossing(found.pipe, found.speed, found.frequency)
+    assert found.speed == pytest.approx(u, rel=1e-10)
+    assert found.frequency == pytest.approx(omega, rel=1e-9)
+    assert abs(found.speed - u) <= found.error + 1e-12
     assert found.discretisation == found.error
 
 
-def test_every_mode_that_a_tip_mass_lets_grow_crosses_at_a_root_of_the_determinant():
+def test_every_mode_that_a_tip_mass_lets_grow_crosses_where_power_series_say():
     """Without damping mode after mode loses stability, ever more slowly: 1e-7 of its frequency."""
-    beta, terms = 0.115, (pp.PointMass(1.0, 0.527), pp.Spring(1.0, 15.376))
-    found = pp.crossings(pp.Continuum(pp.Pipe(beta, terms=terms)), 9.0)
+    pipe = pp.Pipe(0.115, terms=(pp.PointMass(1.0, 0.527), pp.Spring(1.0, 15.376)))
+    found = pp.crossings(pp.Continuum(pipe), 9.0)
     assert [c.mode for c in found if c.destabilising] == list(range(2, 15))
     assert [c.mode for c in found if not c.destabilising] == [3]
-    with mpmath.workdps(40):
-        for crossing in found:
-            assert crossing.error <= 1e-5
+    for crossing in found:
+        assert crossing.error <= 1e-5
 
-            def growth(u, value=1j * crossing.frequency):
-                root = mpmath.findroot(
-                    lambda x: exponentials_determinant(x, u, beta, terms),
-                    (value, value * (1.0 + 1e-8)),
-                    **{"tol": 1e-40, "verify": False},
-                )
-                assert abs(root - value) <= 1e-6 * abs(value)
-                return root.real
+        def growth(u, value=1j * crossing.frequency):
+            root = value + series_newton_step(pipe, value, u, 90)
+            assert abs(root - value) <= 1e-6 * abs(value)
+            return (root + series_newton_step(pipe, root, u, 90)).real
 
-            before, after = (growth(crossing.speed + e) for e in (-crossing.error, crossing.error))
-            assert before < 0.0 < after if crossing.destabilising else before > 0.0 > after
+        before, after = (growth(crossing.speed + e) for e in (-crossing.error, crossing.error))
+        assert before < 0.0 < after if crossing.destabilising else before > 0.0 > after
 
 
 @pytest.mark.parametrize(
@@ -272,23 +151,17 @@ def test_every_mode_that_a_tip_mass_lets_grow_crosses_at_a_root_of_the_determina
     ],
     ids=["hanging", "standing", "aspirating"],
 )
-def test_eigenvalues_with_weights_are_those_of_shooting(pipe):
+def test_eigenvalues_with_weights_are_those_of_power_series(pipe):
     u = 2.5
     found = pp.eigenvalues(pp.Continuum(pipe), u, 8)
     for value in found[found.imag > 0.0]:
-        exact = nearest_root(lambda x: shooting_determinant(x, u, pipe), value)
-        assert abs(value - exact) < 1e-8 * abs(value)
+        assert abs(series_newton_step(pipe, value, u)) < 1e-8 * abs(value)
 
 
-def test_critical_speed_with_weights_is_that_of_shooting():
+def test_critical_speed_with_weights_is_that_of_power_series():
     pipe = pp.Pipe(0.3, gamma=10.0, terms=ALL)
     found = pp.critical_speed(pp.Continuum(pipe))
-
-    def parts(both):
-        value = shooting_determinant(1j * both[1], both[0], pipe)
-        return value.real, value.imag
-
-    exact = root(parts, [found.speed, found.frequency], tol=1e-12).x
+    exact = series_crossing(pipe, found.speed, found.frequency)
     np.testing.assert_allclose([found.speed, found.frequency], exact, rtol=1e-8)
 
 
@@ -370,16 +243,10 @@ def test_beam_modes_converge_like_a_power():
     ids=["spring", "mass", "all"],
 )
 def test_the_distance_to_the_loaded_pipe_is_bounded_and_by_little(terms, damping):
-    """Against the exponentials; an end mass leaves little but the solvers' own errors."""
+    """Against power series; an end mass leaves little but the solvers' own errors."""
     pipe = pp.Pipe(0.2, damping=damping, terms=terms)
     start = pp.critical_speed(pp.Continuum(pipe))
-    with mpmath.workdps(25):
-
-        def parts(u, omega):
-            value = exponentials_determinant(1j * omega, u, 0.2, terms, damping)
-            return value.real, value.imag
-
-        exact = float(mpmath.findroot(parts, (start.speed, start.frequency), tol=1e-20)[0])
+    exact, _ = series_crossing(pipe, start.speed, start.frequency)
     telling = 0
     for basis, m in (("beam", 6), ("beam", 16), ("legendre", 4), ("legendre", 12)):
         found = pp.critical_speed(pp.Galerkin(pipe, m, basis))
@@ -390,18 +257,13 @@ def test_the_distance_to_the_loaded_pipe_is_bounded_and_by_little(terms, damping
 @pytest.mark.parametrize("basis", BASES)
 def test_sensitivities_are_differences(basis):
     """To gamma above all, which pulls on the masses too."""
-    numbers = {"beta": 0.3, "gamma": 6.0, "damping": 1e-3, "terms": ALL}
-    model = pp.Galerkin(pp.Pipe(**numbers), 14, basis)
-    found = pp.critical_speed(model)
-    for name, step in (("beta", 1e-4), ("gamma", 1e-3), ("damping", 1e-6)):
-        sides = [
-            pp.critical_speed(model.with_pipe(pp.Pipe(**{**numbers, name: numbers[name] + h})))
-            for h in (-step, step)
-        ]
-        speed = (sides[1].speed - sides[0].speed) / (2.0 * step)
-        frequency = (sides[1].frequency - sides[0].frequency) / (2.0 * step)
-        assert getattr(found.sensitivity.speed, name) == pytest.approx(speed, rel=1e-5)
-        assert getattr(found.sensitivity.frequency, name) == pytest.approx(frequency, rel=1e-5)
+    pipe = pp.Pipe(0.3, gamma=6.0, damping=1e-3, terms=ALL)
+
+    def find(pipe):
+        return pp.critical_speed(pp.Galerkin(pipe, 14, basis))
+
+    steps = {"beta": 1e-4, "gamma": 1e-3, "damping": 1e-6}
+    assert_differences(find(pipe).sensitivity, find, pipe, steps)
 
 
 def test_weak_damping_keeps_the_terms():

@@ -9,7 +9,7 @@ from dataclasses import replace
 import matplotlib
 import numpy as np
 import pytest
-from independent import determinant_crossing
+from independent import series_crossing
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
@@ -55,7 +55,7 @@ def test_the_reference_of_a_critical_speed_is_a_root_of_the_determinant():
     for beta in rng.uniform(0.02, 0.98, 4):
         reference = CriticalSpeedOf().reference(pp.Pipe(beta), 1e-10)
         near = pp.critical_speed(pp.Galerkin(pp.Pipe(beta), 12, "legendre"))
-        speed, _ = determinant_crossing(beta, near.speed, near.frequency, digits=35)
+        speed, _ = series_crossing(pp.Pipe(beta), near.speed, near.frequency)
         assert abs(reference.values[0] / speed - 1.0) <= reference.error <= 1e-9
     reference = CriticalSpeedOf().reference(PIPE, 1e-10)
     assert abs(reference.values[0] / EXACT - 1.0) <= reference.error

@@ -261,18 +261,12 @@ class Plane:
 
     def matrices(self, at: Array) -> tuple[Matrices, Matrices, Matrices]:
         """The matrices M, C, K at (x, y), and their derivatives by x and by y."""
-        parts = self._all_parts(at)
-        u = self.speed_at(at)
-        found = [
-            self._by_speed(parts[0], u) if k == self.speed_index else self._joined(parts[1 + k], u)
-            for k in (0, 1)
-        ]
-        return self._joined(parts[0], u), found[0], found[1]
-
-    def _by_speed(self, parts: Array, u: float) -> Matrices:
-        """Derivatives of M, C, K by the flow speed."""
-        mass, _, flow, _, flux, _ = parts
-        return np.zeros_like(mass), flow, 2.0 * u * flux
+        parts, u = self._all_parts(at), self.speed_at(at)
+        found = [self._joined(one, u) for one in parts]
+        if self.speed_index is not None:
+            mass, _, flow, _, flux, _ = parts[0]
+            found[1 + self.speed_index] = np.zeros_like(mass), flow, 2.0 * u * flux
+        return found[0], found[1], found[2]
 
     def _joined(self, parts: Array, u: float) -> Matrices:
         """M, C, K at a flow speed from their parts, or derivatives from those of the parts."""

@@ -458,8 +458,6 @@ class Drive:
         of the base and its frequency.
         """
         speed = self._speed[0]
-        if isinstance(speed, _Constant):
-            speed = Pulsation(speed.value, 0.0, 1.0)
         base = Harmonic(0.0, 1.0) if self._base is None else self._base[0]
         if not (isinstance(speed, Pulsation) and isinstance(base, Harmonic)):
             return None
@@ -494,22 +492,14 @@ def _with_derivatives(name: str, given: Any, order: int) -> tuple[Any, ...]:
     if isinstance(given, Harmonic):
         return given, given.velocity, given.acceleration
     if order == 1 and isinstance(given, int | float | np.number):
-        value = check.real(name, given, low=0.0, high=LARGEST_SPEED)
-        return _Constant(value), _Constant(0.0)
+        steady = Pulsation(check.real(name, given, low=0.0, high=LARGEST_SPEED), 0.0, 1.0)
+        return steady, steady.rate
     listed = given if isinstance(given, tuple) else (given, *(None,) * order)
     rule = "one with its derivative" if order == 1 else "one with its two derivatives"
     derivatives = all(callable(of) or of is None for of in listed[1:])
     if len(listed) != order + 1 or not callable(listed[0]) or not derivatives:
         raise TypeError(f"{name} must be a function of time or {rule}, got {check.shown(given)}")
     return listed
-
-
-@dataclass(frozen=True)
-class _Constant:
-    value: float
-
-    def __call__(self, t: float) -> float:
-        return self.value
 
 
 def _finite(name: str, function: Any, t: float, entries: int) -> tuple[float, ...]:
