@@ -11,7 +11,6 @@ import dataclasses
 import itertools
 from collections.abc import Callable
 
-import independent
 import numpy as np
 import pytest
 import redundant

@@ -75,8 +75,10 @@ def convergence(
     Raises:
         TypeError: for bad arguments.
     """
-    common.check_mapping("families", families, Sequence)
+    common.check_type("families", families, Mapping)
     for name, found in families.items():
+        common.check_type("the names of families", name, str)
+        common.check_type(f"families[{name!r}]", found, Sequence)
         for i, critical in enumerate(found):
             common.check_type(f"families[{name!r}][{i}]", critical, CriticalSpeed)
     common.check_type("exact", exact, CriticalSpeed)

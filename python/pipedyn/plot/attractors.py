@@ -75,19 +75,16 @@ def basins(found: Attractors, *, units: Units = "nondimensional", ax: Axes | Non
     steps = BoundaryNorm(np.arange(-2.5, len(colours) + 0.5), shades.N)
     ends = found.ends.reshape(plane.shape)
     ax.pcolormesh(x, y, ends, cmap=shades, norm=steps, rasterized=True)
-    shown = [
-        Patch(
-            facecolor=colour, edgecolor="0.3", label=f"{_name(found, k, view)}, {_percent(basin)}"
-        )
-        for k, (colour, basin) in enumerate(zip(colours, found.basins, strict=True))
+    parts = [
+        (one.share, fill, _name(found, k, view))
+        for k, (one, fill) in enumerate(zip(found.basins, colours, strict=True))
     ]
-    for share, colour, word in (
-        (found.unsettled, UNSETTLED, "not settled"),
-        (found.failed, FAILED, "failed"),
-    ):
-        if share.count:
-            label = f"{word}, {100.0 * share.value:.3g} %"
-            shown.append(Patch(facecolor=colour, edgecolor="0.3", label=label))
+    parts += [(found.unsettled, UNSETTLED, "not settled"), (found.failed, FAILED, "failed")]
+    shown = {
+        f"{words}, {100.0 * share.value:.3g} %": Patch(facecolor=fill, edgecolor="0.3")
+        for share, fill, words in parts
+        if share.count
+    }
     for k, basin in enumerate(found.basins):
         if basin.ending == "rest":
             end = np.append(basin.motion.q[-1], basin.motion.qdot[-1])[list(plane.indices)]
@@ -96,7 +93,7 @@ def basins(found: Attractors, *, units: Units = "nondimensional", ax: Axes | Non
             if inside:
                 look = common.open_marker(6.0, marker=SHAPES[k % len(SHAPES)], zorder=3.0)
                 ax.plot(*end, gid=f"rest {k}", **look)
-    common.legend_below(ax, {str(patch.get_label()): patch for patch in shown})
+    common.legend_below(ax, shown)
     ax.set_title(f"{view.speed(found.u, 6)}, {found.model.pipe.flow}")
     view.second_axes(ax, *entries)
     return ax
@@ -295,10 +292,6 @@ def _name(found: Attractors, k: int, view: View) -> str:
     basin = found.basins[k]
     image = f", mirror image of {basin.mirror_image}" if 0 <= basin.mirror_image < k else ""
     return f"{k}: {_kind(basin, view)}{image}"
-
-
-def _percent(basin: Basin) -> str:
-    return f"{100.0 * basin.share.value:.3g} %"
 
 
 def _state_entry(found: Attractors, index: int, before: str) -> Measure:

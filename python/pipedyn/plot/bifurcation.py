@@ -81,13 +81,6 @@ def bifurcation_diagram(
     labels = {"xlabel": view.label(FLOW_SPEED), "ylabel": view.label(shown)}
     ax = common.axes(ax, (6.4, 4.2), **labels)
     one = np.array([view.one(FLOW_SPEED), view.one(shown)])
-    if diagram.motions and index is None:
-        x = np.concatenate([np.full(one.turnings.size, one.speed) for one in diagram.motions])
-        y = np.concatenate([one.turnings for one in diagram.motions])
-        look: dict[str, Any] = {"marker": ".", "color": "0.6", "markersize": 5.0, "gid": "motions"}
-        look |= {"linestyle": "none", "markeredgewidth": 0.0, "zorder": 1.0}
-        look["rasterized"] = x.size > 20_000  # keeps vector files small
-        ax.plot(one[0] * x, one[1] * y, label="turning points of motions", **look)
     for branch in diagram.equilibria:
         heights = branch.tips[:, 0] if index is None else branch.q[:, index]
         at = [float(p.tip[0] if index is None else p.q[index]) for p in branch.points]
@@ -103,13 +96,18 @@ def bifurcation_diagram(
             _draw_branch(ax, cycles, heights, heights[nearest], "cycle", common.BLUE, one)
     failed = sorted({failure.value for failure in diagram.failures})
     if failed:
-        look = {"marker": "x", "linestyle": "none", "color": common.VERMILION, "zorder": 5.0}
-        look |= {"markersize": 4.0, "transform": ax.get_xaxis_transform()}
+        look: dict[str, Any] = {"marker": "x", "linestyle": "none", "color": common.VERMILION}
+        look |= {"markersize": 4.0, "transform": ax.get_xaxis_transform(), "zorder": 5.0}
         ax.plot(one[0] * np.array(failed), [0.02] * len(failed), label="failed", **look)
+    if diagram.motions and index is None:
+        x = np.concatenate([np.full(one.turnings.size, one.speed) for one in diagram.motions])
+        y = np.concatenate([one.turnings for one in diagram.motions])
+        look = {"marker": ".", "color": "0.6", "markersize": 5.0, "gid": "motions"}
+        look |= {"linestyle": "none", "markeredgewidth": 0.0, "zorder": 1.0}
+        look["rasterized"] = x.size > 20_000  # keeps vector files small
+        ax.plot(one[0] * x, one[1] * y, label="turning points of motions", **look)
     ax.set_xlim(one[0] * diagram.speeds[0], one[0] * diagram.speeds[-1])
-    named = {str(line.get_label()): line for line in ax.get_legend_handles_labels()[0]}
-    ordered = sorted(named.items(), key=lambda item: item[1].get_gid() == "motions")
-    common.legend_below(ax, dict(ordered))
+    common.legend_below(ax)
     view.second_axes(ax, FLOW_SPEED, shown)
     return ax
 

@@ -163,14 +163,6 @@ def check_type(name: str, value: Any, kind: type) -> Any:
     return value
 
 
-def check_mapping(name: str, value: Any, kind: type) -> None:
-    """Raises TypeError unless the value is a mapping from words to values of one type."""
-    check_type(name, value, Mapping)
-    for key, one in value.items():
-        check_type(f"the names of {name}", key, str)
-        check_type(f"{name}[{key!r}]", one, kind)
-
-
 def coordinate_axis(coordinate: Any, coordinates: int) -> tuple[int | None, str]:
     """Index of a coordinate, or None for "tip", the free end; and the label of its axis."""
     if isinstance(coordinate, str):

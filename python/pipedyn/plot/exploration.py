@@ -372,14 +372,13 @@ class Exploration:
         if there is no stable range up to the end of the slider of u, or if the point failed.
         """
         curve, end = self.curve, self.slider("u").high
-        found = np.full((curve.values.size, 2), np.nan)
+        found, again = np.full((curve.values.size, 2), np.nan), list[int]()
+        never_lost = np.isfinite(curve.no_loss_up_to)
         for i, (critical, below) in enumerate(zip(curve.critical, curve.crossings, strict=True)):
             if critical is not None and not critical.unstable_before:
                 found[i] = _lowest_stable(critical, below), critical.speed
-        failed = {one.index: one.error for one in curve.failures}
-        kept = [i for i, error in failed.items() if isinstance(error, NoCrossing)]
-        again = [i for i, one in enumerate(curve.critical) if one is not None]
-        again = [*kept, *(i for i in again if np.isnan(found[i, 0]))]
+            elif critical is not None or never_lost[i]:
+                again.append(i)
         number = self._numbers[self.against]
         pipes = [number.changed(self.model.pipe, float(curve.values[i])) for i in again]
         models = [self.model.with_pipe(pipe) for pipe in pipes]
@@ -387,7 +386,7 @@ class Exploration:
             ranges = () if isinstance(answer, Exception) else stable_speeds(model, answer[1], end)
             if ranges:
                 low, high = ranges[0]
-                found[i] = low, math.inf if high == end and i in failed else high
+                found[i] = low, math.inf if high == end and never_lost[i] else high
         return found
 
     # ------------------------------------------------------------------------------ pictures

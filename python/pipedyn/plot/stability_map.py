@@ -334,26 +334,24 @@ def stability_map(
         cross = common.open_marker(5.0, common.VERMILION, marker="x", zorder=5.0)
         place = ax.get_xaxis_transform()
         ax.plot(failed, [0.02] * len(failed), label="failed", transform=place, **cross)
-    if marked is not None and name in (None, "beta") and marked.unstable_before:
-        words = rf"$\beta = {marked.pipe.beta:g}$, $\gamma = {marked.pipe.gamma:g}$"
-        speed = View(units, marked.pipe).speed(marked.speed, 4)
-        ax.plot([], [], " ", label=f"{words}: unstable below {speed}, too")
-    elif marked is not None and name in (None, "beta"):
-        words = rf"$\beta = {marked.pipe.beta:g}$, $\gamma = {marked.pipe.gamma:g}$"
-        own = View(units, marked.pipe)
-        label, height = f"{words}: {own.speed(marked.speed, 4)}", own.one(FLOW_SPEED) * marked.speed
+    if marked is not None and name in (None, "beta"):
+        own, words = View(units, marked.pipe), rf"$\beta = {marked.pipe.beta:g}$"
+        words, speed = rf"{words}, $\gamma = {marked.pipe.gamma:g}$", own.speed(marked.speed, 4)
+        height, label = own.one(FLOW_SPEED) * marked.speed, f"{words}: {speed}"
         look = {"markerfacecolor": "none", "markeredgewidth": 1.2, "zorder": 4.0, "clip_on": False}
-        if marked.speed > (highest or math.inf):
-            height, label = 0.97, f"{label}, above"
-            look |= {"marker": "^", "transform": ax.get_xaxis_transform()}
-        ax.plot(marked.pipe.beta, height, label=label, **common.open_marker(7.0, **look))
+        if marked.unstable_before:
+            ax.plot([], [], " ", label=f"{words}: unstable below {speed}, too")
+        else:
+            if marked.speed > (highest or math.inf):
+                height, label = 0.97, f"{label}, above"
+                look |= {"marker": "^", "transform": ax.get_xaxis_transform()}
+            ax.plot(marked.pipe.beta, height, label=label, **common.open_marker(7.0, **look))
+            searched += [marked.pipe.beta] if searched else []
     end = 1.1 * ax.dataLim.y1 if drawn else reach
     if highest is not None:
         end = view.one(FLOW_SPEED) * highest
     ax.set_ylim(0.0, end if end > 0.0 else None)
     if searched:
-        if marked is not None and name in (None, "beta") and not marked.unstable_before:
-            searched.append(marked.pipe.beta)
         left, right = min(searched), max(searched)
         of_points = any(isinstance(one, StabilityCurve) for one in boundaries.values())
         room = 0.05 * (right - left) if of_points else 0.0  # room for markers at the ends

@@ -191,9 +191,9 @@ class _Writer:
     def __init__(self) -> None:
         self.objects: list[Any] = []
         self.arrays: dict[str, Any] = {}
-        self._places: dict[int, int] = {}
         self._work = 0
-        self._alive: list[Any] = []  # objects stay alive, so that no other one gets the same id
+        # Places of objects by their ids; objects stay alive, so that no other one gets the same id.
+        self._places: dict[int, tuple[int, Any]] = {}
 
     def encoded(self, value: Any, where: str) -> Any:
         """The JSON form of a value; `where` says in errors which value cannot be saved."""
@@ -219,10 +219,9 @@ class _Writer:
             return {"dict": pairs}
         if id(value) not in self._places:
             made = self._object(value, where)
-            self._places[id(value)] = len(self.objects)
+            self._places[id(value)] = len(self.objects), value
             self.objects.append(made)
-            self._alive.append(value)
-        return {"object": self._places[id(value)]}
+        return {"object": self._places[id(value)][0]}
 
     def _tuple(self, value: tuple[Any, ...], where: str) -> dict[str, Any]:
         parts = [self.encoded(one, f"{where}[{i}]") for i, one in enumerate(value)]
