@@ -491,25 +491,32 @@ struct Block {
     }
   }
 
-  void held(const Batch& batch, double* out) {
-    angles(batch.y);
+  /// Integrals of the slopes of the basis times factor(point) from the clamp to each support; the
+  /// rows of supports are `apart` numbers apart.
+  template <class Factor>
+  void integrate_to_supports(double* to, Count apart, const Factor& factor) const {
     Count p = 0;
     for (Count b = 0; b < holds; ++b) {
-      for (Count i = 0; i <= m; ++i) {
-        const Real before =
-            b > 0 ? at<Real>(out, i < 1 ? b - 1 : holds + (b - 1) * m + i - 1) : Real{};
-        set(out, i < 1 ? b : holds + b * m + i - 1, before);
+      const Count row = b * apart;
+      for (Count i = 0; i < m; ++i) {
+        set(to, row + i, b > 0 ? at<Real>(to, row - apart + i) : Real{});
       }
       for (; p < support(b); ++p) {
-        const double weight = grid.weight[p];
-        if (weight == 0.0) continue;
-        const Real turned = weight * at<Real>(cosine, p);
-        add(out, b, Real(weight * at<Real>(sine, p)));
-        for (Count i = 0; i < m; ++i) {
-          add(out, holds + b * m + i, Real(grid.slope[p * padded + i] * turned));
-        }
+        const Real own = grid.weight[p] * factor(p);
+        for (Count i = 0; i < m; ++i) add(to, row + i, Real(grid.slope[p * padded + i] * own));
       }
     }
+  }
+
+  void held(const Batch& batch, double* out) {
+    angles(batch.y);
+    for (Count b = 0; b < holds; ++b) {
+      Real x{};
+      for (Count p = 0; p < support(b); ++p) x += grid.weight[p] * at<Real>(sine, p);
+      set(out, b, x);
+    }
+    integrate_to_supports(out + holds * lanes<Real>, m,
+                          [&](Count p) { return at<Real>(cosine, p); });
   }
 
   /// Converts orthonormal coordinates to amplitudes in the basis, in place.

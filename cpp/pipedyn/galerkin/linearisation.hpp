@@ -278,28 +278,14 @@ struct Linearisation : Block<Real> {
   /// support.
   void set_supports() {
     const double k = effects.return_rate;
-    Count p = 0;
-    for (Count b = 0; b < holds; ++b) {
-      for (Count i = 0; i < 3 * m; ++i) {
-        double* const to = i < m ? turned : returned;
-        const Count width_of = i < m ? m : 2 * m, j = i < m ? i : i - m;
-        set(to, b * width_of + j, b > 0 ? at<Real>(to, (b - 1) * width_of + j) : Real{});
-      }
-      for (; p < Base::support(b); ++p) {
-        const double weight = grid.weight[p];
-        if (weight == 0.0) continue;
-        const Real c = weight * at<Real>(cosine, p), s = weight * at<Real>(sine, p);
-        const Real w = at<Real>(omega, p);
-        const Real by_q = s * (at<Real>(spin, p) + 2.0 * k * w) + c * (w * w - k * k);
-        const Real by_rates = 2.0 * (s * w - k * c);
-        for (Count i = 0; i < m; ++i) {
-          const double slope = grid.slope[p * Base::padded + i];
-          add(turned, b * m + i, Real(slope * c));
-          add(returned, 2 * b * m + i, Real(slope * by_q));
-          add(returned, (2 * b + 1) * m + i, Real(slope * by_rates));
-        }
-      }
-    }
+    Base::integrate_to_supports(turned, m, [&](Count p) { return at<Real>(cosine, p); });
+    Base::integrate_to_supports(returned, 2 * m, [&](Count p) {
+      const Real c = at<Real>(cosine, p), s = at<Real>(sine, p), w = at<Real>(omega, p);
+      return Real(s * (at<Real>(spin, p) + 2.0 * k * w) + c * (w * w - k * k));
+    });
+    Base::integrate_to_supports(returned + m * lanes<Real>, 2 * m, [&](Count p) {
+      return Real(2.0 * (at<Real>(sine, p) * at<Real>(omega, p) - k * at<Real>(cosine, p)));
+    });
   }
 
   /// Adds the effect of the supports to the columns of the system, which are derivatives of q''
