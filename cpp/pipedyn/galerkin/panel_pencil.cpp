@@ -436,22 +436,14 @@ Works PanelPencil::works(double u, const Reals& frequencies, const Matrix& x) co
 }
 
 Matrix PanelPencil::held() const {
-  std::vector<Vector> found;
-  Vector w = Vector::Zero(size_), theta = w;
-  Index first = 0;
-  if (turns_) theta[first++] = 1.0;
-  for (const Panel& panel : panels_) {
-    const double h = panel.length, root = std::sqrt(h);
-    w += h * theta;
-    w[first] += 0.5 * h * root;
-    if (panel.size > 3) w[first + 1] -= std::sqrt(3.0) / 6.0 * h * root;
-    theta[first] += root;
-    first += panel.size - 2;
-    if (panel.held) found.push_back(w);
-    if (panel.directed) found.push_back(theta);
-  }
-  Matrix rows(static_cast<Index>(found.size()), size_);
-  for (std::size_t k = 0; k < found.size(); ++k) rows.row(static_cast<Index>(k)) = found[k];
+  Matrix rows(conditions(), size_);
+  Index next = 0;
+  const Index columns = rows.rows() > 0 ? size_ : 0;
+  along(Matrix::Identity(size_, columns), -1.0,
+        [&](const Panel& panel, const Matrix&, const Matrix& place) {
+          if (panel.held) rows.row(next++) = panel.length * place.row(0);
+          if (panel.directed) rows.row(next++) = place.row(1);
+        });
   return rows;
 }
 
