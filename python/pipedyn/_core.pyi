@@ -412,11 +412,10 @@ class Eigenproblem(Spectrum):
             collections.abc.Sequence[
                 typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
             ],
-            "FixedSize(5)",
+            "FixedSize(6)",
         ],
-        centrifugal: typing.SupportsFloat | typing.SupportsIndex,
+        end_coefficient: typing.SupportsFloat | typing.SupportsIndex,
         size: typing.SupportsFloat | typing.SupportsIndex,
-        loss: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
         rounding: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
     def assess(self, u: typing.SupportsFloat | typing.SupportsIndex, pairs: Pairs) -> None: ...

@@ -185,7 +185,7 @@ class DensePencil(Pencil):
         if traits.loss:
             loss = traits.loss * self.by_damping(np.eye(self.dof))
         rounding = self.model.matrix_rounding
-        return _core.Eigenproblem(traits, self.matrices, self.centrifugal, size, loss, rounding)
+        return _core.Eigenproblem(traits, (*self.matrices, loss), self.centrifugal, size, rounding)
 
 
 class PartsPencil(Pencil):
