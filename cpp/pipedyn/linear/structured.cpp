@@ -32,10 +32,6 @@ constexpr int most_near = 8;
 /// Most corrections of the roots of another model as starts, since a few of them are far from the
 /// roots of this model.
 constexpr int most_assumed = 40;
-/// Greatest size of a dense start that costs less than roots on the way from known ones, and how
-/// often that way is halved.
-constexpr Index cheap_start = 100;
-constexpr int most_on_the_way = 3;
 /// Number of samples whose roots are kept: steps are halved from the right, and go on from there.
 constexpr std::size_t most_known = 8;
 /// Ratio of the magnitudes of neighbouring roots beyond which a gap is as good as any; next to zero
@@ -274,27 +270,22 @@ Approximations Structured::starts_of(const DenseOperator& p, double u,
   return modes ? modal_roots(p, *modes, traits.loss) : dense_roots(p, is_squared(u));
 }
 
-std::optional<Pairs> Structured::from_known(double u, Index count, bool vectors, int halvings) {
+std::optional<Pairs> Structured::from_known(double u, Index count, bool vectors) {
   const auto near = std::min_element(
       known_.begin(), known_.end(),
       [u](const Known& a, const Known& b) { return std::abs(u - a.u) < std::abs(u - b.u); });
   const auto is_zero = [](const Approximation& one) { return one.settled; };
   if (near == known_.end() || roots_in(near->roots) < count) return {};
   if (std::ranges::count_if(near->roots, is_zero) != roots_at_zero(u)) return {};
-  const double middle = 0.5 * (near->u + u);
-  const Approximations starts =
-      expected(near->roots, u - near->u, traits.cluster(), !traits.lossy());
-  if (auto found = from(starts, u, count, vectors, near->most)) return found;
-  if (halvings == 0 || near->u == u || !from_known(middle, count, false, halvings - 1)) return {};
-  return from_known(u, count, vectors, halvings - 1);
+  return from(expected(near->roots, u - near->u, traits.cluster(), !traits.lossy()), u, count,
+              vectors, near->most);
 }
 
 std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vectors) {
   const Index n = of_->size(), zeros = roots_at_zero(u), coarsest = of_->enough_for(count);
   const bool every = count >= 2 * traits.dof;
   const Index wanted = count + 6 + 2 * of_->held();  // further roots that show a gap
-  const int halvings = std::min(coarsest, n) > cheap_start ? most_on_the_way : 0;
-  if (auto found = from_known(u, count, vectors, halvings)) return found;
+  if (auto found = from_known(u, count, vectors)) return found;
   for (Index size = coarsest;; size *= 3) {
     const bool own = 2 * size > n || (u == 0.0 && knows_modes());
     if ((own ? n : size) > dense_limit) return std::nullopt;

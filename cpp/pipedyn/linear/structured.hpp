@@ -28,10 +28,8 @@ class Structured : public Eigenproblem {
 
   Pairs lowest(double u, Index count, bool left, bool high) override;
   std::optional<Pairs> by_recursion(double u, Index count, bool vectors) override;
-  /// Roots as `by_recursion` gives them, from the known roots of the nearest speed. If that fails,
-  /// roots are first found at the middle of the way to that speed; the way is halved at most
-  /// `halvings` times.
-  std::optional<Pairs> from_known(double u, Index count, bool vectors, int halvings);
+  /// Roots as `by_recursion` gives them, from the known roots of the nearest speed.
+  std::optional<Pairs> from_known(double u, Index count, bool vectors);
   /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k) over known roots, without those at
   /// lambda itself.
   Values log_derivatives(double u, const Values& at, const Values& known = {}) const {
