@@ -230,11 +230,11 @@ void define_linear(py::module_& m) {
           "model"_a)
       .def(
           "times",
-          [](const PanelPencil& pencil, const Matrix& x, double still, double rate, double square,
-             double velocity, double flux, double gravity, double by_damping) {
-            return pencil.times(x, {still, rate, square, velocity, flux, gravity, by_damping});
+          [](const PanelPencil& pencil, const Matrix& x, double stiffness, double damping,
+             double mass, double velocity, double flux, double gravity, double by_damping) {
+            return pencil.times(x, {stiffness, damping, mass, velocity, flux, gravity, by_damping});
           },
-          "x"_a, "still"_a = 0.0, "rate"_a = 0.0, "square"_a = 0.0, "velocity"_a = 0.0,
+          "x"_a, "stiffness"_a = 0.0, "damping"_a = 0.0, "mass"_a = 0.0, "velocity"_a = 0.0,
           "flux"_a = 0.0, "gravity"_a = 0.0, "by_damping"_a = 0.0, Unlocked())
       .def(
           "on_panels",

@@ -423,9 +423,9 @@ Operators Chain::joint_operators(const Vector& scale) const {
     return scale.asDiagonal() * joint_times(columns, of);
   };
   Operators ops(dof());
-  ops.mass = part({.square = 1.0});
-  ops.damping = part({.rate = 1.0});
-  ops.stiffness = part({.still = 1.0});
+  ops.mass = part({.mass = 1.0});
+  ops.damping = part({.damping = 1.0});
+  ops.stiffness = part({.stiffness = 1.0});
   ops.flux = part({.flux = 1.0});
   ops.unsteady = pipe_.direction() * part({.unsteady = 1.0});
   const Matrix velocity = pipe_.direction() * part({.velocity = 1.0});
@@ -441,7 +441,7 @@ Matrix Chain::joint_times(const Matrix& x, const LinearPart& part) const {
   const double coriolis = part.velocity * flow, push = part.unsteady * flow;
   const double thrust = part.flux * std::cos(pipe_.jet_angle);
   const auto sum = [&](const ImpedanceParts& of) {
-    return part.still * of.still + part.rate * of.rate + part.square * of.square;
+    return part.stiffness * of.still + part.damping * of.rate + part.mass * of.square;
   };
   using Row = Eigen::RowVectorXd;
   Matrix out(n, columns), force(n, columns);
