@@ -286,19 +286,19 @@ PanelPencil::At PanelPencil::still() const {
 double PanelPencil::share_of(const LinearPart& of, int part) const {
   switch (part) {
     case mass:
-      return of.square;
+      return of.mass;
     case velocity:
       return of.velocity;
     case flux:
       return of.flux;
     case gravity:
-      return of.gravity + of.still * pipe_.gamma;
+      return of.gravity + of.stiffness * pipe_.gamma;
     case elastic:
-      return of.by_damping + of.still + of.rate * pipe_.damping;
+      return of.by_damping + of.stiffness + of.damping * pipe_.damping;
     case rest:
-      return of.still;
+      return of.stiffness;
     default:
-      return of.rate;
+      return of.damping;
   }
 }
 
@@ -357,7 +357,7 @@ Matrix PanelPencil::times(const Matrix& x, const LinearPart& of) const {
     force += own.row(0) / (h * h);
   }
   if (turns_) {
-    out.row(0) = moment + (of.still * pipe_.root) * x.row(0);
+    out.row(0) = moment + (of.stiffness * pipe_.root) * x.row(0);
   }
   return out;
 }

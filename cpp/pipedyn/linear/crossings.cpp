@@ -98,8 +98,7 @@ class Search {
              [this](const Step& step) { return encloses(step); },
              [this](const Step& step) { return visit(step); },
              {traits_.cluster(), 0.9, traits_.zero},
-             longest,
-             [this](double u, const Sample& from) { return spectrum_.near(u, from); }},
+             longest},
             first, speeds, every);
     } catch (const NotConverged& error) {
       sweep_.failure = error.what();
@@ -440,7 +439,7 @@ class Search {
     int turned = 0;
     for (Index i = 0; i < left.size(); ++i) {
       const Index j = step.onto[i];
-      if (modes_[i] < 1 || modes_[i] > range_.resolved || j < 0 || step.aside[i]) continue;
+      if (modes_[i] < 1 || modes_[i] > range_.resolved || j < 0) continue;
       const Complex start = step.start(i), end = step.end(i);
       const auto heavily_damped = [this](Complex value) {
         return !traits_.squared && value.real() < -heavy_damping * magnitude(value);

@@ -90,20 +90,6 @@ struct Row {
   }
 };
 
-/// Indices of all pairs except those that follow their conjugate.
-std::vector<Index> without_conjugates(const Pairs& pairs) {
-  std::vector<Index> own;
-  for (Index i = 0; i < pairs.size(); ++i) {
-    const bool follows =
-        !own.empty() && own.back() == i - 1 && pairs.values[i].imag() != 0.0 &&
-        pairs.values[i] == std::conj(pairs.values[i - 1]) &&
-        pairs.right.col(i) == pairs.right.col(i - 1).conjugate() &&
-        (pairs.left.cols() == 0 || pairs.left.col(i) == pairs.left.col(i - 1).conjugate());
-    if (!follows) own.push_back(i);
-  }
-  return own;
-}
-
 /// The pair nearest to a good guess by two-sided Rayleigh quotient iteration, with its residual,
 /// which is infinite where the iteration fails. `steps` is increased by the number of steps taken.
 Pair refine(const DenseOperator& p, const Pair& guess, int& steps) {
@@ -356,43 +342,31 @@ void Eigenproblem::mend(double u, Pairs& pairs, bool left, bool high) {
 
 void Eigenproblem::assess(double u, Pairs& pairs) {
   const DenseOperator& p = at(u);
-  const Index count = pairs.values.size();
+  const Index count = pairs.size();
   const bool lefts = pairs.left.cols() > 0, given = pairs.residual.size() > 0;
-  const std::vector<Index> own = without_conjugates(pairs);
-  Pairs some{pairs.values(own), pairs.right(Eigen::all, own)};
-  if (lefts) some.left = pairs.left(Eigen::all, own);
-  const Products products = p.multiply(some.right);
+  const Products products = p.multiply(pairs.right);
   ComplexTable by_speed;
   Reals hidden;
   if (!given) pairs.residual.resize(count);
   if (lefts) {
-    hidden = p.hidden(some.values, some.right, some.left);
-    by_speed = p.by_speed(some.values, some.right);
+    hidden = p.hidden(pairs.values, pairs.right, pairs.left);
+    by_speed = p.by_speed(pairs.values, pairs.right);
     pairs.uncertain.resize(count);
     for (Values* const one : {&pairs.slopes, &pairs.by_left, &pairs.by_right}) one->resize(count);
   }
-  for (Index k = 0; k < some.size(); ++k) {
-    const Complex value = some.values[k];
-    const Row row(products, k, value, p.size);
-    const Index i = own[k], next = k + 1 < some.size() ? own[k + 1] : count;
+  for (Index i = 0; i < count; ++i) {
+    const Complex value = pairs.values[i];
+    const Row row(products, i, value, p.size);
     if (!given) pairs.residual[i] = row.rest.norm() / row.size;
-    if (lefts) {
-      const auto y = some.left.col(k);
-      const Complex by_left = y.dot(row.rate);
-      const double lost = pairs.residual[i] * row.size + eps * (row.size + hidden[k]);
-      const double uncertain = lost / std::abs(by_left) + eps * std::abs(value);
-      pairs.uncertain[i] = std::isfinite(uncertain) ? uncertain : infinite;
-      pairs.slopes[i] = -y.dot(by_speed.col(k)) / by_left;
-      pairs.by_left[i] = by_left;
-      pairs.by_right[i] = some.right.col(k).dot(row.rate);
-    }
-    if (next == i + 1) continue;
-    if (!given) pairs.residual[i + 1] = pairs.residual[i];
     if (!lefts) continue;
-    pairs.uncertain[i + 1] = pairs.uncertain[i];
-    for (Values* const one : {&pairs.slopes, &pairs.by_left, &pairs.by_right}) {
-      (*one)[i + 1] = std::conj((*one)[i]);
-    }
+    const auto y = pairs.left.col(i);
+    const Complex by_left = y.dot(row.rate);
+    const double lost = pairs.residual[i] * row.size + eps * (row.size + hidden[i]);
+    const double uncertain = lost / std::abs(by_left) + eps * std::abs(value);
+    pairs.uncertain[i] = std::isfinite(uncertain) ? uncertain : infinite;
+    pairs.slopes[i] = -y.dot(by_speed.col(i)) / by_left;
+    pairs.by_left[i] = by_left;
+    pairs.by_right[i] = pairs.right.col(i).dot(row.rate);
   }
 }
 

@@ -59,15 +59,6 @@ Eigen::MatrixXd DenseOperator::times(const Eigen::Ref<const Matrix>& factor,
   return result;
 }
 
-DenseOperator DenseOperator::within(const Eigen::MatrixXd& basis) const {
-  const Eigen::Map<const Matrix> transposed(basis.data(), basis.cols(), dof);
-  Matrices of_basis;
-  for (std::size_t k = 0; k < matrices_.size(); ++k) {
-    if (matrices_[k].size() > 0) of_basis[k] = times(transposed, times(matrices_[k], basis));
-  }
-  return {lapack, std::move(of_basis), size, lost};
-}
-
 ComplexTable DenseOperator::times(int matrix, const ComplexTable& x) const {
   Eigen::MatrixXd parts(dof, 2 * x.cols());
   parts << x.real(), x.imag();
@@ -124,9 +115,10 @@ Reals DenseOperator::hidden(const Values& values, const ComplexTable& right,
 
 std::shared_ptr<DenseOperator> Pencil::operator()(double u) const {
   const auto& [mass, velocity, damping, stiffness, flux, loss] = matrices;
-  const double thrust = centrifugal * u * u;
-  DenseOperator::Matrices there{mass,     u * velocity + damping,       stiffness + thrust * flux,
-                                velocity, 2.0 * centrifugal * u * flux, loss};
+  const double thrust = end_coefficient * u * u;
+  DenseOperator::Matrices there{
+      mass,     u * velocity + damping,           stiffness + thrust * flux,
+      velocity, 2.0 * end_coefficient * u * flux, loss};
   const DenseOperator::Lost by_rounding{u * lost[1] + lost[2], lost[3] + thrust * lost[4],
                                         entries_lost};
   return std::make_shared<DenseOperator>(lapack, std::move(there), size + thrust, by_rounding);

@@ -118,9 +118,6 @@ class DenseOperator {
   DenseOperator with(Matrix mass, Matrix velocity, Matrix stiffness) const {
     return {lapack, {std::move(mass), std::move(velocity), std::move(stiffness)}, size, lost};
   }
-  /// The operator with matrices B^T M B, B^T C B and so on, for motions that are sums of the
-  /// columns of a basis B.
-  DenseOperator within(const Eigen::MatrixXd& basis) const;
   /// Error of y^H P x, in units of eps, that rounding of the entries of P may cause, for each pair:
   /// no residual shows it.
   Reals hidden(const Values& values, const ComplexTable& right, const ComplexTable& left) const;
@@ -150,7 +147,7 @@ class DenseOperator {
 struct Pencil {
   Lapack lapack;
   DenseOperator::Matrices matrices;
-  double centrifugal;               // a
+  double end_coefficient;           // a
   double size;                      // size of K at rest
   std::array<double, 6> lost = {};  // errors of the matrices by rounding, in norm
   double entries_lost = eps;        // and relative to each entry

@@ -179,11 +179,6 @@ class Spectrum {
   /// Number of roots that are exactly zero at every speed.
   virtual Index standing() { return 0; }
 
-  /// The roots at a speed that continue the roots of a sample, without vectors; conjugates of the
-  /// sample are given together. None where the roots are not found, or where this is not faster
-  /// than to compute all.
-  virtual std::optional<Sample> near(double, const Sample&) { return {}; }
-
   /// The root next to a guess, with its vectors. The value of the guess is used and, if known, its
   /// right vector.
   virtual Pair refined(double u, const Pair& guess) = 0;

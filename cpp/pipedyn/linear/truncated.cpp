@@ -97,7 +97,7 @@ std::optional<AxisCrossing> Truncated::of_larger(const AxisCrossing& crossing) {
 int Truncated::unstable(double u, Index resolved) {
   constexpr Index beyond = 8;  // further roots, so that a next one is known
   const Index count = 2 * resolved;
-  const std::optional<Pairs> known = fewer_->from_known(u, count + beyond, false, 0);
+  const std::optional<Pairs> known = fewer_->from_known(u, count + beyond, false);
   if (known) more_->assume(u, known->values);
   const Sample at = more_->sample(u, count);
   int number = 0;

@@ -292,7 +292,7 @@ class Chain(Model):
 
         def inertia(turns: Array) -> Array:
             """The product of the mass matrix with joint angles, O(n)."""
-            return bare.joint_times(turns[:, None], square=1.0)[:, 0]
+            return bare.joint_times(turns[:, None], mass=1.0)[:, 0]
 
         if rule == "rayleigh":
             joints = self._base + np.concatenate([[0.0], np.cumsum(self._lengths)])

@@ -183,7 +183,7 @@ class DensePencil(Pencil):
         if traits.loss:
             loss = traits.loss * self.by_damping(np.eye(self.dof))
         rounding = self.model.matrix_rounding
-        return _core.Eigenproblem(traits, self.matrices, self.pipe.alpha, size, loss, rounding)
+        return _core.Eigenproblem(traits, (*self.matrices, loss), self.pipe.alpha, size, rounding)
 
 
 class PartsPencil(Pencil):
@@ -192,16 +192,16 @@ class PartsPencil(Pencil):
     # These are methods: partial functions of self would be a cycle for the garbage collector.
 
     def mass(self, x: Vectors) -> Vectors:
-        return self._times(x, square=1.0)
+        return self._times(x, mass=1.0)
 
     def velocity(self, x: Vectors) -> Vectors:
         return self._times(x, velocity=1.0)
 
     def damping(self, x: Vectors) -> Vectors:
-        return self._times(x, rate=1.0)
+        return self._times(x, damping=1.0)
 
     def stiffness(self, x: Vectors) -> Vectors:
-        return self._times(x, still=1.0)
+        return self._times(x, stiffness=1.0)
 
     def flux(self, x: Vectors) -> Vectors:
         return self._times(x, flux=1.0)
@@ -246,7 +246,7 @@ class ChainPencil(PartsPencil):
     def lost_power(self) -> float:  # type: ignore[override]
         """Power below which a motion of a guided chain counts as undamped; 0 without guides."""
         free = self.scale[:, None] * np.cos(np.arange(1.0, self.scale.size + 1.0))[:, None]
-        loads = self.scale[:, None] * self.core.joint_times(free, rate=1.0)
+        loads = self.scale[:, None] * self.core.joint_times(free, damping=1.0)
         return 1e-12 * float(np.abs(loads).max(initial=0.0)) if self.held is not None else 0.0
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
