@@ -158,7 +158,6 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
   std::stable_sort(
       loads_.begin(), loads_.end(),
       [](const SegmentTerm& one, const SegmentTerm& other) { return one.segment < other.segment; });
-  damped_ = (damping.array() != 0.0).any() || end_damping_ != 0.0;
   bent_ = (rest_moment.array() != 0.0).any();
   links_.resize(static_cast<std::size_t>(n));
   first_moment_.resize(n);
@@ -453,7 +452,7 @@ Chain Chain::without_forces() const {
   Chain made = *this;
   made.pipe_ = Pipe{.centrifugal = 0.0};
   made.loads_.clear();
-  made.damped_ = made.bent_ = false;
+  made.bent_ = false;
   made.end_spring_ = made.end_damping_ = 0.0;
   for (Vector* const of :
        {&made.segments_.spring, &made.segments_.damping, &made.segments_.rest_moment}) {
@@ -526,7 +525,6 @@ MotionModel Chain::motion() const {
           .coriolis = pipe_.direction() * pipe_.sqrt_beta(),
           .entry = pipe_.entry(),
           .thrust = pipe_.thrust(),
-          .damped = damped_,
           .bent = bent_,
           .guided = pipe_.is_guided(),
           .end_spring = end_spring_,
