@@ -55,7 +55,7 @@ from pipedyn.motion.simulate import (
     in_batches,
 )
 from pipedyn.motion.vector_field import Excitation
-from pipedyn.orbits.from_motion import solved_cycle
+from pipedyn.orbits.from_motion import Recurrence, solved_cycle
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import parallel
@@ -284,10 +284,6 @@ class _Run:
         self.rate_size = max(size_of(fastest), self.size)
 
 
-_Alike = tuple[list[_Run], Stretch]
-"""Motions of a case whose turning points are spread alike, and a record of the first of them."""
-
-
 def size_of(span: float) -> float:
     """The range of a motion, or of its rates, rounded down to a power of SHARE."""
     steps = math.floor(math.log(max(span, LEAST_SIZE)) / math.log(SHARE) + 1e-9)
@@ -414,65 +410,65 @@ class _Engine:
             run.under_way &= not one.seems_settled()
         # The other motions will soon have reached the solution that they come nearer to.
         unknown = [(run, one) for run, one in seen if not run.is_near]
-        for same in _by_case(unknown):
-            self.explain(same)
+        self.explain(unknown)
         joined = self.joining([(run, one) for run, one in unknown if one.trend == "irregular"])
         return [run for run in self.going(runs) if run not in joined]
 
-    def explain(self, some: list[tuple[_Run, Stretch]]) -> bool:
-        """Solves for solutions that motions of a case show; tells if an attracting one is new.
+    def explain(self, some: list[tuple[_Run, Stretch]]) -> list[Case]:
+        """Solves for what motions show; returns cases in which an attracting solution is new.
 
         Before the transient is over a cycle is solved for if a motion has come very near to an
         earlier state, and after a cycle that does not attract only when the time has doubled. After
         the transient it is always solved for, and from farther away.
         """
-        if not some:
+        new, late = list[Case](), self.elapsed > self.options.transient
+        back = FAR_BACK if late else self.options.back
+        for case in dict.fromkeys(run.case for run, _ in some):
+            before, u = len(case.attracting), case.drive.mean
+            tries = list[tuple[Recurrence, _Run, Stretch]]()
+            for run, one in some:
+                if run.case is case and one.trend != "rest":
+                    tries.append((one.recurrence(case.drive.period), run, one))
+                elif run.case is case and not case.drive.period:
+                    place = np.split(run.state, 2)[0]
+                    with suppress(NewtonFailed):  # e.g. where a slow motion passes no equilibrium
+                        case.learn(equilibrium(self.statics, self.statics.solved(place, u), u))
+            tries = [of for of in tries if of[0][0] <= back]
+            if tries and (late or self.elapsed >= case.next_try):
+                nearest = min(tries, key=lambda of: of[0][0])
+                if not self.explained(*nearest, back):
+                    case.next_try = 2.0 * self.elapsed
+            if len(case.attracting) > before:
+                new.append(case)
+        return new
+
+    def explained(self, recurrence: Recurrence, run: _Run, one: Stretch, back: float) -> bool:
+        """Solves for the cycle near the end of a motion; returns whether it attracts.
+
+        recurrence, back: as for `solved_cycle`.
+        """
+        case, samples = run.case, (one.t, one.states)
+        try:
+            orbit, stable = solved_cycle(self.model, case.drive, samples, recurrence, back)
+        except NewtonFailed:
             return False
-        case, late = some[0][0].case, self.elapsed > self.options.transient
-        before, back = len(case.attracting), FAR_BACK if late else self.options.back
-        for run, one in some:
-            if one.trend == "rest" and not case.drive.period:
-                place, u = np.split(run.state, 2)[0], case.drive.mean
-                with suppress(NewtonFailed):  # e.g. where a slow motion passes no equilibrium
-                    case.learn(equilibrium(self.statics, self.statics.solved(place, u), u))
-        tries = [(one.recurrence(case.drive.period)[0], run, one) for run, one in some]
-        tries = [(far, run, one) for far, run, one in tries if far <= back and one.trend != "rest"]
-        if tries and (late or self.elapsed >= case.next_try):
-            _, run, one = min(tries, key=lambda of: of[0])
-            try:
-                orbit, stable = solved_cycle(
-                    *(self.model, case.drive, (one.t, one.states)),
-                    *(one.recurrence(case.drive.period), back),
-                )
-            except NewtonFailed:
-                stable = False
-            else:
-                found = cycle(self.model, case.drive, orbit, stable)
-                number = case.learn(found)
-                known = case.solutions[number]
-                if stable and np.isfinite(known.region.distances(run.state[None], known.near)):
-                    self.ends(run, number)
-            if not stable:
-                case.next_try = 2.0 * self.elapsed
-        return len(case.attracting) > before
+        number = case.learn(cycle(self.model, case.drive, orbit, stable))
+        known = case.solutions[number]
+        if stable and np.isfinite(known.region.distances(run.state[None], known.near)):
+            self.ends(run, number)
+        return stable
 
     def joining(self, irregular: list[tuple[_Run, Stretch]]) -> list[_Run]:
         """The irregular motions that from now on go on as another motion of their case."""
         first: list[tuple[_Run, Stretch]] = []  # motions with which the others are compared
-        joined: list[_Run] = []
+        before = len(self.joined)
         for run, one in irregular:
-            same = (
-                leader
-                for leader, other in first
-                if leader.case is run.case and spread_alike(other.turnings, one.turnings)
-            )
-            before, run.like = run.like, None if run.alone else next(same, None)
+            last, run.like = run.like, _alike(run, one, first)
             if run.like is None:
                 first.append((run, one))
-            elif run.like is before and self.elapsed >= JOINED * self.options.transient:
-                joined.append(run)
+            elif run.like is last and self.elapsed >= JOINED * self.options.transient:
                 self.joined.append((run, run.like, self.elapsed))
-        return joined
+        return [run for run, _, _ in self.joined[before:]]
 
     def finish(self, runs: list[_Run]) -> None:
         """Follows motions until they end."""
@@ -495,7 +491,8 @@ class _Engine:
             if isinstance(end, Attractor) and end.ending not in ("rest", "periodic"):
                 self.answers[run.member] = number, replace(end, start=run.start)
             else:
-                again += [(one, since) for one in _parted([run])]
+                run.alone = True
+                again.append((run, since))
         for since in sorted({since for _, since in again}):
             self.elapsed = since
             self.finish([run for run, at in again if at == since])
@@ -504,23 +501,22 @@ class _Engine:
 
     def after_transient(self, runs: list[_Run]) -> None:
         """Records motions, and follows further those that come nearer to something."""
-        before, duration = self.options.transient - self.elapsed, self.options.duration
+        duration, before = self.options.duration, max(self.options.transient - self.elapsed, 0.0)
         last = FOLLOWED * (self.options.transient + duration)
         while runs:
             stretches = self.advance(runs, before, duration)
             self.elapsed, before = self.elapsed + before + duration, 0.0
             seen = [(run, one) for run, one in zip(runs, stretches, strict=True) if one is not None]
             over, runs = self.elapsed >= last, []
+            new = self.explain([pair for pair in seen if not pair[0].is_near])
             left: list[tuple[_Run, Stretch]] = []
-            for same in _by_case(seen):
-                new = self.explain([pair for pair in same if not pair[0].is_near])
-                for run, one in same:
-                    if run.member in self.answers or self.is_on_known(run, one, over):
-                        continue
-                    if (new or run.comes_nearer(one)) and not over:
-                        runs.append(run)
-                    else:
-                        left.append((run, one))
+            for run, one in seen:
+                if run.member in self.answers or self.is_on_known(run, one, over):
+                    continue
+                if (run.case in new or run.comes_nearer(one)) and not over:
+                    runs.append(run)
+                else:
+                    left.append((run, one))
             runs += self.named(left, over)
 
     def is_on_known(self, run: _Run, one: Stretch, over: bool) -> bool:
@@ -573,87 +569,81 @@ class _Engine:
     def named(self, left: list[tuple[_Run, Stretch]], over: bool) -> list[_Run]:
         """Names motions that neither rest nor repeat; returns the others, which go on.
 
-        Motions of a case whose turning points are spread alike are recorded and named as one.
+        Of motions of a case whose turning points are spread alike the first is recorded and named.
         """
-        groups: list[_Alike] = []
+        first, on = list[tuple[_Run, Stretch]](), list[_Run]()
         for run, one in left:
-            number = run.case.holding_irregular(run.state)
+            number, like = run.case.holding_irregular(run.state), _alike(run, one, first)
             if number != NOWHERE:
                 self.ends(run, number)
-                continue
-            same = (
-                runs
-                for runs, first in groups
-                if runs[0].case is run.case
-                and not run.alone
-                and spread_alike(first.turnings, one.turnings)
-            )
-            if (runs := next(same, None)) is None:
-                groups.append(([run], one))
+            elif like is not None:
+                self.joined.append((run, like, self.elapsed))
             else:
-                runs.append(run)
-        on = list[_Run]()
+                first.append((run, one))
         for times in LONGER:
-            groups = self.recorded(groups, times, over, on)
-            groups = self.named_by_exponents(groups, times)
+            first = self.recorded(first, times, over, on)
+            first = self.named_by_exponents(first, times)
         return on
 
     def recorded(
-        self, groups: list[_Alike], times: float, over: bool, on: list[_Run]
-    ) -> list[_Alike]:
-        """Records the first motion of each group for longer, if exponents are asked for.
+        self, some: list[tuple[_Run, Stretch]], times: float, over: bool, on: list[_Run]
+    ) -> list[tuple[_Run, Stretch]]:
+        """Records motions for longer, if exponents are asked for.
 
         Args:
-            groups: motions that are spread alike, with the last record of the first of them.
+            some: motions with their last records.
             times: factor of the usual length of such a record.
             over: whether no motion may go on.
             on: takes the motions that go on instead.
 
         Returns:
-            The groups whose motions still neither rest nor repeat nor come nearer to something.
+            Those that still neither rest nor repeat nor come nearer to something.
         """
         asked = self.options.exponents
-        records: list[Stretch | None] = [one for _, one in groups]
-        if groups and asked:
-            length = groups[0][0][0].case.drive.whole(RECORDED * times * self.options.duration)
-            records = self.advance([runs[0] for runs, _ in groups], 0.0, length, TORUS)
+        records: list[Stretch | None] = [one for _, one in some]
+        if some and asked:
+            length = some[0][0].case.drive.whole(RECORDED * times * self.options.duration)
+            records = self.advance([run for run, _ in some], 0.0, length, TORUS)
             self.elapsed += length
-        left = list[_Alike]()
-        for (runs, _), one in zip(groups, records, strict=True):
-            leader = runs[0]
-            new = one is not None and asked and self.explain([(leader, one)])
-            gone = leader.member in self.answers
-            if one is None or gone or self.is_on_known(leader, one, over):
-                on += _parted(runs[1:])
-            elif (new or leader.comes_nearer(one)) and not over:
-                on += runs
-            elif leader.comes_nearer(one):
+        left = list[tuple[_Run, Stretch]]()
+        for (run, _), one in zip(some, records, strict=True):
+            if one is None:
+                continue
+            new = asked and self.explain([(run, one)])
+            if run.member in self.answers or self.is_on_known(run, one, over):
+                continue
+            nearer = run.comes_nearer(one)
+            if (new or nearer) and not over:
+                on.append(run)
+            elif nearer:
                 why = f"it still comes nearer to rest or a cycle after t = {self.elapsed:g}"
-                self.name(runs, one, "unsettled", reason=why)
+                self.name(run, one, "unsettled", reason=why)
             else:
-                left.append((runs, one))
+                left.append((run, one))
         return left
 
-    def named_by_exponents(self, groups: list[_Alike], times: float) -> list[_Alike]:
-        """Names motions by exponents and records; returns the groups that need longer records.
+    def named_by_exponents(
+        self, some: list[tuple[_Run, Stretch]], times: float
+    ) -> list[tuple[_Run, Stretch]]:
+        """Names motions by exponents and records; returns those that need longer records.
 
         times: factor of the usual time over which an exponent is measured.
         """
-        states = [(runs[0].case.drive, runs[0].state) for runs, _ in groups]
-        duration, doubtful = times * self.options.duration, list[_Alike]()
+        states = [(run.case.drive, run.state) for run, _ in some]
+        duration, doubtful = times * self.options.duration, list[tuple[_Run, Stretch]]()
         exponents = exponents_of(self.model, states, replace(self.options, duration=duration))
-        for (runs, one), exponent in zip(groups, exponents, strict=True):
+        for (run, one), exponent in zip(some, exponents, strict=True):
             if exponent is None:
-                self.name(runs, one, "irregular")
+                self.name(run, one, "irregular")
             elif isinstance(exponent, MotionStopped):
                 why = f"its largest Lyapunov exponent is not known: {exponent}"
-                self.name(runs, one, "unsettled", reason=why)
+                self.name(run, one, "unsettled", reason=why)
             elif exponent.chaotic:
-                self.name(runs, one, "chaotic", exponent)
+                self.name(run, one, "chaotic", exponent)
             elif exponent.value <= exponent.spread and one.averages_converge():
-                self.name(runs, one, "quasi-periodic", exponent)
+                self.name(run, one, "quasi-periodic", exponent)
             elif times < LONGER[-1]:
-                doubtful.append((runs, one))
+                doubtful.append((run, one))
             else:
                 why = (
                     f"its largest Lyapunov exponent, {exponent.value:.2g}, is not above 0 by three "
@@ -665,27 +655,25 @@ class _Engine:
                         f"spread, {exponent.spread:.2g}, but averages over a time of "
                         f"{one.t[-1]:g} converge no faster than those of chaotic motion"
                     )
-                self.name(runs, one, "unsettled", exponent, why)
+                self.name(run, one, "unsettled", exponent, why)
         return doubtful
 
     def name(
         self,
-        runs: list[_Run],
+        run: _Run,
         one: Stretch,
         ending: Ending,
         exponent: LyapunovExponent | None = None,
         reason: str = "",
     ) -> None:
-        """Names the ending of motions that are spread alike, from the record of one of them."""
-        leader, drive = runs[0], runs[0].case.drive
+        """Names the ending of a motion from its record."""
+        drive, number = run.case.drive, NOWHERE
         end = Attractor(
-            *(drive.mean, leader.start, ending, 0, one.turnings, leader.state, exponent, reason)
+            *(drive.mean, run.start, ending, 0, one.turnings, run.state, exponent, reason)
         )
-        number = NOWHERE
         if ending != "unsettled":
-            number = leader.case.learn(irregular(self.model, drive, end, one))
-        for run in runs:
-            self.answers[run.member] = number, replace(end, start=run.start)
+            number = run.case.learn(irregular(self.model, drive, end, one))
+        self.answers[run.member] = number, end
 
 
 def exponents_of(
@@ -711,19 +699,13 @@ def exponents_of(
     return found
 
 
-def _parted(runs: list[_Run]) -> list[_Run]:
-    """Motions that had joined another one, made to go on by themselves from now on."""
-    for run in runs:
-        run.alone = True
-    return runs
-
-
-def _by_case(some: list[tuple[_Run, Stretch]]) -> list[list[tuple[_Run, Stretch]]]:
-    """The motions and stretches, grouped by case."""
-    groups: dict[int, list[tuple[_Run, Stretch]]] = {}
-    for run, one in some:
-        groups.setdefault(id(run.case), []).append((run, one))
-    return list(groups.values())
+def _alike(run: _Run, one: Stretch, others: list[tuple[_Run, Stretch]]) -> _Run | None:
+    """The first of other motions of a motion's case whose turning points are spread alike."""
+    for other, record in others:
+        same = other.case is run.case and not run.alone
+        if same and spread_alike(record.turnings, one.turnings):
+            return other
+    return None
 
 
 def _state(model: Model, start: Array) -> Array:
