@@ -25,12 +25,13 @@ from pipedyn.attraction.attractor import Attractor, Ending
 from pipedyn.attraction.motion_options import FIRST_LOOK, MotionOptions
 from pipedyn.attraction.records import Stretch
 from pipedyn.attraction.regions import (
+    LONGEST_BLOCK,
     NOWHERE,
     PHASES,
+    SAMPLES_A_PERIOD,
     STOPPED,
     Approach,
     WatchedTask,
-    judged_step,
     watched_outcomes,
 )
 from pipedyn.attraction.solutions import (
@@ -46,6 +47,7 @@ from pipedyn.models.chain import Chain
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.motion.integrator import Outcome, Task
 from pipedyn.motion.lyapunov import LyapunovExponent, exponents_together
+from pipedyn.motion.sampling import maxima
 from pipedyn.motion.simulate import (
     BATCH,
     LARGEST_SAMPLES,
@@ -74,17 +76,11 @@ kinks. Turnings are compared to 10 rtol of the range; over ten periods of 36 cyc
 the onset to 1.5 times its speed, motions missed 0.06 of that at most without drag, but once 0.6 of
 it; with drag they missed all of it at rtol, and at rtol / 10 a tenth of it, once 0.6."""
 
-SHARE, LEAST_SIZE = 4.0, 1.0 / 64.0
-"""Factor between the sizes of motions that are told apart, and the least size. Steps of a motion
-err by rtol of its size where a coordinate is smaller than the size: with rtol of each coordinate
-the small coordinates of fast modes, which nobody sees, ask for 1.5 times as many right-hand sides,
-measured with six functions, and the tip then errs by 1e-9 after some time instead of 1e-7."""
-
-TRANSIENT = 1e-4
-"""Tolerance of explicit steps while a motion is on its way, if larger than rtol: the tip then errs
-by 1e-5 after some time, less than the difference of motions that go to the same attractor, and half
-as many right-hand sides are needed. A motion that seems settled, or is recorded, goes on at
-rtol."""
+LEAST_SIZE = 1.0 / 64.0
+"""Least size of a motion in the errors of its steps, which are rtol of its size where a coordinate
+is smaller than the size: with rtol of each coordinate the small coordinates of fast modes, which
+nobody sees, ask for 1.5 times as many right-hand sides, measured with six functions, and the tip
+then errs by 1e-9 after some time instead of 1e-7."""
 
 JOINED = 0.25
 """Share of the transient after which motions from several starts at one flow go on as one, if they
@@ -257,10 +253,8 @@ class _Run:
     approach: Approach = field(default_factory=Approach)  # approach to a known solution
     like: _Run | None = None  # motion whose turning points were spread alike at the last look
     alone: bool = False  # whether it does not join another
-    size: float = field(init=False)  # range of the motion, rounded down to a power of SHARE
-    rate_size: float = field(init=False)  # range of its rates, likewise
-    under_way: bool = True  # whether the tolerance may be TRANSIENT
-    roughly: bool = False  # whether the tolerance was TRANSIENT in the last record
+    size: float = field(init=False)  # range of the motion, in [LEAST_SIZE, 1]
+    rate_size: float = field(init=False)  # largest rate, at least the size
 
     def __post_init__(self) -> None:
         self.resized(*np.abs(np.split(self.state, 2)).max(axis=1).tolist())
@@ -280,14 +274,8 @@ class _Run:
 
     def resized(self, span: float, fastest: float) -> None:
         """Sets the sizes by the range of its tip or coordinates and its largest rate."""
-        self.size = min(size_of(span), 1.0)
-        self.rate_size = max(size_of(fastest), self.size)
-
-
-def size_of(span: float) -> float:
-    """The range of a motion, or of its rates, rounded down to a power of SHARE."""
-    steps = math.floor(math.log(max(span, LEAST_SIZE)) / math.log(SHARE) + 1e-9)
-    return float(SHARE**steps)
+        self.size = min(max(span, LEAST_SIZE), 1.0)
+        self.rate_size = max(fastest, self.size)
 
 
 class _Engine:
@@ -332,8 +320,6 @@ class _Engine:
         rules = {key: self.judged(case, recorded, count) for key, case in judged.items()}
         tasks = list[WatchedTask]()
         for run in runs:
-            run.roughly = run.under_way and first.method == "dop853" and first.rtol < TRANSIENT
-            rtol = TRANSIENT if run.roughly else first.rtol
             task = replace(
                 of_all,
                 farthest=WOUND,
@@ -341,8 +327,7 @@ class _Engine:
                 start=run.state,
                 **rules[id(run.case)],
                 approach=run.approach,
-                rtol=rtol,
-                atol=rtol * np.repeat([run.size, run.rate_size], run.state.size // 2),
+                atol=first.rtol * np.repeat([run.size, run.rate_size], run.state.size // 2),
             )
             tasks.append(task)
         # Each thread takes a batch; in larger batches a member of a chain's batch costs less.
@@ -365,9 +350,9 @@ class _Engine:
             part, last = slice(k * count, (k + 1) * count), (k + 1) * count - 1
             runs[i].state = self.model.from_user(q[last, None], qdot[last, None])[0]
             runs[i].resized(float(np.ptp(x[part])), float(np.abs(velocity[part]).max()))
-            rtol = max(self.options.rtol, tasks[i].rtol)
-            times = samples - before
-            stretches[i] = Stretch.of(times, rows[part], x[part], velocity[part], rtol)
+            stretches[i] = Stretch.of(
+                samples - before, rows[part], x[part], velocity[part], self.options.rtol
+            )
         return stretches
 
     def judged(self, case: Case, recorded: float, count: int) -> dict[str, Any]:
@@ -375,10 +360,11 @@ class _Engine:
         regions = tuple(case.solutions[k].region for k in case.attracting)
         if not regions:
             return {}
-        sample, period = recorded / (count - 1), case.drive.period
-        step, longest = judged_step(regions, recorded)
-        if period:
-            step, longest = period / PHASES, max(region.period for region in regions)
+        sample, drive = recorded / (count - 1), case.drive.period
+        periods = [region.period for region in regions]
+        longest = max(periods)
+        step = min(max(min(periods) / SAMPLES_A_PERIOD, longest / LONGEST_BLOCK), recorded)
+        step = drive / PHASES if drive else step
         every = max(round(step / sample), 1)
         block = np.arange(math.ceil(longest / (every * sample) - 1e-6))
         return {"regions": regions, "every": every, "phases": case.drive.phases(step * block)}
@@ -406,8 +392,6 @@ class _Engine:
         stretches = self.advance(runs, 0.0, stretch)
         self.elapsed += stretch
         seen = [(run, one) for run, one in zip(runs, stretches, strict=True) if one is not None]
-        for run, one in seen:
-            run.under_way &= not one.seems_settled()
         # The other motions will soon have reached the solution that they come nearer to.
         unknown = [(run, one) for run, one in seen if not run.is_near]
         self.explain(unknown)
@@ -479,8 +463,6 @@ class _Engine:
         while runs and self.elapsed + drive.whole(stretch) <= options.transient:
             runs = self.look(runs, drive.whole(stretch))
             stretch = min(max(stretch, 0.5 * self.elapsed), longest)
-        for run in runs:
-            run.under_way = False
         self.after_transient(runs)
         joined, self.joined = self.joined, []
         again: list[tuple[_Run, float]] = []
@@ -530,8 +512,8 @@ class _Engine:
         period = 0.0 if rests else one.repeats(drive.period)
         if not rests and not period:
             return False
-        count, turnings = max(one.maxima, 1), one.turnings
-        here = Attractor(drive.mean, -1, "periodic", count, turnings, run.state)
+        count = max(round((maxima(one.turnings).size + 1) * period / float(one.t[-1])), 1)
+        here = Attractor(drive.mean, -1, "periodic", count, one.turnings, run.state)
         if rests:
             here = replace(here, ending="rest", period=0, turnings=one.x[-1:].copy())
         number = case.holding(here, period)

@@ -394,10 +394,3 @@ def watched_outcomes(
     outcomes: list[Outcome] = integrate(tasks, shown, watch if watch.groups else observer)
     states = zip(outcomes, watch.labels.tolist(), watch.approaches, strict=True)
     return [Watched(*state) for state in states]
-
-
-def judged_step(regions: Sequence[Region], most: float) -> tuple[float, float]:
-    """Time between two samples that are judged, and time between two blocks."""
-    periods = [region.period for region in regions] or [most]
-    longest = max(periods)
-    return min(max(min(periods) / SAMPLES_A_PERIOD, longest / LONGEST_BLOCK), most), longest
