@@ -381,10 +381,6 @@ class _Engine:
         end = run.case.solutions[number].attractor
         self.answers[run.member] = number, replace(end, start=run.start)
 
-    def going(self, runs: list[_Run]) -> list[_Run]:
-        """The motions that have not ended yet."""
-        return [run for run in runs if run.member not in self.answers]
-
     # -------------------------------------------------------------------- results of a stretch
 
     def look(self, runs: list[_Run], stretch: float) -> list[_Run]:
@@ -396,7 +392,7 @@ class _Engine:
         unknown = [(run, one) for run, one in seen if not run.is_near]
         self.explain(unknown)
         joined = self.joining([(run, one) for run, one in unknown if one.trend == "irregular"])
-        return [run for run in self.going(runs) if run not in joined]
+        return [run for run in runs if run.member not in self.answers and run not in joined]
 
     def explain(self, some: list[tuple[_Run, Stretch]]) -> list[Case]:
         """Solves for what motions show; returns cases in which an attracting solution is new.
@@ -543,7 +539,7 @@ class _Engine:
             while runs and engine.elapsed < self.options.transient:
                 engine.advance(runs, 0.0, stretch)
                 engine.elapsed += stretch
-                runs = engine.going(runs)
+                runs = [run for run in runs if run.member not in engine.answers]
             if not runs and all(number == 0 for number, _ in engine.answers.values()):
                 return tried
         return one

@@ -133,12 +133,17 @@ class Region:
         """Largest distance of a state on the curve from the nearest of the points."""
         if self.rates is None:
             return 0.0
-        steps = np.diff(self._scaled(self.points), axis=0)
+        steps = np.diff(self.points * self.units, axis=0)
         return float(np.linalg.norm(steps, axis=1).max(initial=0.0))
 
     @cached_property
     def _tree(self) -> scipy.spatial.cKDTree:
-        return scipy.spatial.cKDTree(self._scaled(self._unwound(self.points)))
+        points = self._unwound(self.points)
+        if self.turn is not None:  # the point nearest to an unwound state may be a turn away
+            turn = np.zeros(points.shape[1])
+            turn[: self.half] = self.turn
+            points = np.concatenate([points, points + turn, points - turn])
+        return scipy.spatial.cKDTree(points * self.units)
 
     @property
     def half(self) -> int:
@@ -150,9 +155,6 @@ class Region:
         """Factors by which states are multiplied for their distances."""
         units = np.repeat([1.0, self.unit], self.half) / math.sqrt(self.half)
         return np.append(units, np.ones(2 * self.driven))
-
-    def _scaled(self, states: Array) -> Array:
-        return states * self.units
 
     def _unwound(self, states: Array) -> Array:
         if self.turn is None:
@@ -171,19 +173,14 @@ class Region:
         most = self.radius if most is None else most
         if states.shape[1] < self.points.shape[1]:
             states = np.concatenate([states, np.tile([1.0, 0.0], (len(states), 1))], axis=1)
-        near = self._unwound(states)
-        turns = np.zeros((1, near.shape[1]))
-        if self.turn is not None:
-            turns = np.repeat(turns, 3, axis=0)
-            turns[:, : self.half] = np.multiply.outer([0.0, 1.0, -1.0], self.turn)
-        found = [np.linalg.norm(self._away(near + turn, most)[0], axis=1) for turn in turns]
-        least = np.min(found, axis=0)
-        return np.where(least <= most, least, math.inf)
+        away, _ = self._away(states, most)
+        found = np.linalg.norm(away, axis=1)
+        return np.where(found <= most, found, math.inf)
 
     def coordinates(self, states: Array) -> Complex:
         """The Floquet coordinates, (k, coordinates), of states, (k, 2 integrated)."""
         assert self.floquet is not None
-        away, near = self._away(self._unwound(states), math.inf)
+        away, near = self._away(states, math.inf)
         rows = self.floquet.rows
         return np.asarray(np.einsum("kci,ki->kc", rows[near % len(rows)], away / self.units))
 
@@ -192,11 +189,11 @@ class Region:
 
         Second come the numbers of the points nearest to the states.
         """
-        scaled = self._scaled(states)
+        scaled = self._unwound(states) * self.units
         found, near = self._tree.query(scaled, distance_upper_bound=most + self._reach)
         missed = np.isinf(found)
         near[missed] = 0
-        away = scaled - self._tree.data[near]
+        away, near = scaled - self._tree.data[near], near % len(self.points)
         if self.rates is not None:
             # The difference, to third order in the time by which the state is ahead of the point.
             once, twice = self.rates[:, near] * self.units
@@ -211,14 +208,6 @@ class Region:
         most = 4.0 * max(self.radius, other.radius)
         points = other.points[:: max(len(other.points) // COMPARED, 1)]
         return float(self.distances(points, most).min())
-
-    def kept_apart(self, distance: float) -> Region:
-        """The region, made so small that it leaves out a solution at a distance.
-
-        It extends over the share REGION_SHARE of the way there at most. As a cycle may cross or
-        touch another in the state space, a radius of ten times FLOOR is always left.
-        """
-        return replace(self, radius=max(min(self.radius, REGION_SHARE * distance), 10.0 * FLOOR))
 
     def mirrored(self, shifts: bool = False) -> Region:
         """The region of the mirror image; it is half a period later if `shifts` is true."""

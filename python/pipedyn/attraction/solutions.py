@@ -16,7 +16,7 @@ import numpy as np
 
 from pipedyn.attraction.attractor import Attractor
 from pipedyn.attraction.records import Stretch
-from pipedyn.attraction.regions import PHASES, Region
+from pipedyn.attraction.regions import FLOOR, PHASES, REGION_SHARE, Region
 from pipedyn.equilibrium.equilibria import Statics
 from pipedyn.linear.neutral import decays
 from pipedyn.models.base import Model
@@ -119,10 +119,15 @@ class Solution:
         return replace(self, attractor=image, region=region, orbit=orbit)
 
     def kept_apart(self, distance: float) -> Solution:
-        """The solution, with a region that leaves out another known solution at a distance."""
+        """The solution, with a region so small that it leaves out another known one at a distance.
+
+        The region extends over the share REGION_SHARE of the way there at most. As a cycle may
+        cross or touch another in the state space, a radius of ten times FLOOR is always left.
+        """
         if math.isnan(self.period):
             return self
-        return replace(self, region=self.region.kept_apart(distance))
+        radius = max(min(self.region.radius, REGION_SHARE * distance), 10.0 * FLOOR)
+        return replace(self, region=replace(self.region, radius=radius))
 
 
 def kept_apart(solutions: Sequence[Solution]) -> list[Solution]:

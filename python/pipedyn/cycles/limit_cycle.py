@@ -250,11 +250,12 @@ def limit_cycle(
 
 def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit, str]:
     """A cycle on a coarse mesh, and how it was found."""
-    model, reasons, quiet = motion.model, list[str](), ""
+    model = motion.model
+    reasons, quiet = list[str](), ""
     if isinstance(start, LimitCycle | Motion):
         check_coordinates(model, "start", start)
         try:
-            return _beside(motion, u, start)
+            return _near(motion, u, start)
         except NewtonFailed as reason:
             raise NoCycle(f"no limit cycle at u = {u:g} from that start: {reason}", u) from None
     if start is None:
@@ -299,7 +300,7 @@ def _onset(motion: VectorField, begin: Hopf | Crossing | None) -> Hopf | None:
     return None
 
 
-def _beside(motion: VectorField, u: float, start: LimitCycle | Motion) -> tuple[PeriodicOrbit, str]:
+def _near(motion: VectorField, u: float, start: LimitCycle | Motion) -> tuple[PeriodicOrbit, str]:
     """The cycle near another one, or near the last period of a motion, and how it was found."""
     if isinstance(start, LimitCycle):
         orbit = start.orbit
@@ -322,7 +323,8 @@ def _ways(motion: VectorField, u: float) -> tuple[list[tuple[VectorField, Any]],
     speed, or with a start of a motion. The sentence says why no motion from near rest ends on a
     cycle; it is empty if one may.
     """
-    model, pipe, flutters, unstable = motion.model, motion.model.pipe, list[Crossing](), True
+    model = motion.model
+    pipe, flutters, unstable = model.pipe, list[Crossing](), True
     with suppress(NotConverged, ValueError):
         model.require_equilibrium(u)
         found = crossings(model, 1.5 * u)
