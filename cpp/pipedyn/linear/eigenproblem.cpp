@@ -139,7 +139,7 @@ Works work_of(const DenseOperator& p, const Reals& frequencies, const ComplexTab
     const ComplexVector x = vectors.col(i).conjugate();
     const ComplexVector by_velocity = x.cwiseProduct(resisting.col(i));
     const ComplexVector by_place =
-        x.cwiseProduct(p.is_lossy() ? stiffness.col(i) : circulatory.col(i));
+        x.cwiseProduct(p.is_hysteretic() ? stiffness.col(i) : circulatory.col(i));
     found.mass[i] = x.cwiseProduct(mass.col(i)).sum().real();
     found.gyroscopic[i] = x.cwiseProduct(velocity.col(i)).sum().imag();
     found.resisted[i] = by_velocity.sum().real();
@@ -318,7 +318,7 @@ void Eigenproblem::mend(double u, Pairs& pairs, bool left, bool high) {
   const Values before = pairs.values;
   for (Index i = 0; i < before.size(); ++i) {
     const Complex value = before[i];
-    if (!(value.imag() >= 0.0 || traits.lossy()) || !is_finite(value)) continue;
+    if (!(value.imag() >= 0.0 || traits.is_hysteretic()) || !is_finite(value)) continue;
     if (is_good(pairs, i, high)) continue;
     const Pair better = near(u, {value, pairs.right.col(i)});
     if (!(std::abs(better.value - value) <= 1e-3 * std::abs(value) + 1e-6)) continue;
@@ -562,19 +562,19 @@ const std::optional<Modes>& Eigenproblem::modes_at_rest() {
 
 Divergences Eigenproblem::divergences(double max_speed, bool) {
   const DenseOperator& one = at(1.0);
-  const Matrix flux = 0.5 * one.stiffness_rate(), still = one.stiffness() - flux;
+  const Matrix flux = 0.5 * one.stiffness_rate(), at_rest = one.stiffness() - flux;
   const auto asymmetry = [](const Matrix& a) { return (a - a.transpose()).cwiseAbs().maxCoeff(); };
-  const bool symmetric = asymmetry(still) + asymmetry(flux) <= 1e-10 * one.size;
+  const bool symmetric = asymmetry(at_rest) + asymmetry(flux) <= 1e-10 * one.size;
   Divergences result;
   factorised_ += 2;
-  if (symmetric) result.negative_at_rest = negative_eigenvalues(one.lapack, still);
+  if (symmetric) result.negative_at_rest = negative_eigenvalues(one.lapack, at_rest);
   if (flux.isZero(0.0)) return result;
   const auto before = [](const Divergence& a, const Divergence& b) { return a.speed < b.speed; };
   if (free_turns().cols() > 0) {
     result.all = divergences_beside(free_turns(), max_speed);
     return result;
   }
-  const Values squares = singular_squares(one, still, flux, symmetric);
+  const Values squares = singular_squares(one, at_rest, flux, symmetric);
   std::vector<Divergence> found;  // before refinement
   for (const Complex square : squares) {
     const double u = std::sqrt(std::max(square.real(), 0.0));
@@ -612,13 +612,13 @@ Divergences Eigenproblem::divergences(double max_speed, bool) {
 const Matrix& Eigenproblem::free_turns() {
   if (free_turns_) return *free_turns_;
   const DenseOperator& one = at(1.0);
-  const Matrix flux = 0.5 * one.stiffness_rate(), still = one.stiffness() - flux;
-  Eigen::FullPivLU<Eigen::MatrixXd> lu(Eigen::MatrixXd(still + shifts[0] * flux));
+  const Matrix flux = 0.5 * one.stiffness_rate(), at_rest = one.stiffness() - flux;
+  Eigen::FullPivLU<Eigen::MatrixXd> lu(Eigen::MatrixXd(at_rest + shifts[0] * flux));
   lu.setThreshold(free_turn);
   free_turns_ = Matrix(traits.dof, 0);
   if (lu.isInvertible()) return *free_turns_;
   const Matrix turns = lu.kernel().colwise().normalized();
-  if ((still * turns).norm() + (flux * turns).norm() <= free_turn) free_turns_ = turns;
+  if ((at_rest * turns).norm() + (flux * turns).norm() <= free_turn) free_turns_ = turns;
   return *free_turns_;
 }
 
@@ -627,7 +627,7 @@ const Matrix& Eigenproblem::free_turns() {
 /// of a speed is the difference between the results of two shifts.
 std::vector<Divergence> Eigenproblem::divergences_beside(const Matrix& turns, double max_speed) {
   const DenseOperator& one = at(1.0);
-  Matrix flux = 0.5 * one.stiffness_rate(), still = one.stiffness() - flux;
+  Matrix flux = 0.5 * one.stiffness_rate(), at_rest = one.stiffness() - flux;
   Matrix velocity = Matrix::Zero(traits.dof, traits.dof);
   const Matrix by_speed = one.velocity_rate() * turns, steady = one.velocity() * turns - by_speed;
   Eigen::MatrixXd left = turns;
@@ -639,10 +639,10 @@ std::vector<Divergence> Eigenproblem::divergences_beside(const Matrix& turns, do
     }
     const bool is_resisted = by_speed.col(k).norm() + steady.col(k).norm() > free_turn;
     velocity.col(row) = by_speed.col(k);
-    still.col(row) = is_resisted ? steady.col(k) : Vector(one.mass() * turns.col(k));
+    at_rest.col(row) = is_resisted ? steady.col(k) : Vector(one.mass() * turns.col(k));
     flux.col(row).setZero();
   }
-  const DenseOperator problem = one.with(flux, velocity, still);
+  const DenseOperator problem = one.with(flux, velocity, at_rest);
   std::vector<Divergence> found;
   Values others;
   for (const double shift : shifts) {
@@ -666,15 +666,15 @@ std::vector<Divergence> Eigenproblem::divergences_beside(const Matrix& turns, do
 }
 
 /// Squares s of the speeds at which K_0 + s A is singular; not all of them are real.
-Values Eigenproblem::singular_squares(const DenseOperator& one, const Matrix& still,
+Values Eigenproblem::singular_squares(const DenseOperator& one, const Matrix& at_rest,
                                       const Matrix& flux, bool symmetric) const {
   for (double s = 1.0; symmetric && s < 1e9; s *= 10.0) {  // s at which tension makes K definite
-    const auto found = symmetric_pairs(one.lapack, flux, still - s * flux, false, 1e-6);
+    const auto found = symmetric_pairs(one.lapack, flux, at_rest - s * flux, false, 1e-6);
     if (found) return (-s - 1.0 / found->values).cast<Complex>();
   }
   Matrix zero = Matrix::Zero(traits.dof, traits.dof);
   for (const double shift : shifts) {
-    const Values mu = one.with(flux, zero, still).roots(shift, true);
+    const Values mu = one.with(flux, zero, at_rest).roots(shift, true);
     if (mu.size() > 0) return shift * shift + 1.0 / mu;
   }
   throw NotConverged("the stiffness is singular at every flow speed");

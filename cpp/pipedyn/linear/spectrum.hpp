@@ -142,9 +142,9 @@ struct Traits {
   bool free_at_rest;  // whether lambda enters only as lambda^2 at u = 0
   double loss = 0.0;  // loss factor mu
 
-  bool lossy() const { return loss > 0.0; }
+  bool is_hysteretic() const { return loss > 0.0; }
   /// Whether a root of P is a root of the pipe.
-  bool counts(Complex value) const { return !lossy() || value.imag() > 0.0; }
+  bool counts(Complex value) const { return !is_hysteretic() || value.imag() > 0.0; }
   /// delta of the cluster at -1 / delta; complex with a loss factor.
   Complex cluster() const { return delta / Complex(1.0, loss); }
 };

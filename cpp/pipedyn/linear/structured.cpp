@@ -164,7 +164,7 @@ Pairs Structured::polished(double u, const Approximations& roots, bool vectors) 
   for (std::size_t i = 0; i < roots.size(); ++i) {
     Complex& value = found.values[i];
     if (is_squared(u) && std::abs(value.real()) <= found.uncertain[i]) value.real(0.0);
-    const bool is_real = roots[i].alone && !traits.lossy();
+    const bool is_real = roots[i].alone && !traits.is_hysteretic();
     if (is_real && std::abs(value.imag()) <= found.uncertain[i]) value.imag(0.0);
   }
   return found;
@@ -187,7 +187,7 @@ std::optional<Approximations> Structured::missing_within(double u, const Approxi
     radius = size(k - 1) > 0.0 ? std::sqrt(size(k) * size(k - 1)) : 0.5 * size(k);
   }
   const double apart = std::log(magnitude(roots.back().value) / radius);
-  const bool paired = !traits.lossy();
+  const bool paired = !traits.is_hysteretic();
   const auto sum = [&](const Values& powers) {
     const Complex mean = powers.mean();
     return paired ? Complex(mean.real()) : mean;
@@ -245,13 +245,13 @@ std::optional<Pairs> Structured::from(Approximations roots, double u, Index coun
   std::vector<Index> which(next);
   std::iota(which.begin(), which.end(), 0);
   const Approximations lowest(roots.begin(), roots.begin() + static_cast<std::ptrdiff_t>(next));
-  auto found = with_conjugates(known.take(which), lowest, count, !traits.lossy());
+  auto found = with_conjugates(known.take(which), lowest, count, !traits.is_hysteretic());
   if (found) {
     for (std::size_t i = 0; i < roots.size(); ++i) {
       const Complex slope = known.slopes[i];
       roots[i].slope = roots[i].value == 0.0 || !std::isfinite(std::norm(slope)) ? 0.0 : slope;
     }
-    if (!traits.lossy()) join_conjugates(roots);
+    if (!traits.is_hysteretic()) join_conjugates(roots);
     for (Approximation& one : roots) one.settled = one.value == 0.0;
     if (known_.size() == most_known) known_.erase(known_.begin());
     known_.push_back({u, std::move(roots), most_near});
@@ -277,8 +277,8 @@ std::optional<Pairs> Structured::from_known(double u, Index count, bool vectors)
   const auto is_zero = [](const Approximation& one) { return one.settled; };
   if (near == known_.end() || roots_in(near->roots) < count) return {};
   if (std::ranges::count_if(near->roots, is_zero) != roots_at_zero(u)) return {};
-  return from(expected(near->roots, u - near->u, traits.cluster(), !traits.lossy()), u, count,
-              vectors, near->most);
+  return from(expected(near->roots, u - near->u, traits.cluster(), !traits.is_hysteretic()), u,
+              count, vectors, near->most);
 }
 
 std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vectors) {
@@ -340,7 +340,7 @@ Pairs Structured::lowest(double u, Index count, bool left, bool high) {
 void Structured::assume(double u, const Values& roots) {
   Approximations starts;
   for (const Complex value : roots) {
-    const bool alone = traits.lossy() || value.imag() == 0.0;
+    const bool alone = traits.is_hysteretic() || value.imag() == 0.0;
     if (value.imag() >= 0.0 || alone) starts.push_back({value, alone, value == 0.0});
   }
   known_.push_back({u, std::move(starts), most_assumed});
@@ -413,7 +413,7 @@ void Structured::find_growth(double u, Pairs& found) {
   std::vector<Index> hidden;
   for (Index i = 0; i < found.size(); ++i) {
     const Complex value = found.values[i];
-    const bool own = value.imag() > 0.0 || (value.imag() < 0.0 && traits.lossy());
+    const bool own = value.imag() > 0.0 || (value.imag() < 0.0 && traits.is_hysteretic());
     if (own && std::abs(value.real()) <= found.noise[i]) hidden.push_back(i);
   }
   if (hidden.empty()) return;
@@ -423,7 +423,7 @@ void Structured::find_growth(double u, Pairs& found) {
     const Complex value = found.values[hidden[k]];
     if (!(better.uncertain[k] < found.noise[hidden[k]])) continue;
     for (Index i = 0; i < found.size(); ++i) {
-      const bool twin = found.values[i] == std::conj(value) && !traits.lossy();
+      const bool twin = found.values[i] == std::conj(value) && !traits.is_hysteretic();
       if (i != hidden[k] && !twin) continue;
       found.values[i].real(better.values[k].real());
       found.noise[i] = better.uncertain[k];

@@ -378,7 +378,7 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
 }
 
 Roots modes_of(const Values& values, const Reals& quotients, const Traits& traits) {
-  if (traits.lossy()) {
+  if (traits.is_hysteretic()) {
     Roots modes;
     Index above = 0, below = 0;
     for (const Complex value : values) modes.push_back(traits.counts(value) ? ++above : ++below);
@@ -439,16 +439,17 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
   }
   for (Index k = 0; k < count; ++k) {
     // With a loss factor there may be fewer roots on one side of the real axis.
-    if (lower[k] < 0 && traits.lossy() && taken >= 2 * traits.dof) lower[k] = upper[k];
+    if (lower[k] < 0 && traits.is_hysteretic() && taken >= 2 * traits.dof) lower[k] = upper[k];
     if (lower[k] < 0) return {};
   }
   constexpr double none = std::numeric_limits<double>::quiet_NaN();
   const auto add_row = [&](const Sample& at) {
     for (Index k = 0; k < count; ++k) {
-      const Index i = upper[k], j = traits.lossy() ? i : lower[k];
+      const Index i = upper[k], j = traits.is_hysteretic() ? i : lower[k];
       const bool counts = traits.counts(at.values[i]);
       loci.values(done, k) = counts ? at.values[i] : Complex(none, none);
-      loci.partners(done, k) = traits.lossy() ? std::conj(loci.values(done, k)) : at.values[j];
+      loci.partners(done, k) =
+          traits.is_hysteretic() ? std::conj(loci.values(done, k)) : at.values[j];
       loci.converged(done, k) = counts && has_converged(at.values[i], at.residual[i]) &&
                                 has_converged(at.values[j], at.residual[j]);
       loci.errors(done, k) = counts ? std::max(at.uncertain[i], at.uncertain[j]) : infinite;
@@ -481,7 +482,7 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
         break;
       }
       // A root that left the upper half plane comes back to it.
-      const bool comes_back = traits.lossy()
+      const bool comes_back = traits.is_hysteretic()
                                   ? traits.counts(there[low]) && !traits.counts(there[up])
                                   : was_real || cluster.holds(there[up]);
       if (comes_back && there[up].imag() < 0.0) std::swap(up, low);

@@ -34,7 +34,9 @@ class Truncated : public Spectrum {
   Pair refined(double u, const Pair& guess) override;
   Reals quotients(double u, const Pairs& pairs) override { return fewer_->quotients(u, pairs); }
   Index standing() override { return fewer_->standing(); }
-  Spectrum& without_loss() override { return traits.lossy() ? fewer_->without_loss() : *this; }
+  Spectrum& without_loss() override {
+    return traits.is_hysteretic() ? fewer_->without_loss() : *this;
+  }
   Divergences divergences(double max_speed, bool first) override {
     return fewer_->divergences(max_speed, first);
   }
