@@ -697,6 +697,7 @@ class Search {
   std::optional<AxisCrossing> meeting(const Step& step, Index root, int change) {
     const Index met = step.meets[root], other = met < 0 ? step.reflected(root, change > 0) : met;
     Complex centre;
+    double rounding = 0.0;  // what rounding of the roots may change the square by
     const Function square = [&](double u) {
       const double t = (u - step.left->u) / step.length();
       const Complex expected = other < 0
@@ -707,6 +708,7 @@ class Search {
       const Roots near = nearest(*at, expected);
       const Complex one = at->values[near[0]], two = at->values[near[1]];
       centre = 0.5 * (one + two);
+      rounding = std::abs(one - two) * (at->noise[near[0]] + at->noise[near[1]]);
       return ((one - two) * (one - two)).real();
     };
     const double low = step.left->u, high = step.right->u;
@@ -740,8 +742,7 @@ class Search {
         centre = through(beside, centres, x);
         // Rounding of the roots enters through the slope of the squared difference.
         const double slope = std::abs(squares[3] - squares[2]) / reach;
-        const double lost = 1e-14 * std::norm(centre) / slope;
-        error = reach * std::abs(x - other_x) + lost + tolerance;
+        error = reach * std::abs(x - other_x) + rounding / slope + tolerance;
       }
     }
     const Index mode = other < 0 ? modes_[root] : std::max(modes_[root], modes_[other]);
