@@ -124,7 +124,7 @@ class Dice {
   Pipe pipe(bool aspirating) {
     return Pipe{.beta = between(0.01, 0.99),
                 .gamma = between(-20.0, 20.0),
-                .centrifugal = between(0.0, 2.0),
+                .end_coefficient = between(0.0, 2.0),
                 .drag = 0.0,
                 .damping = between(0.0, 0.1),
                 .aspirating = aspirating,
@@ -168,8 +168,8 @@ void check_log_derivative(const Chain& chain, double u, Dice& dice) {
   const Matrix velocity = ops.gyroscopic + ops.end_flux;
   const ComplexTable mass = reduced(ops.mass);
   const ComplexTable rate = reduced((model.coriolis < 0.0 ? -u : u) * velocity + ops.damping);
-  const double centrifugal = chain.pipe().centrifugal;
-  const ComplexTable still = reduced(ops.stiffness + centrifugal * u * u * ops.flux);
+  const double end_coefficient = chain.pipe().end_coefficient;
+  const ComplexTable still = reduced(ops.stiffness + end_coefficient * u * u * ops.flux);
   const double re[] = {0.3, -2.0, 0.1}, im[] = {1.5, 7.0, 90.0};
   double found[6];
   pipedyn::motion_kernel().impedance->log_derivative(model, {u, 3, re, im}, found);
@@ -341,7 +341,7 @@ void check_small_motions(const Model& model, const Pipe& pipe) {
   Matrix jacobian(2 * n, 2 * n);
   model.jacobian({rest.data(), &u, 1, 0}, jacobian.data());
   const Operators ops = model.operators(Vector::Zero(n));
-  const Matrix stiffness = ops.stiffness + u * u * pipe.centrifugal * ops.flux;
+  const Matrix stiffness = ops.stiffness + u * u * pipe.end_coefficient * ops.flux;
   check_close(-ops.mass * jacobian.bottomLeftCorner(n, n), stiffness, 1e-9, "linear stiffness");
   const Matrix velocity = u * pipe.direction() * (ops.gyroscopic + ops.end_flux) + ops.damping;
   check_close(-ops.mass * jacobian.bottomRightCorner(n, n), velocity, 1e-9, "linear damping");
@@ -557,7 +557,7 @@ struct Wild {
     const bool aspirating = one_of({0.0, 1.0}) == 1.0;
     return Pipe{.beta = one_of({0.0, 1e-12, 0.5, 0.999999}),
                 .gamma = one_of({-1e6, -10.0, 0.0, 10.0, 1e6}),
-                .centrifugal = one_of({0.0, 0.5, 1.0, 1e6}),
+                .end_coefficient = one_of({0.0, 0.5, 1.0, 1e6}),
                 .drag = one_of({0.0, 0.7, 1e9}),
                 .damping = one_of({0.0, 1e-4, 1e6}),
                 .aspirating = aspirating,

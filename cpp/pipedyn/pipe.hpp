@@ -24,12 +24,12 @@ enum class End { free, guided, pinned, clamped };
 /// The nondimensional numbers of a pipe. Its length is 1, and so are its mass per length and its
 /// bending stiffness at the clamp.
 struct Pipe {
-  double beta = 0.0;         // fluid's share of the mass, 0 <= beta < 1
-  double gamma = 0.0;        // gravity, negative with the free end above the clamp
-  double centrifugal = 1.0;  // a: factor of u^2 in the centrifugal term
-  double drag = 0.0;         // kappa, quadratic drag
-  double damping = 0.0;      // delta, Kelvin-Voigt damping
-  bool aspirating = false;   // whether the flow enters at the free end
+  double beta = 0.0;             // fluid's share of the mass, 0 <= beta < 1
+  double gamma = 0.0;            // gravity, negative with the free end above the clamp
+  double end_coefficient = 1.0;  // a: factor of u^2 in the centrifugal term
+  double drag = 0.0;             // kappa, quadratic drag
+  double damping = 0.0;          // delta, Kelvin-Voigt damping
+  bool aspirating = false;       // whether the flow enters at the free end
   // c: share of the free end's velocity that the inflow has before it enters
   double inflow_share = 1.0;
   double jet_angle = 0.0;  // psi, from the free end's tangent to the thrust's direction
@@ -52,8 +52,8 @@ struct Pipe {
   double direction() const { return aspirating ? -1.0 : 1.0; }
   /// Thrust of the flow divided by u^2: its components along and across the free end.
   std::array<double, 2> thrust() const {
-    if (jet_angle == 0.0) return {centrifugal, 0.0};  // saves time in each evaluation of rates
-    return {centrifugal * std::cos(jet_angle), centrifugal * std::sin(jet_angle)};
+    if (jet_angle == 0.0) return {end_coefficient, 0.0};  // saves time in each evaluation of rates
+    return {end_coefficient * std::cos(jet_angle), end_coefficient * std::sin(jet_angle)};
   }
   /// Factor of u v in the force on the free end, v its velocity: the change of velocity of the
   /// entering flow causes this force.
@@ -62,7 +62,7 @@ struct Pipe {
 
 /// The numbers of a pipe as Python gives them, in the order of OWN_NUMBERS in models/pipe.py.
 inline constexpr std::array own_numbers{
-    &Pipe::beta,         &Pipe::gamma,     &Pipe::centrifugal,
+    &Pipe::beta,         &Pipe::gamma,     &Pipe::end_coefficient,
     &Pipe::drag,         &Pipe::damping,   &Pipe::hysteresis,
     &Pipe::inflow_share, &Pipe::jet_angle, &Pipe::rotary_inertia};
 

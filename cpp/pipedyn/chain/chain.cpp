@@ -450,7 +450,7 @@ Matrix Chain::moments(const Matrix& x, const LinearPart& part, const Vector& ang
 
 Chain Chain::without_forces() const {
   Chain made = *this;
-  made.pipe_ = Pipe{.centrifugal = 0.0};
+  made.pipe_ = Pipe{.end_coefficient = 0.0};
   made.loads_.clear();
   made.bent_ = false;
   made.end_spring_ = made.end_damping_ = 0.0;

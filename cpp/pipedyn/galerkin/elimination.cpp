@@ -39,16 +39,16 @@ Number entry(const PencilEntry& of, const EntryPowers& lambda);
 
 template <>
 inline Lanes entry<Lanes>(const PencilEntry& of, const EntryPowers& lambda) {
-  return {of.still + of.rate * lambda.one.re + of.square * lambda.two.re,
-          of.loss + of.rate * lambda.one.im + of.square * lambda.two.im};
+  return {of.stiffness + of.damping * lambda.one.re + of.mass * lambda.two.re,
+          of.hysteretic + of.damping * lambda.one.im + of.mass * lambda.two.im};
 }
 
 /// Derivatives of an entry of P by lambda and by the speed.
 inline Lanes entry_by_lambda(const PencilEntry& of, const EntryPowers& lambda) {
-  return of.square * lambda.twice + of.rate;
+  return of.mass * lambda.twice + of.damping;
 }
 inline Lanes entry_by_speed(const PencilEntry& of, const EntryPowers& lambda) {
-  return of.rate_by_speed * lambda.one + of.still_by_speed;
+  return of.damping_by_speed * lambda.one + of.stiffness_by_speed;
 }
 
 template <>
@@ -203,7 +203,8 @@ inline void put_back(const Pack& place, Lanes* rows, Count count) {
 inline bool acts_on(const PencilEntry (&station)[2][2]) {
   for (const auto& row : station) {
     for (const PencilEntry& of : row) {
-      if (of.still != 0.0 || of.loss != 0.0 || of.rate != 0.0 || of.square != 0.0) return true;
+      if (of.stiffness != 0.0 || of.hysteretic != 0.0 || of.damping != 0.0 || of.mass != 0.0)
+        return true;
     }
   }
   return false;

@@ -38,10 +38,10 @@ namespace pipedyn {
 /// Half-bandwidth up to which the elimination is worth its cost; that of a plain pipe is 4.
 inline constexpr std::ptrdiff_t widest = 24;
 
-/// An entry of P at a speed: the coefficients of lambda^0 (`still`, with the imaginary part
-/// `loss`), of lambda (`rate`) and of lambda^2 (`square`), and derivatives by the speed.
+/// An entry of P at a speed: the coefficients of lambda^0 (`stiffness`, with the imaginary part
+/// `hysteretic`), of lambda (`damping`) and of lambda^2 (`mass`), and derivatives by the speed.
 struct PencilEntry {
-  double still, loss, rate, square, still_by_speed, rate_by_speed;
+  double stiffness, hysteretic, damping, mass, stiffness_by_speed, damping_by_speed;
 };
 
 struct EliminationPanel {

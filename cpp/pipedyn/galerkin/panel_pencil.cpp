@@ -261,7 +261,7 @@ PanelPencil::At PanelPencil::made(const Entry& entry) const {
 }
 
 PanelPencil::At PanelPencil::at(double u) const {
-  const double thrust = pipe_.centrifugal * u * u, by_speed = 2.0 * pipe_.centrifugal * u;
+  const double thrust = pipe_.end_coefficient * u * u, by_speed = 2.0 * pipe_.end_coefficient * u;
   return made([&](const auto& of) -> PencilEntry {
     return {of(elastic) + pipe_.gamma * of(gravity) + of(rest) + thrust * of(flux),
             pipe_.hysteresis * of(elastic),
@@ -272,11 +272,11 @@ PanelPencil::At PanelPencil::at(double u) const {
   });
 }
 
-PanelPencil::At PanelPencil::still() const {
+PanelPencil::At PanelPencil::by_squared_speed() const {
   return made([&](const auto& of) -> PencilEntry {
     return {of(elastic) + pipe_.gamma * of(gravity) + of(rest),
             0.0,
-            pipe_.centrifugal * of(flux),
+            pipe_.end_coefficient * of(flux),
             0.0,
             0.0,
             0.0};
@@ -395,7 +395,7 @@ Works PanelPencil::works(double u, const Reals& frequencies, const Matrix& x) co
   along(x.cwiseAbs(), 1.0,
         [&](const Panel&, const Matrix&, const Matrix& place) { bounds.push_back(place); });
   const double flow = pipe_.direction() * pipe_.sqrt_beta() - pipe_.entry();
-  const double thrust = pipe_.centrifugal * u * u * std::cos(pipe_.jet_angle);
+  const double thrust = pipe_.end_coefficient * u * u * std::cos(pipe_.jet_angle);
   const double lost_term = 4.0 * eps * std::sqrt(static_cast<double>(size_));
   const Reals omega = frequencies.abs();
   Works sum(count);

@@ -46,7 +46,7 @@ class PanelPencil {
   };
   At at(double u) const;
   /// Input of the elimination for the square s of the speed as the unknown: K + s A.
-  At still() const;
+  At by_squared_speed() const;
 
   /// Product of the sum of the parts, each with its factor in `of`, with columns x, (size, r), in
   /// O(size) a column. Where the pipe is held, the columns must satisfy the conditions.

@@ -186,9 +186,9 @@ struct Dual {
 /// Calls `visit` with each of the pivots of P(0, u), whose product is its determinant, at a real or
 /// complex speed. They are those of the recursion of chain/impedance.hpp at lambda = `beside_zero`.
 template <class Number, class Visit>
-void still_pivots(const ImpedanceModel& model, Number u, const Visit& visit) {
+void static_pivots(const ImpedanceModel& model, Number u, const Visit& visit) {
   const auto number = [](double value) { return Number{value}; };
-  const auto still = [&](const ImpedanceParts& of) {
+  const auto near_zero = [&](const ImpedanceParts& of) {
     return number(of.stiffness + beside_zero * (of.damping + beside_zero * of.mass));
   };
   const Number thrust = number(model.thrust) * u * u;
@@ -197,23 +197,23 @@ void still_pivots(const ImpedanceModel& model, Number u, const Visit& visit) {
   Number b = model.guided ? number(0.0) - thrust : number(0.0), c = number(0.0), d = number(0.0);
   for (Index j = model.size - 1; j >= 0; --j) {
     const ImpedanceSegment& at = model.segments[j];
-    const Number l = number(at.length), k = still(at.joint), g = l * a + b;
+    const Number l = number(at.length), k = near_zero(at.joint), g = l * a + b;
     if (at.held) {
-      const Number moment = still(at.moment) + l * l * coriolis;
+      const Number moment = near_zero(at.moment) + l * l * coriolis;
       const Number force =
-          still(at.across) + still(at.turned) + number(2.0) * l * coriolis + thrust;
-      a = ((k + d + moment) / l - force) / l + still(at.force);
+          near_zero(at.across) + near_zero(at.turned) + number(2.0) * l * coriolis + thrust;
+      a = ((k + d + moment) / l - force) / l + near_zero(at.force);
       b = k / l - thrust;
       c = k / l;
       d = k;
       continue;
     }
-    const Number r = still(at.moment) + l * l * coriolis + d + l * (c + g);
-    const Number w = still(at.across) + c + l * a, p = k + r;
-    const Number h = g + still(at.turned) + number(2.0) * l * coriolis;
+    const Number r = near_zero(at.moment) + l * l * coriolis + d + l * (c + g);
+    const Number w = near_zero(at.across) + c + l * a, p = k + r;
+    const Number h = g + near_zero(at.turned) + number(2.0) * l * coriolis;
     visit(p);
     const Number inverse = number(1.0) / p;
-    a = a + still(at.force) - (h + thrust) * w * inverse;
+    a = a + near_zero(at.force) - (h + thrust) * w * inverse;
     b = (h * k - thrust * r) * inverse;
     c = w * k * inverse;
     d = r * k * inverse;
@@ -274,7 +274,7 @@ Pencil ChainDeterminant::matrices(double stiffness_size) const {
     const Matrix columns = complement_->gathered(of).transpose();
     of = complement_->gathered(columns).transpose();
   }
-  return {lapack, std::move(made), chain_->pipe().centrifugal, stiffness_size, lost};
+  return {lapack, std::move(made), chain_->pipe().end_coefficient, stiffness_size, lost};
 }
 
 bool ChainDeterminant::is_same_at_rest(const Determinant& other) const {
@@ -282,19 +282,19 @@ bool ChainDeterminant::is_same_at_rest(const Determinant& other) const {
   return chain != nullptr && chain_->is_same_at_rest(*chain->chain_) && scale_ == chain->scale_;
 }
 
-Values ChainDeterminant::still_slopes(const Values& u) const {
+Values ChainDeterminant::static_slopes(const Values& u) const {
   Values slopes = Values::Zero(u.size());
   for (Index i = 0; i < u.size(); ++i) {
-    still_pivots(chain_->impedance(), Dual<Complex>{u[i], 1.0},
-                 [&](const auto& pivot) { slopes[i] += pivot.slope / pivot.value; });
+    static_pivots(chain_->impedance(), Dual<Complex>{u[i], 1.0},
+                  [&](const auto& pivot) { slopes[i] += pivot.slope / pivot.value; });
   }
   return slopes;
 }
 
-Stills ChainDeterminant::still(const Reals& u) const {
-  Stills found{Reals::Ones(u.size()), Reals::Zero(u.size()), Reals::Zero(u.size())};
+StaticDeterminants ChainDeterminant::static_determinants(const Reals& u) const {
+  StaticDeterminants found{Reals::Ones(u.size()), Reals::Zero(u.size()), Reals::Zero(u.size())};
   for (Index i = 0; i < u.size(); ++i) {
-    still_pivots(chain_->impedance(), Dual<double>{u[i], 1.0}, [&](const auto& pivot) {
+    static_pivots(chain_->impedance(), Dual<double>{u[i], 1.0}, [&](const auto& pivot) {
       if (pivot.value < 0.0) found.sign[i] = -found.sign[i];
       found.logarithm[i] += std::log(std::abs(pivot.value));
       found.slope[i] += pivot.slope / pivot.value;
@@ -305,7 +305,7 @@ Stills ChainDeterminant::still(const Reals& u) const {
 
 int ChainDeterminant::negative_at_rest() const {
   int count = 0;
-  still_pivots(chain_->impedance(), 0.0, [&](double pivot) { count += pivot < 0.0; });
+  static_pivots(chain_->impedance(), 0.0, [&](double pivot) { count += pivot < 0.0; });
   return count;
 }
 
@@ -379,11 +379,11 @@ std::optional<Works> PanelDeterminant::works(double u, const Reals& frequencies,
 }
 
 const EliminationModel& PanelDeterminant::stiffness() const {
-  if (!still_) still_ = pencil_->still();
-  return still_->model;
+  if (!static_) static_ = pencil_->by_squared_speed();
+  return static_->model;
 }
 
-Values PanelDeterminant::still_slopes(const Values& u) const {
+Values PanelDeterminant::static_slopes(const Values& u) const {
   return 2.0 * u *
          log_derivatives_by(
              [&](const Points& points, double* out) {
@@ -392,7 +392,7 @@ Values PanelDeterminant::still_slopes(const Values& u) const {
              0.0, u.square(), {});
 }
 
-Stills PanelDeterminant::still(const Reals& u) const {
+StaticDeterminants PanelDeterminant::static_determinants(const Reals& u) const {
   const Index count = u.size();
   const Reals squares = u.square(), none = Reals::Zero(count);
   Reals slopes(2 * count), signs(2 * count);

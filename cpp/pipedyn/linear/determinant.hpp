@@ -24,7 +24,7 @@ inline constexpr double beside_zero = 1e-30;
 
 /// A real determinant at each of some speeds: its sign, the logarithm of its absolute value, and
 /// the derivative of that logarithm by the speed.
-struct Stills {
+struct StaticDeterminants {
   Reals sign, logarithm, slope;
 };
 
@@ -72,9 +72,9 @@ class Determinant {
   /// a, the factor of u^2 in K(u).
   virtual double thrust() const = 0;
   /// Derivative by the speed of the logarithm of det K(u), at complex speeds.
-  virtual Values still_slopes(const Values& u) const = 0;
+  virtual Values static_slopes(const Values& u) const = 0;
   /// det K(u), or det P(beside_zero, u) where joints turn freely.
-  virtual Stills still(const Reals& u) const = 0;
+  virtual StaticDeterminants static_determinants(const Reals& u) const = 0;
   /// Number of negative eigenvalues of K at rest, where K is symmetric.
   virtual int negative_at_rest() const = 0;
 
@@ -112,8 +112,8 @@ class ChainDeterminant : public Determinant {
   bool turns_freely() const override { return chain_->springs().minCoeff() <= 0.0; }
   bool is_same_at_rest(const Determinant& other) const override;
   double thrust() const override { return chain_->impedance().thrust; }
-  Values still_slopes(const Values& u) const override;
-  Stills still(const Reals& u) const override;
+  Values static_slopes(const Values& u) const override;
+  StaticDeterminants static_determinants(const Reals& u) const override;
   int negative_at_rest() const override;
 
  protected:
@@ -153,9 +153,9 @@ class PanelDeterminant : public Determinant {
   bool has_loss() const override { return pencil_->pipe().hysteresis > 0.0; }
   bool turns_freely() const override { return pencil_->pipe().root == 0.0; }
   bool is_same_at_rest(const Determinant&) const override { return false; }
-  double thrust() const override { return pencil_->pipe().centrifugal; }
-  Values still_slopes(const Values& u) const override;
-  Stills still(const Reals& u) const override;
+  double thrust() const override { return pencil_->pipe().end_coefficient; }
+  Values static_slopes(const Values& u) const override;
+  StaticDeterminants static_determinants(const Reals& u) const override;
   int negative_at_rest() const override;
   std::optional<Works> works(double u, const Reals& frequencies,
                              const ComplexTable& vectors) const override;
@@ -176,7 +176,7 @@ class PanelDeterminant : public Determinant {
   Eigen::SparseMatrix<double, Eigen::RowMajor> spread_, gathered_;  // most columns have one entry
   mutable double latest_speed_ = -1.0;
   mutable PanelPencil::At latest_;
-  mutable std::optional<PanelPencil::At> still_;  // set when it is first asked for
+  mutable std::optional<PanelPencil::At> static_;  // set when it is first asked for
 };
 
 }  // namespace pipedyn

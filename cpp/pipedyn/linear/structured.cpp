@@ -448,7 +448,7 @@ std::optional<int> zeros_within(const Determinant& of, double low, double high) 
     for (Index i = 0; i < points; ++i) {
       arms[i] = std::polar(radius, std::numbers::pi * (i + 0.5) / static_cast<double>(points));
     }
-    const double number = (arms * of.still_slopes(centre + arms)).real().mean();
+    const double number = (arms * of.static_slopes(centre + arms)).real().mean();
     if (std::abs(number - std::round(number)) < near_whole) {
       return static_cast<int>(std::lround(number));
     }
@@ -459,9 +459,9 @@ std::optional<int> zeros_within(const Determinant& of, double low, double high) 
 }  // namespace
 
 /// det K at some speeds, or very near a speed at which a pivot is 0.
-Stills Structured::still(Reals u) const {
+StaticDeterminants Structured::static_determinants(Reals u) const {
   for (int tries = 0;; ++tries) {
-    Stills found = of_->still(u);
+    StaticDeterminants found = of_->static_determinants(u);
     const auto lost = found.logarithm.isNaN();
     if (tries == 3 || !lost.any()) return found;
     u += lost.cast<double>() * (eps * (1.0 + u));
@@ -471,11 +471,11 @@ Stills Structured::still(Reals u) const {
 /// det K divided by its value at rest, and by the power of lambda that the roots at zero
 /// contribute.
 double Structured::determinant(double u) const {
-  const auto size = [&](double speed, const Stills& of) {
+  const auto size = [&](double speed, const StaticDeterminants& of) {
     return of.logarithm[0] - static_cast<double>(roots_at_zero(speed)) * std::log(beside_zero);
   };
-  const double at_rest = size(0.0, of_->still(Reals::Zero(1)));
-  const Stills there = still(Reals::Constant(1, u));
+  const double at_rest = size(0.0, of_->static_determinants(Reals::Zero(1)));
+  const StaticDeterminants there = static_determinants(Reals::Constant(1, u));
   return there.sign[0] * std::exp(size(u, there) - (std::isfinite(at_rest) ? at_rest : 0.0));
 }
 
@@ -493,7 +493,7 @@ void Structured::isolate(const Bracket& range, bool first, std::vector<Bracket>&
     if (number.value_or(0) > 1) found.push_back({low, high, before, after, *number});
   } else {
     const Reals ends = Reals::LinSpaced(division + 1, low, high);
-    const Reals signs = still(ends.segment(1, division - 1)).sign;
+    const Reals signs = static_determinants(ends.segment(1, division - 1)).sign;
     const auto sign = [&](Index i) {
       return i == 0 ? before : i == division ? after : signs[i - 1];
     };
@@ -516,7 +516,7 @@ Reals Structured::zeros_in(const std::vector<Bracket>& ranges) const {
   Reals u = 0.5 * (low + high);
   const auto moves = [&] { return step.abs() > 4e-16 * (1.0 + u); };
   for (int steps = 1; steps < 100 && moves().any(); ++steps) {
-    const Stills at = still(u);
+    const StaticDeterminants at = static_determinants(u);
     for (Index i = 0; i < count; ++i) {
       (at.sign[i] * sign[i] > 0.0 ? low : high)[i] = u[i];
       const bool is_slow = steps % 8 == 0 && std::abs(step[i]) > 1e-6 * (1.0 + u[i]);
@@ -538,7 +538,7 @@ Divergences Structured::divergences(double max_speed, bool first) {
   ++factorised_;
   if (of_->thrust() == 0.0) return result;
   const Reals ends{{least_speed, 1.0001 * max_speed}};
-  const Reals signs = still(ends).sign;
+  const Reals signs = static_determinants(ends).sign;
   std::vector<Bracket> ranges, single;
   isolate({ends[0], ends[1], signs[0], signs[1]}, first, ranges);
   std::ranges::copy_if(ranges, std::back_inserter(single),
@@ -559,7 +559,7 @@ Divergences Structured::divergences(double max_speed, bool first) {
 std::optional<Divergence> Structured::divergence_near(double guess, double reach) {
   if (zeros_in_flow_ > 0 && of_->is_pivoted()) return Eigenproblem::divergence_near(guess, reach);
   const Reals ends{{std::max(guess - reach, least_speed), guess + reach}};
-  const Reals signs = still(ends).sign;
+  const Reals signs = static_determinants(ends).sign;
   if (signs[0] * signs[1] > 0.0) return {};
   return divergence_at(zeros_in({{ends[0], ends[1], signs[0], signs[1]}})[0]);
 }

@@ -80,7 +80,7 @@ class Structured : public Eigenproblem {
     double low, high, before, after;
     int zeros = 0;
   };
-  Stills still(Reals u) const;
+  StaticDeterminants static_determinants(Reals u) const;
   double determinant(double u) const;
   void isolate(const Bracket& range, bool first, std::vector<Bracket>& found) const;
   Reals zeros_in(const std::vector<Bracket>& ranges) const;
