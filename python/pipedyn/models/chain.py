@@ -22,7 +22,7 @@ from pipedyn.models.base import (
     stored,
 )
 from pipedyn.models.galerkin import Galerkin, basis_joints
-from pipedyn.models.pencil import ChainPencil, Pencil
+from pipedyn.models.pencil import PartsPencil, Pencil, Vectors, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments, reciprocal
 from pipedyn.models.segments import MET, SegmentModel, along, held_ends
@@ -50,6 +50,9 @@ NOT_HELD = np.zeros(0, dtype=np.intp)
 
 LARGEST_CHAIN = 1_000_000
 """Largest number of segments: each array takes 8 MB, a right-hand side some 0.03 s."""
+
+LONGEST_DENSE = 64
+"""Largest chain with dense matrices: as measured, both methods take equal time near this size."""
 
 SHORTEST_SEGMENT = 1e-7
 """Shortest segment: shorter ones, or a last one with less inertia, are lost in rounding."""
@@ -532,6 +535,68 @@ class Chain(SegmentModel):
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         return self.admissible(self.sampled(angle))
+
+
+class ChainPencil(PartsPencil):
+    """A chain's pencil, with products in O(n); the core solves it by recursion.
+
+    Guides hold the ends of some segments (`held`, a bool for each); `complement` spans the elastic
+    coordinates that the guides allow.
+    """
+
+    model: Chain
+
+    def __init__(
+        self,
+        model: Chain,
+        held: NDArray[np.bool_] | None = None,
+        complement: _core.Complement | None = None,
+    ) -> None:
+        super().__init__(model)
+        self.held = held
+        self.core = model.core if held is None else model.core.guided(held.tolist())
+        if complement is None:
+            complement = _core.Complement(np.zeros((model.dof, 0)))
+        self.complement = complement
+        self.dof = complement.dof
+        self.is_long = self.dof > LONGEST_DENSE
+        self.end_moves = held is None and model.pipe.beta * model.pipe.inflow_share > 0.0
+        self.scale, self.springs = model.elastic_scale, model.springs
+
+    @property
+    def lost_power(self) -> float:  # type: ignore[override]
+        """Power below which a motion of a guided chain counts as undamped; 0 without guides."""
+        free = self.scale[:, None] * np.cos(np.arange(1.0, self.scale.size + 1.0))[:, None]
+        loads = self.scale[:, None] * self.core.joint_times(free, rate=1.0)
+        return 1e-12 * float(np.abs(loads).max(initial=0.0)) if self.held is not None else 0.0
+
+    def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
+        return _core.Structured(traits, self.core, self.complement, self.scale, size)
+
+    def with_pipe(self, pipe: Pipe) -> ChainPencil:
+        return ChainPencil(self.model.with_pipe(pipe), self.held, self.complement)
+
+    def elastic(self, x: Vectors) -> Vectors:
+        result: Vectors = super().elastic(real_columns(self.complement.spread, x))
+        return real_columns(self.complement.gathered, result)
+
+    def by_springs(self, value: complex) -> Any:
+        every, root, spring = super().by_springs(value), self.pipe.root_stiffness, self.springs[0]
+        if root == math.inf:
+            return every
+        by = np.full(self.springs.size, every, dtype=np.complex128)
+        share = root / (root + float(spring)) if root else 0.0  # in series; the root has no damping
+        by[0] = share**2 * (1.0 + self._lost(value) * (2.0 * share - 1.0))
+        return by
+
+    def _times(self, x: Vectors, **part: float) -> Vectors:
+        scale = self.scale[:, None]
+
+        def product(z: Vectors) -> Vectors:
+            rows = self.core.joint_times(scale * self.complement.spread(z), **part)
+            return self.complement.gathered(scale * rows)
+
+        return real_columns(product, x)
 
 
 def _first_eigenvalue(pipe: Pipe) -> float:

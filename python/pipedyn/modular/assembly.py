@@ -22,8 +22,8 @@ from pipedyn.models.base import (
     operators_from,
     stored,
 )
-from pipedyn.models.chain import LARGEST_CHAIN, Chain
-from pipedyn.models.pencil import ChainPencil, Pencil
+from pipedyn.models.chain import LARGEST_CHAIN, Chain, ChainPencil
+from pipedyn.models.pencil import Pencil
 from pipedyn.models.pipe import Pipe, checked_pipe
 from pipedyn.models.segments import MET, SegmentModel, SmallMotions, along, rest_moments
 from pipedyn.models.terms import Term
