@@ -589,14 +589,10 @@ class ChainPencil(PartsPencil):
         by[0] = share**2 * (1.0 + self._lost(value) * (2.0 * share - 1.0))
         return by
 
-    def _times(self, x: Vectors, **part: float) -> Vectors:
+    def _product(self, x: Array, **part: float) -> Array:
         scale = self.scale[:, None]
-
-        def product(z: Vectors) -> Vectors:
-            rows = self.core.joint_times(scale * self.complement.spread(z), **part)
-            return self.complement.gathered(scale * rows)
-
-        return real_columns(product, x)
+        rows = self.core.joint_times(scale * self.complement.spread(x), **part)
+        return self.complement.gathered(scale * rows)
 
 
 def _first_eigenvalue(pipe: Pipe) -> float:

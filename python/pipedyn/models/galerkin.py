@@ -25,7 +25,7 @@ from pipedyn.models.base import (
     projected,
     stored,
 )
-from pipedyn.models.pencil import PartsPencil, Pencil, Vectors, real_columns
+from pipedyn.models.pencil import PartsPencil, Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.reduced_supports import FreeFunctions, ReducedSupports, orthonormal
 from pipedyn.util import check
@@ -544,11 +544,8 @@ class PanelPencil(PartsPencil):
     def with_pipe(self, pipe: Pipe) -> PanelPencil:
         return PanelPencil(self.model.with_pipe(pipe))
 
-    def _times(self, x: Vectors, **part: float) -> Vectors:
-        def product(z: Vectors) -> Vectors:
-            return self.spread.T @ self.core.times(self.spread @ z, **part)
-
-        return real_columns(product, x)
+    def _product(self, x: Array, **part: float) -> Array:
+        return self.spread.T @ self.core.times(self.spread @ x, **part)
 
 
 def enriched(model: Galerkin, more: int) -> Galerkin:

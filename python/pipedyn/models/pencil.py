@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property, partial, partialmethod
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -162,32 +162,21 @@ class DensePencil(Pencil):
 class PartsPencil(Pencil):
     """A pencil whose core object multiplies with each part of P."""
 
-    # These are methods: partial functions of self would be a cycle for the garbage collector.
-
-    def mass(self, x: Vectors) -> Vectors:
-        return self._times(x, square=1.0)
-
-    def velocity(self, x: Vectors) -> Vectors:
-        return self._times(x, velocity=1.0)
-
-    def damping(self, x: Vectors) -> Vectors:
-        return self._times(x, rate=1.0)
-
-    def stiffness(self, x: Vectors) -> Vectors:
-        return self._times(x, still=1.0)
-
-    def flux(self, x: Vectors) -> Vectors:
-        return self._times(x, flux=1.0)
-
-    def gravity(self, x: Vectors) -> Vectors:
-        return self._times(x, gravity=1.0)
-
-    def by_damping(self, x: Vectors) -> Vectors:
-        return self._times(x, by_damping=1.0)
+    def _product(self, x: Array, **part: float) -> Array:
+        """Product of real x with the sum of the core's parts, each times the factor of its name."""
+        raise NotImplementedError
 
     def _times(self, x: Vectors, **part: float) -> Vectors:
-        """Product with the sum of the core's parts, each times the factor given by its name."""
-        raise NotImplementedError
+        return real_columns(lambda z: self._product(z, **part), x)
+
+    # Partial methods, since partial functions of self would be a cycle for the garbage collector.
+    mass = partialmethod(_times, square=1.0)
+    velocity = partialmethod(_times, velocity=1.0)
+    damping = partialmethod(_times, rate=1.0)
+    stiffness = partialmethod(_times, still=1.0)
+    flux = partialmethod(_times, flux=1.0)
+    gravity = partialmethod(_times, gravity=1.0)
+    by_damping = partialmethod(_times, by_damping=1.0)
 
 
 def real_columns(product: Product, x: Vectors) -> Vectors:
