@@ -518,7 +518,8 @@ void check_scene_systems(Pipe pipe, Index n, Dice& dice) {
     y << theta, omega;
     Matrix jacobian(2 * n, 2 * n);
     made.jacobian({y.data(), &u, 1, 0}, jacobian.data());
-    pipedyn::SceneSystems systems(made, [u](double, Index) { return pipedyn::Flow{.u = u}; });
+    pipedyn::SceneSystems systems(
+        made, [u](double, Index) { return pipedyn::Flows{.u = pipedyn::Vector::Constant(1, u)}; });
     systems.linearise(0.0, y.data(), 0);
     check_shifted(jacobian, 1e-11, dice, [&](const double* mu, double* x) {
       systems.factorise(mu);

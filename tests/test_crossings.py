@@ -5,8 +5,6 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from independent import (
     assert_differences,
     chain_crossing,
@@ -87,20 +85,6 @@ def test_crossings_account_for_every_unstable_root(pipe, max_speed, kind):
         "legendre 12": lambda: pp.Galerkin(pipe, 12, "legendre"),
     }[kind]()
     counts_meet_the_matrices(model, max_speed)
-
-
-@settings(max_examples=20)
-@given(
-    beta=st.floats(0.0, 0.97),
-    gamma=st.floats(-50.0, 50.0),
-    damping=st.sampled_from([0.0, 1e-4, 1e-2]),
-    flow=st.sampled_from(["ejecting", "aspirating"]),
-    alpha=st.sampled_from([0.0, 0.6, 1.0, 1.3]),
-    n=st.integers(1, 9),
-)
-def test_any_pipes_crossings_account_for_every_unstable_root(beta, gamma, damping, flow, alpha, n):
-    pipe = pp.Pipe(round(beta, 3), round(gamma, 2), flow, alpha, damping=damping)
-    counts_meet_the_matrices(pp.Chain(pipe, n), 10.0, samples=80)
 
 
 @pytest.mark.parametrize("beta", [0.295, 0.9])

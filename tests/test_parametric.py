@@ -13,7 +13,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import pipedyn as pp
-from pipedyn.forced.parametric_search import regions
+from pipedyn.forced.parametric_search import RegionSearch, regions
 from pipedyn.forced.pulsating import Hill, PulsatingPipe
 
 PIPE = pp.Pipe(0.2, gamma=10.0)
@@ -159,6 +159,14 @@ def test_principal_and_combination_regions_of_a_pipe_clamped_at_both_ends():
     (one,) = [r for r in found if r.kind == "combination"]
     np.testing.assert_allclose(one.edges, [[36.181805, 36.381321]], atol=2e-6)
     np.testing.assert_allclose(one.bottom[:2], [0.0, 0.5 * (16.30777486 + 56.12714690)], atol=1e-6)
+
+
+def test_two_thin_intervals_between_edges_may_be_neighbours():
+    """Whether motions grow in one depends on its neighbours, without asking for ever."""
+    hill = conservative(2.0, root="pinned", end="pinned")
+    search = RegionSearch(hill, np.array([0.1]), 14.0, 16.0)
+    edges = np.array([14.0, 14.0001, 14.0002, 15.7])
+    assert search._unstable(0.5, 0.1, edges, 0, 4) == [(14.0, 14.0002)]
 
 
 def test_both_edges_of_a_thin_combination_region_are_found():

@@ -13,7 +13,8 @@ import pytest
 import redundant
 import scipy.linalg
 import scipy.special
-from independent import series_newton_step
+from independent import derivative_along, series_newton_step
+from test_terms import jacobian_by_differences
 
 import pipedyn as pp
 from pipedyn import modular as md
@@ -395,20 +396,11 @@ def test_rates_of_held_chains(name: str) -> None:
     moved = np.split(y + h * rates, 2)
     size = np.abs(rates).max()
     assert np.abs(chain.onto_constraints(*moved)[0] - moved[0]).max() < 3.0 * (h * size) ** 2
-    step = 1e-4 / size
-    fed = sum(
-        weight * chain.energy(y + share * step * rates)
-        for share, weight in ((-2, 1), (-1, -8), (1, 8), (2, -1))
-    ) / (12.0 * step)
+    fed = derivative_along(chain.energy, y, rates, 1e-4 / size)
     assert fed == pytest.approx(chain.power(y, u).total, rel=1e-6)
-    columns = [
-        (chain.rhs(0.0, y + 1e-6 * d, u) - chain.rhs(0.0, y - 1e-6 * d, u)) / 2e-6
-        for d in np.eye(16)
-    ]
     jacobian = chain.jacobian(0.0, y, u)
-    np.testing.assert_allclose(
-        jacobian, np.transpose(columns), atol=3e-9 * np.abs(jacobian).max(), rtol=0.0
-    )
+    columns = jacobian_by_differences(lambda at: chain.rhs(0.0, at, u), y, 1.0, 1e-3)
+    assert np.abs(jacobian - columns).max() < 3e-9 * np.abs(jacobian).max()
     pair = np.stack([y, np.concatenate(chain.onto_constraints(*np.split(0.9 * y, 2)))], axis=1)
     together = chain.rhs(0.0, pair, np.array([u, 1.0]))
     np.testing.assert_allclose(together[:, 0], rates, rtol=1e-10, atol=1e-10)

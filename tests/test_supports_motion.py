@@ -5,10 +5,10 @@ import math
 
 import numpy as np
 import pytest
-from independent import companion_eigenvalues, second_derivative
+from independent import companion_eigenvalues, derivative_along, second_derivative
 from scipy.optimize import brentq
 from scipy.special import ellipk
-from test_terms import derivative, jacobian_by_differences, sizes_of, state_of
+from test_terms import jacobian_by_differences, sizes_of, state_of
 
 import pipedyn as pp
 
@@ -47,7 +47,7 @@ def test_supports_are_met_and_kept(given, basis):
     q, slow = state_of(model)
     rates = 5.0 * slow
     assert np.abs(places(model, q)).max() < 1e-12
-    assert np.abs(derivative(lambda at: places(model, at), q, rates, 1e-3)).max() < 1e-10
+    assert np.abs(derivative_along(lambda at: places(model, at), q, rates, 1e-3)).max() < 1e-10
     turning = model.rhs(0.0, np.append(q, rates), SPEED)[q.size :]
     kept, left = (
         second_derivative(lambda t, a=a: places(model, q + t * rates + 0.5 * t**2 * a), 1e-4)
@@ -86,7 +86,7 @@ def test_energy_changes_by_the_power_and_jacobians_meet_differences(given, basis
     model = model_of(given, basis)
     y = np.concatenate(state_of(model))
     rates = model.rhs(0.0, y, SPEED)
-    change = derivative(model.energy, y, rates, 3e-6)
+    change = derivative_along(model.energy, y, rates, 3e-6)
     assert model.power(y, SPEED).total == pytest.approx(change, rel=1e-6)
     exact, units = model.jacobian(0.0, y, SPEED), np.tile(sizes_of(model), 2)
     differences = jacobian_by_differences(lambda at: model.rhs(0.0, at, SPEED), y, units, 1e-3)

@@ -181,37 +181,21 @@ struct UnlockedFor {
 };
 
 /// Results (results,) or (results, k) that `work` computes from states (rows,) or (rows, k), their
-/// speeds and drive. cost: amount of work for one state, as for `UnlockedFor`.
+/// speeds and drive; with `matrices` each result is a matrix (results, rows), and those of k states
+/// are (k, results, rows). cost: amount of work for one state, as for `UnlockedFor`.
 inline Numbers results_of(py::ssize_t rows, py::ssize_t results, py::ssize_t cost,
                           const py::object& y, const py::object& u, const py::object& drive,
-                          const Work& work) {
-  const States states("y", y, rows);
-  const Speeds speeds("u", u, states);
-  const Drives drives(drive, states);
-  Numbers made = new_numbers(results, states.members, states.one);
-  Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
-  batch.drive = drives.data();
-  double* const out = made.mutable_data();
-  const UnlockedFor unlocked(cost * states.members);
-  work(batch, out);
-  return made;
-}
-
-/// Matrices (results, rows) that `work` computes from one state, or (k, results, rows) from k
-/// states; most are derivatives of rates by states. cost: amount of work for one row.
-inline Numbers jacobians_of(py::ssize_t rows, py::ssize_t results, py::ssize_t cost,
-                            const py::object& y, const py::object& u, const py::object& drive,
-                            const Work& work) {
+                          const Work& work, bool matrices = false) {
   const States states("y", y, rows);
   const Speeds speeds("u", u, states);
   const Drives drives(drive, states);
   std::vector<py::ssize_t> shape{results, rows};
   if (!states.one) shape.insert(shape.begin(), states.members);
-  Numbers made(shape);
+  Numbers made = matrices ? Numbers(shape) : new_numbers(results, states.members, states.one);
   Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
   batch.drive = drives.data();
   double* const out = made.mutable_data();
-  const UnlockedFor unlocked(rows * cost * states.members);
+  const UnlockedFor unlocked(cost * states.members);
   work(batch, out);
   return made;
 }
@@ -293,11 +277,12 @@ void define_equations(py::class_<Model>& model) {
   // Derivatives of rates, after `more` other rows.
   const auto slopes = [](const Model& of, const object& y, const object& u, const object& drive,
                          py::ssize_t more, auto work) {
-    const py::ssize_t rows = 2 * of.dof(), results = rows + more, cost = work_of(of);
+    const py::ssize_t rows = 2 * of.dof(), results = rows + more, cost = rows * work_of(of);
     const auto part = [&](const Batch& batch, double* out) { work(of, batch, out); };
-    return jacobians_of(rows, results, cost, y, u, drive, [&](const Batch& batch, double* out) {
-      in_parts(batch, rows, results * rows, true, rows * cost, part, out);
-    });
+    const auto all = [&](const Batch& batch, double* out) {
+      in_parts(batch, rows, results * rows, true, cost, part, out);
+    };
+    return results_of(rows, results, cost, y, u, drive, all, true);
   };
   const auto drive = "drive"_a = py::none(), refuses = "refuses"_a = true;
   model

@@ -119,12 +119,13 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def("joint_operators", &Chain::joint_operators, "scale"_a, Unlocked())
       .def(
           "joint_times",
-          [](const Chain& chain, const pipedyn::Matrix& x, double still, double rate, double square,
-             double velocity, double flux, double gravity, double by_damping, double unsteady) {
+          [](const Chain& chain, const pipedyn::Matrix& x, double stiffness, double damping,
+             double mass, double velocity, double flux, double gravity, double by_damping,
+             double unsteady) {
             return chain.joint_times(
-                x, {still, rate, square, velocity, flux, gravity, by_damping, unsteady});
+                x, {stiffness, damping, mass, velocity, flux, gravity, by_damping, unsteady});
           },
-          "x"_a, "still"_a = 0.0, "rate"_a = 0.0, "square"_a = 0.0, "velocity"_a = 0.0,
+          "x"_a, "stiffness"_a = 0.0, "damping"_a = 0.0, "mass"_a = 0.0, "velocity"_a = 0.0,
           "flux"_a = 0.0, "gravity"_a = 0.0, "by_damping"_a = 0.0, "unsteady"_a = 0.0, Unlocked())
       .def("guided", &Chain::guided, "held"_a)
       .def_property_readonly("joints", &Chain::joints)

@@ -53,12 +53,6 @@ const Lapack& scipy_lapack() {
   return found.call_once_and_store_result(found_lapack).get_stored();
 }
 
-/// A vector split into all but its last number, and the last number.
-DenseOperator::Matrices with_loss(std::array<Matrix, 5> others, Matrix loss) {
-  auto& [a, b, c, d, e] = others;
-  return {std::move(a), std::move(b), std::move(c), std::move(d), std::move(e), std::move(loss)};
-}
-
 /// An object that Python keeps alive.
 template <class Kept>
 std::shared_ptr<const Kept> kept_elsewhere(const Kept& one) {
@@ -236,11 +230,11 @@ void define_linear(py::module_& m) {
           "model"_a)
       .def(
           "times",
-          [](const PanelPencil& pencil, const Matrix& x, double still, double rate, double square,
-             double velocity, double flux, double gravity, double by_damping) {
-            return pencil.times(x, {still, rate, square, velocity, flux, gravity, by_damping});
+          [](const PanelPencil& pencil, const Matrix& x, double stiffness, double damping,
+             double mass, double velocity, double flux, double gravity, double by_damping) {
+            return pencil.times(x, {stiffness, damping, mass, velocity, flux, gravity, by_damping});
           },
-          "x"_a, "still"_a = 0.0, "rate"_a = 0.0, "square"_a = 0.0, "velocity"_a = 0.0,
+          "x"_a, "stiffness"_a = 0.0, "damping"_a = 0.0, "mass"_a = 0.0, "velocity"_a = 0.0,
           "flux"_a = 0.0, "gravity"_a = 0.0, "by_damping"_a = 0.0, Unlocked())
       .def(
           "on_panels",
@@ -256,17 +250,15 @@ void define_linear(py::module_& m) {
            "free_at_rest"_a, "loss"_a)
       .def_readonly("loss", &Traits::loss);
   py::class_<Eigenproblem, Spectrum, std::shared_ptr<Eigenproblem>>(m, "Eigenproblem")
-      .def(py::init([](const Traits& traits, std::array<Matrix, 5> of, double centrifugal,
-                       double size, Matrix loss, double rounding) {
-             auto matrices = with_loss(std::move(of), std::move(loss));
+      .def(py::init([](const Traits& traits, DenseOperator::Matrices matrices,
+                       double end_coefficient, double size, double rounding) {
              std::array<double, 6> lost{};
              for (std::size_t k = 0; k < lost.size(); ++k) lost[k] = rounding * matrices[k].norm();
              return std::make_shared<Eigenproblem>(
-                 traits, Pencil{scipy_lapack(), std::move(matrices), centrifugal, size, lost,
+                 traits, Pencil{scipy_lapack(), std::move(matrices), end_coefficient, size, lost,
                                 static_cast<double>(traits.dof + 2) * eps});
            }),
-           "traits"_a, "matrices"_a, "centrifugal"_a, "size"_a, "loss"_a = Matrix(),
-           "rounding"_a = 0.0)
+           "traits"_a, "matrices"_a, "end_coefficient"_a, "size"_a, "rounding"_a = 0.0)
       .def("lowest", &Eigenproblem::lowest, "u"_a, "count"_a, "left"_a, "high"_a, Unlocked())
       .def("by_recursion", &Eigenproblem::by_recursion, "u"_a, "count"_a, "vectors"_a, Unlocked())
       .def(

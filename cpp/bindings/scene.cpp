@@ -74,7 +74,8 @@ Numbers derivative(const Scene& scene, const py::object& y, const py::object& u,
     further.add_to(batch);
     scene.derivative(batch, returns ? Scene::return_rate : 0.0, by_state, out);
   };
-  return jacobians_of(2 * scene.dof(), 2 * scene.dof(), work_of(scene), y, u, drive, work);
+  const py::ssize_t rows = 2 * scene.dof();
+  return results_of(rows, rows, rows * work_of(scene), y, u, drive, work, true);
 }
 
 }  // namespace

@@ -82,13 +82,13 @@ struct Operators {
   }
 };
 
-/// Factors of the parts of the straight pipe's linear problem, whose sum is a matrix. still, rate
-/// and square multiply stiffness, damping and mass; velocity multiplies s (gyroscopic + end_flux)
-/// and flux multiplies flux of `Operators`; gravity multiplies the derivative of the stiffness by
+/// Factors of the parts of the straight pipe's linear problem, whose sum is a matrix. stiffness,
+/// damping, mass and flux multiply the matrices of these names in `Operators`; velocity multiplies
+/// s (gyroscopic + end_flux); gravity multiplies the derivative of the stiffness by
 /// gamma and by_damping the derivative of the damping by delta; unsteady multiplies s unsteady and
 /// is read by chains alone.
 struct LinearPart {
-  double still = 0.0, rate = 0.0, square = 0.0, velocity = 0.0, flux = 0.0, gravity = 0.0;
+  double stiffness = 0.0, damping = 0.0, mass = 0.0, velocity = 0.0, flux = 0.0, gravity = 0.0;
   double by_damping = 0.0, unsteady = 0.0;
 };
 

@@ -134,9 +134,9 @@ class Chain:
     def joint_times(
         self,
         x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        still: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        rate: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        square: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        stiffness: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        mass: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         velocity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         flux: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         gravity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
@@ -377,9 +377,9 @@ class PanelPencil:
     def times(
         self,
         x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        still: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        rate: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        square: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        stiffness: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        mass: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         velocity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         flux: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         gravity: typing.SupportsFloat | typing.SupportsIndex = 0.0,
@@ -409,11 +409,10 @@ class Eigenproblem(Spectrum):
             collections.abc.Sequence[
                 typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
             ],
-            "FixedSize(5)",
+            "FixedSize(6)",
         ],
-        centrifugal: typing.SupportsFloat | typing.SupportsIndex,
+        end_coefficient: typing.SupportsFloat | typing.SupportsIndex,
         size: typing.SupportsFloat | typing.SupportsIndex,
-        loss: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
         rounding: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
     def assess(self, u: typing.SupportsFloat | typing.SupportsIndex, pairs: Pairs) -> None: ...

@@ -181,9 +181,8 @@ def bifurcation_diagram(
             something is followed for up to eight times the sum of both times.
         exponents: whether the largest Lyapunov exponent of irregular motions is computed, which
             tells chaos from quasi-periodic motion; without it they are "irregular".
-        rtol: relative tolerance of cycles at the speeds given, and of the steps of recorded
-            motions, relative to the motion's size. Before a motion is recorded, explicit steps take
-            1e-4 if rtol is less.
+        rtol: relative tolerance of cycles at the speeds given, and of the steps of motions,
+            relative to the motion's size.
         seed: seed of the initial states; the first state is always a slight bend.
         executor: a `concurrent.futures.Executor`; its tasks are branches of cycles and batches of
             motions. Tasks fail if it does not return them, since a worker died or it is broken or

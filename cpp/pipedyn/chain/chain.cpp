@@ -91,9 +91,9 @@ struct LoadSlopes {
 template <class Part>
 Operators operators_by(const Part& part, Index dof, double direction) {
   Operators ops(dof);
-  ops.mass = part({.square = 1.0});
-  ops.damping = part({.rate = 1.0});
-  ops.stiffness = part({.still = 1.0});
+  ops.mass = part({.mass = 1.0});
+  ops.damping = part({.damping = 1.0});
+  ops.stiffness = part({.stiffness = 1.0});
   ops.flux = part({.flux = 1.0});
   ops.unsteady = direction * part({.unsteady = 1.0});
   const Matrix velocity = direction * part({.velocity = 1.0});
@@ -158,7 +158,6 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
   std::stable_sort(
       loads_.begin(), loads_.end(),
       [](const SegmentTerm& one, const SegmentTerm& other) { return one.segment < other.segment; });
-  damped_ = (damping.array() != 0.0).any() || end_damping_ != 0.0;
   bent_ = (rest_moment.array() != 0.0).any();
   links_.resize(static_cast<std::size_t>(n));
   first_moment_.resize(n);
@@ -377,7 +376,7 @@ Matrix Chain::joint_times(const Matrix& x, const LinearPart& part) const {
 }
 
 Vector Chain::joint_factors(const LinearPart& part) const {
-  return part.still * segments_.spring + part.rate * segments_.damping +
+  return part.stiffness * segments_.spring + part.damping * segments_.damping +
          part.by_damping * damped_springs_;
 }
 
@@ -391,23 +390,22 @@ Matrix Chain::moments(const Matrix& x, const LinearPart& part, const Vector& ang
   const auto along = [&](double angle) { return Plane<double>{std::sin(angle), std::cos(angle)}; };
   const auto across = [](const Plane<double>& t) { return Plane<double>{t.y, -t.x}; };
   // The variables on which loads depend, and the factors of their derivatives.
-  const std::tuple<Variable, Variable, double> variables[] = {{by_position, by_angle, part.still},
-                                                              {by_velocity, by_rate, part.rate}};
+  const std::tuple<Variable, Variable, double> variables[] = {
+      {by_position, by_angle, part.stiffness}, {by_velocity, by_rate, part.damping}};
   Matrix out(n, columns), force_x(n, columns), force_y(n, columns);
   using Row = Eigen::RowVectorXd;
   Row place_x = Row::Zero(columns), place_y = place_x;  // displacement of the joint
   for (Index j = 0; j < n; ++j) {
     const Link& link = this->link(j);
-    const double l = link.length, mass = part.square * link.mass;
-    const double lever = part.square * link.first_moment;
-    const Plane<double> n_j = across(along(angles[j])),
-                        added = scaled(part.square * link.added, n_j);
+    const double l = link.length, mass = part.mass * link.mass;
+    const double lever = part.mass * link.first_moment;
+    const Plane<double> n_j = across(along(angles[j])), added = scaled(part.mass * link.added, n_j);
     // Derivatives of the force on the segment, and of its moment, by place and angle.
     double force[2][2] = {{mass + added.x * n_j.x, added.x * n_j.y},
                           {added.y * n_j.x, mass + added.y * n_j.y}};
     Plane<double> turned = scaled(lever + l * (2.0 * coriolis + push), n_j);
     Plane<double> moment = scaled(lever, n_j);
-    double own = part.square * link.inertia + l * l * coriolis;
+    double own = part.mass * link.inertia + l * l * coriolis;
     for (const auto& [place, angle, factor] : variables) {
       if (!loaded || factor == 0.0) continue;
       const LoadSlopes slopes(sums[static_cast<std::size_t>(j)], place, angle, n_j);
@@ -433,12 +431,13 @@ Matrix Chain::moments(const Matrix& x, const LinearPart& part, const Vector& ang
     const Link& link = this->link(j);
     const double l = link.length;
     const Plane<double> t_j = along(angles[j]), n_j = across(t_j);
-    double own = t_j.y * (part.still * link.weight + part.gravity * first_moment_[j]) -
+    double own = t_j.y * (part.stiffness * link.weight + part.gravity * first_moment_[j]) -
                  l * (part.flux * dot(t_j, jet) + push * dot(t_j, apart));
-    if (j == n - 1) own += (part.still + part.by_damping) * end_spring_ + part.rate * end_damping_;
+    if (j == n - 1)
+      own += (part.stiffness + part.by_damping) * end_spring_ + part.damping * end_damping_;
     if (loaded) {
       const auto& of = sums[static_cast<std::size_t>(j)].load;
-      own += part.still * dot(t_j, plus(scaled(l, load), plane(of[1])));
+      own += part.stiffness * dot(t_j, plus(scaled(l, load), plane(of[1])));
       load = plus(load, plane(of[0]));
     }
     out.row(j) += (l * n_j.x) * beyond_x + (l * n_j.y) * beyond_y + own * x.row(j);
@@ -453,7 +452,7 @@ Chain Chain::without_forces() const {
   Chain made = *this;
   made.pipe_ = Pipe{.centrifugal = 0.0};
   made.loads_.clear();
-  made.damped_ = made.bent_ = false;
+  made.bent_ = false;
   made.end_spring_ = made.end_damping_ = 0.0;
   for (Vector* const of :
        {&made.segments_.spring, &made.segments_.damping, &made.segments_.rest_moment}) {
@@ -526,7 +525,6 @@ MotionModel Chain::motion() const {
           .coriolis = pipe_.direction() * pipe_.sqrt_beta(),
           .entry = pipe_.entry(),
           .thrust = pipe_.thrust(),
-          .damped = damped_,
           .bent = bent_,
           .guided = pipe_.is_guided(),
           .end_spring = end_spring_,

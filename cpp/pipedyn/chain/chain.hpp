@@ -184,7 +184,7 @@ class Chain {
   Vector damped_springs_;  // dc_j / ddelta of joints that have the pipe's damping
   double end_spring_ = 0.0, end_damping_ = 0.0;
   std::vector<bool> held_;  // whether a guide holds the end of each segment
-  bool damped_, bent_;      // whether any joint has damping, or is bent at rest
+  bool bent_;               // whether any joint is bent at rest
   std::vector<Link> links_;
   std::vector<SegmentTerm> loads_;
   std::vector<ImpedanceSegment> impedances_;  // about the straight pipe

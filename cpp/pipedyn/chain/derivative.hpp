@@ -211,7 +211,7 @@ struct Linearised {
     const Count n = model.size;
     const Driven<Real> driven = members.drive();
     push = model.coriolis * driven.rate;
-    accelerations_of<true>(model, members, sweep, nullptr, false, kept);
+    accelerations_of<true>(model, members, sweep, nullptr, kept);
     for (Count j = 0; j < n; ++j) sweep.set(sweep.turn, j, members.row(j));
     sincos(sweep.array(sweep.turn), n * lanes<Real>, sine, cosine);
     const auto angle_of = [this](Count j) { return members.row(j); };

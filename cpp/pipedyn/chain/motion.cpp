@@ -78,43 +78,6 @@ void energy_of(const MotionModel& model, const Members<Real>& members, Sweep<Rea
   members.set_row(out, 0, 0.5 * twice);
 }
 
-template <class Real>
-void power_of(const MotionModel& model, const Members<Real>& members, Sweep<Real> sweep,
-              double* out) {
-  const Count n = model.size;
-  read_state(members, n, sweep);
-  const Driven<Real> driven = members.drive();
-  Real joints{}, drag{}, rate_before{}, vt = driven.vy, vn = driven.vx;
-  for_each_velocity(
-      model, sweep,
-      [&](Count j, const Real&, const Real& across, const Real& w) {
-        const Link& link = model.links[j];
-        if (model.damped) {
-          const Real turning = w - rate_before;
-          joints -= link.damping * (turning * turning);
-          rate_before = w;
-        }
-        const Real v = across + link.drag_arm * w, force = link.drag * (absolute(v) * v);
-        sweep.set(sweep.drag, j, force);
-        drag -= force * v;
-      },
-      vt, vn);
-  const LoadPower<Real> parts = add_loads(model, members, sweep);
-  const Real u = members.speed(), end_rate = sweep.at(sweep.rate, n - 1);
-  joints -= model.end_damping * (end_rate * end_rate);
-  const Thrust<Real> thrust(model, members);
-  // Velocity of the end relative to the base.
-  const Real along = vt - parts.base_along, across = vn - parts.base_across;
-  const Real entry = model.entry * u, own = (model.entry - model.coriolis) * u;
-  const Real flow = (own * along + entry * parts.base_along - thrust.along) * along +
-                    (own * across + entry * parts.base_across - thrust.across) * across;
-  members.set_row(out, 0, Real(flow + parts.flow));
-  members.set_row(out, 1, joints);
-  members.set_row(out, 2, drag);
-  members.set_row(out, 3, parts.terms);
-  members.set_row(out, 4, parts.base);
-}
-
 /// Implements MotionKernel::axial. With the acceleration A_j of joint j, the vector D_j from joint
 /// j + 1 to the end and the integral along the pipe,
 ///   int t . r'' = sum_j l_j (t_j . A_j - l_j w_j^2 / 2),
@@ -161,7 +124,10 @@ void axial_of(const MotionModel& model, const Members<Real>& members, Sweep<Real
 template <bool with_power>
 void rhs(const MotionModel& model, const Batch& batch, double* rates) {
   for_each_block(model, batch, [&](const auto& members, const auto& sweep) {
-    accelerations_of<false>(model, members, sweep, rates, with_power);
+    const auto parts = accelerations_of<false>(model, members, sweep, rates);
+    if (!with_power) return;
+    const auto total = parts.flow + parts.joints + parts.drag + parts.terms + parts.base;
+    members.set_row(rates, 2 * model.size, total);
   });
 }
 
@@ -173,7 +139,12 @@ void energy(const MotionModel& model, const Batch& batch, double* out) {
 
 void power(const MotionModel& model, const Batch& batch, double* out) {
   for_each_block(model, batch, [&](const auto& members, const auto& sweep) {
-    power_of(model, members, sweep, out);
+    const auto parts = accelerations_of<false>(model, members, sweep, nullptr);
+    members.set_row(out, 0, parts.flow);
+    members.set_row(out, 1, parts.joints);
+    members.set_row(out, 2, parts.drag);
+    members.set_row(out, 3, parts.terms);
+    members.set_row(out, 4, parts.base);
   });
 }
 

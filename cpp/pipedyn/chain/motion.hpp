@@ -50,7 +50,6 @@ struct MotionModel {
   double coriolis;               // sqrt(beta) s
   double entry;                  // (1 - c) sqrt(beta) s
   std::array<double, 2> thrust;  // a cos psi along and a sin psi across the last segment
-  bool damped;                   // whether a joint has damping
   bool bent;                     // whether a joint is bent at rest
   bool guided;                   // whether the end keeps the direction of the axis
   double end_spring;             // k and c of the joint between a guided end and the last segment

@@ -277,16 +277,22 @@ LoadPower<Real> add_loads(const MotionModel& model, const Members<Real>& members
 /// the free end the force of the entering flow; loads: these and the loads of add_loads.
 enum class Outer { nothing, drag, loads };
 
-/// Computes rates (2 n, members) and, if with_power, the power in row 2 n. keep: fills kept
+/// Powers of the flow, joints, drag, terms and the motion of the base.
+template <class Real>
+struct PowerParts {
+  Real flow, joints, drag, terms, base;
+};
+
+/// Computes rates (2 n, members) unless they are null, and returns the powers. keep: fills kept
 /// instead. Not inlined: each instance would have fewer registers next to the others.
 template <class Real, Outer outer, bool keep>
-PIPEDYN_NOINLINE void accelerations(const MotionModel& model, const Members<Real>& members,
-                                    Sweep<Real> sweep, double* rates, bool with_power,
-                                    Kept<Real>* kept) {
+PIPEDYN_NOINLINE PowerParts<Real> accelerations(const MotionModel& model,
+                                                const Members<Real>& members, Sweep<Real> sweep,
+                                                double* rates, Kept<Real>* kept) {
   const Count n = model.size;
   read_state(members, n, sweep);
 
-  Real power{}, end_along{}, end_across{};
+  Real drag{}, joints{}, end_along{}, end_across{};
   Real at = all<Real>(-model.gravity), an{};  // acceleration of the clamp
   if constexpr (outer == Outer::loads) {
     const Driven<Real> driven = members.drive();
@@ -303,7 +309,7 @@ PIPEDYN_NOINLINE void accelerations(const MotionModel& model, const Members<Real
           const Real v = across + link.drag_arm * w;
           const Real force = link.drag * (absolute(v) * v);
           sweep.set(sweep.drag, j, force);
-          power -= force * v;
+          drag -= force * v;
           if constexpr (keep) {
             kept[j].vt = along;
             kept[j].v = v;
@@ -312,17 +318,14 @@ PIPEDYN_NOINLINE void accelerations(const MotionModel& model, const Members<Real
         end_along, end_across);
   }
   LoadPower<Real> parts;
-  if constexpr (outer == Outer::loads) {
-    parts = add_loads(model, members, sweep);
-    power += parts.terms + parts.flow + parts.base;
-  }
+  if constexpr (outer == Outer::loads) parts = add_loads(model, members, sweep);
 
   const Real u = members.speed(), coriolis = model.coriolis * u;
   const Real entry = model.entry * u;
   const Thrust<Real> thrust(model, members);
   const Real end_rate = sweep.at(sweep.rate, n - 1);
   const Real end_resistance = model.end_damping * end_rate;
-  power -= end_resistance * end_rate;
+  joints -= end_resistance * end_rate;
   Real moment_beyond = -(model.end_spring * members.row(n - 1) + end_resistance);
   Real tt{}, tn{}, nn{}, bt = thrust.along, bn = thrust.across;
   if constexpr (outer != Outer::nothing) {
@@ -336,7 +339,7 @@ PIPEDYN_NOINLINE void accelerations(const MotionModel& model, const Members<Real
     const Real w = sweep.at(sweep.rate, j);
     const Real turning = j > 0 ? w - sweep.at(sweep.rate, j - 1) : w;
     const Real resistance = link.damping * turning;
-    power -= resistance * turning;
+    joints -= resistance * turning;
     const Real moment = link.spring * sweep.at(sweep.turn, j) + resistance;
     Real tau = moment_beyond - moment;
     moment_beyond = moment;
@@ -405,7 +408,7 @@ PIPEDYN_NOINLINE void accelerations(const MotionModel& model, const Members<Real
       here.at = along;
       here.an = across;
       here.acceleration = acceleration;
-    } else {
+    } else if (rates != nullptr) {
       members.set_row(rates, j, w);
       members.set_row(rates, n + j, acceleration);
     }
@@ -420,26 +423,25 @@ PIPEDYN_NOINLINE void accelerations(const MotionModel& model, const Members<Real
     an = (exchange * c - lever * s) * an + (l * g - beside * at);
     at = along - l * (w * w);
   }
-  if (!keep && with_power) {
-    const Real along = end_along - parts.base_along, across = end_across - parts.base_across;
-    const Real own = (model.entry - model.coriolis) * u;
-    power += (own * along + entry * parts.base_along - thrust.along) * along;
-    power += (own * across + entry * parts.base_across - thrust.across) * across;
-    members.set_row(rates, 2 * n, power);
-  }
+  // Velocity of the end relative to the base.
+  const Real along = end_along - parts.base_along, across = end_across - parts.base_across;
+  const Real own = (model.entry - model.coriolis) * u;
+  const Real flow = (own * along + entry * parts.base_along - thrust.along) * along +
+                    (own * across + entry * parts.base_across - thrust.across) * across;
+  return {flow + parts.flow, joints, drag, parts.terms, parts.base};
 }
 
 template <bool keep, class Real>
-void accelerations_of(const MotionModel& model, const Members<Real>& members, Sweep<Real> sweep,
-                      double* rates, bool with_power, Kept<Real>* kept = nullptr) {
+PowerParts<Real> accelerations_of(const MotionModel& model, const Members<Real>& members,
+                                  Sweep<Real> sweep, double* rates, Kept<Real>* kept = nullptr) {
   const Batch& batch = members.batch;
   if (model.load_count > 0 || model.bent || batch.moments != nullptr || batch.drive != nullptr) {
-    accelerations<Real, Outer::loads, keep>(model, members, sweep, rates, with_power, kept);
-  } else if (model.drag || model.entry != 0.0) {
-    accelerations<Real, Outer::drag, keep>(model, members, sweep, rates, with_power, kept);
-  } else {
-    accelerations<Real, Outer::nothing, keep>(model, members, sweep, rates, with_power, kept);
+    return accelerations<Real, Outer::loads, keep>(model, members, sweep, rates, kept);
   }
+  if (model.drag || model.entry != 0.0) {
+    return accelerations<Real, Outer::drag, keep>(model, members, sweep, rates, kept);
+  }
+  return accelerations<Real, Outer::nothing, keep>(model, members, sweep, rates, kept);
 }
 
 }  // namespace

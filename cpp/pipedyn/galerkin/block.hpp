@@ -182,24 +182,26 @@ struct Block {
     }
   }
 
+  /// The variables of a point that laws read; column: first column of the velocity.
+  Station<Real> station(Count row, Count column, Count p) const {
+    const double* const v = moments + p * row + column * lanes<Real>;
+    const auto of = [&](bool integrated, Count k) { return integrated ? at<Real>(v, k) : Real{}; };
+    return {of(loads, 2),        of(loads, 3),   at<Real>(theta, p), at<Real>(sine, p),
+            at<Real>(cosine, p), of(resists, 0), of(resists, 1),     at<Real>(omega, p)};
+  }
+
   /// Calls body(law, station, point, weight) at each place where a term acts; column: first column
   /// of the velocity.
   template <class Body>
   void for_each_station(const Batch& batch, Count row, Count column, const Body& body) const {
-    const auto station = [&](Count p) {
-      const double* const v = moments + p * row + column * lanes<Real>;
-      return Station<Real>{at<Real>(v, 2),    at<Real>(v, 3),      at<Real>(theta, p),
-                           at<Real>(sine, p), at<Real>(cosine, p), at<Real>(v, 0),
-                           at<Real>(v, 1),    at<Real>(omega, p)};
-    };
     for (Count k = 0; k < effects.load_count; ++k) {
       const PanelTerm& placed = effects.loads[k];
       Laws::with(placed.term, [&]<class Law>(const Law& law) {
         if constexpr (has_load<Law>) {
           const auto seen = [&](Count p) {
-            if constexpr (!Law::on_base) return station(p);
+            if constexpr (!Law::on_base) return station(row, column, p);
             constexpr Count place = Drive::position, rate = Drive::velocity;
-            return about(station(p), driven(batch, place), driven(batch, place + 1),
+            return about(station(row, column, p), driven(batch, place), driven(batch, place + 1),
                          driven(batch, rate), driven(batch, rate + 1));
           };
           if (placed.panel >= 0) {
@@ -220,63 +222,56 @@ struct Block {
     return (0.5 * effects.coriolis) * driven(batch, Drive::rate);
   }
 
-  struct Thrust {
-    Real along, across;
+  /// The law of what flow, drag and mass that moves across the pipe alone do at a point.
+  struct PointLoad {
+    Real along, across;             // force against the tangent and against the normal
+    Real coriolis, entering, drag;  // factors of theta', of the velocity, and of v_n^2 across
+    Real pushed_x, pushed_y;        // mass that moves across, times the acceleration
+
+    auto load(const auto& at) const {
+      const auto normal = at.cosine * at.vx - at.sine * at.vy;
+      const auto inertia = at.cosine * pushed_x - at.sine * pushed_y;
+      const auto sideways = inertia + coriolis * at.omega + drag * (normal * normal) + across;
+      return Load{entering * at.vx - sideways * at.cosine - along * at.sine,
+                  entering * at.vy + sideways * at.sine - along * at.cosine};
+    }
   };
-  Thrust thrust(const Real& u) const {
-    const Real square = u * u;
-    return {effects.thrust[0] * square, effects.thrust[1] * square};
+
+  /// The part of this law that is linear in the speed and its square; for the derivative by the
+  /// speed these are replaced by theirs, 1 and 2 u.
+  PointLoad flow_at(Count p, const Real& u, const Real& square) const {
+    PointLoad found{};
+    found.coriolis = (grid.weight[p] * effects.coriolis) * u;
+    if (p + 1 < points) return found;
+    found.entering = effects.entry * u;
+    found.along = effects.thrust[0] * square;  // the follower force
+    found.across = effects.thrust[1] * square;
+    return found;
+  }
+
+  /// The whole law; ax, ay: the acceleration.
+  PointLoad point_load(const Batch& batch, Count p, const Real& ax, const Real& ay) const {
+    const Real u = load<Real>(batch.u);
+    PointLoad found = flow_at(p, u, u * u);
+    found.along += grid.weight[p] * unsteady(batch);
+    if (drags) found.drag = effects.drag * at<Real>(weighted, p);
+    const double pushed = grid.weight[p] * effects.normal_mass;
+    found.pushed_x = pushed * ax;
+    found.pushed_y = pushed * ay;
+    return found;
   }
 
   /// All generalised forces except the part of inertia that is linear in q'', by orthonormal
   /// coordinates.
   void forces(const Batch& batch, Count row) {
-    const Real u = load<Real>(batch.u), push = unsteady(batch);
-    bool flows = false;
-    double speeds[lanes<Real>];
-    store(speeds, u);
-    for (const double speed : speeds) flows |= speed != 0.0;
-    const Real coriolis = effects.coriolis * u;
     if (drags) drag(row, bias + 2);
     for (Count p = 0; p < points; ++p) {
       const double* const bent = moments + p * row + bias * lanes<Real>;
-      const double mass_of = grid.mass[p];  // inertia and weight
-      Real x = -mass_of * at<Real>(bent, 0), y_load = mass_of * (effects.gamma - at<Real>(bent, 1));
-      if (batch.drive != nullptr) {
-        x -= grid.weight[p] * push * at<Real>(sine, p);
-        y_load -= grid.weight[p] * push * at<Real>(cosine, p);
-      }
-      if (flows || drags || across_alone) {
-        Real across{};
-        if (flows) across = grid.weight[p] * coriolis * at<Real>(omega, p);
-        if (drags) {
-          const Real v = at<Real>(velocity, p);
-          across += effects.drag * at<Real>(weighted, p) * (v * v);
-        }
-        if (across_alone) {
-          across +=
-              grid.weight[p] * effects.normal_mass *
-              (at<Real>(cosine, p) * at<Real>(bent, 0) - at<Real>(sine, p) * at<Real>(bent, 1));
-        }
-        x -= across * at<Real>(cosine, p);
-        y_load += across * at<Real>(sine, p);
-      }
-      set(load_x, p, x);
-      set(load_y, p, y_load);
+      const Real ax = at<Real>(bent, 0), ay = at<Real>(bent, 1);
+      const Acting<Real> load(point_load(batch, p, ax, ay).load(station(row, bias + 2, p)));
+      set(load_x, p, Real(load.x - grid.mass[p] * ax));
+      set(load_y, p, Real(load.y + grid.mass[p] * (effects.gamma - ay)));  // inertia and weight
       if (couples) set(couple, p, Real{});
-    }
-    if (flows) {  // the follower force
-      const Count end = points - 1;
-      const auto [along, across] = thrust(u);
-      const Real s = at<Real>(sine, end), c = at<Real>(cosine, end);
-      add(load_x, end, Real(-along * s - across * c));
-      add(load_y, end, Real(across * s - along * c));
-      if (effects.entry != 0.0) {
-        const double* const v = moments + end * row + (bias + 2) * lanes<Real>;
-        const Real entry = effects.entry * u;
-        add(load_x, end, Real(entry * at<Real>(v, 0)));
-        add(load_y, end, Real(entry * at<Real>(v, 1)));
-      }
     }
     for_each_station(batch, row, bias + 2,
                      [&]<class Law>(const Law& law, const auto& station, Count p, double w) {
@@ -496,25 +491,32 @@ struct Block {
     }
   }
 
-  void held(const Batch& batch, double* out) {
-    angles(batch.y);
+  /// Integrals of the slopes of the basis times factor(point) from the clamp to each support; the
+  /// rows of supports are `apart` numbers apart.
+  template <class Factor>
+  void integrate_to_supports(double* to, Count apart, const Factor& factor) const {
     Count p = 0;
     for (Count b = 0; b < holds; ++b) {
-      for (Count i = 0; i <= m; ++i) {
-        const Real before =
-            b > 0 ? at<Real>(out, i < 1 ? b - 1 : holds + (b - 1) * m + i - 1) : Real{};
-        set(out, i < 1 ? b : holds + b * m + i - 1, before);
+      const Count row = b * apart;
+      for (Count i = 0; i < m; ++i) {
+        set(to, row + i, b > 0 ? at<Real>(to, row - apart + i) : Real{});
       }
       for (; p < support(b); ++p) {
-        const double weight = grid.weight[p];
-        if (weight == 0.0) continue;
-        const Real turned = weight * at<Real>(cosine, p);
-        add(out, b, Real(weight * at<Real>(sine, p)));
-        for (Count i = 0; i < m; ++i) {
-          add(out, holds + b * m + i, Real(grid.slope[p * padded + i] * turned));
-        }
+        const Real own = grid.weight[p] * factor(p);
+        for (Count i = 0; i < m; ++i) add(to, row + i, Real(grid.slope[p * padded + i] * own));
       }
     }
+  }
+
+  void held(const Batch& batch, double* out) {
+    angles(batch.y);
+    for (Count b = 0; b < holds; ++b) {
+      Real x{};
+      for (Count p = 0; p < support(b); ++p) x += grid.weight[p] * at<Real>(sine, p);
+      set(out, b, x);
+    }
+    integrate_to_supports(out + holds * lanes<Real>, m,
+                          [&](Count p) { return at<Real>(cosine, p); });
   }
 
   /// Converts orthonormal coordinates to amplitudes in the basis, in place.
@@ -641,7 +643,7 @@ struct Block {
     const Real x = last[2], y = last[3];
     const Real s = at<Real>(sine, end), c = at<Real>(cosine, end);
     const Real entry = effects.entry * u, own = (effects.entry - 0.5 * effects.coriolis) * u;
-    const auto [along, across] = thrust(u);
+    const Real along = effects.thrust[0] * (u * u), across = effects.thrust[1] * (u * u);
     const Real base_x = driven(batch, Drive::velocity), base_y = driven(batch, Drive::velocity + 1);
     const Real flow = (own * x + entry * base_x - along * s - across * c) * x +
                       (own * y + entry * base_y - along * c + across * s) * y;

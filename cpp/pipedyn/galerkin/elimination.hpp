@@ -16,9 +16,10 @@
 // where w_i and theta_i are the displacement and slope of function i at the end of the panel: those
 // of a rigid motion for the first two functions, and 0 for curvatures of degree 2 and higher. In
 // the equations of the first two functions the force Q_a and the moment M_a, by which the panel
-// resists at its start, are on the right-hand side instead of 0. Beyond a free end nothing is
-// carried. The product of the pivots is det P up to a constant. Where the pipe is held, w or theta
-// is 0 and Q or M is arbitrary.
+// resists at its start, are on the right-hand side instead of 0; at the root these equations are
+// left out, but for that of the slope, if the root turns. Beyond a free end nothing is carried. The
+// product of the pivots is det P up to a constant. Where the pipe is held, w or theta is 0 and Q or
+// M is arbitrary.
 //
 // A right null vector is the first step of inverse iteration (Golub and Van Loan 2013, sec. 7.6):
 // the response to irregular loads of the order of 1, one on each function. The loads are eliminated

@@ -190,12 +190,6 @@ Panels::Panels(const Basis& basis, const Pipe& pipe)
   elastic = damped + root;
 }
 
-double Panels::mass_beyond(double s) const {
-  double beyond = (1.0 + mass_per_length) * (1.0 - s);
-  for (Index panel = 0; panel < count(); ++panel) beyond += ends[panel + 1] > s ? mass[panel] : 0.0;
-  return beyond;
-}
-
 Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& panels, Index nodes)
     : rule_(nodes), length_(panels.count()), arc_(nodes + 1) {
   const Index m = basis.size(), block = nodes + 1, half = block / 2, middle = half - 1;
@@ -245,10 +239,10 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
     arc_[k] = rule_.node[k];
   }
   arc_[nodes] = 1.0;
-  elastic_ = panels.elastic;
-  damped_ = panels.damped;
-  elastic_forces_ = elastic_ * orthonormal.to_basis;
-  damped_forces_ = damped_ * orthonormal.to_basis;
+  if (!orthonormal.identity) {
+    elastic_forces_ = panels.elastic * orthonormal.to_basis;
+    damped_forces_ = panels.damped * orthonormal.to_basis;
+  }
   tables = {.functions = m,
             .padded = orthonormal_.cols(),
             .panels = panels.count(),
@@ -274,18 +268,16 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
             .arc = arc_.data(),
             .expansion = rule_.expansion.data(),
             .recurrence = recurrence_.data(),
-            .elastic = elastic_.data(),
-            .damped = damped_.data(),
-            .elastic_forces = elastic_forces_.data(),
-            .damped_forces = damped_forces_.data()};
+            .elastic = panels.elastic.data(),
+            .damped = panels.damped.data(),
+            .elastic_forces = (orthonormal.identity ? panels.elastic : elastic_forces_).data(),
+            .damped_forces = (orthonormal.identity ? panels.damped : damped_forces_).data()};
 }
 
 void Grid::set_masses(const Panels& panels) {
   const Index nodes = rule_.size(), block = nodes + 1;
-  const bool varies = panels.pipe_mass.varies();
   // The mass beyond a node is integrated by the same quadrature as the forces.
-  Matrix to_end;
-  if (varies) to_end = rule_.weight.transpose().replicate(nodes, 1) - rule_.integral_to(rule_.node);
+  const Matrix before = legendre_integrals(legendre_values(rule_.node, nodes + 1), rule_.node);
   double beyond = 0.0;
   for (Index panel = panels.count() - 1; panel >= 0; --panel) {
     const Index first = panel * block, end = first + nodes;
@@ -301,15 +293,10 @@ void Grid::set_masses(const Panels& panels) {
       turning_at_.push_back(p);
       inertia_.push_back(inertia);
     }
-    if (!varies) {
-      for (Index p = first; p <= end; ++p) beyond_[p] = panels.mass_beyond(places[p]);
-      continue;
-    }
     beyond_[end] = beyond;
-    beyond += mass[end];
-    beyond_.segment(first, nodes) = length_[panel] * (to_end * density_.segment(first, nodes));
-    beyond_.segment(first, nodes).array() += beyond;
-    beyond += mass.segment(first, nodes).sum();
+    beyond += mass[end] + mass.segment(first, nodes).sum();
+    const Vector up_to = before * (rule_.expansion * density_.segment(first, nodes));
+    beyond_.segment(first, nodes) = beyond - length_[panel] * up_to.array();
   }
 }
 

@@ -78,13 +78,10 @@ struct Panels {
   Panels(const Basis& basis, const Pipe& pipe);
 
   Index count() const { return mass.size(); }
-  /// Mass of a uniform pipe and its terms beyond the place s; a point mass at s itself is not
-  /// counted.
-  double mass_beyond(double s) const;
 };
 
 /// A Gauss quadrature on each panel, with the slopes at its points: the nodes of each panel and its
-/// end. Immutable.
+/// end. Immutable. Its tables contain matrices of the panels that it is made of.
 struct Grid {
   Vector places;      // arc lengths of the points, (N,)
   Vector measure;     // quadrature weight at nodes, 1 at ends of panels
@@ -100,7 +97,7 @@ struct Grid {
   Matrix slope_by_function_, orthonormal_, from_basis_, from_sums_, from_differences_, recurrence_;
   std::vector<Index> turning_at_;
   std::vector<double> inertia_;
-  Matrix elastic_, damped_, elastic_forces_, damped_forces_;
+  Matrix elastic_forces_, damped_forces_;
   Vector length_, arc_, weight_, beyond_, density_;
 
   void set_masses(const Panels& panels);

@@ -23,12 +23,11 @@ template <class Real>
 struct Linearisation : Block<Real> {
   using Base = Block<Real>;
   using Base::alone, Base::step, Base::grid, Base::effects, Base::m, Base::padded, Base::points;
-  using Base::couples;
-  using Base::drags, Base::each, Base::loads, Base::resists, Base::across_alone, Base::bias;
+  using Base::couples, Base::each, Base::loads, Base::resists, Base::across_alone, Base::bias;
   using Base::holds, Base::response, Base::reaction;
   using Base::load_x, Base::load_y, Base::mass_stride, Base::product_of;
   using Base::moments, Base::integrands;
-  using Base::sine, Base::cosine, Base::omega, Base::mass, Base::velocity, Base::weighted;
+  using Base::sine, Base::cosine, Base::omega, Base::mass;
   using typename Base::Numbers, typename Base::Product;
 
   // Columns besides those that are integrated for the motion, each x then y: derivatives of the
@@ -39,10 +38,10 @@ struct Linearisation : Block<Real> {
   const Count beyond_resisted = resisted + (resists ? 2 * each : 0);
   const Count inertial = across_alone ? beyond_resisted : 0;
   const Count held = beyond_resisted + (across_alone ? 2 * each : 0);
-  const Count last = held + (loads ? 2 * each : 0);
+  const Count last = held + (loads ? 2 * each : 0) + step;  // with room for a vector
   double *own, *acceleration, *spin;  // q'' in orthonormal coordinates and in the basis; theta''
   double* beyond;                     // a row of columns: loads beyond a point
-  double *pushed_n, *pushed_t;        // chi w n . a and chi w t . a, of mass that moves across
+  Slopes<Real>* slopes;               // of the loads at each point, without inertia
   double *from_angle, *from_rate, *system, *resistance;  // arrays of `linearise`
   double *turned, *returned;  // for supports: G, derivatives of x by q; what G times the
                               // derivatives of q'' by q, then by q', must be
@@ -56,8 +55,7 @@ struct Linearisation : Block<Real> {
     acceleration = take(m);
     spin = take(grid.stride);
     beyond = take(Base::row_length(last));
-    pushed_n = take(across_alone ? points : 0);
-    pushed_t = take(across_alone ? points : 0);
+    slopes = layout.take<Slopes<Real>>(points);
     from_angle = take(points * mass_stride());
     from_rate = take(points * mass_stride());
     system = take(padded * 2 * mass_stride());
@@ -82,9 +80,39 @@ struct Linearisation : Block<Real> {
     }
   }
 
+  /// Adds the slopes of the load of a law at a point.
+  void add_slopes(const auto& law, const Station<Real>& station, Count p, double weight) {
+    for_each_slope(differentiated_load(law, station), [&](int component, int k, const Real& slope) {
+      slopes[p].by[component][k] += weight * slope;
+    });
+  }
+
+  /// The derivatives of the loads at a point by one variable.
+  struct ByVariable {
+    Real x, y, couple;
+  };
+  ByVariable by(Count p, int variable) const {
+    const auto& of = slopes[p].by;
+    return {of[0][variable], of[1][variable], of[2][variable]};
+  }
+
+  /// The work of loads at a point on the virtual displacements and rotation of the functions from i
+  /// on. x: the displacements at the point.
+  Pack work(const ByVariable& load_by, const double* x, Count p, Count i) const {
+    Pack found = load_by.x * load<Pack>(x + i * lanes<Real>) +
+                 load_by.y * load<Pack>(x + (each + i) * lanes<Real>);
+    if (couples) found += load_by.couple * load<Numbers>(grid.orthonormal + p * padded + i);
+    return found;
+  }
+
   /// Sets the loads of all points in their units, which are integrated in place of the acceleration
   /// at q'' = 0, and the columns from `resisted` on.
-  void set_loads(Count row) {
+  void set_loads(const Batch& batch, Count row) {
+    for (Count p = 0; p < points; ++p) slopes[p] = {};
+    Base::for_each_station(batch, row, bias + 2,
+                           [&](const auto& law, const auto& station, Count p, double w) {
+                             add_slopes(law, station, p, w);
+                           });
     for (Count p = 0; p < points; ++p) {
       double* const x = moments + p * row;
       double* const y = x + each * lanes<Real>;
@@ -97,16 +125,22 @@ struct Linearisation : Block<Real> {
       const double share = 1.0 / unit(p);
       const Real turned_x = sum_of<Real>(sums[0]), turned_y = sum_of<Real>(sums[1]);
       Real along_x = grid.mass[p] * turned_x, along_y = grid.mass[p] * turned_y;
-      for (Count k = resisted; k < last; ++k) set(x, k, Real{});
+      const Real ax = turned_x + at<Real>(x, bias), ay = turned_y + at<Real>(x, bias + 1);
+      add_slopes(Base::point_load(batch, p, ax, ay), Base::station(row, bias + 2, p), p, 1.0);
+      // Whole vectors are stored, so columns are set in ascending order.
+      const auto set_work = [&](Count column, double factor, int variable) {
+        const ByVariable load_by = by(p, variable);
+        for (Count i = 0; i < each; i += step) {
+          store(x + (column + i) * lanes<Real>, Pack(factor * work(load_by, x, p, i)));
+        }
+      };
+      for (int k = 0; resists && k < 2; ++k) set_work(resisted + k * each, -share, by_velocity + k);
       if (across_alone) {
         const Real c = at<Real>(cosine, p), s = at<Real>(sine, p);
         const double own = grid.weight[p] * effects.normal_mass;
         const Real by_turning = own * (c * turned_x - s * turned_y);
         along_x += by_turning * c;
         along_y -= by_turning * s;
-        const Real ax = turned_x + at<Real>(x, bias), ay = turned_y + at<Real>(x, bias + 1);
-        set(pushed_n, p, Real(own * (c * ax - s * ay)));
-        set(pushed_t, p, Real(own * (s * ax + c * ay)));
         for (Count i = 0; i < each; ++i) {
           const Real by_x = at<Real>(x, i), by_y = at<Real>(y, i);
           const Real by_normal = (share * own) * (c * by_x - s * by_y);
@@ -116,53 +150,8 @@ struct Linearisation : Block<Real> {
       }
       set(x, bias, Real(share * (along_x - at<Real>(load_x, p))));
       set(x, bias + 1, Real(share * (along_y - at<Real>(load_y, p))));
-      if (!drags) continue;
-      const Real c = at<Real>(cosine, p), s = at<Real>(sine, p);
-      const Real by_normal = share * dragged(p);
-      for (Count i = 0; i < each; ++i) {
-        const Real by_i = by_normal * (at<Real>(x, i) * c - at<Real>(y, i) * s);
-        set(x, resisted + i, Real(by_i * c));
-        set(x, resisted + each + i, Real(-by_i * s));
-      }
+      for (int k = 0; loads && k < 2; ++k) set_work(held + k * each, 1.0, by_position + k);
     }
-  }
-
-  /// Adds the derivative of the load of the entering flow on the free end by its velocity, in the
-  /// columns from `resisted` on.
-  void add_entering_flow(const Real& u, Count row) {
-    double* const x = moments + (points - 1) * row;
-    const Real share = (-effects.entry / unit(points - 1)) * u;
-    for (Count k = 0; k < 2 * each; ++k) add(x, resisted + k, Real(share * at<Real>(x, k)));
-  }
-
-  /// Derivative of the drag on a point by v_n.
-  Real dragged(Count p) const {
-    return (2.0 * effects.drag) * at<Real>(weighted, p) * at<Real>(velocity, p);
-  }
-
-  void add_slopes_of_terms(const Batch& batch, Count row) {
-    Base::for_each_station(
-        batch, row, bias + 2, [&](const auto& law, const auto& station, Count p, double w) {
-          double* const x = moments + p * row;
-          double* const y = x + each * lanes<Real>;
-          const double* const turning = grid.orthonormal + p * padded;
-          const Count entry = p * mass_stride() * lanes<Real>;
-          const auto add_slope = [&](int component, int k, const Real& slope) {
-            double weight = w;
-            double* to = k == by_angle ? from_angle + entry : from_rate + entry;
-            if (k < by_angle) to = x + (held + k * each) * lanes<Real>;
-            if (k >= by_velocity && k < by_rate) {
-              to = x + (resisted + (k - by_velocity) * each) * lanes<Real>;
-              weight *= -1.0 / unit(p);
-            }
-            const Real own = weight * slope;
-            const double* const moved = component == 0 ? x : y;
-            for (Count i = 0; i < each; ++i) {
-              add(to, i, component == 2 ? Real(turning[i] * own) : Real(own * at<Real>(moved, i)));
-            }
-          };
-          for_each_slope(differentiated_load(law, station), add_slope);
-        });
   }
 
   /// Derivatives of all forces except those of bending, with inertia at fixed q'', by q and then by
@@ -172,18 +161,7 @@ struct Linearisation : Block<Real> {
   /// S^T W = w w^T - W S.
   void linearise(const Batch& batch, Count row) {
     const Count stride = mass_stride(), end = points - 1;
-    const Real u = load<Real>(batch.u), push = Base::unsteady(batch);
-    const Real coriolis = effects.coriolis * u;
-    const auto thrust = Base::thrust(u);
-    if (loads) {
-      for (Count k = 0; k < points * stride; ++k) set(from_angle, k, Real{});
-    }
-    if (couples) {
-      for (Count k = 0; k < points * stride; ++k) set(from_rate, k, Real{});
-    }
-    set_loads(row);
-    if (loads) add_slopes_of_terms(batch, row);
-    if (effects.entry != 0.0) add_entering_flow(u, row);
+    set_loads(batch, row);
     const bool varies = grid.density != nullptr;
     if (varies) weigh_displacements(row, false);
     integrate(grid, row, held * lanes<Real>, moments, integrands);
@@ -191,7 +169,6 @@ struct Linearisation : Block<Real> {
     for (Count k = 0; k < held; ++k) set(beyond, k, at<Real>(integrands + end * row, k));
     for (Count p = end; p >= 0; --p) {
       const double* const x = moments + p * row;
-      const double* const y = x + each * lanes<Real>;
       const double* const before = integrands + p * row;
       double factor = varies ? grid.weight[p] : grid.mass[p];
       if (grid.weight[p] == 0.0) {
@@ -210,39 +187,18 @@ struct Linearisation : Block<Real> {
       const Real c = at<Real>(cosine, p), s = at<Real>(sine, p), w = at<Real>(omega, p);
       const Real turning = at<Real>(spin, p), square = w * w;
       const Real bent = s * load_beyond(bias) + c * load_beyond(bias + 1);
-      const Real flow = grid.weight[p] * coriolis;
-      Real forward = flow * w;                 // load across the pipe, which turns along it
-      Real sideways = -grid.weight[p] * push;  // load against its direction, which turns across it
-      if (p == end) {
-        forward += thrust.across;
-        sideways -= thrust.along;
-      }
-      if (drags) {
-        const Real v = at<Real>(velocity, p);
-        forward += effects.drag * at<Real>(weighted, p) * (v * v);
-        sideways += dragged(p) * (s * at<Real>(x, bias + 2) + c * at<Real>(x, bias + 3));
-      }
-      if (across_alone) {
-        forward += at<Real>(pushed_n, p);
-        sideways += at<Real>(pushed_t, p);
-      }
+      const ByVariable turned_loads = by(p, by_angle), rate_loads = by(p, by_rate);
       for (Count i = 0; i < each; i += step) {
-        const Pack by_x = load<Pack>(x + i * lanes<Real>), by_y = load<Pack>(y + i * lanes<Real>);
         const Pack beyond_x = beyond_of(inertial + i), beyond_y = beyond_of(inertial + each + i);
         const Pack beyond_t = beyond_x * s + beyond_y * c, beyond_n = beyond_x * c - beyond_y * s;
-        const Pack normal = by_x * c - by_y * s;
-        Pack angle = load<Numbers>(grid.orthonormal + p * padded + i) * bent + normal * sideways +
-                     (by_x * s + by_y * c) * forward + beyond_t * turning + beyond_n * square;
+        Pack angle = load<Numbers>(grid.orthonormal + p * padded + i) * bent +
+                     work(turned_loads, x, p, i) + beyond_t * turning + beyond_n * square;
         if (resists) {
           angle += beyond_of(resisted + i) * (s * w) + beyond_of(resisted + each + i) * (c * w);
         }
-        double* const to = from_angle + (p * stride + i) * lanes<Real>;
-        if (loads) angle += load<Pack>(to);
-        store(to, angle);
-        Pack rate = beyond_t * (2.0 * w) - normal * flow;
-        double* const rate_to = from_rate + (p * stride + i) * lanes<Real>;
-        if (couples) rate += load<Pack>(rate_to);
-        store(rate_to, rate);
+        store(from_angle + (p * stride + i) * lanes<Real>, angle);
+        const Pack rate = beyond_t * (2.0 * w) + work(rate_loads, x, p, i);
+        store(from_rate + (p * stride + i) * lanes<Real>, rate);
       }
     }
     const auto by_slopes = [&](const double* left, double* to) {
@@ -322,28 +278,14 @@ struct Linearisation : Block<Real> {
   /// support.
   void set_supports() {
     const double k = effects.return_rate;
-    Count p = 0;
-    for (Count b = 0; b < holds; ++b) {
-      for (Count i = 0; i < 3 * m; ++i) {
-        double* const to = i < m ? turned : returned;
-        const Count width_of = i < m ? m : 2 * m, j = i < m ? i : i - m;
-        set(to, b * width_of + j, b > 0 ? at<Real>(to, (b - 1) * width_of + j) : Real{});
-      }
-      for (; p < Base::support(b); ++p) {
-        const double weight = grid.weight[p];
-        if (weight == 0.0) continue;
-        const Real c = weight * at<Real>(cosine, p), s = weight * at<Real>(sine, p);
-        const Real w = at<Real>(omega, p);
-        const Real by_q = s * (at<Real>(spin, p) + 2.0 * k * w) + c * (w * w - k * k);
-        const Real by_rates = 2.0 * (s * w - k * c);
-        for (Count i = 0; i < m; ++i) {
-          const double slope = grid.slope[p * Base::padded + i];
-          add(turned, b * m + i, Real(slope * c));
-          add(returned, 2 * b * m + i, Real(slope * by_q));
-          add(returned, (2 * b + 1) * m + i, Real(slope * by_rates));
-        }
-      }
-    }
+    Base::integrate_to_supports(turned, m, [&](Count p) { return at<Real>(cosine, p); });
+    Base::integrate_to_supports(returned, 2 * m, [&](Count p) {
+      const Real c = at<Real>(cosine, p), s = at<Real>(sine, p), w = at<Real>(omega, p);
+      return Real(s * (at<Real>(spin, p) + 2.0 * k * w) + c * (w * w - k * k));
+    });
+    Base::integrate_to_supports(returned + m * lanes<Real>, 2 * m, [&](Count p) {
+      return Real(2.0 * (at<Real>(sine, p) * at<Real>(omega, p) - k * at<Real>(cosine, p)));
+    });
   }
 
   /// Adds the effect of the supports to the columns of the system, which are derivatives of q''
@@ -380,22 +322,12 @@ struct Linearisation : Block<Real> {
 
   /// Derivative of q'' without supports by the speed, in the basis. Overwrites the loads.
   void by_speed(const Batch& batch, Count row, double* to) {
-    const Real u = load<Real>(batch.u);
-    const Count end = points - 1;
+    const Real one = all<Real>(1.0), twice = 2.0 * load<Real>(batch.u);
     for (Count p = 0; p < points; ++p) {
-      const Real across = (grid.weight[p] * effects.coriolis) * at<Real>(omega, p);
-      set(load_x, p, Real(-across * at<Real>(cosine, p)));
-      set(load_y, p, Real(across * at<Real>(sine, p)));
-      if (couples) set(Base::couple, p, Real{});
-    }
-    const Real along = (2.0 * effects.thrust[0]) * u, across = (2.0 * effects.thrust[1]) * u;
-    const Real s = at<Real>(sine, end), c = at<Real>(cosine, end);
-    add(load_x, end, Real(-along * s - across * c));
-    add(load_y, end, Real(across * s - along * c));
-    if (effects.entry != 0.0) {
-      const double* const v = moments + end * row + (bias + 2) * lanes<Real>;
-      add(load_x, end, Real(effects.entry * at<Real>(v, 0)));
-      add(load_y, end, Real(effects.entry * at<Real>(v, 1)));
+      const Acting<Real> load(Base::flow_at(p, one, twice).load(Base::station(row, bias + 2, p)));
+      set(load_x, p, load.x);
+      set(load_y, p, load.y);
+      if (couples) set(Base::couple, p, load.couple);
     }
     Base::gather(row);
     for (Count i = 0; i < m; ++i) set(to, i, at<Real>(Base::force, i));

@@ -286,19 +286,19 @@ PanelPencil::At PanelPencil::still() const {
 double PanelPencil::share_of(const LinearPart& of, int part) const {
   switch (part) {
     case mass:
-      return of.square;
+      return of.mass;
     case velocity:
       return of.velocity;
     case flux:
       return of.flux;
     case gravity:
-      return of.gravity + of.still * pipe_.gamma;
+      return of.gravity + of.stiffness * pipe_.gamma;
     case elastic:
-      return of.by_damping + of.still + of.rate * pipe_.damping;
+      return of.by_damping + of.stiffness + of.damping * pipe_.damping;
     case rest:
-      return of.still;
+      return of.stiffness;
     default:
-      return of.rate;
+      return of.damping;
   }
 }
 
@@ -357,7 +357,7 @@ Matrix PanelPencil::times(const Matrix& x, const LinearPart& of) const {
     force += own.row(0) / (h * h);
   }
   if (turns_) {
-    out.row(0) = moment + (of.still * pipe_.root) * x.row(0);
+    out.row(0) = moment + (of.stiffness * pipe_.root) * x.row(0);
   }
   return out;
 }
@@ -436,22 +436,14 @@ Works PanelPencil::works(double u, const Reals& frequencies, const Matrix& x) co
 }
 
 Matrix PanelPencil::held() const {
-  std::vector<Vector> found;
-  Vector w = Vector::Zero(size_), theta = w;
-  Index first = 0;
-  if (turns_) theta[first++] = 1.0;
-  for (const Panel& panel : panels_) {
-    const double h = panel.length, root = std::sqrt(h);
-    w += h * theta;
-    w[first] += 0.5 * h * root;
-    if (panel.size > 3) w[first + 1] -= std::sqrt(3.0) / 6.0 * h * root;
-    theta[first] += root;
-    first += panel.size - 2;
-    if (panel.held) found.push_back(w);
-    if (panel.directed) found.push_back(theta);
-  }
-  Matrix rows(static_cast<Index>(found.size()), size_);
-  for (std::size_t k = 0; k < found.size(); ++k) rows.row(static_cast<Index>(k)) = found[k];
+  Matrix rows(conditions(), size_);
+  Index next = 0;
+  const Index columns = rows.rows() > 0 ? size_ : 0;
+  along(Matrix::Identity(size_, columns), -1.0,
+        [&](const Panel& panel, const Matrix&, const Matrix& place) {
+          if (panel.held) rows.row(next++) = panel.length * place.row(0);
+          if (panel.directed) rows.row(next++) = place.row(1);
+        });
   return rows;
 }
 

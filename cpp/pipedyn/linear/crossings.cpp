@@ -24,13 +24,13 @@ bool is_known(double speed, double error) { return error <= largest_error * spee
 
 /// The root that a growing real root of the pipe without loss factor becomes with it: the nearest
 /// of the growing roots.
-Complex twin_of(Complex still, const Values& values) {
+Complex twin_of(Complex growing, const Values& values) {
   Complex nearest(0.0, -1.0);
   double least = infinite;
   for (const Complex value : values) {
-    if (!(value.real() > 0.0) || !(magnitude(value - still) < least)) continue;
+    if (!(value.real() > 0.0) || !(magnitude(value - growing) < least)) continue;
     nearest = value;
-    least = magnitude(value - still);
+    least = magnitude(value - growing);
   }
   return nearest;
 }
@@ -98,8 +98,7 @@ class Search {
              [this](const Step& step) { return encloses(step); },
              [this](const Step& step) { return visit(step); },
              {traits_.cluster(), 0.9, traits_.zero},
-             longest,
-             [this](double u, const Sample& from) { return spectrum_.near(u, from); }},
+             longest},
             first, speeds, every);
     } catch (const NotConverged& error) {
       sweep_.failure = error.what();
@@ -295,7 +294,7 @@ class Search {
   Flags states_after(const Step& step) const {
     Flags after = states(*step.right, step.onto, unstable_);
     const Divergence* const zero = passed(step);
-    if (zero == nullptr || traits_.lossy() || zero->change() == 0) return after;
+    if (zero == nullptr || traits_.is_hysteretic() || zero->change() == 0) return after;
     const bool grows = zero->change() > 0;
     Index slowest = -1;
     for (Index i = 0; i < step.left->size(); ++i) {
@@ -323,20 +322,20 @@ class Search {
   /// Number of the pipe's roots, among the resolved modes, that one root of a sample counts for.
   int weight(Index i, Complex value) const {
     if (modes_[i] < 1 || modes_[i] > range_.resolved || !traits_.counts(value)) return 0;
-    return traits_.lossy() ? 2 : 1;
+    return traits_.is_hysteretic() ? 2 : 1;
   }
 
   /// Number of growing real roots of a pipe with a loss factor, which are those without it. A
   /// growing pair next to a growing real root is the same motion: then the pair is not counted in
   /// addition.
   int static_count(const Sample& at) const {
-    if (!traits_.lossy()) return 0;
+    if (!traits_.is_hysteretic()) return 0;
     Spectrum& without_loss = spectrum_.without_loss();
-    const Sample still = without_loss.sample(at.u, range_.count);
+    const Sample lossless = without_loss.sample(at.u, range_.count);
     std::vector<Complex> growing;
-    for (Index i = without_loss.standing(); i < still.size(); ++i) {
-      const Complex value = still.values[i];
-      if (value.imag() == 0.0 && value.real() > still.noise[i]) growing.push_back(value);
+    for (Index i = without_loss.standing(); i < lossless.size(); ++i) {
+      const Complex value = lossless.values[i];
+      if (value.imag() == 0.0 && value.real() > lossless.noise[i]) growing.push_back(value);
     }
     int count = 0;
     for (const Complex value : growing) {
@@ -386,11 +385,12 @@ class Search {
     Index least = 0;
     step.right->values.abs().minCoeff(&least);
     if (const Divergence* const zero = passed(step)) {
-      const int known = traits_.lossy() ? 0 : zero->change(), change = known == 0 ? missed : known;
-      const int most = zero->multiplicity + (traits_.lossy() ? 2 : 0);
+      const int known = traits_.is_hysteretic() ? 0 : zero->change(),
+                change = known == 0 ? missed : known;
+      const int most = zero->multiplicity + (traits_.is_hysteretic() ? 2 : 0);
       const bool possible = std::abs(change) <= most && (change - most) % 2 == 0;
       if (possible && change != 0) found.push_back(of(*zero, change, modes_[least]));
-    } else if (traits_.lossy() && step.shortest() && missed != 0 && missed % 2 == 0) {
+    } else if (traits_.is_hysteretic() && step.shortest() && missed != 0 && missed % 2 == 0) {
       if (missed < 0) {
         throw refusal(
             "a growing motion ceases to oscillate near u = %g, where a loss factor says nothing "
@@ -440,13 +440,13 @@ class Search {
     int turned = 0;
     for (Index i = 0; i < left.size(); ++i) {
       const Index j = step.onto[i];
-      if (modes_[i] < 1 || modes_[i] > range_.resolved || j < 0 || step.aside[i]) continue;
+      if (modes_[i] < 1 || modes_[i] > range_.resolved || j < 0) continue;
       const Complex start = step.start(i), end = step.end(i);
       const auto heavily_damped = [this](Complex value) {
         return !traits_.squared && value.real() < -heavy_damping * magnitude(value);
       };
       const bool stays =
-          start == 0.0 || !traits_.lossy() || traits_.counts(start) == traits_.counts(end);
+          start == 0.0 || !traits_.is_hysteretic() || traits_.counts(start) == traits_.counts(end);
       if (stays && (start == 0.0 ? end : start).imag() < 0.0) continue;
       // A growing root that passes the real axis becomes a root of the pipe, or ceases to be one.
       if (!stays && (found.after[i] || unstable_[i])) found.clear = false;
@@ -697,6 +697,7 @@ class Search {
   std::optional<AxisCrossing> meeting(const Step& step, Index root, int change) {
     const Index met = step.meets[root], other = met < 0 ? step.reflected(root, change > 0) : met;
     Complex centre;
+    double rounding = 0.0;  // what rounding of the roots may change the square by
     const Function square = [&](double u) {
       const double t = (u - step.left->u) / step.length();
       const Complex expected = other < 0
@@ -707,6 +708,7 @@ class Search {
       const Roots near = nearest(*at, expected);
       const Complex one = at->values[near[0]], two = at->values[near[1]];
       centre = 0.5 * (one + two);
+      rounding = std::abs(one - two) * (at->noise[near[0]] + at->noise[near[1]]);
       return ((one - two) * (one - two)).real();
     };
     const double low = step.left->u, high = step.right->u;
@@ -740,8 +742,7 @@ class Search {
         centre = through(beside, centres, x);
         // Rounding of the roots enters through the slope of the squared difference.
         const double slope = std::abs(squares[3] - squares[2]) / reach;
-        const double lost = 1e-14 * std::norm(centre) / slope;
-        error = reach * std::abs(x - other_x) + lost + tolerance;
+        error = reach * std::abs(x - other_x) + rounding / slope + tolerance;
       }
     }
     const Index mode = other < 0 ? modes_[root] : std::max(modes_[root], modes_[other]);

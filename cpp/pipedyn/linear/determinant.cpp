@@ -124,9 +124,9 @@ Forms Determinant::forms(const Pair& pair) const {
   const auto form = [&](const LinearPart& part) {
     return conjugate_products(y, times(x, part)).sum();
   };
-  return Forms{.mass = form({.square = 1.0}),
+  return Forms{.mass = form({.mass = 1.0}),
                .velocity = form({.velocity = 1.0}),
-               .damping = form({.rate = 1.0}),
+               .damping = form({.damping = 1.0}),
                .flux = form({.flux = 1.0}),
                .gravity = form({.gravity = 1.0}),
                .by_damping = form({.by_damping = 1.0}),
@@ -150,7 +150,7 @@ Values Determinant::by_lambda(double u, const Pairs& pairs) const {
     found.imag() = inner(0, count) - inner(count, 0);
     return found;
   };
-  return 2.0 * pairs.values * form({.square = 1.0}) + form({.rate = 1.0, .velocity = u});
+  return 2.0 * pairs.values * form({.mass = 1.0}) + form({.damping = 1.0, .velocity = u});
 }
 
 std::pair<Reals, Reals> Determinant::energies(double u, const ComplexTable& x) const {
@@ -160,7 +160,7 @@ std::pair<Reals, Reals> Determinant::energies(double u, const ComplexTable& x) c
     const Vector sums = parts.cwiseProduct(times(parts, part)).colwise().sum();
     return (sums.head(count) + sums.tail(count)).array();
   };
-  return {energy({.still = 1.0, .flux = thrust() * u * u}), energy({.square = 1.0})};
+  return {energy({.stiffness = 1.0, .flux = thrust() * u * u}), energy({.mass = 1.0})};
 }
 
 // ---------------------------------------------------------------------------------------- chains
@@ -359,8 +359,8 @@ Pencil PanelDeterminant::matrices(double stiffness_size) const {
   const auto part = [&](const LinearPart& of) -> Matrix {
     return spread_.transpose() * times(Matrix(spread_), of);
   };
-  DenseOperator::Matrices made{part({.square = 1.0}), part({.velocity = 1.0}), part({.rate = 1.0}),
-                               part({.still = 1.0}), part({.flux = 1.0})};
+  DenseOperator::Matrices made{part({.mass = 1.0}), part({.velocity = 1.0}), part({.damping = 1.0}),
+                               part({.stiffness = 1.0}), part({.flux = 1.0})};
   if (has_loss()) made[5] = pencil_->pipe().hysteresis * part({.by_damping = 1.0});
   std::array<double, 6> lost{};
   for (std::size_t k = 0; held() > 0 && k < made.size(); ++k) {
@@ -402,7 +402,8 @@ Stills PanelDeterminant::still(const Reals& u) const {
 }
 
 int PanelDeterminant::negative_at_rest() const {
-  return negative_eigenvalues(lapack, spread_.transpose() * times(Matrix(spread_), {.still = 1.0}));
+  return negative_eigenvalues(lapack,
+                              spread_.transpose() * times(Matrix(spread_), {.stiffness = 1.0}));
 }
 
 }  // namespace pipedyn

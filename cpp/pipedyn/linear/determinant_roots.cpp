@@ -69,7 +69,7 @@ Approximations dense_roots(const DenseOperator& p, bool squared) {
     for (const Complex mu : p.roots(shift, squared)) {
       if (mu == 0.0) continue;
       Complex root = squared ? std::sqrt(shift * shift + 1.0 / mu) : shift + 1.0 / mu;
-      if (p.is_lossy()) {
+      if (p.is_hysteretic()) {
         roots.push_back({root, true});
         continue;
       }
@@ -86,7 +86,7 @@ Approximations dense_roots(const DenseOperator& p, bool squared) {
 Approximations modal_roots(const DenseOperator& p, const Modes& modes, double loss) {
   const Eigen::MatrixXd damped = p.velocity() * modes.vectors;
   Eigen::MatrixXd lost;
-  if (loss > 0.0) lost = p.loss() * modes.vectors;
+  if (loss > 0.0) lost = p.hysteretic() * modes.vectors;
   Approximations roots;
   for (Index i = 0; i < modes.squares.size(); ++i) {
     const double square = modes.squares[i], share = modes.masses[i];

@@ -90,20 +90,6 @@ struct Row {
   }
 };
 
-/// Indices of all pairs except those that follow their conjugate.
-std::vector<Index> without_conjugates(const Pairs& pairs) {
-  std::vector<Index> own;
-  for (Index i = 0; i < pairs.size(); ++i) {
-    const bool follows =
-        !own.empty() && own.back() == i - 1 && pairs.values[i].imag() != 0.0 &&
-        pairs.values[i] == std::conj(pairs.values[i - 1]) &&
-        pairs.right.col(i) == pairs.right.col(i - 1).conjugate() &&
-        (pairs.left.cols() == 0 || pairs.left.col(i) == pairs.left.col(i - 1).conjugate());
-    if (!follows) own.push_back(i);
-  }
-  return own;
-}
-
 /// The pair nearest to a good guess by two-sided Rayleigh quotient iteration, with its residual,
 /// which is infinite where the iteration fails. `steps` is increased by the number of steps taken.
 Pair refine(const DenseOperator& p, const Pair& guess, int& steps) {
@@ -153,7 +139,7 @@ Works work_of(const DenseOperator& p, const Reals& frequencies, const ComplexTab
     const ComplexVector x = vectors.col(i).conjugate();
     const ComplexVector by_velocity = x.cwiseProduct(resisting.col(i));
     const ComplexVector by_place =
-        x.cwiseProduct(p.is_lossy() ? stiffness.col(i) : circulatory.col(i));
+        x.cwiseProduct(p.is_hysteretic() ? stiffness.col(i) : circulatory.col(i));
     found.mass[i] = x.cwiseProduct(mass.col(i)).sum().real();
     found.gyroscopic[i] = x.cwiseProduct(velocity.col(i)).sum().imag();
     found.resisted[i] = by_velocity.sum().real();
@@ -332,7 +318,7 @@ void Eigenproblem::mend(double u, Pairs& pairs, bool left, bool high) {
   const Values before = pairs.values;
   for (Index i = 0; i < before.size(); ++i) {
     const Complex value = before[i];
-    if (!(value.imag() >= 0.0 || traits.lossy()) || !is_finite(value)) continue;
+    if (!(value.imag() >= 0.0 || traits.is_hysteretic()) || !is_finite(value)) continue;
     if (is_good(pairs, i, high)) continue;
     const Pair better = near(u, {value, pairs.right.col(i)});
     if (!(std::abs(better.value - value) <= 1e-3 * std::abs(value) + 1e-6)) continue;
@@ -356,43 +342,31 @@ void Eigenproblem::mend(double u, Pairs& pairs, bool left, bool high) {
 
 void Eigenproblem::assess(double u, Pairs& pairs) {
   const DenseOperator& p = at(u);
-  const Index count = pairs.values.size();
+  const Index count = pairs.size();
   const bool lefts = pairs.left.cols() > 0, given = pairs.residual.size() > 0;
-  const std::vector<Index> own = without_conjugates(pairs);
-  Pairs some{pairs.values(own), pairs.right(Eigen::all, own)};
-  if (lefts) some.left = pairs.left(Eigen::all, own);
-  const Products products = p.multiply(some.right);
+  const Products products = p.multiply(pairs.right);
   ComplexTable by_speed;
   Reals hidden;
   if (!given) pairs.residual.resize(count);
   if (lefts) {
-    hidden = p.hidden(some.values, some.right, some.left);
-    by_speed = p.by_speed(some.values, some.right);
+    hidden = p.hidden(pairs.values, pairs.right, pairs.left);
+    by_speed = p.by_speed(pairs.values, pairs.right);
     pairs.uncertain.resize(count);
     for (Values* const one : {&pairs.slopes, &pairs.by_left, &pairs.by_right}) one->resize(count);
   }
-  for (Index k = 0; k < some.size(); ++k) {
-    const Complex value = some.values[k];
-    const Row row(products, k, value, p.size);
-    const Index i = own[k], next = k + 1 < some.size() ? own[k + 1] : count;
+  for (Index i = 0; i < count; ++i) {
+    const Complex value = pairs.values[i];
+    const Row row(products, i, value, p.size);
     if (!given) pairs.residual[i] = row.rest.norm() / row.size;
-    if (lefts) {
-      const auto y = some.left.col(k);
-      const Complex by_left = y.dot(row.rate);
-      const double lost = pairs.residual[i] * row.size + eps * (row.size + hidden[k]);
-      const double uncertain = lost / std::abs(by_left) + eps * std::abs(value);
-      pairs.uncertain[i] = std::isfinite(uncertain) ? uncertain : infinite;
-      pairs.slopes[i] = -y.dot(by_speed.col(k)) / by_left;
-      pairs.by_left[i] = by_left;
-      pairs.by_right[i] = some.right.col(k).dot(row.rate);
-    }
-    if (next == i + 1) continue;
-    if (!given) pairs.residual[i + 1] = pairs.residual[i];
     if (!lefts) continue;
-    pairs.uncertain[i + 1] = pairs.uncertain[i];
-    for (Values* const one : {&pairs.slopes, &pairs.by_left, &pairs.by_right}) {
-      (*one)[i + 1] = std::conj((*one)[i]);
-    }
+    const auto y = pairs.left.col(i);
+    const Complex by_left = y.dot(row.rate);
+    const double lost = pairs.residual[i] * row.size + eps * (row.size + hidden[i]);
+    const double uncertain = lost / std::abs(by_left) + eps * std::abs(value);
+    pairs.uncertain[i] = std::isfinite(uncertain) ? uncertain : infinite;
+    pairs.slopes[i] = -y.dot(by_speed.col(i)) / by_left;
+    pairs.by_left[i] = by_left;
+    pairs.by_right[i] = pairs.right.col(i).dot(row.rate);
   }
 }
 
@@ -588,19 +562,19 @@ const std::optional<Modes>& Eigenproblem::modes_at_rest() {
 
 Divergences Eigenproblem::divergences(double max_speed, bool) {
   const DenseOperator& one = at(1.0);
-  const Matrix flux = 0.5 * one.stiffness_rate(), still = one.stiffness() - flux;
+  const Matrix flux = 0.5 * one.stiffness_rate(), at_rest = one.stiffness() - flux;
   const auto asymmetry = [](const Matrix& a) { return (a - a.transpose()).cwiseAbs().maxCoeff(); };
-  const bool symmetric = asymmetry(still) + asymmetry(flux) <= 1e-10 * one.size;
+  const bool symmetric = asymmetry(at_rest) + asymmetry(flux) <= 1e-10 * one.size;
   Divergences result;
   factorised_ += 2;
-  if (symmetric) result.negative_at_rest = negative_eigenvalues(one.lapack, still);
+  if (symmetric) result.negative_at_rest = negative_eigenvalues(one.lapack, at_rest);
   if (flux.isZero(0.0)) return result;
   const auto before = [](const Divergence& a, const Divergence& b) { return a.speed < b.speed; };
   if (free_turns().cols() > 0) {
     result.all = divergences_beside(free_turns(), max_speed);
     return result;
   }
-  const Values squares = singular_squares(one, still, flux, symmetric);
+  const Values squares = singular_squares(one, at_rest, flux, symmetric);
   std::vector<Divergence> found;  // before refinement
   for (const Complex square : squares) {
     const double u = std::sqrt(std::max(square.real(), 0.0));
@@ -638,13 +612,13 @@ Divergences Eigenproblem::divergences(double max_speed, bool) {
 const Matrix& Eigenproblem::free_turns() {
   if (free_turns_) return *free_turns_;
   const DenseOperator& one = at(1.0);
-  const Matrix flux = 0.5 * one.stiffness_rate(), still = one.stiffness() - flux;
-  Eigen::FullPivLU<Eigen::MatrixXd> lu(Eigen::MatrixXd(still + shifts[0] * flux));
+  const Matrix flux = 0.5 * one.stiffness_rate(), at_rest = one.stiffness() - flux;
+  Eigen::FullPivLU<Eigen::MatrixXd> lu(Eigen::MatrixXd(at_rest + shifts[0] * flux));
   lu.setThreshold(free_turn);
   free_turns_ = Matrix(traits.dof, 0);
   if (lu.isInvertible()) return *free_turns_;
   const Matrix turns = lu.kernel().colwise().normalized();
-  if ((still * turns).norm() + (flux * turns).norm() <= free_turn) free_turns_ = turns;
+  if ((at_rest * turns).norm() + (flux * turns).norm() <= free_turn) free_turns_ = turns;
   return *free_turns_;
 }
 
@@ -653,7 +627,7 @@ const Matrix& Eigenproblem::free_turns() {
 /// of a speed is the difference between the results of two shifts.
 std::vector<Divergence> Eigenproblem::divergences_beside(const Matrix& turns, double max_speed) {
   const DenseOperator& one = at(1.0);
-  Matrix flux = 0.5 * one.stiffness_rate(), still = one.stiffness() - flux;
+  Matrix flux = 0.5 * one.stiffness_rate(), at_rest = one.stiffness() - flux;
   Matrix velocity = Matrix::Zero(traits.dof, traits.dof);
   const Matrix by_speed = one.velocity_rate() * turns, steady = one.velocity() * turns - by_speed;
   Eigen::MatrixXd left = turns;
@@ -665,10 +639,10 @@ std::vector<Divergence> Eigenproblem::divergences_beside(const Matrix& turns, do
     }
     const bool is_resisted = by_speed.col(k).norm() + steady.col(k).norm() > free_turn;
     velocity.col(row) = by_speed.col(k);
-    still.col(row) = is_resisted ? steady.col(k) : Vector(one.mass() * turns.col(k));
+    at_rest.col(row) = is_resisted ? steady.col(k) : Vector(one.mass() * turns.col(k));
     flux.col(row).setZero();
   }
-  const DenseOperator problem = one.with(flux, velocity, still);
+  const DenseOperator problem = one.with(flux, velocity, at_rest);
   std::vector<Divergence> found;
   Values others;
   for (const double shift : shifts) {
@@ -692,15 +666,15 @@ std::vector<Divergence> Eigenproblem::divergences_beside(const Matrix& turns, do
 }
 
 /// Squares s of the speeds at which K_0 + s A is singular; not all of them are real.
-Values Eigenproblem::singular_squares(const DenseOperator& one, const Matrix& still,
+Values Eigenproblem::singular_squares(const DenseOperator& one, const Matrix& at_rest,
                                       const Matrix& flux, bool symmetric) const {
   for (double s = 1.0; symmetric && s < 1e9; s *= 10.0) {  // s at which tension makes K definite
-    const auto found = symmetric_pairs(one.lapack, flux, still - s * flux, false, 1e-6);
+    const auto found = symmetric_pairs(one.lapack, flux, at_rest - s * flux, false, 1e-6);
     if (found) return (-s - 1.0 / found->values).cast<Complex>();
   }
   Matrix zero = Matrix::Zero(traits.dof, traits.dof);
   for (const double shift : shifts) {
-    const Values mu = one.with(flux, zero, still).roots(shift, true);
+    const Values mu = one.with(flux, zero, at_rest).roots(shift, true);
     if (mu.size() > 0) return shift * shift + 1.0 / mu;
   }
   throw NotConverged("the stiffness is singular at every flow speed");

@@ -77,7 +77,7 @@ class Eigenproblem : public Spectrum {
   Pair null_pair(double u, const Pair& near, double& inertia);
   const Matrix& free_turns();
   std::vector<Divergence> divergences_beside(const Matrix& turns, double max_speed);
-  Values singular_squares(const DenseOperator& one, const Matrix& still, const Matrix& flux,
+  Values singular_squares(const DenseOperator& one, const Matrix& at_rest, const Matrix& flux,
                           bool symmetric) const;
 
   const At at_;

@@ -59,15 +59,6 @@ Eigen::MatrixXd DenseOperator::times(const Eigen::Ref<const Matrix>& factor,
   return result;
 }
 
-DenseOperator DenseOperator::within(const Eigen::MatrixXd& basis) const {
-  const Eigen::Map<const Matrix> transposed(basis.data(), basis.cols(), dof);
-  Matrices of_basis;
-  for (std::size_t k = 0; k < matrices_.size(); ++k) {
-    if (matrices_[k].size() > 0) of_basis[k] = times(transposed, times(matrices_[k], basis));
-  }
-  return {lapack, std::move(of_basis), size, lost};
-}
-
 ComplexTable DenseOperator::times(int matrix, const ComplexTable& x) const {
   Eigen::MatrixXd parts(dof, 2 * x.cols());
   parts << x.real(), x.imag();
@@ -80,7 +71,7 @@ ComplexTable DenseOperator::times(int matrix, const ComplexTable& x) const {
 
 Products DenseOperator::multiply(const ComplexTable& x) const {
   Products products{times(0, x), times(1, x), times(2, x)};
-  if (is_lossy()) std::get<2>(products) += Complex(0.0, 1.0) * times(5, x);
+  if (is_hysteretic()) std::get<2>(products) += Complex(0.0, 1.0) * times(5, x);
   return products;
 }
 
@@ -89,10 +80,10 @@ ComplexTable DenseOperator::by_speed(const Values& values, const ComplexTable& x
 }
 
 Solver DenseOperator::factor(Complex value) const {
-  const auto& [mass, velocity, stiffness, velocity_rate, stiffness_rate, loss] = matrices_;
+  const auto& [mass, velocity, stiffness, velocity_rate, stiffness_rate, hysteretic] = matrices_;
   int n = static_cast<int>(dof), info = 0;
   ComplexTable lu = value * value * mass + value * velocity + stiffness.cast<Complex>();
-  if (is_lossy()) lu.imag() += loss;
+  if (is_hysteretic()) lu.imag() += hysteretic;
   std::vector<int> pivots(n);
   lapack.zgetrf(&n, &n, lu.data(), &n, pivots.data(), &info);
   for (Index i = 0; i < n; ++i) {  // makes a singular matrix regular by rounding
@@ -115,7 +106,7 @@ Reals DenseOperator::hidden(const Values& values, const ComplexTable& right,
     const Eigen::MatrixXd rows = times(matrices_[k].cwiseAbs(), x);
     result = result * values.abs() + y.cwiseProduct(rows).colwise().sum().transpose().array();
   }
-  if (is_lossy()) {
+  if (is_hysteretic()) {
     const Eigen::MatrixXd rows = times(matrices_[5].cwiseAbs(), x);
     result += y.cwiseProduct(rows).colwise().sum().transpose().array();
   }
@@ -123,10 +114,11 @@ Reals DenseOperator::hidden(const Values& values, const ComplexTable& right,
 }
 
 std::shared_ptr<DenseOperator> Pencil::operator()(double u) const {
-  const auto& [mass, velocity, damping, stiffness, flux, loss] = matrices;
-  const double thrust = centrifugal * u * u;
-  DenseOperator::Matrices there{mass,     u * velocity + damping,       stiffness + thrust * flux,
-                                velocity, 2.0 * centrifugal * u * flux, loss};
+  const auto& [mass, velocity, damping, stiffness, flux, hysteretic] = matrices;
+  const double thrust = end_coefficient * u * u;
+  DenseOperator::Matrices there{
+      mass,     u * velocity + damping,           stiffness + thrust * flux,
+      velocity, 2.0 * end_coefficient * u * flux, hysteretic};
   const DenseOperator::Lost by_rounding{u * lost[1] + lost[2], lost[3] + thrust * lost[4],
                                         entries_lost};
   return std::make_shared<DenseOperator>(lapack, std::move(there), size + thrust, by_rounding);
@@ -136,7 +128,7 @@ template <class Number>
 Inverse DenseOperator::inverse_of(double shift, bool velocity_free, char left, char right) const {
   using Table = Eigen::Matrix<Number, Eigen::Dynamic, Eigen::Dynamic>;
   constexpr bool is_real = std::is_same_v<Number, double>;
-  const auto& [mass, velocity, stiffness, velocity_rate, stiffness_rate, loss] = matrices_;
+  const auto& [mass, velocity, stiffness, velocity_rate, stiffness_rate, hysteretic] = matrices_;
   const auto choose = [](auto of_reals, auto of_complexes) {
     if constexpr (is_real) {
       return of_reals;
@@ -148,7 +140,7 @@ Inverse DenseOperator::inverse_of(double shift, bool velocity_free, char left, c
   const auto getrs = choose(lapack.dgetrs, lapack.zgetrs);
   int n = static_cast<int>(dof), size = velocity_free ? n : 2 * n, info = 0;
   Table shifted = (shift * shift * mass + shift * velocity + stiffness).cast<Number>();
-  if constexpr (!is_real) shifted.imag() = loss;
+  if constexpr (!is_real) shifted.imag() = hysteretic;
   Table step = Table::Zero(size, size);
   step.topRightCorner(n, n) = -mass.cast<Number>();
   if (!velocity_free) {

@@ -107,20 +107,17 @@ class DenseOperator {
   }
   /// Undamped modes of M and K, for a symmetric K; none where K + s M is definite for no s.
   std::optional<Modes> undamped_modes() const;
-  bool is_lossy() const { return matrices_[5].size() > 0; }
+  bool is_hysteretic() const { return matrices_[5].size() > 0; }
   const Matrix& mass() const { return matrices_[0]; }
   const Matrix& velocity() const { return matrices_[1]; }
   const Matrix& velocity_rate() const { return matrices_[3]; }  // dC/du
   const Matrix& stiffness() const { return matrices_[2]; }
-  const Matrix& loss() const { return matrices_[5]; }
+  const Matrix& hysteretic() const { return matrices_[5]; }
   const Matrix& stiffness_rate() const { return matrices_[4]; }  // dK/du
   /// The operator lambda^2 M + lambda C + K of other real matrices, which uses the same routines.
   DenseOperator with(Matrix mass, Matrix velocity, Matrix stiffness) const {
     return {lapack, {std::move(mass), std::move(velocity), std::move(stiffness)}, size, lost};
   }
-  /// The operator with matrices B^T M B, B^T C B and so on, for motions that are sums of the
-  /// columns of a basis B.
-  DenseOperator within(const Eigen::MatrixXd& basis) const;
   /// Error of y^H P x, in units of eps, that rounding of the entries of P may cause, for each pair:
   /// no residual shows it.
   Reals hidden(const Values& values, const ComplexTable& right, const ComplexTable& left) const;
@@ -134,8 +131,8 @@ class DenseOperator {
   /// The inverse problem with left and right vectors where `left` and `right` are 'V', as LAPACK is
   /// asked for them.
   Inverse inverse(double shift, bool velocity_free, char left, char right) const {
-    return is_lossy() ? inverse_of<Complex>(shift, velocity_free, left, right)
-                      : inverse_of<double>(shift, velocity_free, left, right);
+    return is_hysteretic() ? inverse_of<Complex>(shift, velocity_free, left, right)
+                           : inverse_of<double>(shift, velocity_free, left, right);
   }
   template <class Number>
   Inverse inverse_of(double shift, bool velocity_free, char left, char right) const;
@@ -150,7 +147,7 @@ class DenseOperator {
 struct Pencil {
   Lapack lapack;
   DenseOperator::Matrices matrices;
-  double centrifugal;               // a
+  double end_coefficient;           // a
   double size;                      // size of K at rest
   std::array<double, 6> lost = {};  // errors of the matrices by rounding, in norm
   double entries_lost = eps;        // and relative to each entry

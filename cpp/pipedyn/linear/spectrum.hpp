@@ -142,9 +142,9 @@ struct Traits {
   bool free_at_rest;  // whether lambda enters only as lambda^2 at u = 0
   double loss = 0.0;  // loss factor mu
 
-  bool lossy() const { return loss > 0.0; }
+  bool is_hysteretic() const { return loss > 0.0; }
   /// Whether a root of P is a root of the pipe.
-  bool counts(Complex value) const { return !lossy() || value.imag() > 0.0; }
+  bool counts(Complex value) const { return !is_hysteretic() || value.imag() > 0.0; }
   /// delta of the cluster at -1 / delta; complex with a loss factor.
   Complex cluster() const { return delta / Complex(1.0, loss); }
 };
@@ -178,11 +178,6 @@ class Spectrum {
 
   /// Number of roots that are exactly zero at every speed.
   virtual Index standing() { return 0; }
-
-  /// The roots at a speed that continue the roots of a sample, without vectors; conjugates of the
-  /// sample are given together. None where the roots are not found, or where this is not faster
-  /// than to compute all.
-  virtual std::optional<Sample> near(double, const Sample&) { return {}; }
 
   /// The root next to a guess, with its vectors. The value of the guess is used and, if known, its
   /// right vector.

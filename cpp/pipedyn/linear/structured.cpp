@@ -32,13 +32,6 @@ constexpr int most_near = 8;
 /// Most corrections of the roots of another model as starts, since a few of them are far from the
 /// roots of this model.
 constexpr int most_assumed = 40;
-/// Greatest size of a dense start that costs less than roots on the way from known ones, and how
-/// often that way is halved.
-constexpr Index cheap_start = 100;
-constexpr int most_on_the_way = 3;
-/// Dense starts in flow are sums of modes at rest: half as many modes as roots are wanted, and this
-/// many more.
-constexpr Index modes_beyond = 12;
 /// Number of samples whose roots are kept: steps are halved from the right, and go on from there.
 constexpr std::size_t most_known = 8;
 /// Ratio of the magnitudes of neighbouring roots beyond which a gap is as good as any; next to zero
@@ -171,7 +164,7 @@ Pairs Structured::polished(double u, const Approximations& roots, bool vectors) 
   for (std::size_t i = 0; i < roots.size(); ++i) {
     Complex& value = found.values[i];
     if (is_squared(u) && std::abs(value.real()) <= found.uncertain[i]) value.real(0.0);
-    const bool is_real = roots[i].alone && !traits.lossy();
+    const bool is_real = roots[i].alone && !traits.is_hysteretic();
     if (is_real && std::abs(value.imag()) <= found.uncertain[i]) value.imag(0.0);
   }
   return found;
@@ -194,7 +187,7 @@ std::optional<Approximations> Structured::missing_within(double u, const Approxi
     radius = size(k - 1) > 0.0 ? std::sqrt(size(k) * size(k - 1)) : 0.5 * size(k);
   }
   const double apart = std::log(magnitude(roots.back().value) / radius);
-  const bool paired = !traits.lossy();
+  const bool paired = !traits.is_hysteretic();
   const auto sum = [&](const Values& powers) {
     const Complex mean = powers.mean();
     return paired ? Complex(mean.real()) : mean;
@@ -252,13 +245,13 @@ std::optional<Pairs> Structured::from(Approximations roots, double u, Index coun
   std::vector<Index> which(next);
   std::iota(which.begin(), which.end(), 0);
   const Approximations lowest(roots.begin(), roots.begin() + static_cast<std::ptrdiff_t>(next));
-  auto found = with_conjugates(known.take(which), lowest, count, !traits.lossy());
+  auto found = with_conjugates(known.take(which), lowest, count, !traits.is_hysteretic());
   if (found) {
     for (std::size_t i = 0; i < roots.size(); ++i) {
       const Complex slope = known.slopes[i];
       roots[i].slope = roots[i].value == 0.0 || !std::isfinite(std::norm(slope)) ? 0.0 : slope;
     }
-    if (!traits.lossy()) join_conjugates(roots);
+    if (!traits.is_hysteretic()) join_conjugates(roots);
     for (Approximation& one : roots) one.settled = one.value == 0.0;
     if (known_.size() == most_known) known_.erase(known_.begin());
     known_.push_back({u, std::move(roots), most_near});
@@ -272,58 +265,41 @@ void Structured::share(const Spectrum& other) {
   if (of_->is_same_at_rest(*one->of_)) starts_at_rest_ = one->starts_at_rest_;
 }
 
-Approximations Structured::dense_starts(double u, Index wanted) {
-  if (u == 0.0 && !starts_at_rest_.empty()) return starts_at_rest_;
-  const DenseOperator& p = Eigenproblem::at(u);
-  const Index some = wanted / 2 + modes_beyond;
-  const bool few = knows_modes() && 4 * some < 3 * traits.dof;  // takes half the time
-  const bool modal = (few || u == 0.0) && modes_at_rest().has_value();
-  if (!modal) return dense_roots(p, is_squared(u));
-  const Modes& modes = *modes_at_rest();
-  if (u == 0.0) return starts_at_rest_ = modal_roots(p, modes, traits.loss);
-  // Modes whose x^T M x is rounding are left out: there may be fewer than `some`.
-  const Index count = std::min<Index>(some, modes.vectors.cols());
-  return dense_roots(p.within(modes.vectors.leftCols(count)), is_squared(u));
+Approximations Structured::starts_of(const DenseOperator& p, double u,
+                                     const std::optional<Modes>& modes) const {
+  return modes ? modal_roots(p, *modes, traits.loss) : dense_roots(p, is_squared(u));
 }
 
-Approximations Structured::starts_of(const Determinant& of, double u) const {
-  if (u == 0.0) {
-    const auto p = of.matrices(1.0)(0.0);
-    const std::optional<Modes> modes = p->undamped_modes();
-    if (modes) return modal_roots(*p, *modes, traits.loss);
-  }
-  return dense_roots(*of.matrices(1.0)(u), is_squared(u));
-}
-
-std::optional<Pairs> Structured::from_known(double u, Index count, bool vectors, int halvings) {
+std::optional<Pairs> Structured::from_known(double u, Index count, bool vectors) {
   const auto near = std::min_element(
       known_.begin(), known_.end(),
       [u](const Known& a, const Known& b) { return std::abs(u - a.u) < std::abs(u - b.u); });
   const auto is_zero = [](const Approximation& one) { return one.settled; };
   if (near == known_.end() || roots_in(near->roots) < count) return {};
   if (std::ranges::count_if(near->roots, is_zero) != roots_at_zero(u)) return {};
-  const double middle = 0.5 * (near->u + u);
-  const Approximations starts =
-      expected(near->roots, u - near->u, traits.cluster(), !traits.lossy());
-  if (auto found = from(starts, u, count, vectors, near->most)) return found;
-  if (halvings == 0 || near->u == u || !from_known(middle, count, false, halvings - 1)) return {};
-  return from_known(u, count, vectors, halvings - 1);
+  return from(expected(near->roots, u - near->u, traits.cluster(), !traits.is_hysteretic()), u,
+              count, vectors, near->most);
 }
 
 std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vectors) {
   const Index n = of_->size(), zeros = roots_at_zero(u), coarsest = of_->enough_for(count);
   const bool every = count >= 2 * traits.dof;
   const Index wanted = count + 6 + 2 * of_->held();  // further roots that show a gap
-  const int halvings = std::min(coarsest, n) > cheap_start ? most_on_the_way : 0;
-  if (auto found = from_known(u, count, vectors, halvings)) return found;
+  if (auto found = from_known(u, count, vectors)) return found;
   for (Index size = coarsest;; size *= 3) {
     const bool own = 2 * size > n || (u == 0.0 && knows_modes());
     if ((own ? n : size) > dense_limit) return std::nullopt;
     Approximations starts;
-    if (own) {
-      starts = dense_starts(u, wanted);
+    if (!own) {
+      const auto coarse = of_->coarser(size)->matrices(1.0)(u);
+      starts = starts_of(*coarse, u, u == 0.0 ? coarse->undamped_modes() : std::nullopt);
+    } else if (u == 0.0) {
+      if (starts_at_rest_.empty()) {
+        starts_at_rest_ = starts_of(Eigenproblem::at(u), u, modes_at_rest());
+      }
+      starts = starts_at_rest_;
     } else {
-      starts = starts_of(*of_->coarser(size), u);
+      starts = starts_of(Eigenproblem::at(u), u, std::nullopt);
     }
     if (!every) {
       while (roots_in(starts) > wanted) starts.pop_back();
@@ -364,7 +340,7 @@ Pairs Structured::lowest(double u, Index count, bool left, bool high) {
 void Structured::assume(double u, const Values& roots) {
   Approximations starts;
   for (const Complex value : roots) {
-    const bool alone = traits.lossy() || value.imag() == 0.0;
+    const bool alone = traits.is_hysteretic() || value.imag() == 0.0;
     if (value.imag() >= 0.0 || alone) starts.push_back({value, alone, value == 0.0});
   }
   known_.push_back({u, std::move(starts), most_assumed});
@@ -405,34 +381,6 @@ Reals Structured::quotients(double u, const Pairs& pairs) {
   return stiffness / mass;
 }
 
-std::optional<Sample> Structured::near(double u, const Sample& from) {
-  const bool paired = !traits.lossy();
-  Approximations last;
-  for (Index i = 0; i < from.size(); ++i) {
-    const Complex value = from.values[i];
-    if (paired && value.imag() < 0.0) continue;
-    last.push_back({value, !paired || value.imag() == 0.0, value == 0.0, from.slopes[i]});
-  }
-  Approximations roots = expected(last, u - from.u, traits.cluster(), paired);
-  ++factorised_;
-  if (!correct(*of_, u, roots, most_near)) return {};
-  auto found = with_conjugates(polished(u, roots, false), roots, from.size(), paired);
-  if (!found || found->size() != from.size()) return {};
-  for (Index i = 0; i < found->size(); ++i) {
-    if (!has_converged(found->values[i], found->residual[i])) return {};
-    for (Index k = 0; k < i; ++k) {
-      const double apart = magnitude(found->values[i] - found->values[k]);
-      if (!(apart > found->uncertain[i] + found->uncertain[k])) return {};
-    }
-  }
-  for (Complex& slope : found->slopes) {
-    if (!std::isfinite(std::norm(slope))) slope = 0.0;
-  }
-  found->noise = rounding(*found);
-  found->slope_noise = found->signatures = Reals::Zero(found->size());
-  return Sample{std::move(*found), u};
-}
-
 Pair Structured::refined(double u, const Pair& guess) {
   Values value = Values::Constant(1, guess.value);
   for (int step = 0; step < 8; ++step) {
@@ -465,7 +413,7 @@ void Structured::find_growth(double u, Pairs& found) {
   std::vector<Index> hidden;
   for (Index i = 0; i < found.size(); ++i) {
     const Complex value = found.values[i];
-    const bool own = value.imag() > 0.0 || (value.imag() < 0.0 && traits.lossy());
+    const bool own = value.imag() > 0.0 || (value.imag() < 0.0 && traits.is_hysteretic());
     if (own && std::abs(value.real()) <= found.noise[i]) hidden.push_back(i);
   }
   if (hidden.empty()) return;
@@ -475,7 +423,7 @@ void Structured::find_growth(double u, Pairs& found) {
     const Complex value = found.values[hidden[k]];
     if (!(better.uncertain[k] < found.noise[hidden[k]])) continue;
     for (Index i = 0; i < found.size(); ++i) {
-      const bool twin = found.values[i] == std::conj(value) && !traits.lossy();
+      const bool twin = found.values[i] == std::conj(value) && !traits.is_hysteretic();
       if (i != hidden[k] && !twin) continue;
       found.values[i].real(better.values[k].real());
       found.noise[i] = better.uncertain[k];

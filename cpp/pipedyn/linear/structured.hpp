@@ -28,10 +28,8 @@ class Structured : public Eigenproblem {
 
   Pairs lowest(double u, Index count, bool left, bool high) override;
   std::optional<Pairs> by_recursion(double u, Index count, bool vectors) override;
-  /// Roots as `by_recursion` gives them, from the known roots of the nearest speed. If that fails,
-  /// roots are first found at the middle of the way to that speed; the way is halved at most
-  /// `halvings` times.
-  std::optional<Pairs> from_known(double u, Index count, bool vectors, int halvings);
+  /// Roots as `by_recursion` gives them, from the known roots of the nearest speed.
+  std::optional<Pairs> from_known(double u, Index count, bool vectors);
   /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k) over known roots, without those at
   /// lambda itself.
   Values log_derivatives(double u, const Values& at, const Values& known = {}) const {
@@ -43,7 +41,6 @@ class Structured : public Eigenproblem {
   void share(const Spectrum& other) override;
   std::optional<Forms> forms(const Pair& pair) const override;
   Index standing() override { return zeros_in_flow_; }
-  std::optional<Sample> near(double u, const Sample& from) override;
   Pair refined(double u, const Pair& guess) override;
   Reals quotients(double u, const Pairs& pairs) override;
   /// Divergences by a search that is certified: the zeros of the determinant in a disc are counted
@@ -73,10 +70,10 @@ class Structured : public Eigenproblem {
   Pairs at(double u, const Values& values, bool vectors) const;
   Pairs polished(double u, const Approximations& roots, bool vectors) const;
   Index roots_at_zero(double u) const { return u == 0.0 ? zeros_at_rest_ : zeros_in_flow_; }
-  Approximations dense_starts(double u, Index wanted);
+  /// Approximate roots of an operator at a speed, from its undamped modes if these are known.
+  Approximations starts_of(const DenseOperator& p, double u,
+                           const std::optional<Modes>& modes) const;
   void balance(double u, Pairs& pairs);
-  /// Roots of this determinant or a coarser one, from matrices.
-  Approximations starts_of(const Determinant& of, double u) const;
   /// A range of speeds, with the sign of det K at its ends and the number of its zeros in the
   /// range.
   struct Bracket {

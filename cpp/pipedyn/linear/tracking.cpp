@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstdio>
 #include <numbers>
-#include <numeric>
 #include <set>
 #include <tuple>
 
@@ -136,79 +135,16 @@ Roots conjugates(const Sample& sample) {
 /// Root of the right sample that continues each root of the left one, so that the sum of distances
 /// is least; -1 for roots that have none.
 Roots matched(const Sample& left, const Sample& right, double h) {
-  const Index size = left.size();
+  const Index size = left.size(), sides = std::max(size, right.size());
   const Values ahead = left.values + 0.5 * h * left.slopes;
   const Values behind = right.values - 0.5 * h * right.slopes;
-  const Roots twins = conjugates(left), others = conjugates(right);
-  // Where no two roots have the same nearest root, the nearest roots are the answer. The upper of
-  // two conjugates decides for both; it is compared only with roots in its half plane if no root
-  // leaves that.
-  const auto is_upper = [](Complex value) { return value.imag() >= 0.0; };
-  bool stay = std::all_of(left.values.begin(), left.values.end(), [&](const Complex& value) {
-    return !is_upper(value) || is_upper(ahead[&value - left.values.data()]);
-  });
-  Roots columns;
-  for (Index j = 0; j < right.size(); ++j) {
-    const bool is_lower = right.values[j].imag() < 0.0;
-    if (!(is_lower && others[j] >= 0)) columns.push_back(j);
-    stay = stay && (right.values[j].imag() <= 0.0 || is_upper(behind[j])) &&
-           !(is_lower && others[j] < 0);
-  }
-  if (!stay) {
-    columns.resize(right.size());
-    std::iota(columns.begin(), columns.end(), 0);
-  }
-  // Values within the reach of the step decide where slopes near a meeting cannot.
-  const auto square = [&](Index i, Index j) {
-    return std::min(std::norm(behind[j] - ahead[i]), std::norm(right.values[j] - left.values[i]));
-  };
-  // The greatest |lambda| of the columns up to each column, and the least from that column on.
-  const Index last = static_cast<Index>(columns.size()) - 1;
-  Reals most(last + 1), least(last + 1);
-  for (Index k = 0; k <= last; ++k) {
-    const double value = magnitude(right.values[columns[k]]), other = magnitude(behind[columns[k]]);
-    most[k] = std::max(value, other);
-    least[k] = std::min(value, other);
-  }
-  for (Index k = 1; k <= last; ++k) {
-    most[k] = std::max(most[k], most[k - 1]);
-    least[last - k] = std::min(least[last - k], least[last - k + 1]);
-  }
-  Roots onto(size, -1);
-  Flags taken(right.size(), 0);
-  bool apart = right.size() >= size;
-  Index row = 0;
-  for (Index i = 0; i < size && apart; ++i) {
-    const Complex here = left.values[i];
-    if (here.imag() < 0.0 && twins[i] >= 0) continue;
-    // As samples are sorted, the nearest root has an index near this one, and roots whose |lambda|
-    // differs too much are not nearer.
-    const Index guess = std::min(row++, last);
-    Index place = guess;
-    double nearest = square(i, columns[guess]);
-    const auto [low, high] = std::minmax({magnitude(here), magnitude(ahead[i])});
-    const double reach = std::sqrt(nearest) + 4.0 * eps * high;
-    const auto look = [&](Index k) {
-      const double found = square(i, columns[k]);
-      if (found > nearest || (found == nearest && k > place)) return;
-      nearest = found;
-      place = k;
-    };
-    for (Index k = guess - 1; k >= 0 && most[k] >= low - reach; --k) look(k);
-    for (Index k = guess + 1; k <= last && least[k] <= high + reach; ++k) look(k);
-    const Index j = onto[i] = columns[place];
-    apart = !std::exchange(taken[j], 1);
-    if (!apart || twins[i] < 0 || twins[i] == i) continue;
-    apart = others[j] >= 0 && !std::exchange(taken[others[j]], 1);
-    if (apart) onto[twins[i]] = others[j];
-  }
-  if (apart) return onto;
-  const Index sides = std::max(size, right.size());
   std::vector<double> cost(sides * sides, 0.0);
   for (Index i = 0; i < size; ++i) {
-    for (Index j = 0; j < right.size(); ++j) cost[i * sides + j] = std::sqrt(square(i, j));
+    // Values within the reach of the step decide where slopes near a meeting cannot.
+    Eigen::Map<Reals>(&cost[i * sides], right.size()) =
+        (behind - ahead[i]).abs2().min((right.values - left.values[i]).abs2()).sqrt();
   }
-  onto = assignment(cost, sides);
+  Roots onto = assignment(cost, sides);
   onto.resize(size);
   for (Index& j : onto) {
     if (j >= right.size()) j = -1;
@@ -241,7 +177,6 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
   const double h = step.length();
   step.onto = matched(left, right, h);
   step.meets.assign(size, -1);
-  step.aside.assign(size, 0);
   step.error.assign(size, infinite);
   step.real_error.assign(size, 0.0);
   step.slopes = left.slopes;
@@ -365,108 +300,9 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
     step.meets[k] = i;
     order(step, i, k);
   }
-  for (const auto& [i, k] : near) {
-    if (step.meets[i] < 0 && step.meets[k] < 0) step.close.emplace_back(i, k);
-  }
-  step.unambiguous = step.close.empty();
-}
-
-/// Most halvings of a step that are made for a few of its roots only.
-constexpr int most_halvings = 12;
-
-/// Whether the curve of a root in a step, or the curves of two roots that meet, stay left of the
-/// imaginary axis.
-bool stays_left(const Step& step, Index i) {
-  const Complex a = step.start(i), c = step.end(i);
-  if (const Index k = step.meets[i]; k >= 0) {
-    const Complex b = step.start(k), d = step.end(k);
-    const double reach = std::max(std::abs((a - b).real()), std::abs((c - d).real()));
-    return 0.5 * std::max((a + b).real(), (c + d).real()) + reach < 0.0;
-  }
-  const double third = step.length() / 3.0;  // a cubic stays within its control points
-  const double most = std::max({a.real(), (a + third * step.start_slope(i)).real(), c.real(),
-                                (c - third * step.end_slope(i)).real()});
-  return most + errors_apart * step.error[i] < 0.0;
-}
-
-/// Root of the second sample that continues each root of the first, which has as many roots;
-/// samples between them are taken if needed. None if that does not tell the roots apart, or if a
-/// root may not stay left of the imaginary axis.
-std::optional<Roots> followed(const Tracking& tracking, const SharedSample& from,
-                              const SharedSample& to, int halvings) {
-  Step step{from, to};
-  Roots every(from->size());
-  std::iota(every.begin(), every.end(), 0);
-  match(step, nullptr, every, tracking.cluster);
-  const auto left = [&](Index i) { return stays_left(step, i); };
-  if (step.unambiguous && std::all_of(every.begin(), every.end(), left)) return step.onto;
-  if (halvings == 0) return {};
-  std::optional<Sample> found = tracking.near(0.5 * (from->u + to->u), *from);
-  if (!found) return {};
-  const auto between = std::make_shared<const Sample>(std::move(*found));
-  const auto first = followed(tracking, from, between, halvings - 1);
-  if (!first) return {};
-  const auto second = followed(tracking, between, to, halvings - 1);
-  if (!second) return {};
-  Roots onto = *first;
-  for (Index& i : onto) i = (*second)[i];
-  return onto;
-}
-
-/// Follows close roots alone, in groups; returns whether that tells all of them apart.
-bool tell_apart(const Tracking& tracking, Step& step) {
-  const Sample &left = *step.left, &right = *step.right;
-  const Roots twins = conjugates(left), others = conjugates(right);
-  Roots group(left.size());  // first root of the group of each root
-  std::iota(group.begin(), group.end(), 0);
-  const auto first_of = [&](Index i) {
-    while (group[i] != i) i = group[i];
-    return i;
-  };
-  const auto join = [&](Index i, Index k) {
-    const auto [low, high] = std::minmax({first_of(i), first_of(k)});
-    group[high] = low;
-  };
-  std::set<Index> members;
-  const std::function<void(Index)> add = [&](Index i) {  // adds a root with all roots of its motion
-    if (!members.insert(i).second) return;
-    for (Index k = 0; k < left.size(); ++k) {
-      const bool together = k == twins[i] || k == step.meets[i] ||
-                            (step.onto[k] >= 0 && step.onto[k] == others[step.onto[i]]);
-      if (!together) continue;
-      add(k);
-      join(i, k);
-    }
-  };
-  for (const auto& [i, k] : step.close) {
-    add(i);
-    add(k);
-    join(i, k);
-  }
-  for (const Index i : members) {
-    const bool is_left = left.values[i].real() < 0.0 && step.end(i).real() < 0.0;
-    if (!is_left || left.signatures[i] != 0.0) return false;
-  }
-  for (const Index first : members) {
-    if (group[first] != first) continue;
-    Roots places, ends;
-    for (const Index i : members) {
-      if (first_of(i) != first) continue;
-      places.push_back(i);
-      ends.push_back(step.onto[i]);
-    }
-    std::sort(ends.begin(), ends.end());  // conjugates are neighbours, as in a sample
-    const auto from = std::make_shared<const Sample>(Sample{left.take(places), left.u});
-    const auto to = std::make_shared<const Sample>(Sample{right.take(ends), right.u});
-    const auto onto = followed(tracking, from, to, most_halvings);
-    if (!onto) return false;
-    for (std::size_t k = 0; k < places.size(); ++k) {
-      step.onto[places[k]] = ends[(*onto)[k]];
-      step.aside[places[k]] = 1;
-      step.meets[places[k]] = -1;
-    }
-  }
-  return true;
+  step.unambiguous = std::ranges::all_of(near, [&](const auto& pair) {
+    return step.meets[pair.first] >= 0 || step.meets[pair.second] >= 0;
+  });
 }
 
 }  // namespace
@@ -522,9 +358,6 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
       }
       match(step, last ? &*last : nullptr, tracked, tracking.cluster);
       const bool divisible = !step.shortest() && !tracking.whole(step);
-      if (divisible && !step.unambiguous && !step.close.empty() && tracking.near) {
-        step.unambiguous = tell_apart(tracking, step);
-      }
       if (divisible && !(step.unambiguous && tracking.sure(step))) {
         most = std::max(std::min(most, 0.5 * step.length()), least_share * tracking.longest);
         ahead.push_back(tracking.take(middle));
@@ -545,7 +378,7 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
 }
 
 Roots modes_of(const Values& values, const Reals& quotients, const Traits& traits) {
-  if (traits.lossy()) {
+  if (traits.is_hysteretic()) {
     Roots modes;
     Index above = 0, below = 0;
     for (const Complex value : values) modes.push_back(traits.counts(value) ? ++above : ++below);
@@ -606,16 +439,17 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
   }
   for (Index k = 0; k < count; ++k) {
     // With a loss factor there may be fewer roots on one side of the real axis.
-    if (lower[k] < 0 && traits.lossy() && taken >= 2 * traits.dof) lower[k] = upper[k];
+    if (lower[k] < 0 && traits.is_hysteretic() && taken >= 2 * traits.dof) lower[k] = upper[k];
     if (lower[k] < 0) return {};
   }
   constexpr double none = std::numeric_limits<double>::quiet_NaN();
   const auto add_row = [&](const Sample& at) {
     for (Index k = 0; k < count; ++k) {
-      const Index i = upper[k], j = traits.lossy() ? i : lower[k];
+      const Index i = upper[k], j = traits.is_hysteretic() ? i : lower[k];
       const bool counts = traits.counts(at.values[i]);
       loci.values(done, k) = counts ? at.values[i] : Complex(none, none);
-      loci.partners(done, k) = traits.lossy() ? std::conj(loci.values(done, k)) : at.values[j];
+      loci.partners(done, k) =
+          traits.is_hysteretic() ? std::conj(loci.values(done, k)) : at.values[j];
       loci.converged(done, k) = counts && has_converged(at.values[i], at.residual[i]) &&
                                 has_converged(at.values[j], at.residual[j]);
       loci.errors(done, k) = counts ? std::max(at.uncertain[i], at.uncertain[j]) : infinite;
@@ -648,7 +482,7 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
         break;
       }
       // A root that left the upper half plane comes back to it.
-      const bool comes_back = traits.lossy()
+      const bool comes_back = traits.is_hysteretic()
                                   ? traits.counts(there[low]) && !traits.counts(there[up])
                                   : was_real || cluster.holds(there[up]);
       if (comes_back && there[up].imag() < 0.0) std::swap(up, low);
@@ -658,8 +492,7 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
   };
   const auto sure = [](const Step&) { return true; };
   const auto whole = [](const Step&) { return false; };
-  const auto near = [&](double u, const Sample& from) { return spectrum.near(u, from); };
-  track({take, sure, whole, visit, cluster, spectrum.longest_step(first->values), near}, first,
+  track({take, sure, whole, visit, cluster, spectrum.longest_step(first->values)}, first,
         {speeds.begin() + 1, speeds.end()}, tracked);
   report(done);
   if (!complete) return {};

@@ -15,9 +15,6 @@
 // the meeting and are compared instead: a step in which roots turn real or complex is matched only
 // if their sums and products agree. The cost is O(r^2) for r eigenvalues, and O(r^3) where their
 // order changes much.
-//
-// Where close curves stay left of the imaginary axis, and the model can find some roots without all
-// others, only these roots are followed, through halves of the step.
 #pragma once
 
 #include <functional>
@@ -53,9 +50,7 @@ struct Step {
   std::vector<double> error = {};       // error of its curve
   std::vector<double> real_error = {};  // error of its real part by the step before; else 0
   Roots meets = {};                     // root that it meets on the real axis in the step, or -1
-  Values slopes = {};  // slopes at the left; estimated for roots that leave zero at rest
-  std::vector<std::pair<Index, Index>> close = {};  // roots whose curves cannot be told apart
-  Flags aside = {};          // whether a root was followed apart, left of the imaginary axis
+  Values slopes = {};        // slopes at the left; estimated for roots that leave zero at rest
   bool unambiguous = false;  // whether no tracked root's match is ambiguous
 
   double length() const { return right->u - left->u; }
@@ -84,9 +79,6 @@ struct Tracking {
   std::function<bool(const Step&)> visit;  // takes each step in turn; false ends the tracking
   Cluster cluster;
   double longest;  // longest step in u
-  /// Finds the roots at another speed that continue those of a sample; gives none where that fails.
-  /// May be empty.
-  std::function<std::optional<Sample>(double u, const Sample& from)> near = {};
 };
 
 /// Column of each row so that the sum of the costs, (size, size) by rows, is least (the Hungarian

@@ -38,7 +38,7 @@ Sample Truncated::sample(double u, Index count) {
     const double real = std::abs(value.real()), lost = std::abs(shift.real());
     if (u == 0.0 && !traits.damped && real <= at.noise[i]) continue;  // on the axis in both models
     if (std::abs(shift) <= largest_shift * std::abs(value) && lost <= largest_share * real) {
-      const bool paired = value.imag() > 0.0 && !traits.lossy() && i + 1 < at.size();
+      const bool paired = value.imag() > 0.0 && !traits.is_hysteretic() && i + 1 < at.size();
       at.noise.segment(i, paired ? 2 : 1) += 2.0 * lost;
     } else {
       alike_ = false;
@@ -71,8 +71,8 @@ std::optional<AxisCrossing> Truncated::of_larger(const AxisCrossing& crossing) {
   const double low = std::max(u - reach, 0.0), high = u + reach;
   AxisCrossing there = crossing;
   if (crossing.value == 0.0) {
-    auto& still = static_cast<Eigenproblem&>(more_->without_loss());
-    const std::optional<Divergence> nearest = still.divergence_near(u, reach);
+    auto& lossless = static_cast<Eigenproblem&>(more_->without_loss());
+    const std::optional<Divergence> nearest = lossless.divergence_near(u, reach);
     if (!nearest) return {};
     there.speed = nearest->speed;
     there.error = nearest->error;
@@ -97,13 +97,13 @@ std::optional<AxisCrossing> Truncated::of_larger(const AxisCrossing& crossing) {
 int Truncated::unstable(double u, Index resolved) {
   constexpr Index beyond = 8;  // further roots, so that a next one is known
   const Index count = 2 * resolved;
-  const std::optional<Pairs> known = fewer_->from_known(u, count + beyond, false, 0);
+  const std::optional<Pairs> known = fewer_->from_known(u, count + beyond, false);
   if (known) more_->assume(u, known->values);
   const Sample at = more_->sample(u, count);
   int number = 0;
   for (Index i = more_->standing(); i < at.size(); ++i) {
     const bool grows = at.values[i].real() > at.noise[i];
-    if (grows && traits.counts(at.values[i])) number += traits.lossy() ? 2 : 1;
+    if (grows && traits.counts(at.values[i])) number += traits.is_hysteretic() ? 2 : 1;
   }
   return number;
 }

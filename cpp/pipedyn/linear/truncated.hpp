@@ -31,13 +31,12 @@ class Truncated : public Spectrum {
         resolved_(2 * resolved) {}
 
   Sample sample(double u, Index count) override;
-  std::optional<Sample> near(double u, const Sample& from) override {
-    return fewer_->near(u, from);
-  }
   Pair refined(double u, const Pair& guess) override;
   Reals quotients(double u, const Pairs& pairs) override { return fewer_->quotients(u, pairs); }
   Index standing() override { return fewer_->standing(); }
-  Spectrum& without_loss() override { return traits.lossy() ? fewer_->without_loss() : *this; }
+  Spectrum& without_loss() override {
+    return traits.is_hysteretic() ? fewer_->without_loss() : *this;
+  }
   Divergences divergences(double max_speed, bool first) override {
     return fewer_->divergences(max_speed, first);
   }

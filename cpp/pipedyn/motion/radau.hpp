@@ -38,8 +38,8 @@ class ShiftedSystems {
 /// nothing drives it, and the relative errors that quadratures may leave, as in `Batch`, or empty.
 struct Flows {
   Vector u;
-  Matrix drive;
-  Vector errors;
+  Matrix drive{};
+  Vector errors{};
 
   bool driven() const { return !drive.isZero(0.0); }
   Batch of(const double* y) const {

@@ -288,8 +288,7 @@ def attractors(
             followed for up to eight times the sum of both times.
         exponents: whether the largest Lyapunov exponent of irregular motions is computed. Without
             it they are "irregular".
-        rtol: relative tolerance of the motions. While those of the first batch are on their way,
-            explicit steps take 1e-4 if rtol is less.
+        rtol: relative tolerance of the motions.
         seed: seed of the random starts, and of the choice of the first batch.
         executor: a `concurrent.futures.Executor` that computes batches as tasks, instead of the
             threads of this process. Motions fail if it does not return their batch, since a worker

@@ -25,12 +25,13 @@ from pipedyn.attraction.attractor import Attractor, Ending
 from pipedyn.attraction.motion_options import FIRST_LOOK, MotionOptions
 from pipedyn.attraction.records import Stretch
 from pipedyn.attraction.regions import (
+    LONGEST_BLOCK,
     NOWHERE,
     PHASES,
+    SAMPLES_A_PERIOD,
     STOPPED,
     Approach,
     WatchedTask,
-    judged_step,
     watched_outcomes,
 )
 from pipedyn.attraction.solutions import (
@@ -46,6 +47,7 @@ from pipedyn.models.chain import Chain
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.motion.integrator import Outcome, Task
 from pipedyn.motion.lyapunov import LyapunovExponent, exponents_together
+from pipedyn.motion.sampling import maxima
 from pipedyn.motion.simulate import (
     BATCH,
     LARGEST_SAMPLES,
@@ -55,7 +57,7 @@ from pipedyn.motion.simulate import (
     in_batches,
 )
 from pipedyn.motion.vector_field import Excitation
-from pipedyn.orbits.from_motion import solved_cycle
+from pipedyn.orbits.from_motion import Recurrence, solved_cycle
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import parallel
@@ -74,17 +76,11 @@ kinks. Turnings are compared to 10 rtol of the range; over ten periods of 36 cyc
 the onset to 1.5 times its speed, motions missed 0.06 of that at most without drag, but once 0.6 of
 it; with drag they missed all of it at rtol, and at rtol / 10 a tenth of it, once 0.6."""
 
-SHARE, LEAST_SIZE = 4.0, 1.0 / 64.0
-"""Factor between the sizes of motions that are told apart, and the least size. Steps of a motion
-err by rtol of its size where a coordinate is smaller than the size: with rtol of each coordinate
-the small coordinates of fast modes, which nobody sees, ask for 1.5 times as many right-hand sides,
-measured with six functions, and the tip then errs by 1e-9 after some time instead of 1e-7."""
-
-TRANSIENT = 1e-4
-"""Tolerance of explicit steps while a motion is on its way, if larger than rtol: the tip then errs
-by 1e-5 after some time, less than the difference of motions that go to the same attractor, and half
-as many right-hand sides are needed. A motion that seems settled, or is recorded, goes on at
-rtol."""
+LEAST_SIZE = 1.0 / 64.0
+"""Least size of a motion in the errors of its steps, which are rtol of its size where a coordinate
+is smaller than the size: with rtol of each coordinate the small coordinates of fast modes, which
+nobody sees, ask for 1.5 times as many right-hand sides, measured with six functions, and the tip
+then errs by 1e-9 after some time instead of 1e-7."""
 
 JOINED = 0.25
 """Share of the transient after which motions from several starts at one flow go on as one, if they
@@ -257,10 +253,8 @@ class _Run:
     approach: Approach = field(default_factory=Approach)  # approach to a known solution
     like: _Run | None = None  # motion whose turning points were spread alike at the last look
     alone: bool = False  # whether it does not join another
-    size: float = field(init=False)  # range of the motion, rounded down to a power of SHARE
-    rate_size: float = field(init=False)  # range of its rates, likewise
-    under_way: bool = True  # whether the tolerance may be TRANSIENT
-    roughly: bool = False  # whether the tolerance was TRANSIENT in the last record
+    size: float = field(init=False)  # range of the motion, in [LEAST_SIZE, 1]
+    rate_size: float = field(init=False)  # largest rate, at least the size
 
     def __post_init__(self) -> None:
         self.resized(*np.abs(np.split(self.state, 2)).max(axis=1).tolist())
@@ -280,18 +274,8 @@ class _Run:
 
     def resized(self, span: float, fastest: float) -> None:
         """Sets the sizes by the range of its tip or coordinates and its largest rate."""
-        self.size = min(size_of(span), 1.0)
-        self.rate_size = max(size_of(fastest), self.size)
-
-
-_Alike = tuple[list[_Run], Stretch]
-"""Motions of a case whose turning points are spread alike, and a record of the first of them."""
-
-
-def size_of(span: float) -> float:
-    """The range of a motion, or of its rates, rounded down to a power of SHARE."""
-    steps = math.floor(math.log(max(span, LEAST_SIZE)) / math.log(SHARE) + 1e-9)
-    return float(SHARE**steps)
+        self.size = min(max(span, LEAST_SIZE), 1.0)
+        self.rate_size = max(fastest, self.size)
 
 
 class _Engine:
@@ -336,8 +320,6 @@ class _Engine:
         rules = {key: self.judged(case, recorded, count) for key, case in judged.items()}
         tasks = list[WatchedTask]()
         for run in runs:
-            run.roughly = run.under_way and first.method == "dop853" and first.rtol < TRANSIENT
-            rtol = TRANSIENT if run.roughly else first.rtol
             task = replace(
                 of_all,
                 farthest=WOUND,
@@ -345,8 +327,7 @@ class _Engine:
                 start=run.state,
                 **rules[id(run.case)],
                 approach=run.approach,
-                rtol=rtol,
-                atol=rtol * np.repeat([run.size, run.rate_size], run.state.size // 2),
+                atol=first.rtol * np.repeat([run.size, run.rate_size], run.state.size // 2),
             )
             tasks.append(task)
         # Each thread takes a batch; in larger batches a member of a chain's batch costs less.
@@ -369,9 +350,9 @@ class _Engine:
             part, last = slice(k * count, (k + 1) * count), (k + 1) * count - 1
             runs[i].state = self.model.from_user(q[last, None], qdot[last, None])[0]
             runs[i].resized(float(np.ptp(x[part])), float(np.abs(velocity[part]).max()))
-            rtol = max(self.options.rtol, tasks[i].rtol)
-            times = samples - before
-            stretches[i] = Stretch.of(times, rows[part], x[part], velocity[part], rtol)
+            stretches[i] = Stretch.of(
+                samples - before, rows[part], x[part], velocity[part], self.options.rtol
+            )
         return stretches
 
     def judged(self, case: Case, recorded: float, count: int) -> dict[str, Any]:
@@ -379,10 +360,11 @@ class _Engine:
         regions = tuple(case.solutions[k].region for k in case.attracting)
         if not regions:
             return {}
-        sample, period = recorded / (count - 1), case.drive.period
-        step, longest = judged_step(regions, recorded)
-        if period:
-            step, longest = period / PHASES, max(region.period for region in regions)
+        sample, drive = recorded / (count - 1), case.drive.period
+        periods = [region.period for region in regions]
+        longest = max(periods)
+        step = min(max(min(periods) / SAMPLES_A_PERIOD, longest / LONGEST_BLOCK), recorded)
+        step = drive / PHASES if drive else step
         every = max(round(step / sample), 1)
         block = np.arange(math.ceil(longest / (every * sample) - 1e-6))
         return {"regions": regions, "every": every, "phases": case.drive.phases(step * block)}
@@ -399,10 +381,6 @@ class _Engine:
         end = run.case.solutions[number].attractor
         self.answers[run.member] = number, replace(end, start=run.start)
 
-    def going(self, runs: list[_Run]) -> list[_Run]:
-        """The motions that have not ended yet."""
-        return [run for run in runs if run.member not in self.answers]
-
     # -------------------------------------------------------------------- results of a stretch
 
     def look(self, runs: list[_Run], stretch: float) -> list[_Run]:
@@ -410,69 +388,67 @@ class _Engine:
         stretches = self.advance(runs, 0.0, stretch)
         self.elapsed += stretch
         seen = [(run, one) for run, one in zip(runs, stretches, strict=True) if one is not None]
-        for run, one in seen:
-            run.under_way &= not one.seems_settled()
         # The other motions will soon have reached the solution that they come nearer to.
         unknown = [(run, one) for run, one in seen if not run.is_near]
-        for same in _by_case(unknown):
-            self.explain(same)
+        self.explain(unknown)
         joined = self.joining([(run, one) for run, one in unknown if one.trend == "irregular"])
-        return [run for run in self.going(runs) if run not in joined]
+        return [run for run in runs if run.member not in self.answers and run not in joined]
 
-    def explain(self, some: list[tuple[_Run, Stretch]]) -> bool:
-        """Solves for solutions that motions of a case show; tells if an attracting one is new.
+    def explain(self, some: list[tuple[_Run, Stretch]]) -> list[Case]:
+        """Solves for what motions show; returns cases in which an attracting solution is new.
 
         Before the transient is over a cycle is solved for if a motion has come very near to an
         earlier state, and after a cycle that does not attract only when the time has doubled. After
         the transient it is always solved for, and from farther away.
         """
-        if not some:
+        new, late = list[Case](), self.elapsed > self.options.transient
+        back = FAR_BACK if late else self.options.back
+        for case in dict.fromkeys(run.case for run, _ in some):
+            before, u = len(case.attracting), case.drive.mean
+            tries = list[tuple[Recurrence, _Run, Stretch]]()
+            for run, one in some:
+                if run.case is case and one.trend != "rest":
+                    tries.append((one.recurrence(case.drive.period), run, one))
+                elif run.case is case and not case.drive.period:
+                    place = np.split(run.state, 2)[0]
+                    with suppress(NewtonFailed):  # e.g. where a slow motion passes no equilibrium
+                        case.learn(equilibrium(self.statics, self.statics.solved(place, u), u))
+            tries = [of for of in tries if of[0][0] <= back]
+            if tries and (late or self.elapsed >= case.next_try):
+                nearest = min(tries, key=lambda of: of[0][0])
+                if not self.explained(*nearest, back):
+                    case.next_try = 2.0 * self.elapsed
+            if len(case.attracting) > before:
+                new.append(case)
+        return new
+
+    def explained(self, recurrence: Recurrence, run: _Run, one: Stretch, back: float) -> bool:
+        """Solves for the cycle near the end of a motion; returns whether it attracts.
+
+        recurrence, back: as for `solved_cycle`.
+        """
+        case, samples = run.case, (one.t, one.states)
+        try:
+            orbit, stable = solved_cycle(self.model, case.drive, samples, recurrence, back)
+        except NewtonFailed:
             return False
-        case, late = some[0][0].case, self.elapsed > self.options.transient
-        before, back = len(case.attracting), FAR_BACK if late else self.options.back
-        for run, one in some:
-            if one.trend == "rest" and not case.drive.period:
-                place, u = np.split(run.state, 2)[0], case.drive.mean
-                with suppress(NewtonFailed):  # e.g. where a slow motion passes no equilibrium
-                    case.learn(equilibrium(self.statics, self.statics.solved(place, u), u))
-        tries = [(one.recurrence(case.drive.period)[0], run, one) for run, one in some]
-        tries = [(far, run, one) for far, run, one in tries if far <= back and one.trend != "rest"]
-        if tries and (late or self.elapsed >= case.next_try):
-            _, run, one = min(tries, key=lambda of: of[0])
-            try:
-                orbit, stable = solved_cycle(
-                    *(self.model, case.drive, (one.t, one.states)),
-                    *(one.recurrence(case.drive.period), back),
-                )
-            except NewtonFailed:
-                stable = False
-            else:
-                found = cycle(self.model, case.drive, orbit, stable)
-                number = case.learn(found)
-                known = case.solutions[number]
-                if stable and np.isfinite(known.region.distances(run.state[None], known.near)):
-                    self.ends(run, number)
-            if not stable:
-                case.next_try = 2.0 * self.elapsed
-        return len(case.attracting) > before
+        number = case.learn(cycle(self.model, case.drive, orbit, stable))
+        known = case.solutions[number]
+        if stable and np.isfinite(known.region.distances(run.state[None], known.near)):
+            self.ends(run, number)
+        return stable
 
     def joining(self, irregular: list[tuple[_Run, Stretch]]) -> list[_Run]:
         """The irregular motions that from now on go on as another motion of their case."""
         first: list[tuple[_Run, Stretch]] = []  # motions with which the others are compared
-        joined: list[_Run] = []
+        before = len(self.joined)
         for run, one in irregular:
-            same = (
-                leader
-                for leader, other in first
-                if leader.case is run.case and spread_alike(other.turnings, one.turnings)
-            )
-            before, run.like = run.like, None if run.alone else next(same, None)
+            last, run.like = run.like, _alike(run, one, first)
             if run.like is None:
                 first.append((run, one))
-            elif run.like is before and self.elapsed >= JOINED * self.options.transient:
-                joined.append(run)
+            elif run.like is last and self.elapsed >= JOINED * self.options.transient:
                 self.joined.append((run, run.like, self.elapsed))
-        return joined
+        return [run for run, _, _ in self.joined[before:]]
 
     def finish(self, runs: list[_Run]) -> None:
         """Follows motions until they end."""
@@ -483,8 +459,6 @@ class _Engine:
         while runs and self.elapsed + drive.whole(stretch) <= options.transient:
             runs = self.look(runs, drive.whole(stretch))
             stretch = min(max(stretch, 0.5 * self.elapsed), longest)
-        for run in runs:
-            run.under_way = False
         self.after_transient(runs)
         joined, self.joined = self.joined, []
         again: list[tuple[_Run, float]] = []
@@ -495,7 +469,8 @@ class _Engine:
             if isinstance(end, Attractor) and end.ending not in ("rest", "periodic"):
                 self.answers[run.member] = number, replace(end, start=run.start)
             else:
-                again += [(one, since) for one in _parted([run])]
+                run.alone = True
+                again.append((run, since))
         for since in sorted({since for _, since in again}):
             self.elapsed = since
             self.finish([run for run, at in again if at == since])
@@ -504,23 +479,22 @@ class _Engine:
 
     def after_transient(self, runs: list[_Run]) -> None:
         """Records motions, and follows further those that come nearer to something."""
-        before, duration = self.options.transient - self.elapsed, self.options.duration
+        duration, before = self.options.duration, max(self.options.transient - self.elapsed, 0.0)
         last = FOLLOWED * (self.options.transient + duration)
         while runs:
             stretches = self.advance(runs, before, duration)
             self.elapsed, before = self.elapsed + before + duration, 0.0
             seen = [(run, one) for run, one in zip(runs, stretches, strict=True) if one is not None]
             over, runs = self.elapsed >= last, []
+            new = self.explain([pair for pair in seen if not pair[0].is_near])
             left: list[tuple[_Run, Stretch]] = []
-            for same in _by_case(seen):
-                new = self.explain([pair for pair in same if not pair[0].is_near])
-                for run, one in same:
-                    if run.member in self.answers or self.is_on_known(run, one, over):
-                        continue
-                    if (new or run.comes_nearer(one)) and not over:
-                        runs.append(run)
-                    else:
-                        left.append((run, one))
+            for run, one in seen:
+                if run.member in self.answers or self.is_on_known(run, one, over):
+                    continue
+                if (run.case in new or run.comes_nearer(one)) and not over:
+                    runs.append(run)
+                else:
+                    left.append((run, one))
             runs += self.named(left, over)
 
     def is_on_known(self, run: _Run, one: Stretch, over: bool) -> bool:
@@ -534,8 +508,8 @@ class _Engine:
         period = 0.0 if rests else one.repeats(drive.period)
         if not rests and not period:
             return False
-        count, turnings = max(one.maxima, 1), one.turnings
-        here = Attractor(drive.mean, -1, "periodic", count, turnings, run.state)
+        count = max(round((maxima(one.turnings).size + 1) * period / float(one.t[-1])), 1)
+        here = Attractor(drive.mean, -1, "periodic", count, one.turnings, run.state)
         if rests:
             here = replace(here, ending="rest", period=0, turnings=one.x[-1:].copy())
         number = case.holding(here, period)
@@ -565,7 +539,7 @@ class _Engine:
             while runs and engine.elapsed < self.options.transient:
                 engine.advance(runs, 0.0, stretch)
                 engine.elapsed += stretch
-                runs = engine.going(runs)
+                runs = [run for run in runs if run.member not in engine.answers]
             if not runs and all(number == 0 for number, _ in engine.answers.values()):
                 return tried
         return one
@@ -573,87 +547,81 @@ class _Engine:
     def named(self, left: list[tuple[_Run, Stretch]], over: bool) -> list[_Run]:
         """Names motions that neither rest nor repeat; returns the others, which go on.
 
-        Motions of a case whose turning points are spread alike are recorded and named as one.
+        Of motions of a case whose turning points are spread alike the first is recorded and named.
         """
-        groups: list[_Alike] = []
+        first, on = list[tuple[_Run, Stretch]](), list[_Run]()
         for run, one in left:
-            number = run.case.holding_irregular(run.state)
+            number, like = run.case.holding_irregular(run.state), _alike(run, one, first)
             if number != NOWHERE:
                 self.ends(run, number)
-                continue
-            same = (
-                runs
-                for runs, first in groups
-                if runs[0].case is run.case
-                and not run.alone
-                and spread_alike(first.turnings, one.turnings)
-            )
-            if (runs := next(same, None)) is None:
-                groups.append(([run], one))
+            elif like is not None:
+                self.joined.append((run, like, self.elapsed))
             else:
-                runs.append(run)
-        on = list[_Run]()
+                first.append((run, one))
         for times in LONGER:
-            groups = self.recorded(groups, times, over, on)
-            groups = self.named_by_exponents(groups, times)
+            first = self.recorded(first, times, over, on)
+            first = self.named_by_exponents(first, times)
         return on
 
     def recorded(
-        self, groups: list[_Alike], times: float, over: bool, on: list[_Run]
-    ) -> list[_Alike]:
-        """Records the first motion of each group for longer, if exponents are asked for.
+        self, some: list[tuple[_Run, Stretch]], times: float, over: bool, on: list[_Run]
+    ) -> list[tuple[_Run, Stretch]]:
+        """Records motions for longer, if exponents are asked for.
 
         Args:
-            groups: motions that are spread alike, with the last record of the first of them.
+            some: motions with their last records.
             times: factor of the usual length of such a record.
             over: whether no motion may go on.
             on: takes the motions that go on instead.
 
         Returns:
-            The groups whose motions still neither rest nor repeat nor come nearer to something.
+            Those that still neither rest nor repeat nor come nearer to something.
         """
         asked = self.options.exponents
-        records: list[Stretch | None] = [one for _, one in groups]
-        if groups and asked:
-            length = groups[0][0][0].case.drive.whole(RECORDED * times * self.options.duration)
-            records = self.advance([runs[0] for runs, _ in groups], 0.0, length, TORUS)
+        records: list[Stretch | None] = [one for _, one in some]
+        if some and asked:
+            length = some[0][0].case.drive.whole(RECORDED * times * self.options.duration)
+            records = self.advance([run for run, _ in some], 0.0, length, TORUS)
             self.elapsed += length
-        left = list[_Alike]()
-        for (runs, _), one in zip(groups, records, strict=True):
-            leader = runs[0]
-            new = one is not None and asked and self.explain([(leader, one)])
-            gone = leader.member in self.answers
-            if one is None or gone or self.is_on_known(leader, one, over):
-                on += _parted(runs[1:])
-            elif (new or leader.comes_nearer(one)) and not over:
-                on += runs
-            elif leader.comes_nearer(one):
+        left = list[tuple[_Run, Stretch]]()
+        for (run, _), one in zip(some, records, strict=True):
+            if one is None:
+                continue
+            new = asked and self.explain([(run, one)])
+            if run.member in self.answers or self.is_on_known(run, one, over):
+                continue
+            nearer = run.comes_nearer(one)
+            if (new or nearer) and not over:
+                on.append(run)
+            elif nearer:
                 why = f"it still comes nearer to rest or a cycle after t = {self.elapsed:g}"
-                self.name(runs, one, "unsettled", reason=why)
+                self.name(run, one, "unsettled", reason=why)
             else:
-                left.append((runs, one))
+                left.append((run, one))
         return left
 
-    def named_by_exponents(self, groups: list[_Alike], times: float) -> list[_Alike]:
-        """Names motions by exponents and records; returns the groups that need longer records.
+    def named_by_exponents(
+        self, some: list[tuple[_Run, Stretch]], times: float
+    ) -> list[tuple[_Run, Stretch]]:
+        """Names motions by exponents and records; returns those that need longer records.
 
         times: factor of the usual time over which an exponent is measured.
         """
-        states = [(runs[0].case.drive, runs[0].state) for runs, _ in groups]
-        duration, doubtful = times * self.options.duration, list[_Alike]()
+        states = [(run.case.drive, run.state) for run, _ in some]
+        duration, doubtful = times * self.options.duration, list[tuple[_Run, Stretch]]()
         exponents = exponents_of(self.model, states, replace(self.options, duration=duration))
-        for (runs, one), exponent in zip(groups, exponents, strict=True):
+        for (run, one), exponent in zip(some, exponents, strict=True):
             if exponent is None:
-                self.name(runs, one, "irregular")
+                self.name(run, one, "irregular")
             elif isinstance(exponent, MotionStopped):
                 why = f"its largest Lyapunov exponent is not known: {exponent}"
-                self.name(runs, one, "unsettled", reason=why)
+                self.name(run, one, "unsettled", reason=why)
             elif exponent.chaotic:
-                self.name(runs, one, "chaotic", exponent)
+                self.name(run, one, "chaotic", exponent)
             elif exponent.value <= exponent.spread and one.averages_converge():
-                self.name(runs, one, "quasi-periodic", exponent)
+                self.name(run, one, "quasi-periodic", exponent)
             elif times < LONGER[-1]:
-                doubtful.append((runs, one))
+                doubtful.append((run, one))
             else:
                 why = (
                     f"its largest Lyapunov exponent, {exponent.value:.2g}, is not above 0 by three "
@@ -665,27 +633,25 @@ class _Engine:
                         f"spread, {exponent.spread:.2g}, but averages over a time of "
                         f"{one.t[-1]:g} converge no faster than those of chaotic motion"
                     )
-                self.name(runs, one, "unsettled", exponent, why)
+                self.name(run, one, "unsettled", exponent, why)
         return doubtful
 
     def name(
         self,
-        runs: list[_Run],
+        run: _Run,
         one: Stretch,
         ending: Ending,
         exponent: LyapunovExponent | None = None,
         reason: str = "",
     ) -> None:
-        """Names the ending of motions that are spread alike, from the record of one of them."""
-        leader, drive = runs[0], runs[0].case.drive
+        """Names the ending of a motion from its record."""
+        drive, number = run.case.drive, NOWHERE
         end = Attractor(
-            *(drive.mean, leader.start, ending, 0, one.turnings, leader.state, exponent, reason)
+            *(drive.mean, run.start, ending, 0, one.turnings, run.state, exponent, reason)
         )
-        number = NOWHERE
         if ending != "unsettled":
-            number = leader.case.learn(irregular(self.model, drive, end, one))
-        for run in runs:
-            self.answers[run.member] = number, replace(end, start=run.start)
+            number = run.case.learn(irregular(self.model, drive, end, one))
+        self.answers[run.member] = number, end
 
 
 def exponents_of(
@@ -711,19 +677,13 @@ def exponents_of(
     return found
 
 
-def _parted(runs: list[_Run]) -> list[_Run]:
-    """Motions that had joined another one, made to go on by themselves from now on."""
-    for run in runs:
-        run.alone = True
-    return runs
-
-
-def _by_case(some: list[tuple[_Run, Stretch]]) -> list[list[tuple[_Run, Stretch]]]:
-    """The motions and stretches, grouped by case."""
-    groups: dict[int, list[tuple[_Run, Stretch]]] = {}
-    for run, one in some:
-        groups.setdefault(id(run.case), []).append((run, one))
-    return list(groups.values())
+def _alike(run: _Run, one: Stretch, others: list[tuple[_Run, Stretch]]) -> _Run | None:
+    """The first of other motions of a motion's case whose turning points are spread alike."""
+    for other, record in others:
+        same = other.case is run.case and not run.alone
+        if same and spread_alike(record.turnings, one.turnings):
+            return other
+    return None
 
 
 def _state(model: Model, start: Array) -> Array:

@@ -46,21 +46,17 @@ class Stretch:
         states: [p, p'], shape (S, 2 integrated).
         x: transverse positions of the tip, shape (S,).
         turnings: values of x where its velocity changes sign, in order, shape (K,).
-        error: by how much two turnings may differ owing to errors.
         rtol: relative tolerance to which the motion was integrated.
         trend: "rest", "periodic" (maxima repeat to the error, or converge geometrically to maxima
             that do), "settling" (it still approaches rest or a cycle) or "irregular".
-        maxima: number of maxima of x in a period, 0 unless "periodic".
     """
 
     t: Array
     states: Array
     x: Array
     turnings: Array
-    error: float
     rtol: float
     trend: Trend
-    maxima: int
 
     @staticmethod
     def of(t: Array, states: Array, x: Array, velocity: Array, rtol: float) -> Stretch:
@@ -76,15 +72,7 @@ class Stretch:
         turnings, error = turning_points(t, x, velocity)
         # The errors of an integrator's steps add up over the ten or more steps of a period.
         error += 10.0 * rtol * float(np.ptp(x))
-        return Stretch(t, states, x, turnings, error, rtol, *trend_of(x, turnings, error))
-
-    def seems_settled(self) -> bool:
-        """Whether the motion ends at rest, or three periods show no visible change."""
-        if self.trend == "rest":
-            return True
-        highs = maxima(self.turnings)
-        periods = range(1, highs.size // 3 + 1)
-        return any(_largest_change(highs[-3 * k :], k) <= self.error for k in periods)
+        return Stretch(t, states, x, turnings, rtol, trend_of(x, turnings, error))
 
     def recurrence(self, drive: float) -> tuple[float, float, float, int]:
         """Smallest distance of a state from an earlier one, relative to its size in the later half.
@@ -194,14 +182,14 @@ def _lagrange(share: Array) -> Array:
     return np.stack([-b * c * d / 6.0, a * c * d / 2.0, -a * b * d / 2.0, a * b * c / 6.0], axis=1)
 
 
-def trend_of(x: Array, turnings: Array, error: float) -> tuple[Trend, int]:
-    """Trend of a motion, and maxima in its period, from samples x of the tip and turning points.
+def trend_of(x: Array, turnings: Array, error: float) -> Trend:
+    """Trend of a motion, from samples x of the tip and turning points.
 
     Two turning points may differ by the error although the motion repeats.
     """
     quarters = [float(np.ptp(part)) for part in np.array_split(x, 4)]
     if quarters[-1] < AT_REST:
-        return "rest", 0
+        return "rest"
     highs = maxima(turnings)
     near = RECURRENCE * quarters[-1]
     approaching = all(b < a for a, b in pairwise(quarters)) and quarters[-1] < 0.8 * quarters[0]
@@ -209,7 +197,7 @@ def trend_of(x: Array, turnings: Array, error: float) -> tuple[Trend, int]:
         change = np.abs(highs[period:] - highs[:-period])
         recurs = bool(change.max() < near)
         if recurs and _drift(highs, period) <= error:
-            return "periodic", period
+            return "periodic"
         if change.size < 4 * period:
             continue
         # A Floquet multiplier whose motion still decays shrinks the changes by a constant factor.
@@ -221,15 +209,11 @@ def trend_of(x: Array, turnings: Array, error: float) -> tuple[Trend, int]:
         parts = [max(*both, error) for both in zip(changes, drifts, strict=True)]
         converges = all(b <= max(0.5 * a, error) for a, b in pairwise(parts))
         if recurs and converges:
-            return "periodic", period
+            return "periodic"
         approaching |= converges or (recurs and all(b < a for a, b in pairwise(parts)))
-    return ("settling" if approaching else "irregular"), 0
+    return "settling" if approaching else "irregular"
 
 
 def _drift(highs: Array, period: int) -> float:
     """The largest difference of two maxima that lie whole periods apart."""
     return max(float(np.ptp(highs[k::period])) for k in range(min(period, highs.size)))
-
-
-def _largest_change(highs: Array, period: int) -> float:
-    return float(np.abs(highs[period:] - highs[:-period]).max())

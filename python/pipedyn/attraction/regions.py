@@ -21,6 +21,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import Model
@@ -34,9 +35,8 @@ NOWHERE, STOPPED = -1, -2
 FLOOR = 1e-4
 """Distance within which a state counts as on an attractor."""
 
-COARSE_CURVE, FINE_CURVE = 256, 2**14
-"""Least and largest number of steps along the curve of a cycle: doubled until chords miss it by
-less than a quarter of `FLOOR`."""
+PHASE_STEP = 1e-4
+"""Change of phase over which derivatives of a cycle are taken."""
 
 SAMPLES_A_PERIOD, LONGEST_BLOCK = 6, 200
 """Number of samples in the shortest period of a region, and the most in a block, which spans the
@@ -75,9 +75,6 @@ COMPARED, REGION_SHARE = 256, 0.25
 """Number of states of another attractor from which the distance of two attractors is computed; and
 the largest share of the way to any other known solution that a region extends."""
 
-WHOLE: Array = np.array([0.0, 2.0 * math.pi])
-"""First and last phase of a cycle."""
-
 
 @dataclass(frozen=True, eq=False)
 class Region:
@@ -93,7 +90,8 @@ class Region:
         turn: change of p in a whole turn about a hinge at the root, (integrated,), which changes
             nothing.
         driven: whether `points` contain phases of the drive.
-        curve: whether the points follow one another on a curve.
+        rates: first and second derivatives in time at the points, (2, M, 2 integrated), if these
+            follow one another on a curve; else None.
         floquet: Floquet coordinates about a stable cycle, or modal coordinates about a stable
             equilibrium; None if they are not known.
     """
@@ -104,7 +102,7 @@ class Region:
     radius: float = WIDEST
     turn: Array | None = None
     driven: bool = False
-    curve: bool = False
+    rates: Array | None = None
     floquet: FloquetCoordinates | None = None
 
     @staticmethod
@@ -116,53 +114,36 @@ class Region:
         points = np.append(place, np.zeros_like(place))[None]
         return Region(points, unit, min(2.0 * math.pi * unit, SLOWEST))
 
-    @cached_property
-    def _steps(self) -> Array:
-        return np.diff(self._scaled(self.points), axis=0)
-
-    @cached_property
-    def _ways(self) -> tuple[Array, Array]:
-        """Steps from each point to the next, and to the one before."""
-        none = np.zeros((1, self.points.shape[1]))
-        return np.concatenate([self._steps, none]), np.concatenate([none, -self._steps])
-
     @staticmethod
     def about_cycle(
-        states: Callable[[Array], Array],
-        unit: float,
-        period: float,
-        mesh: Array = WHOLE,
-        finest: int = FINE_CURVE,
+        states: Callable[[Array], Array], unit: float, period: float, phases: Array
     ) -> Region:
-        """The region about a cycle whose states, (k, 2 integrated), are a function of phase, (k,).
+        """The region about a cycle whose states, (2 integrated, k), are a function of phase, (k,).
 
-        mesh: phases, from 0 to 2 pi, between which the same number of steps lie.
-        finest: largest number of steps.
+        phases: phases of the points, from 0 on, (M,).
         """
-        count = COARSE_CURVE
-        while True:
-            places = np.linspace(0.0, mesh.size - 1.0, count + 1)
-            points = states(np.interp(places, np.arange(mesh.size), mesh))
-            region = Region(points, unit, period, curve=True)
-            # Second differences perpendicular to the curve are eight times the error of the chord
-            # of a step.
-            along, bend = region._steps[1:] + region._steps[:-1], np.diff(region._steps, axis=0)
-            share = np.sum(bend * along, axis=1) / np.maximum(np.sum(along**2, axis=1), 1e-300)
-            missed = np.linalg.norm(bend - share[:, None] * along, axis=1).max() / 8.0
-            if missed < 0.25 * FLOOR or count >= finest:
-                return region
-            count *= 2
+        step, omega = PHASE_STEP, 2.0 * math.pi / period
+        before, on, after = (states(phases + shift).T for shift in (-step, 0.0, step))
+        once, twice = 0.5 * (after - before), before + after - 2.0 * on
+        rates = np.stack([once * omega / step, twice * (omega / step) ** 2])
+        return Region(on, unit, period, rates=rates)
 
     @cached_property
     def _reach(self) -> float:
         """Largest distance of a state on the curve from the nearest of the points."""
-        if not self.curve:
+        if self.rates is None:
             return 0.0
-        return 0.5 * float(np.linalg.norm(self._steps, axis=1).max(initial=0.0))
+        steps = np.diff(self.points * self.units, axis=0)
+        return float(np.linalg.norm(steps, axis=1).max(initial=0.0))
 
     @cached_property
     def _tree(self) -> scipy.spatial.cKDTree:
-        return scipy.spatial.cKDTree(self._scaled(self._unwound(self.points)))
+        points = self._unwound(self.points)
+        if self.turn is not None:  # the point nearest to an unwound state may be a turn away
+            turn = np.zeros(points.shape[1])
+            turn[: self.half] = self.turn
+            points = np.concatenate([points, points + turn, points - turn])
+        return scipy.spatial.cKDTree(points * self.units)
 
     @property
     def half(self) -> int:
@@ -174,9 +155,6 @@ class Region:
         """Factors by which states are multiplied for their distances."""
         units = np.repeat([1.0, self.unit], self.half) / math.sqrt(self.half)
         return np.append(units, np.ones(2 * self.driven))
-
-    def _scaled(self, states: Array) -> Array:
-        return states * self.units
 
     def _unwound(self, states: Array) -> Array:
         if self.turn is None:
@@ -195,29 +173,35 @@ class Region:
         most = self.radius if most is None else most
         if states.shape[1] < self.points.shape[1]:
             states = np.concatenate([states, np.tile([1.0, 0.0], (len(states), 1))], axis=1)
-        near = self._unwound(states)
-        found = self._nearest(near, most)
-        if self.turn is not None:
-            turn = np.zeros(near.shape[1])
-            turn[: self.half] = self.turn
-            for other in (near + turn, near - turn):
-                found = np.minimum(found, self._nearest(other, most))
-        return found
+        away, _ = self._away(states, most)
+        found = np.linalg.norm(away, axis=1)
+        return np.where(found <= most, found, math.inf)
 
-    def _nearest(self, states: Array, most: float) -> Array:
-        """Distances from the points or the curve through them, infinite if beyond `most`."""
-        scaled = self._scaled(states)
-        found, places = self._tree.query(scaled, distance_upper_bound=most + self._reach)
-        near = np.flatnonzero(np.isfinite(found))
-        if self.curve and near.size:
-            away = scaled[near] - self._tree.data[places[near]]
-            for ways in self._ways:
-                way = ways[places[near]]
-                ahead = np.sum(away * way, axis=1) / np.maximum(np.sum(way**2, axis=1), 1e-300)
-                missed = away - np.clip(ahead, 0.0, 1.0)[:, None] * way
-                found[near] = np.minimum(found[near], np.linalg.norm(missed, axis=1))
-            found[found > most] = math.inf
-        return np.asarray(found)
+    def coordinates(self, states: Array) -> Complex:
+        """The Floquet coordinates, (k, coordinates), of states, (k, 2 integrated)."""
+        assert self.floquet is not None
+        away, near = self._away(states, math.inf)
+        rows = self.floquet.rows
+        return np.asarray(np.einsum("kci,ki->kc", rows[near % len(rows)], away / self.units))
+
+    def _away(self, states: Array, most: float) -> tuple[Array, NDArray[np.intp]]:
+        """Scaled differences of states from the attractor, infinite if larger than `most`.
+
+        Second come the numbers of the points nearest to the states.
+        """
+        scaled = self._unwound(states) * self.units
+        found, near = self._tree.query(scaled, distance_upper_bound=most + self._reach)
+        missed = np.isinf(found)
+        near[missed] = 0
+        away, near = scaled - self._tree.data[near], near % len(self.points)
+        if self.rates is not None:
+            # The difference, to third order in the time by which the state is ahead of the point.
+            once, twice = self.rates[:, near] * self.units
+            ahead = np.sum(once * away, axis=1, keepdims=True)
+            ahead /= np.maximum(np.sum(once**2, axis=1, keepdims=True), 1e-300)
+            away -= ahead * once + 0.5 * ahead**2 * twice
+        away[missed] = math.inf
+        return away, near
 
     def apart(self, other: Region) -> float:
         """Smallest distance from another region's states, infinite if they are far apart."""
@@ -225,21 +209,13 @@ class Region:
         points = other.points[:: max(len(other.points) // COMPARED, 1)]
         return float(self.distances(points, most).min())
 
-    def kept_apart(self, distance: float) -> Region:
-        """The region, made so small that it leaves out a solution at a distance.
-
-        It extends over the share REGION_SHARE of the way there at most. As a cycle may cross or
-        touch another in the state space, a radius of ten times FLOOR is always left.
-        """
-        return replace(self, radius=max(min(self.radius, REGION_SHARE * distance), 10.0 * FLOOR))
-
     def mirrored(self, shifts: bool = False) -> Region:
         """The region of the mirror image; it is half a period later if `shifts` is true."""
         signs = -np.ones(self.points.shape[1])
         if not shifts:
             signs[2 * self.half :] = 1.0
-        floquet = self.floquet and self.floquet.mirrored()
-        return replace(self, points=signs * self.points, floquet=floquet)
+        rates = None if self.rates is None else -self.rates
+        return replace(self, points=signs * self.points, rates=rates)
 
     def beside(self, model: Model, seed: int = 0) -> Array:
         """States nearly a radius away, in random directions, shape (k, 2 integrated)."""
@@ -373,11 +349,12 @@ class _Watch(Observer):
             rows = blocks[some]
             largest = region.distances(rows.reshape(-1, rows.shape[2])).reshape(rows.shape[:2])
             largest = largest.max(axis=1)
-            some, largest = some[np.isfinite(largest)], largest[np.isfinite(largest)]
+            inside = np.isfinite(largest)
+            some, rows, largest = some[inside], rows[inside], largest[inside]
             floquet = region.floquet if some.size else None
             if floquet is not None:
                 time = (task.times[1] - task.times[0]) * blocks.shape[1] * task.every
-                squares = np.abs(floquet(blocks[some].reshape(-1, blocks.shape[2]))) ** 2
+                squares = np.abs(region.coordinates(rows.reshape(-1, rows.shape[2]))) ** 2
                 squares = squares.reshape(some.size, blocks.shape[1], -1).mean(axis=1)
             for i, (place, distance) in enumerate(
                 zip(some.tolist(), largest.tolist(), strict=True)
@@ -406,10 +383,3 @@ def watched_outcomes(
     outcomes: list[Outcome] = integrate(tasks, shown, watch if watch.groups else observer)
     states = zip(outcomes, watch.labels.tolist(), watch.approaches, strict=True)
     return [Watched(*state) for state in states]
-
-
-def judged_step(regions: Sequence[Region], most: float) -> tuple[float, float]:
-    """Time between two samples that are judged, and time between two blocks."""
-    periods = [region.period for region in regions] or [most]
-    longest = max(periods)
-    return min(max(min(periods) / SAMPLES_A_PERIOD, longest / LONGEST_BLOCK), most), longest

@@ -16,13 +16,18 @@ import numpy as np
 
 from pipedyn.attraction.attractor import Attractor
 from pipedyn.attraction.records import Stretch
-from pipedyn.attraction.regions import COARSE_CURVE, FINE_CURVE, PHASES, Region
+from pipedyn.attraction.regions import FLOOR, PHASES, REGION_SHARE, Region
 from pipedyn.equilibrium.equilibria import Statics
 from pipedyn.linear.neutral import decays
 from pipedyn.models.base import Model
 from pipedyn.motion.sampling import maxima, turning_points
 from pipedyn.motion.vector_field import Excitation
-from pipedyn.orbits.floquet_coordinates import floquet_coordinates, modal_coordinates
+from pipedyn.orbits.floquet_coordinates import (
+    POINTS,
+    floquet_coordinates,
+    modal_coordinates,
+    point_phases,
+)
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
@@ -114,10 +119,15 @@ class Solution:
         return replace(self, attractor=image, region=region, orbit=orbit)
 
     def kept_apart(self, distance: float) -> Solution:
-        """The solution, with a region that leaves out another known solution at a distance."""
+        """The solution, with a region so small that it leaves out another known one at a distance.
+
+        The region extends over the share REGION_SHARE of the way there at most. As a cycle may
+        cross or touch another in the state space, a radius of ten times FLOOR is always left.
+        """
         if math.isnan(self.period):
             return self
-        return replace(self, region=self.region.kept_apart(distance))
+        radius = max(min(self.region.radius, REGION_SHARE * distance), 10.0 * FLOOR)
+        return replace(self, region=replace(self.region, radius=radius))
 
 
 def kept_apart(solutions: Sequence[Solution]) -> list[Solution]:
@@ -200,15 +210,12 @@ def cycle(model: Model, drive: Excitation, orbit: PeriodicOrbit, stable: bool) -
         states = orbit.states(orbit.frequency * times).T
         region = around(model, drive, times, states, unit, period)
         return Solution(end, region, stable, period, orbit=orbit)
-    mesh = orbit.edges
-    if orbit.symmetric:
-        mesh = np.append(mesh, orbit.span + mesh[1:])
-    # For an unstable cycle only its distance from other solutions is needed.
-    finest = FINE_CURVE if stable else COARSE_CURVE
-    region = Region.about_cycle(lambda phase: orbit.states(phase).T, unit, period, mesh, finest)
-    region = replace(region, turn=Statics(model).whole_turn)
+    floquet = None
     if stable and not field.constrained:
-        region = replace(region, floquet=floquet_coordinates(field, orbit, region.units))
+        floquet = floquet_coordinates(field, orbit, np.repeat([1.0, unit], field.half))
+    phases = floquet.phases if floquet is not None else point_phases(orbit)
+    region = Region.about_cycle(orbit.states, unit, period, phases)
+    region = replace(region, turn=Statics(model).whole_turn, floquet=floquet)
     return Solution(end, region, stable, period, orbit=orbit)
 
 
@@ -234,9 +241,11 @@ def by_record(
         curve = scipy.interpolate.CubicSpline(stretch.t, stretch.states)
 
         def states(phase: Array) -> Array:
-            return np.asarray(curve(last - period + 0.5 / math.pi * period * phase))
+            return np.asarray(curve(last - period + 0.5 / math.pi * period * phase).T)
 
-        region = Region.about_cycle(states, unit, period)
+        count = max(POINTS, int(np.count_nonzero(stretch.t > last - period)))
+        phases = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
+        region = Region.about_cycle(states, unit, period, phases)
     return Solution(end, replace(region, turn=statics.whole_turn), False, period)
 
 

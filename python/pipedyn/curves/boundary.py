@@ -170,7 +170,8 @@ class Boundary(InPlane):
     @cached_property
     def _plane(self) -> Plane:
         ranges = dict(zip(self.names, self.ranges, strict=True))
-        of = checked_window(self.model, self.names, ranges, motions=True)
+        motions = "hysteresis" not in self.names  # which enters small motions only
+        of = checked_window(self.model, self.names, ranges, motions)
         model = self.model
         if isinstance(model, Continuum):
             return basis_plane(model.frozen(self.size), of, self.u)

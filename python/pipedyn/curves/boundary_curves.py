@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import Control, Point, Segment
 from pipedyn.continuation.tracer import AT_END, Tracer, passes_through
@@ -33,6 +32,7 @@ from pipedyn.models.continuum import FUNCTIONS_A_JOINT, LARGEST, AnyModel, Conti
 from pipedyn.models.galerkin import Galerkin, basis_joints, enriched
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged
+from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
 LONGEST_STEP, LARGEST_TURN = 0.04, 0.18
@@ -46,10 +46,9 @@ LINES_OF_SPEED, LINES = 7, 3
 """Numbers of lines across the window, including its edges, on which curves are looked for: lines
 along the flow speed, and lines along another number, which take ten times as long."""
 
-FIRST_CLIMB, LAST_CLIMB, MOST_CLIMBS = 0.04, 1e-3, 10
-"""Limits of a path uphill to a closed curve: radius of the first step and length of the shortest
-step, both in shares of the window, and largest number of steps: paths that
-reach a curve take two to eight."""
+FIRST_CLIMB, MOST_CLIMBS = 0.04, 12
+"""Limits of a path uphill to a closed curve: length of the first step, as a share of the window,
+and largest number of steps: paths that reach a curve take two to eight."""
 
 AGREED = 2e-10
 """Distance between a point in two successive bases of the continuous pipe up to which it is
@@ -288,68 +287,41 @@ def climbed(plane: Plane, z: Array, root: complex, only_stability: bool) -> Curv
     The path begins at shares z = (x, y) of the window, where the real part of `root` has an extreme
     on a line. Inside a closed curve that no line meets, the real part has an extreme in the plane
     with the opposite sign, to which the path leads if nothing else lies between. A quasi-Newton
-    method (symmetric rank one) with a trust radius and exact derivatives of eigenvalues takes the
-    steps. The answer is None if the path ends at an extreme before the pair reaches the axis.
+    method with exact derivatives of eigenvalues takes the steps. The answer is None if the path
+    ends at an extreme before the pair reaches the axis.
     """
+    uphill = -np.sign(root.real)
+    begin, slope, found = z, np.zeros(2, dtype=np.complex128), list[CurveStart]()
 
-    def near(z: Array, guess: complex) -> tuple[complex, NDArray[np.complex128], bool]:
+    def distance(steps: Array) -> tuple[float, Array]:
+        """Distance of the pair from the axis and its slopes, at z in units of the first step."""
+        nonlocal begin, root, slope
+        z = steps * FIRST_CLIMB
         values, slopes = plane.pairs(plane.window.place(z))
-        if not values.size:
-            raise NewtonFailed("no root is left")
-        k = int(np.argmin(np.abs(values - guess)))
-        return values[k], slopes[:, k], bool(np.delete(grows(values), k).any())
+        if not values.size or plane.conservative_near(z, FIRST_CLIMB):
+            raise StopIteration  # all pairs lie on the axis on that edge
+        k = int(np.argmin(np.abs(values - root - slope @ (z - begin))))
+        there = complex(values[k])
+        if only_stability and np.delete(grows(values), k).any():
+            raise StopIteration
+        if there.real * root.real <= 0.0:
+            share = root.real / (root.real - there.real)
+            x, y = begin + share * (z - begin)
+            kept = -2 if abs(slope[0].real) > abs(slope[1].real) else -1
+            found.append(CurveStart(np.array([(root + share * (there - root)).imag, y, x]), kept))
+            raise StopIteration
+        begin, root, slope = z, there, slopes[:, k]
+        return -uphill * there.real, -uphill * FIRST_CLIMB * slope.real
 
-    try:
-        root, slopes, others = near(z, root)
-        uphill = -np.sign(root.real)
-        if only_stability and others:
-            return None
-        bend, radius = np.zeros((2, 2)), FIRST_CLIMB
-        for _ in range(MOST_CLIMBS):
-            gradient = uphill * slopes.real
-            step = (z + _within(bend, gradient, radius)).clip(0.0, 1.0) - z
-            length = float(np.linalg.norm(step))
-            if length < LAST_CLIMB:
-                return None
-            if plane.conservative_near(z + step, FIRST_CLIMB):
-                return None  # all pairs lie on the axis on that edge
-            there, slopes_there, others = near(z + step, root + complex(slopes @ step))
-            gained = uphill * (there.real - root.real)
-            if there.real * root.real <= 0.0:
-                share = root.real / (root.real - there.real)
-                x, y = z + share * step
-                kept = -2 if abs(gradient[0]) > abs(gradient[1]) else -1
-                return CurveStart(np.array([(root + share * (there - root)).imag, y, x]), kept)
-            expected = float(gradient @ step + 0.5 * step @ bend @ step)
-            turned = uphill * slopes_there.real - gradient - bend @ step
-            if abs(turned @ step) > 1e-8 * np.linalg.norm(turned) * length:
-                bend += np.outer(turned, turned) / (turned @ step)
-            if gained > 0.1 * expected:
-                z, root, slopes = z + step, there, slopes_there
-                radius *= 2.0 if gained > 0.7 * expected else 1.0
-            else:
-                radius = 0.4 * length
-    except NewtonFailed:
-        pass
-    return None
-
-
-def _within(bend: Array, gradient: Array, radius: float) -> Array:
-    """Step, shape (2,), that about maximises a quadratic function within a radius.
-
-    The function has second derivatives `bend`, (2, 2), and first derivatives `gradient`, (2,).
-    """
-    values, vectors = np.linalg.eigh(bend)
-    along = vectors.T @ gradient
-    shift = max(float(values.max()), 0.0) + 1e-9 * (1.0 + float(np.abs(values).max()))
-    while True:
-        step: Array = along / (shift - values)
-        length = float(np.linalg.norm(step))
-        if length <= 1.2 * radius:
-            return vectors @ step
-        # The length of the step is about inversely proportional to the distance of the shift from
-        # the largest eigenvalue.
-        shift += (length / radius - 1.0) * (shift - float(values.max()))
+    with suppress(StopIteration):
+        scipy.optimize.minimize(
+            *(distance, z / FIRST_CLIMB),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=[(0.0, 1.0 / FIRST_CLIMB)] * 2,
+            options={"maxfun": MOST_CLIMBS},
+        )
+    return found[0] if found else None
 
 
 def converged_curves(

@@ -10,10 +10,8 @@ Radau's method is L-stable.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import field, replace
-from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -22,11 +20,10 @@ from pipedyn.attraction.motion_ends import FAR_BACK, Case, motion_ends
 from pipedyn.attraction.motion_options import MotionOptions
 from pipedyn.attraction.records import Stretch
 from pipedyn.attraction.regions import NOWHERE
-from pipedyn.equilibrium.equilibria import Statics
 from pipedyn.equilibrium.hopf import Hopf, hopf, hopf_point
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.eigenproblem import Complex
-from pipedyn.linear.neutral import grows
+from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.base import Model
 from pipedyn.models.drive import steady_speed
 from pipedyn.motion.sampling import zeros_between
@@ -244,7 +241,7 @@ def limit_cycle(
     with one_thread(motion.size):
         orbit, how = cycle_from(motion, u, start)
         found = converged_cycle(motion, orbit, rtol, samples, how)
-        _, once = run_through_once(model, Excitation(u), motion, found.orbit, CLOSELY)
+        _, once = run_through_once(motion, found.orbit, CLOSELY)
         return found if once is found.orbit else converged_cycle(motion, once, rtol, samples, how)
 
 
@@ -253,94 +250,111 @@ def limit_cycle(
 
 def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit, str]:
     """A cycle on a coarse mesh, and how it was found."""
+    model = motion.model
+    reasons, quiet = list[str](), ""
+    if isinstance(start, LimitCycle | Motion):
+        check_coordinates(model, "start", start)
+        try:
+            return _near(motion, u, start)
+        except NewtonFailed as reason:
+            raise NoCycle(f"no limit cycle at u = {u:g} from that start: {reason}", u) from None
     if start is None:
-        return _without_start(motion, u)
-    if not isinstance(start, LimitCycle | Hopf | Motion):
-        return _simulated(motion, u, state_of(motion.model, "start", start, KINDS)), "simulation"
-    try:
-        if isinstance(start, Hopf):
-            _check_own(motion, start)
-            return continued(motion, start, u), _how_followed(start)
-        check_coordinates(motion.model, "start", start)
-        if isinstance(start, LimitCycle):
-            orbit = start.orbit
-            symmetric = orbit.symmetric and motion.is_odd(u)
-            return solved_anew(motion, orbit, u, symmetric, COARSE), "from a cycle"
-        states = motion.model.from_user(start.q, start.qdot)
-        x, velocity = start.tip[:, 0], start.tip_velocity[:, 0]
-        stretch = Stretch.of(start.t, states, x, velocity, 1e-6)
-        _, guess = last_period(
-            *(motion.model, Excitation(u), (stretch.t, states), stretch.recurrence(0.0), FAR_BACK)
-        )
-        orbit = solved(motion, guess, COARSE.tolerance)
-        _, orbit = run_through_once(motion.model, Excitation(u), motion, orbit, ROUGHLY)
-        return as_symmetric(motion, orbit), "from a motion"
-    except NewtonFailed as reason:
-        raise NoCycle(f"no limit cycle at u = {u:g} from that start: {reason}", u) from None
-
-
-def _without_start(motion: VectorField, u: float) -> tuple[PeriodicOrbit, str]:
-    """The cycle to which an onset leads, the nearest first, or else a motion, and the way."""
-    model, reasons = motion.model, list[str]()
-    try:
-        model.require_equilibrium(u)
-        onsets = [c for c in crossings(model, 1.5 * u) if c.kind == "flutter" and c.speed > 0.0]
-        statics = Statics(model)
-        unstable = bool(grows(statics.eigenvalues(statics.resting, u)).any())
-    except (NotConverged, ValueError):
-        onsets, unstable = [], True
-    for crossing in sorted(onsets, key=lambda c: abs(c.speed - u))[:4]:
+        ways, quiet = _ways(motion, u)
+    elif isinstance(start, Hopf):
+        _check_own(motion, start)
+        ways = [(motion, start)]
+    else:
+        ways = [(motion, state_of(model, "start", start, KINDS))]
+    for own, begin in ways:
         try:
-            onset = hopf(model, crossing)
-        except (PipedynError, ValueError):  # pairs that meet lie off the axis by sqrt(eps)
-            continue
-        reached = onset.amplitude_law * (u - onset.speed) > 0.0 or onset.fold is not None
-        if reached or onset.criticality == "subcritical":
-            try:
-                return continued(motion, onset, u), _how_followed(onset)
-            except NewtonFailed as reason:
-                reasons.append(str(reason))
-    pipe = model.pipe
-    if not unstable:
-        first = min((c.speed for c in onsets if c.destabilising), default=math.nan)
-        where = f": flutter sets in at u = {first:.6g}" if first > u else ""
-        why = f" ({'; '.join(reasons)})" if reasons else ""
-        raise NoCycle(
-            f"the pipe rests stably at u = {u:g}{where}, and no cycle comes from an onset{why}; "
-            "one far from rest may be found with start=",
-            u,
-        )
-    if pipe.beta == pipe.damping == pipe.drag == 0.0 and not model.resisted:
-        raise NoCycle(
-            f"at u = {u:g} no force depends on velocities, so that volumes in state space are "
-            "conserved: no cycle attracts, and none comes from an onset",
-            u,
-        )
-    # Without damping all modes of a pipe with drag grow, about equally fast: motions take long to
-    # reach a cycle that attracts. A chain's motions are cheap; those of other models cost more than
-    # following a damped pipe's cycle.
-    alone = not onsets and pipe.drag > 0.0 and pipe.damping == 0.0
-
-    def simulated() -> PeriodicOrbit:
-        bent = state_of(model, "start", slight_bend, KINDS)
-        return _simulated(motion, u, bent, 2.0 if alone else 1.0)
-
-    ways: dict[str, Callable[[], PeriodicOrbit]] = {"simulation": simulated}
-    if alone:
-        damped = {"followed from a damped pipe's": partial(_from_damped_pipe, motion, u)}
-        ways = ways | damped if model.linear_cost else damped | ways
-    failed = list[str]()
-    for how, search in ways.items():
-        try:
-            return search(), how
+            if not isinstance(begin, Hopf | Crossing | None):
+                state = state_of(model, "start", begin, KINDS)
+                return _simulated(motion, u, state), "simulation"
+            if (onset := _onset(own, begin)) is None:
+                continue
+            leads = onset.amplitude_law * (u - onset.speed) > 0.0 or onset.fold is not None
+            if leads or onset is start or onset.criticality == "subcritical":
+                orbit = continued(own, onset, u)
+                if own is motion:
+                    return orbit, f"followed from the onset at u = {onset.speed:.6g}"
+                motion.evaluations += own.evaluations
+                return solved(motion, orbit, COARSE.tolerance), "followed from a damped pipe's"
         except (NewtonFailed, PipedynError) as reason:
-            failed.append(str(reason))
-    raise NoCycle("; ".join(dict.fromkeys([*failed, *reasons])), u)
+            reasons.append(str(reason))
+    report = "; ".join(dict.fromkeys(reasons))
+    if isinstance(start, Hopf):
+        report = f"no limit cycle at u = {u:g} from that start: {report}"
+    if quiet:
+        why = f" ({report})" if report else ""
+        report = (
+            f"{quiet}, and no cycle comes from an onset{why}; one far from rest may be found with "
+            "start="
+        )
+    raise NoCycle(report, u)
 
 
-def _how_followed(onset: Hopf) -> str:
-    """Description of how a cycle was found that comes from an onset."""
-    return f"followed from the onset at u = {onset.speed:.6g}"
+def _onset(motion: VectorField, begin: Hopf | Crossing | None) -> Hopf | None:
+    """The onset at a crossing or, if it is None, at the critical speed; None if there is none."""
+    with suppress(PipedynError, ValueError):  # pairs that meet lie off the axis by sqrt(eps)
+        return begin if isinstance(begin, Hopf) else hopf(motion.model, begin)
+    return None
+
+
+def _near(motion: VectorField, u: float, start: LimitCycle | Motion) -> tuple[PeriodicOrbit, str]:
+    """The cycle near another one, or near the last period of a motion, and how it was found."""
+    if isinstance(start, LimitCycle):
+        orbit = start.orbit
+        symmetric = orbit.symmetric and motion.is_odd(u)
+        found = solved_anew(motion, orbit.states, orbit.frequency, u, symmetric, COARSE)
+        return found, "from a cycle"
+    y = motion.model.from_user(start.q, start.qdot)
+    x, velocity = start.tip[:, 0], start.tip_velocity[:, 0]
+    stretch = Stretch.of(start.t, y, x, velocity, 1e-6)
+    states, frequency = last_period((stretch.t, y), stretch.recurrence(0.0), FAR_BACK)
+    found = solved_anew(motion, states, frequency, u, False, COARSE)
+    _, found = run_through_once(motion, found, ROUGHLY)
+    return as_symmetric(motion, found), "from a motion"
+
+
+def _ways(motion: VectorField, u: float) -> tuple[list[tuple[VectorField, Any]], str]:
+    """Beginnings of the search for a cycle, in order, and why the pipe rests.
+
+    Each is a vector field with a crossing at which its cycles emerge, None for that at the critical
+    speed, or with a start of a motion. The sentence says why no motion from near rest ends on a
+    cycle; it is empty if one may.
+    """
+    model = motion.model
+    pipe, flutters, unstable = model.pipe, list[Crossing](), True
+    with suppress(NotConverged, ValueError):
+        model.require_equilibrium(u)
+        found = crossings(model, 1.5 * u)
+        before = [c for c in found if c.speed < u]
+        unstable = bool(before[-1].unstable_after if before else found.unstable_at_rest)
+        flutters = [c for c in found if c.kind == "flutter" and c.speed > 0.0]
+        flutters.sort(key=lambda c: abs(c.speed - u))
+    ways: list[tuple[VectorField, Any]] = [(motion, one) for one in flutters[:4]]
+    if not unstable:
+        first = min((c.speed for c in flutters if c.destabilising), default=math.nan)
+        where = f": flutter sets in at u = {first:.6g}" if first > u else ""
+        return ways, f"the pipe rests stably at u = {u:g}{where}"
+    if pipe.beta == pipe.damping == pipe.drag == 0.0 and not model.resisted:
+        return ways, (
+            f"at u = {u:g} no force depends on velocities, so that volumes in state space are "
+            "conserved: no cycle attracts"
+        )
+    ways.append((motion, slight_bend))
+    if not flutters and pipe.drag > 0.0 and pipe.damping == 0.0:
+        # An aspirating pipe without damping has no onset: it is unstable from u = 0 on. As all its
+        # modes grow about equally fast, motions take long to reach a cycle that attracts. A chain's
+        # motions are cheap; those of other models cost more than following a damped pipe's cycle.
+        # The flow feeds the first mode at the rate 2 sqrt(beta) u, and damping takes omega^2 / 2 =
+        # 6 times its coefficient, so that flutter sets in at some 0.15 u. For nine of eleven pipes
+        # the cycle without damping is then found; with an eighth of the damping branches are long,
+        # and it is found for five.
+        damped = replace(pipe, damping=0.05 * math.sqrt(pipe.beta) * u)
+        way = VectorField(model.with_pipe(damped)), None
+        ways.insert(1 if model.linear_cost else 0, way)
+    return ways, ""
 
 
 def _check_own(motion: VectorField, onset: Hopf) -> None:
@@ -353,39 +367,15 @@ def _check_own(motion: VectorField, onset: Hopf) -> None:
     raise ValueError(f"start must be an onset of the model, got one of {onset.model!r}")
 
 
-def _from_damped_pipe(motion: VectorField, u: float) -> PeriodicOrbit:
-    """The cycle found from the cycle of a damped pipe, whose damping is then left out.
-
-    An aspirating pipe without damping has no onset: it is unstable from u = 0 on.
-    """
-    pipe = motion.model.pipe
-    # The flow feeds the first mode at the rate 2 sqrt(beta) u, and damping takes omega^2 / 2 = 6
-    # times its coefficient, so that flutter sets in at some 0.15 u. For nine of eleven pipes the
-    # cycle without damping is then found; with an eighth of the damping branches are long, and it
-    # is found for five.
-    damping = 0.05 * math.sqrt(pipe.beta) * u
-    damped = VectorField(motion.model.with_pipe(replace(pipe, damping=damping)))
-    try:
-        onset = hopf(damped.model)
-    except (PipedynError, ValueError) as reason:
-        raise NewtonFailed(f"with damping of {damping:.2g} no onset is found") from reason
-    orbit = continued(damped, onset, u)
-    motion.evaluations += damped.evaluations
-    return solved(motion, orbit, COARSE.tolerance)
-
-
 # ------------------------------------------------------------------------ cycles from motions
 
 
-def _simulated(motion: VectorField, u: float, start: Array, patience: float = 1.0) -> PeriodicOrbit:
-    """The cycle on which the motion from a state [p, p'] ends, or else one that it has passed.
-
-    patience: factor of the time after which a motion that comes nearer to nothing is given up.
-    """
+def _simulated(motion: VectorField, u: float, start: Array) -> PeriodicOrbit:
+    """The cycle on which the motion from a state [p, p'] ends, or else one that it has passed."""
     model, none = motion.model, f"no limit cycle at u = {u:g} by simulation"
     most = SEARCH * (SEARCH_FACTOR if model.dof <= 6 else 1)
     back = FAR_BACK  # right-hand sides may be costly: a cycle is solved for early
-    options = MotionOptions(patience * SEARCHED, SEEN, exponents=False, most=most, back=back)
+    options = MotionOptions(SEARCHED, SEEN, exponents=False, most=most, back=back)
     with counted() as work:
         cases = [Case(model, Excitation(u))]
         [[(number, end)]], [case] = motion_ends(model, cases, [start.reshape(2, -1)], options)
@@ -413,7 +403,7 @@ def as_symmetric(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit:
         return orbit
     if np.abs(breaking_part(orbit, "pitchfork")).max() > 1e-6 * orbit.size:
         return orbit
-    return solved_anew(motion, orbit, orbit.u, True, COARSE)
+    return solved_anew(motion, orbit.states, orbit.frequency, orbit.u, True, COARSE)
 
 
 # -------------------------------------------------------------------- the cycle and its errors

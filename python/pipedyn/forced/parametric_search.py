@@ -303,13 +303,11 @@ class RegionSearch:
         sign = 1.0 if share == 0.0 else -1.0
 
         @cache
-        def grows(i: int) -> bool:
-            """Whether motions grow between root i - 1 and root i."""
+        def seen_to_grow(i: int) -> bool:
+            """Whether multipliers between root i - 1 and root i say that motions grow."""
             if not 0 < i < roots.size:
                 return False
             low, high = roots[i - 1 : i + 1]
-            if high - low < 1e-4 * low and not (grows(i - 1) and grows(i + 1)):
-                return True
             # The test is next to both roots: in the middle two multipliers beyond 1 or -1 may have
             # met and left the real axis.
             for part in (0.02, 0.98):
@@ -318,6 +316,16 @@ class RegionSearch:
                 if not (sign * values[real]).real.max(initial=0.0) > 1.0 + 1e-9:
                     return False
             return True
+
+        def grows(i: int) -> bool:
+            """Whether motions grow between root i - 1 and root i.
+
+            They do in a thin interval, unless they do on both sides of it.
+            """
+            thin = 0 < i < roots.size and roots[i] - roots[i - 1] < 1e-4 * roots[i - 1]
+            if thin and not (seen_to_grow(i - 1) and seen_to_grow(i + 1)):
+                return True
+            return seen_to_grow(i)
 
         found, begin = list[tuple[float, float]](), None
         i = first

@@ -423,10 +423,7 @@ class Model(OfPipe, ABC):
         The function takes times (k,), states as for `motion_rates` with k columns, flow speeds (k,)
         and, if the speed varies or the base moves, the rows of the drive (ROWS, k).
         """
-        whole = self.compiled
-        if whole is not None:
-            return whole
-        return lambda t, y, u, drive=None: self.motion_rates(y, u, drive, t[0])
+        return self.compiled or (lambda t, y, u, drive=None: self.motion_rates(y, u, drive, t[0]))
 
     @cached_property
     def equations(self) -> Any:

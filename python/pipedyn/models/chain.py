@@ -284,7 +284,7 @@ class Chain(SegmentModel):
 
         def inertia(turns: Array) -> Array:
             """The product of the mass matrix with joint angles, O(n)."""
-            return bare.joint_times(turns[:, None], square=1.0)[:, 0]
+            return bare.joint_times(turns[:, None], mass=1.0)[:, 0]
 
         if rule == "rayleigh":
             joints = self._base + np.concatenate([[0.0], np.cumsum(self._lengths)])
@@ -567,7 +567,7 @@ class ChainPencil(PartsPencil):
     def lost_power(self) -> float:  # type: ignore[override]
         """Power below which a motion of a guided chain counts as undamped; 0 without guides."""
         free = self.scale[:, None] * np.cos(np.arange(1.0, self.scale.size + 1.0))[:, None]
-        loads = self.scale[:, None] * self.core.joint_times(free, rate=1.0)
+        loads = self.scale[:, None] * self.core.joint_times(free, damping=1.0)
         return 1e-12 * float(np.abs(loads).max(initial=0.0)) if self.held is not None else 0.0
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:

@@ -314,9 +314,7 @@ class Galerkin(Model):
         if rest is None or spread is None:
             return spread, self._elastic[0]
         by = self._supports.allowed(rest)
-        whole = np.diag(self.core.elastic_stiffness())
-        elastic = whole if self._pipe.stiffness is None else self.core.elastic()
-        return by, np.linalg.inv(np.linalg.cholesky(by.T @ elastic @ by)).T
+        return by, np.linalg.inv(np.linalg.cholesky(by.T @ self.core.elastic() @ by)).T
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
         found, by = super().operators(q), self.small_motions[0]

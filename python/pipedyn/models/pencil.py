@@ -156,7 +156,7 @@ class DensePencil(Pencil):
         if traits.loss:
             loss = traits.loss * self.by_damping(np.eye(self.dof))
         rounding = self.model.matrix_rounding
-        return _core.Eigenproblem(traits, self.matrices, self.pipe.alpha, size, loss, rounding)
+        return _core.Eigenproblem(traits, (*self.matrices, loss), self.pipe.alpha, size, rounding)
 
 
 class PartsPencil(Pencil):
@@ -170,10 +170,10 @@ class PartsPencil(Pencil):
         return real_columns(lambda z: self._product(z, **part), x)
 
     # Partial methods, since partial functions of self would be a cycle for the garbage collector.
-    mass = partialmethod(_times, square=1.0)
+    mass = partialmethod(_times, mass=1.0)
     velocity = partialmethod(_times, velocity=1.0)
-    damping = partialmethod(_times, rate=1.0)
-    stiffness = partialmethod(_times, still=1.0)
+    damping = partialmethod(_times, damping=1.0)
+    stiffness = partialmethod(_times, stiffness=1.0)
     flux = partialmethod(_times, flux=1.0)
     gravity = partialmethod(_times, gravity=1.0)
     by_damping = partialmethod(_times, by_damping=1.0)

@@ -66,6 +66,10 @@ class VectorField:
         """The field for states at phases of an orbit: the field itself, as f has no time in it."""
         return self
 
+    def of_order(self, order: int) -> VectorField:
+        """The field for orbits of `order` forcing periods: the field itself, as it has none."""
+        return self
+
     def jacobian(self, y: Array, u: float) -> Array:
         """df/dy at one state, shape (2 integrated, 2 integrated)."""
         return self.jacobians(y[:, None], u)[0]
@@ -177,6 +181,10 @@ class ForcedField(VectorField):
         other = copy(self)
         other._phases, other._frequency = self.order * phases, self.order * frequency
         return other
+
+    def of_order(self, order: int) -> ForcedField:
+        """The field for orbits of `order` forcing periods."""
+        return ForcedField(self.model, self.forcing, order, self.base)
 
     def _count(self, states: int) -> None:
         if self._root is self:

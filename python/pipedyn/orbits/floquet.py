@@ -27,7 +27,7 @@ from pipedyn.orbits.collocation import (
     through,
 )
 from pipedyn.orbits.magnus import interval_maps
-from pipedyn.orbits.periodic_orbit import PeriodicOrbit, refined
+from pipedyn.orbits.periodic_orbit import PeriodicOrbit, interpolated, refined
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.later import scipy
@@ -189,14 +189,16 @@ def _by_collocation(
     """Roots of the multipliers and the error of the worst, by collocation.
 
     The equations are those that the orbit solves, with interval i divided into parts[i] parts, and
-    those on meshes twice as fine. Halving leaves 2^-15 of the error where f is smooth, and 2^-3
-    across kinks at unknown phases; somewhat more is allowed for both.
+    those on meshes half and twice as fine. Halving leaves 2^-15 of the error where f is smooth, and
+    2^-3 across kinks at unknown phases; somewhat more is allowed for both.
     """
     left = 1e-3 if motion.model.kinks_known else 0.25
     if (parts > 1).any() and 2 * parts.sum() <= MOST_FLOQUET_INTERVALS:
         orbit = refined(motion, orbit, parts, at_kinks=True)
     roots, error = _roots(motion, orbit), math.inf
     power = 2 if orbit.symmetric else 1
+    if not motion.model.pipe.has_kinks and (pairs := _by_pairs(motion, orbit)):
+        error = 0.1 * _worst_change(_roots(motion, pairs) ** power, roots**power)
     for _ in range(MOST_HALVINGS):
         if error <= tolerance or 2 * len(orbit.starts) > MOST_FLOQUET_INTERVALS:
             break
@@ -211,6 +213,21 @@ def _by_collocation(
 def _roots(motion: VectorField, orbit: PeriodicOrbit) -> Complex:
     """The roots of the multipliers by the collocation on the orbit's own mesh."""
     return _roots_of_maps(motion, orbit, *collocation_maps(motion, orbit))
+
+
+def _by_pairs(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None:
+    """An orbit with intervals joined in pairs, the last three if they are odd in number.
+
+    It serves an error in a quarter of the time that a mesh twice as fine takes. None is returned if
+    the lengths of neighbours differ by half: to join neighbours one of which is 1.8 times as long
+    increases the error 1,000 times, and at least 30 times where the polynomial between the orbit's
+    stages causes it.
+    """
+    steps = np.log(np.diff(orbit.edges))
+    if steps.size < 4 or np.abs(np.diff(steps)).max() > math.log(1.8):
+        return None
+    edges = np.append(orbit.edges[:-2:2], orbit.span)
+    return interpolated(motion, orbit.states, edges, orbit.frequency, orbit.u)
 
 
 def _worst_change(before: Complex, after: Complex) -> float:

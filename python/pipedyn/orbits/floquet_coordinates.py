@@ -10,8 +10,7 @@ ellipse.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,20 +18,16 @@ from pipedyn.linear.eigenproblem import Complex
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import interval_derivatives
 from pipedyn.orbits.floquet import parts_for
-from pipedyn.orbits.periodic_orbit import PeriodicOrbit, both_integrals, refined
+from pipedyn.orbits.periodic_orbit import PeriodicOrbit, both_integrals, divided, refined
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
-from pipedyn.util.later import scipy
 
 POINTS = 256
-"""Least number of points on a period: a state is compared with a point so near that the rows change
-by a hundredth on the way to it."""
+"""Least number of points on a cycle: a state is compared with a point so near that Floquet vectors
+change by a hundredth on the way to it."""
 
 ACCURACY = 1e-4
 """Error allowed for the multipliers: rates of decay need no more accuracy."""
-
-PHASE_STEP = 1e-4
-"""Change of phase over which the second derivatives of a cycle are taken."""
 
 GONE = 1e-3
 """Multiplier over the orbit, or over half of a symmetric one, below which a coordinate is left
@@ -48,39 +43,16 @@ class FloquetCoordinates:
     """Floquet coordinates about a cycle, without the shift and those that vanish in a period.
 
     Attributes:
-        points: states [p, p'] on the cycle, (K, 2 integrated).
-        rates: first and second derivatives of these states in time, (2, K, 2 integrated).
-        rows: rows whose products with the difference of a state from the cycle are the coordinates,
-            but for their sign if the second half of a cycle mirrors the first, (K or K / 2, k, 2
-            integrated).
+        rows: rows whose products with the difference of a state from each of K points on the cycle
+            are the coordinates, but for their sign if the second half of a cycle mirrors the first,
+            (K or K / 2, k, 2 integrated).
         decay: rates at which the moduli decay, in 1 / T, (k,).
-        units: units of the states in which the nearest point is looked for, (2 integrated,).
+        phases: phases of the points, (K,).
     """
 
-    points: Array
-    rates: Array
     rows: Complex
     decay: Array
-    units: Array
-
-    @cached_property
-    def _tree(self) -> scipy.spatial.cKDTree:
-        return scipy.spatial.cKDTree(self.points * self.units)
-
-    def mirrored(self) -> FloquetCoordinates:
-        """The coordinates about the mirror image of the cycle."""
-        return replace(self, points=-self.points, rates=-self.rates)
-
-    def __call__(self, states: Array) -> Complex:
-        """The coordinates, (N, k), of states, (N, 2 integrated)."""
-        _, near = self._tree.query(states * self.units)
-        away, (once, twice) = states - self.points[near], self.rates[:, near]
-        # The difference, to third order in the time by which the state is ahead of the point.
-        along = once * self.units**2
-        ahead = np.sum(along * away, axis=1, keepdims=True)
-        ahead /= np.maximum(np.sum(along * once, axis=1, keepdims=True), 1e-300)  # 0 at rest
-        away = away - ahead * once - 0.5 * ahead**2 * twice
-        return np.asarray(np.einsum("nki,ni->nk", self.rows[near % len(self.rows)], away))
+    phases: Array
 
 
 def modal_coordinates(
@@ -92,7 +64,7 @@ def modal_coordinates(
         motion: the vector field.
         rest: the equilibrium, a state [p, p'], shape (2 integrated,).
         u: flow speed.
-        units: see `FloquetCoordinates`; eigenvectors have length 1 in them.
+        units: units of the states, (2 integrated,), in which eigenvectors have length 1.
 
     Returns:
         The coordinates, or None if two eigenvectors coincide.
@@ -104,8 +76,7 @@ def modal_coordinates(
         rows = np.linalg.inv(vectors / np.linalg.norm(vectors * units[:, None], axis=0))[kept]
     except np.linalg.LinAlgError:
         return None
-    rates = np.zeros((2, 1, rest.size))
-    return FloquetCoordinates(rest[None], rates, rows[None], -values.real[kept], units)
+    return FloquetCoordinates(rows[None], -values.real[kept], np.zeros(1))
 
 
 def floquet_coordinates(
@@ -119,15 +90,16 @@ def floquet_coordinates(
     Args:
         motion: vector field of the orbit.
         orbit: the orbit.
-        units: see `FloquetCoordinates`; eigenvectors have length 1 in them.
+        units: units of the states, (2 integrated,), in which eigenvectors have length 1.
     """
     parts = parts_for(motion, orbit, ACCURACY)
     if parts.sum() > 2 * parts.size:
         return None
     if (parts > 1).any():
         orbit = refined(motion, orbit, parts)
-    count = len(orbit.starts)
-    places = math.ceil(0.5 * POINTS / count if orbit.symmetric else POINTS / count)
+    phases = point_phases(orbit)
+    within = phases[phases < orbit.span].reshape(len(orbit.starts), -1, 1)
+    places = within.shape[1]
     maps, ends = _maps_to(motion, orbit, np.arange(places) / places)
     whole = np.eye(motion.size)
     begins = []
@@ -151,18 +123,17 @@ def floquet_coordinates(
     except np.linalg.LinAlgError:
         return None
     here = found[..., : kept.size] + 1j * found[..., kept.size :]
-    shares = orbit.edges[:-1, None] + np.diff(orbit.edges)[:, None] * np.arange(places) / places
-    sizes = moduli[kept] ** (shares / orbit.span)[..., None]
+    sizes = moduli[kept] ** (within / orbit.span)
     rows = (sizes[..., None] * here.swapaxes(2, 3)).reshape(-1, *rows.shape)
-    _, states = orbit.sampled(places)
-    on = np.ascontiguousarray(states[:, :-1])
-    once, step = motion(on, orbit.u), PHASE_STEP / orbit.frequency
-    change = motion(on + step * once, orbit.u) - motion(on - step * once, orbit.u)
-    points, rates = on.T, np.stack([once.T, 0.5 / step * change.T])
-    if orbit.symmetric:
-        points, rates = np.concatenate([points, -points]), np.concatenate([rates, -rates], axis=1)
     decay = -np.log(moduli[kept]) * orbit.frequency / orbit.span
-    return FloquetCoordinates(points, rates, rows, decay, units)
+    return FloquetCoordinates(rows, decay, phases)
+
+
+def point_phases(orbit: PeriodicOrbit) -> Array:
+    """Phases of points on a whole cycle, equally spaced in each interval of its mesh."""
+    places = math.ceil((0.5 if orbit.symmetric else 1.0) * POINTS / len(orbit.starts))
+    phases = divided(orbit.edges, np.full(len(orbit.starts), places))[:-1]
+    return np.append(phases, orbit.span + phases) if orbit.symmetric else phases
 
 
 def _maps_to(motion: VectorField, orbit: PeriodicOrbit, places: Array) -> tuple[Array, Array]:

@@ -4,15 +4,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from pipedyn.models.base import Model
-from pipedyn.motion.vector_field import Excitation, ForcedField, VectorField
+from pipedyn.motion.vector_field import Excitation, VectorField
 from pipedyn.orbits.collocation import solved
 from pipedyn.orbits.floquet import LARGEST_ERROR, nontrivial, orbit_multipliers
-from pipedyn.orbits.orbit_continuation import COARSE, FINE
-from pipedyn.orbits.periodic_orbit import PeriodicOrbit, interpolated, refined, resolved_orbit
+from pipedyn.orbits.orbit_continuation import COARSE, FINE, solved_anew
+from pipedyn.orbits.periodic_orbit import PeriodicOrbit, interpolated, refined
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
@@ -44,39 +45,26 @@ drive."""
 
 
 def last_period(
-    model: Model, drive: Excitation, samples: Samples, recurrence: Recurrence, farthest: float
-) -> tuple[VectorField, PeriodicOrbit]:
-    """An orbit through the last period of a motion, and the vector field that it is an orbit of.
+    samples: Samples, recurrence: Recurrence, farthest: float
+) -> tuple[Callable[[Array], Array], float]:
+    """States of the last period of a motion as a function of phases, and the period's frequency.
 
     Args:
-        model: the model.
-        drive: what drives the motion.
-        samples: times t, (S,), since the beginning of a period of the drive, and states [p, p'] at
-            these times, (S, 2 integrated).
+        samples: times t, (S,), and states [p, p'] at these times, (S, 2 integrated).
         recurrence: how near the motion comes back to an earlier state, see `Recurrence`.
         farthest: largest distance from the earlier state.
 
     Raises:
         NewtonFailed: if the motion stays farther away.
     """
-    back, first, last, turns = recurrence
+    back, first, last, _ = recurrence
     if not back <= farthest:
         raise NewtonFailed("the motion does not come back to an earlier state")
-    motion = drive.field(model, turns)
     begin, end = np.searchsorted(samples[0], [first, last])
     some = slice(max(int(begin) - 2, 0), int(end) + 3)
-    t, states = (of[some] for of in samples)
+    spline = scipy.interpolate.CubicSpline(*(of[some] for of in samples))
     frequency = 2.0 * math.pi / (last - first)
-    along = motion.along(frequency * (t - first), frequency)
-    # With constraints the first half of f differs from p'.
-    rates = along(np.ascontiguousarray(states.T), drive.mean)[motion.half :].T
-    rates = np.concatenate([states[:, motion.half :], rates], axis=1)
-    spline = scipy.interpolate.CubicHermiteSpline(t, states, rates)
-
-    def through(phase: Array) -> Array:
-        return np.ascontiguousarray(spline(first + phase / frequency).T)
-
-    return motion, resolved_orbit(motion, through, frequency, drive.mean, False, COARSE.defect)
+    return lambda phase: np.ascontiguousarray(spline(first + phase / frequency).T), frequency
 
 
 def solved_cycle(
@@ -84,21 +72,30 @@ def solved_cycle(
 ) -> tuple[PeriodicOrbit, bool]:
     """The cycle near the last period of a motion, and whether its multipliers say that it attracts.
 
-    The arguments and errors are as for `last_period`; `NewtonFailed` is also raised if no cycle is
-    found near the motion's last period or its multipliers are not known.
+    Args:
+        model: the model.
+        drive: what drives the motion, from the beginning of a period on.
+        samples: as for `last_period`.
+        recurrence: as for `last_period`.
+        farthest: as for `last_period`.
+
+    Raises:
+        NewtonFailed: as `last_period` does; if no cycle is found near the motion's last period; or
+            if its multipliers are not known.
     """
     if model.dof > LARGEST_CYCLE:
         raise NewtonFailed(f"no cycle is solved for with more than {LARGEST_CYCLE} freedoms")
-    motion, guess = last_period(model, drive, samples, recurrence, farthest)
-    orbit = solved(motion, guess, COARSE.tolerance, iterations=NEWTON_STEPS)
+    states, frequency = last_period(samples, recurrence, farthest)
+    motion, u = drive.field(model, recurrence[3]), drive.mean
+    orbit = solved_anew(motion, states, frequency, u, False, COARSE, NEWTON_STEPS)
     if orbit.size < REST_EXTENT:
         raise NewtonFailed("the motion comes to rest")
     for within in (ROUGHLY, CLOSELY):
-        motion, once = run_through_once(model, drive, motion, orbit, within)
+        motion, once = run_through_once(motion, orbit, within)
         if once is orbit and within == CLOSELY:
             break
-        orbit = resolved_orbit(motion, once.states, once.frequency, drive.mean, False, FINE.defect)
-        orbit = solved(motion, orbit, FINE.tolerance, iterations=NEWTON_STEPS)
+        frequency = once.frequency
+        orbit = solved_anew(motion, once.states, frequency, u, False, FINE, NEWTON_STEPS)
     if model.pipe.has_kinks and model.kinks_known:  # multipliers need a mesh with points at kinks
         twice = np.full(len(orbit.starts), 2)
         orbit = solved(motion, refined(motion, orbit, twice, at_kinks=True), FINE.tolerance)
@@ -110,19 +107,17 @@ def solved_cycle(
 
 
 def run_through_once(
-    model: Model, drive: Excitation, motion: VectorField, orbit: PeriodicOrbit, within: float
+    motion: VectorField, orbit: PeriodicOrbit, within: float
 ) -> tuple[VectorField, PeriodicOrbit]:
     """One round of an orbit that consists of several equal rounds, with its vector field.
 
     Args:
-        model: the model.
-        drive: what drives the motion.
         motion: the vector field of the orbit.
         orbit: orbit; the result is interpolated from it, not solved for.
         within: share of its range up to which states of several rounds count as the same.
     """
     phases = np.linspace(0.0, 2.0 * math.pi, 17)
-    order = motion.order if isinstance(motion, ForcedField) else 0
+    order = motion.order if motion.forced else 0
     across = motion.tip(orbit.states(np.linspace(0.0, 2.0 * math.pi, 8 * len(orbit.starts) + 1)))
     most = int(np.count_nonzero((across[1:-1] >= across[:-2]) & (across[1:-1] > across[2:]))) + 1
 
@@ -135,8 +130,7 @@ def run_through_once(
     times = next(filter(is_run_through, range(order or most, 1, -1)), 1)
     if times == 1:
         return motion, orbit
-    if order:
-        motion = drive.field(model, order // times)
+    motion = motion.of_order(order // times)
 
     def once(phase: Array) -> Array:
         return orbit.states(phase / times)

@@ -86,11 +86,20 @@ def orbit_at(step: Step, s: float) -> PeriodicOrbit:
 
 
 def solved_anew(
-    motion: VectorField, orbit: PeriodicOrbit, u: float, symmetric: bool, how: OrbitControl
+    motion: VectorField,
+    states: Callable[[Array], Array],
+    frequency: float,
+    u: float,
+    symmetric: bool,
+    how: OrbitControl,
+    iterations: int = OrbitControl.iterations,
 ) -> PeriodicOrbit:
-    """The periodic orbit near another at a speed, on as coarse a mesh as resolves it."""
-    guess = resolved_orbit(motion, orbit.states, orbit.frequency, u, symmetric, how.defect)
-    return solved(motion, guess, how.tolerance)
+    """The periodic orbit near states at a speed, on as coarse a mesh as resolves it.
+
+    The states [p, p'] are a function of phases, (k,), to (2 integrated, k).
+    """
+    guess = resolved_orbit(motion, states, frequency, u, symmetric, how.defect)
+    return solved(motion, guess, how.tolerance, iterations)
 
 
 # --------------------------------------------------------------------------------- beginnings
@@ -146,7 +155,8 @@ def from_branch_point(motion: VectorField, orbit: PeriodicOrbit) -> BranchStart:
 
 def both_ways(motion: VectorField, orbit: PeriodicOrbit) -> list[BranchStart]:
     """Starts of the branch through an orbit, towards lower and towards higher speed."""
-    orbit = solved_anew(motion, orbit, orbit.u, orbit.symmetric, FINE)
+    states, frequency = orbit.states, orbit.frequency
+    orbit = solved_anew(motion, states, frequency, orbit.u, orbit.symmetric, FINE)
     return from_orbit(motion, orbit, (-1.0, 1.0))
 
 

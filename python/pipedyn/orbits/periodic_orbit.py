@@ -157,10 +157,6 @@ class PeriodicOrbit:
         """Durations of the intervals, shape (M,)."""
         return (self.edges[1:] - self.edges[:-1]) / self.frequency
 
-    def stages(self) -> Array:
-        """States at the stages, shape (M, s, 2 integrated)."""
-        return self._at_nodes(STAGE_NODES, ONCE, TWICE).transpose(1, 2, 0)
-
     def stage_columns(self) -> Array:
         """States at the stages, in columns, shape (2 integrated, M s)."""
         return self._at_nodes(STAGE_NODES, ONCE, TWICE).reshape(2 * self.half, -1)
@@ -168,10 +164,6 @@ class PeriodicOrbit:
     def states_between(self) -> Array:
         """States at `BETWEEN` in all intervals, in columns, shape (2 integrated, M s)."""
         return self._at_nodes(BETWEEN, *_INTEGRALS_BETWEEN).reshape(2 * self.half, -1)
-
-    def ends(self) -> Array:
-        """States where intervals end, shape (M, 2 integrated)."""
-        return self._at_nodes(STAGE_NODES[-1:], ONCE[-1:], TWICE[-1:])[..., 0].T
 
     def _at_nodes(self, nodes: Array, once: Array, twice: Array) -> Array:
         """States at places in every interval, shape (2 integrated, M, k)."""
