@@ -15,8 +15,7 @@ import pipedyn as pp
 from pipedyn import _core
 from pipedyn.linear.critical_speed import _run_searches, _Search
 from pipedyn.linear.eigenproblem import eigenproblem
-from pipedyn.models.galerkin import last_functions
-from pipedyn.models.pencil import PanelPencil
+from pipedyn.models.galerkin import PanelPencil, last_functions
 
 SPANS = tuple(np.arange(1, 10) / 10.0)
 STATIONS = (pp.PointMass(0.3, 0.4), pp.Spring(0.65, 30.0), pp.Damper(1.0, 0.2))

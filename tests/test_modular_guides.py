@@ -11,7 +11,8 @@ import pytest
 import pipedyn as pp
 from pipedyn import modular as md
 from pipedyn.linear.eigenproblem import Eigenproblem
-from pipedyn.models.pencil import ChainPencil, DensePencil
+from pipedyn.models.chain import ChainPencil
+from pipedyn.models.pencil import DensePencil
 
 EJECTING = pp.Pipe(0.3, 5.0, drag=0.5)
 TERMS = (

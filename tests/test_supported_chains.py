@@ -353,7 +353,7 @@ def test_operators_about_a_bent_held_pipe_are_the_derivatives_of_its_forces(name
         push = redundant.forces(scene, y, 0.0, pushed) - redundant.forces(scene, y, 0.0)
         return scene._layout.moments(theta, push[:, None])[:, 0]
 
-    rows, scale = chain._rows, chain.elastic_scale[:, None] * np.tri(8).T
+    rows, scale = chain._held_rows, chain.elastic_scale[:, None] * np.tri(8).T
     holding = np.linalg.lstsq(scale @ rows(q), -scale @ moments(q), rcond=None)[0]
     by_push = [
         [1e5 * (moments(q + h) + rows(q + h) @ holding) for h in 5e-6 * side * np.eye(8)]

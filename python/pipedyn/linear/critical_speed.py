@@ -25,8 +25,7 @@ from pipedyn.models.continuum import (
     checked_model,
     converged_ahead,
 )
-from pipedyn.models.galerkin import Galerkin, last_functions
-from pipedyn.models.pencil import PanelPencil
+from pipedyn.models.galerkin import Galerkin, PanelPencil, last_functions
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import (
-    LARGEST_ANGLE,
     Model,
     Operators,
     core_pipe,
@@ -22,17 +21,11 @@ from pipedyn.models.base import (
     projected,
     stored,
 )
-from pipedyn.models.chain_supports import (
-    MET,
-    ChainSupports,
-    closed,
-    held_ends,
-    rest_moments,
-)
 from pipedyn.models.galerkin import Galerkin, basis_joints
-from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
+from pipedyn.models.pencil import PartsPencil, Pencil, Vectors, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments, reciprocal
+from pipedyn.models.segments import MET, SegmentModel, along, held_ends
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -58,6 +51,9 @@ NOT_HELD = np.zeros(0, dtype=np.intp)
 LARGEST_CHAIN = 1_000_000
 """Largest number of segments: each array takes 8 MB, a right-hand side some 0.03 s."""
 
+LONGEST_DENSE = 64
+"""Largest chain with dense matrices: as measured, both methods take equal time near this size."""
+
 SHORTEST_SEGMENT = 1e-7
 """Shortest segment: shorter ones, or a last one with less inertia, are lost in rounding."""
 
@@ -78,7 +74,7 @@ SHORTEST_SEGMENT = 1e-7
         "_approximates": "approximates",
     },
 )
-class Chain(Model):
+class Chain(SegmentModel):
     """A chain of n rigid segments, the lumped-parameter model of a pipe.
 
     Coordinates: the angles theta_j of the segments from the straight pipe, shape (n,), from the
@@ -251,10 +247,6 @@ class Chain(Model):
         made._check_pipe()
         return made
 
-    def _ends(self) -> Array:
-        """Arc lengths where the segments begin and end, shape (n + 1,)."""
-        return np.minimum(self._base + np.cumsum([0.0, *self._lengths]), 1.0)
-
     def _pipe_inertia(self) -> tuple[Array, Array, Array]:
         """Masses, centres of mass and radii of gyration of the pipe's segments, shape (n,) each."""
         lengths, mass = self._lengths, self._pipe.mass
@@ -364,13 +356,16 @@ class Chain(Model):
 
     @property
     def _own_joints(self) -> Array:
-        """Stiffness of the joints that the pipe has, shape (n,), or (n + 1,) with a guided end."""
         return self._joints[: self.coordinates + self._pipe.end_directed]
 
     @cached_property
     def core(self) -> _core.Chain:
         """The compiled chain without the supports."""
         return _core.Chain(*self._segments(self._own_joints, self._pipe))
+
+    @property
+    def _chain(self) -> _core.Chain:
+        return self.core
 
     @cached_property
     def motion(self) -> Any:
@@ -383,13 +378,11 @@ class Chain(Model):
             value=np.zeros(self._held.size),
         )
 
-    @cached_property
-    def supported(self) -> ChainSupports | None:
-        """The constraints by supports, or None if they hold no node."""
-        return ChainSupports(self.motion, self._rows) if self._held.size else None
+    @property
+    def _scene(self) -> _core.Scene | None:
+        return self.motion if self._held.size else None
 
-    def _rows(self, theta: Array) -> Array:
-        """Derivative of the held nodes' x with respect to the angles, shape (n, c)."""
+    def _held_rows(self, theta: Array) -> Array:
         before = np.arange(theta.size)[:, None] <= self._held
         return before * (self._lengths * np.cos(theta))[:, None]
 
@@ -426,121 +419,36 @@ class Chain(Model):
         """Stiffness k_{n+1} of the joint at a guided or clamped end; 0 for other ends."""
         return float(self._joints[-1]) if self._pipe.end_directed else 0.0
 
-    @property
-    def _series(self) -> Array:
-        """Stiffness k_j with the first joint in series with a root's spring, shape (n,)."""
-        clamped = self._pipe.root == "clamped"
-        return self.springs if clamped else self.core.joints[: self.coordinates, 0]
-
     def pencil(self) -> Pencil:
         if self._reference is not None:
             return super().pencil()
-        if self.supported is None:
+        if self._scene is None:
             return ChainPencil(self)
         held = np.zeros(self.coordinates, dtype=np.bool_)
         held[self._held] = True
-        return ChainPencil(self, held, self._elastic_free)
+        return ChainPencil(self, held, self.linear.elastic)
 
     def term_stiffness(self, pencil: Pencil) -> float:
-        if self.supported and self._reference is not None:
+        if self._scene is not None and self._reference is not None:
             one = np.eye(self.dof)
             return float(np.linalg.norm(pencil.stiffness(one) - one, 2))
         return self._stiffness_beside(pencil) if self.end_spring else super().term_stiffness(pencil)
-
-    @cached_property
-    def elastic_scale(self) -> Array:
-        """Joint angle for a unit of each elastic coordinate, shape (n,)."""
-        return _frozen(elastic_scale(self._series))
-
-    @property
-    def elastic_share(self) -> Array:
-        return self._series * self.elastic_scale**2
 
     @property
     def linear_cost(self) -> bool:
         return self._reference is None
 
-    @property
-    def stations(self) -> Array:
-        """Arc lengths of the nodes, at which polylines have their maxima."""
-        return np.minimum(self._base + np.cumsum(self._lengths), 1.0)
-
     def elastic_operators(self) -> Operators:
-        self._check_dense()
-        scale = self.elastic_scale
         if self._reference is not None:
-            angles = np.cumsum(scale[:, None] * self._spread(self._elastic_free), axis=0)
-            return projected(self._in_angles(self._reference), angles)
-        every = operators_from(self.core.joint_operators(scale), self._pipe)
-        return projected(every, self._spread(self._elastic_free)) if self.supported else every
-
-    def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
-        given = self._columns("z", z)
-        if self.supported is None:
-            joints = (self.elastic_scale * given.T).T
-            return np.cumsum(joints, axis=0, out=joints)
-        joints = real_columns(self._elastic_free.spread, given.reshape(self.dof, -1))
-        angles = np.cumsum(self.elastic_scale[:, None] * joints, axis=0)
-        return real_columns(self._free.gathered, angles).reshape(given.shape)
-
-    @cached_property
-    def _free(self) -> _core.Complement:
-        """The changes of the angles that supports allow, at the configuration of linearisation."""
-        return _core.Complement(self._rows(self.resting()))
-
-    @cached_property
-    def _elastic_free(self) -> _core.Complement:
-        """The changes of elastic coordinates that supports allow, where it is linearised."""
-        rows = np.cumsum(self._rows(self.resting())[::-1], axis=0)[::-1]
-        return _core.Complement(self.elastic_scale[:, None] * rows)
-
-    def _spread(self, free: _core.Complement) -> Array:
-        return free.spread(np.eye(self.dof))
+            return super().elastic_operators()
+        self._check_dense()
+        every = operators_from(self.core.joint_operators(self.elastic_scale), self._pipe)
+        if self._scene is None:
+            return every
+        return projected(every, self.linear.elastic.spread(np.eye(self.dof)))
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        """Linear operators about a configuration at rest, along `basis` if supports hold nodes.
-
-        Args:
-            q: angles at rest that meet the supports, shape (n,). Default: the configuration of
-                `about`, else the straight pipe.
-
-        Raises:
-            ValueError: also for more than 4000 degrees of freedom.
-        """
-        if self.supported is None:
-            return super().operators(q)
-        self._check_dense()
-        theta = self.resting() if q is None else self._coordinates(q)
-        return self._with_loss(lambda of: projected(of._in_angles(theta), of.basis(theta)))
-
-    def _in_angles(self, theta: Array) -> Operators:
-        """Operators in all n angles, with the stiffness of the supports' forces."""
-        chain = operators_from(self.core.operators(theta), self._pipe)
-        if self.supported is None:
-            return chain
-        moments = rest_moments(self.core, theta, self._lengths, self._pipe)
-        return self.supported.bent(chain, theta, moments, self.elastic_scale)
-
-    def basis(self, q: ArrayLike | None = None) -> Array:
-        """Angles of the segments for each degree of freedom of `operators`, shape (n, dof).
-
-        It is the identity without supports; else its columns are orthonormal. q: as for
-        `operators`.
-        """
-        self._check_dense()
-        theta = self.resting() if q is None else self._coordinates(q)
-        return self._spread(_core.Complement(self._rows(theta)))
-
-    def free_directions(self, p: Array) -> Array:
-        return self.basis(p)
-
-    def free_states(self, y: Array) -> Array:
-        return super().free_states(y) if self.supported is None else self.supported.free_states(y)
-
-    def onto_constraints(self, p: Array, rates: Array) -> tuple[Array, Array]:
-        if self.supported is None:
-            return p, rates
-        return self.supported.onto_constraints(p, rates)
+        return Model.operators(self, q) if self._scene is None else super().operators(q)
 
     def to_user(self, p: Array, pdot: Array) -> tuple[Array, Array]:
         q, rates = self.onto_constraints(p.T, pdot.T)
@@ -548,28 +456,14 @@ class Chain(Model):
 
     def initial_state(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
         y = super().initial_state(q0, qdot0)
-        if self.supported is None:
+        if self._scene is None:
             return y
         theta, rates = np.split(y, 2)
         self._require_met("q0 must meet", self._off_axis(theta), MET, "admissible(q0)")
         most = MET * (1.0 + float(np.abs(rates).max()))
-        kept = self._rows(theta).T @ rates
+        kept = self._held_rows(theta).T @ rates
         self._require_met("qdot0 must keep", kept, most, "onto_constraints(q0, qdot0)")
         return y
-
-    def admissible(self, angles: ArrayLike) -> Array:
-        """Angles that meet the supports, close to the given angles; shape (n,) both.
-
-        Raises:
-            NotConverged: if no such angles are found near the given ones.
-            ValueError, TypeError: for an array of another shape, or not of finite real numbers.
-        """
-        theta = check.array(
-            "angles", angles, size=self.coordinates, low=-LARGEST_ANGLE, high=LARGEST_ANGLE
-        )
-        if self.supported is None:
-            return theta
-        return closed(self.motion, theta, 0.0 * theta, "the supports")
 
     def _coordinates(self, q: ArrayLike) -> Array:
         return self._require_held("q", super()._coordinates(q))
@@ -642,58 +536,63 @@ class Chain(Model):
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         return self.admissible(self.sampled(angle))
 
-    def sampled(self, angle: Callable[[Array], ArrayLike]) -> Array:
-        ends = self._base + np.cumsum(self._lengths)
-        return self._angles(angle, ends - 0.5 * self._lengths)
 
-    def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
-        if len(columns) == self.coordinates:
-            return columns
-        return real_columns(self._free.spread, columns)
+class ChainPencil(PartsPencil):
+    """A chain's pencil, with products in O(n); the core solves it by recursion.
 
-    def _deflected(self, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
-        if derivative:
-            return turned(p, self._ends(), float(self.springs[0]), self._pipe, s)
-        across = self._lengths * np.cos(self.resting())
-        return along((across * p.T).T, self._base, self._lengths, s)
-
-
-def along(steps: NDArray[Any], base: float, lengths: Array, s: Array) -> NDArray[Any]:
-    """Sum of the segments' vectors (n, ...) up to s, linear within a segment, 0 on the base."""
-    ends = base + np.concatenate([[0.0], np.cumsum(lengths)])
-    nodes = np.concatenate([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])
-    j = np.clip(np.searchsorted(ends, s, side="right") - 1, 0, lengths.size - 1)
-    part = np.clip((s - ends[j]) / lengths[j], 0.0, 1.0)
-    return nodes[j] + (part * steps[j].T).T
-
-
-def turned(theta: NDArray[Any], ends: Array, spring: float, pipe: Pipe, s: Array) -> NDArray[Any]:
-    """Angles at arc lengths s of the pipe that a chain approximates, (p, ...), of second order.
-
-    Each segment has the pipe's angle at its middle. Between two middles the moment is nearly
-    constant, so that the angle grows in proportion to the compliance passed, which for a uniform
-    pipe is the length. Towards a free or pinned end the moment vanishes and the angle is constant;
-    at a guided or clamped end it is 0, and at a root's spring it is the spring's share of the first
-    segment's.
-
-    Args:
-        theta: angles of the segments, (n, ...).
-        ends: arc lengths where the segments begin and end, (n + 1,).
-        spring: stiffness of the first joint without the root's spring.
-        pipe: the pipe.
-        s: arc lengths, (p,).
+    Guides hold the ends of some segments (`held`, a bool for each); `complement` spans the elastic
+    coordinates that the guides allow.
     """
-    places = np.concatenate([[0.0], 0.5 * (ends[:-1] + ends[1:]), [1.0]])
-    at_root = spring / (spring + pipe.root_stiffness) if spring > 0.0 else 1.0
-    last = 0.0 if pipe.end_directed else 1.0
-    angles = np.concatenate([at_root * theta[:1], theta, last * theta[-1:]])
-    if pipe.stiffness is not None:
-        every = np.unique(np.concatenate([places, s]))
-        passed = np.append(0.0, np.cumsum(moments(reciprocal(pipe.stiffness), every)[0]))
-        places, s = (passed[np.searchsorted(every, some)] for some in (places, s))
-    j = np.clip(np.searchsorted(places, s, side="right") - 1, 0, places.size - 2)
-    share = (s - places[j]) / (places[j + 1] - places[j])
-    return np.asarray((angles[j].T * (1.0 - share) + angles[j + 1].T * share).T)
+
+    model: Chain
+
+    def __init__(
+        self,
+        model: Chain,
+        held: NDArray[np.bool_] | None = None,
+        complement: _core.Complement | None = None,
+    ) -> None:
+        super().__init__(model)
+        self.held = held
+        self.core = model.core if held is None else model.core.guided(held.tolist())
+        if complement is None:
+            complement = _core.Complement(np.zeros((model.dof, 0)))
+        self.complement = complement
+        self.dof = complement.dof
+        self.is_long = self.dof > LONGEST_DENSE
+        self.end_moves = held is None and model.pipe.beta * model.pipe.inflow_share > 0.0
+        self.scale, self.springs = model.elastic_scale, model.springs
+
+    @property
+    def lost_power(self) -> float:  # type: ignore[override]
+        """Power below which a motion of a guided chain counts as undamped; 0 without guides."""
+        free = self.scale[:, None] * np.cos(np.arange(1.0, self.scale.size + 1.0))[:, None]
+        loads = self.scale[:, None] * self.core.joint_times(free, damping=1.0)
+        return 1e-12 * float(np.abs(loads).max(initial=0.0)) if self.held is not None else 0.0
+
+    def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
+        return _core.Structured(traits, self.core, self.complement, self.scale, size)
+
+    def with_pipe(self, pipe: Pipe) -> ChainPencil:
+        return ChainPencil(self.model.with_pipe(pipe), self.held, self.complement)
+
+    def elastic(self, x: Vectors) -> Vectors:
+        result: Vectors = super().elastic(real_columns(self.complement.spread, x))
+        return real_columns(self.complement.gathered, result)
+
+    def by_springs(self, value: complex) -> Any:
+        every, root, spring = super().by_springs(value), self.pipe.root_stiffness, self.springs[0]
+        if root == math.inf:
+            return every
+        by = np.full(self.springs.size, every, dtype=np.complex128)
+        share = root / (root + float(spring)) if root else 0.0  # in series; the root has no damping
+        by[0] = share**2 * (1.0 + self._lost(value) * (2.0 * share - 1.0))
+        return by
+
+    def _product(self, x: Array, **part: float) -> Array:
+        scale = self.scale[:, None]
+        rows = self.core.joint_times(scale * self.complement.spread(x), **part)
+        return self.complement.gathered(scale * rows)
 
 
 def _first_eigenvalue(pipe: Pipe) -> float:
@@ -704,16 +603,6 @@ def _first_eigenvalue(pipe: Pipe) -> float:
     joints = basis_joints(bare).size
     mass = Galerkin(bare, 24 + 4 * joints, "legendre").elastic_operators().mass
     return float(1.0 / np.linalg.eigvalsh(mass)[-1])
-
-
-def elastic_scale(springs: Array) -> Array:
-    """Joint angle for a unit of each elastic coordinate, shape (n,): 1 / sqrt(k_j).
-
-    A joint whose spring is 0 or below 1e-3 of the mean takes its scale from the mean.
-    """
-    mean = float(springs.mean())
-    floor = 1e-3 * mean if mean > 1e-100 else float(springs.size)  # the scale will be squared
-    return 1.0 / np.sqrt(np.maximum(springs, floor))
 
 
 def _segment_count(n: int | None, guided: bool, **arrays: Any) -> int:

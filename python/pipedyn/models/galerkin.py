@@ -25,7 +25,7 @@ from pipedyn.models.base import (
     projected,
     stored,
 )
-from pipedyn.models.pencil import PanelPencil, Pencil
+from pipedyn.models.pencil import PartsPencil, Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.reduced_supports import FreeFunctions, ReducedSupports, orthonormal
 from pipedyn.util import check
@@ -503,6 +503,47 @@ class Galerkin(Model):
         return self._integrated(
             lambda slopes: np.cos(slopes @ rest)[:, None] * (slopes @ p), rest, s
         )
+
+
+class PanelPencil(PartsPencil):
+    """Pencil of a straight model in Legendre functions, which the core eliminates by panels."""
+
+    model: Galerkin
+
+    def __init__(self, model: Galerkin) -> None:
+        super().__init__(model)
+        self.core = _core.PanelPencil(model.core)
+        self.end_moves = model.pipe.cantilevered and model.pipe.beta * model.pipe.inflow_share > 0.0
+
+    @cached_property
+    def spread(self) -> Array:
+        """Matrix from elastic coordinates to root slope and curvatures, (core's, dof)."""
+        spread, scale = self.model.small_motions
+        by = scale if spread is None else spread * scale if scale.ndim == 1 else spread @ scale
+        return self.core.on_panels(np.diag(by) if by.ndim == 1 else by)
+
+    @cached_property
+    def gathered(self) -> Array:
+        """Matrix from root slope and curvatures to elastic coordinates, (dof, core's)."""
+        if (self.model.elastic_share < 1.0).any():
+            return np.asarray(np.linalg.pinv(self.spread), dtype=np.float64)
+        return np.ascontiguousarray(self._elastic(self.spread).T)
+
+    def _elastic(self, x: Array) -> Array:
+        """Elastic loads by root slope and curvatures, with the root's spring."""
+        loads = self.core.times(x, by_damping=1.0)
+        if 0.0 < self.pipe.root_stiffness < math.inf:
+            loads[0] += self.pipe.root_stiffness * x[0]
+        return loads
+
+    def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
+        return _core.Structured(traits, self.core, self.spread, self.gathered, size)
+
+    def with_pipe(self, pipe: Pipe) -> PanelPencil:
+        return PanelPencil(self.model.with_pipe(pipe))
+
+    def _product(self, x: Array, **part: float) -> Array:
+        return self.spread.T @ self.core.times(self.spread @ x, **part)
 
 
 def enriched(model: Galerkin, more: int) -> Galerkin:

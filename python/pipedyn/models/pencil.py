@@ -9,10 +9,9 @@ core adds it, and no product below contains it.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property, partial, partialmethod
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -26,9 +25,6 @@ Vectors = NDArray[Any]
 
 Product = Callable[[Vectors], Vectors]
 """A product: takes vectors of shape (dof, r) and returns the same shape."""
-
-LONGEST_DENSE = 64
-"""Largest chain with dense matrices: as measured, both methods take equal time near this size."""
 
 
 class LinearModel(Protocol):
@@ -52,29 +48,6 @@ class LinearModel(Protocol):
     def elastic_operators(self) -> Any: ...
 
     def with_pipe(self, pipe: Pipe) -> Self: ...
-
-
-class ChainModel(LinearModel, Protocol):
-    """Attributes of a chain that its pencil needs; see `chain.Chain`."""
-
-    @property
-    def core(self) -> _core.Chain: ...
-
-    @property
-    def elastic_scale(self) -> Array: ...
-
-    @property
-    def springs(self) -> Array: ...
-
-
-class ReducedModel(LinearModel, Protocol):
-    """Attributes of a straight reduced model that its pencil needs; see `galerkin.Galerkin`."""
-
-    @property
-    def core(self) -> _core.Galerkin: ...
-
-    @property
-    def small_motions(self) -> tuple[Array | None, Array]: ...
 
 
 class Pencil:
@@ -189,136 +162,21 @@ class DensePencil(Pencil):
 class PartsPencil(Pencil):
     """A pencil whose core object multiplies with each part of P."""
 
-    # These are methods: partial functions of self would be a cycle for the garbage collector.
-
-    def mass(self, x: Vectors) -> Vectors:
-        return self._times(x, mass=1.0)
-
-    def velocity(self, x: Vectors) -> Vectors:
-        return self._times(x, velocity=1.0)
-
-    def damping(self, x: Vectors) -> Vectors:
-        return self._times(x, damping=1.0)
-
-    def stiffness(self, x: Vectors) -> Vectors:
-        return self._times(x, stiffness=1.0)
-
-    def flux(self, x: Vectors) -> Vectors:
-        return self._times(x, flux=1.0)
-
-    def gravity(self, x: Vectors) -> Vectors:
-        return self._times(x, gravity=1.0)
-
-    def by_damping(self, x: Vectors) -> Vectors:
-        return self._times(x, by_damping=1.0)
-
-    def _times(self, x: Vectors, **part: float) -> Vectors:
-        """Product with the sum of the core's parts, each times the factor given by its name."""
+    def _product(self, x: Array, **part: float) -> Array:
+        """Product of real x with the sum of the core's parts, each times the factor of its name."""
         raise NotImplementedError
 
-
-class ChainPencil(PartsPencil):
-    """A chain's pencil, with products in O(n); the core solves it by recursion.
-
-    Guides hold the ends of some segments (`held`, a bool for each); `complement` spans the elastic
-    coordinates that the guides allow.
-    """
-
-    def __init__(
-        self,
-        model: ChainModel,
-        held: NDArray[np.bool_] | None = None,
-        complement: _core.Complement | None = None,
-    ) -> None:
-        super().__init__(model)
-        self.chain = model
-        self.held = held
-        self.core = model.core if held is None else model.core.guided(held.tolist())
-        if complement is None:
-            complement = _core.Complement(np.zeros((model.dof, 0)))
-        self.complement = complement
-        self.dof = complement.dof
-        self.is_long = self.dof > LONGEST_DENSE
-        self.end_moves = held is None and model.pipe.beta * model.pipe.inflow_share > 0.0
-        self.scale, self.springs = model.elastic_scale, model.springs
-
-    @property
-    def lost_power(self) -> float:  # type: ignore[override]
-        """Power below which a motion of a guided chain counts as undamped; 0 without guides."""
-        free = self.scale[:, None] * np.cos(np.arange(1.0, self.scale.size + 1.0))[:, None]
-        loads = self.scale[:, None] * self.core.joint_times(free, damping=1.0)
-        return 1e-12 * float(np.abs(loads).max(initial=0.0)) if self.held is not None else 0.0
-
-    def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
-        return _core.Structured(traits, self.core, self.complement, self.scale, size)
-
-    def with_pipe(self, pipe: Pipe) -> ChainPencil:
-        return ChainPencil(self.chain.with_pipe(pipe), self.held, self.complement)
-
-    def elastic(self, x: Vectors) -> Vectors:
-        result: Vectors = super().elastic(real_columns(self.complement.spread, x))
-        return real_columns(self.complement.gathered, result)
-
-    def by_springs(self, value: complex) -> Any:
-        every, root, spring = super().by_springs(value), self.pipe.root_stiffness, self.springs[0]
-        if root == math.inf:
-            return every
-        by = np.full(self.springs.size, every, dtype=np.complex128)
-        share = root / (root + float(spring)) if root else 0.0  # in series; the root has no damping
-        by[0] = share**2 * (1.0 + self._lost(value) * (2.0 * share - 1.0))
-        return by
-
     def _times(self, x: Vectors, **part: float) -> Vectors:
-        scale = self.scale[:, None]
+        return real_columns(lambda z: self._product(z, **part), x)
 
-        def product(z: Vectors) -> Vectors:
-            rows = self.core.joint_times(scale * self.complement.spread(z), **part)
-            return self.complement.gathered(scale * rows)
-
-        return real_columns(product, x)
-
-
-class PanelPencil(PartsPencil):
-    """Pencil of a straight model in Legendre functions, which the core eliminates by panels."""
-
-    def __init__(self, model: ReducedModel) -> None:
-        super().__init__(model)
-        self.reduced = model
-        self.core = _core.PanelPencil(model.core)
-        self.end_moves = model.pipe.cantilevered and model.pipe.beta * model.pipe.inflow_share > 0.0
-
-    @cached_property
-    def spread(self) -> Array:
-        """Matrix from elastic coordinates to root slope and curvatures, (core's, dof)."""
-        spread, scale = self.reduced.small_motions
-        by = scale if spread is None else spread * scale if scale.ndim == 1 else spread @ scale
-        return self.core.on_panels(np.diag(by) if by.ndim == 1 else by)
-
-    @cached_property
-    def gathered(self) -> Array:
-        """Matrix from root slope and curvatures to elastic coordinates, (dof, core's)."""
-        if (self.model.elastic_share < 1.0).any():
-            return np.asarray(np.linalg.pinv(self.spread), dtype=np.float64)
-        return np.ascontiguousarray(self._elastic(self.spread).T)
-
-    def _elastic(self, x: Array) -> Array:
-        """Elastic loads by root slope and curvatures, with the root's spring."""
-        loads = self.core.times(x, by_damping=1.0)
-        if 0.0 < self.pipe.root_stiffness < math.inf:
-            loads[0] += self.pipe.root_stiffness * x[0]
-        return loads
-
-    def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
-        return _core.Structured(traits, self.core, self.spread, self.gathered, size)
-
-    def with_pipe(self, pipe: Pipe) -> PanelPencil:
-        return PanelPencil(self.reduced.with_pipe(pipe))
-
-    def _times(self, x: Vectors, **part: float) -> Vectors:
-        def product(z: Vectors) -> Vectors:
-            return self.spread.T @ self.core.times(self.spread @ z, **part)
-
-        return real_columns(product, x)
+    # Partial methods, since partial functions of self would be a cycle for the garbage collector.
+    mass = partialmethod(_times, mass=1.0)
+    velocity = partialmethod(_times, velocity=1.0)
+    damping = partialmethod(_times, damping=1.0)
+    stiffness = partialmethod(_times, stiffness=1.0)
+    flux = partialmethod(_times, flux=1.0)
+    gravity = partialmethod(_times, gravity=1.0)
+    by_damping = partialmethod(_times, by_damping=1.0)
 
 
 def real_columns(product: Product, x: Vectors) -> Vectors:

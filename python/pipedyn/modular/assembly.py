@@ -15,20 +15,20 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn import _core
 from pipedyn.models.base import (
     BALANCED,
+    CORE_MATRICES,
     LARGEST_ANGLE,
     LARGEST_RESULT,
-    Model,
     Operators,
+    operators_from,
     stored,
 )
-from pipedyn.models.chain import LARGEST_CHAIN, Chain, along, elastic_scale, turned
-from pipedyn.models.chain_supports import MET, closed
-from pipedyn.models.pencil import ChainPencil, Pencil, real_columns
+from pipedyn.models.chain import LARGEST_CHAIN, Chain, ChainPencil
+from pipedyn.models.pencil import Pencil
 from pipedyn.models.pipe import Pipe, checked_pipe
+from pipedyn.models.segments import MET, SegmentModel, SmallMotions, along, rest_moments
 from pipedyn.models.terms import Term
 from pipedyn.modular.custom import CustomForces
 from pipedyn.modular.layout import CONSTRAINTS, MODULES, Layout
-from pipedyn.modular.linearisation import SmallMotions
 from pipedyn.modular.motion import SceneMotion
 from pipedyn.modular.parts import (
     Constraint,
@@ -51,7 +51,7 @@ LARGEST_JACOBIAN = 1300
 
 
 @saved_as("Assembly")
-class Assembly(Model):
+class Assembly(SegmentModel):
     """A scene made from parts: a pipe of rigid segments, and further parts.
 
     Every part has its inertia, forces or constraints in redundant coordinates, independently of all
@@ -187,6 +187,11 @@ class Assembly(Model):
     modules = stored("_layout.modules", "The parts with inertia or forces, a tuple.")
     constraints = stored("_layout.constraints", "The constraints, those of supports last.")
     integrated = stored("_layout.size", "Number of angles that an integrator advances, n.")
+    _base = stored("_layout.base", "Length of the fixed part at the clamp.")
+    _lengths = stored("_layout.lengths", "Lengths of the segments, shape (n,).")
+    _own_joints = stored("_layout.springs", "Stiffness of the joints, without a root's spring.")
+    _chain = stored("core.chain", "The compiled chain without what holds its nodes.")
+    _scene = stored("core", "The compiled scene.")
 
     @property
     def dof(self) -> int:
@@ -215,16 +220,6 @@ class Assembly(Model):
         own_damping = self._layout.joint_damping(replace(self._pipe, damping=0.0)).any()
         _, by_rate = self._customs.derivatives(*still)
         return bool(super().resisted or own_damping or by_rate.count_nonzero())
-
-    @property
-    def elastic_share(self) -> Array:
-        springs = self.core.chain.joints[: self.integrated, 0]
-        return springs * elastic_scale(springs) ** 2
-
-    @property
-    def stations(self) -> Array:
-        """Arc lengths of the nodes."""
-        return np.minimum(self._layout.ends[1:], 1.0)
 
     def plus(self, *parts: Part | Term) -> Assembly:
         """Another scene, with further modules, constraints and terms of the pipe.
@@ -362,23 +357,9 @@ class Assembly(Model):
         given = self._columns("y", raw, 2 * size if raw.shape[:1] == (2 * size,) else size)
         return np.cumsum(given[2:size:3], axis=0)
 
-    def admissible(self, angles: ArrayLike) -> Array:
-        """Angles close to those given at which guides and pins are met.
-
-        Args:
-            angles: theta_j, rad, shape (n,).
-
-        Returns:
-            Angles that meet guides and pins, shape (n,).
-
-        Raises:
-            NotConverged: if no such angles are found near those given.
-            ValueError, TypeError: for another shape, or numbers that are not finite.
-        """
-        given = check.array(
-            "angles", angles, size=self.integrated, low=-LARGEST_ANGLE, high=LARGEST_ANGLE
-        )
-        return closed(self.core, given, self._layout.rest, self._layout.guides_text())
+    @property
+    def _held_at_rest(self) -> tuple[Array, str]:
+        return self._layout.rest, self._layout.guides_text()
 
     def equilibrium(self, start: ArrayLike, u: float = 0.0) -> Array:
         """A configuration at which all forces balance, stable or not, by Newton's method.
@@ -402,13 +383,14 @@ class Assembly(Model):
 
         def correction(theta: Array) -> tuple[Array, float]:
             """Newton's step of the angles, and its largest entry."""
-            linear = SmallMotions(self.motion, theta)
-            _, _, stiffness = linear.elastic_operators().at(u)
+            linear = self._small_motions(theta)
+            joints = linear.joint_angles(np.eye(self.dof))
+            _, _, stiffness = self._operators(linear, joints).at(u)
             # The step has no component in directions whose stiffness is of the order of rounding of
             # the largest stiffness: the forces do not determine it there.
             rounding = len(stiffness) * float(np.finfo(float).eps)
-            step = np.linalg.lstsq(stiffness, linear.unbalanced(u), rcond=rounding)[0]
-            turn = np.cumsum(linear.joint_angles(step)[:, 0])
+            step = np.linalg.lstsq(stiffness, self._forces(linear, u), rcond=rounding)[0]
+            turn = np.cumsum(joints @ step)
             return turn, float(np.abs(turn).max())
 
         try:
@@ -424,7 +406,7 @@ class Assembly(Model):
         except NewtonFailed as reason:
             raise NotConverged(f"no equilibrium was found at u = {u:g} near start") from reason
         configuration = self._configuration(found)
-        left = self._left(SmallMotions(self.motion, found), u)
+        left = self._left(self._small_motions(found), u)
         if left > BALANCED:
             raise NotConverged(
                 f"no equilibrium was found at u = {u:g} near start: a force of {left:.2g} times "
@@ -440,7 +422,7 @@ class Assembly(Model):
         """Small motions about the configuration that `about` chose, else the straight pipe."""
         if self.as_chain is None:
             self._check_dense()
-        return SmallMotions(self.motion, self.reference)
+        return self._small_motions(self.reference)
 
     @property
     def reference(self) -> Array:
@@ -462,57 +444,80 @@ class Assembly(Model):
     def _left(self, linear: SmallMotions, u: float) -> float:
         """Largest unbalanced force, relative to 1 + |gamma| + a u^2."""
         size = 1.0 + abs(self._pipe.gamma) + self._pipe.alpha * u**2
-        return float(np.abs(linear.unbalanced(u)).max(initial=0.0)) / size
+        return float(np.abs(self._forces(linear, u)).max(initial=0.0)) / size
 
-    def operators(self, q: ArrayLike | None = None) -> Operators:
-        """Operators of small motions about a configuration at rest, as of `Model.operators`.
+    def _forces(self, linear: SmallMotions, u: float) -> Array:
+        """Unbalanced force at rest, in elastic coordinates, (dof,); it is 0 at an equilibrium."""
+        factors = np.array([1.0, self.motion.pipe.alpha * u**2, 0.0])
+        moments = self._rest_moments(linear.theta) @ factors
+        return linear.elastic.gathered(linear.elastic_loads(moments[:, None]))[:, 0]
 
-        Without guides and pins their degrees of freedom are the angles of the segments, else the
-        coordinates along the columns of `basis`. `stiffness` contains the forces of all modules but
-        the flow and, for a bent pipe, the constraint forces that balance them; `flux` contains the
-        forces of the flow and the constraint forces that balance it.
+    def _held_rows(self, theta: Array) -> Array:
+        return self._layout.independent_rows(theta)
 
-        Args:
-            q: the configuration; if not given, that of `about`, else the straight pipe.
+    def _rest_moments(self, theta: Array) -> Array:
+        found = rest_moments(self._chain, theta, self._lengths, self.motion.pipe)
+        found[:, 1] *= self._layout.has_flow
+        if self._customs:
+            found[:, 0] += self.motion.custom_moments(np.append(theta, 0.0 * theta))[0]
+        return found
 
-        Raises:
-            ValueError: for a q that misses a constraint or has another shape, or more than 4000
-                degrees of freedom.
-            TypeError: if q is no array of real numbers.
+    def _unheld(self, theta: Array) -> Operators:
+        """Operators in the segments' angles, without what holds nodes or acts at the joints."""
+        plain = operators_from(self.motion.unsprung.operators(theta), self.motion.pipe)
+        found = replace(plain, flux=self._layout.has_flow * plain.flux)
+        if not self._customs:
+            return found
+        compliance = self.core.compliance
+        inert = compliance != 0.0
+        rows = self._layout.moments(theta, self.core.weights[inert].T)
+        _, by_state = self.motion.custom_moments(np.append(theta, 0.0 * theta))
+        by_angles, by_rates = np.hsplit(by_state, 2)
+        return replace(
+            found,
+            mass=found.mass + (rows / compliance[inert]) @ rows.T,
+            damping=found.damping - by_rates,
+            stiffness=found.stiffness - by_angles,
+        )
+
+    def _operators(self, linear: SmallMotions, joints: Array) -> Operators:
+        """Operators in coordinates whose unit vectors turn the joints by the columns of `joints`.
+
+        Springs are added in the joints' angles, so that the rounding of stiff springs does not hide
+        soft ones.
         """
-        return self._with_loss(lambda scene: scene._linear_at(q).operators())
+        angles, operators = np.cumsum(joints, axis=0), self._bent(linear)
+        sizes = np.linalg.norm(angles, axis=0)
 
-    def basis(self, q: ArrayLike | None = None) -> Array:
-        """Angles of the segments for unit degrees of freedom of `operators`, shape (n, dof).
+        def of_angles(matrix: Array) -> Array:
+            """A matrix of the segments' angles in the coordinates; rounding errors are set to 0."""
+            made = angles.T @ matrix @ angles
+            # Constraints may cancel an effect, for example of a damper at a guide. Its rounding
+            # error is set to 0, and so is that in the asymmetry of a symmetric or skew matrix.
+            lost = 4.0 * np.finfo(float).eps * np.abs(matrix).max() * np.outer(sizes, sizes)
+            parts = 0.5 * (made + made.T), 0.5 * (made - made.T)
+            symmetric, skew = (np.where(np.abs(part) <= lost, 0.0, part) for part in parts)
+            return symmetric + skew
 
-        Without guides and pins it is the identity; with them its columns are orthonormal. The
-        argument and exceptions are those of `operators`.
-        """
-        return self._linear_at(q).basis.spread(np.eye(self.dof))
+        def of_joints(values: Array) -> Array:
+            """A diagonal matrix of the joints' angles in the coordinates."""
+            every = np.vstack([joints, -angles[-1:]])[: values.size]
+            return every.T @ (values[:, None] * every)
 
-    def free_directions(self, p: Array) -> Array:
-        return self.basis(p)
-
-    def _linear_at(self, q: ArrayLike | None) -> SmallMotions:
-        """Small motions about q, or about the reference if None; ValueError for too many dof."""
-        self._check_dense()
-        if q is None:
-            return self.linear
-        return SmallMotions(self.motion, self._angles_of("q", q))
+        matrices: dict[str, Any] = {
+            name: of_angles(getattr(operators, name)) for name in CORE_MATRICES
+        }
+        stiffness, damping, _ = self._chain.joints.T
+        matrices["stiffness"] += of_joints(stiffness)
+        matrices["damping"] += of_joints(damping)
+        return replace(operators, **matrices)
 
     def elastic_operators(self) -> Operators:
-        """Operators in elastic coordinates, see `pipedyn.modular.linearisation`."""
         return self._elastic
 
     @cached_property
     def _elastic(self) -> Operators:
-        return self.linear.elastic_operators()
-
-    def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
-        columns, linear = self._columns("z", z), self.linear
-        joints = linear.joint_angles(columns.reshape(self.dof, -1))
-        angles = real_columns(linear.basis.gathered, np.cumsum(joints, axis=0))
-        return angles.reshape(columns.shape)
+        return super().elastic_operators()
 
     # -------------------------------------------------------------------------- nonlinear motion
 
@@ -569,12 +574,6 @@ class Assembly(Model):
     def from_user(self, q: Array, qdot: Array) -> Array:
         return np.concatenate([np.cumsum(one[:, 2::3], axis=1) for one in (q, qdot)], axis=1)
 
-    def onto_constraints(self, p: Array, rates: Array) -> tuple[Array, Array]:
-        return self.motion.held.onto_constraints(p, rates)
-
-    def free_states(self, y: Array) -> Array:
-        return self.motion.held.free_states(y)
-
     def resting(self) -> Array:
         return self._layout.rest if self._reference is None else self._reference
 
@@ -612,24 +611,10 @@ class Assembly(Model):
         """
         return self._configuration(self.admissible(self.sampled(angle)))
 
-    def sampled(self, angle: Callable[[Array], ArrayLike]) -> Array:
-        ends = self._layout.ends
-        return self._angles(angle, 0.5 * (ends[:-1] + ends[1:]))
-
     def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
         if len(columns) == self.coordinates:
             return np.cumsum(columns[2::3], axis=0)
-        if len(columns) == self.integrated:
-            return columns
-        return real_columns(self.linear.basis.spread, columns)
-
-    def _deflected(self, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
-        layout = self._layout
-        if derivative:
-            ends = np.minimum(layout.ends, 1.0)
-            return turned(p, ends, float(layout.springs[0]), self._pipe, s)
-        across = layout.lengths * np.cos(self.reference)
-        return along(across[:, None] * p, layout.base, layout.lengths, s)
+        return super()._moved(columns)
 
     # ----------------------------------------------------------------------------------- arguments
 

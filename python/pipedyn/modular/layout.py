@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import core_pipe
-from pipedyn.models.chain_supports import SAME, closest, held_ends
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.segments import SAME, closest, held_ends
 from pipedyn.modular.parts import (
     Clamp,
     Constraint,

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from pipedyn import _core
-from pipedyn.models.chain_supports import ChainSupports
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.segments import onto_constraints
 from pipedyn.modular.custom import CustomForces
 from pipedyn.modular.layout import Layout, coordinates_by_angles, nodes_by_angles
 from pipedyn.util.check import Array
@@ -39,7 +39,6 @@ class SceneMotion:
         self, pipe: Pipe, layout: Layout, core: _core.Scene, customs: CustomForces
     ) -> None:
         self.pipe, self.layout, self.core, self.customs = pipe, layout, core, customs
-        self.held = ChainSupports(core, layout.independent_rows)
 
     @functools.cached_property
     def unsprung(self) -> _core.Chain:
@@ -100,7 +99,7 @@ class SceneMotion:
 
     def states(self, theta: Array, omega: Array) -> Array:
         """Redundant states, (6 n, k), from angles and rates, (n, k) each, projected onto guides."""
-        return self.core.from_angles(*self.held.onto_constraints(theta, omega))
+        return self.core.from_angles(*onto_constraints(self.core, theta, omega))
 
     def jacobian(
         self, y: Array, u: float | Array, returns: bool = True, drive: Array | None = None
@@ -129,8 +128,6 @@ class SceneMotion:
         The derivatives are by the state [theta, theta'], shape (2 n,).
         """
         n, layout = self.layout.size, self.layout
-        if not self.customs:
-            return np.zeros(n), np.zeros((n, 2 * n))
         theta, omega = np.split(y, 2)
         q, rates = np.split(self.core.from_angles(theta, omega), 2)
         force, (by_q, by_rate) = self.customs.force(q, rates), self.customs.derivatives(q, rates)

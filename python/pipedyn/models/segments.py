@@ -1,0 +1,386 @@
+# SPDX-License-Identifier: MIT
+"""Models of rigid segments: what holds their nodes, and small motions about a configuration.
+
+Guides and pins enforce B dtheta = 0 for changes of the segments' angles theta; the columns of an
+orthonormal basis Z span all dtheta that satisfy this.
+
+In elastic coordinates zeta the angles of the joints are phi = scale * Z zeta, and the elastic
+stiffness is the identity.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipedyn import _core
+from pipedyn.models.base import LARGEST_ANGLE, Model, Operators, operators_from, projected
+from pipedyn.models.pencil import real_columns
+from pipedyn.models.pipe import Pipe
+from pipedyn.models.profile import moments, reciprocal
+from pipedyn.util import check
+from pipedyn.util.check import Array
+from pipedyn.util.errors import NotConverged
+
+MET = 1e-9
+"""Tolerance of given states in the constraints, in L and rad, and for rates in these per T.
+
+States with ten digits meet it; it is far above rounding, 1e-15 n.
+"""
+
+SAME = 1e-12
+"""Distance below which places are equal and guides and pins are met; rounding is some 1e-15."""
+
+
+class SmallMotions:
+    """Bases of the small motions of segments about a configuration at rest.
+
+    Args:
+        theta: angles of the segments, which meet guides and pins, shape (n,).
+        rows: derivative of the independent constraints by the angles, shape (n, c).
+        scale: joint angle for a unit of each elastic coordinate, shape (n,).
+
+    Attributes:
+        basis: orthonormal basis, (n, dof), of segments' angles that guides and pins allow.
+        elastic: orthonormal basis, (n, dof), of the elastic coordinates that they allow.
+    """
+
+    def __init__(self, theta: Array, rows: Array, scale: Array) -> None:
+        self.theta, self.rows, self.scale = theta, rows, scale
+        self.dof = theta.size - rows.shape[1]
+        self.basis = _core.Complement(rows)
+        self.elastic = _core.Complement(self.elastic_loads(rows))
+
+    def elastic_loads(self, moments: Array) -> Array:
+        """Loads on the elastic coordinates, (n, r), from moments on the segments, (n, r)."""
+        return self.scale[:, None] * np.cumsum(moments[::-1], axis=0)[::-1]
+
+    def joint_angles(self, zeta: NDArray[Any]) -> NDArray[Any]:
+        """Angles of the joints, shape (n, r), for elastic coordinates, shape (dof, r)."""
+        result: NDArray[Any] = self.scale[:, None] * real_columns(self.elastic.spread, zeta)
+        return result
+
+
+class SegmentModel(Model):
+    """A model of n rigid segments, whose angles an integrator advances.
+
+    Guides and pins may hold nodes, the ends of segments.
+    """
+
+    _base: float
+    _lengths: Array
+
+    @property
+    @abstractmethod
+    def _chain(self) -> _core.Chain:
+        """The compiled chain without what holds its nodes."""
+
+    @property
+    @abstractmethod
+    def _scene(self) -> _core.Scene | None:
+        """The compiled scene that holds nodes, or None if the model has none."""
+
+    @property
+    @abstractmethod
+    def _own_joints(self) -> Array:
+        """Stiffness of the joints, the first without a root's spring, (n,); (n + 1,) if guided."""
+
+    @abstractmethod
+    def _held_rows(self, theta: Array) -> Array:
+        """Derivative of the independent constraints by the angles of the segments, (n, c)."""
+
+    def _unheld(self, theta: Array) -> Operators:
+        """Operators in the segments' angles, without the forces that hold nodes."""
+        return operators_from(self._chain.operators(theta), self._pipe)
+
+    def _rest_moments(self, theta: Array) -> Array:
+        """Moments on the segments at rest, see `rest_moments`."""
+        return rest_moments(self._chain, theta, self._lengths, self._pipe)
+
+    def _ends(self) -> Array:
+        """Arc lengths where the segments begin and end, shape (n + 1,)."""
+        return np.minimum(self._base + np.cumsum([0.0, *self._lengths]), 1.0)
+
+    @property
+    def stations(self) -> Array:
+        """Arc lengths of the nodes, at which polylines have their maxima."""
+        return self._ends()[1:]
+
+    # --------------------------------------------------------------------------- small motions
+
+    @cached_property
+    def elastic_scale(self) -> Array:
+        """Joint angle for a unit of each elastic coordinate, shape (n,): 1 / sqrt(k_j).
+
+        A joint whose spring is 0 or below 1e-3 of the mean takes its scale from the mean.
+        """
+        springs = self._chain.joints[: self.integrated, 0]
+        mean = float(springs.mean())
+        floor = 1e-3 * mean if mean > 1e-100 else float(springs.size)  # the scale will be squared
+        scale: Array = 1.0 / np.sqrt(np.maximum(springs, floor))
+        scale.flags.writeable = False
+        return scale
+
+    @property
+    def elastic_share(self) -> Array:
+        return self._chain.joints[: self.integrated, 0] * self.elastic_scale**2
+
+    def _small_motions(self, theta: Array) -> SmallMotions:
+        return SmallMotions(theta, self._held_rows(theta), self.elastic_scale)
+
+    @cached_property
+    def linear(self) -> SmallMotions:
+        """Small motions about the configuration that `about` chose, else the straight pipe."""
+        return self._small_motions(self.resting())
+
+    def _linear_at(self, q: ArrayLike | None) -> SmallMotions:
+        """Small motions about q, or where the model is linearised; ValueError for too many dof."""
+        self._check_dense()
+        return self.linear if q is None else self._small_motions(self._coordinates(q))
+
+    def operators(self, q: ArrayLike | None = None) -> Operators:
+        """Linear operators about a configuration at rest, as of `Model.operators`.
+
+        Without guides and pins their degrees of freedom are the angles of the segments, else the
+        coordinates along the columns of `basis`. `stiffness` contains the forces of all parts but
+        the flow and, for a bent pipe, the constraint forces that balance them; `flux` contains the
+        forces of the flow and the constraint forces that balance it.
+
+        Args:
+            q: the configuration, which must meet supports, guides and pins; if not given, that of
+                `about`, else the straight pipe.
+
+        Raises:
+            ValueError: for a q that misses a constraint or has another shape, or more than 4000
+                degrees of freedom.
+            TypeError: if q is no array of real numbers.
+        """
+
+        def found(model: SegmentModel) -> Operators:
+            linear = model._linear_at(q)
+            joints = np.diff(linear.basis.spread(np.eye(self.dof)), axis=0, prepend=0.0)
+            return model._operators(linear, joints)
+
+        return self._with_loss(found)
+
+    def basis(self, q: ArrayLike | None = None) -> Array:
+        """Angles of the segments for unit degrees of freedom of `operators`, shape (n, dof).
+
+        Where nothing holds nodes it is the identity; else its columns are orthonormal. The argument
+        and exceptions are those of `operators`.
+        """
+        return self._linear_at(q).basis.spread(np.eye(self.dof))
+
+    def free_directions(self, p: Array) -> Array:
+        return self.basis(p)
+
+    def elastic_operators(self) -> Operators:
+        """Operators in elastic coordinates, about the configuration of linearisation."""
+        self._check_dense()
+        return self._operators(self.linear, self.linear.joint_angles(np.eye(self.dof)))
+
+    def _operators(self, linear: SmallMotions, joints: Array) -> Operators:
+        """Operators in coordinates whose unit vectors turn the joints by the columns of `joints`.
+
+        The shape of `joints` is (n, dof).
+        """
+        return projected(self._bent(linear), np.cumsum(joints, axis=0))
+
+    def _bent(self, linear: SmallMotions) -> Operators:
+        """The operators of `_unheld`, with the stiffness of the forces that hold nodes.
+
+        The forces balance the moments at rest, and their own moments change as the segments turn.
+        They are found by least squares in elastic coordinates, where stiff springs do not hide soft
+        ones.
+        """
+        theta, chain = linear.theta, self._unheld(linear.theta)
+        if not linear.rows.size:
+            return chain
+        rows, loads = map(linear.elastic_loads, (linear.rows, self._rest_moments(theta)))
+        # The rows are independent: no singular value is due to rounding, so that none is cut off.
+        forces, *_ = np.linalg.lstsq(rows, -loads, rcond=0.0)
+        by_turning = self._held_rows(theta + 0.5 * math.pi) @ forces
+        still, thrust, push = map(np.diag, by_turning.T)
+        return replace(
+            chain,
+            stiffness=chain.stiffness - still,
+            flux=chain.flux - thrust,
+            unsteady=chain.unsteady - push,
+        )
+
+    def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
+        columns, linear = self._columns("z", z), self.linear
+        joints = linear.joint_angles(columns.reshape(self.dof, -1))
+        angles = real_columns(linear.basis.gathered, np.cumsum(joints, axis=0))
+        return angles.reshape(columns.shape)
+
+    def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
+        if len(columns) == self.integrated:
+            return columns
+        return real_columns(self.linear.basis.spread, columns)
+
+    def _deflected(self, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
+        if derivative:
+            return turned(p, self._ends(), float(self._own_joints[0]), self._pipe, s)
+        across = self._lengths * np.cos(self.linear.theta)
+        return along((across * p.T).T, self._base, self._lengths, s)
+
+    # ------------------------------------------------------------------- what holds nodes in motion
+
+    def free_states(self, y: Array) -> Array:
+        """Orthonormal changes of [theta, theta'] that constraints allow, (2 n, 2 dof)."""
+        theta, omega = np.split(y, 2)
+        by_angles = self._held_rows(theta)
+        if not by_angles.size:
+            return super().free_states(y)
+        drift = omega[:, None] * self._held_rows(theta + 0.5 * math.pi)
+        held = np.block([[by_angles, drift], [np.zeros_like(drift), by_angles]])
+        vectors, _, _ = np.linalg.svd(held)
+        return np.asarray(vectors[:, 2 * by_angles.shape[1] :])
+
+    def onto_constraints(self, p: Array, rates: Array) -> tuple[Array, Array]:
+        return (p, rates) if self._scene is None else onto_constraints(self._scene, p, rates)
+
+    def admissible(self, angles: ArrayLike) -> Array:
+        """Angles close to those given at which supports, guides and pins are met.
+
+        If Newton's method fails, as for segments in line with a pin, it starts again from points
+        between the given angles and a known configuration that meets all constraints.
+
+        Args:
+            angles: theta_j, rad, shape (n,).
+
+        Returns:
+            Angles that meet the constraints, shape (n,).
+
+        Raises:
+            NotConverged: if no such angles are found near those given.
+            ValueError, TypeError: for another shape, or numbers that are not finite.
+        """
+        theta = check.array(
+            "angles", angles, size=self.integrated, low=-LARGEST_ANGLE, high=LARGEST_ANGLE
+        )
+        if self._scene is None:
+            return theta
+        rest, held_by = self._held_at_rest
+        shares = (0.0, 0.25, 0.5, 0.75, 1.0)
+        found, missed = closest(self._scene, (theta + share * (rest - theta) for share in shares))
+        if missed > SAME:
+            raise NotConverged(f"no angles close to those given meet {held_by}", found)
+        return found
+
+    @property
+    def _held_at_rest(self) -> tuple[Array, str]:
+        """Angles that meet all constraints, and the name of what holds the nodes."""
+        return np.zeros(self.integrated), "the supports"
+
+    def sampled(self, angle: Callable[[Array], ArrayLike]) -> Array:
+        ends = self._base + np.cumsum(self._lengths)
+        return self._angles(angle, ends - 0.5 * self._lengths)
+
+
+def onto_constraints(core: _core.Scene, theta: Array, omega: Array) -> tuple[Array, Array]:
+    """Angles and rates near those given, (n, ...), that meet guides and pins; NaN if none exist."""
+    columns = (theta.shape[0], -1)
+    *met, missed = core.project(theta.reshape(columns), omega.reshape(columns))
+    for of in met:
+        of[:, missed > core.met] = np.nan
+    return met[0].reshape(theta.shape), met[1].reshape(theta.shape)
+
+
+def rest_moments(core: _core.Chain, theta: Array, lengths: Array, pipe: Pipe) -> Array:
+    """Moments on the segments of a chain at rest, shape (n, 3).
+
+    The first column has the moments without flow, the others the factors of a u^2 and of s u'.
+
+    Args:
+        core: the compiled chain.
+        theta: angles of the segments, shape (n,).
+        lengths: lengths of the segments, shape (n,).
+        pipe: the pipe.
+    """
+    still = core.rhs(0.0, np.append(theta, 0.0 * theta), 0.0, refuses=False)[theta.size :]
+    if still.any():
+        still = core.operators(theta).mass @ still
+    end = (0.0 if pipe.end_directed else theta[-1]) + pipe.jet_angle
+    # The product of one direction exp(i theta) with another's conjugate gives the sine of their
+    # difference.
+    turned = lengths * np.exp(1j * theta)
+    beyond = np.cumsum(turned[::-1])[::-1] - turned
+    push = -math.sqrt(pipe.beta) * (np.conj(turned) * beyond).imag
+    return np.stack([still, lengths * np.sin(theta - end), push], axis=1)
+
+
+def held_ends(pipe: Pipe, ends: Array) -> NDArray[np.intp]:
+    """Indices of segments whose ends are held on the axis by supports or the pipe's end, from 0 on.
+
+    Raises ValueError for a support at which no segment ends.
+    """
+    held = []
+    for place in pipe.supports:
+        nearest = int(np.abs(ends - place).argmin())
+        if abs(ends[nearest] - place) > MET:
+            raise ValueError(
+                f"a segment must end at each support, got none that ends at s = {place:g}"
+            )
+        held.append(nearest)
+    if pipe.end_held:
+        held.append(ends.size - 1)
+    return np.array(held, dtype=np.intp)
+
+
+def closest(core: _core.Scene, starts: Iterable[Array]) -> tuple[Array, float]:
+    """Angles that meet guides and pins, from the first start that converges, else the closest."""
+    best, least = np.zeros(0), math.inf
+    for start in starts:
+        found, _, missed = core.project(start[:, None], np.zeros((start.size, 1)))
+        if missed[0] < least:
+            best, least = found[:, 0], float(missed[0])
+        if least <= SAME:
+            break
+    return best, least
+
+
+def along(steps: NDArray[Any], base: float, lengths: Array, s: Array) -> NDArray[Any]:
+    """Sum of the segments' vectors (n, ...) up to s, linear within a segment, 0 on the base."""
+    ends = base + np.concatenate([[0.0], np.cumsum(lengths)])
+    nodes = np.concatenate([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])
+    j = np.clip(np.searchsorted(ends, s, side="right") - 1, 0, lengths.size - 1)
+    part = np.clip((s - ends[j]) / lengths[j], 0.0, 1.0)
+    return nodes[j] + (part * steps[j].T).T
+
+
+def turned(theta: NDArray[Any], ends: Array, spring: float, pipe: Pipe, s: Array) -> NDArray[Any]:
+    """Angles at arc lengths s of the pipe that a chain approximates, (p, ...), of second order.
+
+    Each segment has the pipe's angle at its middle. Between two middles the moment is nearly
+    constant, so that the angle grows in proportion to the compliance passed, which for a uniform
+    pipe is the length. Towards a free or pinned end the moment vanishes and the angle is constant;
+    at a guided or clamped end it is 0, and at a root's spring it is the spring's share of the first
+    segment's.
+
+    Args:
+        theta: angles of the segments, (n, ...).
+        ends: arc lengths where the segments begin and end, (n + 1,).
+        spring: stiffness of the first joint without the root's spring.
+        pipe: the pipe.
+        s: arc lengths, (p,).
+    """
+    places = np.concatenate([[0.0], 0.5 * (ends[:-1] + ends[1:]), [1.0]])
+    at_root = spring / (spring + pipe.root_stiffness) if spring > 0.0 else 1.0
+    last = 0.0 if pipe.end_directed else 1.0
+    angles = np.concatenate([at_root * theta[:1], theta, last * theta[-1:]])
+    if pipe.stiffness is not None:
+        every = np.unique(np.concatenate([places, s]))
+        passed = np.append(0.0, np.cumsum(moments(reciprocal(pipe.stiffness), every)[0]))
+        places, s = (passed[np.searchsorted(every, some)] for some in (places, s))
+    j = np.clip(np.searchsorted(places, s, side="right") - 1, 0, places.size - 2)
+    share = (s - places[j]) / (places[j + 1] - places[j])
+    return np.asarray((angles[j].T * (1.0 - share) + angles[j + 1].T * share).T)
