@@ -146,8 +146,19 @@ def one_of(*values: Any) -> Values:
     return lambda dice: dice.choice(values)
 
 
+def sure(draw: Values, *values: Any) -> Values:
+    """The draw, and values that are not left to chance: `at_bounds` gives each of them."""
+    draw.bounds = values + bounds_of(draw)  # type: ignore[attr-defined]
+    return draw
+
+
+def bounds_of(draw: Values | None) -> tuple[Any, ...]:
+    return getattr(draw, "bounds", ())
+
+
 def any_of(*draws: Values) -> Values:
-    return lambda dice: dice.choice(draws)(dice)
+    known = (bounds_of(draw) for draw in dict.fromkeys(draws))
+    return sure(lambda dice: dice.choice(draws)(dice), *(value for some in known for value in some))
 
 
 def optional(kind: Kind) -> Kind:
@@ -161,7 +172,7 @@ def _not(value: Any, draw: Values) -> Values:
             pass
         return found
 
-    return drawn
+    return sure(drawn, *(one for one in bounds_of(draw) if one is not value))
 
 
 NONE: Values = one_of(None)
@@ -175,8 +186,10 @@ def real(good: tuple[float, float], below: float = -INF, above: float = INF) -> 
         kinds = (float, float, np.float64, np.float32, np.array, Fraction, np.longdouble)
         return dice.choice(kinds)(value)
 
-    outside = [one_of(end) for end in (below, above) if math.isfinite(end)]
-    return Kind(fair, any_of(NONE, *NOTHINGS, *WORDS, *LOGICAL, *NOT_FINITE, *LISTS, *outside * 8))
+    ends = [end for end in (below, above) if math.isfinite(end)]
+    outside = [one_of(end) for end in ends]
+    wrong = any_of(NONE, *NOTHINGS, *WORDS, *LOGICAL, *NOT_FINITE, *LISTS, *outside * 8)
+    return Kind(fair, sure(wrong, *ends, NAN, "1", [0.5]))
 
 
 def count(low: int, high: int, above: int | None = None) -> Kind:
@@ -188,13 +201,11 @@ def count(low: int, high: int, above: int | None = None) -> Kind:
 
     outside = [low - 1, -(10**30), *([] if above is None else [above, 10**30])]
     fractions = one_of(2.5, 3.0, np.float64(2.0), Fraction(3))
-    return Kind(
-        fair,
-        any_of(
-            *(NONE, *NOTHINGS, *WORDS, *LOGICAL, *NOT_FINITE, *LISTS, fractions),
-            *[one_of(*outside)] * 12,
-        ),
+    wrong = any_of(
+        *(NONE, *NOTHINGS, *WORDS, *LOGICAL, *NOT_FINITE, *LISTS, fractions),
+        *[one_of(*outside)] * 12,
     )
+    return Kind(fair, sure(wrong, *outside, 2.5, True))
 
 
 def array(
@@ -256,25 +267,26 @@ def array(
         *map(one_of, (_nested(), Endless(), Words(), [[0.5], [0.5, 0.5]], [[[0.5] * 10**3]])),
         *map(one_of, (np.zeros(0), [], np.broadcast_to(0.5, (10**10,)), range(10**12), [[]] * 3)),
     )
-    return Kind(fair or drawn, any_of(spoiled, spoiled, junk))
+    others = [] if any_size else [np.full(int(np.prod(size)) + 1, good[0])]
+    ends = [np.full(size, value) for value in (NAN, *outside)]
+    return Kind(fair or drawn, sure(any_of(spoiled, spoiled, junk), *ends, *others, "12"))
 
 
 def word(*options: str) -> Kind:
-    return Kind(one_of(*options), any_of(NONE, *NOTHINGS, *WORDS, *LOGICAL, one_of(3, NAN, [""])))
+    wrong = any_of(NONE, *NOTHINGS, *WORDS, *LOGICAL, one_of(3, NAN, [""]))
+    return Kind(one_of(*options), sure(wrong, "out", 3))
 
 
 def either(good: Sequence[Any], *wrong: Any) -> Kind:
     """One of some values, and none of others, words or what is nothing."""
-    return Kind(one_of(*good), any_of(NONE, *NOTHINGS, *WORDS, one_of(*wrong)))
+    return Kind(one_of(*good), sure(any_of(NONE, *NOTHINGS, *WORDS, one_of(*wrong)), *wrong))
 
 
 def of(*values: Any) -> Kind:
     """An object of the package, or others of it."""
     strangers = tuple(s for s in OBJECTS if not isinstance(s, tuple({type(v) for v in values})))
-    return Kind(
-        one_of(*values),
-        any_of(NONE, *NOTHINGS, *WORDS, one_of(3, NAN, []), *[one_of(*strangers)] * 9),
-    )
+    wrong = any_of(NONE, *NOTHINGS, *WORDS, one_of(3, NAN, []), *[one_of(*strangers)] * 9)
+    return Kind(one_of(*values), sure(wrong, 3))
 
 
 # ------------------------------------------------------------------------------- good arguments
@@ -386,10 +398,10 @@ SLOW = real((0.0, 3.0), below=-1e-9, above=1e5)
 PIPES = of(PIPE, DRAGGED, MEASURED, DRAWN, LOSSY, HINGED, GUIDED)
 OTHERS = of(PIPE, DRAGGED, MEASURED, DRAWN, LOSSY, JET)
 FLAG = either([False], 0, 1, NAN, 2.0, [True])
-EXECUTOR = Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(2, True, object())))
+EXECUTOR = Kind(one_of(None), sure(any_of(*NOTHINGS, *WORDS, one_of(2, True, object())), 3))
 MOVING = Kind(
     one_of(CHAIN, BEAM, SCENE, SPANNED, SUPPORTED),
-    any_of(of(CHAIN, BEAM, SCENE).bad, one_of(EXACT, LOST)),
+    sure(any_of(of(CHAIN, BEAM, SCENE).bad, one_of(EXACT, LOST)), EXACT),
 )
 LINEAR = of(CHAIN, BEAM, LEGENDRE, SCENE, EXACT, SPANNED, SUPPORTED, LOST, *ENDLESS)
 STRAIGHT = Kind(one_of(CHAIN, LEGENDRE, SPANNED, SUPPORTED, LOST), LINEAR.bad)
@@ -1708,6 +1720,30 @@ def one_by_one(seed: int) -> Iterator[Case]:
                 k: (kind.bad if k == name else kind.good)(dice) for k, kind in target.kinds.items()
             }
             yield number, target, given, [name]
+
+
+def _without_excuse(call: Callable[..., Any]) -> Callable[..., Any]:
+    def asked(**given: Any) -> Any:
+        try:
+            return call(**given)
+        except pp.PipedynError as error:
+            raise RuntimeError(f"computed to {error!r}") from error
+
+    return asked
+
+
+def at_bounds(seed: int) -> Iterator[Case]:
+    """Every argument of every call spoiled alone by each of its bounds.
+
+    Errors of the package that a computation ends with do not pass for a refusal of these.
+    """
+    dice = Random(seed)
+    for number, tried in enumerate(TARGETS):
+        target = dataclasses.replace(tried, call=_without_excuse(tried.call))
+        for name, kind in target.kinds.items():
+            for value in bounds_of(kind.bad):
+                given = {k: other.good(dice) for k, other in target.kinds.items()}
+                yield number, target, given | {name: value}, [name]
 
 
 def run(cases: Iterable[Case], beginning: Callable[[], None] = lambda: None) -> list[Finding]:

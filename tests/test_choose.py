@@ -510,20 +510,13 @@ def test_a_choice_says_what_was_tried_and_why_the_others_were_not_chosen():
 @pytest.mark.parametrize(
     ("quantity", "given", "error", "message"),
     [
-        ("motion", {"pipe": 3}, TypeError, "pipe must be"),
-        ("speed", {}, ValueError, "quantity must be one of"),
         ("critical_speed", {"tolerance": None}, ValueError, "tolerance or budget must be"),
-        ("critical_speed", {"tolerance": 0.0}, ValueError, "tolerance must lie in"),
         ("critical_speed", {"tolerance": 1e-11}, ValueError, "tolerance must lie in"),
-        ("critical_speed", {"tolerance": "1"}, TypeError, "tolerance must be a real"),
-        ("critical_speed", {"budget": 0}, ValueError, "budget must lie in"),
         ("critical_speed", {"budget": True}, TypeError, "budget must be a"),
         ("critical_speed", {"among": "rod"}, ValueError, "among must be one of 'chain'"),
         ("critical_speed", {"among": 3}, TypeError, "among must be words"),
         ("critical_speed", {"among": ()}, ValueError, "among must name at least one family"),
-        ("critical_speed", {"repeats": 0}, ValueError, "repeats must be from 1"),
         ("motion", {"u": 1.0}, TypeError, "lacks duration"),
-        ("limit_cycle", {"u": -1.0}, ValueError, "u must lie in"),
     ],
 )
 def test_bad_arguments_are_refused(quantity, given, error, message):

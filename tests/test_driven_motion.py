@@ -264,11 +264,6 @@ CHAIN = pp.Chain(pp.Pipe(0.2), 3)
     ("call", "kind", "message"),
     [
         (lambda: pp.Pulsation(4.0, 1.2, 3.0), ValueError, "or the flow reverses, got 1.2"),
-        (lambda: pp.Pulsation(-4.0, 0.2, 3.0), ValueError, "mean must lie in"),
-        (lambda: pp.Pulsation(4.0, 0.2, 0.0), ValueError, "frequency must lie in"),
-        (lambda: pp.Pulsation(4.0, math.nan, 3.0), ValueError, "amplitude must be finite"),
-        (lambda: pp.Pulsation("4", 0.2, 3.0), TypeError, "mean must be a real number"),
-        (lambda: pp.Harmonic(0.1, 3.0, "z"), ValueError, "direction must be one of 'x', 'y'"),
         (lambda: pp.Harmonic(math.inf, 3.0), ValueError, "amplitude must lie in"),
         (lambda: _shaken(lambda t: 0.1), ValueError, r"base\(0\) must give 2 finite numbers"),
         (lambda: _shaken(lambda t: (t, math.nan)), ValueError, r"base\(0\) must give 2 finite"),
@@ -277,7 +272,6 @@ CHAIN = pp.Chain(pp.Pipe(0.2), 3)
         (lambda: _fed((lambda t: 1.0, 2.0)), TypeError, "u must be a function of time or one with"),
         (lambda: _fed((lambda t: 1.0, lambda t: math.inf)), ValueError, r"u\(0\) must be finite"),
         (lambda: _rates(u_dot=[1.0]), ValueError, r"u_dot must be a number .* got \(1,\)"),
-        (lambda: _rates(u_dot=math.nan), ValueError, "u_dot must be finite"),
         (
             lambda: CHAIN.rhs(0.0, np.zeros((6, 2)), 1.0, base=np.zeros((2, 3))),
             *(ValueError, r"base must have shape \(3, 2\) or \(3, 2, 2\), got \(2, 3\)"),

@@ -157,8 +157,6 @@ def test_scene_agrees_with_its_chain():
 @pytest.mark.parametrize(
     ("call", "kind", "message"),
     [
-        (lambda: pp.lyapunov_exponent(None, 1.0), TypeError, "model must be a Chain"),
-        (lambda: pp.lyapunov_exponent(CHAIN, -1.0), ValueError, "u must lie in"),
         (lambda: pp.lyapunov_exponent(CHAIN, 1.0, [1.0]), ValueError, "start must have 3"),
         (
             lambda: pp.lyapunov_exponent(CHAIN, 1.0, "x"),
@@ -166,11 +164,6 @@ def test_scene_agrees_with_its_chain():
             "start must be a LimitCycle, a Mo",
         ),
         (lambda: pp.lyapunov_exponent(CHAIN, 1.0, pp.hopf(CHAIN)), TypeError, "start must be a L"),
-        (lambda: pp.lyapunov_exponent(CHAIN, 1.0, duration=0.0), ValueError, "duration must"),
-        (lambda: pp.lyapunov_exponent(CHAIN, 1.0, transient=-1.0), ValueError, "transient must"),
-        (lambda: pp.lyapunov_exponent(CHAIN, 1.0, blocks=2), ValueError, "blocks must"),
-        (lambda: pp.lyapunov_exponent(CHAIN, 1.0, interval=math.nan), ValueError, "interval must"),
-        (lambda: pp.lyapunov_exponent(CHAIN, 1.0, method="guess"), ValueError, "method must"),
         (lambda: pp.lyapunov_exponent(CHAIN, 1.0, rtol=0.5), ValueError, "rtol must"),
         (
             lambda: pp.lyapunov_exponent(CHAIN, 1.0, duration=1e6, interval=1e-6),
