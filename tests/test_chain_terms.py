@@ -16,7 +16,6 @@ from independent import (
     chain_newton_step,
     dense_jacobian,
     dense_rates,
-    derivative,
     unstable_count,
 )
 
@@ -60,19 +59,6 @@ def test_recursion_solves_the_dense_equations(n, pipe, level, at_level):
     exact = dense_jacobian(chain, states[:, 0], 3.0)
     found = chain.jacobian(0.0, states[:, 0], 3.0)
     np.testing.assert_allclose(found, exact, atol=1e-11 * np.abs(exact).max())
-
-
-@pytest.mark.parametrize("level", LEVELS)
-def test_power_is_the_energys_rate(level, at_level):
-    at_level(level)
-    chain = any_chain(6, terms=ALL, gamma=4.0, drag=1.5, damping=0.01)
-    for y in (np.random.default_rng(2).normal(size=shape) for shape in (12, (12, 9))):
-        rates = chain.rhs(0.0, y, 3.0)
-        h = 1e-3 / np.abs(rates).max()
-        change = derivative(lambda t, y=y, rates=rates: chain.energy(y + t * rates), h)
-        size = np.max(chain.energy(y)) / h
-        np.testing.assert_allclose(change, chain.power(y, 3.0).total, atol=1e-10 * size)
-    assert chain.energy(np.zeros(12)) == 0.0
 
 
 def test_a_motion_keeps_its_balance_of_energy():

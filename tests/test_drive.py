@@ -11,8 +11,8 @@ import dataclasses
 import numpy as np
 import pytest
 import redundant
-from independent import panels
-from test_terms import MODELS, derivative, jacobian_by_differences, sizes_of, state_of, turning_of
+from independent import derivative_along, panels
+from test_terms import MODELS, jacobian_by_differences, sizes_of, state_of, turning_of
 
 import pipedyn as pp
 
@@ -43,7 +43,7 @@ def gauss_points(model, count=30):
 
 
 def tangents(model, q, s):
-    return derivative(lambda at: model.shape(q, at), s, np.ones_like(s), step=1e-5)
+    return derivative_along(lambda at: model.shape(q, at), s, np.ones_like(s), step=1e-5)
 
 
 @models
@@ -72,7 +72,7 @@ def test_motion_obeys_hamiltons_principle_for_open_systems_on_the_ground(make):
         return np.einsum("p,pc,pci->i", w, velocity + across + b * speed * t, by_q)
 
     def lagrangian(at):
-        velocity = derivative(lambda x: model.shape(x, s), at, rate) + moving
+        velocity = derivative_along(lambda x: model.shape(x, s), at, rate) + moving
         t = tangents(model, at, s)
         across = velocity[:, 0] * t[:, 1] - velocity[:, 1] * t[:, 0]
         kinetic = (np.sum(velocity**2, axis=1) + chi * across**2) / 2
@@ -82,13 +82,15 @@ def test_motion_obeys_hamiltons_principle_for_open_systems_on_the_ground(make):
         weight = make(dataclasses.replace(PIPE, gamma=0.0)).energy(still)
         return w @ (kinetic + flow + gamma * height) - weight
 
-    left = derivative(lambda at: momentum(at, rate, moving, SPEED), q, rate)
+    left = derivative_along(lambda at: momentum(at, rate, moving, SPEED), q, rate)
     left = left + momentum(q, acceleration, accelerating, RATE)
     left = left - jacobian_by_differences(lambda x: np.array([lagrangian(x)]), q, sizes)[0]
     end = np.array([1.0])
     by_q = jacobian_by_differences(lambda x: model.shape(x, end), q, sizes)[0]
     velocity = by_q @ rate + moving
-    t_end = derivative(lambda at: model.shape(q, at), np.array([0.999]), np.ones(1), step=1e-4)[0]
+    t_end = derivative_along(
+        lambda at: model.shape(q, at), np.array([0.999]), np.ones(1), step=1e-4
+    )[0]
     if isinstance(model, pp.Galerkin):
         angle = (model.functions(end, 1) @ q)[0]
         t_end = np.array([np.sin(angle), np.cos(angle)])
@@ -146,37 +148,6 @@ def test_a_drive_does_the_virtual_work_of_its_forces(make):
     entering = 0.6 * LOADED.direction * np.sqrt(LOADED.beta) * SPEED
     expected += force(one, one, lambda r, v: entering * v)
     assert np.abs(work - expected).max() < 1e-9 * np.abs(expected).max()
-
-
-@models
-def test_energy_of_a_driven_pipe_changes_as_the_power_says(make):
-    model = make(LOADED)
-    q, rate = state_of(model)
-    y = np.concatenate([q, rate])
-    rates = model.rhs(0.0, y, SPEED, u_dot=RATE, base=BASE)
-
-    def energy(t):
-        moved = np.array([BASE[0] + t * BASE[1] + t**2 / 2 * BASE[2], BASE[1], BASE[2]])
-        return model.energy(y + t * rates, base=moved)
-
-    power = model.power(y, SPEED, u_dot=RATE, base=BASE)
-    assert power.total == pytest.approx(derivative(energy, 0.0, 1.0, step=1e-4), rel=1e-8)
-    rest = model.power(y, SPEED)
-    assert rest.base == 0.0
-    assert power.flow != rest.flow
-
-
-@models
-def test_jacobian_of_a_driven_pipe_meets_differences(make):
-    model = make(LOADED)
-    y = np.concatenate(state_of(model))
-    drive = {"u_dot": RATE, "base": BASE}
-    exact = model.jacobian(0.0, y, SPEED, **drive)
-    sizes = np.tile(sizes_of(model), 2)
-    differences = jacobian_by_differences(
-        lambda at: model.rhs(0.0, at, SPEED, **drive), y, sizes, step=2e-3
-    )
-    assert np.abs(exact - differences).max() < 1e-7 * np.abs(exact).max()
 
 
 @models

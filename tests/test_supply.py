@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from independent import panels
-from test_terms import derivative, jacobian_by_differences
+from independent import derivative_along, panels
+from test_terms import jacobian_by_differences
 
 import pipedyn as pp
 from pipedyn.motion.constant_head import ConstantHead
@@ -62,14 +62,14 @@ def test_energy_of_pipe_and_fluid_together_is_balanced(model):
         def shape(at, places):
             return model.shape(model.to_user(at[None], pdot[None])[0][0], places)
 
-        t = derivative(lambda at: shape(p, at), s, np.ones_like(s), step=1e-5)
-        v = derivative(lambda at: shape(at, s), p, pdot, step=1e-5)
+        t = derivative_along(lambda at: shape(p, at), s, np.ones_like(s), step=1e-5)
+        v = derivative_along(lambda at: shape(at, s), p, pdot, step=1e-5)
         q, qdot = model.to_user(p[None], pdot[None])
         own = model.energy(np.concatenate([q[0], qdot[0]]))
         flowing = b * sign * state[-1] * (weights @ np.sum(t * v, axis=1))
         return own + flowing + 0.5 * state[-1] ** 2
 
-    gained = derivative(energy, y, rates, step=5e-5)
+    gained = derivative_along(energy, y, rates, step=5e-5)
     q, qdot = model.to_user(y[None, :n], y[None, n : 2 * n])
     power = model.power(np.concatenate([q[0], qdot[0]]), u)
     velocity = model.tip_velocities(q.T, qdot.T)[0]
