@@ -4,7 +4,6 @@
 The virtual work, energy and operators of each law are in test_terms.py.
 """
 
-import pickle
 from dataclasses import replace
 
 import mpmath
@@ -92,7 +91,6 @@ def test_a_place_may_pass_from_one_segment_to_the_next():
 def test_springs_by_a_rule_are_those_of_the_bare_pipe(rule):
     loaded = pp.Chain(pp.Pipe(0.2, terms=ALL), 7, springs=rule)
     np.testing.assert_array_equal(loaded.springs, pp.Chain(pp.Pipe(0.2), 7, springs=rule).springs)
-    assert pickle.loads(pickle.dumps(loaded)).pipe == loaded.pipe
 
 
 # ------------------------------------------------------------------------------ linear analysis

@@ -254,12 +254,6 @@ def test_a_cycle_of_a_scene_is_known_right_past_its_onset():
     assert cycle.amplitude == pytest.approx(onset.amplitude(u), rel=1e-5)
 
 
-def test_a_cycle_pickles(known):
-    copy = pickle.loads(pickle.dumps(known))
-    assert np.array_equal(copy.q, known.q)
-    assert copy.amplitude == known.amplitude
-
-
 # ---------------------------------------------------------------------------------- where from
 
 
