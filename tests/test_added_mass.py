@@ -9,8 +9,7 @@ import math
 
 import numpy as np
 import pytest
-from independent import any_chain, companion_eigenvalues, derivative_along
-from test_terms import jacobian_by_differences, sizes_of
+from independent import any_chain, companion_eigenvalues
 
 import pipedyn as pp
 from pipedyn import modular
@@ -84,24 +83,6 @@ def test_a_pendulum_in_a_fluid_turns_as_a_heavier_one_at_any_angle():
     found, expected = wet.rhs(0.0, y, 4.0)[1], dry.rhs(0.0, faster, 4.0)[1]
     # Coriolis force and damping are even in units of the time: u and the angles are the same.
     np.testing.assert_allclose(found * root**2, expected, rtol=1e-13)
-
-
-def tapered(s):
-    return 1.0 + 0.5 * s
-
-
-@pytest.mark.parametrize("kind", ["chain", "Legendre functions"])
-def test_jacobians_of_tapered_pipes_in_a_fluid_meet_differences_and_their_energy_its_power(kind):
-    """With drag and a jet at an angle: what else the derivatives treat apart."""
-    pipe = pp.Pipe(0.3, 5.0, drag=0.4, mass=tapered, terms=[pp.AddedMass(0.6)], jet_angle=0.3)
-    model = MODELS[kind](pipe)
-    size = np.tile(sizes_of(model), 2)
-    y = 0.4 * size * np.random.default_rng(5).normal(size=size.size)
-    found = model.jacobian(0.0, y, 3.0)
-    differences = jacobian_by_differences(lambda at: model.rhs(0.0, at, 3.0), y, size, 1e-3)
-    assert np.abs(found - differences).max() < 1e-8 * np.abs(found).max()
-    change = derivative_along(model.energy, y, model.rhs(0.0, y, 3.0), step=1e-4)
-    assert model.power(y, 3.0).total == pytest.approx(change, rel=1e-8)
 
 
 @pytest.mark.parametrize("n", [1, 3, 12])

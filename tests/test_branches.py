@@ -2,7 +2,6 @@
 """Branches of cycles in the bifurcation diagram: what they meet, where they turn and change."""
 
 import math
-import pickle
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import nullcontext
 from types import SimpleNamespace
@@ -456,8 +455,6 @@ def test_branches_on_an_executor_are_the_same(terminal):
     assert "cycles" in terminal.readouterr().err
     np.testing.assert_array_equal(again.cycles[0].speeds, alone.cycles[0].speeds)
     np.testing.assert_array_equal(again.cycles[0].amplitudes, alone.cycles[0].amplitudes)
-    copy = pickle.loads(pickle.dumps(alone))
-    np.testing.assert_array_equal(copy.cycles[0].multipliers, alone.cycles[0].multipliers)
 
 
 def test_a_speed_that_fails_is_marked_and_the_others_kept(monkeypatch):

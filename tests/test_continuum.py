@@ -6,7 +6,6 @@ an earlier program.
 """
 
 import dataclasses
-import pickle
 from functools import cache
 
 import numpy as np
@@ -218,13 +217,6 @@ def test_a_frozen_benchmark_is_the_reduced_model_of_that_size():
     assert isinstance(frozen, pp.Galerkin)
     assert (frozen.dof, frozen.basis) == (24, "legendre")
     assert pp.critical_speed(frozen).speed == pytest.approx(5.591404377827, rel=1e-11)
-
-
-def test_the_benchmark_pickles_and_knows_its_pipe():
-    exact = pp.Continuum(pp.Pipe(0.2, gamma=3.0))
-    same = pickle.loads(pickle.dumps(exact))
-    assert same.pipe == exact.pipe
-    assert repr(same) == repr(exact)
 
 
 def test_a_benchmark_that_does_not_converge_says_so():

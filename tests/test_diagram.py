@@ -2,7 +2,6 @@
 """The bifurcation diagram: equilibria, motions after the transient, bad arguments."""
 
 import math
-import pickle
 import re
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -135,11 +134,6 @@ def test_batches_on_an_executor_give_the_same_diagram(diagram, terminal):
     for a, b in zip(diagram.motions, again.motions, strict=True):
         np.testing.assert_array_equal(a.turnings, b.turnings)
     assert "brute force" in terminal.readouterr().err
-
-
-def test_diagram_pickles(diagram):
-    copy = pickle.loads(pickle.dumps(diagram))
-    np.testing.assert_array_equal(copy.equilibria[1].q, diagram.equilibria[1].q)
 
 
 def test_points_that_fail_are_marked_and_the_others_kept(monkeypatch):

@@ -151,37 +151,6 @@ def test_a_drive_does_the_virtual_work_of_its_forces(make):
 
 
 @models
-def test_energy_of_a_driven_pipe_changes_as_the_power_says(make):
-    model = make(LOADED)
-    q, rate = state_of(model)
-    y = np.concatenate([q, rate])
-    rates = model.rhs(0.0, y, SPEED, u_dot=RATE, base=BASE)
-
-    def energy(t):
-        moved = np.array([BASE[0] + t * BASE[1] + t**2 / 2 * BASE[2], BASE[1], BASE[2]])
-        return model.energy(y + t * rates, base=moved)
-
-    power = model.power(y, SPEED, u_dot=RATE, base=BASE)
-    assert power.total == pytest.approx(derivative_along(energy, 0.0, 1.0, step=1e-4), rel=1e-8)
-    rest = model.power(y, SPEED)
-    assert rest.base == 0.0
-    assert power.flow != rest.flow
-
-
-@models
-def test_jacobian_of_a_driven_pipe_meets_differences(make):
-    model = make(LOADED)
-    y = np.concatenate(state_of(model))
-    drive = {"u_dot": RATE, "base": BASE}
-    exact = model.jacobian(0.0, y, SPEED, **drive)
-    sizes = np.tile(sizes_of(model), 2)
-    differences = jacobian_by_differences(
-        lambda at: model.rhs(0.0, at, SPEED, **drive), y, sizes, step=2e-3
-    )
-    assert np.abs(exact - differences).max() < 1e-7 * np.abs(exact).max()
-
-
-@models
 def test_unsteady_operator_is_the_jacobian_at_rest(make):
     model = make(dataclasses.replace(PIPE, flow="aspirating"))
     n = model.dof

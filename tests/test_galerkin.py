@@ -2,7 +2,6 @@
 """Reduced models: bases and operators against quadrature of the textbook expressions."""
 
 import math
-import pickle
 
 import mpmath
 import numpy as np
@@ -171,12 +170,3 @@ def test_the_centreline_keeps_its_length_at_any_amplitude(basis):
     assert steps.sum() == pytest.approx(1.0, abs=1e-5)
     np.testing.assert_allclose(model.tip(q), model.shape(q, s)[-1], rtol=1e-13)
     np.testing.assert_allclose(model.deflection(q, s), model.functions(s) @ q, atol=1e-15)
-
-
-def test_reduced_models_pickle():
-    model = pp.Galerkin(pp.Pipe(0.2, gamma=1.0), 5, "legendre")
-    model.operators()
-    same = pickle.loads(pickle.dumps(model))
-    assert (same.pipe, same.dof, same.basis) == (model.pipe, 5, "legendre")
-    np.testing.assert_array_equal(same.operators().flux, model.operators().flux)
-    assert repr(same) == repr(model)

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 import pytest
 from independent import any_chain, bent_state, derivative
+from test_terms import LENGTHS, jacobian_by_differences, sizes_of, state_of
 
 import pipedyn as pp
 from pipedyn import _core
@@ -172,6 +173,67 @@ def test_flow_feeds_energy_only_through_the_free_end(make, flow, alpha):
     along = velocity @ [math.sin(angle), math.cos(angle)]
     expected = -model.pipe.direction * 0.5 * u * velocity @ velocity - alpha * u**2 * along
     assert model.power(y, u).flow == pytest.approx(expected, rel=1e-9)
+
+
+SPEED = 3.0
+DRIVE = {"u_dot": 2.3, "base": np.array([[0.3, -0.2], [0.7, 0.5], [-1.1, 1.9]])}
+ALL = (
+    *(pp.PointMass(0.37, 0.4, 0.03), pp.Spring(0.6, 50.0), pp.PointMass(1.0, 0.2)),
+    *(pp.Damper(0.62, 1.5), pp.CubicSpring(0.8, 60.0), pp.Foundation(9.0), pp.Viscosity(1.3)),
+    *(pp.AddedMass(0.6), pp.RotationalSpring(0.4, 6.0), pp.RotationalDamper(0.62, 0.4)),
+)
+RICH = pp.Pipe(0.3, 7.0, damping=0.02, terms=ALL)
+THICK = pp.Pipe(0.3, 4.0, damping=0.01, rotary_inertia=0.05, terms=ALL[:3])
+HELD = pp.Pipe(0.4, 5.0, damping=2e-3)
+PIPES = {
+    "drawn in": replace(RICH, flow="aspirating", alpha=0.8, inflow_share=0.4),
+    "inclined jet": replace(RICH, alpha=0.8, jet_angle=0.9),
+    "tapered": replace(TAPERED, terms=[pp.Spring(0.6, 9.0)]),
+    "tapered in a fluid": replace(
+        *(HELD,), mass=lambda s: 1.0 + 0.5 * s, terms=[pp.AddedMass(0.6)], jet_angle=0.3
+    ),
+    "thick": THICK,
+    "thick and tapered": replace(THICK, stiffness=TAPERED.stiffness, mass=TAPERED.mass),
+    "pinned twice": replace(HELD, root="pinned", end="pinned"),
+    "clamped twice": replace(HELD, end="clamped", supports=[0.4]),
+    "stretched": replace(
+        *(HELD,), end="pinned", root=pp.RootSpring(3.0), terms=[pp.Stretching(50.0)]
+    ),
+    "supported twice": replace(HELD, root="pinned", supports=[0.3, 0.7]),
+    "loaded between": replace(HELD, end="clamped", root="pinned", terms=[*ALL[:1], *ALL[6:7]]),
+}
+KINDS = {
+    "chain": lambda pipe: pp.Chain(pipe, 4),
+    "unequal chain": lambda pipe: pp.Chain(pipe, lengths=LENGTHS, springs=[4.0, 3.0, 0.0, 5.0]),
+    "beam modes": lambda pipe: pp.Galerkin(pipe, 4),
+    "Legendre functions": lambda pipe: pp.Galerkin(pipe, 8, "legendre"),
+}
+FREE = [name for name, pipe in PIPES.items() if pipe.end == "free" and not pipe.supports]
+DRAWN_BY = [(name, kind) for kind in KINDS for name in (FREE if kind == "unequal chain" else PIPES)]
+
+
+@pytest.mark.parametrize("drive", [{}, DRIVE], ids=["still", "driven"])
+@pytest.mark.parametrize("drag", [0.0, 0.7])
+@pytest.mark.parametrize(("name", "kind"), DRAWN_BY)
+def test_energy_changes_by_the_power_and_the_jacobian_meets_differences(name, kind, drag, drive):
+    """At large angles, with all that may act on a pipe; forces of supports do no work."""
+    model = KINDS[kind](replace(PIPES[name], drag=drag))
+    y = np.concatenate(state_of(model))
+    rates = partial(model.rhs, 0.0, u=SPEED, **drive)
+    way = rates(y)
+
+    def energy(t):
+        place, moving, turning = drive.get("base", np.zeros((3, 2)))
+        base = np.array([place + t * moving + t**2 / 2 * turning, moving + t * turning, turning])
+        return model.energy(y + t * way, base=base)
+
+    power = model.power(y, SPEED, **drive)
+    assert power.total == pytest.approx(derivative(energy, 1e-4), rel=1e-8)
+    assert (power.base != 0.0) == bool(drive)
+    assert (power.drag < 0.0) == bool(drag)
+    exact, units = model.jacobian(0.0, y, SPEED, **drive), np.tile(sizes_of(model), 2)
+    differences = jacobian_by_differences(rates, y, units, 1e-3)
+    assert np.abs((exact - differences) * units).max() < 1e-9 * np.abs(exact * units).max()
 
 
 @pytest.mark.parametrize("model", [everything(3), pp.Galerkin(LOADED, 4)], ids=repr)

@@ -426,6 +426,11 @@ CALLED = r"events\[{0}\] must be called as events\[{0}\]\(t, q, qdot\), got a fu
         ({"max_step": 1e-12}, ValueError, "max_step must be at least 1e-09, 1e-9 of the duration"),
         ({"samples": 5, "times": [0.5]}, ValueError, "samples or times must be given, .* not both"),
         ({"q0": lambda s: 0.1}, ValueError, r"q0 must make angles, shape \(p,\), .* shape \(\)"),
+        (
+            {"q0": pp.Event(tip_angle)},
+            TypeError,
+            r"q0 must be an angle theta\(s\) or co.*, got Event",
+        ),
         ({"max_step": "long"}, TypeError, "max_step must be a real number"),
         ({"u": lambda t: -1.0}, ValueError, r"u\(0\) must lie in"),
         ({"u": lambda t: [4.0]}, TypeError, r"u\(0\) must be a real number"),

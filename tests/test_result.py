@@ -182,10 +182,11 @@ def cycle_fold():
     return pp.cycle_boundary(branch, fold, "beta", "u", window)
 
 
-def test_every_table_has_columns_a_data_frame_a_page_and_a_file(tmp_path):
+def test_every_table_has_columns_a_data_frame_a_page_and_a_file_and_pickles(tmp_path):
     every = tables()
     assert {type(table) for table in every} == classes_of(TableResult)
     for table in every:
+        assert pickle.loads(pickle.dumps(table)) == table
         table.save(tmp_path / "table.npz")
         loaded = pp.load(tmp_path / "table.npz")
         assert loaded == table

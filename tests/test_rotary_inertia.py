@@ -66,29 +66,6 @@ def test_segments_turn_as_with_larger_radii_of_gyration(of):
         assert one is None or one == pytest.approx(other, abs=1e-14)
 
 
-@pytest.mark.parametrize(
-    "model",
-    [
-        pp.Chain(RICH, 4),
-        pp.Galerkin(RICH, 4),
-        pp.Galerkin(RICH, 6, "legendre"),
-        pp.Galerkin(replace(RICH, stiffness=lambda s: 1.0 + s, mass=lambda s: 1.0 + s), 6),
-    ],
-    ids=["chain", "beam", "legendre", "nonuniform"],
-)
-def test_what_the_flow_and_losses_do_is_what_the_energy_changes_by(model):
-    """Of any state, at large angles; the energy counts how fast cross-sections turn."""
-    y, h = 0.7 * np.random.default_rng(1).normal(size=2 * model.dof), 1e-5
-    rates = model.rhs(0.0, y, 4.0)
-    ends = [model.energy(y + share * h * rates) for share in (1.0, -1.0, 2.0, -2.0)]
-    change = (8.0 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / (12.0 * h)
-    assert change == pytest.approx(model.power(y, 4.0).total, rel=1e-5)
-    still = np.zeros(2 * model.dof)
-    still[model.dof :] = y[model.dof :]
-    slender = model.with_pipe(replace(model.pipe, rotary_inertia=0.0))
-    assert model.energy(still) > 1.01 * slender.energy(still)
-
-
 def test_large_motions_of_chain_and_reduced_model_tend_to_each_other():
     def end(model):
         def start(s):

@@ -8,7 +8,7 @@ import pytest
 from independent import companion_eigenvalues, derivative_along, second_derivative
 from scipy.optimize import brentq
 from scipy.special import ellipk
-from test_terms import jacobian_by_differences, sizes_of, state_of
+from test_terms import jacobian_by_differences, state_of
 
 import pipedyn as pp
 
@@ -77,22 +77,6 @@ def test_forces_of_supports_are_lagranges(supports):
     assert np.abs(force).max() > 0.1
     assert model.energy(y) == pytest.approx(free.energy(y), rel=1e-13)
     assert model.power(y, SPEED).total == pytest.approx(free.power(y, SPEED).total, rel=1e-12)
-
-
-@bases
-@held
-def test_energy_changes_by_the_power_and_jacobians_meet_differences(given, basis):
-    """Forces of supports do no work."""
-    model = model_of(given, basis)
-    y = np.concatenate(state_of(model))
-    rates = model.rhs(0.0, y, SPEED)
-    change = derivative_along(model.energy, y, rates, 3e-6)
-    assert model.power(y, SPEED).total == pytest.approx(change, rel=1e-6)
-    exact, units = model.jacobian(0.0, y, SPEED), np.tile(sizes_of(model), 2)
-    differences = jacobian_by_differences(lambda at: model.rhs(0.0, at, SPEED), y, units, 1e-3)
-    assert np.abs((exact - differences) * units).max() < 1e-8 * np.abs(exact * units).max()
-    several = model.jacobian(0.0, np.stack([y, 0.5 * y], axis=1), SPEED)
-    assert several[0] == pytest.approx(exact, rel=1e-9, abs=1e-9 * np.abs(exact).max())
 
 
 @bases

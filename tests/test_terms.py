@@ -334,20 +334,6 @@ def test_jacobian_of_a_term_meets_differences(row, kind):
 
 
 @models
-@pytest.mark.parametrize("numbers", [row.numbers for row in TABLE if row.numbers], ids=str)
-def test_numbers_of_the_free_end_keep_the_books_with_all_that_acts_at_once(numbers, kind):
-    flow = "ejecting" if "jet_angle" in numbers else "aspirating"
-    terms = [pp.AddedMass(0.4), pp.PointMass(0.4, 0.2), pp.Viscosity(0.3)]
-    model = MODELS[kind](dataclasses.replace(PIPE, flow=flow, terms=terms, **numbers))
-    y = np.concatenate(state_of(model))
-    change = derivative_along(model.energy, y, model.rhs(0.0, y, SPEED), step=1e-4)
-    assert model.power(y, SPEED).total == pytest.approx(change, rel=1e-8)
-    exact, sizes = model.jacobian(0.0, y, SPEED), np.tile(sizes_of(model), 2)
-    differences = jacobian_by_differences(lambda at: model.rhs(0.0, at, SPEED), y, sizes)
-    assert np.abs(exact - differences).max() < 1e-9 * np.abs(exact).max()
-
-
-@models
 @rows
 def test_linear_operators_of_a_term_are_the_jacobian_at_rest(row, kind):
     model, _ = with_and_without(row, kind)
