@@ -49,14 +49,16 @@ class SmallMotions:
 
     Attributes:
         basis: orthonormal basis, (n, dof), of segments' angles that guides and pins allow.
-        elastic: orthonormal basis, (n, dof), of the elastic coordinates that they allow.
     """
 
     def __init__(self, theta: Array, rows: Array, scale: Array) -> None:
         self.theta, self.rows, self.scale = theta, rows, scale
-        self.dof = theta.size - rows.shape[1]
         self.basis = _core.Complement(rows)
-        self.elastic = _core.Complement(self.elastic_loads(rows))
+
+    @cached_property
+    def elastic(self) -> _core.Complement:
+        """Orthonormal basis, (n, dof), of the elastic coordinates that guides and pins allow."""
+        return _core.Complement(self.elastic_loads(self.rows))
 
     def elastic_loads(self, moments: Array) -> Array:
         """Loads on the elastic coordinates, (n, r), from moments on the segments, (n, r)."""
@@ -64,7 +66,8 @@ class SmallMotions:
 
     def joint_angles(self, zeta: NDArray[Any]) -> NDArray[Any]:
         """Angles of the joints, shape (n, r), for elastic coordinates, shape (dof, r)."""
-        result: NDArray[Any] = self.scale[:, None] * real_columns(self.elastic.spread, zeta)
+        free = real_columns(self.elastic.spread, zeta) if self.rows.size else zeta
+        result: NDArray[Any] = self.scale[:, None] * free
         return result
 
 
@@ -106,7 +109,7 @@ class SegmentModel(Model):
 
     def _ends(self) -> Array:
         """Arc lengths where the segments begin and end, shape (n + 1,)."""
-        return np.minimum(self._base + np.cumsum([0.0, *self._lengths]), 1.0)
+        return np.minimum(self._base + np.append(0.0, np.cumsum(self._lengths)), 1.0)
 
     @property
     def stations(self) -> Array:
@@ -218,7 +221,9 @@ class SegmentModel(Model):
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
         columns, linear = self._columns("z", z), self.linear
         joints = linear.joint_angles(columns.reshape(self.dof, -1))
-        angles = real_columns(linear.basis.gathered, np.cumsum(joints, axis=0))
+        angles = np.cumsum(joints, axis=0, out=joints)
+        if linear.rows.size:
+            angles = real_columns(linear.basis.gathered, angles)
         return angles.reshape(columns.shape)
 
     def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
