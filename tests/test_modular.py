@@ -157,28 +157,6 @@ def test_the_plain_chain_has_the_operators_of_chain(angles: str | None, pipe: pp
         )
 
 
-@pytest.mark.parametrize("matrices", [False, True])
-@pytest.mark.parametrize("n", [6, 24])
-def test_the_plain_chain_has_the_crossings_of_chain(
-    n: int, matrices: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    if matrices:  # as of scenes that are no chain
-        monkeypatch.setattr(md.Assembly, "as_chain", None)
-    for pipe in (pp.Pipe(0.2), pp.Pipe(0.3, -12.0), pp.Pipe(0.3, flow="aspirating", damping=0.02)):
-        mine = pp.crossings(md.chain(pipe, n), 9.0)
-        theirs = pp.crossings(pp.Chain(pipe, n), 9.0)
-        assert [(c.kind, c.mode, c.unstable_after) for c in mine] == [
-            (c.kind, c.mode, c.unstable_after) for c in theirs
-        ]
-        np.testing.assert_allclose(
-            [c.speed for c in mine], [c.speed for c in theirs], rtol=1e-9, atol=1e-12
-        )
-        for a, b in zip(mine, theirs, strict=True):
-            for name in ("beta", "gamma", "damping", "alpha"):
-                mine_by, theirs_by = (getattr(c.sensitivity.speed, name) for c in (a, b))
-                assert math.isclose(mine_by, theirs_by, rel_tol=1e-6, abs_tol=1e-7), name
-
-
 # ------------------------------------------------------------------------------- terms of the pipe
 
 
@@ -320,15 +298,6 @@ def test_crossings_of_a_guided_pipe_meet_the_eigenvalues_on_either_side(beta: fl
         values = np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-free]]))
         passed = [c.unstable_after for c in crossings if c.speed < u]
         assert (passed[-1] if passed else 0) == np.sum(values.real > 1e-5 * (1.0 + np.abs(values)))
-
-
-def test_the_divergence_of_a_conservative_pipe_knows_what_moves_it() -> None:
-    def critical(gamma: float) -> pp.CriticalSpeed:
-        return pp.critical_speed(md.chain(pp.Pipe(0.5, gamma), 8).plus(md.Guide(8)))
-
-    h = 1e-4
-    measured = (critical(20.0 + h).speed - critical(20.0 - h).speed) / (2.0 * h)
-    assert critical(20.0).sensitivity.speed.gamma == pytest.approx(measured, rel=1e-6)
 
 
 def test_equal_spans_have_crossings_though_their_modes_are_close() -> None:
