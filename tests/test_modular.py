@@ -69,6 +69,12 @@ SCENES: dict[str, Callable[[], md.Assembly]] = {
     "rich, aspirating": lambda: rich(4, ASPIRATING),
     "rich, held": lambda: rich(4).plus(md.Guide(4), md.Pin(2, 0.1, 0.4)),
     "light": lambda: light(4),
+    "magnet": lambda: md.chain(EJECTING, 5).plus(  # at the free end, and beside it
+        md.Custom(
+            nodes=(5,),
+            energy=lambda q: -2.0 / (1.0 + ((q[0] - 0.2) ** 2 + (q[1] - 1.0) ** 2) / 0.3**2),
+        )
+    ),
 }
 
 
@@ -160,38 +166,6 @@ def test_the_plain_chain_has_the_operators_of_chain(angles: str | None, pipe: pp
 # ------------------------------------------------------------------------------- terms of the pipe
 
 
-def test_terms_inside_a_segment_are_modules_on_both_its_nodes() -> None:
-    """The same laws written by a user, on the nodes to the left and right of the place."""
-    stiffness, mass, share = 40.0, 0.3, np.array([0.35, 0.65])  # 0.65 of the second segment
-    gamma = EJECTING.gamma
-    own = md.Custom(
-        nodes=(1, 2),
-        energy=lambda q: (
-            0.5 * stiffness * (share @ q[0::2]) ** 2 - gamma * mass * (share @ q[1::2])
-        ),
-        mass=mass * np.kron(np.outer(share, share), np.eye(2)),
-        name="mass on a spring",
-    )
-    plain = md.chain(EJECTING, 4)
-    at = 0.25 + 0.65 * 0.25
-    terms = pp.PointMass(at, mass), pp.Spring(at, stiffness)
-    scene, other = plain.plus(*terms), plain.plus(own)
-    assert scene.pipe.terms == terms
-    assert scene.modules == plain.modules
-    y, u = state_of(plain), 4.0
-    for ask in (
-        lambda model: model.rhs(0.0, y, u),
-        lambda model: model.jacobian(0.0, y, u),
-        lambda model: model.energy(y),
-        lambda model: model.power(y, u).total,
-        lambda model: model.operators(scene.angles(y)).stiffness,
-        lambda model: model.operators().mass,
-        lambda model: pp.eigenvalues(model, u),
-    ):
-        mine, theirs = ask(scene), ask(other)
-        np.testing.assert_allclose(mine, theirs, rtol=1e-11, atol=1e-11 * np.abs(theirs).max())
-
-
 def test_a_term_on_the_fixed_base_does_nothing() -> None:
     plain = md.chain(EJECTING, **UNEQUAL)
     held = plain.plus(pp.PointMass(0.05, 10.0), pp.Spring(plain.constraints[0].base, 1e4))
@@ -229,7 +203,7 @@ def test_energy_changes_by_the_power_of_the_parts(name: str) -> None:
     assert power.others < 0.0 if own else power.others == 0.0
 
 
-@pytest.mark.parametrize("name", ["unequal", "guided", "fitted", "arch"])
+@pytest.mark.parametrize("name", ["unequal", "guided", "fitted", "arch", "magnet"])
 def test_small_motions_obey_the_operators(name: str) -> None:
     """Eigenvalues of the nonlinear motion's own Jacobian, which knows no geometric stiffness."""
     scene = SCENES[name]()
