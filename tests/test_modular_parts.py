@@ -145,9 +145,6 @@ def test_a_module_ties_far_nodes_together() -> None:
     [
         ({"nodes": (1,)}, ValueError, "magnet must have an energy, a force or a mass"),
         ({"energy": np.sum}, ValueError, "magnet must touch nodes or joints, got none"),
-        ({"nodes": (1, 1), "energy": np.sum}, ValueError, "nodes of magnet must differ"),
-        ({"nodes": (0,), "energy": np.sum}, ValueError, "nodes of magnet must be from 1"),
-        ({"nodes": 3, "energy": np.sum}, TypeError, "nodes of magnet must be"),
         ({"nodes": b"12", "energy": np.sum}, TypeError, "nodes of magnet must be a tuple"),
         ({"nodes": {1: 2}, "energy": np.sum}, TypeError, "nodes of magnet must be a tuple"),
         ({"nodes": (1,), "mass": 1e300 * np.eye(2)}, ValueError, "must be finite and at most 1e"),
@@ -440,13 +437,7 @@ def lone_end() -> md.Assembly:
         (scene(md.Joint(5)), "Joint(segment=5): segment must be at most 4"),
         (scene(md.Guide(9)), "Guide(node=9): node must be at most 4"),
         (lambda: scene(md.Custom(nodes=(6,), energy=np.sum))(), "Custom: nodes must be at most 4"),
-        (lambda: md.TorsionalSpring(1, 1.0, -2.0), "damping of TorsionalSpring must lie in"),
         (lambda: md.Segment(0.0), "length of Segment must lie in [1e-07, 1], got 0.0"),
-        (lambda: md.Segment(0.5, centre=1.5), "centre of Segment must lie in [0, 1], got 1.5"),
-        (lambda: md.Pin(1, math.nan, 0.0), "x of Pin must lie in [-1000, 1000], got nan"),
-        (lambda: md.Joint(1), "segment of Joint must be from 2"),
-        (lambda: md.Guide(0), "node of Guide must be from 1"),
-        (lambda: md.Clamp(1.0), "base of Clamp must lie in [0, 1), got 1.0"),
         (lambda: md.Assembly(PIPE, [], []), "modules must hold at least one Segment, got none"),
         (
             lambda: md.Assembly(PIPE, SEGMENTS, [md.Joint(2)]),
@@ -511,7 +502,6 @@ def test_what_does_not_fit_is_named(make: Callable[[], Any], message: str) -> No
         (lambda: md.Assembly(PIPE, SEGMENTS, SEGMENTS), "constraints must hold constraints only"),
         (lambda: md.Assembly(PIPE, 3, []), "modules must be parts in a sequence"),
         (scene("mass"), "parts must be modules, constraints or terms, got 'mass'"),
-        (lambda: md.Guide(True), "node of Guide must be a whole number, got True"),
         (lambda: md.chain(PIPE, 3, length=[1.0]), "chain() got an unexpected keyword argument"),
     ],
 )
