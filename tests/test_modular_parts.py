@@ -39,31 +39,55 @@ def own_spring(node: int, stiffness: float, coefficient: float) -> md.Custom:
     )
 
 
-@pytest.mark.parametrize("n", [4, 30])
-def test_a_module_in_python_is_the_built_in_one(n: int) -> None:
-    plain = md.chain(PIPE, n)
-    built_in = plain.plus(pp.Spring(2.0 / n, 30.0), pp.Damper(2.0 / n, 0.7))
-    own = plain.plus(own_spring(2, 30.0, 0.7))
-    theta, omega = np.sin(np.arange(1.0, n + 1.0)), np.cos(np.arange(1.0, n + 1.0))
-    y = own.state(theta, omega)
+SHARE = np.array([0.35, 0.65])
+"""Of the nodes to the left and right of a place, 0.65 of the second of four segments."""
+
+BUILT_IN: dict[str, tuple[int, md.Custom, list[Any]]] = {
+    "spring and damper": (
+        *(4, own_spring(2, 30.0, 0.7)),
+        [pp.Spring(0.5, 30.0), pp.Damper(0.5, 0.7)],
+    ),
+    "the same on many segments": (
+        *(30, own_spring(2, 30.0, 0.7)),
+        [pp.Spring(1.0 / 15.0, 30.0), pp.Damper(1.0 / 15.0, 0.7)],
+    ),
+    "joints": (
+        *(4, md.Custom(joints=(2, 3), energy=lambda q: 2.0 * q[0] ** 2 + 3.0 * q[1] ** 2)),
+        [md.TorsionalSpring(2, 4.0), md.TorsionalSpring(3, 6.0)],
+    ),
+    "mass on a spring inside a segment": (
+        4,
+        md.Custom(
+            nodes=(1, 2),
+            energy=lambda q: 20.0 * (SHARE @ q[0::2]) ** 2 - 5.0 * 0.3 * (SHARE @ q[1::2]),
+            mass=0.3 * np.kron(np.outer(SHARE, SHARE), np.eye(2)),
+        ),
+        [pp.PointMass(0.4125, 0.3), pp.Spring(0.4125, 40.0)],
+    ),
+}
+"""Numbers of segments, what a user may write, and the parts of the package that are the same."""
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_a_module_in_python_is_the_built_in_one(name: str) -> None:
+    n, mine, theirs = BUILT_IN[name]
+    own, built_in = (md.chain(PIPE, n).plus(*parts) for parts in ([mine], theirs))
+    y = own.state(np.sin(np.arange(1.0, n + 1.0)), np.cos(np.arange(1.0, n + 1.0)))
     batch = np.stack([y, 0.5 * y], axis=1)
-    for states in (y, batch):
-        expected = built_in.rhs(0.0, states, 3.0)
-        np.testing.assert_allclose(
-            own.rhs(0.0, states, 3.0), expected, atol=1e-11 * np.abs(expected).max()
-        )
-        np.testing.assert_allclose(own.energy(states), built_in.energy(states), rtol=1e-12)
-        np.testing.assert_allclose(
-            own.power(states, 3.0).others, built_in.power(states, 3.0).others, rtol=1e-11
-        )
-    expected = built_in.jacobian(0.0, y, 3.0)
-    np.testing.assert_allclose(
-        own.jacobian(0.0, y, 3.0), expected, atol=1e-10 * np.abs(expected).max()
-    )
-    np.testing.assert_allclose(
-        pp.eigenvalues(own, 4.0, 6), pp.eigenvalues(built_in, 4.0, 6), rtol=1e-9
-    )
-    assert pp.critical_speed(own).speed == pytest.approx(pp.critical_speed(built_in).speed, 1e-10)
+    for ask in (
+        lambda scene: scene.rhs(0.0, y, 3.0),
+        lambda scene: scene.rhs(0.0, batch, 3.0),
+        lambda scene: scene.jacobian(0.0, y, 3.0),
+        lambda scene: scene.energy(batch),
+        lambda scene: scene.power(batch, 3.0).others,
+        lambda scene: scene.power(batch, 3.0).total,
+        lambda scene: scene.operators(scene.angles(y)).stiffness,
+        lambda scene: scene.operators().mass,
+        lambda scene: pp.eigenvalues(scene, 4.0, 6),
+        lambda scene: pp.critical_speed(scene).speed,
+    ):
+        found, expected = ask(own), ask(built_in)
+        np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-11 * np.abs(expected).max())
 
 
 def test_a_motion_with_a_module_in_python_is_that_with_the_built_in_one() -> None:
@@ -80,31 +104,16 @@ def test_a_motion_with_a_module_in_python_is_that_with_the_built_in_one() -> Non
         assert own.audit < 1e-6
 
 
-def test_an_energy_alone_gives_force_and_operators() -> None:
-    """A magnet that draws the free end: a potential -strength / (1 + r^2 / width^2)."""
+def test_a_magnet_bends_the_hose() -> None:
+    """The straight pipe is no equilibrium, another is found."""
 
     def energy(q: np.ndarray) -> Any:
         return -2.0 / (1.0 + ((q[0] - 0.2) ** 2 + (q[1] - 1.0) ** 2) / 0.3**2)
 
     scene = md.chain(PIPE, 5).plus(md.Custom(nodes=(5,), energy=energy, name="magnet"))
-    theta = 0.3 * np.ones(5)
-    y = scene.state(theta, np.cos(np.arange(5.0)))
-    power = scene.power(y, 2.0)
-    assert power.others == 0.0
-    rate, h = scene.rhs(0.0, y, 2.0), 1e-5
-    e = scene.energy(np.stack([y + k * h * rate for k in (-2, -1, 1, 2)], axis=1))
-    measured = (e[0] - 8.0 * e[1] + 8.0 * e[2] - e[3]) / (12.0 * h)
-    assert measured == pytest.approx(power.total, rel=1e-7)
-    # It bends the hose: the straight pipe is no equilibrium, another is found.
     with pytest.raises(ValueError, match="the model must rest at u = 1 where it is linearised"):
         pp.eigenvalues(scene, 1.0)
-    q = scene.equilibrium(np.zeros(5), 1.0)
-    assert scene.tip(q)[0] > 0.01
-    rested = scene.about(q)
-    start = np.concatenate([scene.angles(q), np.zeros(5)])
-    every = np.linalg.eigvals(scene.motion_jacobian(start, 1.0))
-    found = pp.eigenvalues(rested, 1.0)
-    assert np.abs(every[:, None] - found[None, :]).min(axis=0).max() < 1e-6
+    assert scene.tip(scene.equilibrium(np.zeros(5), 1.0))[0] > 0.01
 
 
 def test_a_module_ties_far_nodes_together() -> None:
@@ -131,23 +140,11 @@ def test_a_module_ties_far_nodes_together() -> None:
     np.testing.assert_allclose(fast, slow, atol=1e-8 * np.abs(slow).max())
 
 
-def test_a_joint_of_ones_own_is_a_torsional_spring() -> None:
-    own = md.Custom(joints=(2, 3), energy=lambda q: 0.5 * (4.0 * q[0] ** 2 + 6.0 * q[1] ** 2))
-    plain = md.chain(pp.Pipe(0.2), 4)
-    built_in = plain.plus(md.TorsionalSpring(2, 4.0), md.TorsionalSpring(3, 6.0))
-    np.testing.assert_allclose(
-        pp.eigenvalues(plain.plus(own), 3.0), pp.eigenvalues(built_in, 3.0), rtol=1e-10
-    )
-
-
 @pytest.mark.parametrize(
     ("given", "error", "message"),
     [
         ({"nodes": (1,)}, ValueError, "magnet must have an energy, a force or a mass"),
         ({"energy": np.sum}, ValueError, "magnet must touch nodes or joints, got none"),
-        ({"nodes": (1, 1), "energy": np.sum}, ValueError, "nodes of magnet must differ"),
-        ({"nodes": (0,), "energy": np.sum}, ValueError, "nodes of magnet must be from 1"),
-        ({"nodes": 3, "energy": np.sum}, TypeError, "nodes of magnet must be"),
         ({"nodes": b"12", "energy": np.sum}, TypeError, "nodes of magnet must be a tuple"),
         ({"nodes": {1: 2}, "energy": np.sum}, TypeError, "nodes of magnet must be a tuple"),
         ({"nodes": (1,), "mass": 1e300 * np.eye(2)}, ValueError, "must be finite and at most 1e"),
@@ -440,13 +437,7 @@ def lone_end() -> md.Assembly:
         (scene(md.Joint(5)), "Joint(segment=5): segment must be at most 4"),
         (scene(md.Guide(9)), "Guide(node=9): node must be at most 4"),
         (lambda: scene(md.Custom(nodes=(6,), energy=np.sum))(), "Custom: nodes must be at most 4"),
-        (lambda: md.TorsionalSpring(1, 1.0, -2.0), "damping of TorsionalSpring must lie in"),
         (lambda: md.Segment(0.0), "length of Segment must lie in [1e-07, 1], got 0.0"),
-        (lambda: md.Segment(0.5, centre=1.5), "centre of Segment must lie in [0, 1], got 1.5"),
-        (lambda: md.Pin(1, math.nan, 0.0), "x of Pin must lie in [-1000, 1000], got nan"),
-        (lambda: md.Joint(1), "segment of Joint must be from 2"),
-        (lambda: md.Guide(0), "node of Guide must be from 1"),
-        (lambda: md.Clamp(1.0), "base of Clamp must lie in [0, 1), got 1.0"),
         (lambda: md.Assembly(PIPE, [], []), "modules must hold at least one Segment, got none"),
         (
             lambda: md.Assembly(PIPE, SEGMENTS, [md.Joint(2)]),
@@ -511,7 +502,6 @@ def test_what_does_not_fit_is_named(make: Callable[[], Any], message: str) -> No
         (lambda: md.Assembly(PIPE, SEGMENTS, SEGMENTS), "constraints must hold constraints only"),
         (lambda: md.Assembly(PIPE, 3, []), "modules must be parts in a sequence"),
         (scene("mass"), "parts must be modules, constraints or terms, got 'mass'"),
-        (lambda: md.Guide(True), "node of Guide must be a whole number, got True"),
         (lambda: md.chain(PIPE, 3, length=[1.0]), "chain() got an unexpected keyword argument"),
     ],
 )
