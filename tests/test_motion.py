@@ -247,6 +247,7 @@ def test_energy_of_small_motions_keeps_its_digits(model):
 
 
 HUNG = pp.Pipe(0.3, 5.0, damping=1e-3, drag=0.3, terms=[pp.AddedMass(0.6)])
+FITTED = pp.Pipe(0.2, 5.0, damping=0.002, terms=TERMS)
 DRAWN = pp.Pipe(0.3, 5.0, "aspirating", 0.5, damping=0.002, inflow_share=0.4)
 BENT = pp.Pipe(0.3, 5.0, damping=0.002, drag=0.3, jet_angle=0.6)
 
@@ -259,6 +260,9 @@ BENT = pp.Pipe(0.3, 5.0, damping=0.002, drag=0.3, jet_angle=0.6)
         pp.Galerkin(HUNG, 6, "legendre"),
         pp.Galerkin(replace(HUNG, root="pinned"), 6, "legendre"),
         pp.modular.chain(HUNG, 6).plus(pp.modular.Guide(4)),
+        pp.Chain(FITTED, 10),
+        pp.Galerkin(FITTED, 8),
+        pp.Galerkin(replace(FITTED, drag=0.5), 8, "legendre"),
         pp.Chain(DRAWN, 6),
         pp.Galerkin(DRAWN, 4),
         pp.Chain(BENT, 6),
