@@ -53,6 +53,7 @@ SCENES: dict[str, Callable[[], md.Assembly]] = {
     "plain": lambda: md.chain(EJECTING, 5),
     "aspirating": lambda: md.chain(ASPIRATING, 6, springs="midpoint"),
     "unequal": lambda: md.chain(EJECTING, **UNEQUAL),
+    "tapered": lambda: md.chain(TAPERED, **PARTED),
     "guided": lambda: md.chain(EJECTING, 5).plus(md.Guide(5)),
     "guided twice": lambda: md.chain(ASPIRATING, 5).plus(md.Guide(3), md.Guide(5), md.Guide(3)),
     "rich, guided between": lambda: rich(6).plus(*map(md.Guide, (1, 3, 5))),
@@ -71,7 +72,6 @@ SCENES: dict[str, Callable[[], md.Assembly]] = {
     "rich, aspirating": lambda: rich(4, ASPIRATING),
     "rich, held": lambda: rich(4).plus(md.Guide(4), md.Pin(2, 0.1, 0.4)),
     "light": lambda: light(4),
-    "tapered": lambda: md.chain(TAPERED, **PARTED),
 }
 
 
