@@ -497,12 +497,6 @@ def test_a_branch_ends_where_its_steps_run_out():
     assert "steps ran out" in str(failure.error)
 
 
-@pytest.mark.parametrize("u", [None, "6", np.nan, -1.0, [5.0]])
-def test_a_branch_is_asked_for_a_speed(three, u):
-    with pytest.raises((ValueError, TypeError), match=r"\bu must"):
-        three.cycles[0].at(u)
-
-
 def test_an_event_is_compared_with_events_only(three):
     with pytest.raises(TypeError, match="other must be a CycleEvent"):
         three.cycles[0].events[0].same(three)

@@ -60,12 +60,6 @@ def test_recursion_solves_the_dense_equations(n, pipe, level, at_level):
     np.testing.assert_allclose(found, exact, atol=1e-11 * np.abs(exact).max())
 
 
-def test_a_motion_keeps_its_balance_of_energy():
-    pipe = pp.Pipe(0.2, 5.0, damping=0.002, terms=ALL)
-    motion = pp.simulate(pp.Chain(pipe, 10), 6.0, 5.0, lambda s: 0.3 * s**2, rtol=1e-12, atol=1e-13)
-    assert motion.audit < 1e-10
-
-
 # ------------------------------------------------------------------------------------- places
 
 

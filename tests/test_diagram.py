@@ -3,7 +3,6 @@
 
 import math
 import re
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -100,8 +99,10 @@ def test_what_a_diagram_takes_is_known_beforehand(terminal):
         assert needed / 3.0 < told < 3.0 * needed
     assert cost.seconds > 0.0
     assert terminal.readouterr().err == ""
-    pp.bifurcation_diagram(model, speeds, cycles=0, progress=True)
-    assert "bifurcation diagram: about" in terminal.readouterr().err
+    pp.bifurcation_diagram(model, speeds, **given | no_cycles, progress=True)
+    told = terminal.readouterr().err
+    assert "bifurcation diagram: about" in told
+    assert "brute force" in told
     stable = pp.diagram_cost(model, [1.0, 2.0])
     assert (stable.cycles, stable.motions) == (0.0, 0.0)
     with pytest.raises(ValueError, match="speeds must be at least 2"):
@@ -118,22 +119,6 @@ def test_what_a_diagram_takes_includes_its_equilibria(monkeypatch):
     monkeypatch.setattr(module, "equilibrium_branches", slow)
     monkeypatch.setattr(module, "clock", lambda: late[0])
     assert pp.diagram_cost(pp.Chain(pp.Pipe(0.2), 2), [1.0, 2.0], cycles=0).seconds == 100.0
-
-
-def test_batches_on_an_executor_give_the_same_diagram(diagram, terminal):
-    with ThreadPoolExecutor(2) as executor:
-        again = pp.bifurcation_diagram(
-            *(TWO, SPEEDS),
-            cycles=0,
-            brute_force=4,
-            transient=40.0,
-            duration=10.0,
-            executor=executor,
-            progress=True,
-        )
-    for a, b in zip(diagram.motions, again.motions, strict=True):
-        np.testing.assert_array_equal(a.turnings, b.turnings)
-    assert "brute force" in terminal.readouterr().err
 
 
 def test_points_that_fail_are_marked_and_the_others_kept(monkeypatch):
@@ -382,31 +367,21 @@ def test_a_drift_that_no_period_shows_is_not_taken_for_a_cycle():
         ({"speeds": 2.0}, ValueError, "speeds must be one-dimensional"),
         ({"speeds": [1.0]}, ValueError, "speeds must be at least 2"),
         ({"speeds": [2.0, 1.0]}, ValueError, "strictly increasing"),
-        ({"speeds": [-1.0, 1.0]}, ValueError, "speeds must"),
         ({"cycles": 1.0}, TypeError, "cycles must be a whole number"),
         ({"cycles": -1}, ValueError, "cycles must be from 0 to 10000"),
         ({"model": pp.Chain(pp.Pipe(0.2), 101)}, ValueError, "cycles must be 0 for more than 100"),
         ({"brute_force": 1.0}, TypeError, "brute_force must be a whole number"),
         ({"brute_force": 10_001}, ValueError, "brute_force must be from 0 to 10000"),
-        ({"transient": -1.0}, ValueError, "transient must"),
-        ({"duration": 0.0}, ValueError, "duration must"),
         ({"exponents": 1}, TypeError, "exponents must be True or False"),
-        ({"rtol": 1.0}, ValueError, "rtol must"),
-        ({"seed": -1}, ValueError, "seed must"),
         ({"executor": 3}, TypeError, "executor must be"),
         ({"progress": None}, TypeError, "progress must be True or False"),
     ],
 )
 def test_bad_arguments_are_refused_by_name(change, kind, message):
+    """Arguments of which a message says no more than their range are in fuzz.py."""
     given = {"model": TWO, "speeds": [0.0, 1.0], **change}
     with pytest.raises(kind, match=re.escape(message)):
         pp.bifurcation_diagram(given.pop("model"), given.pop("speeds"), **given)
-
-
-@pytest.mark.parametrize("u", [math.nan, -1.0, "fast", None, [1.0]])
-def test_motions_at_no_speed_are_refused(diagram, u):
-    with pytest.raises((ValueError, TypeError), match=r"\bu must"):
-        diagram.at(u)
 
 
 def test_too_long_a_record_is_refused():

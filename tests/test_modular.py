@@ -12,6 +12,7 @@ import pytest
 import redundant
 from numpy.typing import NDArray
 from test_modular_core import light, rich
+from test_motion import TAPERED
 
 import pipedyn as pp
 from pipedyn import modular as md
@@ -40,6 +41,7 @@ UNEQUAL = {
     "drag_points": [0.3, 0.5, 0.9, 0.2],
     "base": 0.1,
 }
+PARTED = {"lengths": [0.3, 0.1, 0.25, 0.35], "drag_points": [0.5, 0.4, 0.3, 0.6]}
 
 
 def slack(n: int, pipe: pp.Pipe = EJECTING, y: float = 0.9) -> md.Assembly:
@@ -51,6 +53,7 @@ SCENES: dict[str, Callable[[], md.Assembly]] = {
     "plain": lambda: md.chain(EJECTING, 5),
     "aspirating": lambda: md.chain(ASPIRATING, 6, springs="midpoint"),
     "unequal": lambda: md.chain(EJECTING, **UNEQUAL),
+    "tapered": lambda: md.chain(TAPERED, **PARTED),
     "guided": lambda: md.chain(EJECTING, 5).plus(md.Guide(5)),
     "guided twice": lambda: md.chain(ASPIRATING, 5).plus(md.Guide(3), md.Guide(5), md.Guide(3)),
     "rich, guided between": lambda: rich(6).plus(*map(md.Guide, (1, 3, 5))),
@@ -126,6 +129,7 @@ def test_redundant_constraints_change_nothing() -> None:
         (ASPIRATING, {"n": 1000}),
         (LOADED, {"n": 7}),
         (LOADED, UNEQUAL),
+        (TAPERED, PARTED),
     ],
 )
 def test_the_plain_chain_moves_like_chain(pipe: pp.Pipe, given: dict) -> None:
@@ -148,10 +152,15 @@ def test_the_plain_chain_moves_like_chain(pipe: pp.Pipe, given: dict) -> None:
         np.testing.assert_allclose(scene.tip(y[: 3 * n]), chain.tip(theta), atol=1e-14)
 
 
-@pytest.mark.parametrize("pipe", [EJECTING, LOADED])
+@pytest.mark.parametrize(
+    ("pipe", "given"), [(EJECTING, UNEQUAL), (LOADED, UNEQUAL), (TAPERED, PARTED)]
+)
 @pytest.mark.parametrize("angles", [None, "bent"])
-def test_the_plain_chain_has_the_operators_of_chain(angles: str | None, pipe: pp.Pipe) -> None:
-    chain, scene = pp.Chain(pipe, **UNEQUAL), md.chain(pipe, **UNEQUAL)
+def test_the_plain_chain_has_the_operators_of_chain(
+    angles: str | None, pipe: pp.Pipe, given: dict
+) -> None:
+    chain, scene = pp.Chain(pipe, **given), md.chain(pipe, **given)
+    assert scene.as_chain.masses == pytest.approx(chain.masses, rel=1e-15)
     q = None if angles is None else np.array([0.3, -0.5, 0.8, 0.2])
     mine, theirs = scene.operators(q), chain.operators(q)
     names = ["mass", "gyroscopic", "end_flux", "damping"]

@@ -194,12 +194,15 @@ PIPES = {
     ),
     "thick": THICK,
     "thick and tapered": replace(THICK, stiffness=TAPERED.stiffness, mass=TAPERED.mass),
+    "turning root": replace(HELD, root="pinned"),
+    "guided": replace(HELD, root=pp.RootSpring(3.0), end="guided", jet_angle=0.4),
     "pinned twice": replace(HELD, root="pinned", end="pinned"),
     "clamped twice": replace(HELD, end="clamped", supports=[0.4]),
     "stretched": replace(
         *(HELD,), end="pinned", root=pp.RootSpring(3.0), terms=[pp.Stretching(50.0)]
     ),
     "supported twice": replace(HELD, root="pinned", supports=[0.3, 0.7]),
+    "spans": replace(HELD, root=pp.RootSpring(2.0), end="clamped", supports=[0.5]),
     "loaded between": replace(HELD, end="clamped", root="pinned", terms=[*ALL[:1], *ALL[6:7]]),
 }
 KINDS = {
@@ -228,7 +231,7 @@ def test_energy_changes_by_the_power_and_the_jacobian_meets_differences(name, ki
         return model.energy(y + t * way, base=base)
 
     power = model.power(y, SPEED, **drive)
-    assert power.total == pytest.approx(derivative(energy, 1e-4), rel=1e-8)
+    assert power.total == pytest.approx(derivative(energy, 1e-3), rel=2e-8)
     assert (power.base != 0.0) == bool(drive)
     assert (power.drag < 0.0) == bool(drag)
     exact, units = model.jacobian(0.0, y, SPEED, **drive), np.tile(sizes_of(model), 2)
@@ -247,6 +250,7 @@ def test_energy_of_small_motions_keeps_its_digits(model):
 
 
 HUNG = pp.Pipe(0.3, 5.0, damping=1e-3, drag=0.3, terms=[pp.AddedMass(0.6)])
+FITTED = pp.Pipe(0.2, 5.0, damping=0.002, terms=TERMS)
 DRAWN = pp.Pipe(0.3, 5.0, "aspirating", 0.5, damping=0.002, inflow_share=0.4)
 BENT = pp.Pipe(0.3, 5.0, damping=0.002, drag=0.3, jet_angle=0.6)
 
@@ -259,6 +263,9 @@ BENT = pp.Pipe(0.3, 5.0, damping=0.002, drag=0.3, jet_angle=0.6)
         pp.Galerkin(HUNG, 6, "legendre"),
         pp.Galerkin(replace(HUNG, root="pinned"), 6, "legendre"),
         pp.modular.chain(HUNG, 6).plus(pp.modular.Guide(4)),
+        pp.Chain(FITTED, 10),
+        pp.Galerkin(FITTED, 8),
+        pp.Galerkin(replace(FITTED, drag=0.5), 8, "legendre"),
         pp.Chain(DRAWN, 6),
         pp.Galerkin(DRAWN, 4),
         pp.Chain(BENT, 6),

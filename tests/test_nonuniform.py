@@ -8,17 +8,14 @@ import pickle
 
 import numpy as np
 import pytest
-import redundant
 from campaign_elements import elements
 from independent import derivative_along, panels, second_derivative_along
 from scipy.integrate import quad
 from test_terms import (
-    LENGTHS,
     MODELS,
     jacobian_by_differences,
     sizes_of,
     state_of,
-    turning_of,
 )
 
 import pipedyn as pp
@@ -217,23 +214,6 @@ def test_bending_is_the_identity_in_elastic_coordinates(basis):
 
 
 # ------------------------------------------------------------------------------ scenes and chains
-
-
-def test_a_scene_moves_as_the_chain_does():
-    given = {"lengths": LENGTHS, "drag_points": [0.5, 0.4, 0.3, 0.6]}
-    chain = pp.Chain(PIPE, **given)
-    scene = pp.modular.chain(PIPE, **given)
-    q, rate = state_of(chain)
-    y, state = np.concatenate([q, rate]), scene.state(q, rate)
-    expected = chain.rhs(0.0, y, SPEED)
-    assert scene.energy(state) == pytest.approx(chain.energy(y), rel=1e-12)
-    ours = turning_of(scene, state, SPEED)
-    assert np.abs(ours - expected[4:]).max() < 1e-10 * np.abs(expected).max()
-    dense = redundant.accelerations(scene, state, SPEED)
-    assert np.abs(np.cumsum(dense[2::3]) - expected[4:]).max() < 1e-10 * np.abs(expected).max()
-    found = pp.eigenvalues(scene, SPEED, count=4)
-    assert found == pytest.approx(pp.eigenvalues(chain, SPEED, count=4), rel=1e-10)
-    assert scene.as_chain.masses == pytest.approx(chain.masses, rel=1e-15)
 
 
 def test_segments_have_the_mass_the_centre_and_the_inertia_of_their_stretch():

@@ -187,7 +187,10 @@ def starts_by_end(found):
 
 
 def motions_by_speed(found):
-    return [[(one.ending, one.period) for one in found.at(u)] for u in found.speeds]
+    return [
+        [(one.ending, one.period, one.turnings.tolist()) for one in found.at(u)]
+        for u in found.speeds
+    ]
 
 
 SWEEPS = {
@@ -381,9 +384,9 @@ def test_an_ensemble_that_takes_too_long_is_no_failure_of_its_members():
 # ------------------------------------------------------------------- what a pool of processes takes
 
 
-@pytest.mark.parametrize("name", ["stability_curve", "criticality_curve", "simulate_many"])
-def test_lambdas_that_are_called_here_go_with_a_pool_of_processes(name):
-    """Those that make models and initial states; a process gets only what they made."""
+@pytest.mark.parametrize("name", SWEEPS)
+def test_a_pool_of_processes_gives_the_same_answers(name):
+    """Also where lambdas make models and initial states: a process gets only what they made."""
     call, answers = SWEEPS[name]
     with ProcessPoolExecutor(1) as pool:
         found = call(pool)

@@ -491,7 +491,7 @@ OF_RESULTS = {
 """All public functions of `plot` that draw results."""
 
 
-def test_every_picture_takes_its_axes_last_by_name_and_does_without():
+def test_every_picture_takes_its_axes_last_by_name_and_makes_its_own_without():
     assert len(OF_RESULTS) >= 21
     for name, parameters in PICTURES.items():
         if name in (
@@ -504,16 +504,13 @@ def test_every_picture_takes_its_axes_last_by_name_and_does_without():
             continue
         *_, last = parameters.values()
         assert (last.name, last.kind, last.default) == ("ax", last.KEYWORD_ONLY, None), name
+    before = dict(matplotlib.rcParams)
     try:
-        for ax in (
-            plot.root_loci(LOCI),
-            plot.frequencies(LOCI),
-            plot.mode_shapes(MODES),
-            plot.convergence({}, CRITICAL),
-            plot.stability_map({"a": BOUNDARY}),
-            plot.notice("nothing"),
-        ):
-            assert ax.figure.number in plt.get_fignums()
+        drawn = {name: draw for name, draw in of_the_hose().items() if name != "animate"}
+        for name, draw in {**drawn, "notice": partial(plot.notice, "nothing")}.items():
+            assert draw().figure.number in plt.get_fignums(), name
+            plt.close("all")
+        assert dict(matplotlib.rcParams) == before
         mesh = plt.gca().scatter([0.0, 1.0], [0.0, 1.0], c=[0.0, 1.0])
         assert plot.colour_bar("of the current Axes") is mesh.colorbar.ax
     finally:

@@ -361,19 +361,6 @@ def test_an_animation_of_a_cycle_closes_and_plays_without_a_network(tmp_path):
     assert ax.yaxis_inverted()
 
 
-def test_pictures_of_motion_make_their_own_axes_and_leave_the_settings_alone():
-    import matplotlib.pyplot as plt
-
-    before = dict(matplotlib.rcParams)
-    try:
-        for draw in plot.snapshots, plot.time_history, plot.phase_portrait:
-            ax = draw(MOTIONS.cycle)
-            assert ax.figure.number in plt.get_fignums()
-    finally:
-        plt.close("all")
-    assert dict(matplotlib.rcParams) == before
-
-
 def test_the_reduced_model_is_animated_like_the_chain():
     film = plot.animate(MOTIONS.reduced, fps=4, ax=small_axes())
     film._init_draw()

@@ -261,26 +261,18 @@ def test_curves_and_loci_take_supported_pipes():
 @pytest.mark.parametrize("end", ["free", "guided"])
 @pytest.mark.parametrize("root", ROOTS, ids=repr)
 @pytest.mark.parametrize("basis", ["beam", "legendre"])
-def test_motion_from_a_root_that_turns_balances_its_energy(basis, root, end):
-    """Against derivatives by differences: of the energy by time, of the rates by the state."""
+def test_operators_of_a_root_that_turns_are_the_jacobian_at_rest(basis, root, end):
     terms = [pp.PointMass(0.6, 0.2), pp.Viscosity(0.3)]
     pipe = pp.Pipe(0.4, 3.0, drag=0.5, damping=2e-3, root=root, end=end, terms=terms)
     model = pp.Galerkin(pipe, 4, basis)
-    rng = np.random.default_rng(5)
-    largest = np.abs(model.functions(np.linspace(0.0, 1.0, 21), 1)).max(axis=0)
-    y = rng.uniform(-1.0, 1.0, 8) * np.tile(0.6 / largest, 2) * np.repeat([1.0, 5.0], 4)
-    rates, u, step = model.rhs(0.0, y, 4.0), 4.0, 1e-6
-    change = (model.energy(y + step * rates) - model.energy(y - step * rates)) / (2 * step)
-    assert model.power(y, u).total == pytest.approx(change, rel=1e-7)
-    mass, velocity, stiffness = model.operators().at(u)
-    at_rest = model.jacobian(0.0, np.zeros(8), u)[4:]
+    mass, velocity, stiffness = model.operators().at(4.0)
+    at_rest = model.jacobian(0.0, np.zeros(8), 4.0)[4:]
     assert mass @ at_rest == pytest.approx(
         -np.hstack([stiffness, velocity]), abs=1e-10 * np.abs(stiffness).max()
     )
     if root != "clamped":  # the root turns, and its spring has energy
-        turned = model.functions([0.0], 1)[0] @ y[:4]
+        assert np.abs(model.functions([0.0], 1)).max() > 1e-3
         free = pp.Galerkin(pp.Pipe(0.4, root="pinned", end=end), 4, "legendre")
-        assert abs(turned) > 1e-3
         assert free.elastic_share.min() == (0.0 if end == "free" else 1.0)
 
 

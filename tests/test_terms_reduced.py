@@ -496,23 +496,6 @@ def test_operators_about_a_bent_pipe_are_its_small_motions():
     np.testing.assert_allclose(ops.stiffness, ops.stiffness.T, atol=1e-12)
 
 
-@pytest.mark.parametrize("damping", [0.0, 5e-3])
-def test_simulated_motions_balance_their_energy_in_either_basis(damping):
-    terms = (pp.Spring(0.6, 20.0), pp.PointMass(1.0, 0.2))
-    pipe = pp.Pipe(0.2, gamma=3.0, drag=0.5, damping=damping, terms=terms)
-    angle = lambda s: 0.8 * np.sin(0.5 * math.pi * s)  # noqa: E731
-    legendre, beam = (
-        pp.simulate(pp.Galerkin(pipe, m, basis), 4.0, 0.5, angle, samples=11, rtol=1e-7)
-        for m, basis in ((8, "legendre"), (8, "beam"))
-    )
-    assert legendre.audit < 1e-6
-    assert beam.audit < 1e-6
-    np.testing.assert_allclose(legendre.tip, beam.tip, atol=5e-3)
-    speeds = [3.0, 4.0]
-    members = pp.simulate_many(legendre.model, speeds, 0.5, angle, samples=11, rtol=1e-7)
-    np.testing.assert_allclose(members.motions[1].tip, legendre.tip, atol=1e-6)
-
-
 # ---------------------------------------------------------------------------------- as an object
 
 
