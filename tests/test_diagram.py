@@ -243,8 +243,8 @@ def test_motions_that_go_on_as_one_end_where_each_alone_does(model, u, ending, m
     options, starts = MotionOptions(60.0, 20.0, 1e-6, False), initial_bends(model, 3, 0)
     answers, costs, joined, joining = [], [], [0], engine._Engine.joining
 
-    def counting(batch, irregular):
-        found = joining(batch, irregular)
+    def counting(batch, irregular, twice):
+        found = joining(batch, irregular, twice)
         joined[0] += len(found)
         return found
 

@@ -47,7 +47,6 @@ from pipedyn.models.chain import Chain
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.motion.integrator import Outcome, Task
 from pipedyn.motion.lyapunov import LyapunovExponent, exponents_together
-from pipedyn.motion.sampling import maxima
 from pipedyn.motion.simulate import (
     BATCH,
     LARGEST_SAMPLES,
@@ -195,22 +194,15 @@ class Case:
         """Numbers of the solutions that motions may reach."""
         return [k for k, one in enumerate(self.solutions) if one.attracts]
 
-    def holding(self, one: Attractor, period: float) -> int:
+    def holding(self, state: Array, period: float) -> int:
         """Number of the solution on which a motion has ended, NOWHERE if it is unknown.
 
         Args:
-            one: the end of the motion.
-            period: time after which the motion was seen to repeat, 0 at rest.
+            state: the last state [p, p'] of the motion, (2 integrated,).
+            period: time after which the motion was seen to repeat, 0 at rest, NaN if irregular.
         """
-        held = (k for k, known in enumerate(self.solutions) if known.holds(one, period))
+        held = (k for k, known in enumerate(self.solutions) if known.holds(state, period))
         return next(held, NOWHERE)
-
-    def holding_irregular(self, state: Array) -> int:
-        """Number of the irregular solution near whose states a state lies, or NOWHERE."""
-        for k, known in enumerate(self.solutions):
-            if math.isnan(known.period) and np.isfinite(known.region.distances(state[None]))[0]:
-                return k
-        return NOWHERE
 
     def learn(self, one: Solution) -> int:
         """Adds a solution, and its mirror image if there is one; returns the solution's number."""
@@ -219,13 +211,13 @@ class Case:
         if self.odd and not one.is_mirror_image(one, shifts):
             images.append(one.mirrored(shifts))
         for new in images:
-            if self.holding(new.attractor, new.period) != NOWHERE:
+            if self.holding(new.attractor.end, new.period) != NOWHERE:
                 continue
             for k, known in enumerate(self.solutions):
                 apart = known.region.apart(new.region)
                 self.solutions[k], new = known.kept_apart(apart), new.kept_apart(apart)
             self.solutions.append(new)
-        return self.holding(one.attractor, one.period)
+        return self.holding(one.attractor.end, one.period)
 
 
 def spread_alike(a: Array, b: Array) -> bool:
@@ -244,7 +236,7 @@ def spread_alike(a: Array, b: Array) -> bool:
 
 @dataclass(eq=False)
 class _Run:
-    """A motion under way, with its present state."""
+    """A motion under way, with its present state and its last stretch."""
 
     member: tuple[int, int]  # number of its case and number of its start
     case: Case
@@ -253,19 +245,17 @@ class _Run:
     approach: Approach = field(default_factory=Approach)  # approach to a known solution
     like: _Run | None = None  # motion whose turning points were spread alike at the last look
     alone: bool = False  # whether it does not join another
+    record: Stretch = field(init=False)
     size: float = field(init=False)  # range of the motion, in [LEAST_SIZE, 1]
     rate_size: float = field(init=False)  # largest rate, at least the size
 
     def __post_init__(self) -> None:
         self.resized(*np.abs(np.split(self.state, 2)).max(axis=1).tolist())
 
-    def comes_nearer(self, one: Stretch) -> bool:
-        """Whether the motion comes nearer to a known solution, to rest or to a cycle.
-
-        one: the last stretch of the motion, whose trend tells whether it comes to rest or to a
-            cycle.
-        """
-        return self.is_near or one.trend in ("rest", "settling")
+    @property
+    def comes_nearer(self) -> bool:
+        """Whether the motion comes nearer to a known solution, to rest or to a cycle."""
+        return self.is_near or self.record.trend in ("rest", "settling")
 
     @property
     def is_near(self) -> bool:
@@ -293,8 +283,8 @@ class _Engine:
 
     def advance(
         self, runs: list[_Run], before: float, recorded: float, finest: float = 1.0
-    ) -> list[Stretch | None]:
-        """Integrates for a time, then records for another; None for each motion that ends.
+    ) -> list[_Run]:
+        """Integrates for a time, then records for another; returns the motions that have not ended.
 
         If motions are driven, both times are whole periods of the drive. finest: largest tolerance.
         """
@@ -339,10 +329,10 @@ class _Engine:
                 self.answers[run.member] = STOPPED, self.stopped(run, task, one.outcome)
             elif one.label != NOWHERE:
                 self.ends(run, run.case.attracting[one.label])
-        stretches = list[Stretch | None]([None] * len(runs))
+        self.elapsed += before + recorded
         going = [i for i, run in enumerate(runs) if run.member not in self.answers]
         if not going:
-            return stretches
+            return []
         rows = np.concatenate([found[i].outcome[0][1:] for i in going])
         q, qdot = self.model.to_user(*np.split(rows, 2, axis=1))
         x, velocity = self.model.tips(q.T)[:, 0], self.model.tip_velocities(q.T, qdot.T)[:, 0]
@@ -350,10 +340,10 @@ class _Engine:
             part, last = slice(k * count, (k + 1) * count), (k + 1) * count - 1
             runs[i].state = self.model.from_user(q[last, None], qdot[last, None])[0]
             runs[i].resized(float(np.ptp(x[part])), float(np.abs(velocity[part]).max()))
-            stretches[i] = Stretch.of(
+            runs[i].record = Stretch.of(
                 samples - before, rows[part], x[part], velocity[part], self.options.rtol
             )
-        return stretches
+        return [runs[i] for i in going]
 
     def judged(self, case: Case, recorded: float, count: int) -> dict[str, Any]:
         """Fields of a task that tell whether a motion has reached a known solution."""
@@ -385,49 +375,48 @@ class _Engine:
 
     def look(self, runs: list[_Run], stretch: float) -> list[_Run]:
         """Integrates for a stretch; returns the motions that have neither ended nor joined one."""
-        stretches = self.advance(runs, 0.0, stretch)
-        self.elapsed += stretch
-        seen = [(run, one) for run, one in zip(runs, stretches, strict=True) if one is not None]
+        runs = self.advance(runs, 0.0, stretch)
         # The other motions will soon have reached the solution that they come nearer to.
-        unknown = [(run, one) for run, one in seen if not run.is_near]
+        unknown = [run for run in runs if not run.is_near]
         self.explain(unknown)
-        joined = self.joining([(run, one) for run, one in unknown if one.trend == "irregular"])
+        joined = self.joining([run for run in unknown if run.record.trend == "irregular"], True)
         return [run for run in runs if run.member not in self.answers and run not in joined]
 
-    def explain(self, some: list[tuple[_Run, Stretch]]) -> list[Case]:
+    def explain(self, runs: list[_Run]) -> list[Case]:
         """Solves for what motions show; returns cases in which an attracting solution is new.
 
         Before the transient is over a cycle is solved for if a motion has come very near to an
         earlier state, and after a cycle that does not attract only when the time has doubled. After
-        the transient it is always solved for, and from farther away.
+        the transient it is always solved for, from each motion and from farther away.
         """
         new, late = list[Case](), self.elapsed > self.options.transient
         back = FAR_BACK if late else self.options.back
-        for case in dict.fromkeys(run.case for run, _ in some):
+        for case in dict.fromkeys(run.case for run in runs):
             before, u = len(case.attracting), case.drive.mean
-            tries = list[tuple[Recurrence, _Run, Stretch]]()
-            for run, one in some:
-                if run.case is case and one.trend != "rest":
-                    tries.append((one.recurrence(case.drive.period), run, one))
+            tries = list[tuple[Recurrence, _Run]]()
+            for run in runs:
+                if run.case is case and run.record.trend != "rest":
+                    tries.append((run.record.recurrence(case.drive.period), run))
                 elif run.case is case and not case.drive.period:
                     place = np.split(run.state, 2)[0]
                     with suppress(NewtonFailed):  # e.g. where a slow motion passes no equilibrium
                         case.learn(equilibrium(self.statics, self.statics.solved(place, u), u))
-            tries = [of for of in tries if of[0][0] <= back]
-            if tries and (late or self.elapsed >= case.next_try):
-                nearest = min(tries, key=lambda of: of[0][0])
-                if not self.explained(*nearest, back):
+            tries = sorted((of for of in tries if of[0][0] <= back), key=lambda of: of[0][0])
+            if late or self.elapsed >= case.next_try:
+                some = tries if late else tries[:1]
+                attract = [self.explained(*of, back) for of in some]
+                if some and not any(attract):
                     case.next_try = 2.0 * self.elapsed
             if len(case.attracting) > before:
                 new.append(case)
         return new
 
-    def explained(self, recurrence: Recurrence, run: _Run, one: Stretch, back: float) -> bool:
+    def explained(self, recurrence: Recurrence, run: _Run, back: float) -> bool:
         """Solves for the cycle near the end of a motion; returns whether it attracts.
 
         recurrence, back: as for `solved_cycle`.
         """
-        case, samples = run.case, (one.t, one.states)
+        case, samples = run.case, (run.record.t, run.record.states)
         try:
             orbit, stable = solved_cycle(self.model, case.drive, samples, recurrence, back)
         except NewtonFailed:
@@ -438,15 +427,23 @@ class _Engine:
             self.ends(run, number)
         return stable
 
-    def joining(self, irregular: list[tuple[_Run, Stretch]]) -> list[_Run]:
-        """The irregular motions that from now on go on as another motion of their case."""
-        first: list[tuple[_Run, Stretch]] = []  # motions with which the others are compared
+    def joining(self, irregular: list[_Run], twice: bool) -> list[_Run]:
+        """The irregular motions that from now on go on as another motion of their case.
+
+        twice: whether turning points must be spread alike at two consecutive looks, see `JOINED`.
+        """
+        first = list[_Run]()  # motions with which the others are compared
         before = len(self.joined)
-        for run, one in irregular:
-            last, run.like = run.like, _alike(run, one, first)
+        for run in irregular:
+            others = [one for one in first if one.case is run.case and not run.alone]
+            turnings, last = run.record.turnings, run.like
+            alike = (one for one in others if spread_alike(one.record.turnings, turnings))
+            run.like = next(alike, None)
             if run.like is None:
-                first.append((run, one))
-            elif run.like is last and self.elapsed >= JOINED * self.options.transient:
+                first.append(run)
+            elif not twice or (
+                run.like is last and self.elapsed >= JOINED * self.options.transient
+            ):
                 self.joined.append((run, run.like, self.elapsed))
         return [run for run, _, _ in self.joined[before:]]
 
@@ -478,43 +475,66 @@ class _Engine:
     # ----------------------------------------------------------------------- after the transient
 
     def after_transient(self, runs: list[_Run]) -> None:
-        """Records motions, and follows further those that come nearer to something."""
-        duration, before = self.options.duration, max(self.options.transient - self.elapsed, 0.0)
-        last = FOLLOWED * (self.options.transient + duration)
-        while runs:
-            stretches = self.advance(runs, before, duration)
-            self.elapsed, before = self.elapsed + before + duration, 0.0
-            seen = [(run, one) for run, one in zip(runs, stretches, strict=True) if one is not None]
-            over, runs = self.elapsed >= last, []
-            new = self.explain([pair for pair in seen if not pair[0].is_near])
-            left: list[tuple[_Run, Stretch]] = []
-            for run, one in seen:
-                if run.member in self.answers or self.is_on_known(run, one, over):
-                    continue
-                if (run.case in new or run.comes_nearer(one)) and not over:
-                    runs.append(run)
-                else:
-                    left.append((run, one))
-            runs += self.named(left, over)
+        """Records motions, follows further those that come nearer to something, names the others.
 
-    def is_on_known(self, run: _Run, one: Stretch, over: bool) -> bool:
+        Of motions of a case whose turning points are spread alike the first is recorded for longer,
+        if exponents are asked for, and named.
+        """
+        options, duration = self.options, self.options.duration
+        while runs:
+            before, drive = max(options.transient - self.elapsed, 0.0), runs[0].case.drive
+            last = FOLLOWED * (options.transient + duration)
+            over = self.elapsed + before + duration >= last
+            left, runs = self.recorded(runs, over, before, duration)
+            joined = self.joining(left, False)
+            left = [run for run in left if run not in joined]
+            for times in LONGER:
+                if options.exponents:
+                    length = drive.whole(RECORDED * times * duration)
+                    left, on = self.recorded(left, over, 0.0, length, TORUS)
+                    runs += on
+                left = self.named(left, times)
+
+    def recorded(
+        self, runs: list[_Run], over: bool, *times: float
+    ) -> tuple[list[_Run], list[_Run]]:
+        """Motions to be named, and motions that go on, after a record of motions.
+
+        Motions go on that come nearer to something or may come to a solution that is new.
+
+        Args:
+            runs: the motions.
+            over: whether no motion may go on.
+            times: further arguments of `advance`.
+        """
+        runs = self.advance(runs, *times)
+        new = self.explain([run for run in runs if over or not run.is_near])
+        left, on = list[_Run](), list[_Run]()
+        for run in runs:
+            if run.member in self.answers or self.is_on_known(run, over):
+                continue
+            if (run.case in new or run.comes_nearer) and not over:
+                on.append(run)
+            elif (number := run.case.holding(run.state, math.nan)) != NOWHERE:
+                self.ends(run, number)
+            else:
+                left.append(run)
+        return left, on
+
+    def is_on_known(self, run: _Run, over: bool) -> bool:
         """Whether a motion ends at rest or on a cycle, as its record shows.
 
         Rest or cycle may be unstable, and the cycle may be one that cannot be solved for. A motion
         beside an unstable equilibrium, however near, is given time to leave it.
         """
         case, drive = run.case, run.case.drive
-        rests = one.trend == "rest"
-        period = 0.0 if rests else one.repeats(drive.period)
+        rests = run.record.trend == "rest"
+        period = 0.0 if rests else run.record.repeats(drive.period)
         if not rests and not period:
             return False
-        count = max(round((maxima(one.turnings).size + 1) * period / float(one.t[-1])), 1)
-        here = Attractor(drive.mean, -1, "periodic", count, one.turnings, run.state)
-        if rests:
-            here = replace(here, ending="rest", period=0, turnings=one.x[-1:].copy())
-        number = case.holding(here, period)
+        number = case.holding(run.state, period)
         if number == NOWHERE:
-            seen = by_record(self.model, drive, here, one, period)
+            seen = by_record(self.model, drive, run.state, run.record, period)
             number = case.learn(self.attracted(case, seen))
         known = case.solutions[number]
         left = float(np.abs(run.state - known.attractor.end).max())
@@ -537,91 +557,35 @@ class _Engine:
             runs = [_Run((0, k), trial, k, state) for k, state in enumerate(beside)]
             stretch = case.drive.whole(max(FIRST_LOOK, 0.25 * self.options.transient))
             while runs and engine.elapsed < self.options.transient:
-                engine.advance(runs, 0.0, stretch)
-                engine.elapsed += stretch
-                runs = [run for run in runs if run.member not in engine.answers]
+                runs = engine.advance(runs, 0.0, stretch)
             if not runs and all(number == 0 for number, _ in engine.answers.values()):
                 return tried
         return one
 
-    def named(self, left: list[tuple[_Run, Stretch]], over: bool) -> list[_Run]:
-        """Names motions that neither rest nor repeat; returns the others, which go on.
-
-        Of motions of a case whose turning points are spread alike the first is recorded and named.
-        """
-        first, on = list[tuple[_Run, Stretch]](), list[_Run]()
-        for run, one in left:
-            number, like = run.case.holding_irregular(run.state), _alike(run, one, first)
-            if number != NOWHERE:
-                self.ends(run, number)
-            elif like is not None:
-                self.joined.append((run, like, self.elapsed))
-            else:
-                first.append((run, one))
-        for times in LONGER:
-            first = self.recorded(first, times, over, on)
-            first = self.named_by_exponents(first, times)
-        return on
-
-    def recorded(
-        self, some: list[tuple[_Run, Stretch]], times: float, over: bool, on: list[_Run]
-    ) -> list[tuple[_Run, Stretch]]:
-        """Records motions for longer, if exponents are asked for.
-
-        Args:
-            some: motions with their last records.
-            times: factor of the usual length of such a record.
-            over: whether no motion may go on.
-            on: takes the motions that go on instead.
-
-        Returns:
-            Those that still neither rest nor repeat nor come nearer to something.
-        """
-        asked = self.options.exponents
-        records: list[Stretch | None] = [one for _, one in some]
-        if some and asked:
-            length = some[0][0].case.drive.whole(RECORDED * times * self.options.duration)
-            records = self.advance([run for run, _ in some], 0.0, length, TORUS)
-            self.elapsed += length
-        left = list[tuple[_Run, Stretch]]()
-        for (run, _), one in zip(some, records, strict=True):
-            if one is None:
-                continue
-            new = asked and self.explain([(run, one)])
-            if run.member in self.answers or self.is_on_known(run, one, over):
-                continue
-            nearer = run.comes_nearer(one)
-            if (new or nearer) and not over:
-                on.append(run)
-            elif nearer:
-                why = f"it still comes nearer to rest or a cycle after t = {self.elapsed:g}"
-                self.name(run, one, "unsettled", reason=why)
-            else:
-                left.append((run, one))
-        return left
-
-    def named_by_exponents(
-        self, some: list[tuple[_Run, Stretch]], times: float
-    ) -> list[tuple[_Run, Stretch]]:
+    def named(self, some: list[_Run], times: float) -> list[_Run]:
         """Names motions by exponents and records; returns those that need longer records.
 
         times: factor of the usual time over which an exponent is measured.
         """
-        states = [(run.case.drive, run.state) for run, _ in some]
-        duration, doubtful = times * self.options.duration, list[tuple[_Run, Stretch]]()
+        for run in (run for run in some if run.comes_nearer):
+            why = f"it still comes nearer to rest or a cycle after t = {self.elapsed:g}"
+            self.name(run, "unsettled", reason=why)
+        some = [run for run in some if not run.comes_nearer]
+        states = [(run.case.drive, run.state) for run in some]
+        duration, doubtful = times * self.options.duration, list[_Run]()
         exponents = exponents_of(self.model, states, replace(self.options, duration=duration))
-        for (run, one), exponent in zip(some, exponents, strict=True):
+        for run, exponent in zip(some, exponents, strict=True):
             if exponent is None:
-                self.name(run, one, "irregular")
+                self.name(run, "irregular")
             elif isinstance(exponent, MotionStopped):
                 why = f"its largest Lyapunov exponent is not known: {exponent}"
-                self.name(run, one, "unsettled", reason=why)
+                self.name(run, "unsettled", reason=why)
             elif exponent.chaotic:
-                self.name(run, one, "chaotic", exponent)
-            elif exponent.value <= exponent.spread and one.averages_converge():
-                self.name(run, one, "quasi-periodic", exponent)
+                self.name(run, "chaotic", exponent)
+            elif exponent.value <= exponent.spread and run.record.averages_converge():
+                self.name(run, "quasi-periodic", exponent)
             elif times < LONGER[-1]:
-                doubtful.append((run, one))
+                doubtful.append(run)
             else:
                 why = (
                     f"its largest Lyapunov exponent, {exponent.value:.2g}, is not above 0 by three "
@@ -631,26 +595,23 @@ class _Engine:
                     why = (
                         f"its largest Lyapunov exponent, {exponent.value:.2g}, is 0 within its "
                         f"spread, {exponent.spread:.2g}, but averages over a time of "
-                        f"{one.t[-1]:g} converge no faster than those of chaotic motion"
+                        f"{run.record.t[-1]:g} converge no faster than those of chaotic motion"
                     )
-                self.name(run, one, "unsettled", exponent, why)
+                self.name(run, "unsettled", exponent, why)
         return doubtful
 
     def name(
         self,
         run: _Run,
-        one: Stretch,
         ending: Ending,
         exponent: LyapunovExponent | None = None,
         reason: str = "",
     ) -> None:
         """Names the ending of a motion from its record."""
-        drive, number = run.case.drive, NOWHERE
-        end = Attractor(
-            *(drive.mean, run.start, ending, 0, one.turnings, run.state, exponent, reason)
-        )
+        drive, turnings, number = run.case.drive, run.record.turnings, NOWHERE
+        end = Attractor(drive.mean, run.start, ending, 0, turnings, run.state, exponent, reason)
         if ending != "unsettled":
-            number = run.case.learn(irregular(self.model, drive, end, one))
+            number = run.case.learn(irregular(self.model, drive, end, run.record))
         self.answers[run.member] = number, end
 
 
@@ -675,15 +636,6 @@ def exponents_of(
             driven=bool(drive.period),
         )
     return found
-
-
-def _alike(run: _Run, one: Stretch, others: list[tuple[_Run, Stretch]]) -> _Run | None:
-    """The first of other motions of a motion's case whose turning points are spread alike."""
-    for other, record in others:
-        same = other.case is run.case and not run.alone
-        if same and spread_alike(record.turnings, one.turnings):
-            return other
-    return None
 
 
 def _state(model: Model, start: Array) -> Array:

@@ -80,19 +80,23 @@ class Solution:
             return self.region.radius
         return min(self.region.radius, SAME_ATTRACTOR)
 
-    def holds(self, one: Attractor, period: float) -> bool:
+    def holds(self, state: Array, period: float) -> bool:
         """Whether the solution is the end of a motion that was seen to repeat after a period.
 
         Beside an attracting cycle a motion may repeat to the accuracy of its record after two
         periods before it does so after one; beside a cycle that does not attract, it is on a cycle
         that branches off from it at a period doubling.
+
+        Args:
+            state: the last state [p, p'] of the motion, (2 integrated,).
+            period: the period, 0 if the motion rests, NaN if it is irregular.
         """
-        if one.ending != self.attractor.ending:
+        if math.isnan(period) != math.isnan(self.period):
             return False
         times = max(round(period / self.period), 1) if self.attracts and self.period else 1
         if abs(period - times * self.period) > 0.01 * period:
             return False
-        return bool(np.isfinite(self.region.distances(one.end[None], self.near))[0])
+        return bool(np.isfinite(self.region.distances(state[None], self.near))[0])
 
     def is_mirror_image(self, other: Solution, shifts: bool) -> bool:
         """Whether the other is its image in the axis, half a period later if `shifts` is true."""
@@ -220,12 +224,16 @@ def cycle(model: Model, drive: Excitation, orbit: PeriodicOrbit, stable: bool) -
 
 
 def by_record(
-    model: Model, drive: Excitation, end: Attractor, stretch: Stretch, period: float
+    model: Model, drive: Excitation, state: Array, stretch: Stretch, period: float
 ) -> Solution:
-    """The solution on which a motion is at the end of a stretch, known from the stretch alone.
+    """The solution on which a motion is in a state [p, p'], known from its last stretch alone.
 
     period: period after which the motion repeats; 0 at rest.
     """
+    count = round((maxima(stretch.turnings).size + 1) * period / float(stretch.t[-1]))
+    end = Attractor(drive.mean, -1, "periodic", max(count, 1), stretch.turnings, state)
+    if not period:
+        end = replace(end, ending="rest", period=0, turnings=stretch.x[-1:].copy())
     statics, last = Statics(model), float(stretch.t[-1])
     span = period or drive.period  # for driven motions rest also has the drive's period
     unit = span / (2.0 * math.pi * max(end.period, 1))
