@@ -16,7 +16,7 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -40,6 +40,7 @@ from pipedyn.attraction.solutions import (
     cycle,
     equilibrium,
     irregular,
+    kept_apart,
 )
 from pipedyn.equilibrium.equilibria import Statics
 from pipedyn.models.base import Model
@@ -156,38 +157,40 @@ def _ends_of(
     model: Model, cases: list[Case], starts: Sequence[Array], options: MotionOptions
 ) -> tuple[list[list[MotionEnd]], list[Case]]:
     """Ends of the motions of one batch, by case."""
-    engine = _Engine(model, options)
+    engine, runs = _Engine(model, options), list[_Run]()
     with one_thread(model.dof):
-        runs = [
-            _Run((j, k), case, k, _state(model, start))
-            for j, case in enumerate(cases)
-            for k, start in enumerate([*starts, *case.starts])
-        ]
+        for case in cases:
+            for k, start in enumerate([*starts, *case.starts]):
+                if start.ndim == 1:
+                    start = np.asarray(model.initial_state(start, None))
+                runs.append(_Run(case, k, start.ravel()))
         engine.finish(runs)
-    ends = list[list[MotionEnd]]()
-    for j, case in enumerate(cases):
-        ends.append([engine.answers[j, k] for k in range(len(starts) + len(case.starts))])
-        case.reached = sorted({number for number, _ in ends[-1][: len(starts)]})
+    ends = [[engine.answers[run] for run in runs if run.case is case] for case in cases]
+    for case, answers in zip(cases, ends, strict=True):
+        case.reached = sorted({number for number, _ in answers[: len(starts)]})
     return ends, cases
 
 
+@dataclass(eq=False)
 class Case:
-    """A flow, the solutions that are known there, and its own starts, with p and p' in rows."""
+    """A flow, the solutions that are known there, and its own starts, with p and p' in rows.
 
-    def __init__(
-        self,
-        model: Model,
-        drive: Excitation,
-        solutions: Sequence[Solution] = (),
-        starts: Sequence[Array] = (),
-    ) -> None:
-        self.drive, self.starts = drive, starts
-        self.odd = drive.is_odd(model)
-        self.solutions = list(solutions)
-        self.reached: list[int] = []
-        """Numbers of the solutions that motions from the starts of all cases end on."""
-        self.next_try = 0.0
-        """Time from which a cycle may be solved for again."""
+    Attributes:
+        reached: numbers of the solutions that motions from the starts of all cases end on.
+        next_try: time from which a cycle may be solved for again.
+    """
+
+    model: Model
+    drive: Excitation
+    solutions: Sequence[Solution] = ()
+    starts: Sequence[Array] = ()
+    reached: list[int] = field(default_factory=list)
+    next_try: float = 0.0
+
+    @cached_property
+    def odd(self) -> bool:
+        """Whether the mirror image of every motion is a motion."""
+        return self.drive.is_odd(self.model)
 
     @property
     def attracting(self) -> list[int]:
@@ -213,10 +216,7 @@ class Case:
         for new in images:
             if self.holding(new.attractor.end, new.period) != NOWHERE:
                 continue
-            for k, known in enumerate(self.solutions):
-                apart = known.region.apart(new.region)
-                self.solutions[k], new = known.kept_apart(apart), new.kept_apart(apart)
-            self.solutions.append(new)
+            self.solutions = kept_apart([*self.solutions, new])
         return self.holding(one.attractor.end, one.period)
 
 
@@ -238,7 +238,6 @@ def spread_alike(a: Array, b: Array) -> bool:
 class _Run:
     """A motion under way, with its present state and its last stretch."""
 
-    member: tuple[int, int]  # number of its case and number of its start
     case: Case
     start: int
     state: Array  # [p, p']
@@ -274,7 +273,7 @@ class _Engine:
     def __init__(self, model: Model, options: MotionOptions) -> None:
         self.model, self.options, self.elapsed = model, options, 0.0
         self.joined: list[tuple[_Run, _Run, float]] = []  # a motion, the one joined, and when
-        self.answers: dict[tuple[int, int], MotionEnd] = {}
+        self.answers: dict[_Run, MotionEnd] = {}
         self.statics = Statics(model)
         smooth = isinstance(model, (Chain, Galerkin)) and not model.pipe.has_kinks
         self.tolerance = options.rtol * (1.0 if smooth else ACROSS_KINKS)
@@ -308,9 +307,8 @@ class _Engine:
         of_all = WatchedTask(**vars(first))
         judged = {id(run.case): run.case for run in runs}
         rules = {key: self.judged(case, recorded, count) for key, case in judged.items()}
-        tasks = list[WatchedTask]()
-        for run in runs:
-            task = replace(
+        tasks = [
+            replace(
                 of_all,
                 farthest=WOUND,
                 u=first.u if first.drive else run.case.drive.mean,
@@ -319,30 +317,30 @@ class _Engine:
                 approach=run.approach,
                 atol=first.rtol * np.repeat([run.size, run.rate_size], run.state.size // 2),
             )
-            tasks.append(task)
+            for run in runs
+        ]
         # Each thread takes a batch; in larger batches a member of a chain's batch costs less.
         members = BATCH if self.model.linear_cost else BATCH // 2
         found = in_batches(tasks, watched_outcomes, members=members)
-        for run, task, one in zip(runs, tasks, found, strict=True):
-            run.approach = one.approach
-            if one.outcome[2] is not None:
-                self.answers[run.member] = STOPPED, self.stopped(run, task, one.outcome)
-            elif one.label != NOWHERE:
-                self.ends(run, run.case.attracting[one.label])
+        for run, task, (outcome, label, approach) in zip(runs, tasks, found, strict=True):
+            run.approach = approach
+            if outcome[2] is not None:
+                self.answers[run] = STOPPED, self.stopped(run, task, outcome)
+            elif label != NOWHERE:
+                self.ends(run, run.case.attracting[label])
         self.elapsed += before + recorded
-        going = [i for i, run in enumerate(runs) if run.member not in self.answers]
+        going = [i for i, run in enumerate(runs) if run not in self.answers]
         if not going:
             return []
-        rows = np.concatenate([found[i].outcome[0][1:] for i in going])
+        rows = np.concatenate([found[i][0][0][1:] for i in going])
         q, qdot = self.model.to_user(*np.split(rows, 2, axis=1))
         x, velocity = self.model.tips(q.T)[:, 0], self.model.tip_velocities(q.T, qdot.T)[:, 0]
         for k, i in enumerate(going):
             part, last = slice(k * count, (k + 1) * count), (k + 1) * count - 1
             runs[i].state = self.model.from_user(q[last, None], qdot[last, None])[0]
             runs[i].resized(float(np.ptp(x[part])), float(np.abs(velocity[part]).max()))
-            runs[i].record = Stretch.of(
-                samples - before, rows[part], x[part], velocity[part], self.options.rtol
-            )
+            motion = samples - before, rows[part], x[part], velocity[part]
+            runs[i].record = Stretch(*motion, self.options.rtol, drive.period)
         return [runs[i] for i in going]
 
     def judged(self, case: Case, recorded: float, count: int) -> dict[str, Any]:
@@ -369,18 +367,9 @@ class _Engine:
     def ends(self, run: _Run, number: int) -> None:
         """Notes that a motion ends on a solution of its case."""
         end = run.case.solutions[number].attractor
-        self.answers[run.member] = number, replace(end, start=run.start)
+        self.answers[run] = number, replace(end, start=run.start)
 
     # -------------------------------------------------------------------- results of a stretch
-
-    def look(self, runs: list[_Run], stretch: float) -> list[_Run]:
-        """Integrates for a stretch; returns the motions that have neither ended nor joined one."""
-        runs = self.advance(runs, 0.0, stretch)
-        # The other motions will soon have reached the solution that they come nearer to.
-        unknown = [run for run in runs if not run.is_near]
-        self.explain(unknown)
-        joined = self.joining([run for run in unknown if run.record.trend == "irregular"], True)
-        return [run for run in runs if run.member not in self.answers and run not in joined]
 
     def explain(self, runs: list[_Run]) -> list[Case]:
         """Solves for what motions show; returns cases in which an attracting solution is new.
@@ -396,7 +385,7 @@ class _Engine:
             tries = list[tuple[Recurrence, _Run]]()
             for run in runs:
                 if run.case is case and run.record.trend != "rest":
-                    tries.append((run.record.recurrence(case.drive.period), run))
+                    tries.append((run.record.recurrence(), run))
                 elif run.case is case and not case.drive.period:
                     place = np.split(run.state, 2)[0]
                     with suppress(NewtonFailed):  # e.g. where a slow motion passes no equilibrium
@@ -450,21 +439,26 @@ class _Engine:
     def finish(self, runs: list[_Run]) -> None:
         """Follows motions until they end."""
         options, drive = self.options, runs[0].case.drive
-        stretch, longest = FIRST_LOOK, max(FIRST_LOOK, 0.5 * options.duration)
-        if self.elapsed:
-            stretch = min(max(FIRST_LOOK, 0.5 * self.elapsed), longest)
-        while runs and self.elapsed + drive.whole(stretch) <= options.transient:
-            runs = self.look(runs, drive.whole(stretch))
-            stretch = min(max(stretch, 0.5 * self.elapsed), longest)
+        longest = max(FIRST_LOOK, 0.5 * options.duration)
+        while runs:
+            stretch = drive.whole(min(max(FIRST_LOOK, 0.5 * self.elapsed), longest))
+            if self.elapsed + stretch > options.transient:
+                break
+            runs = self.advance(runs, 0.0, stretch)
+            # The other motions will soon have reached the solution that they come nearer to.
+            unknown = [run for run in runs if not run.is_near]
+            self.explain(unknown)
+            joined = self.joining([run for run in unknown if run.record.trend == "irregular"], True)
+            runs = [run for run in runs if run not in self.answers and run not in joined]
         self.after_transient(runs)
-        joined, self.joined = self.joined, []
+        followed, self.joined = self.joined, []
         again: list[tuple[_Run, float]] = []
         # In reverse order: the motion that another joined may itself have joined a third one later,
         # and go on by itself.
-        for run, other, since in reversed(joined):
-            number, end = self.answers.get(other.member, (NOWHERE, None))
+        for run, other, since in reversed(followed):
+            number, end = self.answers.get(other, (NOWHERE, None))
             if isinstance(end, Attractor) and end.ending not in ("rest", "periodic"):
-                self.answers[run.member] = number, replace(end, start=run.start)
+                self.answers[run] = number, replace(end, start=run.start)
             else:
                 run.alone = True
                 again.append((run, since))
@@ -511,7 +505,7 @@ class _Engine:
         new = self.explain([run for run in runs if over or not run.is_near])
         left, on = list[_Run](), list[_Run]()
         for run in runs:
-            if run.member in self.answers or self.is_on_known(run, over):
+            if run in self.answers or self.is_on_known(run, over):
                 continue
             if (run.case in new or run.comes_nearer) and not over:
                 on.append(run)
@@ -529,7 +523,7 @@ class _Engine:
         """
         case, drive = run.case, run.case.drive
         rests = run.record.trend == "rest"
-        period = 0.0 if rests else run.record.repeats(drive.period)
+        period = 0.0 if rests else run.record.period
         if not rests and not period:
             return False
         number = case.holding(run.state, period)
@@ -554,7 +548,7 @@ class _Engine:
             tried = replace(one, region=region, attracts=True)
             trial, engine = Case(self.model, case.drive, [tried]), _Engine(self.model, self.options)
             beside = region.beside(self.model)
-            runs = [_Run((0, k), trial, k, state) for k, state in enumerate(beside)]
+            runs = [_Run(trial, k, state) for k, state in enumerate(beside)]
             stretch = case.drive.whole(max(FIRST_LOOK, 0.25 * self.options.transient))
             while runs and engine.elapsed < self.options.transient:
                 runs = engine.advance(runs, 0.0, stretch)
@@ -612,7 +606,7 @@ class _Engine:
         end = Attractor(drive.mean, run.start, ending, 0, turnings, run.state, exponent, reason)
         if ending != "unsettled":
             number = run.case.learn(irregular(self.model, drive, end, run.record))
-        self.answers[run.member] = number, end
+        self.answers[run] = number, end
 
 
 def exponents_of(
@@ -625,19 +619,10 @@ def exponents_of(
     if not options.exponents or not states:
         return [None] * len(states)
     drive, _ = states[0]
-    found = list[LyapunovExponent | MotionStopped]()
-    for i in range(0, len(states), BATCH // 2):
-        some = states[i : i + BATCH // 2]
-        found += exponents_together(
-            *(model, [one.u for one, _ in some], [state for _, state in some]),
-            *(2.0 * options.duration, 10.0),
-            interval=drive.whole(0.5),
-            base=drive.base,
-            driven=bool(drive.period),
-        )
-    return found
-
-
-def _state(model: Model, start: Array) -> Array:
-    """State [p, p'] of coordinates at rest, (coordinates,), or of p and p', (2, integrated)."""
-    return start.ravel() if start.ndim == 2 else np.asarray(model.initial_state(start, None))
+    return exponents_together(
+        *(model, [one.u for one, _ in states], [state for _, state in states]),
+        *(2.0 * options.duration, 10.0),
+        interval=drive.whole(0.5),
+        base=drive.base,
+        driven=bool(drive.period),
+    )
