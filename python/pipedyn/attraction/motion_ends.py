@@ -305,15 +305,14 @@ class _Engine:
             most=self.options.most,
         )
         of_all = WatchedTask(**vars(first))
-        judged = {id(run.case): run.case for run in runs}
-        rules = {key: self.judged(case, recorded, count) for key, case in judged.items()}
+        rules = {case: self.judged(case, recorded, count) for case in {run.case for run in runs}}
         tasks = [
             replace(
                 of_all,
                 farthest=WOUND,
                 u=first.u if first.drive else run.case.drive.mean,
                 start=run.state,
-                **rules[id(run.case)],
+                **rules[run.case],
                 approach=run.approach,
                 atol=first.rtol * np.repeat([run.size, run.rate_size], run.state.size // 2),
             )

@@ -308,7 +308,6 @@ class _Watch(Observer):
         if task.phases.size:
             phases = np.broadcast_to(task.phases, (len(blocks), *task.phases.shape))
             blocks = np.concatenate([blocks, phases], axis=2)
-        found: list[int] = []
         last = np.stack([region.distances(blocks[:, -1]) for region in regions])
         nearest, before = last.argmin(axis=0), [self.approaches[member] for member in members]
         for member in members:
@@ -327,23 +326,20 @@ class _Watch(Observer):
                 time = (task.times[1] - task.times[0]) * blocks.shape[1] * task.every
                 squares = np.abs(region.coordinates(rows.reshape(-1, rows.shape[2]))) ** 2
                 squares = squares.reshape(some.size, blocks.shape[1], -1).mean(axis=1)
-            for i, (place, distance) in enumerate(
-                zip(some.tolist(), largest.tolist(), strict=True)
-            ):
+            for i, place in enumerate(some.tolist()):
                 approach, near = before[place], FLOOR
                 if approach.region == k:
                     near = max(near, NEARER * approach.first)
                 else:
-                    approach = Approach(k, distance)
-                reached = distance <= near
+                    approach = Approach(k, float(largest[i]))
+                reached = bool(largest[i] <= near)
                 if floquet is not None:
                     approach, fallen = approach.later(time, squares[i], floquet.decay)
                     reached |= fallen
                 self.approaches[members[place]] = approach
                 if reached:
                     self.labels[members[place]] = k
-                    found.append(int(members[place]))
-        return found
+        return [int(member) for member in members if self.labels[member] != NOWHERE]
 
 
 def watched_outcomes(
