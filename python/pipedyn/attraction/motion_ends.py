@@ -16,7 +16,7 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -40,6 +40,7 @@ from pipedyn.attraction.solutions import (
     cycle,
     equilibrium,
     irregular,
+    kept_apart,
 )
 from pipedyn.equilibrium.equilibria import Statics
 from pipedyn.models.base import Model
@@ -47,7 +48,6 @@ from pipedyn.models.chain import Chain
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.motion.integrator import Outcome, Task
 from pipedyn.motion.lyapunov import LyapunovExponent, exponents_together
-from pipedyn.motion.sampling import maxima
 from pipedyn.motion.simulate import (
     BATCH,
     LARGEST_SAMPLES,
@@ -157,60 +157,55 @@ def _ends_of(
     model: Model, cases: list[Case], starts: Sequence[Array], options: MotionOptions
 ) -> tuple[list[list[MotionEnd]], list[Case]]:
     """Ends of the motions of one batch, by case."""
-    engine = _Engine(model, options)
+    engine, runs = _Engine(model, options), list[_Run]()
     with one_thread(model.dof):
-        runs = [
-            _Run((j, k), case, k, _state(model, start))
-            for j, case in enumerate(cases)
-            for k, start in enumerate([*starts, *case.starts])
-        ]
+        for case in cases:
+            for k, start in enumerate([*starts, *case.starts]):
+                if start.ndim == 1:
+                    start = np.asarray(model.initial_state(start, None))
+                runs.append(_Run(case, k, start.ravel()))
         engine.finish(runs)
-    ends = list[list[MotionEnd]]()
-    for j, case in enumerate(cases):
-        ends.append([engine.answers[j, k] for k in range(len(starts) + len(case.starts))])
-        case.reached = sorted({number for number, _ in ends[-1][: len(starts)]})
+    ends = [[engine.answers[run] for run in runs if run.case is case] for case in cases]
+    for case, answers in zip(cases, ends, strict=True):
+        case.reached = sorted({number for number, _ in answers[: len(starts)]})
     return ends, cases
 
 
+@dataclass(eq=False)
 class Case:
-    """A flow, the solutions that are known there, and its own starts, with p and p' in rows."""
+    """A flow, the solutions that are known there, and its own starts, with p and p' in rows.
 
-    def __init__(
-        self,
-        model: Model,
-        drive: Excitation,
-        solutions: Sequence[Solution] = (),
-        starts: Sequence[Array] = (),
-    ) -> None:
-        self.drive, self.starts = drive, starts
-        self.odd = drive.is_odd(model)
-        self.solutions = list(solutions)
-        self.reached: list[int] = []
-        """Numbers of the solutions that motions from the starts of all cases end on."""
-        self.next_try = 0.0
-        """Time from which a cycle may be solved for again."""
+    Attributes:
+        reached: numbers of the solutions that motions from the starts of all cases end on.
+        next_try: time from which a cycle may be solved for again.
+    """
+
+    model: Model
+    drive: Excitation
+    solutions: Sequence[Solution] = ()
+    starts: Sequence[Array] = ()
+    reached: list[int] = field(default_factory=list)
+    next_try: float = 0.0
+
+    @cached_property
+    def odd(self) -> bool:
+        """Whether the mirror image of every motion is a motion."""
+        return self.drive.is_odd(self.model)
 
     @property
     def attracting(self) -> list[int]:
         """Numbers of the solutions that motions may reach."""
         return [k for k, one in enumerate(self.solutions) if one.attracts]
 
-    def holding(self, one: Attractor, period: float) -> int:
+    def holding(self, state: Array, period: float) -> int:
         """Number of the solution on which a motion has ended, NOWHERE if it is unknown.
 
         Args:
-            one: the end of the motion.
-            period: time after which the motion was seen to repeat, 0 at rest.
+            state: the last state [p, p'] of the motion, (2 integrated,).
+            period: time after which the motion was seen to repeat, 0 at rest, NaN if irregular.
         """
-        held = (k for k, known in enumerate(self.solutions) if known.holds(one, period))
+        held = (k for k, known in enumerate(self.solutions) if known.holds(state, period))
         return next(held, NOWHERE)
-
-    def holding_irregular(self, state: Array) -> int:
-        """Number of the irregular solution near whose states a state lies, or NOWHERE."""
-        for k, known in enumerate(self.solutions):
-            if math.isnan(known.period) and np.isfinite(known.region.distances(state[None]))[0]:
-                return k
-        return NOWHERE
 
     def learn(self, one: Solution) -> int:
         """Adds a solution, and its mirror image if there is one; returns the solution's number."""
@@ -219,13 +214,10 @@ class Case:
         if self.odd and not one.is_mirror_image(one, shifts):
             images.append(one.mirrored(shifts))
         for new in images:
-            if self.holding(new.attractor, new.period) != NOWHERE:
+            if self.holding(new.attractor.end, new.period) != NOWHERE:
                 continue
-            for k, known in enumerate(self.solutions):
-                apart = known.region.apart(new.region)
-                self.solutions[k], new = known.kept_apart(apart), new.kept_apart(apart)
-            self.solutions.append(new)
-        return self.holding(one.attractor, one.period)
+            self.solutions = kept_apart([*self.solutions, new])
+        return self.holding(one.attractor.end, one.period)
 
 
 def spread_alike(a: Array, b: Array) -> bool:
@@ -244,28 +236,25 @@ def spread_alike(a: Array, b: Array) -> bool:
 
 @dataclass(eq=False)
 class _Run:
-    """A motion under way, with its present state."""
+    """A motion under way, with its present state and its last stretch."""
 
-    member: tuple[int, int]  # number of its case and number of its start
     case: Case
     start: int
     state: Array  # [p, p']
     approach: Approach = field(default_factory=Approach)  # approach to a known solution
     like: _Run | None = None  # motion whose turning points were spread alike at the last look
     alone: bool = False  # whether it does not join another
+    record: Stretch = field(init=False)
     size: float = field(init=False)  # range of the motion, in [LEAST_SIZE, 1]
     rate_size: float = field(init=False)  # largest rate, at least the size
 
     def __post_init__(self) -> None:
         self.resized(*np.abs(np.split(self.state, 2)).max(axis=1).tolist())
 
-    def comes_nearer(self, one: Stretch) -> bool:
-        """Whether the motion comes nearer to a known solution, to rest or to a cycle.
-
-        one: the last stretch of the motion, whose trend tells whether it comes to rest or to a
-            cycle.
-        """
-        return self.is_near or one.trend in ("rest", "settling")
+    @property
+    def comes_nearer(self) -> bool:
+        """Whether the motion comes nearer to a known solution, to rest or to a cycle."""
+        return self.is_near or self.record.trend in ("rest", "settling")
 
     @property
     def is_near(self) -> bool:
@@ -284,7 +273,7 @@ class _Engine:
     def __init__(self, model: Model, options: MotionOptions) -> None:
         self.model, self.options, self.elapsed = model, options, 0.0
         self.joined: list[tuple[_Run, _Run, float]] = []  # a motion, the one joined, and when
-        self.answers: dict[tuple[int, int], MotionEnd] = {}
+        self.answers: dict[_Run, MotionEnd] = {}
         self.statics = Statics(model)
         smooth = isinstance(model, (Chain, Galerkin)) and not model.pipe.has_kinks
         self.tolerance = options.rtol * (1.0 if smooth else ACROSS_KINKS)
@@ -293,8 +282,8 @@ class _Engine:
 
     def advance(
         self, runs: list[_Run], before: float, recorded: float, finest: float = 1.0
-    ) -> list[Stretch | None]:
-        """Integrates for a time, then records for another; None for each motion that ends.
+    ) -> list[_Run]:
+        """Integrates for a time, then records for another; returns the motions that have not ended.
 
         If motions are driven, both times are whole periods of the drive. finest: largest tolerance.
         """
@@ -316,44 +305,42 @@ class _Engine:
             most=self.options.most,
         )
         of_all = WatchedTask(**vars(first))
-        judged = {id(run.case): run.case for run in runs}
-        rules = {key: self.judged(case, recorded, count) for key, case in judged.items()}
-        tasks = list[WatchedTask]()
-        for run in runs:
-            task = replace(
+        rules = {case: self.judged(case, recorded, count) for case in {run.case for run in runs}}
+        tasks = [
+            replace(
                 of_all,
                 farthest=WOUND,
                 u=first.u if first.drive else run.case.drive.mean,
                 start=run.state,
-                **rules[id(run.case)],
+                **rules[run.case],
                 approach=run.approach,
                 atol=first.rtol * np.repeat([run.size, run.rate_size], run.state.size // 2),
             )
-            tasks.append(task)
+            for run in runs
+        ]
         # Each thread takes a batch; in larger batches a member of a chain's batch costs less.
         members = BATCH if self.model.linear_cost else BATCH // 2
         found = in_batches(tasks, watched_outcomes, members=members)
-        for run, task, one in zip(runs, tasks, found, strict=True):
-            run.approach = one.approach
-            if one.outcome[2] is not None:
-                self.answers[run.member] = STOPPED, self.stopped(run, task, one.outcome)
-            elif one.label != NOWHERE:
-                self.ends(run, run.case.attracting[one.label])
-        stretches = list[Stretch | None]([None] * len(runs))
-        going = [i for i, run in enumerate(runs) if run.member not in self.answers]
+        for run, task, (outcome, label, approach) in zip(runs, tasks, found, strict=True):
+            run.approach = approach
+            if outcome[2] is not None:
+                self.answers[run] = STOPPED, self.stopped(run, task, outcome)
+            elif label != NOWHERE:
+                self.ends(run, run.case.attracting[label])
+        self.elapsed += before + recorded
+        going = [i for i, run in enumerate(runs) if run not in self.answers]
         if not going:
-            return stretches
-        rows = np.concatenate([found[i].outcome[0][1:] for i in going])
+            return []
+        rows = np.concatenate([found[i][0][0][1:] for i in going])
         q, qdot = self.model.to_user(*np.split(rows, 2, axis=1))
         x, velocity = self.model.tips(q.T)[:, 0], self.model.tip_velocities(q.T, qdot.T)[:, 0]
         for k, i in enumerate(going):
             part, last = slice(k * count, (k + 1) * count), (k + 1) * count - 1
             runs[i].state = self.model.from_user(q[last, None], qdot[last, None])[0]
             runs[i].resized(float(np.ptp(x[part])), float(np.abs(velocity[part]).max()))
-            stretches[i] = Stretch.of(
-                samples - before, rows[part], x[part], velocity[part], self.options.rtol
-            )
-        return stretches
+            motion = samples - before, rows[part], x[part], velocity[part]
+            runs[i].record = Stretch(*motion, self.options.rtol, drive.period)
+        return [runs[i] for i in going]
 
     def judged(self, case: Case, recorded: float, count: int) -> dict[str, Any]:
         """Fields of a task that tell whether a motion has reached a known solution."""
@@ -379,55 +366,45 @@ class _Engine:
     def ends(self, run: _Run, number: int) -> None:
         """Notes that a motion ends on a solution of its case."""
         end = run.case.solutions[number].attractor
-        self.answers[run.member] = number, replace(end, start=run.start)
+        self.answers[run] = number, replace(end, start=run.start)
 
     # -------------------------------------------------------------------- results of a stretch
 
-    def look(self, runs: list[_Run], stretch: float) -> list[_Run]:
-        """Integrates for a stretch; returns the motions that have neither ended nor joined one."""
-        stretches = self.advance(runs, 0.0, stretch)
-        self.elapsed += stretch
-        seen = [(run, one) for run, one in zip(runs, stretches, strict=True) if one is not None]
-        # The other motions will soon have reached the solution that they come nearer to.
-        unknown = [(run, one) for run, one in seen if not run.is_near]
-        self.explain(unknown)
-        joined = self.joining([(run, one) for run, one in unknown if one.trend == "irregular"])
-        return [run for run in runs if run.member not in self.answers and run not in joined]
-
-    def explain(self, some: list[tuple[_Run, Stretch]]) -> list[Case]:
+    def explain(self, runs: list[_Run]) -> list[Case]:
         """Solves for what motions show; returns cases in which an attracting solution is new.
 
         Before the transient is over a cycle is solved for if a motion has come very near to an
         earlier state, and after a cycle that does not attract only when the time has doubled. After
-        the transient it is always solved for, and from farther away.
+        the transient it is always solved for, from each motion and from farther away.
         """
         new, late = list[Case](), self.elapsed > self.options.transient
         back = FAR_BACK if late else self.options.back
-        for case in dict.fromkeys(run.case for run, _ in some):
+        for case in dict.fromkeys(run.case for run in runs):
             before, u = len(case.attracting), case.drive.mean
-            tries = list[tuple[Recurrence, _Run, Stretch]]()
-            for run, one in some:
-                if run.case is case and one.trend != "rest":
-                    tries.append((one.recurrence(case.drive.period), run, one))
+            tries = list[tuple[Recurrence, _Run]]()
+            for run in runs:
+                if run.case is case and run.record.trend != "rest":
+                    tries.append((run.record.recurrence(), run))
                 elif run.case is case and not case.drive.period:
                     place = np.split(run.state, 2)[0]
                     with suppress(NewtonFailed):  # e.g. where a slow motion passes no equilibrium
                         case.learn(equilibrium(self.statics, self.statics.solved(place, u), u))
-            tries = [of for of in tries if of[0][0] <= back]
-            if tries and (late or self.elapsed >= case.next_try):
-                nearest = min(tries, key=lambda of: of[0][0])
-                if not self.explained(*nearest, back):
+            tries = sorted((of for of in tries if of[0][0] <= back), key=lambda of: of[0][0])
+            if late or self.elapsed >= case.next_try:
+                some = tries if late else tries[:1]
+                attract = [self.explained(*of, back) for of in some]
+                if some and not any(attract):
                     case.next_try = 2.0 * self.elapsed
             if len(case.attracting) > before:
                 new.append(case)
         return new
 
-    def explained(self, recurrence: Recurrence, run: _Run, one: Stretch, back: float) -> bool:
+    def explained(self, recurrence: Recurrence, run: _Run, back: float) -> bool:
         """Solves for the cycle near the end of a motion; returns whether it attracts.
 
         recurrence, back: as for `solved_cycle`.
         """
-        case, samples = run.case, (one.t, one.states)
+        case, samples = run.case, (run.record.t, run.record.states)
         try:
             orbit, stable = solved_cycle(self.model, case.drive, samples, recurrence, back)
         except NewtonFailed:
@@ -438,36 +415,49 @@ class _Engine:
             self.ends(run, number)
         return stable
 
-    def joining(self, irregular: list[tuple[_Run, Stretch]]) -> list[_Run]:
-        """The irregular motions that from now on go on as another motion of their case."""
-        first: list[tuple[_Run, Stretch]] = []  # motions with which the others are compared
+    def joining(self, irregular: list[_Run], twice: bool) -> list[_Run]:
+        """The irregular motions that from now on go on as another motion of their case.
+
+        twice: whether turning points must be spread alike at two consecutive looks, see `JOINED`.
+        """
+        first = list[_Run]()  # motions with which the others are compared
         before = len(self.joined)
-        for run, one in irregular:
-            last, run.like = run.like, _alike(run, one, first)
+        for run in irregular:
+            others = [one for one in first if one.case is run.case and not run.alone]
+            turnings, last = run.record.turnings, run.like
+            alike = (one for one in others if spread_alike(one.record.turnings, turnings))
+            run.like = next(alike, None)
             if run.like is None:
-                first.append((run, one))
-            elif run.like is last and self.elapsed >= JOINED * self.options.transient:
+                first.append(run)
+            elif not twice or (
+                run.like is last and self.elapsed >= JOINED * self.options.transient
+            ):
                 self.joined.append((run, run.like, self.elapsed))
         return [run for run, _, _ in self.joined[before:]]
 
     def finish(self, runs: list[_Run]) -> None:
         """Follows motions until they end."""
         options, drive = self.options, runs[0].case.drive
-        stretch, longest = FIRST_LOOK, max(FIRST_LOOK, 0.5 * options.duration)
-        if self.elapsed:
-            stretch = min(max(FIRST_LOOK, 0.5 * self.elapsed), longest)
-        while runs and self.elapsed + drive.whole(stretch) <= options.transient:
-            runs = self.look(runs, drive.whole(stretch))
-            stretch = min(max(stretch, 0.5 * self.elapsed), longest)
+        longest = max(FIRST_LOOK, 0.5 * options.duration)
+        while runs:
+            stretch = drive.whole(min(max(FIRST_LOOK, 0.5 * self.elapsed), longest))
+            if self.elapsed + stretch > options.transient:
+                break
+            runs = self.advance(runs, 0.0, stretch)
+            # The other motions will soon have reached the solution that they come nearer to.
+            unknown = [run for run in runs if not run.is_near]
+            self.explain(unknown)
+            joined = self.joining([run for run in unknown if run.record.trend == "irregular"], True)
+            runs = [run for run in runs if run not in self.answers and run not in joined]
         self.after_transient(runs)
-        joined, self.joined = self.joined, []
+        followed, self.joined = self.joined, []
         again: list[tuple[_Run, float]] = []
         # In reverse order: the motion that another joined may itself have joined a third one later,
         # and go on by itself.
-        for run, other, since in reversed(joined):
-            number, end = self.answers.get(other.member, (NOWHERE, None))
+        for run, other, since in reversed(followed):
+            number, end = self.answers.get(other, (NOWHERE, None))
             if isinstance(end, Attractor) and end.ending not in ("rest", "periodic"):
-                self.answers[run.member] = number, replace(end, start=run.start)
+                self.answers[run] = number, replace(end, start=run.start)
             else:
                 run.alone = True
                 again.append((run, since))
@@ -478,43 +468,66 @@ class _Engine:
     # ----------------------------------------------------------------------- after the transient
 
     def after_transient(self, runs: list[_Run]) -> None:
-        """Records motions, and follows further those that come nearer to something."""
-        duration, before = self.options.duration, max(self.options.transient - self.elapsed, 0.0)
-        last = FOLLOWED * (self.options.transient + duration)
-        while runs:
-            stretches = self.advance(runs, before, duration)
-            self.elapsed, before = self.elapsed + before + duration, 0.0
-            seen = [(run, one) for run, one in zip(runs, stretches, strict=True) if one is not None]
-            over, runs = self.elapsed >= last, []
-            new = self.explain([pair for pair in seen if not pair[0].is_near])
-            left: list[tuple[_Run, Stretch]] = []
-            for run, one in seen:
-                if run.member in self.answers or self.is_on_known(run, one, over):
-                    continue
-                if (run.case in new or run.comes_nearer(one)) and not over:
-                    runs.append(run)
-                else:
-                    left.append((run, one))
-            runs += self.named(left, over)
+        """Records motions, follows further those that come nearer to something, names the others.
 
-    def is_on_known(self, run: _Run, one: Stretch, over: bool) -> bool:
+        Of motions of a case whose turning points are spread alike the first is recorded for longer,
+        if exponents are asked for, and named.
+        """
+        options, duration = self.options, self.options.duration
+        while runs:
+            before, drive = max(options.transient - self.elapsed, 0.0), runs[0].case.drive
+            last = FOLLOWED * (options.transient + duration)
+            over = self.elapsed + before + duration >= last
+            left, runs = self.recorded(runs, over, before, duration)
+            joined = self.joining(left, False)
+            left = [run for run in left if run not in joined]
+            for times in LONGER:
+                if options.exponents:
+                    length = drive.whole(RECORDED * times * duration)
+                    left, on = self.recorded(left, over, 0.0, length, TORUS)
+                    runs += on
+                left = self.named(left, times)
+
+    def recorded(
+        self, runs: list[_Run], over: bool, *times: float
+    ) -> tuple[list[_Run], list[_Run]]:
+        """Motions to be named, and motions that go on, after a record of motions.
+
+        Motions go on that come nearer to something or may come to a solution that is new.
+
+        Args:
+            runs: the motions.
+            over: whether no motion may go on.
+            times: further arguments of `advance`.
+        """
+        runs = self.advance(runs, *times)
+        new = self.explain([run for run in runs if over or not run.is_near])
+        left, on = list[_Run](), list[_Run]()
+        for run in runs:
+            if run in self.answers or self.is_on_known(run, over):
+                continue
+            if (run.case in new or run.comes_nearer) and not over:
+                on.append(run)
+            elif (number := run.case.holding(run.state, math.nan)) != NOWHERE:
+                self.ends(run, number)
+            else:
+                left.append(run)
+        return left, on
+
+    def is_on_known(self, run: _Run, over: bool) -> bool:
         """Whether a motion ends at rest or on a cycle, as its record shows.
 
         Rest or cycle may be unstable, and the cycle may be one that cannot be solved for. A motion
         beside an unstable equilibrium, however near, is given time to leave it.
         """
         case, drive = run.case, run.case.drive
-        rests = one.trend == "rest"
-        period = 0.0 if rests else one.repeats(drive.period)
+        rests = run.record.trend == "rest"
+        period = 0.0 if rests else run.record.period
         if not rests and not period:
             return False
-        count = max(round((maxima(one.turnings).size + 1) * period / float(one.t[-1])), 1)
-        here = Attractor(drive.mean, -1, "periodic", count, one.turnings, run.state)
-        if rests:
-            here = replace(here, ending="rest", period=0, turnings=one.x[-1:].copy())
-        number = case.holding(here, period)
+        number = case.holding(run.state, period)
         if number == NOWHERE:
-            seen = by_record(self.model, drive, here, one, period)
+            seen = by_record(self.model, drive, run.state, run.record, period)
             number = case.learn(self.attracted(case, seen))
         known = case.solutions[number]
         left = float(np.abs(run.state - known.attractor.end).max())
@@ -534,94 +547,38 @@ class _Engine:
             tried = replace(one, region=region, attracts=True)
             trial, engine = Case(self.model, case.drive, [tried]), _Engine(self.model, self.options)
             beside = region.beside(self.model)
-            runs = [_Run((0, k), trial, k, state) for k, state in enumerate(beside)]
+            runs = [_Run(trial, k, state) for k, state in enumerate(beside)]
             stretch = case.drive.whole(max(FIRST_LOOK, 0.25 * self.options.transient))
             while runs and engine.elapsed < self.options.transient:
-                engine.advance(runs, 0.0, stretch)
-                engine.elapsed += stretch
-                runs = [run for run in runs if run.member not in engine.answers]
+                runs = engine.advance(runs, 0.0, stretch)
             if not runs and all(number == 0 for number, _ in engine.answers.values()):
                 return tried
         return one
 
-    def named(self, left: list[tuple[_Run, Stretch]], over: bool) -> list[_Run]:
-        """Names motions that neither rest nor repeat; returns the others, which go on.
-
-        Of motions of a case whose turning points are spread alike the first is recorded and named.
-        """
-        first, on = list[tuple[_Run, Stretch]](), list[_Run]()
-        for run, one in left:
-            number, like = run.case.holding_irregular(run.state), _alike(run, one, first)
-            if number != NOWHERE:
-                self.ends(run, number)
-            elif like is not None:
-                self.joined.append((run, like, self.elapsed))
-            else:
-                first.append((run, one))
-        for times in LONGER:
-            first = self.recorded(first, times, over, on)
-            first = self.named_by_exponents(first, times)
-        return on
-
-    def recorded(
-        self, some: list[tuple[_Run, Stretch]], times: float, over: bool, on: list[_Run]
-    ) -> list[tuple[_Run, Stretch]]:
-        """Records motions for longer, if exponents are asked for.
-
-        Args:
-            some: motions with their last records.
-            times: factor of the usual length of such a record.
-            over: whether no motion may go on.
-            on: takes the motions that go on instead.
-
-        Returns:
-            Those that still neither rest nor repeat nor come nearer to something.
-        """
-        asked = self.options.exponents
-        records: list[Stretch | None] = [one for _, one in some]
-        if some and asked:
-            length = some[0][0].case.drive.whole(RECORDED * times * self.options.duration)
-            records = self.advance([run for run, _ in some], 0.0, length, TORUS)
-            self.elapsed += length
-        left = list[tuple[_Run, Stretch]]()
-        for (run, _), one in zip(some, records, strict=True):
-            if one is None:
-                continue
-            new = asked and self.explain([(run, one)])
-            if run.member in self.answers or self.is_on_known(run, one, over):
-                continue
-            nearer = run.comes_nearer(one)
-            if (new or nearer) and not over:
-                on.append(run)
-            elif nearer:
-                why = f"it still comes nearer to rest or a cycle after t = {self.elapsed:g}"
-                self.name(run, one, "unsettled", reason=why)
-            else:
-                left.append((run, one))
-        return left
-
-    def named_by_exponents(
-        self, some: list[tuple[_Run, Stretch]], times: float
-    ) -> list[tuple[_Run, Stretch]]:
+    def named(self, some: list[_Run], times: float) -> list[_Run]:
         """Names motions by exponents and records; returns those that need longer records.
 
         times: factor of the usual time over which an exponent is measured.
         """
-        states = [(run.case.drive, run.state) for run, _ in some]
-        duration, doubtful = times * self.options.duration, list[tuple[_Run, Stretch]]()
+        for run in (run for run in some if run.comes_nearer):
+            why = f"it still comes nearer to rest or a cycle after t = {self.elapsed:g}"
+            self.name(run, "unsettled", reason=why)
+        some = [run for run in some if not run.comes_nearer]
+        states = [(run.case.drive, run.state) for run in some]
+        duration, doubtful = times * self.options.duration, list[_Run]()
         exponents = exponents_of(self.model, states, replace(self.options, duration=duration))
-        for (run, one), exponent in zip(some, exponents, strict=True):
+        for run, exponent in zip(some, exponents, strict=True):
             if exponent is None:
-                self.name(run, one, "irregular")
+                self.name(run, "irregular")
             elif isinstance(exponent, MotionStopped):
                 why = f"its largest Lyapunov exponent is not known: {exponent}"
-                self.name(run, one, "unsettled", reason=why)
+                self.name(run, "unsettled", reason=why)
             elif exponent.chaotic:
-                self.name(run, one, "chaotic", exponent)
-            elif exponent.value <= exponent.spread and one.averages_converge():
-                self.name(run, one, "quasi-periodic", exponent)
+                self.name(run, "chaotic", exponent)
+            elif exponent.value <= exponent.spread and run.record.averages_converge():
+                self.name(run, "quasi-periodic", exponent)
             elif times < LONGER[-1]:
-                doubtful.append((run, one))
+                doubtful.append(run)
             else:
                 why = (
                     f"its largest Lyapunov exponent, {exponent.value:.2g}, is not above 0 by three "
@@ -631,27 +588,24 @@ class _Engine:
                     why = (
                         f"its largest Lyapunov exponent, {exponent.value:.2g}, is 0 within its "
                         f"spread, {exponent.spread:.2g}, but averages over a time of "
-                        f"{one.t[-1]:g} converge no faster than those of chaotic motion"
+                        f"{run.record.t[-1]:g} converge no faster than those of chaotic motion"
                     )
-                self.name(run, one, "unsettled", exponent, why)
+                self.name(run, "unsettled", exponent, why)
         return doubtful
 
     def name(
         self,
         run: _Run,
-        one: Stretch,
         ending: Ending,
         exponent: LyapunovExponent | None = None,
         reason: str = "",
     ) -> None:
         """Names the ending of a motion from its record."""
-        drive, number = run.case.drive, NOWHERE
-        end = Attractor(
-            *(drive.mean, run.start, ending, 0, one.turnings, run.state, exponent, reason)
-        )
+        drive, turnings, number = run.case.drive, run.record.turnings, NOWHERE
+        end = Attractor(drive.mean, run.start, ending, 0, turnings, run.state, exponent, reason)
         if ending != "unsettled":
-            number = run.case.learn(irregular(self.model, drive, end, one))
-        self.answers[run.member] = number, end
+            number = run.case.learn(irregular(self.model, drive, end, run.record))
+        self.answers[run] = number, end
 
 
 def exponents_of(
@@ -664,28 +618,10 @@ def exponents_of(
     if not options.exponents or not states:
         return [None] * len(states)
     drive, _ = states[0]
-    found = list[LyapunovExponent | MotionStopped]()
-    for i in range(0, len(states), BATCH // 2):
-        some = states[i : i + BATCH // 2]
-        found += exponents_together(
-            *(model, [one.u for one, _ in some], [state for _, state in some]),
-            *(2.0 * options.duration, 10.0),
-            interval=drive.whole(0.5),
-            base=drive.base,
-            driven=bool(drive.period),
-        )
-    return found
-
-
-def _alike(run: _Run, one: Stretch, others: list[tuple[_Run, Stretch]]) -> _Run | None:
-    """The first of other motions of a motion's case whose turning points are spread alike."""
-    for other, record in others:
-        same = other.case is run.case and not run.alone
-        if same and spread_alike(record.turnings, one.turnings):
-            return other
-    return None
-
-
-def _state(model: Model, start: Array) -> Array:
-    """State [p, p'] of coordinates at rest, (coordinates,), or of p and p', (2, integrated)."""
-    return start.ravel() if start.ndim == 2 else np.asarray(model.initial_state(start, None))
+    return exponents_together(
+        *(model, [one.u for one, _ in states], [state for _, state in states]),
+        *(2.0 * options.duration, 10.0),
+        interval=drive.whole(0.5),
+        base=drive.base,
+        driven=bool(drive.period),
+    )

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 
-from pipedyn.motion.sampling import maxima, turning_points
+from pipedyn.motion.sampling import turning_points
 from pipedyn.util.check import Array
 
 AT_REST = 1e-5
@@ -28,16 +29,18 @@ GROWN = 1.5
 """Factor by which a change over two periods may exceed a change over one period if both are errors:
 for a motion that drifts the factor is 2."""
 
+ERRORS = 30.0
+"""Change of states in two periods, relative to their ranges and to the tolerance of a step, that
+errors of all their steps explain."""
+
 FASTER, CONVERGED = 0.15, 1e-3
 """Largest share of their differences that weighted averages keep over twice the time if they
 converge faster than any power of the time, as they do only on a torus: averages of chaotic motions
 keep about 0.7. Second, the largest difference that may then be left, relative to the spread of the
 averaged quantity."""
 
-Trend = Literal["rest", "periodic", "settling", "irregular"]
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Stretch:
     """A motion over some time, sampled.
 
@@ -45,68 +48,51 @@ class Stretch:
         t: times of evenly spaced samples, shape (S,).
         states: [p, p'], shape (S, 2 integrated).
         x: transverse positions of the tip, shape (S,).
-        turnings: values of x where its velocity changes sign, in order, shape (K,).
+        velocity: transverse velocities of the tip, shape (S,).
         rtol: relative tolerance to which the motion was integrated.
-        trend: "rest", "periodic" (maxima repeat to the error, or converge geometrically to maxima
-            that do), "settling" (it still approaches rest or a cycle) or "irregular".
+        drive: period of what drives the motion, 0 where all is steady.
     """
 
     t: Array
     states: Array
     x: Array
-    turnings: Array
+    velocity: Array
     rtol: float
-    trend: Trend
+    drive: float = 0.0
 
-    @staticmethod
-    def of(t: Array, states: Array, x: Array, velocity: Array, rtol: float) -> Stretch:
-        """The stretch of a motion, with its turning points and trend.
+    @cached_property
+    def turnings(self) -> Array:
+        """Values of x where its velocity changes sign, in order, shape (K,)."""
+        return turning_points(self.t, self.x, self.velocity)[0]
 
-        Args:
-            t: times of samples, (S,).
-            states: states [p, p'] at these times, (S, 2 integrated).
-            x: transverse position of the tip at these times, (S,).
-            velocity: transverse velocity of the tip at these times, (S,).
-            rtol: relative tolerance to which the motion was integrated.
-        """
-        turnings, error = turning_points(t, x, velocity)
-        # The errors of an integrator's steps add up over the ten or more steps of a period.
-        error += 10.0 * rtol * float(np.ptp(x))
-        return Stretch(t, states, x, turnings, rtol, trend_of(x, turnings, error))
-
-    def recurrence(self, drive: float) -> tuple[float, float, float, int]:
+    def recurrence(self) -> tuple[float, float, float, int]:
         """Smallest distance of a state from an earlier one, relative to its size in the later half.
 
         The states compared are those at which the tip passes the middle of its range towards
         positive x or, if the motion is driven, those that are whole periods of the drive apart.
-
-        Args:
-            drive: period of what drives the motion, 0 where all is steady.
 
         Returns:
             The distance, infinite if no states are compared; the times at which the shortest period
             begins and ends whose distance is at most twice the least or 0.01; and the number of
             passages, or of periods of the drive, in that period.
         """
-        times, passed = self._passages(drive)
+        times, passed = self._passages
         if times.size < 2:
             return math.inf, 0.0, 0.0, 0
         back = np.abs(passed[:-1] - passed[-1]).max(axis=1)[::-1]
         turns = int(np.flatnonzero(back <= max(2.0 * float(back.min()), 0.01))[0])
         return float(back[turns]), float(times[-2 - turns]), float(times[-1]), turns + 1
 
-    def repeats(self, drive: float) -> float:
+    @cached_property
+    def period(self) -> float:
         """Period after which the motion repeats, as three periods show; 0 if it does not repeat.
 
         Two periods may not change the state more than one does: near a resonance a motion on a
         torus drifts by as little from one period to the next, but on and on, and so does a motion
         that comes nearer to a cycle slowly. Several periods of a drifting motion are no period
         either.
-
-        Args:
-            drive: period of what drives the motion, 0 where all is steady.
         """
-        times, passed = self._passages(drive)
+        times, passed = self._passages
         drifting = list[int]()
         for turns in range(1, (times.size - 1) // 3 + 1):
             if any(turns % some == 0 for some in drifting):
@@ -114,20 +100,43 @@ class Stretch:
             once = float(np.abs(passed[turns:] - passed[:-turns]).max())
             if once < RECURRENCE:
                 twice = float(np.abs(passed[2 * turns :] - passed[: -2 * turns]).max())
-                if twice < max(GROWN * once, 30.0 * self.rtol):
+                if twice < max(GROWN * once, ERRORS * self.rtol):
                     last = times.size - 1
                     return float(times[last] - times[last % turns]) / (last // turns)
                 drifting.append(turns)
         return 0.0
 
-    def _passages(self, drive: float) -> tuple[Array, Array]:
+    @cached_property
+    def trend(self) -> Literal["rest", "periodic", "settling", "irregular"]:
+        """Whether the motion rests, repeats, still comes nearer to rest or a cycle, or neither."""
+        quarters = [float(np.ptp(part)) for part in np.array_split(self.x, 4)]
+        if quarters[-1] < AT_REST:
+            return "rest"
+        if self.period:
+            return "periodic"
+        approaches = quarters[-1] < 0.8 * quarters[0] and all(b < a for a, b in pairwise(quarters))
+        _, passed = self._passages
+        for turns in range(1, (len(passed) - 1) // 5 + 1):
+            # A Floquet multiplier whose motion still decays shrinks the changes by a constant
+            # factor. Near a torus the changes may shrink for a while as well, but not by a further
+            # factor of 2 in each quarter. Small changes may shrink more slowly.
+            change = np.abs(passed[turns:] - passed[:-turns]).max(axis=1)
+            share = 1.0 if change.max() < RECURRENCE else 0.5
+            parts = [
+                max(float(part.max()), ERRORS * self.rtol) for part in np.array_split(change, 4)
+            ]
+            approaches |= all(b <= max(share * a, ERRORS * self.rtol) for a, b in pairwise(parts))
+        return "settling" if approaches else "irregular"
+
+    @cached_property
+    def _passages(self) -> tuple[Array, Array]:
         """Times, (k,), and states, (k, 2 integrated), that are compared with one another.
 
         Each position and rate is divided by its range in the later half, or by a thousandth of the
         largest range of a position or rate if its own is smaller.
         """
-        if drive:
-            every = round(drive / float(self.t[1] - self.t[0]))
+        if self.drive:
+            every = round(self.drive / float(self.t[1] - self.t[0]))
             at = np.arange(self.t.size - 1, -1, -every)[::-1]
             times, states = self.t[at], self.states[at]
         else:
@@ -180,40 +189,3 @@ def _lagrange(share: Array) -> Array:
     """Lagrange weights, (k, 4), of samples at -1, 0, 1 and 2 for places `share`, (k,)."""
     a, b, c, d = share + 1.0, share, share - 1.0, share - 2.0
     return np.stack([-b * c * d / 6.0, a * c * d / 2.0, -a * b * d / 2.0, a * b * c / 6.0], axis=1)
-
-
-def trend_of(x: Array, turnings: Array, error: float) -> Trend:
-    """Trend of a motion, from samples x of the tip and turning points.
-
-    Two turning points may differ by the error although the motion repeats.
-    """
-    quarters = [float(np.ptp(part)) for part in np.array_split(x, 4)]
-    if quarters[-1] < AT_REST:
-        return "rest"
-    highs = maxima(turnings)
-    near = RECURRENCE * quarters[-1]
-    approaching = all(b < a for a, b in pairwise(quarters)) and quarters[-1] < 0.8 * quarters[0]
-    for period in range(1, highs.size // 3 + 1):
-        change = np.abs(highs[period:] - highs[:-period])
-        recurs = bool(change.max() < near)
-        if recurs and _drift(highs, period) <= error:
-            return "periodic"
-        if change.size < 4 * period:
-            continue
-        # A Floquet multiplier whose motion still decays shrinks the changes by a constant factor.
-        # Near a torus the changes may shrink for a while as well, but not by a further factor of 2
-        # in each quarter. If the decay is slow, the changes are too small to be seen from one
-        # period to the next.
-        changes = (float(part.max()) for part in np.array_split(change, 4))
-        drifts = (_drift(part, period) if recurs else 0.0 for part in np.array_split(highs, 4))
-        parts = [max(*both, error) for both in zip(changes, drifts, strict=True)]
-        converges = all(b <= max(0.5 * a, error) for a, b in pairwise(parts))
-        if recurs and converges:
-            return "periodic"
-        approaching |= converges or (recurs and all(b < a for a, b in pairwise(parts)))
-    return "settling" if approaching else "irregular"
-
-
-def _drift(highs: Array, period: int) -> float:
-    """The largest difference of two maxima that lie whole periods apart."""
-    return max(float(np.ptp(highs[k::period])) for k in range(min(period, highs.size)))

@@ -15,7 +15,7 @@ neither.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -45,13 +45,9 @@ longest period."""
 PHASES = 12
 """Number of phases in a period of the drive at which states are compared."""
 
-LOOK, SLOWER = 200, 4
-"""Right-hand sides of a member between two looks, a sixth of the time of some ten periods, and the
-factor by which looks are rarer at most for a batch with fewer members. Looks at a full batch take a
-fifth as long as the motions between them, measured with two segments."""
-
-MEMBERS = 128
-"""Number of members of a batch at which looks are LOOK right-hand sides apart."""
+LOOK = 400
+"""Right-hand sides of a member between two looks, a third of the time of some ten periods. Looks at
+a full batch every 200 right-hand sides took a fifth as long as the motions, with two segments."""
 
 NEARER = 0.05
 """Share of the largest distance in the first period within a region at which a motion has reached
@@ -113,20 +109,6 @@ class Region:
         unit = 1.0 / max(omega, 1e-3)
         points = np.append(place, np.zeros_like(place))[None]
         return Region(points, unit, min(2.0 * math.pi * unit, SLOWEST))
-
-    @staticmethod
-    def about_cycle(
-        states: Callable[[Array], Array], unit: float, period: float, phases: Array
-    ) -> Region:
-        """The region about a cycle whose states, (2 integrated, k), are a function of phase, (k,).
-
-        phases: phases of the points, from 0 on, (M,).
-        """
-        step, omega = PHASE_STEP, 2.0 * math.pi / period
-        before, on, after = (states(phases + shift).T for shift in (-step, 0.0, step))
-        once, twice = 0.5 * (after - before), before + after - 2.0 * on
-        rates = np.stack([once * omega / step, twice * (omega / step) ** 2])
-        return Region(on, unit, period, rates=rates)
 
     @cached_property
     def _reach(self) -> float:
@@ -284,21 +266,12 @@ class WatchedTask(Task):
     approach: Approach = field(default_factory=Approach)
 
 
-@dataclass(frozen=True)
-class Watched:
-    """Outcome of a watched motion: the region that it has reached, and its approach to one."""
-
-    outcome: Outcome
-    label: int
-    approach: Approach
-
-
 class _Watch(Observer):
     """Ends motions of a batch that have reached a region, which is judged by blocks of samples."""
 
     def __init__(self, tasks: Sequence[WatchedTask]) -> None:
         super().__init__()
-        self.stretch = LOOK * min(max(MEMBERS // len(tasks), 1), SLOWER)
+        self.stretch = LOOK
         self.tasks, self.rows = tasks, 2 * tasks[0].model.integrated
         self.labels = np.full(len(tasks), NOWHERE)
         self.judged = np.zeros(len(tasks), dtype=int)  # number of blocks judged
@@ -335,13 +308,10 @@ class _Watch(Observer):
         if task.phases.size:
             phases = np.broadcast_to(task.phases, (len(blocks), *task.phases.shape))
             blocks = np.concatenate([blocks, phases], axis=2)
-        found: list[int] = []
         last = np.stack([region.distances(blocks[:, -1]) for region in regions])
         nearest, before = last.argmin(axis=0), [self.approaches[member] for member in members]
         for member in members:
             self.approaches[member] = Approach()
-        if np.isinf(last).all():
-            return found
         for k, region in enumerate(regions):
             some = np.flatnonzero((nearest == k) & np.isfinite(last[k]))
             if not some.size:
@@ -356,30 +326,26 @@ class _Watch(Observer):
                 time = (task.times[1] - task.times[0]) * blocks.shape[1] * task.every
                 squares = np.abs(region.coordinates(rows.reshape(-1, rows.shape[2]))) ** 2
                 squares = squares.reshape(some.size, blocks.shape[1], -1).mean(axis=1)
-            for i, (place, distance) in enumerate(
-                zip(some.tolist(), largest.tolist(), strict=True)
-            ):
+            for i, place in enumerate(some.tolist()):
                 approach, near = before[place], FLOOR
                 if approach.region == k:
                     near = max(near, NEARER * approach.first)
                 else:
-                    approach = Approach(k, distance)
-                reached = distance <= near
+                    approach = Approach(k, float(largest[i]))
+                reached = bool(largest[i] <= near)
                 if floquet is not None:
                     approach, fallen = approach.later(time, squares[i], floquet.decay)
                     reached |= fallen
                 self.approaches[members[place]] = approach
                 if reached:
                     self.labels[members[place]] = k
-                    found.append(int(members[place]))
-        return found
+        return [int(member) for member in members if self.labels[member] != NOWHERE]
 
 
 def watched_outcomes(
     tasks: Sequence[WatchedTask], shown: bool, observer: Observer
-) -> list[Watched]:
-    """Outcomes of the motions of a batch, in the form that `in_batches` requires."""
+) -> list[tuple[Outcome, int, Approach]]:
+    """Outcomes of the motions of a batch, regions that they have reached, and their approaches."""
     watch = _Watch(tasks)
     outcomes: list[Outcome] = integrate(tasks, shown, watch if watch.groups else observer)
-    states = zip(outcomes, watch.labels.tolist(), watch.approaches, strict=True)
-    return [Watched(*state) for state in states]
+    return list(zip(outcomes, watch.labels.tolist(), watch.approaches, strict=True))

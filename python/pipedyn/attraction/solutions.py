@@ -9,14 +9,14 @@ any other known solution, such as an unstable cycle.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from pipedyn.attraction.attractor import Attractor
 from pipedyn.attraction.records import Stretch
-from pipedyn.attraction.regions import FLOOR, PHASES, REGION_SHARE, Region
+from pipedyn.attraction.regions import FLOOR, PHASE_STEP, PHASES, REGION_SHARE, Region
 from pipedyn.equilibrium.equilibria import Statics
 from pipedyn.linear.neutral import decays
 from pipedyn.models.base import Model
@@ -70,8 +70,7 @@ class Solution:
     @property
     def settles(self) -> bool:
         """Whether motions from elsewhere may end on it; False if it is known to repel."""
-        repels = not self.attracts and (self.orbit is not None or self.period == 0.0)
-        return not repels
+        return self.attracts or (self.orbit is None and self.period != 0.0)
 
     @property
     def near(self) -> float:
@@ -80,19 +79,23 @@ class Solution:
             return self.region.radius
         return min(self.region.radius, SAME_ATTRACTOR)
 
-    def holds(self, one: Attractor, period: float) -> bool:
+    def holds(self, state: Array, period: float) -> bool:
         """Whether the solution is the end of a motion that was seen to repeat after a period.
 
         Beside an attracting cycle a motion may repeat to the accuracy of its record after two
         periods before it does so after one; beside a cycle that does not attract, it is on a cycle
         that branches off from it at a period doubling.
+
+        Args:
+            state: the last state [p, p'] of the motion, (2 integrated,).
+            period: the period, 0 if the motion rests, NaN if it is irregular.
         """
-        if one.ending != self.attractor.ending:
+        if math.isnan(period) != math.isnan(self.period):
             return False
         times = max(round(period / self.period), 1) if self.attracts and self.period else 1
         if abs(period - times * self.period) > 0.01 * period:
             return False
-        return bool(np.isfinite(self.region.distances(one.end[None], self.near))[0])
+        return bool(np.isfinite(self.region.distances(state[None], self.near))[0])
 
     def is_mirror_image(self, other: Solution, shifts: bool) -> bool:
         """Whether the other is its image in the axis, half a period later if `shifts` is true."""
@@ -118,24 +121,21 @@ class Solution:
         orbit = None if shifts else orbit
         return replace(self, attractor=image, region=region, orbit=orbit)
 
-    def kept_apart(self, distance: float) -> Solution:
-        """The solution, with a region so small that it leaves out another known one at a distance.
-
-        The region extends over the share REGION_SHARE of the way there at most. As a cycle may
-        cross or touch another in the state space, a radius of ten times FLOOR is always left.
-        """
-        if math.isnan(self.period):
-            return self
-        radius = max(min(self.region.radius, REGION_SHARE * distance), 10.0 * FLOOR)
-        return replace(self, region=replace(self.region, radius=radius))
-
 
 def kept_apart(solutions: Sequence[Solution]) -> list[Solution]:
-    """Solutions, with regions that leave out all other solutions if they attract."""
+    """Solutions, with regions that leave out all other solutions, except around irregular ones.
+
+    A region extends over the share REGION_SHARE of the way there at most. As a cycle may cross or
+    touch another in the state space, a radius of ten times FLOOR is always left.
+    """
     found: list[Solution] = []
     for one in solutions:
-        apart = [one.region.apart(o.region) for o in solutions if one.attracts and o is not one]
-        found.append(one.kept_apart(min(apart, default=math.inf)))
+        region = one.region
+        if not math.isnan(one.period):
+            others = (region.apart(other.region) for other in solutions if other is not one)
+            radius = min(region.radius, REGION_SHARE * min(others, default=math.inf))
+            region = replace(region, radius=max(radius, 10.0 * FLOOR))
+        found.append(replace(one, region=region))
     return found
 
 
@@ -172,23 +172,34 @@ def equilibrium(statics: Statics, p: Array, u: float) -> Solution:
 # --------------------------------------------------------------------------------------- cycles
 
 
-def around(
-    model: Model, drive: Excitation, t: Array, states: Array, unit: float, period: float
+def around_cycle(
+    model: Model,
+    drive: Excitation,
+    states: Callable[[Array], Array],
+    unit: float,
+    period: float,
+    phases: Array,
 ) -> Region:
-    """The region around states [p, p'] of a motion, which are not joined to a curve.
+    """The region around a cycle whose states, (2 integrated, k), are a function of phase, (k,).
 
     Args:
         model: the model.
-        drive: what drives the motion.
-        t: time of each state since the beginning of a period of the drive, (k,).
-        states: states [p, p'], (k, 2 integrated); if the motion is driven, at PHASES times in each
-            period.
+        drive: what drives motions on the cycle.
+        states: the function; if motions are driven, phase 0 is the beginning of a period of the
+            drive.
         unit: time by which rates are multiplied.
-        period: period of the motion.
+        period: period of the cycle.
+        phases: phases of the points, from 0 on, (M,), if motions are not driven.
     """
-    points = np.concatenate([states, drive.phases(t)], axis=1)
-    driven, turn = bool(drive.period), Statics(model).whole_turn
-    return Region(points, unit, period, turn=turn, driven=driven)
+    step, omega, turn = PHASE_STEP, 2.0 * math.pi / period, Statics(model).whole_turn
+    if drive.period:
+        t = np.linspace(0.0, period, round(period / drive.period) * PHASES, endpoint=False)
+        points = np.concatenate([states(omega * t).T, drive.phases(t)], axis=1)
+        return Region(points, unit, period, turn=turn, driven=True)
+    before, on, after = (states(phases + shift).T for shift in (-step, 0.0, step))
+    once, twice = 0.5 * (after - before), before + after - 2.0 * on
+    rates = np.stack([once * omega / step, twice * (omega / step) ** 2])
+    return Region(on, unit, period, turn=turn, rates=rates)
 
 
 def cycle(model: Model, drive: Excitation, orbit: PeriodicOrbit, stable: bool) -> Solution:
@@ -204,49 +215,41 @@ def cycle(model: Model, drive: Excitation, orbit: PeriodicOrbit, stable: bool) -
     count = max(round((maxima(turnings).size + 1) / TURNING_PERIODS), 1)
     end = Attractor(drive.mean, -1, "periodic", count, turnings, states[-1].copy())
     unit = period / (2.0 * math.pi * count)
-    if drive.period:
-        count = round(period / drive.period) * PHASES
-        times = np.linspace(0.0, period, count, endpoint=False)
-        states = orbit.states(orbit.frequency * times).T
-        region = around(model, drive, times, states, unit, period)
-        return Solution(end, region, stable, period, orbit=orbit)
     floquet = None
-    if stable and not field.constrained:
+    if stable and not field.constrained and not drive.period:
         floquet = floquet_coordinates(field, orbit, np.repeat([1.0, unit], field.half))
     phases = floquet.phases if floquet is not None else point_phases(orbit)
-    region = Region.about_cycle(orbit.states, unit, period, phases)
-    region = replace(region, turn=Statics(model).whole_turn, floquet=floquet)
-    return Solution(end, region, stable, period, orbit=orbit)
+    region = around_cycle(model, drive, orbit.states, unit, period, phases)
+    return Solution(end, replace(region, floquet=floquet), stable, period, orbit=orbit)
 
 
 def by_record(
-    model: Model, drive: Excitation, end: Attractor, stretch: Stretch, period: float
+    model: Model, drive: Excitation, state: Array, stretch: Stretch, period: float
 ) -> Solution:
-    """The solution on which a motion is at the end of a stretch, known from the stretch alone.
+    """The solution on which a motion is in a state [p, p'], known from its last stretch alone.
 
     period: period after which the motion repeats; 0 at rest.
     """
+    count = round((maxima(stretch.turnings).size + 1) * period / float(stretch.t[-1]))
+    end = Attractor(drive.mean, -1, "periodic", max(count, 1), stretch.turnings, state)
+    if not period:
+        end = replace(end, ending="rest", period=0, turnings=stretch.x[-1:].copy())
     statics, last = Statics(model), float(stretch.t[-1])
     span = period or drive.period  # for driven motions rest also has the drive's period
-    unit = span / (2.0 * math.pi * max(end.period, 1))
-    if drive.period:
-        step = drive.period / PHASES
-        times = np.asarray(step * np.arange(round(span / step)), dtype=np.float64)
-        at = np.searchsorted(stretch.t, last - span + times - 1e-9)
-        region = around(model, drive, times, stretch.states[at], unit, span)
-    elif not period:
-        place = end.end[: stretch.states.shape[1] // 2]
+    if not span:
+        place = state[: state.size // 2]
         region = Region.about_rest(place, statics.eigenvalues(place, drive.mean))
-    else:
-        curve = scipy.interpolate.CubicSpline(stretch.t, stretch.states)
+        return Solution(end, replace(region, turn=statics.whole_turn), False)
+    curve = scipy.interpolate.CubicSpline(stretch.t, stretch.states)
 
-        def states(phase: Array) -> Array:
-            return np.asarray(curve(last - period + 0.5 / math.pi * period * phase).T)
+    def states(phase: Array) -> Array:
+        return np.asarray(curve(last - span + 0.5 / math.pi * span * phase).T)
 
-        count = max(POINTS, int(np.count_nonzero(stretch.t > last - period)))
-        phases = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
-        region = Region.about_cycle(states, unit, period, phases)
-    return Solution(end, replace(region, turn=statics.whole_turn), False, period)
+    unit = span / (2.0 * math.pi * max(end.period, 1))
+    count = max(POINTS, int(np.count_nonzero(stretch.t > last - span)))
+    phases = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
+    region = around_cycle(model, drive, states, unit, span, phases)
+    return Solution(end, region, False, period)
 
 
 def irregular(model: Model, drive: Excitation, end: Attractor, stretch: Stretch) -> Solution:
@@ -254,9 +257,10 @@ def irregular(model: Model, drive: Excitation, end: Attractor, stretch: Stretch)
     count = max(maxima(stretch.turnings).size, 1)
     unit = float(stretch.t[-1]) / (2.0 * math.pi * count)
     every = round(drive.period / PHASES / float(stretch.t[1] - stretch.t[0])) or 1
-    times, states = stretch.t[::every], stretch.states[::every]
-    region = around(model, drive, times, states, unit, 2.0 * math.pi * unit)
-    half = len(states) // 2
+    states, driven = stretch.states[::every], bool(drive.period)
+    points = np.concatenate([states, drive.phases(stretch.t[::every])], axis=1)
+    turn, half = Statics(model).whole_turn, len(states) // 2
+    region = Region(points, unit, 2.0 * math.pi * unit, turn=turn, driven=driven)
     first = replace(region, points=region.points[:half])
     apart = float(first.distances(region.points[half:], math.inf).max())
     region = replace(region, radius=max(2.0 * apart, SAME_ATTRACTOR))

@@ -309,8 +309,8 @@ def _near(motion: VectorField, u: float, start: LimitCycle | Motion) -> tuple[Pe
         return found, "from a cycle"
     y = motion.model.from_user(start.q, start.qdot)
     x, velocity = start.tip[:, 0], start.tip_velocity[:, 0]
-    stretch = Stretch.of(start.t, y, x, velocity, 1e-6)
-    states, frequency = last_period((stretch.t, y), stretch.recurrence(0.0), FAR_BACK)
+    stretch = Stretch(start.t, y, x, velocity, 1e-6)
+    states, frequency = last_period((stretch.t, y), stretch.recurrence(), FAR_BACK)
     found = solved_anew(motion, states, frequency, u, False, COARSE)
     _, found = run_through_once(motion, found, ROUGHLY)
     return as_symmetric(motion, found), "from a motion"
