@@ -82,6 +82,10 @@ is smaller than the size: with rtol of each coordinate the small coordinates of 
 nobody sees, ask for 1.5 times as many right-hand sides, measured with six functions, and the tip
 then errs by 1e-9 after some time instead of 1e-7."""
 
+ON_THE_WAY = 1e-4
+"""Least tolerance before the transient is over: the tip then errs by 1e-5 after some time, less
+than the distance of motions that end on different solutions, in half as many right-hand sides."""
+
 JOINED = 0.25
 """Share of the transient after which motions from several starts at one flow go on as one, if they
 are irregular and their turning points were spread alike at two consecutive looks. If that motion
@@ -280,12 +284,10 @@ class _Engine:
 
     # ----------------------------------------------------------------------------- integration
 
-    def advance(
-        self, runs: list[_Run], before: float, recorded: float, finest: float = 1.0
-    ) -> list[_Run]:
+    def advance(self, runs: list[_Run], rtol: float, before: float, recorded: float) -> list[_Run]:
         """Integrates for a time, then records for another; returns the motions that have not ended.
 
-        If motions are driven, both times are whole periods of the drive. finest: largest tolerance.
+        If motions are driven, both times are whole periods of the drive. rtol: relative tolerance.
         """
         if not runs:
             return []
@@ -299,7 +301,7 @@ class _Engine:
         first = checked_task(
             *(self.model, drive.u, before + recorded, p, rates),
             times=samples,
-            rtol=min(self.tolerance, finest),
+            rtol=rtol,
             base=drive.base,
             members=len(runs),
             most=self.options.most,
@@ -339,7 +341,7 @@ class _Engine:
             runs[i].state = self.model.from_user(q[last, None], qdot[last, None])[0]
             runs[i].resized(float(np.ptp(x[part])), float(np.abs(velocity[part]).max()))
             motion = samples - before, rows[part], x[part], velocity[part]
-            runs[i].record = Stretch(*motion, self.options.rtol, drive.period)
+            runs[i].record = Stretch(*motion, max(self.options.rtol, rtol), drive.period)
         return [runs[i] for i in going]
 
     def judged(self, case: Case, recorded: float, count: int) -> dict[str, Any]:
@@ -443,7 +445,7 @@ class _Engine:
             stretch = drive.whole(min(max(FIRST_LOOK, 0.5 * self.elapsed), longest))
             if self.elapsed + stretch > options.transient:
                 break
-            runs = self.advance(runs, 0.0, stretch)
+            runs = self.advance(runs, max(self.tolerance, ON_THE_WAY), 0.0, stretch)
             # The other motions will soon have reached the solution that they come nearer to.
             unknown = [run for run in runs if not run.is_near]
             self.explain(unknown)
@@ -478,13 +480,13 @@ class _Engine:
             before, drive = max(options.transient - self.elapsed, 0.0), runs[0].case.drive
             last = FOLLOWED * (options.transient + duration)
             over = self.elapsed + before + duration >= last
-            left, runs = self.recorded(runs, over, before, duration)
+            left, runs = self.recorded(runs, over, self.tolerance, before, duration)
             joined = self.joining(left, False)
             left = [run for run in left if run not in joined]
             for times in LONGER:
                 if options.exponents:
                     length = drive.whole(RECORDED * times * duration)
-                    left, on = self.recorded(left, over, 0.0, length, TORUS)
+                    left, on = self.recorded(left, over, min(self.tolerance, TORUS), 0.0, length)
                     runs += on
                 left = self.named(left, times)
 
@@ -550,7 +552,7 @@ class _Engine:
             runs = [_Run(trial, k, state) for k, state in enumerate(beside)]
             stretch = case.drive.whole(max(FIRST_LOOK, 0.25 * self.options.transient))
             while runs and engine.elapsed < self.options.transient:
-                runs = engine.advance(runs, 0.0, stretch)
+                runs = engine.advance(runs, engine.tolerance, 0.0, stretch)
             if not runs and all(number == 0 for number, _ in engine.answers.values()):
                 return tried
         return one

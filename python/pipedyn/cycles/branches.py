@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from pipedyn.attraction.motion_ends import Failed
 from pipedyn.continuation.tracer import Tracer, special_points
 from pipedyn.cycles.limit_cycle import (
+    ON_BRANCH,
     LimitCycle,
     NoCycle,
     amplitude_of,
@@ -372,6 +373,11 @@ class _PassingOfCycles(PassingMultiplier[OrbitProblem]):
 
     def about(self, s: float) -> Array:
         """Logarithms of the moduli of all nontrivial multipliers."""
+        if 0.0 < s < self.step.length and not self.motion.model.pipe.has_kinks:
+            # Within a step no other property of the cycle is asked for.
+            found, _, error = orbit_multipliers(self.motion, orbit_at(self.step, s), ON_BRANCH)
+            if error <= ON_BRANCH:
+                return log_moduli(found)
         return log_moduli(self.cycle(s).multipliers)
 
     def candidates(self, before: float, beyond: float) -> tuple[Complex, bool]:
