@@ -234,6 +234,36 @@ void require_answer(const char* what, const Model& of, py::ssize_t rows, const p
   refuse(what, members, states.one ? py::object(py::none()) : py::int_(k), why);
 }
 
+/// For each member its rates and their derivatives by the speed and by the state, one below the
+/// other, (members, 2 + rows, rows).
+template <class Model>
+void linearise(const Model& model, const Batch& batch, double* out) {
+  if constexpr (requires { model.linearise(batch, out); }) {
+    model.linearise(batch, out);
+  } else {  // rates are of second degree in the speed
+    const Index rows = 2 * model.dof(), members = batch.members;
+    Vector step(members), u(members);
+    for (Index k = 0; k < members; ++k) u[k] = batch.u[k * batch.u_step];
+    for (Index k = 0; k < members; ++k) step[k] = u[k] > 0.0 ? 0.5 * u[k] : 1.0;
+    Batch faster = batch;
+    faster.u = u.data();
+    faster.u_step = 1;
+    Matrix rates[3];
+    for (Matrix& at : rates) {
+      at.resize(rows, members);
+      model.rhs(faster, at.data());
+      u += step;
+    }
+    Matrix slopes(members, rows * rows);
+    model.jacobian(batch, slopes.data());
+    const Matrix by_speed = 4.0 * rates[1] - rates[2] - 3.0 * rates[0];
+    Eigen::Map<Matrix> all(out, members, (2 + rows) * rows);
+    all.leftCols(rows) = rates[0].transpose();
+    all.middleCols(rows, rows) = (0.5 / step.array()).matrix().asDiagonal() * by_speed.transpose();
+    all.rightCols(rows * rows) = slopes;
+  }
+}
+
 /// Energy of each member. rows, cost: as for `results_of`; refuses: whether to raise NotResolved.
 template <class Model>
 NumberOrArray energy_of(const Model& model, py::ssize_t rows, py::ssize_t cost, const py::object& y,
@@ -312,6 +342,11 @@ void define_equations(py::class_<Model>& model) {
           },
           "t"_a, "y"_a, "u"_a, drive, refuses)
       .def(
+          "linearised",
+          [slopes](const Model& of, const object&, const object& y, const object& u,
+                   const object& driven) { return slopes(of, y, u, driven, 2, linearise<Model>); },
+          "t"_a, "y"_a, "u"_a, drive)
+      .def(
           "energy",
           [](const Model& of, const object& y, const object& driven, bool refused) {
             return energy_of(of, 2 * of.dof(), work_of(of), y, driven, refused);
@@ -332,15 +367,6 @@ void define_equations(py::class_<Model>& model) {
                               [&](const Batch& batch, double* out) { of.axial(batch, out); });
           },
           "y"_a, drive);
-  if constexpr (requires { &Model::linearise; }) {
-    model.def(
-        "linearised",
-        [slopes](const Model& of, const object&, const object& y, const object& u,
-                 const object& driven) {
-          return slopes(of, y, u, driven, 2, std::mem_fn(&Model::linearise));
-        },
-        "t"_a, "y"_a, "u"_a, drive);
-  }
 }
 
 /// Defines eigenproblems, spectra and searches; see linear.cpp.

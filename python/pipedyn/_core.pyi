@@ -143,6 +143,9 @@ class Chain:
         by_damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         unsteady: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def linearised(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
     def loads(
         self, stations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
@@ -531,6 +534,9 @@ class Scene:
         u: typing.Any,
         drive: typing.Any = None,
         refuses: bool = True,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def linearised(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def power(
         self, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True

@@ -669,6 +669,9 @@ class Model(OfPipe, ABC):
         The rows of the result, (k, 2 + 2 integrated, 2 integrated), are the rates, their derivative
         by the speed and the derivatives by [p, p'].
         """
+        if self.motion is self.core:
+            self._check_dense()
+            return np.asarray(self.core.linearised(0.0, y, u, drive))
         step = np.where(np.asarray(u) > 0.0, 0.5 * np.asarray(u), 1.0)
         rates, faster, fastest = (self.motion_rates(y, u + k * step, drive) for k in range(3))
         by_speed = (4.0 * faster - fastest - 3.0 * rates) / (2.0 * step)  # exact to degree 2

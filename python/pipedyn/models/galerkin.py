@@ -348,10 +348,6 @@ class Galerkin(Model):
     def _supports(self) -> ReducedSupports:
         return ReducedSupports(self.core)
 
-    def motion_linearised(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
-        self._check_dense()
-        return np.asarray(self.core.linearised(0.0, y, u, drive))
-
     def free_directions(self, p: Array) -> Array:
         return self._supports.allowed(p) if self._held else super().free_directions(p)
 
