@@ -454,7 +454,10 @@ ALONG = Kind(
 )
 PROFILE = Kind(
     one_of(lambda r: 1.0 - 0.5 * r),
-    one_of(*(None, 3, NAN, "a", {}, object()), *(lambda r, v=v: v for v in (NAN, "a", [1, 2], 1j))),
+    listed(
+        *(None, 3, NAN, "a", {}, object()),
+        *(lambda r, v=v: v for v in (NAN, "a", [1, 2], 1j, [[1], [1, 2]], np.ma.masked)),
+    ),
 )
 
 
