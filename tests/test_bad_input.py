@@ -52,6 +52,7 @@ CASES = [
     ("areas", lambda v: pp.end_coefficient(lambda r: 1.0, areas=v), [1.0, 1.0]),
     # Chain
     ("n", lambda v: pp.Chain(PIPE), None),
+    *(("n", lambda v: pp.Chain(PIPE, v), v) for v in [10**12, 10**400]),
     ("lengths", lambda v: pp.Chain(PIPE, 3, lengths=v), [0.5, 0.5]),
     ("lengths", lambda v: pp.Chain(PIPE, lengths=v), [0.5, 0.6]),
     ("lengths", lambda v: pp.Chain(PIPE, lengths=v, base=0.1), [0.5, 0.5]),
