@@ -156,6 +156,11 @@ def bounds_of(draw: Values | None) -> tuple[Any, ...]:
     return getattr(draw, "bounds", ())
 
 
+def listed(*values: Any) -> Values:
+    """One of some values, each of which `at_bounds` gives."""
+    return sure(one_of(*values), *values)
+
+
 def any_of(*draws: Values) -> Values:
     known = (bounds_of(draw) for draw in dict.fromkeys(draws))
     return sure(lambda dice: dice.choice(draws)(dice), *(value for some in known for value in some))
@@ -189,7 +194,7 @@ def real(good: tuple[float, float], below: float = -INF, above: float = INF) -> 
     ends = [end for end in (below, above) if math.isfinite(end)]
     outside = [one_of(end) for end in ends]
     wrong = any_of(NONE, *NOTHINGS, *WORDS, *LOGICAL, *NOT_FINITE, *LISTS, *outside * 8)
-    return Kind(fair, sure(wrong, *ends, NAN, "1", [0.5]))
+    return Kind(fair, sure(wrong, *ends, NAN, True, "1", [0.5]))
 
 
 def count(low: int, high: int, above: int | None = None) -> Kind:
@@ -449,7 +454,10 @@ ALONG = Kind(
 )
 PROFILE = Kind(
     one_of(lambda r: 1.0 - 0.5 * r),
-    one_of(*(None, 3, NAN, "a", {}, object()), *(lambda r, v=v: v for v in (NAN, "a", [1, 2], 1j))),
+    listed(
+        *(None, 3, NAN, "a", {}, object()),
+        *(lambda r, v=v: v for v in (NAN, "a", [1, 2], 1j, [[1], [1, 2]], np.ma.masked)),
+    ),
 )
 
 
@@ -457,10 +465,10 @@ FLOWS = Kind(
     one_of(PUMP, lambda t: 1.0 + 0.2 * t, (lambda t: 1.0 + t**2, lambda t: 2.0 * t)),
     any_of(
         *(NONE, *NOTHINGS, *WORDS, *LOGICAL, *NOT_FINITE),
-        one_of(-1.0, 1e5, [1.0], (1.0, 2.0), (PUMP, 1.0), (PUMP,) * 3, (lambda t: 1.0,)),
-        *map(one_of, (lambda t: NAN, lambda t: "a", lambda t: [1.0], lambda t: None)),
-        *map(one_of, (lambda t: -1.0, lambda t: 1j, lambda t: {}, lambda t: "1")),
-        *map(one_of, (lambda t: 1.0 if t < 0.05 else NAN, (lambda t: 1.0, lambda t: NAN))),
+        listed(-1.0, 1e5, [1.0], (1.0, 2.0), (PUMP, 1.0), (PUMP,) * 3, (lambda t: 1.0,)),
+        *map(listed, (lambda t: NAN, lambda t: "a", lambda t: [1.0], lambda t: None)),
+        *map(listed, (lambda t: -1.0, lambda t: 1j, lambda t: {}, lambda t: "1")),
+        *map(listed, (lambda t: 1.0 if t < 0.05 else NAN, (lambda t: 1.0, lambda t: NAN))),
         *map(one_of, (lambda t: 1.0 - 20.0 * t, lambda t: True, lambda t: np.zeros(2))),
     ),
 )
@@ -471,10 +479,10 @@ SHAKERS = Kind(
     ),
     any_of(
         *(*NOTHINGS, *WORDS, *LOGICAL, *NOT_FINITE),
-        one_of(1.0, [1.0, 2.0], (SHAKER,), (SHAKER, SHAKER), (SHAKER, None, 3.0), PUMP),
-        *map(one_of, (lambda t: 0.1, lambda t: (t,), lambda t: (t, t, t), lambda t: (NAN, 0.0))),
-        *map(one_of, (lambda t: "ab", lambda t: None, lambda t: (1j, 0), lambda t: "12")),
-        *map(one_of, (lambda t: (0, INF if t > 0.09 else 0), lambda t: ((0, 0), (0, 0)))),
+        listed(1.0, [1.0, 2.0], (SHAKER,), (SHAKER, SHAKER), (SHAKER, None, 3.0), PUMP),
+        *map(listed, (lambda t: 0.1, lambda t: (t,), lambda t: (t, t, t), lambda t: (NAN, 0.0))),
+        *map(listed, (lambda t: "ab", lambda t: None, lambda t: (1j, 0), lambda t: "12")),
+        *map(listed, (lambda t: (0, INF if t > 0.09 else 0), lambda t: ((0, 0), (0, 0)))),
     ),
 )
 
@@ -1009,7 +1017,7 @@ QUANTITIES: dict[str, dict[str, Kind]] = {
 def _comparisons() -> Iterator[Target]:
     """Models held against the continuous pipe, for every quantity."""
     repeats = count(1, 2, 1001)
-    junk = any_of(*NOTHINGS, *WORDS, one_of(3, [3], [], [None], ["beam", "rod"], {"beam": 3}))
+    junk = any_of(*NOTHINGS, *WORDS, listed(3, [3], [], [None], ["beam", "rod"], {"beam": 3}))
     among = Kind(one_of(["midpoint", "legendre"], "legendre", ("beam", "midpoint pair")), junk)
     several = one_of(
         *(
@@ -1020,7 +1028,7 @@ def _comparisons() -> Iterator[Target]:
             range(2, 5),
         )
     )
-    no_sizes = one_of(
+    no_sizes = listed(
         *([], [0], [3, 3], [5, 3], [2.5], "a", NAN, [NAN], [True], -1, 10**30, [[3, 4]]),
         *({3: [3]}, {"rod": [3]}, {"legendre": [0]}, {"beam": "a"}, {"beam": []}, {"beam": [NAN]}),
         *(np.array([6, 3], dtype=np.uint8), {"midpoint": np.array([6, 3], dtype=np.uint64)}),
@@ -1141,7 +1149,8 @@ def _motions() -> Iterator[Target]:
             any_of(NONE, *WORDS, one_of(3, NAN, object(), [None], pp.Event(3), lambda t, q, v: q)),
         ),
         "dense": FLAG,
-        "callback": Kind(one_of(None, lambda t, q, qdot: None), any_of(*WORDS, one_of(3, [], NAN))),
+        "callback": Kind(one_of(None, lambda t, q, qdot: None), any_of(*WORDS, listed(3, [], NAN))),
+        "max_step": Kind(real((0.1, 1.0)).good, listed(0.0, -1.0, NAN, "long")),
     }
     yield target(
         lambda **given: pp.simulate(CHAIN, 1.0, 0.1, bend, samples=3, **given),
@@ -1189,7 +1198,8 @@ def _motions() -> Iterator[Target]:
         rtol=real((1e-6, 1e-3), 0.0, 1.0),
         samples=count(9, 33, 100_001),
     )
-    yield target(pp.hopf, slow=True, model=flutter, crossing=optional(of(CROSSING)))
+    onset = {"crossing": optional(of(CROSSING)), "friction": optional(real((0.5, 9.0), 0.0))}
+    yield target(pp.hopf, slow=True, model=flutter, **onset)
     lossy = {"model": Kind(one_of(OVERHANG), one_of(LOST, EXACT, 3, NAN, None))}
     refused = {"model": "model|hysteresis"}
     yield target(pp.hopf, "[supported]", slow=True, called=refused, **lossy)
@@ -1224,7 +1234,7 @@ def _motions() -> Iterator[Target]:
         blocks=count(4, 6, 10_001),
         interval=real((0.1, 0.5), 0.0, 1e300),
         method=word("variational", "pair"),
-        rtol=real((1e-8, 1e-4), 0.0, 1.0),
+        rtol=real((1e-8, 1e-4), 0.0, 0.5),
     )
     diagram = {
         "model": flutter,
@@ -1391,12 +1401,12 @@ def _kept() -> Iterator[Target]:
     )
     measured = [pp.Measurement("frequency", 3.5, 0.1), pp.Measurement("decrement", 0.2, 0.05)]
     names = one_of(["damping"], ("damping",), {"damping": (1e-4, 1.0)})
-    wrong = one_of([], ["damping", "damping"], ["x"], {"damping": (1.0, 0.0)}, {"damping": 3}, "x")
+    wrong = listed([], ["damping", "damping"], ["x"], {"damping": (1.0, 0.0)}, {"damping": 3}, "x")
     yield target(
         pp.identify,
         slow=True,
-        pipe=Kind(one_of(PIPE), any_of(NONE, *NOTHINGS, one_of(CHAIN))),
-        measurements=Kind(one_of(measured, tuple(measured)), one_of([], None, [3], 3)),
+        pipe=either([PIPE], CHAIN, 3),
+        measurements=Kind(one_of(measured, tuple(measured)), listed([], None, [3], 3)),
         unknowns=Kind(names, any_of(NONE, *NOTHINGS, wrong)),
     )
 

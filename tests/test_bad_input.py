@@ -40,13 +40,8 @@ CASES = [
         for way in ("_si", "_from_si")
     ),
     # end_coefficient
-    ("velocity", lambda v: pp.end_coefficient(v, areas=[1.0, 1.0]), [1.0, 1.0, 1.0]),
     ("velocity", lambda v: pp.end_coefficient(v, radii=[0, 1], areas=[1, 1]), [1.0, 1.0]),
     *(("velocity", lambda v: pp.end_coefficient(v), v) for v in [1.0, [1.0, 2.0], "fast"]),
-    *(
-        ("velocity", lambda v: pp.end_coefficient(lambda r: v), v)
-        for v in [[[1], [1, 2]], np.ma.masked, "fast", np.ones(2)]
-    ),
     *(
         ("radii", lambda v: pp.end_coefficient([1.0] * 3, radii=v), v)
         for v in [[0.1, 0.2, 0.3], [0.0, 0.2, 0.2], None]
@@ -62,21 +57,17 @@ CASES = [
     ("lengths", lambda v: pp.Chain(PIPE, lengths=v), [0.5, 0.6]),
     ("lengths", lambda v: pp.Chain(PIPE, lengths=v, base=0.1), [0.5, 0.5]),
     ("lengths", lambda v: pp.Chain(PIPE, lengths=v, springs="midpoint"), [0.5, 0.5]),
-    *(
-        (name, lambda v, name=name: pp.Chain(PIPE, 3, **{name: v}), [0.5, 0.5])
-        for name in ("springs", "centres", "gyration_radii", "drag_points")
-    ),
     ("centres", lambda v: pp.Chain(PIPE, 2, centres=v, gyration_radii=[0.1, 0.0]), [0.5, 0.0]),
     ("base", lambda v: pp.Chain(PIPE, 3, springs="midpoint", base=v), 0.1),
     # what models answer
     *(("angle", model.bent, lambda s, v=v: v * s) for model in (CHAIN, ROM) for v in [1e7, 1j]),
     *(("q", model.tip, [0.0, 0.0, 1e7]) for model in (CHAIN, ROM)),
-    *(("q", model.tips, [0.0, 0.0, 0.0]) for model in (CHAIN, ROM)),
     *(
         ("q", lambda v, model=model: model.deflection(v, [0.5]), v)
         for model in (CHAIN, ROM)
         for v in [np.zeros((3, 1, 1)), np.zeros((3, 0)), np.broadcast_to(0.0, (3, 10**9))]
     ),
+    *(("q", model.tips, [0.0, 0.0, 0.0]) for model in (CHAIN, ROM)),
     ("q", ROM.tip, [0.0, 0.0, 500.0]),
     ("s", lambda v: pp.Galerkin(PIPE, 2000).functions(v), np.linspace(0.0, 1.0, 60_000)),
     # questions
@@ -94,7 +85,7 @@ CASES = [
         ("count", lambda v, f=f: f(pp.Chain(PIPE, 10**6), v), 11)
         for f in (lambda c, v: pp.modes(c, 1.0, v), lambda c, v: pp.root_loci(c, [1.0], v))
     ),
-    *(("speeds", lambda v: pp.root_loci(CHAIN, v, 2), v) for v in [[1.0, 1.0], [2.0, 1.0], 3.0]),
+    *(("speeds", lambda v: pp.root_loci(CHAIN, v, 2), v) for v in [[1.0, 1.0], [2.0, 1.0]]),
     ("count", lambda v: pp.root_loci(CHAIN, [0.0, 1.0], v), 4),
     ("count", lambda v: pp.root_loci(EXACT, [0.0, 1.0], v), 401),
     ("speeds", lambda v: pp.root_loci(EXACT, v, 2), [0.0, 1001.0]),

@@ -198,24 +198,15 @@ def test_a_nondimensional_pipe_and_its_loss_factor():
 @pytest.mark.parametrize(
     ("change", "kind", "message"),
     [
-        ({"pipe": 3}, TypeError, "pipe must be a Pipe"),
-        ({"measurements": []}, ValueError, "must have at least one Measurement, got none"),
-        ({"measurements": 3}, TypeError, "measurements must be a list of Measurement, got 3"),
         (
             {"measurements": [pp.Measurement("frequency", 1.0, 0.1, speed=100.0)]},
             ValueError,
             r"measurements\[0\]\.speed must be at most 64\.82, got 100, 84\.9 in units of the pipe",
         ),
-        ({"measurements": [3]}, TypeError, r"measurements\[0\] must be a Measurement, got 3"),
-        ({"unknowns": "damping"}, TypeError, "unknowns must be a list of names"),
-        ({"unknowns": []}, ValueError, "unknowns must have at least one name"),
-        ({"unknowns": ["damping", "damping"]}, ValueError, "unknowns must differ"),
-        ({"unknowns": ["stiffness"]}, ValueError, "unknowns must be one of"),
         ({"unknowns": ["dampng"]}, ValueError, "got 'dampng': did you mean 'damping'"),
         ({"unknowns": ["clamp_stiffness"]}, ValueError, "'clamp_compliance' instead of 'clamp_st"),
         ({"unknowns": ["drag"]}, ValueError, "no part in small motions"),
         ({"unknowns": ["gamma"]}, ValueError, "its masses and lengths are given"),
-        ({"unknowns": {"damping": (2.0, 1.0)}}, ValueError, r"must be \(low, high\), got \(2, 1\)"),
         ({"unknowns": {"damping": (0.0, 1.0)}}, ValueError, r"unknowns\['damping'\]"),
         (
             {"pipe": pp.Pipe(0.2), "unknowns": ["bending_stiffness"]},
@@ -240,9 +231,6 @@ def test_bad_arguments_are_named(change, kind, message):
     [
         (("speed", 1.0, 0.1), "quantity must be one of"),
         (("frequency", -1.0, 0.1), "value"),
-        (("frequency", 1.0, 0.0), "uncertainty"),
-        (("frequency", 1.0, 0.1, -1.0), "speed"),
-        (("frequency", 1.0, 0.1, 0.0, 0), "mode"),
         (("critical_speed", 1.0, 0.1, 2.0), "speed must be left out of a critical_speed"),
     ],
 )

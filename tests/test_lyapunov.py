@@ -164,7 +164,6 @@ def test_scene_agrees_with_its_chain():
             "start must be a LimitCycle, a Mo",
         ),
         (lambda: pp.lyapunov_exponent(CHAIN, 1.0, pp.hopf(CHAIN)), TypeError, "start must be a L"),
-        (lambda: pp.lyapunov_exponent(CHAIN, 1.0, rtol=0.5), ValueError, "rtol must"),
         (
             lambda: pp.lyapunov_exponent(CHAIN, 1.0, duration=1e6, interval=1e-6),
             ValueError,

@@ -438,11 +438,7 @@ def test_bad_profiles_are_refused():
     refused(ValueError, "noise|smooth", stiffness=lambda s: 1 + 1e-3 * rng.random(s.size) * (s > 0))
     with pytest.raises(ValueError, match="at must ascend between 0 and 1"):
         pp.Profile([0.5, 0.4], [1, 1, 1])
-    with pytest.raises(ValueError, match="at must ascend between 0 and 1"):
-        pp.Profile([1.0], [1, 1])
     with pytest.raises(ValueError, match=r"values must be 2, one for each stretch.*, got 3"):
         pp.Profile([0.5], [1, 2, 3])
-    with pytest.raises(ValueError, match=r"values\[1\] must lie in"):
-        pp.Profile([0.5], [1, -2])
     with pytest.raises(ValueError, match="pipe must have the stiffness along it"):
         pp.Chain(PIPE, 3).with_pipe(UNIFORM)

@@ -280,8 +280,6 @@ def test_events_and_dense_output_see_the_pipe():
             lambda: pp.simulate(pp.Chain(PIPE, 3), pp.Supply(-9.0, 1.0), 1.0, lambda s: 0 * s),
             "head must drive a flow",
         ),
-        (lambda: pp.hopf(pp.Chain(PIPE, 4), friction=0.0), "friction must"),
-        (lambda: pp.hopf(pp.Chain(PIPE, 4), friction=math.nan), "friction must"),
     ],
 )
 def test_bad_input_is_refused_by_name(call, message):

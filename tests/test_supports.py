@@ -292,12 +292,8 @@ def test_supports_are_checked_where_they_are_given():
         pp.Pipe(0.2, root="loose")
     with pytest.raises(TypeError, match=r'root must be "clamped", "pinned" or a RootSpring, got 3'):
         pp.Pipe(0.2, root=3.0)
-    with pytest.raises(ValueError, match="stiffness must be finite and >= 0, got -1"):
-        pp.RootSpring(-1.0)
     with pytest.raises(ValueError, match=r"root.stiffness must lie in \[0, 1e\+09\]"):
         pp.Pipe(0.2, root=pp.RootSpring(1e12))
-    with pytest.raises(ValueError, match="end must be"):
-        pp.Pipe(0.2, end="roller")
     with pytest.raises(TypeError, match=r"supports must be a sequence of arc lengths"):
         pp.Pipe(0.2, supports=0.5)
     for places in ([0.0], [1.0], [0.5, 1.2], [-0.1], [math.nan]):
