@@ -18,8 +18,8 @@ LIMITS = {
     "modules in a folder": 16,
     "names with more than one meaning": 11,
     "docstrings that begin with a leaning word": 0,
-    "lines of Python": 24061,
-    "lines of C++": 14991,
+    "lines of Python": 23293,
+    "lines of C++": 14247,
 }
 
 ROOT = Path(__file__).parents[1]
