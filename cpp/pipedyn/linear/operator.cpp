@@ -59,6 +59,17 @@ Eigen::MatrixXd DenseOperator::times(const Eigen::Ref<const Matrix>& factor,
   return result;
 }
 
+DenseOperator DenseOperator::within(const Eigen::MatrixXd& basis, Index some) const {
+  // Modes whose x^T M x is rounding are left out: there may be fewer than `some`.
+  const Eigen::MatrixXd first = basis.leftCols(std::min(some, basis.cols()));
+  const Eigen::Map<const Matrix> transposed(first.data(), first.cols(), dof);
+  Matrices of_basis;
+  for (std::size_t k = 0; k < matrices_.size(); ++k) {
+    if (matrices_[k].size() > 0) of_basis[k] = times(transposed, times(matrices_[k], first));
+  }
+  return {lapack, std::move(of_basis), size, lost};
+}
+
 ComplexTable DenseOperator::times(int matrix, const ComplexTable& x) const {
   Eigen::MatrixXd parts(dof, 2 * x.cols());
   parts << x.real(), x.imag();

@@ -118,6 +118,9 @@ class DenseOperator {
   DenseOperator with(Matrix mass, Matrix velocity, Matrix stiffness) const {
     return {lapack, {std::move(mass), std::move(velocity), std::move(stiffness)}, size, lost};
   }
+  /// The operator with matrices B^T M B, B^T C B and so on, for motions that are sums of the first
+  /// columns of a basis B, `some` at most.
+  DenseOperator within(const Eigen::MatrixXd& basis, Index some) const;
   /// Error of y^H P x, in units of eps, that rounding of the entries of P may cause, for each pair:
   /// no residual shows it.
   Reals hidden(const Values& values, const ComplexTable& right, const ComplexTable& left) const;

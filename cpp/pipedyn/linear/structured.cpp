@@ -32,6 +32,9 @@ constexpr int most_near = 8;
 /// Most corrections of the roots of another model as starts, since a few of them are far from the
 /// roots of this model.
 constexpr int most_assumed = 40;
+/// Dense starts in flow are sums of modes at rest: half as many modes as roots are wanted, and this
+/// many more. For a chain of 264 segments held at both ends that takes a seventh of the time.
+constexpr Index modes_beyond = 12;
 /// Number of samples whose roots are kept: steps are halved from the right, and go on from there.
 constexpr std::size_t most_known = 8;
 /// Ratio of the magnitudes of neighbouring roots beyond which a gap is as good as any; next to zero
@@ -299,7 +302,10 @@ std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vector
       }
       starts = starts_at_rest_;
     } else {
-      starts = starts_of(Eigenproblem::at(u), u, std::nullopt);
+      const DenseOperator& p = Eigenproblem::at(u);
+      const Index some = wanted / 2 + modes_beyond;
+      const bool few = knows_modes() && 4 * some < 3 * traits.dof && modes_at_rest();
+      starts = dense_roots(few ? p.within(modes_at_rest()->vectors, some) : p, is_squared(u));
     }
     if (!every) {
       while (roots_in(starts) > wanted) starts.pop_back();
