@@ -19,7 +19,7 @@ LIMITS = {
     "names with more than one meaning": 11,
     "docstrings that begin with a leaning word": 0,
     "lines of Python": 23293,
-    "lines of C++": 14247,
+    "lines of C++": 14261,
 }
 
 ROOT = Path(__file__).parents[1]
