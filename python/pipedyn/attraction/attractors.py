@@ -591,7 +591,7 @@ def _begins(motion: Motion, drive: float) -> Array:
 def _amplitude(motion: Motion) -> float:
     """Half the peak-to-peak transverse motion of the free end."""
     x, rate = motion.tip[:, 0], motion.tip_velocity[:, 0]
-    turnings, _ = turning_points(motion.t, x, rate)
+    turnings = turning_points(motion.t, x, rate)
     return 0.5 * float(np.ptp(turnings)) if turnings.size else 0.0
 
 

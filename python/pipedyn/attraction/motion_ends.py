@@ -82,7 +82,7 @@ is smaller than the size: with rtol of each coordinate the small coordinates of 
 nobody sees, ask for 1.5 times as many right-hand sides, measured with six functions, and the tip
 then errs by 1e-9 after some time instead of 1e-7."""
 
-ON_THE_WAY = 1e-4
+ROUGH_TOLERANCE = 1e-4
 """Least tolerance before the transient is over: the tip then errs by 1e-5 after some time, less
 than the distance of motions that end on different solutions, in half as many right-hand sides."""
 
@@ -445,7 +445,7 @@ class _Engine:
             stretch = drive.whole(min(max(FIRST_LOOK, 0.5 * self.elapsed), longest))
             if self.elapsed + stretch > options.transient:
                 break
-            runs = self.advance(runs, max(self.tolerance, ON_THE_WAY), 0.0, stretch)
+            runs = self.advance(runs, max(self.tolerance, ROUGH_TOLERANCE), 0.0, stretch)
             # The other motions will soon have reached the solution that they come nearer to.
             unknown = [run for run in runs if not run.is_near]
             self.explain(unknown)
@@ -491,7 +491,7 @@ class _Engine:
                 left = self.named(left, times)
 
     def recorded(
-        self, runs: list[_Run], over: bool, *times: float
+        self, runs: list[_Run], over: bool, *record: float
     ) -> tuple[list[_Run], list[_Run]]:
         """Motions to be named, and motions that go on, after a record of motions.
 
@@ -500,9 +500,9 @@ class _Engine:
         Args:
             runs: the motions.
             over: whether no motion may go on.
-            times: further arguments of `advance`.
+            record: tolerance, time before the record and time recorded, as for `advance`.
         """
-        runs = self.advance(runs, *times)
+        runs = self.advance(runs, *record)
         new = self.explain([run for run in runs if over or not run.is_near])
         left, on = list[_Run](), list[_Run]()
         for run in runs:

@@ -63,7 +63,7 @@ class Stretch:
     @cached_property
     def turnings(self) -> Array:
         """Values of x where its velocity changes sign, in order, shape (K,)."""
-        return turning_points(self.t, self.x, self.velocity)[0]
+        return turning_points(self.t, self.x, self.velocity)
 
     def recurrence(self) -> tuple[float, float, float, int]:
         """Smallest distance of a state from an earlier one, relative to its size in the later half.

@@ -211,7 +211,7 @@ def cycle(model: Model, drive: Excitation, orbit: PeriodicOrbit, stable: bool) -
     states = orbit.states(orbit.frequency * t).T
     q, qdot = model.to_user(*np.split(states, 2, axis=1))
     x, velocity = model.tips(q.T)[:, 0], model.tip_velocities(q.T, qdot.T)[:, 0]
-    turnings, _ = turning_points(t, x, velocity)
+    turnings = turning_points(t, x, velocity)
     count = max(round((maxima(turnings).size + 1) / TURNING_PERIODS), 1)
     end = Attractor(drive.mean, -1, "periodic", count, turnings, states[-1].copy())
     unit = period / (2.0 * math.pi * count)
