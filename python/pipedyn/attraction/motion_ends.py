@@ -59,6 +59,7 @@ from pipedyn.motion.simulate import (
 from pipedyn.motion.vector_field import Excitation
 from pipedyn.orbits.from_motion import Recurrence, solved_cycle
 from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import parallel
 from pipedyn.util.threads import one_thread
@@ -85,6 +86,9 @@ then errs by 1e-9 after some time instead of 1e-7."""
 ROUGH_TOLERANCE = 1e-4
 """Least tolerance before the transient is over: the tip then errs by 1e-5 after some time, less
 than the distance of motions that end on different solutions, in half as many right-hand sides."""
+
+TOGETHER = 1024
+"""Largest number of motions of one batch, after which progress is shown."""
 
 JOINED = 0.25
 """Share of the transient after which motions from several starts at one flow go on as one, if they
@@ -119,37 +123,31 @@ HALVINGS = 5
 
 
 def motion_ends(
-    model: Model,
-    cases: Sequence[Case],
-    starts: Sequence[Array],
-    options: MotionOptions,
-    label: str = "",
+    model: Model, cases: Sequence[Case], options: MotionOptions, label: str = ""
 ) -> tuple[list[list[MotionEnd]], list[Case]]:
-    """Ends of motions from each start in each case, and the cases with the solutions found.
+    """Ends of motions from the starts of each case, and the cases with the solutions found.
 
     Motions of a case are computed together, and those of several cases in one batch.
 
     Args:
         model: the model.
-        cases: flows, and the solutions that are known at each.
-        starts: coordinates at rest, or p and p' in rows, (2, integrated), for all cases. The starts
-            of a single case follow them.
+        cases: flows, with the solutions that are known and the starts at each.
         options: how motions are computed.
         label: label of the progress on stderr.
     """
-    most = max(LARGEST_SAMPLES // (options.samples * model.coordinates), len(starts))
+    most = min(TOGETHER, LARGEST_SAMPLES // (options.samples * model.coordinates))
     if options.executor is not None:  # otherwise batches are filled up and spread over threads
-        most = max(min(BATCH, most), len(starts))
-    count = math.ceil(len(cases) / (most // len(starts)))
-    parts = [[cases[i] for i in part] for part in np.array_split(np.arange(len(cases)), count)]
+        most = min(BATCH, most)
+    size = max(most // max((len(case.starts) for case in cases), default=1), 1)
+    parts = [list(cases[i : i + size]) for i in range(0, len(cases), size)]
     sent = replace(options, executor=None)
-    jobs = [partial(_ends_of, model, part, starts, sent) for part in parts]
+    jobs = [partial(_ends_of, model, part, sent) for part in parts]
     answers = parallel(jobs, options.executor, label=label, progress=options.shown)
     found: list[list[MotionEnd]] = []
     known: list[Case] = []
     for part, answer in zip(parts, answers, strict=True):
         if isinstance(answer, Exception):
-            found += [[(STOPPED, answer)] * (len(starts) + len(case.starts)) for case in part]
+            found += [[(STOPPED, answer)] * len(case.starts) for case in part]
             known += part
         else:
             found += answer[0]
@@ -158,29 +156,26 @@ def motion_ends(
 
 
 def _ends_of(
-    model: Model, cases: list[Case], starts: Sequence[Array], options: MotionOptions
+    model: Model, cases: list[Case], options: MotionOptions
 ) -> tuple[list[list[MotionEnd]], list[Case]]:
     """Ends of the motions of one batch, by case."""
     engine, runs = _Engine(model, options), list[_Run]()
     with one_thread(model.dof):
         for case in cases:
-            for k, start in enumerate([*starts, *case.starts]):
+            for k, start in enumerate(case.starts):
                 if start.ndim == 1:
                     start = np.asarray(model.initial_state(start, None))
                 runs.append(_Run(case, k, start.ravel()))
         engine.finish(runs)
-    ends = [[engine.answers[run] for run in runs if run.case is case] for case in cases]
-    for case, answers in zip(cases, ends, strict=True):
-        case.reached = sorted({number for number, _ in answers[: len(starts)]})
-    return ends, cases
+    return [[engine.answers[run] for run in runs if run.case is case] for case in cases], cases
 
 
 @dataclass(eq=False)
 class Case:
-    """A flow, the solutions that are known there, and its own starts, with p and p' in rows.
+    """A flow, the solutions that are known there, and the starts of motions.
 
     Attributes:
-        reached: numbers of the solutions that motions from the starts of all cases end on.
+        starts: coordinates at rest, or p and p' in rows, (2, integrated).
         next_try: time from which a cycle may be solved for again.
     """
 
@@ -188,7 +183,6 @@ class Case:
     drive: Excitation
     solutions: Sequence[Solution] = ()
     starts: Sequence[Array] = ()
-    reached: list[int] = field(default_factory=list)
     next_try: float = 0.0
 
     @cached_property
@@ -231,11 +225,7 @@ def spread_alike(a: Array, b: Array) -> bool:
     """
     if min(a.size, b.size) < 2:
         return False
-    a, b = np.sort(a), np.sort(b)
-    both = np.concatenate([a, b])
-    shares = (np.searchsorted(x, both, side="right") / x.size for x in (a, b))
-    apart = float(np.abs(next(shares) - next(shares)).max())
-    return apart < 1.63 * math.sqrt(1.0 / a.size + 1.0 / b.size)
+    return bool(scipy.stats.ks_2samp(a, b, method="asymp").pvalue > 0.01)
 
 
 @dataclass(eq=False)

@@ -377,8 +377,8 @@ def _simulated(motion: VectorField, u: float, start: Array) -> PeriodicOrbit:
     back = FAR_BACK  # right-hand sides may be costly: a cycle is solved for early
     options = MotionOptions(SEARCHED, SEEN, exponents=False, most=most, back=back)
     with counted() as work:
-        cases = [Case(model, Excitation(u))]
-        [[(number, end)]], [case] = motion_ends(model, cases, [start.reshape(2, -1)], options)
+        cases = [Case(model, Excitation(u), starts=[start.reshape(2, -1)])]
+        [[(number, end)]], [case] = motion_ends(model, cases, options)
     motion.evaluations += work.right_hand_sides
     if isinstance(end, Exception):
         raise NoCycle(f"{none}: {end}", u) from None
