@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipedyn.attraction.attractor import Attractor
+from pipedyn.attraction.from_motion import LARGEST_CYCLE
 from pipedyn.attraction.motion_ends import Case, Failed, exponents_of, motion_ends
 from pipedyn.attraction.motion_options import MotionOptions
 from pipedyn.attraction.solutions import Solution, cycle, equilibria_near, kept_apart
@@ -47,13 +48,12 @@ from pipedyn.models.base import Model
 from pipedyn.models.drive import LARGEST_SPEED, require_steady
 from pipedyn.motion.simulate import checked_model_in_motion, initial_bends, slight_bend
 from pipedyn.motion.vector_field import Excitation, VectorField
-from pipedyn.orbits.from_motion import LARGEST_CYCLE
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import clock, counted
-from pipedyn.util.errors import NotConverged, PipedynError
+from pipedyn.util.errors import PipedynError
 from pipedyn.util.later import futures
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import parallel, track, watched
@@ -76,10 +76,6 @@ NEAR_BRANCH = 0.1
 """Largest relative difference of speeds at which motions begin beside the nearest cycle of a branch
 that has none at a speed: an attractor that is born where a branch ends or is lost attracts few of
 the other starts."""
-
-MOST_FROM_MOTIONS = 12
-"""Largest number of cycles on which motions end and which are followed from there: each takes a
-second or more."""
 
 
 @saved_as("BifurcationDiagram", shapes={"S": "speeds"})
@@ -215,7 +211,7 @@ def bifurcation_diagram(
     motions: tuple[Attractor, ...] = ()
     for some in _sparse_first(at) if asked.starts else ():
         cases = _cases(model, some, branches, found.branches, asked.starts)
-        ended, reached = motions_at(model, cases, len(asked.starts), asked.options, failed)
+        ended, reached = motions_at(model, cases, asked.options, failed)
         if asked.steps:
             found.from_motions(reached)
         motions = (*motions, *ended)
@@ -337,7 +333,7 @@ def _cost(asked: _Asked, branches: tuple[EquilibriumBranch, ...], seconds: float
         alone = replace(asked.options, executor=None, shown=False, exponents=False)
         cases = _cases(asked.model, asked.speeds[some], branches, [], starts)
         with counted() as work:
-            ended, _ = motions_at(asked.model, cases, len(starts), alone, [])
+            ended, _ = motions_at(asked.model, cases, alone, [])
         share = speeds * len(asked.starts) / (some.size * len(starts))
         motions = share * work.right_hand_sides
         seconds += share * (clock() - begun)
@@ -440,7 +436,8 @@ def _cases(
 ) -> list[Case]:
     """A case for each speed, with the equilibria and the cycles that branches have there.
 
-    After the starts that are given, motions begin beside cycles of branches nearby.
+    Beside the starts that are given, motions begin beside cycles of branches nearby; these starts
+    have negative numbers.
     """
     cases = list[Case]()
     with one_thread(model.dof):
@@ -455,26 +452,27 @@ def _cases(
                     found += [found[-1].mirrored(False)] if branch.mirrored else []
             nearest = (min(b.cycles, key=lambda one: abs(one.u - u)) for b in cycles)
             near = (one for one in nearest if 0.0 < abs(one.u - u) <= NEAR_BRANCH * u)
-            begins = [*starts, *(_off(model, one) for one in near)]
+            begins = dict(enumerate(starts))
+            begins |= {-1 - k: _off(model, one) for k, one in enumerate(near)}
             cases.append(Case(model, drive, kept_apart(found), begins))
     return cases
 
 
 def motions_at(
-    model: Model, cases: list[Case], count: int, options: MotionOptions, failed: list[Failed]
+    model: Model, cases: list[Case], options: MotionOptions, failed: list[Failed]
 ) -> tuple[tuple[Attractor, ...], list[Solution]]:
-    """Ends of motions at each speed, and the solutions that the first `count` starts lead to.
+    """Ends of motions at each speed, and the solutions that they lead to.
 
-    The other motions begin beside cycles of branches nearby; they get the start -1, and only count
-    if no other motion ends on their attractor.
+    Motions whose starts have negative numbers, beside cycles of branches nearby, only count if no
+    other motion ends on their attractor, as ends with the start -1.
     """
     ends, cases = motion_ends(model, cases, options, "brute force")
     found, reached = list[Attractor](), list[Solution]()
     for case, answers in zip(cases, ends, strict=True):
-        u, known = case.drive.mean, {number for number, _ in answers[:count]}
+        u, known = case.drive.mean, {number for k, (number, _) in answers.items() if k >= 0}
         reached += [case.solutions[number] for number in sorted(known) if number >= 0]
-        for k, (number, end) in enumerate(answers):
-            if k >= count:
+        for k, (number, end) in sorted(answers.items()):
+            if k < 0:
                 if number >= 0 and number not in known and case.solutions[number].settles:
                     known.add(number)
                     found.append(replace(case.solutions[number].attractor, start=-1))
@@ -578,14 +576,6 @@ class _Cycles:
 
     def from_motions(self, reached: list[Solution]) -> None:
         """Follows the branches through cycles that motions led to and that lie on no branch."""
-        followed = 0
         for one in reached:
-            if one.orbit is None or not one.attracts or one.orbit.u == 0.0:
-                continue
-            known, u = len(self.found), one.orbit.u
-            if followed == MOST_FROM_MOTIONS:
-                many = f"motions end on more than {followed} cycles that lie on no branch"
-                self.failed.append((u, NotConverged(many)))
-                return
-            self.through(u, one.orbit)
-            followed += len(self.found) > known
+            if one.orbit is not None and one.attracts and one.orbit.u > 0.0:
+                self.through(one.orbit.u, one.orbit)

@@ -8,7 +8,6 @@ have shown, or a stable equilibrium, and end there.
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import field, replace
 from typing import Any
 
@@ -17,11 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.attraction.attractor import Attractor
 from pipedyn.attraction.motion_ends import RECORDED, Case, motion_ends
-from pipedyn.attraction.motion_options import (
-    FIRST_LOOK,
-    SAMPLES_A_TIME,
-    MotionOptions,
-)
+from pipedyn.attraction.motion_options import FIRST_LOOK, SAMPLES_A_TIME, MotionOptions
 from pipedyn.attraction.regions import NOWHERE, STOPPED
 from pipedyn.attraction.solutions import Solution, equilibria_near
 from pipedyn.equilibrium.equilibria import EQUILIBRIA_DOF, searched
@@ -33,7 +28,6 @@ from pipedyn.motion.simulate import (
     LARGEST_ENSEMBLE,
     LARGEST_SAMPLES,
     Motion,
-    MotionStopped,
     checked_model_in_motion,
     initial_bends,
     simulate,
@@ -461,26 +455,19 @@ def _ends(
     for some in (order[:PILOTS], order[PILOTS:]):
         parts = [some[i : i + GROUP] for i in range(0, len(some), GROUP)]
         known = case.solutions
-        copies = [Case(model, drive, known, [states[i] for i in part]) for part in parts]
+        copies = [Case(model, drive, known, {i: states[i] for i in part}) for part in parts]
         every, copies = motion_ends(model, copies, options, "attractors")
-        for part, answers, copy in zip(parts, every, copies, strict=True):
+        for answers, copy in zip(every, copies, strict=True):
             new = [case.learn(one) for one in copy.solutions[len(known) :]]
             numbers = [*range(len(known)), *new, STOPPED, NOWHERE]
-            for i, (number, one) in zip(part, answers, strict=True):
+            for i, (number, one) in answers.items():
                 ends[i] = numbers[number]
                 if isinstance(one, Exception):
                     errors[i] = one
                 elif number == NOWHERE:
-                    unsettled.append(replace(one, start=i))
+                    unsettled.append(one)
     unsettled.sort(key=lambda one: one.start)
-    return ends, unsettled, {i: _of_start(error, i) for i, error in errors.items()}, case
-
-
-def _of_start(error: Exception, i: int) -> Exception:
-    """The error of a motion, with the number of its start added."""
-    if not isinstance(error, MotionStopped):
-        return error
-    return MotionStopped(re.sub(r"start \d+ ", f"start {i} ", str(error), count=1), error.motion)
+    return ends, unsettled, errors, case
 
 
 def _stable_equilibria(model: Model, drive: Excitation) -> list[Solution]:
@@ -595,8 +582,6 @@ def _states_at_maxima(motion: Motion) -> Array:
     t = np.linspace(0.0, end, math.ceil(end * SAMPLES_A_TIME) + 1)
     values = velocity(t)
     falls = np.flatnonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
-    if not falls.size:
-        return np.empty((0, 2 * half))
     at = zeros_between(velocity, t[falls], t[falls + 1], values[falls], values[falls + 1])
     return np.ascontiguousarray(dense(at).T)
 

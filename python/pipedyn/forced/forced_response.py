@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.continuation.arclength import Point
-from pipedyn.continuation.tracer import Tracer, between_folds, special_points
+from pipedyn.continuation.tracer import TestFunction, Tracer, between_folds, special_points
 from pipedyn.cycles.limit_cycle import amplitude_of, refined_until
 from pipedyn.forced.parametric_search import regions
 from pipedyn.forced.pulsating import Hill, PulsatingPipe, require_motion
@@ -31,13 +31,13 @@ from pipedyn.models.drive import Harmonic, Pulsation, require_steady, steady_spe
 from pipedyn.motion.simulate import MotionStopped, Trajectory, checked_model_in_motion, simulate
 from pipedyn.motion.vector_field import ForcedField
 from pipedyn.orbits.collocation import Linearised, OrbitProblem, residual, solved
-from pipedyn.orbits.floquet import UNIT, EventKind, orbit_multipliers
+from pipedyn.orbits.floquet import UNIT, EventKind, crossing_event, orbit_multipliers
 from pipedyn.orbits.orbit_continuation import (
     FINE,
     FIRST_AMPLITUDE,
+    NEAR_FOLD,
     BranchStart,
     Grazing,
-    PassingMultiplier,
     Step,
     followed_past_grazing,
     from_orbit,
@@ -580,8 +580,10 @@ def _point_of_orbit(motion: ForcedField, orbit: PeriodicOrbit) -> _ForcedPoint:
     return _ForcedPoint(motion.order * orbit.frequency, amplitude, largest, stable)
 
 
-class _PassingOfMotions(PassingMultiplier[OrbitProblem]):
+class _PassingOfMotions(TestFunction[OrbitProblem]):
     """Test functions for the multipliers of the forced motions on a step."""
+
+    beside_folds = NEAR_FOLD
 
     def __init__(self, step: Step, motion: ForcedField) -> None:
         super().__init__(step, 1e-3 * step.length)
@@ -603,25 +605,20 @@ class _PassingOfMotions(PassingMultiplier[OrbitProblem]):
         """Logarithms of the moduli, less the margin for errors of a modulus 1."""
         return np.asarray(self.known(s)[0] - self.around)
 
-    def candidates(self, before: float, beyond: float) -> tuple[Complex, bool]:
-        """The multiplier that passes, the smallest of those outside; none if it makes no event.
+    def found(self, before: float, beyond: float) -> EventKind | None:
+        """The kind of the event of the multiplier that passes, the smallest of those outside.
 
         Without damping other multipliers lie on the circle, and one that leaves it gradually as the
-        amplitude grows makes no event.
+        amplitude grows makes no event. Folds are found by the tangent.
         """
         outside = max(before, beyond, key=self.positive)
         passing = self.positive(outside) - 1
         ends = (0.0, self.step.length)
         neutral = any(abs(self.known(s)[0][passing]) <= self.around for s in ends)
-        roots = self.known(outside)[1][[passing]]
         if neutral and self.at(outside)[passing] < self.around:
-            roots = roots[:0]
-        return roots, orbit_at(self.step, outside).symmetric
-
-    def event(
-        self, before: float, beyond: float, kind: EventKind, multiplier: complex
-    ) -> EventKind | None:
-        """The kind of the event; folds are found by the tangent."""
+            return None
+        root = self.known(outside)[1][[passing]]
+        kind, _ = crossing_event(root, orbit_at(self.step, outside).symmetric)
         return None if kind == "fold" else kind
 
 
