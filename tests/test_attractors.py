@@ -217,6 +217,40 @@ def test_what_cannot_be_told_is_unsettled_with_the_reason():
         assert "still comes nearer to rest or a cycle after t = 150" in one.reason
 
 
+@pytest.mark.parametrize(
+    ("value", "ending", "reason"),
+    [
+        (0.4, "chaotic", ""),
+        (0.2, "unsettled", "neither its largest Lyapunov exponent, 0.2 with a spread of 0.1"),
+        (0.05, "unsettled", "nor do averages over a time of 80 show a torus"),
+        (None, "unsettled", "its largest Lyapunov exponent is not known: it stopped"),
+    ],
+)
+def test_an_irregular_motion_is_named_by_what_its_exponent_shows(
+    monkeypatch, value, ending, reason
+):
+    def measured(model, states, options):
+        if value is None:
+            return [pp.MotionStopped("it stopped", None)] * len(states)
+        none = np.zeros(0)
+        return [pp.LyapunovExponent(value, 0.1, none, none, none, 1.0, none)] * len(states)
+
+    monkeypatch.setattr("pipedyn.attraction.motion_ends.exponents_of", measured)
+    start = np.array([[1.0, -0.5, 0.3]])
+    found = pp.attractors(pp.Chain(pp.Pipe(0.3), 3), 8.5, start, transient=20.0, duration=4.0)
+    (one,) = found.unsettled_motions or (found.basins[0].attractor,)
+    assert one.ending == ending
+    assert reason in one.reason
+
+
+def test_a_motion_that_creeps_is_not_at_rest():
+    found = pp.attractors(
+        pp.Chain(pp.Pipe(0.2, damping=1e5), 2), 1.0, 2, transient=4.0, duration=1.0
+    )
+    assert found.unsettled.count == 2
+    assert found.unsettled_motions[0].reason.startswith("it still comes nearer to rest")
+
+
 def test_bent_rests_have_no_mirror_image():
     jet = pp.Chain(pp.Pipe(0.2, jet_angle=0.3), 2)
     found = pp.attractors(jet, 2.0, 5)

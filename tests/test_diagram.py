@@ -25,8 +25,9 @@ SPEEDS = np.array([0.5, 1.0, 2.0, 3.0, 3.5, 5.0])
 
 def motions(model, speeds, starts, options):
     """Ends of motions from starts at speeds where nothing is known."""
-    ends, _ = motion_ends(model, [Case(model, Excitation(u)) for u in speeds], starts, options)
-    return [end for answers in ends for _, end in answers]
+    cases = [Case(model, Excitation(u), starts=dict(enumerate(starts))) for u in speeds]
+    ends, _ = motion_ends(model, cases, options)
+    return [end for answers in ends for _, end in answers.values()]
 
 
 @pytest.fixture(scope="module")

@@ -348,9 +348,10 @@ def test_where_no_motion_is_found_the_reason_and_what_to_change_are_told(monkeyp
         raise NewtonFailed("nothing converges")
 
     monkeypatch.setattr(forced_response, "solved", failing)
+    monkeypatch.setattr("pipedyn.attraction.motion_ends.solved_cycle", failing)
     rule = (
-        "no periodic motion was found to begin with: at a frequency of 5 a motion from rest was "
-        "followed for 150 periods: it repeats, but nothing converges; at a frequency of 6 .* "
+        "no periodic motion was found to begin with: at a frequency of 5 a motion from rest leads "
+        "to none: it was not found to repeat with the base; at a frequency of 6 .* "
         "Give other frequencies.* or a smaller amplitude"
     )
     with pytest.raises(pp.NotConverged, match=rule):

@@ -101,9 +101,10 @@ def test_equilibria_and_their_stability_are_those_of_a_pipe_that_leans():
 def motions(model, speeds, starts, options, solutions=None):
     """Ends of motions from starts at speeds, where some solutions may be known."""
     known = solutions or {}
-    cases = [Case(model, Excitation(u), known.get(u, ())) for u in speeds]
-    ends, _ = motion_ends(model, cases, starts, options)
-    return [end for answers in ends for _, end in answers]
+    numbered = dict(enumerate(starts))
+    cases = [Case(model, Excitation(u), known.get(u, ()), numbered) for u in speeds]
+    ends, _ = motion_ends(model, cases, options)
+    return [end for answers in ends for _, end in answers.values()]
 
 
 def test_motions_end_where_they_would_have_ended_and_cost_less():

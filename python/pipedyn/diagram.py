@@ -15,13 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipedyn.attraction.attractor import Attractor
+from pipedyn.attraction.from_motion import LARGEST_CYCLE
 from pipedyn.attraction.motion_ends import Case, Failed, exponents_of, motion_ends
 from pipedyn.attraction.motion_options import MotionOptions
-from pipedyn.attraction.solutions import (
-    cycle,
-    equilibria_near,
-    kept_apart,
-)
+from pipedyn.attraction.solutions import Solution, cycle, equilibria_near, kept_apart
 from pipedyn.cycles.branches import (
     BEYOND,
     BranchOptions,
@@ -51,13 +48,12 @@ from pipedyn.models.base import Model
 from pipedyn.models.drive import LARGEST_SPEED, require_steady
 from pipedyn.motion.simulate import checked_model_in_motion, initial_bends, slight_bend
 from pipedyn.motion.vector_field import Excitation, VectorField
-from pipedyn.orbits.from_motion import LARGEST_CYCLE
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import clock, counted
-from pipedyn.util.errors import NotConverged, PipedynError
+from pipedyn.util.errors import PipedynError
 from pipedyn.util.later import futures
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import parallel, track, watched
@@ -80,10 +76,6 @@ NEAR_BRANCH = 0.1
 """Largest relative difference of speeds at which motions begin beside the nearest cycle of a branch
 that has none at a speed: an attractor that is born where a branch ends or is lost attracts few of
 the other starts."""
-
-MOST_FROM_MOTIONS = 12
-"""Largest number of cycles on which motions end and which are followed from there: each takes a
-second or more."""
 
 
 @saved_as("BifurcationDiagram", shapes={"S": "speeds"})
@@ -218,10 +210,10 @@ def bifurcation_diagram(
         found.from_onsets(branches, executor, shown and not steps_shown)
     motions: tuple[Attractor, ...] = ()
     for some in _sparse_first(at) if asked.starts else ():
-        cases = _cases(model, some, branches, found.branches)
-        ended, cases = motions_at(model, cases, asked.starts, asked.options, failed)
+        cases = _cases(model, some, branches, found.branches, asked.starts)
+        ended, reached = motions_at(model, cases, asked.options, failed)
         if asked.steps:
-            found.from_motions(cases)
+            found.from_motions(reached)
         motions = (*motions, *ended)
     motions = tuple(sorted(motions, key=lambda one: (one.speed, one.start)))
     if asked.steps:
@@ -339,9 +331,9 @@ def _cost(asked: _Asked, branches: tuple[EquilibriumBranch, ...], seconds: float
         some = np.linspace(0.0, speeds - 1.0, min(speeds, 6 if speeds > 30 else 3)).astype(int)
         starts = asked.starts[: 2 if len(asked.starts) > 7 else 1]
         alone = replace(asked.options, executor=None, shown=False, exponents=False)
-        cases = _cases(asked.model, asked.speeds[some], branches, [])
+        cases = _cases(asked.model, asked.speeds[some], branches, [], starts)
         with counted() as work:
-            ended, cases = motions_at(asked.model, cases, starts, alone, [])
+            ended, _ = motions_at(asked.model, cases, alone, [])
         share = speeds * len(asked.starts) / (some.size * len(starts))
         motions = share * work.right_hand_sides
         seconds += share * (clock() - begun)
@@ -440,8 +432,13 @@ def _cases(
     speeds: Array,
     equilibria: tuple[EquilibriumBranch, ...],
     cycles: list[CycleBranch],
+    starts: list[Array],
 ) -> list[Case]:
-    """A case for each speed, with the equilibria and the cycles that branches have there."""
+    """A case for each speed, with the equilibria and the cycles that branches have there.
+
+    Beside the starts that are given, motions begin beside cycles of branches nearby; these starts
+    have negative numbers.
+    """
     cases = list[Case]()
     with one_thread(model.dof):
         for u in speeds.tolist():
@@ -455,28 +452,27 @@ def _cases(
                     found += [found[-1].mirrored(False)] if branch.mirrored else []
             nearest = (min(b.cycles, key=lambda one: abs(one.u - u)) for b in cycles)
             near = (one for one in nearest if 0.0 < abs(one.u - u) <= NEAR_BRANCH * u)
-            cases.append(Case(model, drive, kept_apart(found), [_off(model, one) for one in near]))
+            begins = dict(enumerate(starts))
+            begins |= {-1 - k: _off(model, one) for k, one in enumerate(near)}
+            cases.append(Case(model, drive, kept_apart(found), begins))
     return cases
 
 
 def motions_at(
-    model: Model,
-    cases: list[Case],
-    starts: list[Array],
-    options: MotionOptions,
-    failed: list[Failed],
-) -> tuple[tuple[Attractor, ...], list[Case]]:
-    """Ends of motions from each start at each speed, and the cases with the solutions known.
+    model: Model, cases: list[Case], options: MotionOptions, failed: list[Failed]
+) -> tuple[tuple[Attractor, ...], list[Solution]]:
+    """Ends of motions at each speed, and the solutions that they lead to.
 
-    Motions that begin beside cycles of branches nearby, with the start -1, only count if no other
-    motion ends on their attractor.
+    Motions whose starts have negative numbers, beside cycles of branches nearby, only count if no
+    other motion ends on their attractor, as ends with the start -1.
     """
-    ends, cases = motion_ends(model, cases, starts, options, "brute force")
-    found = list[Attractor]()
+    ends, cases = motion_ends(model, cases, options, "brute force")
+    found, reached = list[Attractor](), list[Solution]()
     for case, answers in zip(cases, ends, strict=True):
-        u, known = case.drive.mean, set(case.reached)
-        for k, (number, end) in enumerate(answers):
-            if k >= len(starts):
+        u, known = case.drive.mean, {number for k, (number, _) in answers.items() if k >= 0}
+        reached += [case.solutions[number] for number in sorted(known) if number >= 0]
+        for k, (number, end) in sorted(answers.items()):
+            if k < 0:
                 if number >= 0 and number not in known and case.solutions[number].settles:
                     known.add(number)
                     found.append(replace(case.solutions[number].attractor, start=-1))
@@ -485,7 +481,7 @@ def motions_at(
                 failed.append((u, end))
                 end = Attractor(u, k, "failed", 0, np.zeros(0), np.zeros(0))
             found.append(end)
-    return tuple(found), cases
+    return tuple(found), reached
 
 
 def _off(model: Model, one: LimitCycle) -> Array:
@@ -578,19 +574,8 @@ class _Cycles:
         except PipedynError as error:
             self.failed.append((u, error))
 
-    def from_motions(self, cases: list[Case]) -> None:
+    def from_motions(self, reached: list[Solution]) -> None:
         """Follows the branches through cycles that motions led to and that lie on no branch."""
-        followed = 0
-        for case in cases:
-            u = case.drive.mean
-            for one in (case.solutions[number] for number in case.reached if number >= 0):
-                orbit = one.orbit if one.attracts and u > 0.0 else None
-                if orbit is None:
-                    continue
-                known = len(self.found)
-                if followed == MOST_FROM_MOTIONS:
-                    many = f"motions end on more than {followed} cycles that lie on no branch"
-                    self.failed.append((u, NotConverged(many)))
-                    return
-                self.through(u, orbit)
-                followed += len(self.found) > known
+        for one in reached:
+            if one.orbit is not None and one.attracts and one.orbit.u > 0.0:
+                self.through(one.orbit.u, one.orbit)

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.accuracy.convergence import FAMILIES
+from pipedyn.attraction.from_motion import LARGEST_CYCLE
 from pipedyn.cycles.limit_cycle import limit_cycle
 from pipedyn.linear.critical_speed import CriticalSpeed, checked_end, critical_speed
 from pipedyn.linear.modes import CONTINUUM_SPEED, eigenvalues, modes, root_loci
@@ -29,7 +30,6 @@ from pipedyn.models.drive import Base, Pulsation, Supply
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.motion.simulate import simulate
-from pipedyn.orbits.from_motion import LARGEST_CYCLE
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array

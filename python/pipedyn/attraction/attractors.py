@@ -8,22 +8,15 @@ have shown, or a stable equilibrium, and end there.
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Callable
 from dataclasses import field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.attraction.attractor import Attractor
-from pipedyn.attraction.motion_ends import RECORDED, Case, MotionEnd, motion_ends
-from pipedyn.attraction.motion_options import (
-    FIRST_LOOK,
-    SAMPLES_A_TIME,
-    MotionOptions,
-)
+from pipedyn.attraction.motion_ends import RECORDED, Case, motion_ends
+from pipedyn.attraction.motion_options import FIRST_LOOK, SAMPLES_A_TIME, MotionOptions
 from pipedyn.attraction.regions import NOWHERE, STOPPED
 from pipedyn.attraction.solutions import Solution, equilibria_near
 from pipedyn.equilibrium.equilibria import EQUILIBRIA_DOF, searched
@@ -35,7 +28,6 @@ from pipedyn.motion.simulate import (
     LARGEST_ENSEMBLE,
     LARGEST_SAMPLES,
     Motion,
-    MotionStopped,
     checked_model_in_motion,
     initial_bends,
     simulate,
@@ -46,13 +38,12 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.later import futures
-from pipedyn.util.parallel import parallel
 from pipedyn.util.result import Result, TableResult
 from pipedyn.util.units import LENGTH, RATE
 
-PILOTS, TOGETHER = BATCH, 128
-"""Number of starts that are followed first, in one batch, and of those that are followed together
-afterwards. The first batch misses an attractor of a tenth of all starts once in 30 times; the other
+PILOTS, GROUP = BATCH, 128
+"""Number of starts that are followed first, in one batch, and of those that afterwards share what
+they learn. The first batch misses an attractor of a tenth of all starts once in 30 times; the other
 starts then find it."""
 
 RECORDED_PERIODS, SAMPLES_A_MAXIMUM = 16, 256
@@ -460,40 +451,23 @@ def _ends(
     order = np.random.default_rng(options.seed).permutation(len(starts)).tolist()
     order = [i for i in order if i in states]
     case = Case(model, drive, _stable_equilibria(model, drive))
-    alone = replace(options, executor=None, shown=False)
     ends = np.full(len(starts), STOPPED)
-
-    def followed(some: list[int]) -> Callable[[], tuple[list[list[MotionEnd]], list[Case]]]:
-        copy = Case(model, drive, case.solutions)
-        return partial(motion_ends, model, [copy], [states[i] for i in some], alone)
-
-    for begin, end, size in ((0, PILOTS, PILOTS), (PILOTS, len(order), TOGETHER)):
-        some = order[begin:end]
-        parts = [some[i : i + size] for i in range(0, len(some), size)]
-        known, jobs = len(case.solutions), [followed(part) for part in parts]
-        every = parallel(jobs, options.executor, label="attractors", progress=options.shown)
-        for part, answer in zip(parts, every, strict=True):
-            if isinstance(answer, Exception):
-                errors |= dict.fromkeys(part, answer)
-                continue
-            [answers], [found] = answer
-            new = [case.learn(one) for one in found.solutions[known:]]
-            numbers = [*range(known), *new, STOPPED, NOWHERE]
-            for i, (number, one) in zip(part, answers, strict=True):
+    for some in (order[:PILOTS], order[PILOTS:]):
+        parts = [some[i : i + GROUP] for i in range(0, len(some), GROUP)]
+        known = case.solutions
+        copies = [Case(model, drive, known, {i: states[i] for i in part}) for part in parts]
+        every, copies = motion_ends(model, copies, options, "attractors")
+        for answers, copy in zip(every, copies, strict=True):
+            new = [case.learn(one) for one in copy.solutions[len(known) :]]
+            numbers = [*range(len(known)), *new, STOPPED, NOWHERE]
+            for i, (number, one) in answers.items():
                 ends[i] = numbers[number]
                 if isinstance(one, Exception):
                     errors[i] = one
                 elif number == NOWHERE:
-                    unsettled.append(replace(one, start=i))
+                    unsettled.append(one)
     unsettled.sort(key=lambda one: one.start)
-    return ends, unsettled, {i: _of_start(error, i) for i, error in errors.items()}, case
-
-
-def _of_start(error: Exception, i: int) -> Exception:
-    """The error of a motion, with the number of its start added."""
-    if not isinstance(error, MotionStopped):
-        return error
-    return MotionStopped(re.sub(r"start \d+ ", f"start {i} ", str(error), count=1), error.motion)
+    return ends, unsettled, errors, case
 
 
 def _stable_equilibria(model: Model, drive: Excitation) -> list[Solution]:
@@ -608,8 +582,6 @@ def _states_at_maxima(motion: Motion) -> Array:
     t = np.linspace(0.0, end, math.ceil(end * SAMPLES_A_TIME) + 1)
     values = velocity(t)
     falls = np.flatnonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
-    if not falls.size:
-        return np.empty((0, 2 * half))
     at = zeros_between(velocity, t[falls], t[falls + 1], values[falls], values[falls + 1])
     return np.ascontiguousarray(dense(at).T)
 

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from pipedyn.attraction.attractor import Attractor, Ending
+from pipedyn.attraction.from_motion import solved_cycle
 from pipedyn.attraction.motion_options import FIRST_LOOK, MotionOptions
 from pipedyn.attraction.records import Stretch
 from pipedyn.attraction.regions import (
@@ -57,8 +58,8 @@ from pipedyn.motion.simulate import (
     in_batches,
 )
 from pipedyn.motion.vector_field import Excitation
-from pipedyn.orbits.from_motion import Recurrence, solved_cycle
 from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import parallel
 from pipedyn.util.threads import one_thread
@@ -85,6 +86,9 @@ then errs by 1e-9 after some time instead of 1e-7."""
 ROUGH_TOLERANCE = 1e-4
 """Least tolerance before the transient is over: the tip then errs by 1e-5 after some time, less
 than the distance of motions that end on different solutions, in half as many right-hand sides."""
+
+TOGETHER = 1024
+"""Largest number of motions of one batch, after which progress is shown."""
 
 JOINED = 0.25
 """Share of the transient after which motions from several starts at one flow go on as one, if they
@@ -119,37 +123,31 @@ HALVINGS = 5
 
 
 def motion_ends(
-    model: Model,
-    cases: Sequence[Case],
-    starts: Sequence[Array],
-    options: MotionOptions,
-    label: str = "",
-) -> tuple[list[list[MotionEnd]], list[Case]]:
-    """Ends of motions from each start in each case, and the cases with the solutions found.
+    model: Model, cases: Sequence[Case], options: MotionOptions, label: str = ""
+) -> tuple[list[dict[int, MotionEnd]], list[Case]]:
+    """Ends of motions from the starts of each case, and the cases with the solutions found.
 
     Motions of a case are computed together, and those of several cases in one batch.
 
     Args:
         model: the model.
-        cases: flows, and the solutions that are known at each.
-        starts: coordinates at rest, or p and p' in rows, (2, integrated), for all cases. The starts
-            of a single case follow them.
+        cases: flows, with the solutions that are known and the starts at each.
         options: how motions are computed.
         label: label of the progress on stderr.
     """
-    most = max(LARGEST_SAMPLES // (options.samples * model.coordinates), len(starts))
+    most = min(TOGETHER, LARGEST_SAMPLES // (options.samples * model.coordinates))
     if options.executor is not None:  # otherwise batches are filled up and spread over threads
-        most = max(min(BATCH, most), len(starts))
-    count = math.ceil(len(cases) / (most // len(starts)))
-    parts = [[cases[i] for i in part] for part in np.array_split(np.arange(len(cases)), count)]
+        most = min(BATCH, most)
+    size = max(most // max((len(case.starts) for case in cases), default=1), 1)
+    parts = [list(cases[i : i + size]) for i in range(0, len(cases), size)]
     sent = replace(options, executor=None)
-    jobs = [partial(_ends_of, model, part, starts, sent) for part in parts]
+    jobs = [partial(_ends_of, model, part, sent) for part in parts]
     answers = parallel(jobs, options.executor, label=label, progress=options.shown)
-    found: list[list[MotionEnd]] = []
+    found: list[dict[int, MotionEnd]] = []
     known: list[Case] = []
     for part, answer in zip(parts, answers, strict=True):
         if isinstance(answer, Exception):
-            found += [[(STOPPED, answer)] * (len(starts) + len(case.starts)) for case in part]
+            found += [dict.fromkeys(case.starts, (STOPPED, answer)) for case in part]
             known += part
         else:
             found += answer[0]
@@ -158,38 +156,33 @@ def motion_ends(
 
 
 def _ends_of(
-    model: Model, cases: list[Case], starts: Sequence[Array], options: MotionOptions
-) -> tuple[list[list[MotionEnd]], list[Case]]:
+    model: Model, cases: list[Case], options: MotionOptions
+) -> tuple[list[dict[int, MotionEnd]], list[Case]]:
     """Ends of the motions of one batch, by case."""
     engine, runs = _Engine(model, options), list[_Run]()
     with one_thread(model.dof):
         for case in cases:
-            for k, start in enumerate([*starts, *case.starts]):
+            for k, start in case.starts.items():
                 if start.ndim == 1:
                     start = np.asarray(model.initial_state(start, None))
                 runs.append(_Run(case, k, start.ravel()))
         engine.finish(runs)
-    ends = [[engine.answers[run] for run in runs if run.case is case] for case in cases]
-    for case, answers in zip(cases, ends, strict=True):
-        case.reached = sorted({number for number, _ in answers[: len(starts)]})
+    ends = [{run.start: engine.answers[run] for run in runs if run.case is one} for one in cases]
     return ends, cases
 
 
 @dataclass(eq=False)
 class Case:
-    """A flow, the solutions that are known there, and its own starts, with p and p' in rows.
+    """A flow, the solutions that are known there, and the starts of motions.
 
     Attributes:
-        reached: numbers of the solutions that motions from the starts of all cases end on.
-        next_try: time from which a cycle may be solved for again.
+        starts: coordinates at rest, or p and p' in rows, (2, integrated), by number.
     """
 
     model: Model
     drive: Excitation
     solutions: Sequence[Solution] = ()
-    starts: Sequence[Array] = ()
-    reached: list[int] = field(default_factory=list)
-    next_try: float = 0.0
+    starts: dict[int, Array] = field(default_factory=dict)
 
     @cached_property
     def odd(self) -> bool:
@@ -231,11 +224,7 @@ def spread_alike(a: Array, b: Array) -> bool:
     """
     if min(a.size, b.size) < 2:
         return False
-    a, b = np.sort(a), np.sort(b)
-    both = np.concatenate([a, b])
-    shares = (np.searchsorted(x, both, side="right") / x.size for x in (a, b))
-    apart = float(np.abs(next(shares) - next(shares)).max())
-    return apart < 1.63 * math.sqrt(1.0 / a.size + 1.0 / b.size)
+    return bool(scipy.stats.ks_2samp(a, b, method="asymp").pvalue > 0.01)
 
 
 @dataclass(eq=False)
@@ -375,47 +364,40 @@ class _Engine:
     def explain(self, runs: list[_Run]) -> list[Case]:
         """Solves for what motions show; returns cases in which an attracting solution is new.
 
-        Before the transient is over a cycle is solved for if a motion has come very near to an
-        earlier state, and after a cycle that does not attract only when the time has doubled. After
-        the transient it is always solved for, from each motion and from farther away.
+        Before the transient is over a cycle is solved for from the motion that has come nearest to
+        an earlier state, if that is very near; afterwards from each, and from farther away.
         """
         new, late = list[Case](), self.elapsed > self.options.transient
         back = FAR_BACK if late else self.options.back
         for case in dict.fromkeys(run.case for run in runs):
             before, u = len(case.attracting), case.drive.mean
-            tries = list[tuple[Recurrence, _Run]]()
-            for run in runs:
-                if run.case is case and run.record.trend != "rest":
-                    tries.append((run.record.recurrence(), run))
-                elif run.case is case and not case.drive.period:
+            tries = list[_Run]()
+            for run in (run for run in runs if run.case is case):
+                if run.record.trend != "rest":
+                    tries.append(run)
+                elif not case.drive.period:
                     place = np.split(run.state, 2)[0]
                     with suppress(NewtonFailed):  # e.g. where a slow motion passes no equilibrium
                         case.learn(equilibrium(self.statics, self.statics.solved(place, u), u))
-            tries = sorted((of for of in tries if of[0][0] <= back), key=lambda of: of[0][0])
-            if late or self.elapsed >= case.next_try:
-                some = tries if late else tries[:1]
-                attract = [self.explained(*of, back) for of in some]
-                if some and not any(attract):
-                    case.next_try = 2.0 * self.elapsed
+            tries.sort(key=lambda run: run.record.recurrence[0])
+            for run in tries if late else tries[:1]:
+                self.solve_for_cycle(run, back)
             if len(case.attracting) > before:
                 new.append(case)
         return new
 
-    def explained(self, recurrence: Recurrence, run: _Run, back: float) -> bool:
-        """Solves for the cycle near the end of a motion; returns whether it attracts.
+    def solve_for_cycle(self, run: _Run, back: float) -> None:
+        """Solves for the cycle near the end of a motion, which ends if it is on that cycle.
 
-        recurrence, back: as for `solved_cycle`.
+        back: largest distance to an earlier state, as for `solved_cycle`.
         """
-        case, samples = run.case, (run.record.t, run.record.states)
-        try:
-            orbit, stable = solved_cycle(self.model, case.drive, samples, recurrence, back)
-        except NewtonFailed:
-            return False
-        number = case.learn(cycle(self.model, case.drive, orbit, stable))
-        known = case.solutions[number]
-        if stable and np.isfinite(known.region.distances(run.state[None], known.near)):
-            self.ends(run, number)
-        return stable
+        case = run.case
+        with suppress(NewtonFailed):
+            orbit, stable = solved_cycle(self.model, case.drive, run.record, back)
+            number = case.learn(cycle(self.model, case.drive, orbit, stable))
+            known = case.solutions[number]
+            if stable and np.isfinite(known.region.distances(run.state[None], known.near)):
+                self.ends(run, number)
 
     def joining(self, irregular: list[_Run], twice: bool) -> list[_Run]:
         """The irregular motions that from now on go on as another motion of their case.
@@ -510,8 +492,6 @@ class _Engine:
                 continue
             if (run.case in new or run.comes_nearer) and not over:
                 on.append(run)
-            elif (number := run.case.holding(run.state, math.nan)) != NOWHERE:
-                self.ends(run, number)
             else:
                 left.append(run)
         return left, on
@@ -520,7 +500,8 @@ class _Engine:
         """Whether a motion ends at rest or on a cycle, as its record shows.
 
         Rest or cycle may be unstable, and the cycle may be one that cannot be solved for. A motion
-        beside an unstable equilibrium, however near, is given time to leave it.
+        beside an unstable equilibrium, however near, is given time to leave it. A motion that
+        creeps far from any equilibrium does not rest.
         """
         case, drive = run.case, run.case.drive
         rests = run.record.trend == "rest"
@@ -528,6 +509,8 @@ class _Engine:
         if not rests and not period:
             return False
         number = case.holding(run.state, period)
+        if number == NOWHERE and rests and not drive.period:
+            return False
         if number == NOWHERE:
             seen = by_record(self.model, drive, run.state, run.record, period)
             number = case.learn(self.attracted(case, seen))
@@ -583,15 +566,10 @@ class _Engine:
                 doubtful.append(run)
             else:
                 why = (
-                    f"its largest Lyapunov exponent, {exponent.value:.2g}, is not above 0 by three "
-                    f"times its spread, {exponent.spread:.2g}, but by more than that"
+                    f"neither its largest Lyapunov exponent, {exponent.value:.2g} with a spread of "
+                    f"{exponent.spread:.2g}, shows chaos, nor do averages over a time of "
+                    f"{run.record.t[-1]:g} show a torus"
                 )
-                if exponent.value <= exponent.spread:
-                    why = (
-                        f"its largest Lyapunov exponent, {exponent.value:.2g}, is 0 within its "
-                        f"spread, {exponent.spread:.2g}, but averages over a time of "
-                        f"{run.record.t[-1]:g} converge no faster than those of chaotic motion"
-                    )
                 self.name(run, "unsettled", exponent, why)
         return doubtful
 

@@ -65,6 +65,7 @@ class Stretch:
         """Values of x where its velocity changes sign, in order, shape (K,)."""
         return turning_points(self.t, self.x, self.velocity)
 
+    @cached_property
     def recurrence(self) -> tuple[float, float, float, int]:
         """Smallest distance of a state from an earlier one, relative to its size in the later half.
 

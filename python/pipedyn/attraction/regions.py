@@ -64,9 +64,6 @@ TRIALS = 16
 """Number of motions from beside an attractor, in directions drawn at random, that show that it
 attracts."""
 
-SLOWEST = 2.0
-"""Largest period that is assumed for equilibria about which nothing oscillates."""
-
 COMPARED, REGION_SHARE = 256, 0.25
 """Number of states of another attractor from which the distance of two attractors is computed; and
 the largest share of the way to any other known solution that a region extends."""
@@ -100,15 +97,6 @@ class Region:
     driven: bool = False
     rates: Array | None = None
     floquet: FloquetCoordinates | None = None
-
-    @staticmethod
-    def about_rest(place: Array, values: Complex) -> Region:
-        """The region about an equilibrium at p, whose eigenvalues are given."""
-        omega = float(np.abs(values).min()) if not values.imag.any() else 0.0
-        omega = omega or float(np.abs(values[values.imag != 0.0]).min())
-        unit = 1.0 / max(omega, 1e-3)
-        points = np.append(place, np.zeros_like(place))[None]
-        return Region(points, unit, min(2.0 * math.pi * unit, SLOWEST))
 
     @cached_property
     def _reach(self) -> float:

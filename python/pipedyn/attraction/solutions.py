@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.linalg import LinAlgError
 
 from pipedyn.attraction.attractor import Attractor
 from pipedyn.attraction.records import Stretch
@@ -39,6 +41,9 @@ interval of its mesh."""
 
 SAME_ATTRACTOR = 3e-3
 """Distance up to which two motions are on the same attractor: each is known to 1e-3."""
+
+SLOWEST = 2.0
+"""Largest period that is assumed for equilibria about which nothing oscillates."""
 
 FARTHEST = 0.1
 """Largest distance of an equilibrium from the place where it is looked for, in rad or in a
@@ -161,10 +166,15 @@ def equilibrium(statics: Statics, p: Array, u: float) -> Solution:
     """The solution of an equilibrium at p."""
     values = statics.eigenvalues(p, u)
     stable, rest = bool(decays(values).all()), np.append(p, np.zeros_like(p))
-    region = replace(Region.about_rest(p, values), turn=statics.whole_turn)
+    oscillating = np.abs(values[values.imag != 0.0])
+    omega = oscillating.min() if oscillating.size else np.abs(values).min()
+    unit = 1.0 / max(float(omega), 1e-3)
+    period = min(2.0 * math.pi * unit, SLOWEST)
+    region = Region(rest[None], unit, period, turn=statics.whole_turn)
     motion = statics.motion
     if stable and not motion.constrained:
-        region = replace(region, floquet=modal_coordinates(motion, rest, u, region.units))
+        with suppress(LinAlgError):
+            region = replace(region, floquet=modal_coordinates(motion, rest, u, region.units))
     end = Attractor(u, -1, "rest", 0, motion.tip(rest[:, None]), rest)
     return Solution(end, region, stable, growth=float(values.real.max()))
 
@@ -215,31 +225,30 @@ def cycle(model: Model, drive: Excitation, orbit: PeriodicOrbit, stable: bool) -
     count = max(round((maxima(turnings).size + 1) / TURNING_PERIODS), 1)
     end = Attractor(drive.mean, -1, "periodic", count, turnings, states[-1].copy())
     unit = period / (2.0 * math.pi * count)
-    floquet = None
+    region = around_cycle(model, drive, orbit.states, unit, period, point_phases(orbit))
     if stable and not field.constrained and not drive.period:
-        floquet = floquet_coordinates(field, orbit, np.repeat([1.0, unit], field.half))
-    phases = floquet.phases if floquet is not None else point_phases(orbit)
-    region = around_cycle(model, drive, orbit.states, unit, period, phases)
-    return Solution(end, replace(region, floquet=floquet), stable, period, orbit=orbit)
+        with suppress(LinAlgError):
+            region = replace(region, floquet=floquet_coordinates(field, orbit, region.units))
+    return Solution(end, region, stable, period, orbit=orbit)
 
 
 def by_record(
     model: Model, drive: Excitation, state: Array, stretch: Stretch, period: float
 ) -> Solution:
-    """The solution on which a motion is in a state [p, p'], known from its last stretch alone.
+    """The cycle, or the rest of a driven pipe, that the last stretch of a motion shows.
 
-    period: period after which the motion repeats; 0 at rest.
+    Args:
+        model: the model.
+        drive: what drives the motion.
+        state: last state [p, p'] of the motion.
+        stretch: the last stretch.
+        period: period after which the motion repeats; 0 at rest.
     """
     count = round((maxima(stretch.turnings).size + 1) * period / float(stretch.t[-1]))
     end = Attractor(drive.mean, -1, "periodic", max(count, 1), stretch.turnings, state)
     if not period:
         end = replace(end, ending="rest", period=0, turnings=stretch.x[-1:].copy())
-    statics, last = Statics(model), float(stretch.t[-1])
-    span = period or drive.period  # for driven motions rest also has the drive's period
-    if not span:
-        place = state[: state.size // 2]
-        region = Region.about_rest(place, statics.eigenvalues(place, drive.mean))
-        return Solution(end, replace(region, turn=statics.whole_turn), False)
+    span, last = period or drive.period, float(stretch.t[-1])
     curve = scipy.interpolate.CubicSpline(stretch.t, stretch.states)
 
     def states(phase: Array) -> Array:

@@ -18,8 +18,8 @@ from pipedyn.curves.event_problem import EventProblem, event_angle
 from pipedyn.cycles.limit_cycle import amplitude_of
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.motion.vector_field import VectorField
-from pipedyn.orbits.floquet import UNIT, EventKind, nontrivial, orbit_multipliers
-from pipedyn.orbits.orbit_continuation import FINE, PassingMultiplier, breaking_part, onward
+from pipedyn.orbits.floquet import UNIT, crossing_event, nontrivial, orbit_multipliers
+from pipedyn.orbits.orbit_continuation import FINE, breaking_part, onward
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit, resolved_orbit
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -165,10 +165,8 @@ class _ResonantAngle(TestFunction[EventProblem]):
         return self.name
 
 
-class _OtherMultipliers(PassingMultiplier[EventProblem]):
+class _OtherMultipliers(TestFunction[EventProblem]):
     """Test function for multipliers other than those of the event on a step of its curve."""
-
-    beside_folds = 0.0
 
     def __init__(
         self, step: EventStep, follower: EventFollower, begin: _Cycle, end: _Cycle
@@ -186,13 +184,10 @@ class _OtherMultipliers(PassingMultiplier[EventProblem]):
         """Logarithms of the multipliers' moduli, as `_growth_of_others` gives them."""
         return _growth_of_others(self.known(s))
 
-    def candidates(self, before: float, beyond: float) -> tuple[Complex, bool]:
-        """All other multipliers."""
-        return self.known(beyond), self.mirrored
-
-    def event(self, before: float, beyond: float, kind: EventKind, multiplier: complex) -> str:
+    def found(self, before: float, beyond: float) -> str:
         """Name of the point at which two events happen at once."""
-        own, values, second = self.follower.kind, self.known(beyond), str(kind)
+        own, values = self.follower.kind, self.known(beyond)
+        second: str = crossing_event(values, self.mirrored)[0]
         # Where three multipliers meet, errors move them by the cube root of their size.
         nearest = complex(values[int(np.argmin(np.abs(np.log(np.abs(values)))))])
         root = -1.0 if own in ("pitchfork", "period doubling") else 1.0

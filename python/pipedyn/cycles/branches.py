@@ -19,15 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.attraction.motion_ends import Failed
-from pipedyn.continuation.tracer import Tracer, special_points
-from pipedyn.cycles.limit_cycle import (
-    ON_BRANCH,
-    LimitCycle,
-    NoCycle,
-    amplitude_of,
-    converged_cycle,
-    on_branch,
-)
+from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
+from pipedyn.cycles.limit_cycle import LimitCycle, NoCycle, amplitude_of, converged_cycle, on_branch
 from pipedyn.equilibrium.equilibria import BranchPoint, EquilibriumBranch
 from pipedyn.equilibrium.hopf import HopfPoint, hopf_point
 from pipedyn.linear.critical_speed import crossings
@@ -39,16 +32,17 @@ from pipedyn.orbits.collocation import OrbitProblem
 from pipedyn.orbits.floquet import (
     LARGEST_ERROR,
     EventKind,
+    crossing_event,
     log_moduli,
     nontrivial,
     orbit_multipliers,
 )
 from pipedyn.orbits.orbit_continuation import (
     FINE,
+    NEAR_FOLD,
     BranchStart,
     Grazing,
     Meeting,
-    PassingMultiplier,
     Step,
     both_ways,
     followed_past_grazing,
@@ -348,8 +342,10 @@ CycleOnStep = tuple[float, LimitCycle, CycleEvent | None]
 """A cycle on a step: arc length from the beginning of the step, cycle, and event there, if any."""
 
 
-class _PassingOfCycles(PassingMultiplier[OrbitProblem]):
+class _PassingOfCycles(TestFunction[OrbitProblem]):
     """Test functions for the multipliers of the cycles on a step, between folds.
+
+    Their values are the logarithms of the moduli, in descending order.
 
     Args:
         step: the step.
@@ -357,6 +353,8 @@ class _PassingOfCycles(PassingMultiplier[OrbitProblem]):
         how: how the cycles are found, in words.
         first: the cycle at the beginning, if it is known.
     """
+
+    beside_folds = NEAR_FOLD
 
     def __init__(self, step: Step, motion: VectorField, how: str, first: LimitCycle | None) -> None:
         super().__init__(step, 3e-5 * step.length)
@@ -373,28 +371,15 @@ class _PassingOfCycles(PassingMultiplier[OrbitProblem]):
 
     def about(self, s: float) -> Array:
         """Logarithms of the moduli of all nontrivial multipliers."""
-        if 0.0 < s < self.step.length and not self.motion.model.pipe.has_kinks:
-            # Within a step no other property of the cycle is asked for.
-            found, _, error = orbit_multipliers(self.motion, orbit_at(self.step, s), ON_BRANCH)
-            if error <= ON_BRANCH:
-                return log_moduli(found)
         return log_moduli(self.cycle(s).multipliers)
 
-    def candidates(self, before: float, beyond: float) -> tuple[Complex, bool]:
-        """Roots of the nontrivial multipliers just beyond, and whether the cycle is symmetric."""
-        cycle = self.cycle(beyond)
-        roots = cycle.multipliers
-        if cycle.symmetric:
-            roots = orbit_multipliers(self.motion, cycle.orbit)[1]
-        return nontrivial(roots), cycle.symmetric
-
-    def event(
-        self, before: float, beyond: float, kind: EventKind, multiplier: complex
-    ) -> tuple[CycleEvent, bool] | None:
+    def found(self, before: float, beyond: float) -> tuple[CycleEvent, bool] | None:
         """The event, and whether a cycle beside it is stable; folds are found by the tangent."""
+        first, last = self.step.at(before).p, self.cycle(beyond)
+        _, roots, _ = orbit_multipliers(self.motion, last.orbit)
+        kind, multiplier = crossing_event(nontrivial(roots), last.symmetric)
         if kind == "fold":
             return None
-        first, last = self.step.at(before).p, self.cycle(beyond)
         speed, error = 0.5 * (first + last.u), 0.5 * abs(first - last.u)
         stable = last.stable or not self.positive(before)
         return CycleEvent(kind, speed, error, multiplier, last.amplitude), stable
@@ -426,7 +411,6 @@ class _Follower(Tracer[OrbitProblem]):
         self.end: CycleEvent | None = None
         self.closed = False
         self.repeats = False  # whether it goes on as a branch that is known
-        self.again: float | None = None  # speed of a cycle that was passed before
         self.here = start.orbit  # last orbit up to which it was followed
         self.last: LimitCycle | None = None  # the cycle there, if it is known and kept
         self.passed, self.frequencies = list[float](), list[float]()
@@ -466,12 +450,6 @@ class _Follower(Tracer[OrbitProblem]):
         elif low <= speeds[-1] and high >= speeds[0]:
             self.last, self.beyond = self._noted(step), 0
             self.unsure = int(self.last.multiplier_error > LARGEST_ERROR)
-            if self.again is not None:
-                self._forget_repeated()
-                raise NewtonFailed(
-                    f"it leads back to the cycle at u = {self.again:g}, so that a step went over "
-                    "to another branch, which is closed"
-                )
         else:
             self.last, self.beyond = None, self.beyond + 1
         if met is not None:
@@ -644,8 +622,6 @@ class _Follower(Tracer[OrbitProblem]):
             if cycle is not None:
                 yield step.reach(z), cycle, None
                 self.closed = self.closed or self._is_first(cycle)
-                if not self.closed and self._is_passed(cycle):
-                    self.again = u
 
     def _leaving(self, first: Step) -> Step:
         """The first step, made so that the speed changes with the square of the amplitude."""
@@ -659,20 +635,6 @@ class _Follower(Tracer[OrbitProblem]):
         if self.begin is not None or cycle.u != first.u or len(self.cycles) < 4:
             return False
         return same_cycle(cycle, first.frequency, amplitude_of(self.motion, first)[0])
-
-    def _is_passed(self, cycle: LimitCycle) -> bool:
-        """Whether a cycle was passed before, except as one of the last four."""
-        return any(
-            one.u == cycle.u and same_cycle(cycle, one.frequency, one.amplitude)
-            for one in self.cycles[:-4]
-        )
-
-    def _forget_repeated(self) -> None:
-        """Removes events that were met a second time."""
-        every = self.events
-        self.events = [
-            event for i, event in enumerate(every) if not any(map(event.same, every[:i]))
-        ]
 
 
 def _steepness(speeds: list[float], frequencies: list[float]) -> float:

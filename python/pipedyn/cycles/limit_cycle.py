@@ -16,6 +16,13 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from pipedyn.attraction.from_motion import (
+    CLOSELY,
+    LARGEST_CYCLE,
+    ROUGHLY,
+    last_period,
+    run_through_once,
+)
 from pipedyn.attraction.motion_ends import FAR_BACK, Case, motion_ends
 from pipedyn.attraction.motion_options import MotionOptions
 from pipedyn.attraction.records import Stretch
@@ -39,19 +46,8 @@ from pipedyn.motion.simulate import (
 from pipedyn.motion.vector_field import Excitation, VectorField
 from pipedyn.orbits.collocation import residual, solved
 from pipedyn.orbits.floquet import MULTIPLIER_TOLERANCE, nontrivial, orbit_multipliers
-from pipedyn.orbits.from_motion import (
-    CLOSELY,
-    LARGEST_CYCLE,
-    ROUGHLY,
-    last_period,
-    run_through_once,
-)
 from pipedyn.orbits.orbit_continuation import COARSE, breaking_part, continued, solved_anew
-from pipedyn.orbits.periodic_orbit import (
-    ORBIT_STAGES,
-    PeriodicOrbit,
-    refined,
-)
+from pipedyn.orbits.periodic_orbit import ORBIT_STAGES, PeriodicOrbit, refined
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -310,7 +306,7 @@ def _near(motion: VectorField, u: float, start: LimitCycle | Motion) -> tuple[Pe
     y = motion.model.from_user(start.q, start.qdot)
     x, velocity = start.tip[:, 0], start.tip_velocity[:, 0]
     stretch = Stretch(start.t, y, x, velocity, 1e-6)
-    states, frequency = last_period((stretch.t, y), stretch.recurrence(), FAR_BACK)
+    states, frequency = last_period(stretch, FAR_BACK)
     found = solved_anew(motion, states, frequency, u, False, COARSE)
     _, found = run_through_once(motion, found, ROUGHLY)
     return as_symmetric(motion, found), "from a motion"
@@ -377,8 +373,9 @@ def _simulated(motion: VectorField, u: float, start: Array) -> PeriodicOrbit:
     back = FAR_BACK  # right-hand sides may be costly: a cycle is solved for early
     options = MotionOptions(SEARCHED, SEEN, exponents=False, most=most, back=back)
     with counted() as work:
-        cases = [Case(model, Excitation(u))]
-        [[(number, end)]], [case] = motion_ends(model, cases, [start.reshape(2, -1)], options)
+        cases = [Case(model, Excitation(u), starts={0: start.reshape(2, -1)})]
+        [ends], [case] = motion_ends(model, cases, options)
+    number, end = ends[0]
     motion.evaluations += work.right_hand_sides
     if isinstance(end, Exception):
         raise NoCycle(f"{none}: {end}", u) from None

@@ -101,12 +101,9 @@ class AxisProblem(DenseProblem):
         whole = stiffness + 1j * omega * damping - omega**2 * mass
         _, v, w = self._bordered(whole if omega else stiffness.real)
 
-        def slope(index: int, one: Matrices) -> complex:
-            changed = one[2] @ v + 1j * omega * (one[1] @ v) - omega**2 * (one[0] @ v)
-            return complex(-self.plane.window.size[index] * (w @ changed))
-
         right, up = point.tangent[[-1, -2]]
-        leftwards = right * slope(1, by_y) - up * slope(0, by_x)
+        slope_y, slope_x = self._slopes(omega, v, w, by_y, by_x)
+        leftwards = right * slope_y - up * slope_x
         down = complex(w @ (damping @ v) + 2j * omega * (w @ (mass @ v)))
         sizes = float(np.linalg.norm(w) * np.linalg.norm(damping) * np.linalg.norm(v))
         if not omega and abs(down) <= 1e-9 * sizes:
@@ -114,6 +111,16 @@ class AxisProblem(DenseProblem):
             # second derivative of g by lambda replaces the first derivative.
             down = complex(w @ (mass @ v)) + gyroscopic_mass(stiffness.real, damping, v, w)
         return (2 if self.kind == "flutter" else 1) * (1 if (leftwards / down).real > 0.0 else -1)
+
+    def _slopes(
+        self, omega: float, v: NDArray[Any], w: NDArray[Any], by_y: Matrices, by_x: Matrices
+    ) -> list[complex]:
+        """Derivatives of g by y and by x as shares of the window, from those of the matrices."""
+        width, height = self.plane.window.size
+        return [
+            -size * complex(w @ (k @ v + 1j * omega * (c @ v) - omega**2 * (m @ v)))
+            for size, (m, c, k) in ((height, by_y), (width, by_x))
+        ]
 
     def starting_at(self, z: Array) -> Point:
         """The solution z as a point of the curve; its unit tangent may point either way."""
@@ -178,18 +185,8 @@ class FlutterProblem(AxisProblem):
         matrices, by_x, by_y = self.plane.matrices(self.place(np.append(x, p)))
         (m, c, k) = matrices
         g, v, w = self._bordered(k + 1j * omega * c - omega**2 * m)
-
-        def along(change: NDArray[Any]) -> complex:
-            return complex(-(w @ change))
-
-        by_size = self.plane.window.size
-        slopes = [
-            self.unit * along(1j * (c @ v) - 2.0 * omega * (m @ v)),
-            *(
-                size * along(one[2] @ v + 1j * omega * (one[1] @ v) - omega**2 * (one[0] @ v))
-                for size, one in ((by_size[1], by_y), (by_size[0], by_x))
-            ),
-        ]
+        by_frequency = -self.unit * complex(w @ (1j * (c @ v) - 2.0 * omega * (m @ v)))
+        slopes = [by_frequency, *self._slopes(omega, v, w, by_y, by_x)]
         derivative = np.array(
             [[slope.real for slope in slopes], [slope.imag / share for slope in slopes]]
         )
@@ -209,12 +206,8 @@ class DivergenceProblem(AxisProblem):
     def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
         matrices, by_x, by_y = self.plane.matrices(self.place(np.append(x, p)))
         g, v, w = self._bordered(matrices[2].real)
-        sizes = self.plane.window.size
-        slopes = [
-            -size * float(w @ (one[2].real @ v))
-            for size, one in zip(sizes, (by_x, by_y), strict=True)
-        ]
-        return np.array([g.real]), np.array([slopes[::-1]])
+        slopes = self._slopes(0.0, v, w, by_y, by_x)
+        return np.array([g.real]), np.array([[slope.real for slope in slopes]])
 
 
 class CoupledModeProblem(AxisProblem):

@@ -489,23 +489,15 @@ def rms_along(angles: Array) -> Any:
     return np.sqrt(np.mean(angles**2, axis=-1))
 
 
-def _contracted(statics: Statics, x: Array, u: float) -> Array:
-    """The equilibrium to which Newton's method contracts from x, each step at most half the last.
-
-    If steps contract from the first one on, there is a single equilibrium nearby, by the theorem of
-    Newton and Mysovskikh.
-
-    Source: Deuflhard (2004), Newton methods for nonlinear problems, sec. 2.1.
-    """
-    return statics.balanced(x, u, patience=1)
-
-
 def _in_larger_bases(
     statics: Statics, u: float, xs: Array, stable: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
     """Whether two larger bases have each equilibrium xs, (k, integrated), too; shape (k,).
 
-    The test is that of `equilibria`.
+    The test is that of `equilibria`. If each of Newton's steps is at most half the one before,
+    there is a single equilibrium nearby, by the theorem of Newton and Mysovskikh.
+
+    Source: Deuflhard (2004), Newton methods for nonlinear problems, sec. 2.1.
     """
     larger = statics.model.refined()
     largest = larger and larger.refined()
@@ -521,7 +513,8 @@ def _in_larger_bases(
         with suppress(NewtonFailed, PipedynError, ValueError):
             here, y = statics, x
             for basis in bases:
-                here, y = basis, _contracted(basis, basis.from_start("q0", here.angle(y)), u)
+                start = basis.from_start("q0", here.angle(y))
+                here, y = basis, basis.balanced(start, u, patience=1)
             apart = rms_along(angles - here.angles(y[None]))
             if apart[i] <= min(NEAR, apart.min()):
                 kept[i] = apart[i] <= DISTINCT or is_stable(here.eigenvalues(y, u)) == stable[i]

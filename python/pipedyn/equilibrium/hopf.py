@@ -469,7 +469,7 @@ def hopf(
         )
     motion = VectorField(model)
     rest = _rest_at(motion, crossing)
-    smooth = with_drag(model, 0.0) if model.pipe.drag else motion
+    smooth = with_drag(model, 0.0)
     jacobians: Callable[[Array], Array] = partial(smooth.jacobians, u=u)
     state = rest
     if friction is not None:
@@ -551,9 +551,9 @@ def onset_coefficients(model: Model, u: float, frequency: float) -> tuple[Normal
     Raises:
         ValueError, NoHopf, NotConverged: as `normal_form` does.
     """
-    motion = VectorField(model)
-    smooth, rest = with_drag(model, 0.0) if model.pipe.drag else motion, motion.resting()
-    with one_thread(motion.size):
+    smooth = with_drag(model, 0.0)
+    rest = smooth.resting()
+    with one_thread(smooth.size):
         form = _pipe_form(smooth, rest, frequency, partial(smooth.jacobians, u=u), rest)
         return form, _mean_drag(model, smooth, rest, u, form)[0]
 
@@ -620,7 +620,7 @@ def _mean_drag(
 ) -> tuple[complex, float]:
     """Mean of drag over one period of the mode, called d in the module's docstring, and its error.
 
-    The mean is 0 without drag, and if drag does not act on the mode.
+    The mean is 0 without drag.
     """
     # A smaller drag decides only at amplitudes that are practically 0, and its law overflows.
     if model.pipe.drag < 1e-100:
@@ -636,8 +636,6 @@ def _mean_drag(
     value = complex(np.mean(means))
     # The error is the difference from the mean over a quarter of the phases, plus rounding.
     error = abs(complex(np.mean(means[::4])) - value) + 1e-9 * abs(value)
-    if abs(value) <= 1e-12 * form.frequency:
-        value = 0j
     return model.pipe.drag * value, model.pipe.drag * error
 
 

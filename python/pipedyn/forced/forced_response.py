@@ -17,9 +17,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipedyn.attraction.motion_ends import Case, motion_ends
+from pipedyn.attraction.motion_options import MotionOptions
 from pipedyn.continuation.arclength import Point
-from pipedyn.continuation.tracer import Tracer, between_folds, special_points
-from pipedyn.cycles.limit_cycle import amplitude_of, refined_until
+from pipedyn.continuation.tracer import TestFunction, Tracer, between_folds, special_points
+from pipedyn.cycles.limit_cycle import amplitude_of, as_symmetric, refined_until
 from pipedyn.forced.parametric_search import regions
 from pipedyn.forced.pulsating import Hill, PulsatingPipe, require_motion
 from pipedyn.linear.eigenproblem import Complex
@@ -28,16 +30,16 @@ from pipedyn.linear.modes import largest_speed
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model
 from pipedyn.models.drive import Harmonic, Pulsation, require_steady, steady_speed
-from pipedyn.motion.simulate import MotionStopped, Trajectory, checked_model_in_motion, simulate
-from pipedyn.motion.vector_field import ForcedField
+from pipedyn.motion.simulate import Trajectory, checked_model_in_motion
+from pipedyn.motion.vector_field import Excitation, ForcedField
 from pipedyn.orbits.collocation import Linearised, OrbitProblem, residual, solved
-from pipedyn.orbits.floquet import UNIT, EventKind, orbit_multipliers
+from pipedyn.orbits.floquet import UNIT, EventKind, crossing_event, orbit_multipliers
 from pipedyn.orbits.orbit_continuation import (
     FINE,
     FIRST_AMPLITUDE,
+    NEAR_FOLD,
     BranchStart,
     Grazing,
-    PassingMultiplier,
     Step,
     followed_past_grazing,
     from_orbit,
@@ -54,8 +56,8 @@ from pipedyn.orbits.periodic_orbit import (
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.counters import counted
 from pipedyn.util.errors import NotConverged
-from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import track
 from pipedyn.util.result import Result, TableResult, joined
@@ -73,17 +75,13 @@ UNKNOWN = 1e-3
 """Largest error of multipliers that is allowed for when a modulus is compared with 1. Multipliers
 that hardly converge have a larger estimate, or none."""
 
-SETTLING = (10, 20, 40, 80)
-"""Numbers of periods, one after the other, after which it is checked whether a motion from rest
-repeats. All of them take 1 s for a chain of four segments."""
+SETTLING = 10
+"""Number of periods after which a motion from rest is recorded for as many periods; if it comes
+nearer to a motion that repeats, it is followed for 160 of them."""
 
 REACH = 10.0
 """Amplitude by which steps are measured, as a multiple of that of the first motion of a moving
 base. It is 1 L at most, as resonances that a stop or a fixed end bends over may be small."""
-
-REPEATS = 0.02
-"""Difference of a state after one period, as a share of the motion's range, at which Newton's
-method takes over."""
 
 HARMONICS = 8
 """Number of harmonics in Hill's equations for the motions in which branches leave rest."""
@@ -466,7 +464,7 @@ def _first_motion(motion: ForcedField, u: float) -> PeriodicOrbit:
         return orbit
 
     reason = NewtonFailed("")
-    for find in (at_once, growing, lambda: _settled(motion, u, symmetric)):
+    for find in (at_once, growing, lambda: _settled(motion, u)):
         try:
             return find()
         except NewtonFailed as failure:
@@ -474,46 +472,26 @@ def _first_motion(motion: ForcedField, u: float) -> PeriodicOrbit:
     raise reason
 
 
-def _settled(motion: ForcedField, u: float, symmetric: bool) -> PeriodicOrbit:
+def _settled(motion: ForcedField, u: float) -> PeriodicOrbit:
     """The periodic motion on which a motion from rest ends.
 
     Raises:
-        NewtonFailed: if it does not repeat, stops, or Newton's method leads elsewhere.
+        NewtonFailed: if it does not repeat with the period of the base, or stops.
     """
-    model, w = motion.model, motion.forcing.frequency
-    period, reason = 2.0 * math.pi / w, "it does not repeat with the period of the base"
-    p = motion.resting()
-    (q0,), (qdot0,) = model.to_user(p[None, : motion.half], p[None, motion.half :])
-    for periods in SETTLING:
-        times = period * np.linspace(periods - 1.0, periods, 513)
-        try:
-            duration, base = periods * period, motion.forcing
-            assert isinstance(base, Harmonic)
-            going = simulate(model, u, duration, q0, qdot0, times=times, base=base, rtol=1e-7)
-        except MotionStopped as stopped:
-            raise NewtonFailed(f"a motion from rest stops: {stopped}") from None
-        motion.evaluations += going.evaluations
-        q0, qdot0 = going.q[-1], going.qdot[-1]
-        p = model.from_user(going.q, going.qdot)
-        size = float(np.ptp(p[:, : motion.half], axis=0).max())
-        if np.abs(p[-1] - p[0])[: motion.half].max() > REPEATS * size:
-            continue
-        spline = scipy.interpolate.CubicSpline(2.0 * math.pi * np.linspace(0.0, 1.0, 513), p)
-        odd = symmetric and float(np.abs(p[256:] + p[:257]).max()) <= REPEATS * np.abs(p).max()
-
-        def states(phase: Array, through: Any = spline) -> Array:
-            return np.ascontiguousarray(through(phase).T)
-
-        try:
-            guess = resolved_orbit(motion, states, w, u, odd, FINE.defect)
-            found = solved(motion, guess, FINE.tolerance)
-        except NewtonFailed as failure:
-            reason = f"it repeats, but {failure}"
-            continue
-        if np.abs(found.starts - guess.starts)[:, : motion.half].max() <= 0.1 * size:
-            return found
-        reason = "it repeats, but Newton's method leads elsewhere"
-    raise NewtonFailed(f"a motion from rest was followed for {sum(SETTLING)} periods: {reason}")
+    model, base = motion.model, motion.forcing
+    assert isinstance(base, Harmonic)
+    drive, time = Excitation(u, base), SETTLING * 2.0 * math.pi / base.frequency
+    options = MotionOptions(drive.whole(time), drive.whole(max(time, 1.0)), exponents=False)
+    begun = Case(model, drive, starts={0: motion.resting().reshape(2, -1)})
+    with counted() as work:
+        [ends], [case] = motion_ends(model, [begun], options)
+    motion.evaluations += work.right_hand_sides
+    number, end = ends[0]
+    orbit = case.solutions[number].orbit if number >= 0 else None
+    if orbit is None or not math.isclose(orbit.frequency, base.frequency, rel_tol=1e-6):
+        why = end if isinstance(end, Exception) else "it was not found to repeat with the base"
+        raise NewtonFailed(f"a motion from rest leads to none: {why}")
+    return as_symmetric(motion, orbit)
 
 
 def _from_rest(
@@ -580,8 +558,10 @@ def _point_of_orbit(motion: ForcedField, orbit: PeriodicOrbit) -> _ForcedPoint:
     return _ForcedPoint(motion.order * orbit.frequency, amplitude, largest, stable)
 
 
-class _PassingOfMotions(PassingMultiplier[OrbitProblem]):
+class _PassingOfMotions(TestFunction[OrbitProblem]):
     """Test functions for the multipliers of the forced motions on a step."""
+
+    beside_folds = NEAR_FOLD
 
     def __init__(self, step: Step, motion: ForcedField) -> None:
         super().__init__(step, 1e-3 * step.length)
@@ -603,25 +583,20 @@ class _PassingOfMotions(PassingMultiplier[OrbitProblem]):
         """Logarithms of the moduli, less the margin for errors of a modulus 1."""
         return np.asarray(self.known(s)[0] - self.around)
 
-    def candidates(self, before: float, beyond: float) -> tuple[Complex, bool]:
-        """The multiplier that passes, the smallest of those outside; none if it makes no event.
+    def found(self, before: float, beyond: float) -> EventKind | None:
+        """The kind of the event of the multiplier that passes, the smallest of those outside.
 
         Without damping other multipliers lie on the circle, and one that leaves it gradually as the
-        amplitude grows makes no event.
+        amplitude grows makes no event. Folds are found by the tangent.
         """
         outside = max(before, beyond, key=self.positive)
         passing = self.positive(outside) - 1
         ends = (0.0, self.step.length)
         neutral = any(abs(self.known(s)[0][passing]) <= self.around for s in ends)
-        roots = self.known(outside)[1][[passing]]
         if neutral and self.at(outside)[passing] < self.around:
-            roots = roots[:0]
-        return roots, orbit_at(self.step, outside).symmetric
-
-    def event(
-        self, before: float, beyond: float, kind: EventKind, multiplier: complex
-    ) -> EventKind | None:
-        """The kind of the event; folds are found by the tangent."""
+            return None
+        root = self.known(outside)[1][[passing]]
+        kind, _ = crossing_event(root, orbit_at(self.step, outside).symmetric)
         return None if kind == "fold" else kind
 
 

@@ -179,12 +179,9 @@ class Linearised:
         acting = np.concatenate([[[share, 0.0, 0.0]], known[n:]])
         ends = np.stack([known[:n], self.orbit.mirror * known[:n]])
         found = self._restored(ends, acting)
-        (r0, a, b), (r1, c, d) = (phase @ found).tolist(), (row @ found).tolist()
-        r0, r1, determinant = shift - r0, gap - r1, a * d - b * c
-        if determinant == 0.0:
-            raise np.linalg.LinAlgError("Singular matrix")
-        shares = [1.0, (d * r0 - b * r1) / determinant, (a * r1 - c * r0) / determinant]
-        return np.asarray(found @ shares)
+        conditions = np.stack([phase @ found, row @ found])
+        shares = np.linalg.solve(conditions[:, 1:], [shift, gap] - conditions[:, 0])
+        return np.asarray(found @ [1.0, *shares])
 
     @property
     def closing(self) -> tuple[Array, Array]:

@@ -20,12 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.motion.vector_field import VectorField
-from pipedyn.orbits.collocation import (
-    collocation_maps,
-    stage_derivatives,
-    state_units,
-    through,
-)
+from pipedyn.orbits.collocation import collocation_maps, stage_derivatives, state_units, through
 from pipedyn.orbits.magnus import interval_maps
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit, interpolated, refined
 from pipedyn.util.check import Array
@@ -250,19 +245,10 @@ def eigenvalues_through(maps: Array, allowed: Array | None = None) -> Complex:
     Raises:
         NewtonFailed: if they overflow.
     """
-    with np.errstate(over="raise", invalid="raise"):
-        try:
-            left, right = through(maps)
-        except (FloatingPointError, ValueError, np.linalg.LinAlgError) as error:
-            raise NewtonFailed("its Floquet multipliers overflow") from error
-    return _roots_of_pencil(left, right, allowed)
-
-
-def _roots_of_pencil(left: Array, right: Array, allowed: Array | None = None) -> Complex:
-    """The mu of L y + mu R y = 0 with y in the span of `allowed`; NewtonFailed on overflow."""
     factorised()
     with np.errstate(over="raise", invalid="raise"):
         try:
+            left, right = through(maps)
             if allowed is not None:
                 allowed, _ = np.linalg.qr(allowed)
                 left = allowed.T @ np.linalg.solve(right, left @ allowed)

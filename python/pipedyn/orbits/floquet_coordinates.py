@@ -18,7 +18,7 @@ from pipedyn.linear.eigenproblem import Complex
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import interval_derivatives
 from pipedyn.orbits.floquet import parts_for
-from pipedyn.orbits.periodic_orbit import PeriodicOrbit, both_integrals, divided, refined
+from pipedyn.orbits.periodic_orbit import PeriodicOrbit, both_integrals, divided
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 
@@ -47,21 +47,19 @@ class FloquetCoordinates:
     """Floquet coordinates about a cycle, without the shift and those that vanish in a period.
 
     Attributes:
-        rows: rows whose products with the difference of a state from each of K points on the cycle
-            are the coordinates, but for their sign if the second half of a cycle mirrors the first,
-            (K or K / 2, k, 2 integrated).
+        rows: rows whose products with the difference of a state from each of the K points at
+            `point_phases` are the coordinates, but for their sign if the second half of a cycle
+            mirrors the first, (K or K / 2, k, 2 integrated).
         decay: rates at which the moduli decay, in 1 / T, (k,).
-        phases: phases of the points, (K,).
     """
 
     rows: Complex
     decay: Array
-    phases: Array
 
 
 def modal_coordinates(
     motion: VectorField, rest: Array, u: float, units: Array
-) -> FloquetCoordinates | None:
+) -> FloquetCoordinates:
     """Floquet coordinates about a stable equilibrium, which are its modal coordinates.
 
     Args:
@@ -70,37 +68,32 @@ def modal_coordinates(
         u: flow speed.
         units: units of the states, (2 integrated,), in which eigenvectors have length 1.
 
-    Returns:
-        The coordinates, or None if two eigenvectors coincide.
+    Raises:
+        LinAlgError: if two eigenvectors coincide.
     """
     factorised()
     values, vectors = np.linalg.eig(motion.jacobian(rest, u))
     kept = np.argsort(-values.real)[:MOST_COORDINATES]
-    try:
-        rows = np.linalg.inv(vectors / np.linalg.norm(vectors * units[:, None], axis=0))[kept]
-    except np.linalg.LinAlgError:
-        return None
-    return FloquetCoordinates(rows[None], -values.real[kept], np.zeros(1))
+    rows = np.linalg.inv(vectors / np.linalg.norm(vectors * units[:, None], axis=0))[kept]
+    return FloquetCoordinates(rows[None], -values.real[kept])
 
 
 def floquet_coordinates(
     motion: VectorField, orbit: PeriodicOrbit, units: Array
-) -> FloquetCoordinates | None:
-    """The Floquet coordinates about a stable orbit; None if they cannot be computed.
-
-    They cannot be computed if fast modes need a finer mesh than twice the orbit's, or if two
-    Floquet vectors coincide.
+) -> FloquetCoordinates:
+    """The Floquet coordinates about a stable orbit.
 
     Args:
         motion: vector field of the orbit.
         orbit: the orbit.
         units: units of the states, (2 integrated,), in which eigenvectors have length 1.
+
+    Raises:
+        LinAlgError: if fast modes need a finer mesh than the orbit's, no coordinate decays slowly
+            enough, or two Floquet vectors coincide.
     """
-    parts = parts_for(motion, orbit, ACCURACY)
-    if parts.sum() > 2 * parts.size:
-        return None
-    if (parts > 1).any():
-        orbit = refined(motion, orbit, parts)
+    if (parts_for(motion, orbit, ACCURACY) > 1).any():
+        raise np.linalg.LinAlgError("fast modes need a finer mesh")
     phases = point_phases(orbit)
     within = phases[phases < orbit.span].reshape(len(orbit.starts), -1, 1)
     places = within.shape[1]
@@ -118,19 +111,16 @@ def floquet_coordinates(
     kept = np.argsort(-moduli)[:MOST_COORDINATES]
     kept = kept[moduli[kept] > GONE]
     if not kept.size or moduli[kept[0]] >= 1.0:
-        return None
-    try:
-        rows = np.linalg.inv(vectors)[kept]
-        parts_of_rows = np.concatenate([rows.real, rows.imag]).T
-        to_here = maps @ np.array(begins)[:, None]  # maps from phase 0
-        found = np.linalg.solve(to_here.swapaxes(2, 3), parts_of_rows)
-    except np.linalg.LinAlgError:
-        return None
+        raise np.linalg.LinAlgError("no coordinate decays slowly")
+    rows = np.linalg.inv(vectors)[kept]
+    parts_of_rows = np.concatenate([rows.real, rows.imag]).T
+    to_here = maps @ np.array(begins)[:, None]  # maps from phase 0
+    found = np.linalg.solve(to_here.swapaxes(2, 3), parts_of_rows)
     here = found[..., : kept.size] + 1j * found[..., kept.size :]
     sizes = moduli[kept] ** (within / orbit.span)
     rows = (sizes[..., None] * here.swapaxes(2, 3)).reshape(-1, *rows.shape)
     decay = -np.log(moduli[kept]) * orbit.frequency / orbit.span
-    return FloquetCoordinates(rows, decay, phases)
+    return FloquetCoordinates(rows, decay)
 
 
 def point_phases(orbit: PeriodicOrbit) -> Array:

@@ -73,7 +73,8 @@ def interval_maps(rows: Array, durations: Array, units: Array, parts: NDArray[np
             both = (weights @ scaled).reshape(some.size, 2, count, half, size)
             both *= units / units[half:, None]
             step = durations[some, None, None, None] / count * units[-1]
-            factors = exponentials(_exponents(both[:, 0], both[:, 1], step))
+            exponents = _exponents(both[:, 0], both[:, 1], step)
+            factors = exponentials(exponents.reshape(-1, size, size)).reshape(exponents.shape)
             whole = factors[:, 0]
             for k in range(1, count):
                 whole = factors[:, k] @ whole
@@ -102,37 +103,20 @@ def exponentials(exponents: Array) -> Array:
 
     If they overflow, they are infinite or NaN.
     """
-    size = exponents.shape[-1]
-    stack = exponents.reshape(-1, size, size)
-    made = np.empty_like(stack)
-    piece = max(1, CACHED // size**2)
-    numbers = np.empty(9 * min(piece, len(stack)) * size**2)
-    for begin in range(0, len(stack), piece):
-        some = stack[begin : begin + piece]
-        scratch = numbers[: 9 * some.size].reshape(9, *some.shape)
-        made[begin : begin + piece] = _exponentials(some, scratch)
-    return made.reshape(exponents.shape)
-
-
-def _exponentials(exponents: Array, scratch: Array) -> Array:
-    """Exponentials of a few matrices, (k, n, n), with scratch space of shape (9, k, n, n)."""
-    powers, sums, other = scratch[:4], scratch[4:8], scratch[8]
-    powers[0] = exponents
-    np.matmul(powers[0], powers[0], out=powers[1])
-    np.matmul(powers[1], powers[:2], out=powers[2:])
+    if len(exponents) > 1 and exponents.size > CACHED:
+        return np.concatenate([exponentials(half) for half in np.array_split(exponents, 2)])
+    square = exponents @ exponents
+    powers = np.stack([exponents, square, square @ exponents, square @ square])
     sizes = np.abs(powers[2:]).sum(axis=-2).reshape(2, -1).max(axis=1) ** [1.0 / 3.0, 0.25]
     if not np.isfinite(sizes).all():
         return np.full_like(exponents, math.nan)
     halvings = max(0, math.ceil(math.log2(max(*sizes, 1e-300) / LARGEST_NORM)))
     shrunk = 0.5 ** (halvings * np.arange(1.0, 5.0))
-    np.matmul(_SUMS * shrunk, powers.reshape(4, -1), out=sums.reshape(4, -1))
+    sums = ((_SUMS * shrunk) @ powers.reshape(4, -1)).reshape(powers.shape)
     np.einsum("k...ii->...ik", sums)[...] += _TAYLOR[:DEGREE:4]
-    powers[3] *= shrunk[3]
-    made = sums[3]
+    fourth, made = shrunk[3] * powers[3], sums[3]
     for rest in sums[2::-1]:
-        np.matmul(made, powers[3], out=other)
-        np.add(other, rest, out=made)
+        made = made @ fourth + rest
     for _ in range(halvings):
-        np.matmul(made, made, out=other)
-        made, other = other, made
-    return made
+        made = made @ made
+    return np.asarray(made)

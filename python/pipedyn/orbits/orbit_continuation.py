@@ -9,22 +9,19 @@ raises `NewtonFailed` if there is none.
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import Any, TypeVar, cast
+from typing import TypeVar, cast
 
 import numpy as np
 
 from pipedyn.continuation.arclength import Point, Segment
-from pipedyn.continuation.tracer import TestFunction, Tracer, between_folds
+from pipedyn.continuation.tracer import Tracer, between_folds
 from pipedyn.equilibrium.hopf import Hopf, HopfPoint
-from pipedyn.linear.eigenproblem import Complex
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import OrbitControl, OrbitProblem, solved
-from pipedyn.orbits.floquet import EventKind, crossing_event
 from pipedyn.orbits.periodic_orbit import (
     COARSEST,
     PROBES,
@@ -368,32 +365,6 @@ def meeting(step: Step, kind: str, beginnings: Array, within: float) -> Meeting 
 AnyOrbitProblem = TypeVar("AnyOrbitProblem", bound=OrbitProblem)
 
 
-class PassingMultiplier(TestFunction[AnyOrbitProblem]):
-    """Test functions for multipliers that pass the unit circle on a step along orbits.
-
-    Their values are the logarithms of the multipliers' moduli, in descending order.
-    """
-
-    beside_folds = NEAR_FOLD
-
-    @abstractmethod
-    def candidates(self, before: float, beyond: float) -> tuple[Complex, bool]:
-        """Nontrivial multipliers, one of which passes the circle between two arc lengths.
-
-        Second comes whether the orbit has mirror symmetry; if so, the values are the roots over
-        half a period.
-        """
-
-    @abstractmethod
-    def event(self, before: float, beyond: float, kind: EventKind, multiplier: complex) -> Any:
-        """The event of the multiplier that passes between two arc lengths, or None."""
-
-    def found(self, before: float, beyond: float) -> Any:
-        """The event between two arc lengths."""
-        roots, mirrored = self.candidates(before, beyond)
-        return self.event(before, beyond, *crossing_event(roots, mirrored)) if roots.size else None
-
-
 # -------------------------------------------------------------------------- following branches
 
 
@@ -444,7 +415,6 @@ def onward(
             ).edges
             if edges.size < 0.75 * here.edges.size:
                 (problem, tangent), ahead = _on_mesh(problem, tangent, edges), None
-        tried = False
         while True:
             if ahead is not None:  # the orbit ahead shows what mesh the step needs
                 there = ahead(length)
@@ -458,16 +428,9 @@ def onward(
             defects = problem.orbit(step.end.z).defects()
             if defects.max() <= defect:
                 break
-            before = problem.start.edges
-            edges = divided(before, 1 + (defects > defect))
-            if edges.size > MOST_ON_BRANCH:  # some may be unneeded by now
-                end = problem.orbit(step.end.z)
-                edges = resolved_orbit(
-                    *(problem.motion, end.states, end.frequency, end.u, end.symmetric), 0.1 * defect
-                ).edges
-                if tried or edges.size > min(MOST_ON_BRANCH, 0.75 * before.size):
-                    raise NewtonFailed(f"more than {MOST_ON_BRANCH} mesh intervals are needed")
-                tried = True
+            edges = divided(problem.start.edges, 1 + (defects > defect))
+            if edges.size > MOST_ON_BRANCH:
+                raise NewtonFailed(f"more than {MOST_ON_BRANCH} mesh intervals are needed")
             length = step.length
             (problem, tangent), ahead = _on_mesh_to(problem, tangent, step.end.z, length, edges)
         yield step

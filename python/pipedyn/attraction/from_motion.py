@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from pipedyn.attraction.records import Stretch
 from pipedyn.models.base import Model
 from pipedyn.motion.vector_field import Excitation, VectorField
 from pipedyn.orbits.collocation import solved
@@ -35,48 +36,36 @@ LARGEST_CYCLE = 100
 """Largest number of degrees of freedom of a cycle that is solved for. An undamped chain of 20 takes
 0.06 s, of 40 0.4 s, of 100 seven seconds, half of it for the multipliers."""
 
-Samples = tuple[Array, Array]
-"""Times, shape (S,), and states [p, p'] at these times, shape (S, 2 integrated)."""
 
-Recurrence = tuple[float, float, float, int]
-"""Smallest distance of a motion from an earlier state, relative to its size; the times at which the
-period between the two begins and ends; and the number of periods of the drive in it, if there is a
-drive."""
-
-
-def last_period(
-    samples: Samples, recurrence: Recurrence, farthest: float
-) -> tuple[Callable[[Array], Array], float]:
+def last_period(stretch: Stretch, farthest: float) -> tuple[Callable[[Array], Array], float]:
     """States of the last period of a motion as a function of phases, and the period's frequency.
 
     Args:
-        samples: times t, (S,), and states [p, p'] at these times, (S, 2 integrated).
-        recurrence: how near the motion comes back to an earlier state, see `Recurrence`.
-        farthest: largest distance from the earlier state.
+        stretch: the last stretch of the motion.
+        farthest: largest distance from the earlier state, relative to the motion's size.
 
     Raises:
         NewtonFailed: if the motion stays farther away.
     """
-    back, first, last, _ = recurrence
+    back, first, last, _ = stretch.recurrence
     if not back <= farthest:
         raise NewtonFailed("the motion does not come back to an earlier state")
-    begin, end = np.searchsorted(samples[0], [first, last])
+    begin, end = np.searchsorted(stretch.t, [first, last])
     some = slice(max(int(begin) - 2, 0), int(end) + 3)
-    spline = scipy.interpolate.CubicSpline(*(of[some] for of in samples))
+    spline = scipy.interpolate.CubicSpline(stretch.t[some], stretch.states[some])
     frequency = 2.0 * math.pi / (last - first)
     return lambda phase: np.ascontiguousarray(spline(first + phase / frequency).T), frequency
 
 
 def solved_cycle(
-    model: Model, drive: Excitation, samples: Samples, recurrence: Recurrence, farthest: float
+    model: Model, drive: Excitation, stretch: Stretch, farthest: float
 ) -> tuple[PeriodicOrbit, bool]:
     """The cycle near the last period of a motion, and whether its multipliers say that it attracts.
 
     Args:
         model: the model.
         drive: what drives the motion, from the beginning of a period on.
-        samples: as for `last_period`.
-        recurrence: as for `last_period`.
+        stretch: as for `last_period`.
         farthest: as for `last_period`.
 
     Raises:
@@ -85,8 +74,8 @@ def solved_cycle(
     """
     if model.dof > LARGEST_CYCLE:
         raise NewtonFailed(f"no cycle is solved for with more than {LARGEST_CYCLE} freedoms")
-    states, frequency = last_period(samples, recurrence, farthest)
-    motion, u = drive.field(model, recurrence[3]), drive.mean
+    states, frequency = last_period(stretch, farthest)
+    motion, u = drive.field(model, stretch.recurrence[3]), drive.mean
     orbit = solved_anew(motion, states, frequency, u, False, COARSE, NEWTON_STEPS)
     if orbit.size < REST_EXTENT:
         raise NewtonFailed("the motion comes to rest")
