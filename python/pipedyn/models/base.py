@@ -609,7 +609,8 @@ class Model(OfPipe, ABC):
 
     def to_user(self, p: Array, pdot: Array) -> tuple[Array, Array]:
         """Coordinates and rates for users, (S, coordinates), from p and p', (S, integrated)."""
-        return p, pdot
+        q, rates = self.onto_constraints(p.T, pdot.T)
+        return q.T, rates.T
 
     def from_user(self, q: Array, qdot: Array) -> Array:
         """States [p, p'], (S, 2 integrated), from users' q and qdot, (S, coordinates)."""
@@ -669,9 +670,9 @@ class Model(OfPipe, ABC):
         The rows of the result, (k, 2 + 2 integrated, 2 integrated), are the rates, their derivative
         by the speed and the derivatives by [p, p'].
         """
-        if self.motion is self.core:
+        if self.compiled is not None:
             self._check_dense()
-            return np.asarray(self.core.linearised(0.0, y, u, drive))
+            return np.asarray(self.compiled.linearised(0.0, y, u, drive))
         step = np.where(np.asarray(u) > 0.0, 0.5 * np.asarray(u), 1.0)
         rates, faster, fastest = (self.motion_rates(y, u + k * step, drive) for k in range(3))
         by_speed = (4.0 * faster - fastest - 3.0 * rates) / (2.0 * step)  # exact to degree 2

@@ -361,10 +361,6 @@ class Galerkin(Model):
     def onto_constraints(self, p: Array, rates: Array) -> tuple[Array, Array]:
         return self._supports.onto_constraints(p, rates) if self._held else (p, rates)
 
-    def to_user(self, p: Array, pdot: Array) -> tuple[Array, Array]:
-        q, rates = self.onto_constraints(p.T, pdot.T)
-        return q.T, rates.T
-
     def initial_state(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
         q, exact = self._spread("q0", q0)
         rates = np.zeros_like(q) if qdot0 is None else self._spread("qdot0", qdot0)[0]
