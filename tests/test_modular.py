@@ -434,5 +434,5 @@ def test_initial_states_are_angles_or_coordinates_that_meet_the_constraints() ->
         pp.simulate(scene, 1.0, 0.1, torn)
     with pytest.raises(ValueError, match=r"qdot0 must keep Guide\(node=4\)"):
         pp.simulate(scene, 1.0, 0.1, angles, [1.0, 0.0, 0.0, 0.0])
-    with pytest.raises(ValueError, match=r"q0 must have shape \(4,\) or \(12,\), got \(5,\)"):
+    with pytest.raises(ValueError, match=r"q0 must have 4 or 12 entries, got 5"):
         pp.simulate(scene, 1.0, 0.1, np.zeros(5))

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import (
-    LARGEST_ANGLE,
+    ANGLES,
     Model,
     Operators,
     arc_lengths,
@@ -375,16 +375,11 @@ class Galerkin(Model):
 
     def _spread(self, name: str, given: ArrayLike) -> tuple[Array, bool]:
         """Amplitudes of the core's functions, and whether the argument has all of them."""
-        rule: dict[str, Any] = {"low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
         spread = self._free.spread
-        if spread is None:
-            return check.array(name, given, size=self.dof, **rule), True
-        rows = check.array(name, given, **rule)
-        if rows.size not in spread.shape:
-            listed = " or ".join(f"({size},)" for size in sorted(spread.shape))
-            raise ValueError(f"{name} must have shape {listed}, got {rows.shape}")
-        exact = rows.size == self.coordinates
-        return rows if exact else spread @ rows, exact
+        rows = check.array(name, given, size=(self.dof, self.coordinates), **ANGLES)
+        if spread is None or rows.size == self.coordinates:
+            return rows, True
+        return spread @ rows, False
 
     def _closed(self, name: str, q: Array, rates: Array) -> Array:
         """The nearby state [q, q'] that meets the supports."""

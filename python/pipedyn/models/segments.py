@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
-from pipedyn.models.base import CORE_MATRICES, LARGEST_ANGLE, Model, Operators, operators_from
+from pipedyn.models.base import ANGLES, CORE_MATRICES, Model, Operators, operators_from
 from pipedyn.models.pencil import PartsPencil, Pencil, Vectors, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments, reciprocal
@@ -314,9 +314,7 @@ class SegmentModel(Model):
             NotConverged: if no such angles are found near those given.
             ValueError, TypeError: for another shape, or numbers that are not finite.
         """
-        theta = check.array(
-            "angles", angles, size=self.integrated, low=-LARGEST_ANGLE, high=LARGEST_ANGLE
-        )
+        theta = check.array("angles", angles, size=self.integrated, **ANGLES)
         if self._scene is None:
             return theta
         rest, held_by = self._held_at_rest

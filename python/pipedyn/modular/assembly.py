@@ -14,13 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import (
+    ANGLES,
     BALANCED,
-    LARGEST_ANGLE,
     LARGEST_RESULT,
     Operators,
     stored,
 )
-from pipedyn.models.chain import LARGEST_CHAIN
+from pipedyn.models.chain import LARGEST_CHAIN, Chain, SpringRule
 from pipedyn.models.pipe import Pipe, checked_pipe
 from pipedyn.models.segments import MET, SegmentModel, SmallMotions, along, rest_moments
 from pipedyn.models.terms import Term
@@ -28,9 +28,11 @@ from pipedyn.modular.custom import CustomForces
 from pipedyn.modular.layout import CONSTRAINTS, MODULES, Layout
 from pipedyn.modular.motion import SceneMotion
 from pipedyn.modular.parts import (
+    Clamp,
     Constraint,
     Drag,
     InternalFlow,
+    Joint,
     Module,
     Part,
     Segment,
@@ -339,7 +341,7 @@ class Assembly(SegmentModel):
             ValueError, TypeError: for bad arguments.
         """
         u = check.real("u", u, low=0.0, high=1e4)
-        given = self._rows("start", start, (self.integrated, self.coordinates))
+        given = check.array("start", start, size=(self.integrated, self.coordinates), **ANGLES)
         if given.size == self.coordinates:
             given = np.cumsum(given[2::3])
 
@@ -511,12 +513,12 @@ class Assembly(SegmentModel):
     # ---------------------------------------------------------------------------------- geometry
 
     def _centreline(self, q: ArrayLike, s: Array) -> Array:
-        rows, base = self._rows("q", q, (self.integrated, self.coordinates)), self._layout.base
+        rows = check.array("q", q, size=(self.integrated, self.coordinates), **ANGLES)
         # If redundant coordinates miss constraints, the line connects their nodes as given.
         places = self._configuration(rows) if rows.size == self.integrated else rows
         steps = np.diff(self._layout.nodes(places), axis=0)
-        line = along(steps, base, self._layout.lengths, s)
-        line[:, 1] += np.minimum(s, base)
+        line = along(steps, self._base, self._lengths, s)
+        line[:, 1] += np.minimum(s, self._base)
         return line
 
     def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
@@ -546,23 +548,13 @@ class Assembly(SegmentModel):
 
     # ----------------------------------------------------------------------------------- arguments
 
-    @staticmethod
-    def _rows(
-        name: str, given: ArrayLike, sizes: tuple[int, ...], high: float = LARGEST_ANGLE
-    ) -> Array:
-        """An argument as a one-dimensional array of one of the sizes."""
-        rows = check.array(name, given, low=-high, high=high)
-        if rows.size not in sizes:
-            listed = " or ".join(f"({size},)" for size in sizes)
-            raise ValueError(f"{name} must have shape {listed}, got {rows.shape}")
-        return rows
-
     def _coordinates(self, q: ArrayLike) -> Array:
         return self._angles_of("q", q)
 
     def _angles_of(self, name: str, given: ArrayLike, sizes: tuple[int, ...] = ()) -> Array:
         """Angles of segments from angles or redundant coordinates that must meet constraints."""
-        rows = self._rows(name, given, sizes or (self.integrated, self.coordinates))
+        sizes = sizes or (self.integrated, self.coordinates)
+        rows = check.array(name, given, size=sizes, **ANGLES)
         theta = rows if rows.size == self.integrated else np.cumsum(rows[2::3])
         q = rows if rows.size == self.coordinates else self._configuration(theta)
         self._require_met(f"{name} must meet", MET, q, self._configuration(theta))
@@ -574,7 +566,8 @@ class Assembly(SegmentModel):
         """Rates of angles, from rates of angles or coordinates that must keep the constraints."""
         if given is None:
             return np.zeros(self.integrated)
-        rows = self._rows(name, given, sizes or (self.integrated, self.coordinates), 1e6)
+        sizes = sizes or (self.integrated, self.coordinates)
+        rows = check.array(name, given, size=sizes, low=-1e6, high=1e6)
         omega = rows if rows.size == self.integrated else np.cumsum(rows[2::3])
         exact = self.core.from_angles(theta, omega)[self.coordinates :]
         rates = rows if rows.size == self.coordinates else exact
@@ -592,6 +585,63 @@ class Assembly(SegmentModel):
                 f"{rule} {part_text(part)}, got a deviation of {missed:.1e}; "
                 "admissible(angles) gives angles that meet all"
             )
+
+
+def chain(
+    pipe: Pipe,
+    n: int | None = None,
+    *,
+    springs: SpringRule | ArrayLike = "consistent",
+    lengths: ArrayLike | None = None,
+    centres: ArrayLike | None = None,
+    gyration_radii: ArrayLike | None = None,
+    drag_points: ArrayLike | None = None,
+    base: float = 0.0,
+    masses: ArrayLike | None = None,
+) -> Assembly:
+    """The chain of `pipedyn.Chain`, put together from parts, with internal flow and drag.
+
+    Args:
+        pipe: the pipe.
+        n: number of segments; not needed if an array gives it.
+        springs: a rule, or the stiffness of each joint, as for `Chain`.
+        lengths: lengths of the segments in L, as for `Chain`.
+        centres: centres of mass, as fractions of the lengths.
+        gyration_radii: radii of gyration about the centres of mass, in L.
+        drag_points: places at which drag acts, as fractions of the lengths.
+        base: length of the fixed part at the clamp, in L.
+        masses: masses of the segments, as for `Chain`.
+
+    Example:
+        >>> scene = pp.modular.chain(pp.Pipe(0.2), 10)
+        >>> round(pp.critical_speed(scene).speed, 4)
+        5.4857
+
+    Raises:
+        ValueError: as for `Chain` and `Assembly`.
+        TypeError: for arguments that are not numbers, arrays or pipes.
+    """
+    plain = Chain(
+        *(pipe, n),
+        springs=springs,
+        lengths=lengths,
+        centres=centres,
+        gyration_radii=gyration_radii,
+        drag_points=drag_points,
+        base=base,
+        masses=masses,
+    )
+    columns = [plain.lengths, plain.centres, plain.gyration_radii, plain.drag_points]
+    if masses is not None or pipe.mass is not None:
+        columns.append(plain.masses)
+    modules: list[Module] = [
+        Segment(*row) for row in zip(*(column.tolist() for column in columns), strict=True)
+    ]
+    springs = [*plain.springs.tolist(), plain.end_spring][: plain.coordinates + pipe.end_directed]
+    modules += [TorsionalSpring(j, k) for j, k in enumerate(springs, start=1)]
+    modules += [InternalFlow(), Drag()]
+    joints = [Joint(j) for j in range(2, plain.coordinates + 1)]
+    return Assembly(pipe, modules, [Clamp(plain.base), *joints])
 
 
 def _holds_end(part: Module, segments: int) -> bool:
