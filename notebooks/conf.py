@@ -68,7 +68,7 @@ def source(name, rawtext, text, lineno, inliner, options=None, content=None):
 
 
 INTERNAL = """
-archived as_chain bounds by_coordinates cantilevered compiled compiled_rates coordinate_kind core
+archived bounds by_coordinates cantilevered compiled compiled_rates coordinate_kind core
 elastic_operators elastic_scale elastic_share end_directed end_held end_spring equations
 free_directions free_states from_elastic from_user frozen has_kinks index initial_state integrated
 kinks kinks_known largest_angle law_numbers linear linear_cost motion motion_jacobian

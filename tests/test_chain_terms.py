@@ -170,7 +170,7 @@ def test_crossings_are_exact_with_their_sensitivities(n):
 def test_a_root_stands_at_zero_unless_a_spring_holds_what_is_beyond_the_free_joint(
     terms, standing, n, monkeypatch
 ):
-    monkeypatch.setattr("pipedyn.models.chain.LONGEST_DENSE", 20)
+    monkeypatch.setattr("pipedyn.models.segments.LONGEST_DENSE", 20)
     springs = np.full(n, float(n))
     springs[2 * n // 5] = 0.0
     chain = pp.Chain(pp.Pipe(0.3, terms=terms), springs=springs)

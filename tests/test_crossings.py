@@ -90,7 +90,7 @@ def test_crossings_account_for_every_unstable_root(pipe, max_speed, kind):
 @pytest.mark.parametrize("beta", [0.295, 0.9])
 def test_a_long_chain_has_the_crossings_of_its_matrices(beta, monkeypatch):
     """Eigenvalues come from sweeps along the chain, as they do beyond 64 segments."""
-    monkeypatch.setattr("pipedyn.models.chain.LONGEST_DENSE", 20)
+    monkeypatch.setattr("pipedyn.models.segments.LONGEST_DENSE", 20)
     counts_meet_the_matrices(pp.Chain(pp.Pipe(beta), 30), 13.0, samples=40)
 
 
@@ -350,7 +350,7 @@ def test_sensitivity_meets_differences(scene, kind):
 
 def test_sensitivity_of_a_long_chain_meets_differences(monkeypatch):
     """The route of sweeps along the chain, which those beyond 64 segments take."""
-    monkeypatch.setattr("pipedyn.models.chain.LONGEST_DENSE", 20)
+    monkeypatch.setattr("pipedyn.models.segments.LONGEST_DENSE", 20)
     pipe = pp.Pipe(0.2, gamma=3.0, damping=1e-4)
 
     def find(pipe):
@@ -380,7 +380,7 @@ def test_sensitivity_to_each_spring_meets_differences(scene):
 
 def test_stiffer_springs_and_faster_flow_scale_together(monkeypatch):
     """Without gravity and damping u_c grows like sqrt(k): sum k du/dk = u / 2, omega alike."""
-    monkeypatch.setattr("pipedyn.models.chain.LONGEST_DENSE", 20)
+    monkeypatch.setattr("pipedyn.models.segments.LONGEST_DENSE", 20)
     for n in (5, 30):
         chain = pp.Chain(pp.Pipe(0.3), n)
         found = pp.critical_speed(chain)

@@ -72,7 +72,7 @@ def test_a_long_chain_with_a_free_joint_is_solved_alike_by_bands_and_dense(monke
     springs[12] = 0.0
     chain = pp.Chain(pp.Pipe(0.2), springs=springs)
     dense = pp.crossings(chain, 6.0)
-    monkeypatch.setattr("pipedyn.models.chain.LONGEST_DENSE", 20)
+    monkeypatch.setattr("pipedyn.models.segments.LONGEST_DENSE", 20)
     by_bands = pp.crossings(chain, 6.0)
     assert [crossing.kind for crossing in by_bands] == ["flutter", "divergence"]
     for a, b in zip(by_bands, dense, strict=True):

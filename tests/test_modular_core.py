@@ -13,7 +13,6 @@ import pipedyn as pp
 from pipedyn import _core
 from pipedyn import modular as md
 from pipedyn.models.base import core_pipe
-from pipedyn.modular.layout import coordinates_by_angles
 
 PIPE = pp.Pipe(0.3, 4.0, drag=1.5, damping=0.01)
 ASPIRATING = pp.Pipe(0.3, 4.0, "aspirating", 0.7, drag=1.5, damping=0.01)
@@ -195,7 +194,7 @@ def test_operators_are_the_derivatives_of_the_forces_in_redundant_coordinates(pi
     by_state = differences(moments, np.append(theta, np.zeros(n)))
     mass, velocity, stiffness = scene.operators(theta).at(u)
     np.testing.assert_allclose(by_state, -np.hstack([stiffness, velocity]), atol=1e-7)
-    turning = coordinates_by_angles(layout.lengths, theta)
+    turning = scene.core.from_angles(np.outer(theta, np.ones(n)), np.eye(n))[3 * n :]
     inertia = redundant.mass(scene, scene.core.from_angles(theta, np.zeros(n))[: 3 * n])
     np.testing.assert_allclose(turning.T @ inertia @ turning, mass, atol=1e-13)
 

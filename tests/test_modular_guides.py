@@ -11,8 +11,8 @@ import pytest
 import pipedyn as pp
 from pipedyn import modular as md
 from pipedyn.linear.eigenproblem import Eigenproblem
-from pipedyn.models.chain import ChainPencil
 from pipedyn.models.pencil import DensePencil
+from pipedyn.models.segments import ChainPencil
 
 EJECTING = pp.Pipe(0.3, 5.0, drag=0.5)
 TERMS = (
@@ -92,7 +92,7 @@ def test_crossings_are_those_of_the_matrices(
     pipe = PIPES.get(name, pp.Pipe(0.3, -12.0))
     mine = pp.crossings(guided(pipe, n, nodes), end)
     others = [] if nodes else [(pp.crossings(pp.Chain(pipe, n), end), 1e-9)]
-    monkeypatch.setattr(md.Assembly, "as_chain", None)
+    monkeypatch.setattr(md.Assembly, "linear_cost", False)
     others.append((pp.crossings(guided(pipe, n, nodes), end), 1e-5))
     for theirs, rel in others:
         for a, b in zip(mine, theirs, strict=True):
@@ -113,7 +113,7 @@ def test_a_span_that_neighbouring_guides_clamp_diverges(
 ) -> None:
     """Nothing beyond moves with it, and nothing takes its energy: zero is a double root."""
     if by == "matrices":
-        monkeypatch.setattr(md.Assembly, "as_chain", None)
+        monkeypatch.setattr(md.Assembly, "linear_cost", False)
     pipe = PIPES.get(name, pp.Pipe(0.3, terms=[pp.Damper(at=1.0, coefficient=0.5)]))
     scene = guided(pipe, n, (*nodes, n) if name == "idle damper" and n not in nodes else nodes)
     critical = pp.critical_speed(scene, 11.0)
@@ -131,7 +131,7 @@ def test_root_loci_are_those_of_the_matrices(
 ) -> None:
     speeds = np.linspace(0.0, 6.0, 13)
     mine = pp.root_loci(guided(EJECTING, 12, nodes), speeds, 3)
-    monkeypatch.setattr(md.Assembly, "as_chain", None)
+    monkeypatch.setattr(md.Assembly, "linear_cost", False)
     theirs = pp.root_loci(guided(EJECTING, 12, nodes), speeds, 3)
     assert (np.abs(mine.eigenvalues - theirs.eigenvalues) <= mine.errors + theirs.errors).all()
 

@@ -264,29 +264,9 @@ void linearise(const Model& model, const Batch& batch, double* out) {
   }
 }
 
-/// Energy of each member. rows, cost: as for `results_of`; refuses: whether to raise NotResolved.
-template <class Model>
-NumberOrArray energy_of(const Model& model, py::ssize_t rows, py::ssize_t cost, const py::object& y,
-                        const py::object& drive, bool refuses) {
-  const auto work = [&](const Batch& batch, double* out) { model.energy(batch, out); };
-  const Numbers made = results_of(rows, 1, cost, y, py::float_(0.0), drive, work);
-  if (refuses) require_answer("energy", model, rows, y, made, false);
-  return row_of(made, 0);
-}
-
 /// Powers (flow, joints, drag, others, base) of each member.
 using Parts =
     py::typing::Tuple<NumberOrArray, NumberOrArray, NumberOrArray, NumberOrArray, NumberOrArray>;
-
-template <class Model>
-Parts power_of(const Model& model, py::ssize_t rows, py::ssize_t cost, const py::object& y,
-               const py::object& u, const py::object& drive, bool refuses) {
-  const auto work = [&](const Batch& batch, double* out) { model.power(batch, out); };
-  const Numbers parts = results_of(rows, 5, cost, y, u, drive, work);
-  if (refuses) require_answer("power", model, rows, y, parts, false);
-  return py::make_tuple(row_of(parts, 0), row_of(parts, 1), row_of(parts, 2), row_of(parts, 3),
-                        row_of(parts, 4));
-}
 
 /// Defines the equations of motion for states [p, p'] with 2 dof rows. work_of: amount of work for
 /// one state, as for `UnlockedFor`. Results that the model does not resolve raise NotResolved if
@@ -349,16 +329,26 @@ void define_equations(py::class_<Model>& model) {
       .def(
           "energy",
           [](const Model& of, const object& y, const object& driven, bool refused) {
-            return energy_of(of, 2 * of.dof(), work_of(of), y, driven, refused);
+            const py::ssize_t rows = 2 * of.dof();
+            const Numbers made =
+                results_of(rows, 1, work_of(of), y, py::float_(0.0), driven,
+                           [&](const Batch& batch, double* out) { of.energy(batch, out); });
+            if (refused) require_answer("energy", of, rows, y, made, false);
+            return row_of(made, 0);
           },
           "y"_a, drive, refuses)
       .def(
           "power",
-          [](const Model& of, const object& y, const object& u, const object& driven,
-             bool refused) {
-            return power_of(of, 2 * of.dof(), work_of(of), y, u, driven, refused);
+          [](const Model& of, const object& y, const object& u, const object& driven) -> Parts {
+            const py::ssize_t rows = 2 * of.dof();
+            const Numbers made =
+                results_of(rows, 5, work_of(of), y, u, driven,
+                           [&](const Batch& batch, double* out) { of.power(batch, out); });
+            require_answer("power", of, rows, y, made, false);
+            return py::make_tuple(row_of(made, 0), row_of(made, 1), row_of(made, 2),
+                                  row_of(made, 3), row_of(made, 4));
           },
-          "y"_a, "u"_a, drive, refuses)
+          "y"_a, "u"_a, drive)
       .def(
           "axial",
           [](const Model& of, const object& y, const object& driven) {

@@ -115,7 +115,8 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
            }),
            "pipe"_a, "length"_a, "center"_a, "gyration_radius"_a, "spring"_a, "drag_point"_a,
            "base"_a, "mass"_a = pipedyn::Vector())
-      .def("operators", &Chain::operators, "angles"_a = pipedyn::Vector(), Unlocked())
+      .def("operators", &Chain::operators, "angles"_a = pipedyn::Vector(), "joints"_a = true,
+           Unlocked())
       .def("joint_operators", &Chain::joint_operators, "scale"_a, Unlocked())
       .def(
           "joint_times",

@@ -150,11 +150,13 @@ class Chain:
         self, stations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def operators(
-        self, angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...
+        self,
+        angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+        joints: bool = True,
     ) -> Operators: ...
     def places(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def power(
-        self, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> tuple[
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
@@ -222,7 +224,7 @@ class Galerkin:
         self, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...
     ) -> Operators: ...
     def power(
-        self, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> tuple[
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],
@@ -539,7 +541,7 @@ class Scene:
         self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def power(
-        self, y: typing.Any, u: typing.Any, drive: typing.Any = None, refuses: bool = True
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> tuple[
         float | numpy.typing.NDArray[numpy.float64],
         float | numpy.typing.NDArray[numpy.float64],

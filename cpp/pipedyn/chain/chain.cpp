@@ -338,12 +338,13 @@ Chain Chain::coarser(Index segments) const {
   return Chain(clamped, std::move(joined)).guided(std::move(held_ends));
 }
 
-Operators Chain::operators(const Vector& angles) const {
+Operators Chain::operators(const Vector& angles, bool joints) const {
   const Index n = dof();
   if (angles.size() > 0) require_rows(angles.size(), n);
   const Vector at = angles.size() > 0 ? angles : Vector(Vector::Zero(n));
   const auto part = [&](const LinearPart& of) -> Matrix {
     Matrix found = moments(Matrix::Identity(n, n), of, at);
+    if (!joints) return found;
     const Vector joint = joint_factors(of);
     const auto beyond = joint.tail(n - 1);
     found.diagonal() += joint;

@@ -99,8 +99,9 @@ class Chain {
   /// Operators in the angles theta, in O(n^2), about the configuration at rest `angles` (n), or, if
   /// that is empty, about the straight pipe: the factors of theta'' and theta', and the derivatives
   /// of the moments of springs, gravity and loads (stiffness) and of the follower force (flux).
-  /// Throws std::invalid_argument unless there is one angle a segment.
-  Operators operators(const Vector& angles = Vector()) const;
+  /// joints: whether springs and dampers of the joints between segments are included. Throws
+  /// std::invalid_argument unless there is one angle a segment.
+  Operators operators(const Vector& angles = Vector(), bool joints = true) const;
 
   /// Operators in the joint angles divided by scale, z with phi = scale * z, in O(n^2). Throws
   /// std::invalid_argument unless scale has one entry a segment.

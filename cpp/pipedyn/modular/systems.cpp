@@ -20,16 +20,7 @@ void SceneSystems::linearise(double t, const double* y, Index member) {
 }
 
 SceneSystems::Shifted SceneSystems::product(const Matrix& rows, const double* x) {
-  using Row = Eigen::Array<double, 1, 2 * shifts>;
-  Shifted all(rows.rows(), 2 * shifts);
-  for (Index i = 0; i < rows.rows(); ++i) {
-    Row sum = Row::Zero();
-    for (Index j = 0; j < rows.cols(); ++j) {
-      sum += rows(i, j) * Eigen::Map<const Row>(x + 2 * shifts * j);
-    }
-    all.row(i) = sum;
-  }
-  return all;
+  return rows.lazyProduct(Eigen::Map<const Shifted>(x, rows.cols(), 2 * shifts).matrix());
 }
 
 SceneSystems::Shifted SceneSystems::shifted_rows(const double* x) const {
@@ -73,16 +64,13 @@ void SceneSystems::solve(double* b) {
   if (size == 0) return;
   Shifted z = wanted - shifted_rows(b);
   motion_kernel().solve_dense(systems_.data(), pivots_.data(), size, z.data());
+  Eigen::Map<Shifted> x(b, state_.size(), 2 * shifts);
   for (Index i = 0; i < size; ++i) {
     const Parts re = z.row(i).head<shifts>(), im = z.row(i).tail<shifts>();
-    const double* from = responses_[static_cast<std::size_t>(i)].data();
-    for (double *to = b, *end = b + 2 * shifts * state_.size(); to < end; to += 2 * shifts) {
-      const Eigen::Map<const Parts> by_re(from), by_im(from + shifts);
-      Eigen::Map<Parts> x_re(to), x_im(to + shifts);
-      x_re += re * by_re - im * by_im;
-      x_im += im * by_re + re * by_im;
-      from += 2 * shifts;
-    }
+    const auto response = responses_[static_cast<std::size_t>(i)].array();
+    const auto by_re = response.leftCols<shifts>(), by_im = response.rightCols<shifts>();
+    x.leftCols<shifts>() += by_re.rowwise() * re - by_im.rowwise() * im;
+    x.rightCols<shifts>() += by_re.rowwise() * im + by_im.rowwise() * re;
   }
 }
 

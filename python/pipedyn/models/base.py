@@ -47,6 +47,9 @@ LARGEST_DISPLACEMENT = 1e100
 LARGEST_ANGLE = 1e6
 """Largest coordinate of a shape: sine and cosine of greater angles lose their digits."""
 
+ANGLES: dict[str, Any] = {"low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
+"""Range of the coordinates of a shape, for `check.array`."""
+
 
 @saved_as(
     "Operators", shapes={"n n": "mass gyroscopic end_flux damping stiffness flux unsteady loss"}
@@ -269,8 +272,7 @@ class Model(OfPipe, ABC):
 
     def _checked_reference(self, q: Any) -> Array:
         """The configuration of `about` in all coordinates, checked; else raises ValueError."""
-        rule: dict[str, Any] = {"low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
-        return check.array("reference", q, size=self.integrated, **rule)
+        return check.array("reference", q, size=self.integrated, **ANGLES)
 
     @property
     @abstractmethod
@@ -602,14 +604,14 @@ class Model(OfPipe, ABC):
     def initial_state(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
         """Initial state [p, p'], shape (2 integrated,), from the arguments of `simulate`."""
         size = self.coordinates
-        rule: dict[str, Any] = {"size": size, "low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
-        q = check.array("q0", q0, **rule)
-        rates = np.zeros(size) if qdot0 is None else check.array("qdot0", qdot0, **rule)
-        return np.concatenate([q, rates])
+        given = np.zeros(size) if qdot0 is None else qdot0
+        each = (("q0", q0), ("qdot0", given))
+        return np.concatenate([check.array(name, of, size=size, **ANGLES) for name, of in each])
 
     def to_user(self, p: Array, pdot: Array) -> tuple[Array, Array]:
         """Coordinates and rates for users, (S, coordinates), from p and p', (S, integrated)."""
-        return p, pdot
+        q, rates = self.onto_constraints(p.T, pdot.T)
+        return q.T, rates.T
 
     def from_user(self, q: Array, qdot: Array) -> Array:
         """States [p, p'], (S, 2 integrated), from users' q and qdot, (S, coordinates)."""
@@ -669,9 +671,9 @@ class Model(OfPipe, ABC):
         The rows of the result, (k, 2 + 2 integrated, 2 integrated), are the rates, their derivative
         by the speed and the derivatives by [p, p'].
         """
-        if self.motion is self.core:
+        if self.compiled is not None:
             self._check_dense()
-            return np.asarray(self.core.linearised(0.0, y, u, drive))
+            return np.asarray(self.compiled.linearised(0.0, y, u, drive))
         step = np.where(np.asarray(u) > 0.0, 0.5 * np.asarray(u), 1.0)
         rates, faster, fastest = (self.motion_rates(y, u + k * step, drive) for k in range(3))
         by_speed = (4.0 * faster - fastest - 3.0 * rates) / (2.0 * step)  # exact to degree 2
@@ -854,13 +856,7 @@ class Model(OfPipe, ABC):
     def _angles(angle: Callable[[Array], ArrayLike], s: Array) -> Array:
         if not callable(angle):
             raise TypeError(f"angle must be a function of arc length, got {check.shown(angle)}")
-        return check.array(
-            "angle(s)",
-            values_along("angle", angle, s),
-            size=s.size,
-            low=-LARGEST_ANGLE,
-            high=LARGEST_ANGLE,
-        )
+        return check.array("angle(s)", values_along("angle", angle, s), size=s.size, **ANGLES)
 
     def tip(self, q: ArrayLike) -> Array:
         """Position (x, y) of the free end, shape (2,); of `Pipe.watched` if the end is held across.
@@ -880,7 +876,7 @@ class Model(OfPipe, ABC):
             )
 
     def _coordinates(self, q: ArrayLike) -> Array:
-        return check.array("q", q, size=self.coordinates, low=-LARGEST_ANGLE, high=LARGEST_ANGLE)
+        return check.array("q", q, size=self.coordinates, **ANGLES)
 
     def _columns(self, name: str, given: ArrayLike, *sizes: int) -> NDArray[Any]:
         """Checks one or several columns of real or complex numbers, each of dof or a given size."""

@@ -17,12 +17,9 @@ from pipedyn.models.base import (
     Model,
     Operators,
     core_pipe,
-    operators_from,
-    projected,
     stored,
 )
 from pipedyn.models.galerkin import Galerkin, basis_joints
-from pipedyn.models.pencil import PartsPencil, Pencil, Vectors, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments, reciprocal
 from pipedyn.models.segments import MET, SegmentModel, along, held_ends
@@ -50,9 +47,6 @@ NOT_HELD = np.zeros(0, dtype=np.intp)
 
 LARGEST_CHAIN = 1_000_000
 """Largest number of segments: each array takes 8 MB, a right-hand side some 0.03 s."""
-
-LONGEST_DENSE = 64
-"""Largest chain with dense matrices: as measured, both methods take equal time near this size."""
 
 SHORTEST_SEGMENT = 1e-7
 """Shortest segment: shorter ones, or a last one with less inertia, are lost in rounding."""
@@ -334,7 +328,6 @@ class Chain(SegmentModel):
 
     @cached_property
     def _held(self) -> NDArray[np.intp]:
-        """Indices, from 0 on, of the segments whose ends are held on the axis."""
         if self._pipe.cantilevered:
             return NOT_HELD
         return held_ends(self._pipe, self._ends()[1:])
@@ -419,40 +412,12 @@ class Chain(SegmentModel):
         """Stiffness k_{n+1} of the joint at a guided or clamped end; 0 for other ends."""
         return float(self._joints[-1]) if self._pipe.end_directed else 0.0
 
-    def pencil(self) -> Pencil:
-        if self._reference is not None:
-            return super().pencil()
-        if self._scene is None:
-            return ChainPencil(self)
-        held = np.zeros(self.coordinates, dtype=np.bool_)
-        held[self._held] = True
-        return ChainPencil(self, held, self.linear.elastic)
-
-    def term_stiffness(self, pencil: Pencil) -> float:
-        if self._scene is not None and self._reference is not None:
-            one = np.eye(self.dof)
-            return float(np.linalg.norm(pencil.stiffness(one) - one, 2))
-        return self._stiffness_beside(pencil) if self.end_spring else super().term_stiffness(pencil)
-
     @property
     def linear_cost(self) -> bool:
         return self._reference is None
 
-    def elastic_operators(self) -> Operators:
-        if self._reference is not None:
-            return super().elastic_operators()
-        self._check_dense()
-        every = operators_from(self.core.joint_operators(self.elastic_scale), self._pipe)
-        if self._scene is None:
-            return every
-        return projected(every, self.linear.elastic.spread(np.eye(self.dof)))
-
     def operators(self, q: ArrayLike | None = None) -> Operators:
         return Model.operators(self, q) if self._scene is None else super().operators(q)
-
-    def to_user(self, p: Array, pdot: Array) -> tuple[Array, Array]:
-        q, rates = self.onto_constraints(p.T, pdot.T)
-        return q.T, rates.T
 
     def initial_state(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
         y = super().initial_state(q0, qdot0)
@@ -535,64 +500,6 @@ class Chain(SegmentModel):
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         return self.admissible(self.sampled(angle))
-
-
-class ChainPencil(PartsPencil):
-    """A chain's pencil, with products in O(n); the core solves it by recursion.
-
-    Guides hold the ends of some segments (`held`, a bool for each); `complement` spans the elastic
-    coordinates that the guides allow.
-    """
-
-    model: Chain
-
-    def __init__(
-        self,
-        model: Chain,
-        held: NDArray[np.bool_] | None = None,
-        complement: _core.Complement | None = None,
-    ) -> None:
-        super().__init__(model)
-        self.held = held
-        self.core = model.core if held is None else model.core.guided(held.tolist())
-        if complement is None:
-            complement = _core.Complement(np.zeros((model.dof, 0)))
-        self.complement = complement
-        self.dof = complement.dof
-        self.is_long = self.dof > LONGEST_DENSE
-        self.end_moves = held is None and model.pipe.beta * model.pipe.inflow_share > 0.0
-        self.scale, self.springs = model.elastic_scale, model.springs
-
-    @property
-    def lost_power(self) -> float:  # type: ignore[override]
-        """Power below which a motion of a guided chain counts as undamped; 0 without guides."""
-        free = self.scale[:, None] * np.cos(np.arange(1.0, self.scale.size + 1.0))[:, None]
-        loads = self.scale[:, None] * self.core.joint_times(free, damping=1.0)
-        return 1e-12 * float(np.abs(loads).max(initial=0.0)) if self.held is not None else 0.0
-
-    def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
-        return _core.Structured(traits, self.core, self.complement, self.scale, size)
-
-    def with_pipe(self, pipe: Pipe) -> ChainPencil:
-        return ChainPencil(self.model.with_pipe(pipe), self.held, self.complement)
-
-    def elastic(self, x: Vectors) -> Vectors:
-        result: Vectors = super().elastic(real_columns(self.complement.spread, x))
-        return real_columns(self.complement.gathered, result)
-
-    def by_springs(self, value: complex) -> Any:
-        every, root, spring = super().by_springs(value), self.pipe.root_stiffness, self.springs[0]
-        if root == math.inf:
-            return every
-        by = np.full(self.springs.size, every, dtype=np.complex128)
-        share = root / (root + float(spring)) if root else 0.0  # in series; the root has no damping
-        by[0] = share**2 * (1.0 + self._lost(value) * (2.0 * share - 1.0))
-        return by
-
-    def _product(self, x: Array, **part: float) -> Array:
-        scale = self.scale[:, None]
-        rows = self.core.joint_times(scale * self.complement.spread(x), **part)
-        return self.complement.gathered(scale * rows)
 
 
 def _first_eigenvalue(pipe: Pipe) -> float:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import (
-    LARGEST_ANGLE,
+    ANGLES,
     Model,
     Operators,
     arc_lengths,
@@ -361,10 +361,6 @@ class Galerkin(Model):
     def onto_constraints(self, p: Array, rates: Array) -> tuple[Array, Array]:
         return self._supports.onto_constraints(p, rates) if self._held else (p, rates)
 
-    def to_user(self, p: Array, pdot: Array) -> tuple[Array, Array]:
-        q, rates = self.onto_constraints(p.T, pdot.T)
-        return q.T, rates.T
-
     def initial_state(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
         q, exact = self._spread("q0", q0)
         rates = np.zeros_like(q) if qdot0 is None else self._spread("qdot0", qdot0)[0]
@@ -379,16 +375,11 @@ class Galerkin(Model):
 
     def _spread(self, name: str, given: ArrayLike) -> tuple[Array, bool]:
         """Amplitudes of the core's functions, and whether the argument has all of them."""
-        rule: dict[str, Any] = {"low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
         spread = self._free.spread
-        if spread is None:
-            return check.array(name, given, size=self.dof, **rule), True
-        rows = check.array(name, given, **rule)
-        if rows.size not in spread.shape:
-            listed = " or ".join(f"({size},)" for size in sorted(spread.shape))
-            raise ValueError(f"{name} must have shape {listed}, got {rows.shape}")
-        exact = rows.size == self.coordinates
-        return rows if exact else spread @ rows, exact
+        rows = check.array(name, given, size=(self.dof, self.coordinates), **ANGLES)
+        if spread is None or rows.size == self.coordinates:
+            return rows, True
+        return spread @ rows, False
 
     def _closed(self, name: str, q: Array, rates: Array) -> Array:
         """The nearby state [q, q'] that meets the supports."""

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
-from pipedyn.models.base import LARGEST_ANGLE, Model, Operators, operators_from, projected
-from pipedyn.models.pencil import real_columns
+from pipedyn.models.base import ANGLES, CORE_MATRICES, Model, Operators, operators_from
+from pipedyn.models.pencil import PartsPencil, Pencil, Vectors, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments, reciprocal
 from pipedyn.util import check
@@ -35,6 +35,9 @@ MET = 1e-9
 States with ten digits meet it; it is far above rounding, 1e-15 n.
 """
 
+LONGEST_DENSE = 64
+"""Largest chain with dense matrices: as measured, both methods take equal time near this size."""
+
 SAME = 1e-12
 """Distance below which places are equal and guides and pins are met; rounding is some 1e-15."""
 
@@ -46,14 +49,15 @@ class SmallMotions:
         theta: angles of the segments, which meet guides and pins, shape (n,).
         rows: derivative of the independent constraints by the angles, shape (n, c).
         scale: joint angle for a unit of each elastic coordinate, shape (n,).
-
-    Attributes:
-        basis: orthonormal basis, (n, dof), of segments' angles that guides and pins allow.
     """
 
     def __init__(self, theta: Array, rows: Array, scale: Array) -> None:
         self.theta, self.rows, self.scale = theta, rows, scale
-        self.basis = _core.Complement(rows)
+
+    @cached_property
+    def basis(self) -> _core.Complement:
+        """Orthonormal basis, (n, dof), of the segments' angles that guides and pins allow."""
+        return _core.Complement(self.rows)
 
     @cached_property
     def elastic(self) -> _core.Complement:
@@ -99,9 +103,24 @@ class SegmentModel(Model):
     def _held_rows(self, theta: Array) -> Array:
         """Derivative of the independent constraints by the angles of the segments, (n, c)."""
 
+    @property
+    @abstractmethod
+    def _held(self) -> NDArray[np.intp]:
+        """Indices, from 0 on, of segments, one for each independent constraint on their ends."""
+
+    def term_stiffness(self, pencil: Pencil) -> float:
+        if not isinstance(pencil, ChainPencil):
+            one = np.eye(self.dof)
+            return float(np.linalg.norm(pencil.stiffness(one) - one, 2))
+        end_spring = self._own_joints.size > self.integrated
+        return self._stiffness_beside(pencil) if end_spring else super().term_stiffness(pencil)
+
+    def pencil(self) -> Pencil:
+        return ChainPencil(self) if self.linear_cost else super().pencil()
+
     def _unheld(self, theta: Array) -> Operators:
-        """Operators in the segments' angles, without the forces that hold nodes."""
-        return operators_from(self._chain.operators(theta), self._pipe)
+        """Operators in the segments' angles, without what holds nodes or acts at the joints."""
+        return operators_from(self._chain.operators(theta, joints=False), self._pipe)
 
     def _rest_moments(self, theta: Array) -> Array:
         """Moments on the segments at rest, see `rest_moments`."""
@@ -192,9 +211,29 @@ class SegmentModel(Model):
     def _operators(self, linear: SmallMotions, joints: Array) -> Operators:
         """Operators in coordinates whose unit vectors turn the joints by the columns of `joints`.
 
-        The shape of `joints` is (n, dof).
+        Springs are added in the joints' angles, so that the rounding of stiff springs does not hide
+        soft ones.
         """
-        return projected(self._bent(linear), np.cumsum(joints, axis=0))
+        angles, operators = np.cumsum(joints, axis=0), self._bent(linear)
+        sizes = np.linalg.norm(angles, axis=0)
+
+        def of_angles(matrix: Array) -> Array:
+            """A matrix of the segments' angles in the coordinates; rounding errors are set to 0."""
+            made = angles.T @ matrix @ angles
+            # Constraints may cancel an effect, for example of a damper at a guide. Its rounding
+            # error is set to 0, and so is that in the asymmetry of a symmetric or skew matrix.
+            lost = 4.0 * np.finfo(float).eps * np.abs(matrix).max() * np.outer(sizes, sizes)
+            parts = 0.5 * (made + made.T), 0.5 * (made - made.T)
+            symmetric, skew = (np.where(np.abs(part) <= lost, 0.0, part) for part in parts)
+            return symmetric + skew
+
+        matrices: dict[str, Any] = {
+            name: of_angles(getattr(operators, name)) for name in CORE_MATRICES
+        }
+        stiffness, damping, _ = self._chain.joints[: self.integrated].T
+        matrices["stiffness"] += joints.T @ (stiffness[:, None] * joints)
+        matrices["damping"] += joints.T @ (damping[:, None] * joints)
+        return replace(operators, **matrices)
 
     def _bent(self, linear: SmallMotions) -> Operators:
         """The operators of `_unheld`, with the stiffness of the forces that hold nodes.
@@ -251,7 +290,13 @@ class SegmentModel(Model):
         return np.asarray(vectors[:, 2 * by_angles.shape[1] :])
 
     def onto_constraints(self, p: Array, rates: Array) -> tuple[Array, Array]:
-        return (p, rates) if self._scene is None else onto_constraints(self._scene, p, rates)
+        if self._scene is None:
+            return p, rates
+        columns = (p.shape[0], -1)
+        *met, missed = self._scene.project(p.reshape(columns), rates.reshape(columns))
+        for of in met:
+            of[:, missed > self._scene.met] = np.nan
+        return met[0].reshape(p.shape), met[1].reshape(rates.shape)
 
     def admissible(self, angles: ArrayLike) -> Array:
         """Angles close to those given at which supports, guides and pins are met.
@@ -269,9 +314,7 @@ class SegmentModel(Model):
             NotConverged: if no such angles are found near those given.
             ValueError, TypeError: for another shape, or numbers that are not finite.
         """
-        theta = check.array(
-            "angles", angles, size=self.integrated, low=-LARGEST_ANGLE, high=LARGEST_ANGLE
-        )
+        theta = check.array("angles", angles, size=self.integrated, **ANGLES)
         if self._scene is None:
             return theta
         rest, held_by = self._held_at_rest
@@ -291,13 +334,57 @@ class SegmentModel(Model):
         return self._angles(angle, ends - 0.5 * self._lengths)
 
 
-def onto_constraints(core: _core.Scene, theta: Array, omega: Array) -> tuple[Array, Array]:
-    """Angles and rates near those given, (n, ...), that meet guides and pins; NaN if none exist."""
-    columns = (theta.shape[0], -1)
-    *met, missed = core.project(theta.reshape(columns), omega.reshape(columns))
-    for of in met:
-        of[:, missed > core.met] = np.nan
-    return met[0].reshape(theta.shape), met[1].reshape(theta.shape)
+class ChainPencil(PartsPencil):
+    """A chain's pencil, with products in O(n); the core solves it by recursion.
+
+    Guides may hold the ends of segments; `complement` spans the elastic coordinates that they
+    allow.
+    """
+
+    model: SegmentModel
+
+    def __init__(self, model: SegmentModel) -> None:
+        super().__init__(model)
+        self.core, self.held = model._chain, bool(model._held.size)
+        self.scale, self.complement = model.elastic_scale, model.linear.elastic
+        if self.held:
+            guided = np.zeros(model.integrated, dtype=np.bool_)
+            guided[model._held] = True
+            self.core = self.core.guided(guided.tolist())
+        self.is_long = self.dof > LONGEST_DENSE
+        self.end_moves = not self.held and model.pipe.beta * model.pipe.inflow_share > 0.0
+
+    @property
+    def lost_power(self) -> float:  # type: ignore[override]
+        """Power below which a motion of a guided chain counts as undamped; 0 without guides."""
+        free = self.scale[:, None] * np.cos(np.arange(1.0, self.scale.size + 1.0))[:, None]
+        loads = self.scale[:, None] * self.core.joint_times(free, damping=1.0)
+        return 1e-12 * float(np.abs(loads).max(initial=0.0)) if self.held else 0.0
+
+    def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
+        return _core.Structured(traits, self.core, self.complement, self.scale, size)
+
+    def with_pipe(self, pipe: Pipe) -> ChainPencil:
+        return ChainPencil(self.model.with_pipe(pipe))
+
+    def elastic(self, x: Vectors) -> Vectors:
+        result: Vectors = super().elastic(real_columns(self.complement.spread, x))
+        return real_columns(self.complement.gathered, result)
+
+    def by_springs(self, value: complex) -> Any:
+        every, root = super().by_springs(value), self.pipe.root_stiffness
+        if root == math.inf:
+            return every
+        by = np.full(self.scale.size, every, dtype=np.complex128)
+        # The root's spring is in series with the first joint's and has no damping.
+        share = root / (root + float(self.model._own_joints[0])) if root else 0.0
+        by[0] = share**2 * (1.0 + self._lost(value) * (2.0 * share - 1.0))
+        return by
+
+    def _product(self, x: Array, **part: float) -> Array:
+        scale = self.scale[:, None]
+        rows = self.core.joint_times(scale * self.complement.spread(x), **part)
+        return self.complement.gathered(scale * rows)
 
 
 def rest_moments(core: _core.Chain, theta: Array, lengths: Array, pipe: Pipe) -> Array:

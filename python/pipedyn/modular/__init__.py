@@ -2,7 +2,7 @@
 """The modular route: scenes put together from parts, each with its own inertia and forces."""
 
 from pipedyn.models.terms import PointMass
-from pipedyn.modular.assembly import Assembly
+from pipedyn.modular.assembly import Assembly, chain
 from pipedyn.modular.parts import (
     Clamp,
     Constraint,
@@ -16,7 +16,6 @@ from pipedyn.modular.parts import (
     Segment,
     TorsionalSpring,
 )
-from pipedyn.modular.plain_chain import chain
 
 __all__ = [
     "Assembly",

@@ -14,16 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import (
+    ANGLES,
     BALANCED,
-    CORE_MATRICES,
-    LARGEST_ANGLE,
     LARGEST_RESULT,
     Operators,
-    operators_from,
     stored,
 )
-from pipedyn.models.chain import LARGEST_CHAIN, Chain, ChainPencil
-from pipedyn.models.pencil import Pencil
+from pipedyn.models.chain import LARGEST_CHAIN, Chain, SpringRule
 from pipedyn.models.pipe import Pipe, checked_pipe
 from pipedyn.models.segments import MET, SegmentModel, SmallMotions, along, rest_moments
 from pipedyn.models.terms import Term
@@ -31,9 +28,11 @@ from pipedyn.modular.custom import CustomForces
 from pipedyn.modular.layout import CONSTRAINTS, MODULES, Layout
 from pipedyn.modular.motion import SceneMotion
 from pipedyn.modular.parts import (
+    Clamp,
     Constraint,
     Drag,
     InternalFlow,
+    Joint,
     Module,
     Part,
     Segment,
@@ -211,15 +210,11 @@ class Assembly(SegmentModel):
     def matrix_rounding(self) -> float:
         return 8.0 * np.finfo(float).eps * len(self._layout.independent)
 
-    def term_stiffness(self, pencil: Pencil) -> float:
-        return float(np.linalg.norm(self._elastic.stiffness - np.eye(self.dof), 2))
-
     @cached_property
     def resisted(self) -> bool:
         still = np.split(self.state(self.resting()), 2)
         own_damping = self._layout.joint_damping(replace(self._pipe, damping=0.0)).any()
-        _, by_rate = self._customs.derivatives(*still)
-        return bool(super().resisted or own_damping or by_rate.count_nonzero())
+        return bool(super().resisted or own_damping or self._customs.resist(*still))
 
     def plus(self, *parts: Part | Term) -> Assembly:
         """Another scene, with further modules, constraints and terms of the pipe.
@@ -269,46 +264,15 @@ class Assembly(SegmentModel):
         return super().with_pipe(pipe) if same else self._remade(pipe)
 
     @cached_property
-    def as_chain(self) -> Chain | None:
-        """The chain that equals the scene without guides, about the straight pipe, or None."""
-        layout = self._layout
-        plain = layout.has_flow and all(
+    def linear_cost(self) -> bool:
+        """Whether the scene is, about the straight pipe, a chain that guides may hold."""
+        plain = self._layout.has_flow and all(
             isinstance(part, Segment | InternalFlow | Drag) or _is_plain_spring(part)
             for part in self.modules
         )
         # Only rows of inertia besides the segments' have a compliance that is not 0.
         straight = self._reference is not None and not self._reference.any()
-        if not plain or not straight or self.core.compliance.any():
-            return None
-        free = replace(  # without the terms that do not act in small motions
-            self._pipe,
-            supports=(),
-            end="guided" if layout.guided else "free",
-            terms=tuple(term for term in self._pipe.terms if term.is_felt_by_small_motions),
-        )
-        try:
-            return Chain(
-                free,
-                springs=layout.springs,
-                lengths=layout.lengths,
-                centres=layout.centres,
-                gyration_radii=layout.gyration_radii,
-                base=layout.base,
-                masses=layout.masses,
-            )
-        except ValueError:  # the last segment has no inertia of its own
-            return None
-
-    def pencil(self) -> Pencil:
-        """The pencil P(lambda) of small motions, that of the chain if the scene is one."""
-        plain, layout = self.as_chain, self._layout
-        if plain is None:
-            return super().pencil()
-        if not layout.independent.size:
-            return plain.pencil()
-        held = np.zeros(self.integrated, dtype=np.bool_)
-        held[layout.held[layout.independent] // 3] = True  # all held coordinates are x_j
-        return ChainPencil(plain, held, self.linear.elastic)
+        return plain and straight and not self.core.compliance.any()
 
     # ------------------------------------------------------------------------------------ states
 
@@ -377,7 +341,7 @@ class Assembly(SegmentModel):
             ValueError, TypeError: for bad arguments.
         """
         u = check.real("u", u, low=0.0, high=1e4)
-        given = self._rows("start", start, (self.integrated, self.coordinates))
+        given = check.array("start", start, size=(self.integrated, self.coordinates), **ANGLES)
         if given.size == self.coordinates:
             given = np.cumsum(given[2::3])
 
@@ -420,7 +384,7 @@ class Assembly(SegmentModel):
     @cached_property
     def linear(self) -> SmallMotions:
         """Small motions about the configuration that `about` chose, else the straight pipe."""
-        if self.as_chain is None:
+        if not self.linear_cost:
             self._check_dense()
         return self._small_motions(self.reference)
 
@@ -452,6 +416,11 @@ class Assembly(SegmentModel):
         moments = self._rest_moments(linear.theta) @ factors
         return linear.elastic.gathered(linear.elastic_loads(moments[:, None]))[:, 0]
 
+    @property
+    def _held(self) -> NDArray[np.intp]:
+        layout = self._layout
+        return layout.held[layout.independent] // 3
+
     def _held_rows(self, theta: Array) -> Array:
         return self._layout.independent_rows(theta)
 
@@ -463,9 +432,9 @@ class Assembly(SegmentModel):
         return found
 
     def _unheld(self, theta: Array) -> Operators:
-        """Operators in the segments' angles, without what holds nodes or acts at the joints."""
-        plain = operators_from(self.motion.unsprung.operators(theta), self.motion.pipe)
-        found = replace(plain, flux=self._layout.has_flow * plain.flux)
+        found = super()._unheld(theta)
+        if not self._layout.has_flow:
+            found = replace(found, flux=0.0 * found.flux, centrifugal=0.0)
         if not self._customs:
             return found
         compliance = self.core.compliance
@@ -479,45 +448,6 @@ class Assembly(SegmentModel):
             damping=found.damping - by_rates,
             stiffness=found.stiffness - by_angles,
         )
-
-    def _operators(self, linear: SmallMotions, joints: Array) -> Operators:
-        """Operators in coordinates whose unit vectors turn the joints by the columns of `joints`.
-
-        Springs are added in the joints' angles, so that the rounding of stiff springs does not hide
-        soft ones.
-        """
-        angles, operators = np.cumsum(joints, axis=0), self._bent(linear)
-        sizes = np.linalg.norm(angles, axis=0)
-
-        def of_angles(matrix: Array) -> Array:
-            """A matrix of the segments' angles in the coordinates; rounding errors are set to 0."""
-            made = angles.T @ matrix @ angles
-            # Constraints may cancel an effect, for example of a damper at a guide. Its rounding
-            # error is set to 0, and so is that in the asymmetry of a symmetric or skew matrix.
-            lost = 4.0 * np.finfo(float).eps * np.abs(matrix).max() * np.outer(sizes, sizes)
-            parts = 0.5 * (made + made.T), 0.5 * (made - made.T)
-            symmetric, skew = (np.where(np.abs(part) <= lost, 0.0, part) for part in parts)
-            return symmetric + skew
-
-        def of_joints(values: Array) -> Array:
-            """A diagonal matrix of the joints' angles in the coordinates."""
-            every = np.vstack([joints, -angles[-1:]])[: values.size]
-            return every.T @ (values[:, None] * every)
-
-        matrices: dict[str, Any] = {
-            name: of_angles(getattr(operators, name)) for name in CORE_MATRICES
-        }
-        stiffness, damping, _ = self._chain.joints.T
-        matrices["stiffness"] += of_joints(stiffness)
-        matrices["damping"] += of_joints(damping)
-        return replace(operators, **matrices)
-
-    def elastic_operators(self) -> Operators:
-        return self._elastic
-
-    @cached_property
-    def _elastic(self) -> Operators:
-        return super().elastic_operators()
 
     # -------------------------------------------------------------------------- nonlinear motion
 
@@ -568,7 +498,7 @@ class Assembly(SegmentModel):
         return np.concatenate([theta, self._rates_of("qdot0", qdot0, theta)])
 
     def to_user(self, p: Array, pdot: Array) -> tuple[Array, Array]:
-        y = self.motion.states(p.T, pdot.T)
+        y = self.core.from_angles(*self.onto_constraints(p.T, pdot.T))
         return y[: self.coordinates].T, y[self.coordinates :].T
 
     def from_user(self, q: Array, qdot: Array) -> Array:
@@ -583,12 +513,12 @@ class Assembly(SegmentModel):
     # ---------------------------------------------------------------------------------- geometry
 
     def _centreline(self, q: ArrayLike, s: Array) -> Array:
-        rows, base = self._rows("q", q, (self.integrated, self.coordinates)), self._layout.base
+        rows = check.array("q", q, size=(self.integrated, self.coordinates), **ANGLES)
         # If redundant coordinates miss constraints, the line connects their nodes as given.
         places = self._configuration(rows) if rows.size == self.integrated else rows
         steps = np.diff(self._layout.nodes(places), axis=0)
-        line = along(steps, base, self._layout.lengths, s)
-        line[:, 1] += np.minimum(s, base)
+        line = along(steps, self._base, self._lengths, s)
+        line[:, 1] += np.minimum(s, self._base)
         return line
 
     def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
@@ -618,23 +548,13 @@ class Assembly(SegmentModel):
 
     # ----------------------------------------------------------------------------------- arguments
 
-    @staticmethod
-    def _rows(
-        name: str, given: ArrayLike, sizes: tuple[int, ...], high: float = LARGEST_ANGLE
-    ) -> Array:
-        """An argument as a one-dimensional array of one of the sizes."""
-        rows = check.array(name, given, low=-high, high=high)
-        if rows.size not in sizes:
-            listed = " or ".join(f"({size},)" for size in sizes)
-            raise ValueError(f"{name} must have shape {listed}, got {rows.shape}")
-        return rows
-
     def _coordinates(self, q: ArrayLike) -> Array:
         return self._angles_of("q", q)
 
     def _angles_of(self, name: str, given: ArrayLike, sizes: tuple[int, ...] = ()) -> Array:
         """Angles of segments from angles or redundant coordinates that must meet constraints."""
-        rows = self._rows(name, given, sizes or (self.integrated, self.coordinates))
+        sizes = sizes or (self.integrated, self.coordinates)
+        rows = check.array(name, given, size=sizes, **ANGLES)
         theta = rows if rows.size == self.integrated else np.cumsum(rows[2::3])
         q = rows if rows.size == self.coordinates else self._configuration(theta)
         self._require_met(f"{name} must meet", MET, q, self._configuration(theta))
@@ -646,7 +566,8 @@ class Assembly(SegmentModel):
         """Rates of angles, from rates of angles or coordinates that must keep the constraints."""
         if given is None:
             return np.zeros(self.integrated)
-        rows = self._rows(name, given, sizes or (self.integrated, self.coordinates), 1e6)
+        sizes = sizes or (self.integrated, self.coordinates)
+        rows = check.array(name, given, size=sizes, low=-1e6, high=1e6)
         omega = rows if rows.size == self.integrated else np.cumsum(rows[2::3])
         exact = self.core.from_angles(theta, omega)[self.coordinates :]
         rates = rows if rows.size == self.coordinates else exact
@@ -664,6 +585,63 @@ class Assembly(SegmentModel):
                 f"{rule} {part_text(part)}, got a deviation of {missed:.1e}; "
                 "admissible(angles) gives angles that meet all"
             )
+
+
+def chain(
+    pipe: Pipe,
+    n: int | None = None,
+    *,
+    springs: SpringRule | ArrayLike = "consistent",
+    lengths: ArrayLike | None = None,
+    centres: ArrayLike | None = None,
+    gyration_radii: ArrayLike | None = None,
+    drag_points: ArrayLike | None = None,
+    base: float = 0.0,
+    masses: ArrayLike | None = None,
+) -> Assembly:
+    """The chain of `pipedyn.Chain`, put together from parts, with internal flow and drag.
+
+    Args:
+        pipe: the pipe.
+        n: number of segments; not needed if an array gives it.
+        springs: a rule, or the stiffness of each joint, as for `Chain`.
+        lengths: lengths of the segments in L, as for `Chain`.
+        centres: centres of mass, as fractions of the lengths.
+        gyration_radii: radii of gyration about the centres of mass, in L.
+        drag_points: places at which drag acts, as fractions of the lengths.
+        base: length of the fixed part at the clamp, in L.
+        masses: masses of the segments, as for `Chain`.
+
+    Example:
+        >>> scene = pp.modular.chain(pp.Pipe(0.2), 10)
+        >>> round(pp.critical_speed(scene).speed, 4)
+        5.4857
+
+    Raises:
+        ValueError: as for `Chain` and `Assembly`.
+        TypeError: for arguments that are not numbers, arrays or pipes.
+    """
+    plain = Chain(
+        *(pipe, n),
+        springs=springs,
+        lengths=lengths,
+        centres=centres,
+        gyration_radii=gyration_radii,
+        drag_points=drag_points,
+        base=base,
+        masses=masses,
+    )
+    columns = [plain.lengths, plain.centres, plain.gyration_radii, plain.drag_points]
+    if masses is not None or pipe.mass is not None:
+        columns.append(plain.masses)
+    modules: list[Module] = [
+        Segment(*row) for row in zip(*(column.tolist() for column in columns), strict=True)
+    ]
+    springs = [*plain.springs.tolist(), plain.end_spring][: plain.coordinates + pipe.end_directed]
+    modules += [TorsionalSpring(j, k) for j, k in enumerate(springs, start=1)]
+    modules += [InternalFlow(), Drag()]
+    joints = [Joint(j) for j in range(2, plain.coordinates + 1)]
+    return Assembly(pipe, modules, [Clamp(plain.base), *joints])
 
 
 def _holds_end(part: Module, segments: int) -> bool:

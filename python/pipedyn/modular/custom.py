@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from pipedyn.models.base import COMPLEX_STEP
 from pipedyn.modular.parts import Custom, UserLaw
 from pipedyn.util.check import Array
-from pipedyn.util.later import scipy
 
 STRIDE = 1e-3
 """Step of differences, of order 4, of a complex-step gradient; their error is some 1e-12."""
@@ -187,16 +186,21 @@ class CustomForces:
                 column[custom.index] += custom.force(place[custom.index], rates[custom.index])
         return total
 
-    def derivatives(self, q: Array, qdot: Array) -> tuple[Any, Any]:
-        """Sparse derivatives of the forces by q and by q' at one state, (3 n, 3 n) each."""
-        found: list[Any] = [scipy.sparse.csr_array((q.size, q.size)) for _ in range(2)]
+    def slopes(self, q: Array, qdot: Array, q_by: Array, qdot_by: Array) -> Array:
+        """Derivatives of the forces at one state by r numbers, (3 n, r).
+
+        q_by and qdot_by are the derivatives of q and q' by these numbers, (3 n, r) each.
+        """
+        total = np.zeros(q_by.shape)
         for custom in self.each:
             at = custom.index
-            places = (at.repeat(at.size), np.tile(at, at.size))
-            for k, derivative in enumerate((custom.by_q, custom.by_qdot)):
-                entries = derivative(q[at], qdot[at]).ravel(), places
-                found[k] = found[k] + scipy.sparse.coo_array(entries, shape=found[k].shape).tocsr()
-        return found[0], found[1]
+            total[at] += custom.by_q(q[at], qdot[at]) @ q_by[at]
+            total[at] += custom.by_qdot(q[at], qdot[at]) @ qdot_by[at]
+        return total
+
+    def resist(self, q: Array, qdot: Array) -> bool:
+        """Whether a force depends on rates at one state."""
+        return any(one.by_qdot(q[one.index], qdot[one.index]).any() for one in self.each)
 
     def energy(self, q: Array) -> float | Array:
         """Potential energy of all modules, a number or shape (k,); 0 on the straight pipe."""

@@ -302,15 +302,15 @@ class Layout:
             damping[s.joint - 1] += pipe.damping * s.stiffness if s.damping is None else s.damping
         return damping
 
-    def compiled(self, pipe: Pipe, sprung: bool = True) -> _core.Scene:
-        """The compiled scene on a pipe, with or without springs and dampers at the joints."""
+    def compiled(self, pipe: Pipe) -> _core.Scene:
+        """The compiled scene on a pipe."""
         return _core.Scene(
             pipe=core_pipe(self.acting(pipe)),
             length=self.lengths,
             center=self.centres,
             gyration_radius=self.gyration_radii,
-            spring=sprung * self.springs,
-            damping=sprung * self.joint_damping(pipe),
+            spring=self.springs,
+            damping=self.joint_damping(pipe),
             rest_moment=self.rest_moments,
             drag_point=self.drag_points,
             base=self.base,
@@ -319,21 +319,6 @@ class Layout:
             held=self.held.tolist(),
             value=self.held_values,
         )
-
-
-def nodes_by_angles(steps: Array, theta: Array) -> Array:
-    """Derivative of nodes' coordinates by the angles of the steps between them, (3 n, n)."""
-    derivative = np.zeros((3 * theta.size, theta.size))
-    derivative[0::3] = np.tri(theta.size) * (steps * np.cos(theta))
-    derivative[1::3] = -np.tri(theta.size) * (steps * np.sin(theta))
-    return derivative
-
-
-def coordinates_by_angles(lengths: Array, theta: Array) -> Array:
-    """Derivative of the redundant coordinates by the angles of the segments, shape (3 n, n)."""
-    derivative = nodes_by_angles(lengths, theta)
-    derivative[2::3] = np.eye(theta.size) - np.eye(theta.size, k=-1)
-    return derivative
 
 
 def _of(parts: Iterable[Part], kind: type[P] | tuple[type[P], ...]) -> list[P]:

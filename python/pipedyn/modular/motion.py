@@ -18,9 +18,8 @@ import numpy as np
 
 from pipedyn import _core
 from pipedyn.models.pipe import Pipe
-from pipedyn.models.segments import onto_constraints
 from pipedyn.modular.custom import CustomForces
-from pipedyn.modular.layout import Layout, coordinates_by_angles, nodes_by_angles
+from pipedyn.modular.layout import Layout
 from pipedyn.util.check import Array
 from pipedyn.util.errors import resolved
 
@@ -39,11 +38,6 @@ class SceneMotion:
         self, pipe: Pipe, layout: Layout, core: _core.Scene, customs: CustomForces
     ) -> None:
         self.pipe, self.layout, self.core, self.customs = pipe, layout, core, customs
-
-    @functools.cached_property
-    def unsprung(self) -> _core.Chain:
-        """The compiled chain without springs and dampers at its joints, for linear operators."""
-        return self.layout.compiled(self.pipe, sprung=False).chain
 
     # --------------------------------------------------------------------- redundant coordinates
 
@@ -97,10 +91,6 @@ class SceneMotion:
         rates[2 * n] += self.customs.work(q, moving)
         return rates
 
-    def states(self, theta: Array, omega: Array) -> Array:
-        """Redundant states, (6 n, k), from angles and rates, (n, k) each, projected onto guides."""
-        return self.core.from_angles(*onto_constraints(self.core, theta, omega))
-
     def jacobian(
         self, y: Array, u: float | Array, returns: bool = True, drive: Array | None = None
     ) -> Array:
@@ -130,12 +120,10 @@ class SceneMotion:
         n, layout = self.layout.size, self.layout
         theta, omega = np.split(y, 2)
         q, rates = np.split(self.core.from_angles(theta, omega), 2)
-        force, (by_q, by_rate) = self.customs.force(q, rates), self.customs.derivatives(q, rates)
-        turning = coordinates_by_angles(layout.lengths, theta)
-        swinging = nodes_by_angles(layout.lengths * omega, theta + 0.5 * math.pi)
-        change = layout.moments(
-            theta, np.hstack([by_q @ turning + by_rate @ swinging, by_rate @ turning])
-        )
+        force, turning = self.customs.force(q, rates), self._by_angles(theta, np.ones(n))
+        swinging = self._nodes_by_angles(theta + 0.5 * math.pi, omega)
+        q_by, rates_by = np.hstack([turning, 0.0 * turning]), np.hstack([swinging, turning])
+        change = layout.moments(theta, self.customs.slopes(q, rates, q_by, rates_by))
         # Forces on nodes keep their direction, so that their moments change as the segments turn.
         on_nodes = force[:, None].copy()
         on_nodes[2::3] = 0.0
@@ -144,18 +132,27 @@ class SceneMotion:
 
     def accelerations_by_state(self, y: Array, u: float, drive: Array | None = None) -> Array:
         """Derivative of the accelerations q'' in `rhs` by [theta, theta'], shape (3 n, 2 n)."""
-        lengths, n = self.layout.lengths, self.layout.size
+        n = self.layout.size
         theta, omega = np.split(y, 2)
         rates = self.rhs(0.0, self.core.from_angles(theta, omega), u, drive, refuses=False)
         turning = np.cumsum(rates[3 * n + 2 :: 3])
         across, inward = theta + 0.5 * math.pi, theta + math.pi
         drift = np.hstack(
             [
-                nodes_by_angles(lengths * turning, across)
-                + nodes_by_angles(lengths * omega**2, inward),
-                2.0 * nodes_by_angles(lengths * omega, across),
+                self._nodes_by_angles(across, turning) + self._nodes_by_angles(inward, omega**2),
+                2.0 * self._nodes_by_angles(across, omega),
             ]
         )
-        return drift + (
-            coordinates_by_angles(lengths, theta) @ self.jacobian(y, u, False, drive)[n:]
-        )
+        free = self.jacobian(y, u, False, drive)[n:]
+        return drift + self._by_angles(theta, np.ones(n)) @ free
+
+    def _by_angles(self, theta: Array, factors: Array) -> Array:
+        """Derivatives of redundant coordinates by the angles theta times factors, (3 n, n)."""
+        each = np.outer(theta, np.ones(theta.size))
+        return self.core.from_angles(each, np.diag(factors))[3 * theta.size :]
+
+    def _nodes_by_angles(self, theta: Array, factors: Array) -> Array:
+        """The result of `_by_angles` for the nodes alone, with 0 for the angles of the joints."""
+        found = self._by_angles(theta, factors)
+        found[2::3] = 0.0
+        return found

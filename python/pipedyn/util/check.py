@@ -126,18 +126,23 @@ def array(
     name: str,
     value: Any,
     *,
-    size: int | None = None,
+    size: int | tuple[int, ...] | None = None,
     low: float = -math.inf,
     high: float = math.inf,
     open_low: bool = False,
     longest: int = 1_000_000,
 ) -> Array:
-    """A read-only copy of the value as an array, shape (k,), of finite numbers in an interval."""
+    """A read-only copy of the value as an array, shape (k,), of finite numbers in an interval.
+
+    `size` is the number of entries, or a tuple of the numbers that are allowed.
+    """
     raw = numbers(name, value, "an array of real numbers", longest=longest)
     if raw.ndim != 1:
         raise ValueError(f"{name} must be one-dimensional, got shape {raw.shape}")
-    if size is not None and raw.size != size:
-        raise ValueError(f"{name} must have {size} entries, got {raw.size}")
+    sizes = size if isinstance(size, tuple) else (size,)
+    if size is not None and raw.size not in sizes:
+        many = " or ".join(map(str, sorted(set(sizes))))
+        raise ValueError(f"{name} must have {many} entries, got {raw.size}")
     if raw.size < 1:
         raise ValueError(f"{name} must have from 1 to {longest} entries, got 0")
     with np.errstate(over="ignore"):  # longer floats may become infinite, which is refused below
