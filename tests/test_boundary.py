@@ -459,6 +459,7 @@ def test_curves_that_meet_where_all_roots_lie_on_the_axis_end_there_and_nothing_
     assert {curve.kind for curve in found.curves} == {"flutter"}
     for curve in found.curves:
         assert 0.0 in (curve.x[0] + curve.y[0], curve.x[-1] + curve.y[-1])  # the corner, exactly
+        assert curve.unstable[[0, -1]].tolist() == curve.unstable[[1, -2]].tolist()
     assert not isinstance(model, pp.Chain) or len(found.curves) == 4  # one for each mode
     for curve in found.curves[:3]:
         k = len(curve) // 2
