@@ -137,8 +137,6 @@ class Boundary(InPlane):
 
     _along = ("frequency", "unstable", "criticality")
 
-    names: tuple[str, str]
-    ranges: tuple[tuple[float, float], tuple[float, float]]
     curves: tuple[BoundaryCurve, ...]
     points: tuple[OrganisingPoint, ...]
     u: float | None
