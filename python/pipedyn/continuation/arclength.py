@@ -363,8 +363,6 @@ class DenseProblem(Continuation):
 
         def change(row: Array, gap: float, share: float) -> Array:
             matrix = np.vstack([derivative, row])
-            if not np.isfinite(matrix).all():  # numpy would not refuse it
-                raise ValueError("derivatives are not finite")
             factorised()
             return np.asarray(np.linalg.solve(matrix, np.append(-share * residual, gap)))
 

@@ -343,8 +343,6 @@ class _UserEquations:
         """Value of a user's function; NewtonFailed if it raises, or the value is not finite."""
         try:
             found = _function_value(name, function, x, p, shape)
-        except NewtonFailed:
-            raise
         except Exception as error:  # whatever the user's function raises
             raised = (
                 "" if str(error).startswith(name) else f"{name} raised {type(error).__name__}: "

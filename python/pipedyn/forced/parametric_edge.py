@@ -63,8 +63,6 @@ class Bordered:
         factorised()
         whole = np.zeros((n + 2, n + 2), dtype=np.result_type(h, b, c), order="F")
         whole[:n, :n], whole[:n, n:], whole[n:, :n] = h, b, c.conj().T
-        if not np.isfinite(whole).all():
-            raise ValueError("Hill's equations are not finite")
         self._lu = scipy.linalg.lu_factor(whole, overwrite_a=True, check_finite=False)
         last = np.eye(n + 2, 2, -n)
         q, w = (self._solved(last, trans) for trans in (0, 2))
