@@ -4,11 +4,10 @@
 Two multipliers can leave the unit circle away from 1 and -1 only where they meet. So the phases of
 the multipliers of a few modes are followed over the frequency. Wherever two phases pass each other,
 the frequency at which they do is approached until a motion grows there, or until it is known that
-motions grow at most in a region too thin to count. In a conservative pipe only multipliers of
-opposite Krein signature can leave the circle.
+motions grow at most in a region too thin to count.
 
 Source: Yakubovich and Starzhinskii (1975), Linear differential equations with periodic
-coefficients, for the signature.
+coefficients.
 """
 
 from __future__ import annotations
@@ -24,7 +23,6 @@ from numpy.typing import NDArray
 from pipedyn.forced.pulsating import Hill
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.orbits.magnus import exponentials
-from pipedyn.util.check import Array
 
 GROWS, GROWS_SHARP = 1e-5, 1e-7
 """Excess of a multiplier's modulus over 1 beyond which its motion counts as growing, in damped
@@ -56,7 +54,6 @@ class Multipliers:
         frequency: frequency of the flow.
         values: the multipliers, shape (m,).
         right, left: their eigenvectors, (n, m) and (m, n), with left @ right = 1.
-        signs: their Krein signatures in a conservative pipe, otherwise 0, shape (m,).
         growing: number of them with a modulus larger than 1.
         real: sign of the largest multiplier on the real axis if its motion grows, otherwise 0.
     """
@@ -65,7 +62,6 @@ class Multipliers:
     values: Complex
     right: Complex
     left: Complex
-    signs: Array
     growing: int
     real: int
 
@@ -136,10 +132,6 @@ class FewModes:
         rows = np.concatenate([left.real, -left.imag], axis=1)
         rows = rows @ np.linalg.inv(basis.T @ rows)
         self._parts = rows.T @ pipe.companions() @ basis
-        self._form: Array | None = None
-        if hill.is_hermitian:
-            form = np.kron([[0.0, 1.0], [-1.0, 0.0]], pipe.mass)
-            self._form = basis.T @ form @ basis
         phases = 2.0 * math.pi * (np.arange(PERIOD_PARTS) + 0.5 + GAUSS[:, None]) / PERIOD_PARTS
         speed = pipe.mean * (1.0 + amplitude * np.cos(phases))
         rate = -pipe.mean * amplitude * np.sin(phases)
@@ -164,15 +156,11 @@ class FewModes:
         off &= self._seen[np.argmax(weights, axis=0)]
         left = np.linalg.inv(right)[off]
         values, right = values[off].astype(np.complex128), right[:, off]
-        signs = np.zeros(values.size)
-        if self._form is not None:
-            signs = np.sign(np.einsum("im,ij,jm->m", right.conj(), 1j * self._form, right).real)
         return Multipliers(
             frequency=frequency,
             values=values,
             right=right,
             left=left,
-            signs=signs,
             growing=int(np.count_nonzero(np.abs(values) > 1.0 + self._grows)),
             real=int(np.sign(largest)) if abs(largest) > 1.0 + self._grows else 0,
         )
@@ -241,8 +229,6 @@ class FewModes:
             return
         onto = _same_multipliers(a, b)
         for i, j in combinations(np.flatnonzero(onto >= 0).tolist(), 2):
-            if self._form is not None and a.signs[i] == a.signs[j]:
-                continue
             # A conjugate pair meets on the real axis, and only one of two conjugate meetings is
             # needed.
             if a.values[i] == a.values[j].conj() or a.values[i].imag + a.values[j].imag < 0.0:
