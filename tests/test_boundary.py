@@ -459,6 +459,7 @@ def test_curves_that_meet_where_all_roots_lie_on_the_axis_end_there_and_nothing_
     assert {curve.kind for curve in found.curves} == {"flutter"}
     for curve in found.curves:
         assert 0.0 in (curve.x[0] + curve.y[0], curve.x[-1] + curve.y[-1])  # the corner, exactly
+        assert curve.unstable[[0, -1]].tolist() == curve.unstable[[1, -2]].tolist()
     assert not isinstance(model, pp.Chain) or len(found.curves) == 4  # one for each mode
     for curve in found.curves[:3]:
         k = len(curve) // 2
@@ -689,11 +690,13 @@ def test_what_no_boundary_can_be_drawn_of_is_refused_by_name(words, message):
     assert str(caught.value).startswith(message)
 
 
-def test_a_bent_pipe_and_a_second_flow_speed_are_refused():
+def test_a_bent_or_large_pipe_and_a_second_flow_speed_are_refused():
     with pytest.raises(ValueError, match="u must not be given where it is x or y, got 3"):
         pp.boundary(CHAIN, "beta", "u", WINDOW, u=3.0)
     bent = pp.Chain(pp.Pipe(0.2, jet_angle=0.3), 3)
     with pytest.raises(ValueError, match="model must rest straight"):
         pp.boundary(bent, "beta", "u", WINDOW)
+    with pytest.raises(ValueError, match="model must have at most 500 degrees of freedom, got 501"):
+        pp.boundary(pp.Chain(pp.Pipe(0.2), 501), "beta", "u", WINDOW)
     with pytest.raises(ValueError, match=r"x must lie in \[0.1, 0.9\], got 0.05"):
         pp.boundary(CHAIN, "beta", "u", WINDOW, criticality=False).unstable(0.05, 1.0)

@@ -312,6 +312,17 @@ def test_a_pipe_that_strikes_a_stop_is_followed_from_where_its_motion_ends():
     assert motion.amplitude == pytest.approx(0.5 * np.ptp(going.tip[:, 0]), rel=1e-5)
 
 
+def test_an_unstable_motion_of_a_strong_base_is_reached_from_those_of_weaker_ones():
+    """Newton's method fails from the linear response, and motions from rest do not settle."""
+    pipe = pp.Pipe(0.16, 10.0, damping=0.001, root="pinned", end="pinned")
+    model, base = pp.Galerkin(pipe, 3, "legendre"), pp.Harmonic(0.4, 19.2)
+    (motion,) = pp.forced_response(model, 0.8, base=base, frequencies=(19.2, 19.21)).at(19.2)
+    assert not motion.stable
+    start = {"q0": motion.q[0], "qdot0": motion.qdot[0], "base": base, "rtol": 1e-10}
+    going = pp.simulate(model, 0.8, motion.period, **start, samples=motion.t.size)
+    np.testing.assert_allclose(going.q, motion.q, atol=1e-8)
+
+
 def test_small_motions_that_a_fixed_end_bends_over_are_followed_past_their_folds():
     """A resonance of 0.003 L: steps are measured by the motion and not by the pipe."""
     pipe = pp.Pipe(0.2, damping=0.01, root="pinned", end="pinned", terms=[pp.Stretching(1e5)])

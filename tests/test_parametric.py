@@ -328,6 +328,8 @@ def test_bad_arguments_of_floquet_are_named():
         pp.floquet(MODEL, 5.0)
     with pytest.raises(ValueError, match="model must have at most 100 degrees of freedom"):
         pp.floquet(pp.Chain(PIPE, 200), pp.Pulsation(5.0, 0.1, 20.0))
+    with pytest.raises(pp.NotConverged, match="the multipliers were not found: they overflow"):
+        pp.floquet(MODEL, pp.Pulsation(12.0, 0.1, 0.05))
 
 
 def test_a_loss_factor_has_no_motion_to_pulsate():

@@ -314,11 +314,6 @@ class Segment(Generic[Equations]):
         cut = min((self.where(v, i) for i, v in passed), key=self.reach)
         return replace(self, end=self.problem.point(cut, self.begin.tangent))
 
-    def miss(self, z: Array) -> float:
-        """Distance of a point z from the solution at the same arc length."""
-        s = self.reach(z)
-        return self.problem.length(self.problem.at(self.begin, s, self.guess(s)).z - z)
-
     def parts(self, lengths: list[float]) -> list[Segment[Equations]]:
         """The segments into which points at these arc lengths divide this segment."""
         points = [self.begin, *map(self.at, lengths), self.end]
@@ -368,8 +363,6 @@ class DenseProblem(Continuation):
 
         def change(row: Array, gap: float, share: float) -> Array:
             matrix = np.vstack([derivative, row])
-            if not np.isfinite(matrix).all():  # numpy would not refuse it
-                raise ValueError("derivatives are not finite")
             factorised()
             return np.asarray(np.linalg.solve(matrix, np.append(-share * residual, gap)))
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from pipedyn.continuation.arclength import Continuation, Control, DenseProblem, Point, Segment
 from pipedyn.continuation.tracer import (
     BranchEnd,
-    TestFunction,
+    NamedZero,
     Tracer,
     reason_of,
     special_points,
@@ -343,8 +343,6 @@ class _UserEquations:
         """Value of a user's function; NewtonFailed if it raises, or the value is not finite."""
         try:
             found = _function_value(name, function, x, p, shape)
-        except NewtonFailed:
-            raise
         except Exception as error:  # whatever the user's function raises
             raised = (
                 "" if str(error).startswith(name) else f"{name} raised {type(error).__name__}: "
@@ -410,7 +408,7 @@ def _test_value(name: Any, test: Callable[[Array, float], float], x: Array, p: f
     return float(_function_value(f"tests[{str(name)!r}]", test, x, p, ()).item())
 
 
-class _UserTest(TestFunction[Continuation]):
+class _UserTest(NamedZero[Continuation]):
     """A user's test function on a step; its zeros are changes of sign and zeros at the ends.
 
     Args:
@@ -427,20 +425,14 @@ class _UserTest(TestFunction[Continuation]):
         test: Callable[[Array, float], float],
         near: tuple[bool, bool],
     ) -> None:
-        super().__init__(step, 1e-13 * step.length)
-        self.name, self.test, self.near = str(name), test, near
+        def value(point: Point) -> float:
+            found = _test_value(name, test, point.x, point.p)
+            if not math.isfinite(found):
+                raise NewtonFailed(f"it gives {found:g} at {_spelled(point.z)}")
+            return found
 
-    def about(self, s: float) -> Array:
-        """The number that the function gives, shape (1,)."""
-        point = self.step.at(s)
-        found = _test_value(self.name, self.test, point.x, point.p)
-        if not math.isfinite(found):
-            raise NewtonFailed(f"it gives {found:g} at {_spelled(point.z)}")
-        return np.array([found])
-
-    def found(self, before: float, beyond: float) -> str:
-        """The name of the function."""
-        return self.name
+        super().__init__(step, 1e-13 * step.length, str(name), value)
+        self.near = near
 
     def zeros(self, low: float, high: float) -> Iterator[tuple[float, str]]:
         """Zeros on the step, including those at its ends."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
@@ -109,7 +109,36 @@ class TestFunction(ABC, Generic[Equations]):
                 yield beyond, found
 
 
-class Fold(TestFunction[Equations]):
+class NamedZero(TestFunction[Equations]):
+    """A zero of a number along a step, which is recorded by its name.
+
+    Args:
+        step: the step.
+        tolerance: arc length to which zeros are located.
+        name: the name.
+        value: the number at a point of the branch.
+    """
+
+    def __init__(
+        self,
+        step: Segment[Equations],
+        tolerance: float,
+        name: str,
+        value: Callable[[Point], float],
+    ) -> None:
+        super().__init__(step, tolerance)
+        self.name, self.value = name, value
+
+    def about(self, s: float) -> Array:
+        """The number at an arc length, shape (1,)."""
+        return np.array([self.value(self.step.at(s))])
+
+    def found(self, before: float, beyond: float) -> str:
+        """The name of the special point."""
+        return self.name
+
+
+class Fold(NamedZero[Equations]):
     """The slope dp/ds of the parameter along a step, which passes 0 at a fold.
 
     Args:
@@ -118,15 +147,7 @@ class Fold(TestFunction[Equations]):
     """
 
     def __init__(self, step: Segment[Equations], rtol: float) -> None:
-        super().__init__(step, rtol * step.length)
-
-    def about(self, s: float) -> Array:
-        """The slope of the parameter, shape (1,)."""
-        return np.array([self.step.at(s).tangent[-1]])
-
-    def found(self, before: float, beyond: float) -> str:
-        """The name of the special point."""
-        return "fold"
+        super().__init__(step, rtol * step.length, "fold", lambda point: point.tangent[-1])
 
     def lengths(self) -> list[float]:
         """Arc lengths of the folds."""
@@ -342,5 +363,6 @@ def passes_through(step: Segment[Equations], z: Array, after: float = AT_END) ->
     ahead = after * length < s <= length * (1.0 + AT_END)
     if ahead and problem.length(step.guess(s) - z) <= 0.1 * length:
         with suppress(NewtonFailed):
-            return step.miss(z) <= 1e-6 * (1.0 + problem.length(z))
+            there = problem.at(step.begin, s, step.guess(s)).z
+            return problem.length(there - z) <= 1e-6 * (1.0 + problem.length(z))
     return False

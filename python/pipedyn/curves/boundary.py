@@ -33,7 +33,7 @@ from pipedyn.curves.organising import (
     coefficients,
     double_points,
     others_unstable,
-    separated,
+    separate,
     unstable_counts,
 )
 from pipedyn.equilibrium.axis_problems import AxisProblem, CoupledModeProblem
@@ -137,8 +137,6 @@ class Boundary(InPlane):
 
     _along = ("frequency", "unstable", "criticality")
 
-    names: tuple[str, str]
-    ranges: tuple[tuple[float, float], tuple[float, float]]
     curves: tuple[BoundaryCurve, ...]
     points: tuple[OrganisingPoint, ...]
     u: float | None
@@ -313,15 +311,12 @@ def bounded(
         def wanted(problem: AxisProblem, z: Array) -> bool:
             return not only_stability or others_unstable(coarse, problem, z) == 0
 
-        tracer = CurveTracer(coarse, starts, wanted)
-        counts: list[NDArray[np.int_]] = []
-        found: list[DoublePoint] = []
-        on: list[list[tuple[int, int]]] = []  # per curve: pairs (step, number of the point)
+        tracer, found = CurveTracer(coarse, starts, wanted), list[DoublePoint]()
         while starts:
             new, starts = tracer.trace(starts), []
             for curve in new:
-                of_curve, places = unstable_counts(coarse, curve), list[tuple[int, float, int]]()
-                for place in double_points(coarse, curve, of_curve):
+                curve.counts, places = unstable_counts(coarse, curve), []
+                for place in double_points(coarse, curve):
                     if isinstance(place, str):
                         failures.append(place)
                         continue
@@ -332,39 +327,32 @@ def bounded(
                     if i == len(found):
                         found.append(one)
                         starts += one.starts()
-                of_curve, steps = separated(coarse, curve, of_curve, places)
-                counts.append(of_curve)
-                on.append(steps)
+                separate(coarse, curve, places)
         failures += tracer.failures()
-        plane, traced = coarse, list[TracedCurve | None](tracer.curves)
+        plane, traced = coarse, tracer.curves
         points: list[OrganisingPoint | None]
         if isinstance(model, Continuum):
             plane, traced = converged_curves(model, coarse, tracer.curves)
             points = [*_solved_again(found, plane, tracer.control, failures)]
         else:
             points = [one.point(plane) for one in found]
-        parts = []
-        for last, of_curve, steps in zip(traced, counts, on, strict=True):
-            if last is None:
-                continue
-            curve = last
+        for curve in traced:
             if plane is not coarse:  # the earlier counts are for fewer modes
-                of_curve = unstable_counts(plane, curve, of_curve)
-            values = np.full((len(curve.points), 2), np.nan)
+                curve.counts = unstable_counts(plane, curve)
+            curve.values = np.full((len(curve.points), 2), np.nan)
             if criticality:
-                for k in np.flatnonzero(of_curve == 0):
-                    values[k] = coefficients(coarse, curve.problem, curve.points[k].z)
-                for change in changes_of_criticality(coarse, curve, of_curve, values[:, 1]):
+                for k in np.flatnonzero(curve.counts == 0):
+                    curve.values[k] = coefficients(coarse, curve.problem, curve.points[k].z)
+                for change in changes_of_criticality(coarse, curve):
                     if isinstance(change, str):
                         failures.append(change)
                     else:
-                        steps.append((change[0], len(points)))
+                        curve.marks.append((change[0], len(points)))
                         points.append(change[1])
-            parts.append((curve, of_curve, values, steps))
     known = [(i, one) for i, one in enumerate(points) if one is not None]
     known.sort(key=lambda of: (of[1].unstable, of[1].kind, of[1].x))
     numbers = {i: number for number, (i, _) in enumerate(known)}
-    curves = [_boundary_curve(*part, numbers) for part in parts]
+    curves = [_boundary_curve(curve, numbers) for curve in traced]
     low, high = window.low, window.low + window.size
     if not (coarse.conservative or only_stability or any(tracer.failures())):
         failures += _disagreements(curves, coarse)
@@ -449,34 +437,27 @@ def _points_of_change(curve: TracedCurve) -> list[Point]:
     return [curve.points[len(curve.points) // 2]]
 
 
-def _boundary_curve(
-    curve: TracedCurve,
-    counts: NDArray[np.int_],
-    values: Array,
-    steps: list[tuple[int, int]],
-    numbers: dict[int, int],
-) -> BoundaryCurve:
+def _boundary_curve(curve: TracedCurve, numbers: dict[int, int]) -> BoundaryCurve:
     """A traced curve as a result for users.
 
-    `steps` holds, for each organising point, the step in which it lies and its number among all
-    points found; `numbers` maps these numbers to those in `Boundary.points`.
+    `numbers` maps numbers of organising points in the curve's marks to those in `Boundary.points`.
     """
     problem, points = curve.problem, curve.points
     places = curve.places()
     slopes = np.array([point.tangent[[-1, -2]] for point in points])
     words = np.array(["", "supercritical", "subcritical"])
-    leading = values[:, 1]
+    leading = curve.values[:, 1]
     changes = [problem.change(point) for point in _points_of_change(curve)]
-    organising = [(step, numbers[i]) for step, i in sorted(steps) if i in numbers]
+    organising = [(step, numbers[i]) for step, i in sorted(curve.marks) if i in numbers]
     which = np.where(np.isnan(leading), 0, np.where(leading < 0.0, 1, 2))
     return BoundaryCurve(
         kind=problem.kind,
         x=places[:, 0],
         y=places[:, 1],
         frequency=np.array([problem.frequency(point.z) for point in points]),
-        unstable=counts,
+        unstable=curve.counts,
         change=np.resize(changes, len(points)),
-        lyapunov=values[:, 0],
+        lyapunov=curve.values[:, 0],
         criticality=words[which],
         error=curve.error,
         ends=curve.ends,

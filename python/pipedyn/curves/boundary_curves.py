@@ -11,10 +11,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import Control, Point, Segment
 from pipedyn.continuation.tracer import AT_END, Tracer, passes_through
@@ -84,12 +85,19 @@ class TracedCurve:
         points: the points in order.
         ends: why the curve ends at its first and last point, as in `BoundaryCurve`.
         error: error of the points, as in `BoundaryCurve`.
+        counts: number of unstable roots other than those on the axis at each point, (S,).
+        marks: for each organising point on the curve the index of the step in which it lies, and
+            its number among all that were found.
+        values: results of `organising.coefficients` at each point, shape (S, 2).
     """
 
     problem: AxisProblem
     points: list[Point]
     ends: tuple[str, str]
     error: float = 0.0
+    counts: NDArray[np.int_] = field(default_factory=lambda: np.empty(0, dtype=int))
+    marks: list[tuple[int, int]] = field(default_factory=list)
+    values: Array = field(default_factory=lambda: np.empty((0, 2)))
 
     def segments(self) -> Iterator[Segment[AxisProblem]]:
         """Segments of the curve between neighbouring points."""
@@ -326,11 +334,11 @@ def climbed(plane: Plane, z: Array, root: complex, only_stability: bool) -> Curv
 
 def converged_curves(
     model: Continuum, plane: Plane, curves: list[TracedCurve]
-) -> tuple[Plane, list[TracedCurve | None]]:
+) -> tuple[Plane, list[TracedCurve]]:
     """Curves of the continuous pipe in a basis that is large enough for all of them.
 
     The basis grows until sampled points of each curve do not move any more, or move by rounding
-    only. A curve that does not exist in larger bases is replaced by None.
+    only. A curve that does not exist in larger bases is left out.
 
     Raises:
         NotConverged: if points of a curve still move in the largest basis.
@@ -362,12 +370,11 @@ def converged_curves(
                 f"curves of the continuous pipe do not converge: a point still moves by "
                 f"{max(moves):.1e}"
             )
-    every: list[TracedCurve | None] = []
+    every = list[TracedCurve]()
     for curve, one, error in zip(curves, some, moves, strict=True):
-        every.append(None)
         if one is not None:
             with suppress(NewtonFailed):
-                every[-1] = replace(_solved_on(curve, plane), error=error)
+                every.append(replace(_solved_on(curve, plane), error=error))
     return plane, every
 
 
@@ -393,7 +400,7 @@ def _solved_on(curve: TracedCurve, plane: Plane) -> TracedCurve:
         else:
             z = problem.fixed(point.z, float(point.z[edge]), edge)
             points.append(_on_edges(problem, problem.point(z, point.tangent)))
-    return TracedCurve(problem, points, curve.ends)
+    return replace(curve, problem=problem, points=points)
 
 
 def _on_edges(problem: AxisProblem, point: Point) -> Point:

@@ -54,8 +54,6 @@ class CycleBoundary(InPlane):
 
     _along = ("frequency", "amplitude", "unstable")
 
-    names: tuple[str, str]
-    ranges: tuple[tuple[float, float], tuple[float, float]]
     curves: tuple[CycleCurve, ...]
     points: tuple[CyclePoint, ...]
     onsets: Boundary | None = field(repr=False)
@@ -140,7 +138,7 @@ def cycle_boundary(
                     f"has, got {names[plane.second]!r}"
                 )
         starts.append(begin)
-    curves, points, failures = list[CycleCurve](), list[CyclePoint](), list[str]()
+    curves, failures, followers = list[CycleCurve](), list[str](), list[EventFollower]()
     with one_thread(2 * plane.model.integrated):
         onset = None
         if isinstance(branch, CycleBranch):
@@ -152,14 +150,15 @@ def cycle_boundary(
             follower = EventFollower(plane, cast(Followed, event.kind), shown, onset)
             try:
                 start = follower.start(begin)
-                if any(follower.lies_on(curve, start) for curve in curves):
+                here = follower.place(*start)
+                if any(one.kind == follower.kind and one.holds(here) for one in followers):
                     continue
                 curves.append(follower.run(start))
             except NewtonFailed as reason:
                 at = event.frequency if isinstance(event, ForcedEvent) else event.speed
                 failures.append(f"the {event.kind} at {at:.6g} is not found again: {reason}")
                 continue
-            points += follower.points
+            followers.append(follower)
             failures += follower.failures
     if not curves:
         raise NotConverged("; ".join(failures))
@@ -167,7 +166,7 @@ def cycle_boundary(
         names=names,
         ranges=window,
         curves=tuple(curves),
-        points=tuple(_distinct(points, window)),
+        points=tuple(_distinct([one for by in followers for one in by.points], window)),
         onsets=onset.found if onset is not None else None,
         model=plane.model,
         failures=tuple(failures),

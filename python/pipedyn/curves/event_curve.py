@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import Point, Segment
-from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
+from pipedyn.continuation.tracer import NamedZero, TestFunction, Tracer, special_points
 from pipedyn.curves.event_onset import Onset
 from pipedyn.curves.event_plane import EVENTS, EventPlane, Followed
 from pipedyn.curves.event_problem import EventProblem, event_angle
@@ -149,22 +149,6 @@ def _growth_of_others(rest: Complex) -> Array:
     return np.sort(np.log(np.maximum(np.abs(rest), 1e-300) / (1.0 + UNIT)))[::-1]
 
 
-class _ResonantAngle(TestFunction[EventProblem]):
-    """Test function for the angle of a torus that passes a resonance's angle or its negative."""
-
-    def __init__(self, step: EventStep, name: str, angle: float) -> None:
-        super().__init__(step, 1e-8 * step.length)
-        self.name, self.angle = name, angle
-
-    def about(self, s: float) -> Array:
-        """Difference of the cosines of both angles, shape (1,)."""
-        return np.array([math.cos(self.step.at(s).z[-2]) - math.cos(self.angle)])
-
-    def found(self, before: float, beyond: float) -> str:
-        """The name of the resonance."""
-        return self.name
-
-
 class _OtherMultipliers(TestFunction[EventProblem]):
     """Test function for multipliers other than those of the event on a step of its curve."""
 
@@ -221,6 +205,7 @@ class EventFollower(Tracer[EventProblem]):
         self.plane, self.kind, self.shown, self.onset = plane, kind, shown, onset
         self.points, self.failures = list[CyclePoint](), list[str]()
         self.places = list[_Cycle]()  # points in the direction that is followed
+        self.steps = list[EventStep]()  # steps either way
         self.how = replace(FINE, longest=LONGEST_EVENT_STEP, tolerance=1e-6, stagnation=1e-5)
 
     def start(self, orbit: PeriodicOrbit) -> tuple[EventProblem, Point]:
@@ -245,24 +230,9 @@ class EventFollower(Tracer[EventProblem]):
         growing = np.append(np.zeros(z.size - 1), 1.0)
         return problem, problem.point(z, growing)
 
-    def lies_on(self, curve: CycleCurve, start: tuple[EventProblem, Point]) -> bool:
-        """Whether a known curve passes through the event at the given start."""
-        if curve.kind != self.kind:
-            return False
-        problem, point = start
-        here = self.place(problem, point)
-        second, own = (curve.x, curve.y)[:: -1 if self.plane.second else 1]
-        near = (second[:-1] - here.second) * (second[1:] - here.second) <= 0.0
-        for i in np.flatnonzero(near).tolist():
-            for one in (curve.orbits[i], curve.orbits[i + 1]):
-                apart = abs(one.frequency / here.orbit.frequency - 1.0)
-                if apart < 0.05 and abs(own[i] / here.own - 1.0) < 0.05:
-                    share = (here.second - second[i]) / ((second[i + 1] - second[i]) or 1.0)
-                    guess = own[i] + share * (own[i + 1] - own[i])
-                    step = abs(own[i + 1] - own[i])
-                    if abs(guess - here.own) < 0.1 * step + 1e-3 * here.own:
-                        return True
-        return False
+    def holds(self, place: _Cycle) -> bool:
+        """Whether the curve that was followed passes through a cycle at the event."""
+        return any(self._found_on(step, place) is not None for step in self.steps)
 
     def run(self, start: tuple[EventProblem, Point]) -> CycleCurve:
         """The curve of the event, followed both ways from a start."""
@@ -345,7 +315,8 @@ class EventFollower(Tracer[EventProblem]):
         places = self.places
         if (name := self._ending(step)) is not None:
             return name
-        if len(places) > 3 and (last := self._closing(step, places[0])):
+        self.steps.append(step)
+        if len(places) > 3 and (last := self._found_on(step, places[0])):
             places += [*self._passed(step, places[-1], last), places[0]]
             return "closed"
         here = self.place(step.problem, step.end)
@@ -358,22 +329,22 @@ class EventFollower(Tracer[EventProblem]):
             f"the {self.kind} was not followed beyond ({x:.6g}, {y:.6g}): {reason}"
         )
 
-    def _closing(self, step: EventStep, begin: _Cycle) -> _Cycle | None:
-        """The first point of the curve, computed again on a step that passes it; else None."""
+    def _found_on(self, step: EventStep, place: _Cycle) -> _Cycle | None:
+        """A point of the curve, computed again on a step that passes it; else None."""
         low, high = sorted((step.begin.p, step.end.p))
-        if not low <= begin.second <= high:
+        if not low <= place.second <= high:
             return None
         own = [self.plane.order * p.z[self.own] for p in (step.begin, step.end)]
-        if min(abs(value / begin.own - 1.0) for value in own) > 0.1:
+        if min(abs(value / place.own - 1.0) for value in own) > 0.1:
             return None
         try:
-            found = step.where(begin.second)
+            found = step.where(place.second)
         except NewtonFailed:
             return None
         here = self.place(step.problem, Point(found, step.end.tangent))
-        same = abs(here.own / begin.own - 1.0) < 1e-6
-        same = same and abs(here.orbit.frequency / begin.orbit.frequency - 1.0) < 1e-6
-        return here if same and abs(here.amplitude / begin.amplitude - 1.0) < 1e-4 else None
+        same = abs(here.own / place.own - 1.0) < 1e-6
+        same = same and abs(here.orbit.frequency / place.orbit.frequency - 1.0) < 1e-6
+        return here if same and abs(here.amplitude / place.amplitude - 1.0) < 1e-4 else None
 
     # --------------------------------------------------------------------------- named points
 
@@ -455,8 +426,13 @@ class EventFollower(Tracer[EventProblem]):
         """Points of the curve at named points that a step passes; the named points are kept."""
         tests = list[TestFunction[EventProblem]]()
         if self.kind == "torus":
-            tests.append(_ResonantAngle(step, "1:3 resonance", 2.0 * math.pi / 3.0))
-            tests.append(_ResonantAngle(step, "1:4 resonance", math.pi / 2))
+            # The angle passes 120 or 90 degrees, or minus that.
+            for name, cosine in (("1:3 resonance", -0.5), ("1:4 resonance", 0.0)):
+
+                def apart(point: Point, cosine: float = cosine) -> float:
+                    return math.cos(point.z[-2]) - cosine
+
+                tests.append(NamedZero(step, 1e-8 * step.length, name, apart))
         if before.unstable != after.unstable:
             tests.append(_OtherMultipliers(step, self, before, after))
         # At a cusp both parameters turn back.

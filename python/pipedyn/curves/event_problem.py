@@ -79,14 +79,6 @@ class EventProblem(OrbitProblem):
         super().__init__(motion, start, control, unit)
         self.plane, self.kind, self.extra = plane, kind, extra
         self._of_orbit = slice(self.weights.size)
-        if not start.forced:
-            # All multiples of the start's deviation from its mean satisfy the condition on the
-            # phase, so that a curve may pass through an amplitude of 0. The row is corrected for
-            # this, as velocities are not exactly orthogonal to positions in sums over a mesh.
-            row, size = self._phase[0], self._size(start)
-            mean, swing = self._swing(start)
-            row = row - (row @ swing) / size**2 * self.weights * swing
-            self._phase = row, float(row @ mean)
         ends = [plane.width**-2] if extra.size == 1 else [1.0, plane.width**-2]
         self.weights = np.append(self.weights, ends)
 
@@ -200,22 +192,15 @@ class EventProblem(OrbitProblem):
         """Length of a change of the orbit's unknowns."""
         return math.sqrt(float((self.weights[self._of_orbit] * change) @ change))
 
-    def _swing(self, orbit: PeriodicOrbit) -> tuple[Array, Array]:
-        """Mean state of an orbit and deviation from it, each as a vector of the orbit's unknowns.
+    def _size(self, orbit: PeriodicOrbit) -> float:
+        """Length of an orbit's deviation from its mean, which falls to 0 with its amplitude.
 
         The mean is 0 if the orbit is its own mirror image.
         """
-        mean, swing = np.zeros((2, self.weights[self._of_orbit].size))
-        states = orbit.starts.size
-        if not orbit.symmetric:
-            share = np.diff(orbit.edges) / orbit.span
-            mean[:states] = np.tile(share @ orbit.starts, len(orbit.starts))
-        swing[:states] = orbit.starts.ravel() - mean[:states]
-        return mean, swing
-
-    def _size(self, orbit: PeriodicOrbit) -> float:
-        """Length of an orbit's deviation from its mean, which falls to 0 with its amplitude."""
-        return max(self.length_of_orbit(self._swing(orbit)[1]), 1e-300)
+        swing = np.zeros(self.weights[self._of_orbit].size)
+        mean = 0.0 if orbit.symmetric else np.diff(orbit.edges) / orbit.span @ orbit.starts
+        swing[: orbit.starts.size] = (orbit.starts - mean).ravel()
+        return max(self.length_of_orbit(swing), 1e-300)
 
     def _difference(self, orbit: PeriodicOrbit) -> float:
         """Length of the change of an orbit over which the condition is differentiated."""

@@ -14,10 +14,17 @@ from pipedyn.util.units import Unit
 class InPlane(TableResult):
     """Curves in the plane of two numbers x and y, with a table of all their points.
 
-    A subclass has `names` of x and y, `curves` and a `model`.
+    A subclass has `curves` and a `model`.
+
+    Attributes:
+        names: names of x and y.
+        ranges: ranges of x and y, ((low, high), (low, high)).
     """
 
     _along: ClassVar[tuple[str, ...]] = ()  # attributes of curves that are columns, besides x and y
+
+    names: tuple[str, str]
+    ranges: tuple[tuple[float, float], tuple[float, float]]
 
     def _unit(self, name: str) -> Unit | None:
         own: Any = self
@@ -25,8 +32,7 @@ class InPlane(TableResult):
         return known or super()._unit(name)
 
     def _units_within(self, name: str) -> dict[str, Unit | None]:
-        own: Any = self
-        first, second = map(self._unit, own.names)
+        first, second = map(self._unit, self.names)
         return {"x": first, "y": second}
 
     def _scales_within(self, one: Result, scales: Any) -> Any:
@@ -34,15 +40,12 @@ class InPlane(TableResult):
 
         The scale of the flow speed depends on beta, which may be one of the two numbers.
         """
-        own: Any = self
-        if "beta" not in own.names or not hasattr(one, "x"):
+        if "beta" not in self.names or not hasattr(one, "x"):
             return super()._scales_within(one, scales)
-        place: Any = one
-        return scales_at(place.x if own.names[0] == "beta" else place.y, scales)
+        return scales_at(getattr(one, "xy"[self.names.index("beta")]), scales)
 
     def _scales_of_rows(self, scales: Any) -> Any:
-        own: Any = self
-        return scales_at(self._columns()["beta"], scales) if "beta" in own.names else scales
+        return scales_at(self._columns()["beta"], scales) if "beta" in self.names else scales
 
     def _columns(self) -> dict[str, Any]:
         own: Any = self

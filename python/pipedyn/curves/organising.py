@@ -122,19 +122,18 @@ def other_roots(plane: Plane, problem: AxisProblem, z: Array) -> tuple[Complex, 
     return found[order], growth[order]
 
 
-def unstable_counts(
-    plane: Plane, curve: TracedCurve, expected: NDArray[np.int_] | None = None
-) -> NDArray[np.int_]:
+def unstable_counts(plane: Plane, curve: TracedCurve) -> NDArray[np.int_]:
     """Number of unstable roots other than those on the axis at each point of a curve, (S,).
 
-    If the numbers in a smaller basis are given as `expected`, each run of points with equal numbers
-    is checked at its first, middle and last point, and at all its points if one number differs.
+    If the curve has the numbers in a smaller basis, each run of points with equal numbers is
+    checked at its first, middle and last point, and at all its points if one number differs.
     """
 
     def number(k: int) -> int:
         return others_unstable(plane, curve.problem, curve.points[k].z)
 
-    if expected is None:
+    expected = curve.counts
+    if not expected.size:
         counts = [number(k) for k in range(len(curve.points))]
     else:
         counts = []
@@ -234,7 +233,7 @@ class DoublePoint:
 
 
 def double_points(
-    plane: Plane, curve: TracedCurve, counts: NDArray[np.int_]
+    plane: Plane, curve: TracedCurve
 ) -> Iterator[tuple[tuple[int, float] | None, DoublePoint] | str]:
     """Points along a curve at which another root lies on the axis.
 
@@ -246,6 +245,7 @@ def double_points(
             z = curve.points[k].z
             others = others_unstable(plane, curve.problem, z)
             yield None, DoublePoint((0.0, 0.0), z[-2:], others)
+    counts = curve.counts
     if plane.conservative:
         if curve.problem.kind != "divergence":
             return  # pairs of a conservative pipe lie on the axis all along the curve
@@ -271,20 +271,13 @@ def double_points(
             )
 
 
-def separated(
-    plane: Plane, curve: TracedCurve, counts: NDArray[np.int_], places: list[tuple[int, float, int]]
-) -> tuple[NDArray[np.int_], list[tuple[int, int]]]:
-    """Adds points to a curve so that each step has one double point at most.
+def separate(plane: Plane, curve: TracedCurve, places: list[tuple[int, float, int]]) -> None:
+    """Marks double points on a curve, and adds points so that each step has one at most.
 
     Args:
         plane: gives the matrices at each point of the window.
-        curve: the curve, to which points are added.
-        counts: number of unstable roots other than those on the axis, at each of its points.
+        curve: the curve, which gets the marks and further points.
         places: for each double point the step, the arc length in it, and the point's number.
-
-    Returns:
-        The counts, including those at new points, and for each double point a pair of its step and
-        its number.
     """
     places.sort()
     steps = [step for step, *_ in places]
@@ -298,9 +291,9 @@ def separated(
             point = segment.at(0.5 * (left + right))
             curve.points.insert(step + 1, point)
             count = others_unstable(plane, curve.problem, point.z)
-            counts = np.insert(counts, step + 1, count)
+            curve.counts = np.insert(curve.counts, step + 1, count)
             steps[i:] = [one + 1 for one in steps[i:]]
-    return counts, [(step, number) for step, (*_, number) in zip(steps, places, strict=True)]
+    curve.marks = [(step, number) for step, (*_, number) in zip(steps, places, strict=True)]
 
 
 def _beside(plane: Plane, problem: AxisProblem, z: Array) -> Array:
@@ -443,7 +436,7 @@ def coefficients(plane: Plane, problem: AxisProblem, z: Array) -> tuple[float, f
 
 
 def changes_of_criticality(
-    plane: Plane, curve: TracedCurve, counts: NDArray[np.int_], leading: Array
+    plane: Plane, curve: TracedCurve
 ) -> Iterator[tuple[int, OrganisingPoint] | str]:
     """Points along a curve at which the criticality changes and no other root is unstable.
 
@@ -453,8 +446,9 @@ def changes_of_criticality(
     The criticality is computed with `plane`, whose basis may be smaller than the basis of the
     curve, as differences lose digits in a larger basis.
     """
+    leading = curve.values[:, 1]
     for k, segment in enumerate(curve.segments()):
-        if counts[k] or counts[k + 1] or not leading[k] * leading[k + 1] < 0.0:
+        if curve.counts[k : k + 2].any() or not leading[k] * leading[k + 1] < 0.0:
             continue
         test = _Criticality(segment, plane, leading[k : k + 2])
         try:

@@ -4,11 +4,10 @@
 Two multipliers can leave the unit circle away from 1 and -1 only where they meet. So the phases of
 the multipliers of a few modes are followed over the frequency. Wherever two phases pass each other,
 the frequency at which they do is approached until a motion grows there, or until it is known that
-motions grow at most in a region too thin to count. In a conservative pipe only multipliers of
-opposite Krein signature can leave the circle.
+motions grow at most in a region too thin to count.
 
 Source: Yakubovich and Starzhinskii (1975), Linear differential equations with periodic
-coefficients, for the signature.
+coefficients.
 """
 
 from __future__ import annotations
@@ -24,7 +23,6 @@ from numpy.typing import NDArray
 from pipedyn.forced.pulsating import Hill
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.orbits.magnus import exponentials
-from pipedyn.util.check import Array
 
 GROWS, GROWS_SHARP = 1e-5, 1e-7
 """Excess of a multiplier's modulus over 1 beyond which its motion counts as growing, in damped
@@ -56,7 +54,6 @@ class Multipliers:
         frequency: frequency of the flow.
         values: the multipliers, shape (m,).
         right, left: their eigenvectors, (n, m) and (m, n), with left @ right = 1.
-        signs: their Krein signatures in a conservative pipe, otherwise 0, shape (m,).
         growing: number of them with a modulus larger than 1.
         real: sign of the largest multiplier on the real axis if its motion grows, otherwise 0.
     """
@@ -65,7 +62,6 @@ class Multipliers:
     values: Complex
     right: Complex
     left: Complex
-    signs: Array
     growing: int
     real: int
 
@@ -78,29 +74,29 @@ class Multipliers:
         return abs(float(np.angle(best))) / (2.0 * math.pi) * self.frequency
 
 
-GrowthEnd = tuple[Multipliers, Multipliers]
-"""Multipliers next to an end of an interval of frequencies, outside and inside of it."""
-
-
 @dataclass(frozen=True)
-class Growth:
-    """An interval of frequencies in which motions of a few modes grow.
-
-    Every attribute has two entries, for the interval's lower and upper end.
+class GrowthEnd:
+    """An end of an interval of frequencies in which motions of a few modes grow.
 
     Attributes:
-        outside, inside: frequencies next to the end, on either side of it.
-        nus: frequencies nu of the growing motions next to the end.
+        outside, inside: multipliers next to the end, on either side of it; where the interval goes
+            on beyond the range of the search, both are those at the end of this range.
         axis: 0 where two multipliers meet on the unit circle at the end, 1 or -1 where a multiplier
             on the real axis passes this value there.
-        bounded: whether the interval ends there; if not, the range of the search does.
     """
 
-    outside: tuple[float, float]
-    inside: tuple[float, float]
-    nus: tuple[float, float]
-    axis: tuple[int, int]
-    bounded: tuple[bool, bool]
+    outside: Multipliers
+    inside: Multipliers
+    axis: int = 0
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the interval ends there."""
+        return self.outside is not self.inside
+
+
+Growth = tuple[GrowthEnd, GrowthEnd]
+"""Lower and upper end of an interval of frequencies in which motions grow."""
 
 
 class FewModes:
@@ -136,10 +132,6 @@ class FewModes:
         rows = np.concatenate([left.real, -left.imag], axis=1)
         rows = rows @ np.linalg.inv(basis.T @ rows)
         self._parts = rows.T @ pipe.companions() @ basis
-        self._form: Array | None = None
-        if hill.is_hermitian:
-            form = np.kron([[0.0, 1.0], [-1.0, 0.0]], pipe.mass)
-            self._form = basis.T @ form @ basis
         phases = 2.0 * math.pi * (np.arange(PERIOD_PARTS) + 0.5 + GAUSS[:, None]) / PERIOD_PARTS
         speed = pipe.mean * (1.0 + amplitude * np.cos(phases))
         rate = -pipe.mean * amplitude * np.sin(phases)
@@ -164,15 +156,11 @@ class FewModes:
         off &= self._seen[np.argmax(weights, axis=0)]
         left = np.linalg.inv(right)[off]
         values, right = values[off].astype(np.complex128), right[:, off]
-        signs = np.zeros(values.size)
-        if self._form is not None:
-            signs = np.sign(np.einsum("im,ij,jm->m", right.conj(), 1j * self._form, right).real)
         return Multipliers(
             frequency=frequency,
             values=values,
             right=right,
             left=left,
-            signs=signs,
             growing=int(np.count_nonzero(np.abs(values) > 1.0 + self._grows)),
             real=int(np.sign(largest)) if abs(largest) > 1.0 + self._grows else 0,
         )
@@ -184,51 +172,46 @@ class FewModes:
         seen = [self.at(w) for w in (1.0 / every[::-1]).tolist()]
         seen = _sorted(seen + [one for a, b in pairwise(seen) for one in self._between(a, b)])
         seen = _sorted(seen + [one for a, b in pairwise(seen) for one in self._apart(a, b)])
-        found = list[tuple[GrowthEnd, GrowthEnd]]()
+        found = list[Growth]()
         begin: GrowthEnd | None = None
         for a, b in pairwise(seen):
             if not a.growing and b.growing:
                 begin = self._end(a, b)
             elif a.growing and not b.growing:
-                found.append((begin or (seen[0], seen[0]), self._end(b, a)))
+                found.append((begin or GrowthEnd(seen[0], seen[0]), self._end(b, a)))
                 begin = None
         if begin:
-            found.append((begin, (seen[-1], seen[-1])))
-        whole = list[tuple[GrowthEnd, GrowthEnd]]()
+            found.append((begin, GrowthEnd(seen[-1], seen[-1])))
+        whole = list[Growth]()
         for lower, upper in found:
             if whole and _axis(whole[-1][1]) and _axis(lower):
-                ends = whole[-1][1][0].frequency, lower[0].frequency
+                ends = whole[-1][1].outside.frequency, lower.outside.frequency
                 if all(one.real for one in seen if ends[0] <= one.frequency <= ends[1]):
                     lower = whole.pop()[0]  # between them, two multipliers are on the real axis
             whole.append((lower, upper))
-        back = seen[::-1]
-        return [_growth_interval(self._beyond(a, back), self._beyond(b, seen)) for a, b in whole]
+        return [(self._beyond(a, seen[::-1]), self._beyond(b, seen)) for a, b in whole]
 
-    def _beyond(self, end: GrowthEnd, seen: list[Multipliers]) -> tuple[GrowthEnd, int]:
-        """The end of an interval of growth if growth goes on with a multiplier on the real axis.
+    def _beyond(self, end: GrowthEnd, seen: list[Multipliers]) -> GrowthEnd:
+        """The end of an interval of growth, which may go on with a multiplier on the real axis.
 
-        Second comes the sign of that multiplier, or 0, with the end unchanged, if there is none.
+        `seen` has the multipliers in the order in which the interval is left.
         """
-        axis = _axis(end)
+        axis, inside = _axis(end), end.outside
         if not axis:
-            return end, 0
+            return end
         way = 1.0 if seen[-1].frequency > seen[0].frequency else -1.0
-        inside = end[0]
         for one in seen:
             if way * (one.frequency - inside.frequency) <= 0.0:
                 continue
             if one.real != axis:
-                outside = one
-                break
+                return self._end(one, inside, 20, axis)
             inside = one
-        else:
-            return (seen[-1], seen[-1]), axis
-        return self._end(outside, inside, 20, axis), axis
+        return GrowthEnd(seen[-1], seen[-1], axis)
 
     def _end(
         self, outside: Multipliers, inside: Multipliers, halvings: int = 12, axis: int = 0
     ) -> GrowthEnd:
-        """Multipliers next to the end of an interval of growth, narrowed down by bisection.
+        """The end of an interval of growth, narrowed down by bisection.
 
         With an axis, 1 or -1, motions grow by a multiplier on the real axis with this sign.
         """
@@ -238,7 +221,7 @@ class FewModes:
                 inside = middle
             else:
                 outside = middle
-        return outside, inside
+        return GrowthEnd(outside, inside, axis)
 
     def _between(self, a: Multipliers, b: Multipliers) -> Iterator[Multipliers]:
         """Multipliers at frequencies where motions grow, between two at which no motion grows."""
@@ -246,8 +229,6 @@ class FewModes:
             return
         onto = _same_multipliers(a, b)
         for i, j in combinations(np.flatnonzero(onto >= 0).tolist(), 2):
-            if self._form is not None and a.signs[i] == a.signs[j]:
-                continue
             # A conjugate pair meets on the real axis, and only one of two conjugate meetings is
             # needed.
             if a.values[i] == a.values[j].conj() or a.values[i].imag + a.values[j].imag < 0.0:
@@ -298,22 +279,9 @@ def _sorted(seen: list[Multipliers]) -> list[Multipliers]:
 
 def _axis(end: GrowthEnd) -> int:
     """Sign of the real multiplier with which an interval of growth goes on; 0 if it ends."""
-    outside, inside = end
-    best = inside.values[int(np.argmax(np.abs(inside.values)))]
-    on_axis = abs(best) - 1.0 > abs(best.imag)
-    return outside.real if on_axis and outside is not inside and best.real * outside.real > 0 else 0
-
-
-def _growth_interval(low: tuple[GrowthEnd, int], high: tuple[GrowthEnd, int]) -> Growth:
-    """The interval between two ends, each with the sign that `_beyond` gives."""
-    (below, first), (above, last) = low, high
-    return Growth(
-        outside=(below[0].frequency, above[0].frequency),
-        inside=(below[1].frequency, above[1].frequency),
-        nus=(below[1].nu, above[1].nu),
-        axis=(first, last),
-        bounded=(below[0] is not below[1], above[0] is not above[1]),
-    )
+    best = end.inside.values[int(np.argmax(np.abs(end.inside.values)))]
+    on_axis = end.bounded and abs(best) - 1.0 > abs(best.imag)
+    return end.outside.real if on_axis and best.real * end.outside.real > 0 else 0
 
 
 def _gap(one: Multipliers, i: int, j: int) -> float:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -36,6 +35,9 @@ CONTROL = Control(longest=0.15, shortest=1e-9, tolerance=1e-11, stagnation=1e-8,
 STARTING = replace(CONTROL, iterations=40)
 """Control of Newton's method at the start of an edge. It takes more iterations than along the edge,
 since beside a thin region each of them only halves the distance."""
+
+OUTWARD = 3e-4
+"""Share of its frequency by which the start of an edge is moved away from the region."""
 
 THINNEST = 1e-6
 """Width of a region, relative to its frequency, below which the region is left out."""
@@ -61,8 +63,6 @@ class Bordered:
         factorised()
         whole = np.zeros((n + 2, n + 2), dtype=np.result_type(h, b, c), order="F")
         whole[:n, :n], whole[:n, n:], whole[n:, :n] = h, b, c.conj().T
-        if not np.isfinite(whole).all():
-            raise ValueError("Hill's equations are not finite")
         self._lu = scipy.linalg.lu_factor(whole, overwrite_a=True, check_finite=False)
         last = np.eye(n + 2, 2, -n)
         q, w = (self._solved(last, trans) for trans in (0, 2))
@@ -230,16 +230,12 @@ class Edge(DenseProblem):
         inside it leads to either edge. `outward` is the sign of the direction in which the start is
         moved to be outside, 0 where it stays.
         """
-        for shift in (3e-4, 1e-3, 0.0) if outward else (0.0,):
-            self._border = None
-            with suppress(NewtonFailed):
-                z = self.started(frequency * (1.0 + outward * shift), nu, amplitude)
-                moved = np.abs(self.unknowns(frequency, nu, amplitude) - z).max()
-                if not self.is_on_axis(z) and moved < (
-                    4e-3 if self.share is not None or self.meeting else 2e-2
-                ):
-                    return z
-        raise NewtonFailed("Newton's method left the neighbourhood of its start")
+        z = self.started(frequency * (1.0 + OUTWARD * outward), nu, amplitude)
+        moved = np.abs(self.unknowns(frequency, nu, amplitude) - z).max()
+        farthest = 4e-3 if self.share is not None or self.meeting else 2e-2
+        if self.is_on_axis(z) or moved >= farthest:
+            raise NewtonFailed("Newton's method left the neighbourhood of its start")
+        return z
 
     def bottom(self, z: Array) -> Array:
         """Amplitude, w and nu where the amplitude is least: there the region's two edges meet.
@@ -260,10 +256,9 @@ class Edge(DenseProblem):
             step = np.linalg.solve(changes, -np.array(values))
             return step, self.relative(here, step)
 
-        for _ in range(2):
-            self.renew(z)
-            z = newton(z, correction, tolerance=1e-11, stagnation=1e-8, check=self.check)
-        return self.place(z)
+        self.renew(z)
+        found = newton(z, correction, tolerance=1e-11, stagnation=1e-8, check=self.check)
+        return self.place(found)
 
     def next(
         self, start: Point, step: float, ahead: Callable[[float], Array] | None = None

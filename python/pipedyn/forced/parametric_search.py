@@ -14,7 +14,7 @@ import numpy as np
 from pipedyn.continuation.arclength import Point, Segment
 from pipedyn.continuation.tracer import Tracer, between_folds
 from pipedyn.forced.combinations import FewModes, Growth
-from pipedyn.forced.parametric_edge import SHARES, THINNEST, Edge, RegionKind
+from pipedyn.forced.parametric_edge import OUTWARD, SHARES, THINNEST, Edge, RegionKind
 from pipedyn.forced.pulsating import Hill
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
@@ -132,34 +132,24 @@ class RegionSearch:
     # ------------------------------------------------------------------------------- one region
 
     def followed(
-        self, kind: RegionKind, start: tuple[float, float, float], outward: int = 0
+        self,
+        kind: RegionKind,
+        start: tuple[float, float, float],
+        outward: int = 0,
+        centre: bool = False,
     ) -> RegionEdges:
         """The region that an edge bounds, followed from `start`: a frequency, nu and amplitude.
 
-        `outward`: as for `Edge.near`.
+        `outward`: as for `Edge.near`. With `centre` the saddle between both edges is followed, from
+        which they follow in a pipe that is conservative or has real H.
 
         Raises:
-            NewtonFailed: if no edge is there.
+            NewtonFailed: if no edge or saddle is there.
         """
-        edge, found = self.edge(kind, start[0]), RegionEdges(kind, self.amplitudes.size)
+        edge, found = self.edge(kind, start[0], centre), RegionEdges(kind, self.amplitudes.size)
         z = edge.near(*start, outward)
         for way in (-1.0, 1.0):
-            _OneEdge(self, edge, found, way).run(z)
-        return found
-
-    def meeting(self, start: tuple[float, float, float]) -> RegionEdges:
-        """The combination region about `start`, in a pipe that is conservative or has real H.
-
-        `start` is a frequency, nu and amplitude. Both edges follow from the saddle between them.
-
-        Raises:
-            NewtonFailed: if no such region is there.
-        """
-        edge = self.edge("combination", start[0], True)
-        found = RegionEdges("combination", self.amplitudes.size)
-        z = edge.near(*start)
-        for way in (-1.0, 1.0):
-            _BothEdges(self, edge, found, way).run(z)
+            (_BothEdges if centre else _OneEdge)(self, edge, found, way).run(z)
         return found
 
     def corner(self, kind: RegionKind, frequency: float, nu: float) -> Array:
@@ -192,9 +182,10 @@ class RegionSearch:
             amplitude = float(self.amplitudes[index])
             few = FewModes(self.hill, amplitude, self.low, self.high)
             for growth in few.unstable(*self.around(amplitude)):
-                middle, width = 0.5 * sum(growth.inside), float(np.diff(growth.outside)[0])
-                axis = growth.axis
-                if axis[0] and axis[0] == axis[1]:  # a subharmonic or harmonic region
+                low, high = growth
+                middle = 0.5 * (low.inside.frequency + high.inside.frequency)
+                width = high.outside.frequency - low.outside.frequency
+                if low.axis and low.axis == high.axis:  # a subharmonic or harmonic region
                     continue
                 if width < 0.3 * THINNEST * middle or any(o.has(index, middle) for o in found):
                     continue
@@ -208,57 +199,32 @@ class RegionSearch:
         If the interval ends with a multiplier at 1 or -1, it may do so at this amplitude only, and
         the edge is not followed to others.
         """
-        circle = growth.axis == (0, 0)
+        middle, nu = (
+            0.5 * sum(getattr(end.inside, name) for end in growth) for name in ("frequency", "nu")
+        )
+        circle = not any(end.axis for end in growth)
         if circle and (self.hill.is_hermitian or self.hill.is_real):
             with suppress(NewtonFailed):
-                middle, nu = 0.5 * sum(growth.inside), 0.5 * sum(growth.nus)
-                return self.meeting((middle, nu, amplitude))
+                return self.followed("combination", (middle, nu, amplitude), centre=True)
         found = RegionEdges("combination", self.amplitudes.size)
         index = int(np.searchsorted(self.amplitudes, amplitude))
-        for side, (w, axis) in enumerate(zip(growth.inside, growth.axis, strict=True)):
-            if not growth.bounded[side]:
+        for side, end in enumerate(growth):
+            if not end.bounded:
                 continue
-            if axis:
-                edge = self.edge("harmonic" if axis > 0 else "subharmonic", w)
-                _, frequency, nu = edge.place(edge.near(w, 0.0, amplitude)).tolist()
-                found.edges[index, side], found.nus[index, side] = frequency, nu
+            w = end.inside.frequency
+            if end.axis:
+                edge = self.edge("harmonic" if end.axis > 0 else "subharmonic", w)
+                place = edge.place(edge.near(w, 0.0, amplitude))
+                found.edges[index, side], found.nus[index, side] = place[1:]
                 continue
-            way = 2 * side - 1
-            try:
-                part = self.followed("combination", (w, growth.nus[side], amplitude), way)
-            except NewtonFailed:
-                ends = growth.outside[side] * (1.0 + 1e-3 * way), 0.5 * sum(growth.inside)
-                part = RegionEdges("combination", self.amplitudes.size)
-                part.add(index, *self.bisected(amplitude, *ends))
+            part = self.followed("combination", (w, end.inside.nu, amplitude), 2 * side - 1)
             if circle:
                 found.join(part)
             else:
-                values = part.edges[index], part.nus[index]
-                found.edges[index, side], found.nus[index, side] = (x[side] for x in values)
+                found.edges[index, side] = part.edges[index, side]
+                found.nus[index, side] = part.nus[index, side]
                 found.bottom = part.bottom
         return found
-
-    def bisected(self, amplitude: float, outside: float, inside: float) -> tuple[float, float]:
-        """Frequency and nu of a combination edge, by bisection between two frequencies.
-
-        The multipliers off the real axis tell on which side of the edge a frequency lies. Newton's
-        method fails where the region touches one whose multipliers are on the real axis.
-        """
-
-        def largest(frequency: float) -> complex:
-            values, _ = self.hill.pipe.multipliers(amplitude, frequency)
-            off = values[np.abs(values.imag) > 1e-9 * np.abs(values)]
-            return complex(max(off.tolist(), key=abs, default=0.0))
-
-        if abs(largest(outside)) > 1.0 + 1e-8 or abs(largest(inside)) <= 1.0 + 1e-8:
-            raise NewtonFailed("there is no edge between these frequencies")
-        while abs(outside - inside) > 1e-9 * inside:
-            middle = 0.5 * (outside + inside)
-            if abs(largest(middle)) > 1.0 + 1e-8:
-                inside = middle
-            else:
-                outside = middle
-        return inside, abs(float(np.angle(largest(inside)))) / (2.0 * math.pi) * inside
 
     def on_axis(self, kind: RegionKind, share: float) -> list[RegionEdges]:
         """Subharmonic or harmonic regions, where a real multiplier lies beyond -1 or 1."""
@@ -327,19 +293,13 @@ class RegionSearch:
                 return True
             return seen_to_grow(i)
 
-        found, begin = list[tuple[float, float]](), None
-        i = first
-        while grows(i):
-            i -= 1
-        while i < last or (begin is not None and i < roots.size):
-            ahead = grows(i + 1)
-            if ahead and begin is None:
-                begin = float(roots[i])
-            elif not ahead and begin is not None:
-                found.append((begin, float(roots[i])))
-                begin = None
-            i += 1
-        return found
+        lower, upper = first, last
+        while grows(lower):
+            lower -= 1
+        while grows(upper):
+            upper += 1
+        ends = [float(roots[i]) for i in range(lower, upper) if grows(i) != grows(i + 1)]
+        return list(zip(ends[::2], ends[1::2], strict=True))
 
 
 class _EdgeTracer(Tracer[Edge]):
@@ -357,22 +317,18 @@ class _EdgeTracer(Tracer[Edge]):
     """
 
     def __init__(self, search: RegionSearch, edge: Edge, found: RegionEdges, way: float) -> None:
-        super().__init__(most=400, failing=())
+        super().__init__(most=400)
         self.search, self.edge, self.found, self.way = search, edge, found, way
         share = 0.1 if search.hill.is_hermitian or search.hill.is_real else LOWEST_AMPLITUDE
         self.largest = float(search.amplitudes[-1])
         self.lowest = share * self.largest  # amplitude below which the edge is taken to lead to 0
 
     def run(self, z: Array) -> None:
-        """Follows the edge from unknowns z; raises NewtonFailed if a point on it is not found."""
+        """Follows the edge from unknowns z; raises NewtonFailed if it has no tangent there."""
         if self.way < 0.0 or z[-1] != self.largest:
             self.edge.renew(z)
-            self.one_way(self._steps(self.edge.point(z, np.append(np.zeros(z.size - 1), self.way))))
-
-    def _steps(self, start: Point) -> Iterator[Segment[Edge]]:
-        """Steps along the edge as long as steps can be taken."""
-        with suppress(NewtonFailed):
-            yield from self.edge.segments(start, 0.02)
+            start = self.edge.point(z, np.append(np.zeros(z.size - 1), self.way))
+            self.one_way(self.edge.segments(start, 0.02))
 
     def is_over(self, point: Point) -> bool:
         """Whether the edge ends at a point."""
@@ -390,47 +346,29 @@ class _OneEdge(_EdgeTracer):
         """Adds the edge at the amplitudes on a step, and the least amplitude."""
         edge, end = self.edge, step.end
         first, *turned = between_folds(step, 1e-6)
-        if not turned and step.length < self.sharp and end.tangent[-1] < 0.0:
-            self.sharp = 0.1 * step.length
-            with suppress(NewtonFailed):
-                bottom = edge.bottom(end.z)
-                if 0.0 < end.p - bottom[0] < 0.05 * end.p:
-                    self.found.bottom = bottom
-                    self._add_down_to(bottom, end)
-                    return "fold"
         if edge.is_on_axis(end.z):
             return "axis"
         for index, at in self.search.passed(first):
-            self._add(index, at)
-        if turned:  # beyond is the region's other edge, which has its own start
-            if self.way < 0.0:
-                with suppress(NewtonFailed):
-                    self.found.bottom = edge.bottom(first.end.z)
+            _, w, nu = edge.place(at).tolist()
+            self.found.add(index, w, nu)
+            self.found.followed[index].append(w)
+        # Beyond the least amplitude is the region's other edge, which has its own start.
+        if self.way < 0.0 and (turned or step.length < self.sharp):
+            self.sharp = 0.1 * step.length
+            with suppress(NewtonFailed):
+                bottom = edge.bottom(first.end.z)
+                if turned or 0.0 < end.p - bottom[0] < 0.05 * end.p:
+                    self.found.bottom = bottom
+                    asked = self.search.amplitudes
+                    if not ((bottom[0] < asked) & (asked < end.p)).any():
+                        return "fold"
+        if turned:
             return "fold"
         if end.p <= self.lowest:
             # In a conservative pipe both edges of a region end in a corner at amplitude 0.
             _, frequency, nu = edge.place(end.z - end.p / end.tangent[-1] * end.tangent).tolist()
             self.found.bottom = self.search.corner(edge.kind, frequency, nu)
         return None
-
-    def _add(self, index: int, z: Array) -> None:
-        """Adds the edge at unknowns z, at the amplitude with an index."""
-        _, w, nu = self.edge.place(z).tolist()
-        self.found.add(index, w, nu)
-        self.found.followed[index].append(w)
-
-    def _add_down_to(self, bottom: Array, end: Point) -> None:
-        """Adds the edge at amplitudes between a point and the least amplitude nearby.
-
-        There the unknowns change with the square root of the distance from the least amplitude.
-        """
-        edge, amplitudes = self.edge, self.search.amplitudes
-        turn = edge.unknowns(*bottom[[1, 2, 0]].tolist())
-        ways = (amplitudes - bottom[0]) / (end.p - bottom[0])
-        for index in np.flatnonzero((ways > 0.0) & (ways < 1.0)).tolist():
-            guess = turn + math.sqrt(ways[index]) * (end.z - turn)
-            with suppress(NewtonFailed):
-                self._add(index, edge.fixed(guess, float(amplitudes[index])))
 
 
 class _BothEdges(_EdgeTracer):
@@ -494,20 +432,13 @@ def again(hill: Hill, old: RegionEdges, amplitudes: Array, low: float) -> Region
                 continue
         for side, way in enumerate((-1.0, 1.0)):
             frequency, nu = float(ends[side]), float(old.nus[index, side])
-            shift = 3e-4 if ends[1] - ends[0] < 1e-3 * frequency else 0.0
+            shift = OUTWARD if ends[1] - ends[0] < 1e-3 * frequency else 0.0
             kind = ("subharmonic" if nu > 0.0 else "harmonic") if on_axis[side] else old.kind
             edge = search.edge(kind, frequency)
-            try:
-                z = edge.place(edge.started(frequency * (1.0 + way * shift), nu, amplitude))
-                if edge.is_on_axis(edge.unknowns(*z[[1, 2, 0]].tolist())):
-                    raise NewtonFailed("two multipliers meet on the real axis")
-                found.edges[index, side], found.nus[index, side] = z[1:]
-            except NewtonFailed:
-                if edge.share is not None:
-                    raise
-                between = frequency * (1.0 + 1e-3 * way), float(ends.mean())
-                place = search.bisected(amplitude, *between)
-                found.edges[index, side], found.nus[index, side] = place
+            z = edge.started(frequency * (1.0 + way * shift), nu, amplitude)
+            if edge.is_on_axis(z):
+                raise NewtonFailed("two multipliers meet on the real axis")
+            found.edges[index, side], found.nus[index, side] = edge.place(z)[1:]
     found.bottom = old.bottom.copy()
     amplitude, frequency, nu = old.bottom.tolist()
     if amplitude == 0.0:

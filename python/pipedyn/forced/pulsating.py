@@ -142,6 +142,8 @@ class PulsatingPipe:
         """
         given, parts = self._along(amplitude, frequency)
         roots, error = by_series(*given, parts)
+        if not roots.size:
+            raise NewtonFailed("they overflow")
         order = np.lexsort((-roots.imag, -np.abs(roots).round(11)))
         return roots[order], error
 
