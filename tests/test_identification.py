@@ -206,6 +206,7 @@ def test_a_nondimensional_pipe_and_its_loss_factor():
     assert found.values[0] == pytest.approx(0.02, rel=1e-3)
     assert found.uncertainties[0] < 0.001
     assert found.chi_squared < 0.01
+    assert found.warnings == ()
 
 
 @pytest.mark.parametrize(
