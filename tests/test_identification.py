@@ -223,6 +223,12 @@ def test_a_nondimensional_pipe_and_its_loss_factor():
         ({"unknowns": ["gamma"]}, ValueError, "its masses and lengths are given"),
         ({"unknowns": {"damping": (0.0, 1.0)}}, ValueError, r"unknowns\['damping'\]"),
         (
+            {"unknowns": {"damping": (1.0, 0.5)}},
+            ValueError,
+            r"must be \(low, high\), got \(1, 0\.5",
+        ),
+        ({"pipe": pp.Pipe(0.2), "unknowns": ["gamma"]}, ValueError, "bounds .* the pipe has at 0"),
+        (
             {"pipe": pp.Pipe(0.2), "unknowns": ["bending_stiffness"]},
             ValueError,
             "make the pipe with Pipe.from_si",

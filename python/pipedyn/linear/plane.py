@@ -300,9 +300,6 @@ class Plane:
 
     def unstable(self, at: Array) -> int:
         """Number of eigenvalues whose real part is positive beyond rounding."""
-        static = self.static_stiffnesses(at)
-        if static is not None:
-            return int(np.count_nonzero(static < -1e-8))
         return int(np.count_nonzero(grows(self.eigenvalues(at))))
 
     def static_stiffnesses(self, at: Array) -> Array | None:
