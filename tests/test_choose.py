@@ -494,7 +494,7 @@ def test_a_choice_says_what_was_tried_and_why_the_others_were_not_chosen():
     text, page = str(choice), choice._repr_html_()
     assert repr(choice.model) in text
     assert "an answer" in text
-    assert page.startswith("<b>Galerkin(")
+    assert page.startswith("<table><caption>Galerkin(")
     assert choice.row in [one.row for one in choice.tried]
     for family in CANDIDATES:
         assert any(one.family == family for one in choice.tried)

@@ -299,10 +299,21 @@ def test_discretisation_bounds_the_distance_to_the_continuous_pipe():
         assert distance - 1e-9 <= found.discretisation <= distance + 1e-8
     own = pp.critical_speed(pp.Chain(pp.Pipe(0.2), springs=[9.0] * 10))
     assert own.discretisation is None
+    early = pp.critical_speed(pp.Chain(pp.Pipe(0.2), 5), 5.3)
+    assert early.discretisation == np.inf  # the continuous pipe is stable up to 5.3
     assert pp.critical_speed(pp.Continuum(pp.Pipe(0.2))).discretisation < 1e-8
 
 
 # ----------------------------------------------------------------------------- sensitivity
+
+
+def test_a_bent_pipe_has_no_sensitivity_as_its_shape_changes_as_well():
+    """Without thrust a pipe bent by its weight rests at any flow speed."""
+    pipe = pp.Pipe(0.2, -30.0, flow="aspirating", alpha=0.0, damping=0.02)
+    chain = pp.Chain(pipe, 6)
+    straight, bent = (chain.about(q) for q in pp.equilibria(chain, 0.0).q[:2])
+    assert pp.critical_speed(straight).sensitivity is not None
+    assert pp.critical_speed(bent).sensitivity is None
 
 
 def near(crossing, model):

@@ -195,6 +195,11 @@ MODEL = pp.Galerkin(pp.Pipe(0.2), 4)
         ({"frequencies": "all"}, TypeError, "frequencies must be an array"),
         ({"tolerance": 0.0}, ValueError, "tolerance must lie in [1e-06, 0.1]"),
         ({"u": -1.0}, ValueError, "u must lie in"),
+        (
+            {"model": pp.Galerkin(pp.Pipe(0.2, damping=1.0), 1)},
+            ValueError,
+            "frequencies must be given: at u = 1 no mode oscillates",
+        ),
         ({"model": 3}, TypeError, "model must be a Model or a Continuum, got 3"),
         (
             {"model": pp.Pipe(0.2)},

@@ -13,7 +13,6 @@ import pytest
 from independent import companion_eigenvalues
 
 import pipedyn as pp
-from pipedyn.linear.identification import _checked_problem
 
 EI, LENGTH, DAMPING_TIME, COMPLIANCE = 7.3e-3, 0.45, 2e-3, 0.03
 
@@ -85,46 +84,59 @@ def test_uncertainties_are_the_spread_of_estimates_from_noisy_measurements():
     assert np.abs(np.log(spread / known)).max() < math.log(2.0)
 
 
-def differences(problem, x):
-    """Derivatives of the predictions by differences, (M, U)."""
-    ahead, behind = (
-        [problem.predictions(x + step, 16).every[0] for step in sign * 1e-4 * np.eye(x.size)]
-        for sign in (1.0, -1.0)
-    )
-    return np.subtract(ahead, behind).T / 2e-4
-
-
-def test_derivatives_are_those_of_the_predictions():
-    more = [
-        pp.Measurement("frequency", 1.0, 0.1, speed=3.0, mode=2),
-        pp.Measurement("decay_rate", 1.0, 0.1, speed=3.0, mode=1),
+def test_modes_in_flow_tell_damping_by_the_fluid_from_that_of_the_wall():
+    pipe = replace(TRUE, terms=(pp.Viscosity(0.5),))
+    model, u = pp.Continuum(pipe).frozen(24), pipe.speed_from_si(3.0)
+    values = companion_eigenvalues(*model.operators().at(u))
+    first, second = sorted(values[values.imag > 0.0], key=abs)[:2]
+    hertz = second.imag / (2.0 * math.pi * pipe.scales.time)
+    decay = [-root.real / pipe.scales.time for root in (first, second)]
+    measured = [
+        pp.Measurement("frequency", hertz, 0.01 * hertz, speed=3.0, mode=2),
+        *(
+            pp.Measurement("decay_rate", one, 0.01 * one, speed=3.0, mode=i)
+            for i, one in enumerate(decay, 1)
+        ),
     ]
-    problem = _checked_problem(
-        replace(TRUE, terms=(pp.Viscosity(0.5),)),
-        [*MEASURED, *more],
-        [*EVERY, "Viscosity.sigma"],
-    )
-    x = problem.begin + 0.05
-    _, slopes = problem.predictions(x, 16).every
-    for column, expected in zip(slopes.T, differences(problem, x).T, strict=True):
-        np.testing.assert_allclose(column, expected, rtol=1e-5, atol=1e-6 * np.abs(slopes).max())
+    given = replace(TRUE, terms=(pp.Viscosity(0.3),))
+    found = pp.identify(given, measured, ["damping", "Viscosity.sigma"])
+    sigma = 0.5 * pipe.scales.mass / pipe.scales.time
+    assert found.values == pytest.approx([DAMPING_TIME, sigma], rel=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("pipe", "unknown"),
+    ("unknown", "value", "made"),
     [
-        (hose(end="pinned"), "bending_stiffness"),
-        (hose(end="clamped", damping_time=DAMPING_TIME), "bending_stiffness"),
-        (pp.Pipe(0.2, 5.0, hysteresis=0.05, terms=(pp.Spring(1.0, 200.0),)), "Spring.stiffness"),
-        (pp.Pipe(0.9, -100.0, end="pinned", terms=(pp.Spring(0.6, 10.0),)), "Spring.stiffness"),
+        (EVERY[0], EI, lambda ei: hose(ei, end="pinned")),
+        (EVERY[0], EI, lambda ei: hose(ei, end="clamped", damping_time=DAMPING_TIME)),
+        (
+            "Spring.stiffness",
+            200.0,
+            lambda k: pp.Pipe(0.2, 5.0, hysteresis=0.05, terms=(pp.Spring(1.0, k),)),
+        ),
+        (
+            "Spring.stiffness",
+            10.0,
+            lambda k: pp.Pipe(0.9, -100.0, end="pinned", terms=(pp.Spring(0.6, k),)),
+        ),
     ],
     ids=["two roots meet at 0", "damped", "hysteresis", "two pairs meet on the axis"],
 )
-def test_derivatives_of_speeds_at_which_roots_meet_on_the_axis(pipe, unknown):
-    problem = _checked_problem(pipe, [pp.Measurement("critical_speed", 5.0, 0.1)], [unknown])
-    x = problem.begin + 0.05
-    _, slopes = problem.predictions(x, 16).every
-    np.testing.assert_allclose(slopes, differences(problem, x), rtol=1e-6)
+def test_a_critical_speed_is_as_uncertain_as_it_was_measured(unknown, value, made):
+    """Also where roots meet on the axis, which have no derivative there."""
+
+    def onset(value):
+        pipe = made(value)
+        speed = pp.critical_speed(pp.Continuum(pipe)).speed
+        return pipe.speed_si(speed) if pipe.scales else speed
+
+    speed = onset(value)
+    measured = [pp.Measurement("critical_speed", speed, 0.01 * speed)]
+    found = pp.identify(made(1.2 * value), measured, {unknown: (0.5 * value, 2.0 * value)})
+    slope = (onset(1.001 * value) - onset(0.999 * value)) / (0.002 * value)
+    assert found.values == pytest.approx([value], rel=1e-5)
+    assert found.uncertainties == pytest.approx([0.01 * speed / abs(slope)], rel=1e-5)
+    assert found.critical_speed_uncertainty == pytest.approx(0.01 * speed, rel=1e-6)
 
 
 def test_the_stiffness_of_a_pipe_held_at_both_ends_comes_from_its_divergence():
@@ -144,6 +156,7 @@ def test_the_stiffness_of_a_pipe_held_at_both_ends_comes_from_its_divergence():
     [
         (hose(end="pinned"), "of a pipe that diverges, as the model does at u = "),
         (pp.Pipe(0.9, -100.0, end="pinned", damping=0.0), "two modes of which meet at u = 3.64"),
+        (pp.Pipe(0.0, 10.0), "two modes of which meet at u = "),
     ],
 )
 def test_the_frequency_of_an_onset_without_one_of_its_own_is_refused(pipe, message):
@@ -193,6 +206,7 @@ def test_a_nondimensional_pipe_and_its_loss_factor():
     assert found.values[0] == pytest.approx(0.02, rel=1e-3)
     assert found.uncertainties[0] < 0.001
     assert found.chi_squared < 0.01
+    assert found.warnings == ()
 
 
 @pytest.mark.parametrize(
@@ -208,6 +222,12 @@ def test_a_nondimensional_pipe_and_its_loss_factor():
         ({"unknowns": ["drag"]}, ValueError, "no part in small motions"),
         ({"unknowns": ["gamma"]}, ValueError, "its masses and lengths are given"),
         ({"unknowns": {"damping": (0.0, 1.0)}}, ValueError, r"unknowns\['damping'\]"),
+        (
+            {"unknowns": {"damping": (1.0, 0.5)}},
+            ValueError,
+            r"must be \(low, high\), got \(1, 0\.5",
+        ),
+        ({"pipe": pp.Pipe(0.2), "unknowns": ["gamma"]}, ValueError, "bounds .* the pipe has at 0"),
         (
             {"pipe": pp.Pipe(0.2), "unknowns": ["bending_stiffness"]},
             ValueError,

@@ -182,3 +182,11 @@ def test_the_reason_why_all_points_failed_is_shown():
     """Segments are counted in whole numbers, values of a sweep are not."""
     curve = pp.stability_curve(lambda n: pp.Chain(pp.Pipe(0.2), n), [5, 10])
     assert "failures=<2 Failure, the first: TypeError('n must be a whole number" in repr(curve)
+    assert "n must be a whole number" in curve._repr_html_()
+
+
+def test_models_may_come_from_a_table():
+    models = {5.0: pp.Chain(pp.Pipe(0.2), 5), 10.0: pp.Chain(pp.Pipe(0.2), 10)}
+    curve = pp.stability_curve(models.__getitem__, list(models))
+    assert curve.parameter == ""
+    assert (curve.speeds > 5.0).all()

@@ -43,8 +43,8 @@ from pipedyn.models.pipe import Pipe, checked_pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.errors import PipedynError
-from pipedyn.util.later import html
 from pipedyn.util.result import Result
+from pipedyn.util.table import Table
 
 CANDIDATES = ("legendre", "beam", "consistent", "midpoint")
 """Families to choose among if none are named: reduced models, and chains of the highest order."""
@@ -143,25 +143,20 @@ class Choice(Result):
         pairs = ((name, getattr(self, name)) for name in names)
         return [(name, value) for name, value in pairs if value is not None]
 
-    def __str__(self) -> str:
-        return "\n".join(self._lines())
-
-    def _lines(self) -> list[str]:
+    def _table(self) -> Table:
         sizes = " and ".join(str(model.dof) for model in self.models)
         pair = f", extrapolated from n = {sizes}" if len(self.models) > 1 else ""
-        lines = [
-            f"{self.model!r}{pair}",
-            f"error {self.error:.1e} (reference: {self.reference.source}, "
-            f"{self.reference.error:.1e}), {1e3 * self.cost:.3g} ms an answer",
-        ]
+        title = (
+            f"{self.model!r}{pair}\nerror {self.error:.1e} (reference: {self.reference.source}, "
+            f"{self.reference.error:.1e}), {1e3 * self.cost:.3g} ms an answer"
+        )
         if self.steady is False:
-            lines.append("its error changes sign here: the next larger size misses the tolerance")
-        lines += [f"  {one.family}: {one.why}" for one in self.tried if one.why]
-        return lines
+            title += "\nits error changes sign here: the next larger size misses the tolerance"
+        rows = [(one.family, one.why) for one in self.tried if one.why]
+        return Table(title, ("family", "why it was not chosen"), rows)
 
-    def _repr_html_(self) -> str:
-        first, *others = map(html.escape, self._lines())
-        return f"<b>{first}</b><br>" + "<br>".join(others)
+    def __str__(self) -> str:
+        return self._table().text()
 
 
 @saved_as("NoModel")

@@ -465,8 +465,6 @@ class MotionOf(_Integrated):
     def distance(self, answer: Answer, other: Answer) -> float:
         """Largest distance of the free ends, relative to the largest excursion of `other`."""
         excursion = np.hypot(*(other.values - np.array([0.0, 1.0])).T).max()
-        if not np.isfinite(answer.values).all():
-            return math.inf
         return float(np.hypot(*(answer.values - other.values).T).max() / excursion)
 
     def excluded(self, pipe: Pipe, family: str) -> str:

@@ -149,14 +149,8 @@ class Trade(TableResult):
     def _order(self, family: str) -> ConvergenceLaw:
         floor = self.quantity.floor
         rows = [row for row in self.of(family) if row.resolved and floor < row.error < math.inf]
-        errors = np.array([row.error for row in rows])
         sizes = np.array([float(row.size) for row in rows])
-        for i in range(2, len(rows)):
-            # Errors below 1e-6 are due to rounding if no larger model is better by a fifth. Larger
-            # errors that stop falling tend to another limit, which the law states.
-            if errors[i - 1] < 1e-6 and errors[i:].min() > 0.8 * errors[i - 1]:
-                return fitted_law(sizes[: i - 1], errors[: i - 1])
-        return fitted_law(sizes, errors)
+        return fitted_law(sizes, np.array([row.error for row in rows]))
 
     def _table(self) -> Table:
         title = (

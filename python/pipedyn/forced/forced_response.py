@@ -325,7 +325,7 @@ def forced_response(
     if frequencies is None:
         low, high = 0.99 * forcing.frequency, 1.01 * forcing.frequency
     else:
-        low, high = checked_range("frequencies", frequencies)
+        low, high = checked_range(frequencies)
         if low == 0.0:
             raise ValueError(f"frequencies must have low > 0, got {check.shown(frequencies)}")
     shown = check.flag("progress", progress)

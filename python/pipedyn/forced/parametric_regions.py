@@ -162,7 +162,7 @@ def parametric_regions(
         )
     if (np.diff(mu) <= 0.0).any():
         raise ValueError("amplitudes must be strictly increasing")
-    low, high = checked_range("frequencies", frequencies)
+    low, high = checked_range(frequencies)
     if not low > 0.0 or high > 20.0 * low:
         raise ValueError(
             f"frequencies must have 0 < low and high <= 20 low, got {check.shown(frequencies)}"

@@ -228,14 +228,11 @@ def stable_speeds(
     """
     counts = [unstable_at_rest(model, found), *(one.unstable_after for one in found)]
     bounds = pairwise([0.0, *(one.speed for one in found), end])
-    ranges: list[tuple[float, float]] = []
-    for (low, high), count in zip(bounds, counts, strict=True):
-        if count or low >= high:
-            continue
-        if ranges and ranges[-1][1] == low:
-            low = ranges.pop()[0]
-        ranges.append((low, high))
-    return tuple(ranges)
+    return tuple(
+        (low, high)
+        for (low, high), count in zip(bounds, counts, strict=True)
+        if not count and low < high
+    )
 
 
 def checked_end(max_speed: Any, model: AnyModel | None = None) -> float:

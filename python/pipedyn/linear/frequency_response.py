@@ -12,7 +12,6 @@ a basis, in which the equations are solved at all other frequencies if their res
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import field, replace
 from functools import cached_property, partial
@@ -191,7 +190,7 @@ def frequency_response(
             raise ValueError(
                 f"frequencies must be a tuple (low, high), got {check.shown(frequencies)}"
             )
-        low, high = checked_range("frequencies", frequencies)
+        low, high = checked_range(frequencies)
     elif frequencies is not None:
         given = check.array("frequencies", frequencies, low=0.0, high=HIGHEST, longest=100_000)
         low, high = float(given.min()), float(given.max())
@@ -252,12 +251,12 @@ def frequency_response(
 # ----------------------------------------------------------------------------------- arguments
 
 
-def checked_range(name: str, given: Any) -> tuple[float, float]:
+def checked_range(given: Any) -> tuple[float, float]:
     """The range (low, high) of an increasing sequence or array of frequencies, checked."""
-    at = check.array(name, given, low=0.0, high=HIGHEST, longest=100_000)
+    at = check.array("frequencies", given, low=0.0, high=HIGHEST, longest=100_000)
     if at.size < 2 or (np.diff(at) <= 0.0).any():
         raise ValueError(
-            f"{name} must be a range (low, high), low < high, got {check.shown(given)}"
+            f"frequencies must be a range (low, high), low < high, got {check.shown(given)}"
         )
     return float(at[0]), float(at[-1])
 
@@ -302,7 +301,8 @@ def _with_joint(model: AnyModel, driven: Input) -> AnyModel:
 class _Response:
     """Response of one model at any frequencies, in elastic coordinates.
 
-    The load is f(omega) = sum over j of (i omega)^j times column j of `loads`, (dof, 3).
+    The load is f(omega) = sum over j of (i omega)^j times column j of `loads`, (dof, 3). The
+    equations are solved in a basis, which spans all coordinates of a small model.
     """
 
     def __init__(self, model: Model, u: float, input: Input, output: float) -> None:
@@ -315,13 +315,48 @@ class _Response:
             kind, place = input
             self.loads[:, 0] = _displacement(model, float(place), int(kind == "moment"))
         self.output = _displacement(model, output)
-        self._basis = _Basis(self) if model.dof > LARGEST_DIRECT else None
+        self._vectors = np.eye(model.dof, model.dof if model.dof <= LARGEST_DIRECT else 0)
+        self._products = self.products(self._vectors)
 
     def __call__(self, at: Array) -> Complex:
         """Complex responses at frequencies `at`, each of shape (F,)."""
-        if self._basis is not None:
-            return self._basis(at)
-        return _seen(self.output, _solutions(self._matrices, self.loads, at))
+        powers = (1j * at) ** np.arange(3)[:, None]
+        loads = self.loads @ powers
+        while True:
+            small = tuple(self._vectors.T @ product for product in self._products)
+            x = _solutions(small, self._vectors.T @ self.loads, at)
+            if self._vectors.shape[1] == self.model.dof:
+                break
+            finite = np.where(np.isinf(x), 0.0, x)
+            missed = loads - sum(
+                p @ (power * finite) for p, power in zip(self._products, powers, strict=True)
+            )
+            sizes = np.maximum(np.linalg.norm(loads, axis=0), np.linalg.norm(finite, axis=0))
+            share = np.linalg.norm(missed, axis=0) / np.maximum(sizes, 1e-300)
+            share[np.isinf(x).any(axis=0)] = 0.0  # frequency of an undamped mode
+            worst = int(np.argmax(share))
+            if share[worst] <= RESIDUAL:
+                break
+            if not self._grown(self.solution(float(at[worst]))):
+                raise NotConverged(
+                    f"the response at a frequency of {at[worst]:g} leaves a residual of "
+                    f"{share[worst]:.1e}"
+                )
+        return _seen(self.output @ self._vectors, x)
+
+    def _grown(self, solution: Complex) -> bool:
+        """Adds a solution to the basis; returns False if the solution was in its span already."""
+        before = self._vectors.shape[1]
+        for part in (solution.real, solution.imag):
+            left = part / max(float(np.linalg.norm(part)), 1e-300)
+            for _ in range(2):
+                left = left - self._vectors @ (self._vectors.T @ left)
+            size = float(np.linalg.norm(left))
+            if size > 1e-13:
+                self._vectors = np.column_stack([self._vectors, left / size])
+        new = self.products(np.ascontiguousarray(self._vectors[:, before:]))
+        self._products = tuple(map(np.column_stack, zip(self._products, new, strict=True)))
+        return self._vectors.shape[1] > before
 
     @cached_property
     def _matrices(self) -> tuple[Array, ...]:
@@ -395,66 +430,10 @@ def base_solution(model: Model, u: float, omega: float) -> Complex:
     return np.asarray(model.from_elastic(found), dtype=np.complex128)
 
 
-class _Basis:
-    """A basis of solutions at a few frequencies, in which other solutions are computed."""
-
-    def __init__(self, response: _Response) -> None:
-        self._response = response
-        self._vectors = np.zeros((response.model.dof, 0))
-        self._products = response.products(self._vectors)
-
-    def __call__(self, at: Array) -> Complex:
-        response, powers = self._response, (1j * at) ** np.arange(3)[:, None]
-        loads = response.loads @ powers
-        while True:
-            small = tuple(self._vectors.T @ product for product in self._products)
-            x = _solutions(small, self._vectors.T @ response.loads, at)
-            finite = np.where(np.isinf(x), 0.0, x)
-            missed = loads - sum(
-                p @ (power * finite) for p, power in zip(self._products, powers, strict=True)
-            )
-            sizes = np.maximum(np.linalg.norm(loads, axis=0), np.linalg.norm(finite, axis=0))
-            share = np.linalg.norm(missed, axis=0) / np.maximum(sizes, 1e-300)
-            share[np.isinf(x).any(axis=0)] = 0.0  # frequency of an undamped mode
-            worst = int(np.argmax(share))
-            if share[worst] <= RESIDUAL:
-                return _seen(response.output @ self._vectors, x)
-            if not self._grown(response.solution(float(at[worst]))):
-                raise NotConverged(
-                    f"the response at a frequency of {at[worst]:g} leaves a residual of "
-                    f"{share[worst]:.1e}"
-                )
-
-    def _grown(self, solution: Complex) -> bool:
-        """Adds a solution to the basis; returns False if the solution was in its span already."""
-        before = self._vectors.shape[1]
-        for part in (solution.real, solution.imag):
-            left = part / max(float(np.linalg.norm(part)), 1e-300)
-            for _ in range(2):
-                left = left - self._vectors @ (self._vectors.T @ left)
-            size = float(np.linalg.norm(left))
-            if size > 1e-13:
-                self._vectors = np.column_stack([self._vectors, left / size])
-        new = self._response.products(np.ascontiguousarray(self._vectors[:, before:]))
-        self._products = tuple(map(np.column_stack, zip(self._products, new, strict=True)))
-        return self._vectors.shape[1] > before
-
-
-def _elastic(model: Model, of_coordinates: Callable[[Array], Array]) -> Array:
-    """Matrix (k, dof) of k linear functions of q, in elastic coordinates.
-
-    `of_coordinates` evaluates the functions: it takes columns q, (dof, j), to values, (k, j).
-    """
-    size, made = model.dof, list[Array]()
-    for begin in range(0, size, 256):
-        eye = np.eye(size, min(256, size - begin), -begin)
-        made.append(of_coordinates(np.asarray(model.from_elastic(eye))))
-    return np.concatenate(made, axis=1)
-
-
 def _displacement(model: Model, s: float, derivative: int = 0) -> Array:
     """Row of the displacement at s, or of its slope, in elastic coordinates, shape (dof,)."""
-    return _elastic(model, lambda q: model.deflection(q, [s], derivative))[0]
+    of_elastic = np.asarray(model.from_elastic(np.eye(model.dof)))
+    return model.deflection(of_elastic, [s], derivative)[0]
 
 
 def _base_loads(model: Model, u: float) -> Array:
@@ -479,7 +458,7 @@ def _base_loads(model: Model, u: float) -> Array:
     # off.
     moved, *_ = np.linalg.lstsq(model.by_coordinates(), accelerations, rcond=0.0)
     forces = model.operators().mass @ moved
-    return _elastic(model, lambda q: forces.T @ q).T
+    return np.asarray(model.from_elastic(np.eye(model.dof))).T @ forces
 
 
 # --------------------------------------------------------------------- frequencies that suffice

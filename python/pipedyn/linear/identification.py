@@ -2,35 +2,28 @@
 """Identification of a pipe's numbers from measurements, with their uncertainties.
 
 Least squares of (model - measured) / uncertainty in the logarithms of the unknown numbers, within
-bounds. The model is the small motion of the continuous pipe. Derivatives are exact. A root of
-P(lambda, u; x) with left and right vectors y and v has the derivative
-
-    d lambda / d x = -y^H P_x v / y^H P_lambda v,
-
-where P_x is computed by a difference of sixth order of the matrices, which are smooth in x. A
-crossing of the imaginary axis moves by d u / d x = -Re(lambda_x) / Re(lambda_u). If two roots meet
-on the axis, as at each divergence of a pipe without damping, y^H P_lambda v = 0 and
-d u / d x = -y^H P_x v / y^H P_u v.
+bounds. The model is the small motion of the continuous pipe, whose predictions are precise enough
+for derivatives by differences.
 """
 
 from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import partial
 from typing import Any, Literal, get_args
 
 import numpy as np
 
 from pipedyn.linear.critical_speed import CriticalSpeed, critical_speed
+from pipedyn.linear.eigenproblem import Complex, eigenproblem
 from pipedyn.linear.modes import root_loci
-from pipedyn.models.base import Operators
+from pipedyn.models.base import Model
 from pipedyn.models.continuum import Continuum
 from pipedyn.models.pipe import Pipe, checked_pipe
 from pipedyn.models.pipe_numbers import checked_number, unit_of_number
-from pipedyn.models.reduced_supports import STENCIL
 from pipedyn.models.scales import Scales
 from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import converted
@@ -54,8 +47,9 @@ RANGES_OF_ZERO = {"damping": (1e-6, 1.0), "hysteresis": (1e-5, 1.0), COMPLIANCE:
 AROUND = 30.0
 """Default factor by which an unknown may differ from its value in the given pipe."""
 
-LOG_STEP = 0.01
-"""Step of the logarithms in differences of the matrices: the error is below rounding."""
+LOG_STEP = 1e-6
+"""Step of the logarithms in differences of predictions: terms of second order then leave relative
+errors of 4e-7 in derivatives, and the rounding of predictions less."""
 
 FUNCTIONS = (16, 24, 36, 54)
 """Numbers of functions of the model, tried in turn until the predictions no longer change."""
@@ -80,10 +74,6 @@ WEAKLY_DETERMINED = 0.3
 LEAST_TURN = 1e-3
 """Least divisor of a decrement: Im lambda as a share of |lambda|. The search may pass through pipes
 whose mode does not oscillate and so has no decrement."""
-
-MEETING = 1e4
-"""|d lambda / d u| at a crossing beyond which two roots count as meeting there. Where they meet it
-is infinite, computed with rounding as some 1e7; weakly damped pipes have some 1e2."""
 
 HIGHEST_MODE = 20
 """Number of the highest mode that a measurement may name."""
@@ -406,7 +396,6 @@ class _Problem:
     measurements: tuple[Measurement, ...]
     unknowns: tuple[_Unknown, ...]
     begin: Array
-    last: list[_Predictions] = field(default_factory=list)
 
     @property
     def bounds(self) -> Array:
@@ -422,13 +411,6 @@ class _Problem:
             pipe = one.put(pipe, value)
         return pipe
 
-    def predictions(self, x: Array, size: int) -> _Predictions:
-        """Predictions of the model at x, cached for the next call with the same model."""
-        known = self.last[-1:]
-        if not known or known[0].size != size or not np.array_equal(known[0].x, x):
-            self.last[:] = [_Predictions(self, x.copy(), size)]
-        return self.last[-1]
-
     def fitted(self, begin: Array, size: int) -> Array:
         """The least-squares x, searched from `begin` and, if misfits are large, from other x."""
         low, high = self.bounds
@@ -439,12 +421,13 @@ class _Problem:
             starts += [low + (high - low) * random.uniform(size=low.size) for _ in range(4)]
         best, failed = None, list[PipedynError]()
         inner = 1e-9 * (high - low)
+        misfit = partial(self.misfit, size=size)
         for start in starts:
             try:
                 found = scipy.optimize.least_squares(
-                    lambda x: self._misfit(x, size)[0],
+                    misfit,
                     np.clip(start, low + inner, high - inner),
-                    jac=lambda x: self._misfit(x, size)[1],
+                    jac=partial(self.slopes, misfit),
                     bounds=(low, high),
                     xtol=1e-12,
                     ftol=1e-12,
@@ -456,87 +439,85 @@ class _Problem:
                 continue
             if best is None or found.cost < best.cost * (1.0 - 1e-6):
                 best = found
-            if self.explained(2.0 * best.cost, self.freedom):
+            if _explained_by_chance(2.0 * best.cost, len(self.measurements) - len(self.unknowns)):
                 break
         if best is None:
             raise failed[0]
         x: Array = best.x
         return x
 
-    @property
-    def freedom(self) -> int:
-        """Degrees of freedom: number of measurements less number of unknowns."""
-        return len(self.measurements) - len(self.unknowns)
+    def misfit(self, x: Array, size: int) -> Array:
+        """Residuals (predicted - measured) / uncertainty of a model of this size, shape (M,)."""
+        predicted = _predicted(self.pipe(x), size, self.measurements)
+        measured, sigma = np.array([(one.value, one.uncertainty) for one in self.measurements]).T
+        return np.asarray((predicted - measured) / sigma)
 
-    @staticmethod
-    def explained(squares: float, freedom: int) -> bool:
-        """Whether chance alone exceeds a sum of squares in more than 1 % of all cases.
-
-        Without degrees of freedom the sum has to vanish.
-        """
-        if not freedom:
-            return squares < 1e-6
-        return bool(scipy.stats.chi2.sf(squares, freedom) > 0.01)
-
-    def _misfit(self, x: Array, size: int) -> tuple[Array, Array]:
-        """Residuals (predicted - measured) / uncertainty, (M,), and derivatives by x, (M, U)."""
-        predicted, slopes = self.predictions(x, size).every
-        sigma = np.array([one.uncertainty for one in self.measurements])
-        measured = np.array([one.value for one in self.measurements])
-        return (predicted - measured) / sigma, slopes / sigma[:, None]
+    def slopes(self, question: Callable[[Array], Array], x: Array) -> Array:
+        """Derivatives by x of k functions of x, shape (k, U), by differences within the bounds."""
+        here = question(x)
+        steps = np.where(x + LOG_STEP < self.bounds[1], LOG_STEP, -LOG_STEP)
+        columns = [(question(x + step) - here) / step.sum() for step in np.diag(steps)]
+        return np.stack(columns, axis=1)
 
     def moved(self, x: Array, size: int) -> float:
         """Largest change of a prediction in a larger model, as a share of its uncertainty."""
         larger = size + max(8, size // 2)
-        return float(np.abs(self._misfit(x, larger)[0] - self._misfit(x, size)[0]).max())
+        return float(np.abs(self.misfit(x, larger) - self.misfit(x, size)).max())
 
     def estimated(self, x: Array, size: int) -> Identification:
         """The estimates at the least-squares x, with their uncertainties and warnings."""
-        residuals, slopes = self._misfit(x, size)
         low, high = self.bounds
         at_end = (x - low < 1e-4) | (high - x < 1e-4)
         free = np.flatnonzero(~at_end)
-        every = len(self.unknowns)
-        spread = np.full((every, every), math.nan)
+        spread = np.full((x.size, x.size), math.nan)
         condition = math.inf
         if free.size:
+            slopes = self.slopes(partial(self.misfit, size=size), x)
             _, sizes, right = np.linalg.svd(slopes[:, free], full_matrices=False)
             condition = float(sizes[0] / sizes[-1]) if sizes[-1] > 0.0 else math.inf
             if not sizes[-1] * UNTOLD > 1.0:
                 raise NotIdentifiable(self._untold(free, right[-1], sizes[-1]))
             spread[np.ix_(free, free)] = (right.T / sizes**2) @ right
-        values = np.exp(x)
-        sigma = values * np.sqrt(np.diag(spread))
-        names = tuple(one.name for one in self.unknowns)
-        squares = float(residuals @ residuals)
-        warnings = list(self._warnings(values, np.sqrt(np.diag(spread)), at_end, x - low < 1e-4))
-        freedom = len(self.measurements) - free.size
-        if not self.explained(squares, freedom):
+        values, relative = np.exp(x), np.sqrt(np.diag(spread))
+        warnings = []
+        for i, one in enumerate(self.unknowns):
+            if at_end[i]:
+                at_low = x[i] - low[i] < 1e-4
+                side, word = (one.low, "at most") if at_low else (one.high, "at least")
+                warnings.append(
+                    f"{one.name} lies at the end of its range: the measurements say that it is "
+                    f"{word} about {side:.3g}, and uncertainties are those at that value"
+                )
+            elif relative[i] > WEAKLY_DETERMINED:
+                warnings.append(f"{one.name} is known to {100.0 * relative[i]:.0f} % only")
+        residuals = self.misfit(x, size)
+        squares, freedom = float(residuals @ residuals), len(self.measurements) - free.size
+        if not _explained_by_chance(squares, freedom):
             warnings.append(
                 f"the pipe with these numbers does not explain the measurements: chi-squared is "
                 f"{squares:.3g} at {check.how_many(freedom, 'degree')} of freedom. An effect is "
                 "missing, a range too narrow, or the uncertainties are too small"
             )
-        predictions = self.predictions(x, size)
-        speed, by_x = predictions.at_onset("critical_speed")
-        inner = spread[np.ix_(free, free)]
-        scale = np.sqrt(np.diag(spread))
+
+        def onset(x: Array) -> Array:
+            return _predicted(self.pipe(x), size, [Measurement("critical_speed", 0.0, 1.0)])
+
+        (by_x,) = self.slopes(onset, x)
+        of_onset = by_x[free] @ spread[np.ix_(free, free)] @ by_x[free]
         return Identification(
-            unknowns=names,
+            unknowns=tuple(one.name for one in self.unknowns),
             values=values,
-            uncertainties=sigma,
+            uncertainties=values * relative,
             covariance=spread * np.outer(values, values),
-            correlation=spread / np.outer(scale, scale),
-            predicted=predictions.every[0],
+            correlation=spread / np.outer(relative, relative),
+            predicted=_predicted(self.pipe(x), size, self.measurements),
             residuals=-residuals,
             chi_squared=squares,
             freedom=freedom,
             condition=condition,
             warnings=tuple(warnings),
-            critical_speed=speed,
-            critical_speed_uncertainty=(
-                math.sqrt(float(by_x[free] @ inner @ by_x[free])) if free.size else math.nan
-            ),
+            critical_speed=float(onset(x)[0]),
+            critical_speed_uncertainty=math.sqrt(of_onset) if free.size else math.nan,
             pipe=self.pipe(x),
             measurements=self.measurements,
         )
@@ -553,135 +534,66 @@ class _Problem:
         known = f"to a factor of {math.exp(1.0 / size):.2g}" if size > 0.1 else "not at all"
         return f"the measurements tell {' '.join(parts)} {known}: measure something else, too"
 
-    def _warnings(self, values: Array, relative: Array, at_end: Any, at_low: Any) -> Any:
-        """Sentences on estimates at an end of their range or with a large uncertainty."""
-        for i, one in enumerate(self.unknowns):
-            if at_end[i]:
-                side, word = (one.low, "at most") if at_low[i] else (one.high, "at least")
-                yield (
-                    f"{one.name} lies at the end of its range: the measurements say that it is "
-                    f"{word} about {side:.3g}, and uncertainties are those at that value"
-                )
-            elif relative[i] > WEAKLY_DETERMINED:
-                yield f"{one.name} is known to {100.0 * relative[i]:.0f} % only"
+
+def _explained_by_chance(squares: float, freedom: int) -> bool:
+    """Whether chance alone exceeds a sum of squares in more than 1 % of all cases.
+
+    Without degrees of freedom the sum has to vanish.
+    """
+    if not freedom:
+        return squares < 1e-6
+    return bool(scipy.stats.chi2.sf(squares, freedom) > 0.01)
 
 
-class _Predictions:
-    """Predictions of one model for measurements, and their derivatives by the unknowns."""
+def _predicted(pipe: Pipe, size: int, measurements: Sequence[Measurement]) -> Array:
+    """What a model with this number of functions predicts for measurements, shape (M,)."""
+    model, scales = Continuum(pipe).frozen(size), pipe.scales
+    time, turn = (1.0, 1.0) if scales is None else (scales.time, 2.0 * math.pi)
+    given = [one for one in measurements if not one.quantity.startswith("critical")]
+    loci = {
+        speed: _roots_in_flow(model, speed / _speed_unit(pipe), max(one.mode for one in given))
+        for speed in {one.speed for one in given}
+    }
+    onset = critical_speed(model) if len(given) < len(measurements) else None
+    found = []
+    for one in measurements:
+        if one.quantity == "critical_speed":
+            assert onset is not None
+            found.append(_speed_unit(pipe) * onset.speed)
+        elif one.quantity == "critical_frequency":
+            assert onset is not None
+            found.append(_onset_frequency(onset) / (turn * time))
+        else:
+            root = complex(loci[one.speed][one.mode - 1])
+            # An overdamped mode has a decrement, too.
+            decrement = -2.0 * math.pi * root.real / max(root.imag, LEAST_TURN * abs(root))
+            rates = {"frequency": root.imag / turn, "decay_rate": -root.real}
+            found.append(rates[one.quantity] / time if one.quantity in rates else decrement)
+    return np.array(found)
 
-    def __init__(self, problem: _Problem, x: Array, size: int) -> None:
-        self.problem, self.x, self.size = problem, x, size
-        self.pipe = problem.pipe(x)
-        self.model = Continuum(self.pipe).frozen(size)
 
-    @cached_property
-    def _beside(self) -> list[list[tuple[float, Pipe, Operators]]]:
-        """Weights, pipes and operators of the central differences, a list for each unknown."""
-        found: list[list[tuple[float, Pipe, Operators]]] = []
-        for i in range(self.x.size):
-            found.append([])
-            for k, weight in enumerate(STENCIL, 1):
-                for side in (1.0, -1.0):
-                    x = self.x.copy()
-                    x[i] += side * k * LOG_STEP
-                    pipe = self.problem.pipe(x)
-                    operators = Continuum(pipe).frozen(self.size).operators()
-                    found[-1].append((side * weight / LOG_STEP, pipe, operators))
-        return found
+def _roots_in_flow(model: Model, u: float, count: int) -> Complex:
+    """The eigenvalues of the lowest modes at u, in the order of their frequencies at rest."""
+    if u > MOST_SPEED:
+        raise NotConverged(f"at u = {u:.3g} no mode is followed")
+    speeds = np.linspace(0.0, u, 2 + math.ceil(u)) if u else np.zeros(1)
+    roots: Complex = root_loci(model, speeds, max(count, 2)).eigenvalues[-1]
+    return roots
 
-    @cached_property
-    def _critical(self) -> CriticalSpeed:
-        """Critical speed of the model."""
-        return critical_speed(self.model)
 
-    @cached_property
-    def every(self) -> tuple[Array, Array]:
-        """Predictions for the measurements, (M,), and their derivatives by x, (M, U)."""
-        found = [self._of(one) for one in self.problem.measurements]
-        return np.array([value for value, _ in found]), np.array([slope for _, slope in found])
-
-    def _of(self, one: Measurement) -> tuple[float, Array]:
-        """The predicted value of a measurement and its derivatives by x, shape (U,)."""
-        if one.quantity.startswith("critical"):
-            return self.at_onset(one.quantity)
-        u = one.speed / _speed_unit(self.pipe)
-        if u > MOST_SPEED:
-            raise NotConverged(f"at u = {u:.3g} no mode is followed")
-        speeds = np.linspace(0.0, u, 2 + math.ceil(u)) if u else np.zeros(1)
-        loci = root_loci(self.model, speeds, count=max(one.mode, 2))
-        root = complex(loci.eigenvalues[-1, one.mode - 1])
-        down, by_x, _ = self._slopes(root, lambda pipe: one.speed / _speed_unit(pipe))
-        by_x = -by_x / down
-        time, by_time = self._time()
-        if one.quantity == "decrement":
-            turning = max(root.imag, LEAST_TURN * abs(root))  # also for an overdamped mode
-            ratio = root.real / turning
-            slope = (by_x.real - ratio * by_x.imag) / turning
-            return -2.0 * math.pi * ratio, -2.0 * math.pi * slope
-        if one.quantity == "decay_rate":
-            return -root.real / time, -by_x.real / time + root.real / time * by_time
-        return self._frequency(root.imag, by_x.imag)
-
-    def _frequency(self, omega: float, slope: Array) -> tuple[float, Array]:
-        """A frequency and its derivatives in the units of users, Hz if the pipe has scales."""
-        time, by_time = self._time()
-        turn = 1.0 if self.pipe.scales is None else 2.0 * math.pi
-        value = omega / (turn * time)
-        return value, slope / (turn * time) - value * by_time
-
-    def at_onset(self, quantity: str) -> tuple[float, Array]:
-        """The critical speed or frequency and its derivatives by x."""
-        found = self._critical
-        refused = "measurements must not have a critical_frequency of a pipe that"
-        if quantity == "critical_frequency" and not found.frequency:
-            raise NotIdentifiable(
-                f"{refused} diverges, as the model does at u = {found.speed:.4g}: it does not "
-                "oscillate there"
-            )
-        down, by_x, by_u = self._slopes(1j * found.frequency, lambda pipe: found.speed)
-        meet, moved = False, np.zeros_like(by_x.real)
-        if found.speed > 0.0:  # at 0 the pipe is unstable from the smallest flow on
-            meet = abs(by_u) > MEETING * abs(down)
-            turned = (by_u if meet else down).conjugate()
-            moved = -(turned * by_x).real / (turned * by_u).real
-        if quantity == "critical_frequency":
-            if meet:
-                raise NotIdentifiable(
-                    f"{refused} loses no energy, two modes of which meet at u = {found.speed:.4g}: "
-                    "what moves the frequency at which they do is not computed"
-                )
-            return self._frequency(found.frequency, -((by_x + by_u * moved) / down).imag)
-        unit = _speed_unit(self.pipe)
-        by_unit = -self._time()[1]  # speed unit times time unit is sqrt(m / mu_f) L
-        return unit * found.speed, unit * (moved + found.speed * by_unit)
-
-    def _slopes(self, root: complex, speed: Any) -> tuple[complex, Any, complex]:
-        """y^H P_lambda v, y^H P_x v at constant flow in the units of users, and y^H P_u v."""
-
-        def whole(parts: Any) -> Any:
-            if root == 0.0:  # hysteresis does not act on static loads
-                return parts[2].real
-            return parts[2] + root * parts[1] + root**2 * parts[0]
-
-        operators, u = self.model.operators(), speed(self.pipe)
-        here = np.array(operators.at(u))
-        left, _, right = np.linalg.svd(whole(here))
-        y, v = left[:, -1].conj(), right[-1].conj()
-        down = complex(y @ (2.0 * root * here[0] + here[1]) @ v)
-        by_x = [
-            sum(weight * whole(of.at(speed(pipe))) for weight, pipe, of in beside)
-            for beside in self._beside
-        ]
-        h = LOG_STEP
-        ahead, behind = (np.array(operators.at(one)) for one in (u + h * u, u - h * u))
-        by_u = (ahead - behind) / (2.0 * h * u) if u else np.zeros_like(here)  # exact
-        slopes = np.array([*by_x, whole(by_u)])
-        projected = np.einsum("i,kij,j->k", y, slopes, v)
-        return down, projected[:-1], complex(projected[-1])
-
-    def _time(self) -> tuple[float, Array]:
-        """The unit of time, and the derivatives of its logarithm by x."""
-        if self.pipe.scales is None:
-            return 1.0, np.zeros(self.x.size)
-        by_x = [-0.5 if one.name == STIFFNESS else 0.0 for one in self.problem.unknowns]
-        return self.pipe.scales.time, np.array(by_x)
+def _onset_frequency(onset: CriticalSpeed) -> float:
+    """The frequency of an onset; NotIdentifiable if differences would not give its derivatives."""
+    refused = "measurements must not have a critical_frequency of a pipe that"
+    if not onset.frequency:
+        raise NotIdentifiable(
+            f"{refused} diverges, as the model does at u = {onset.speed:.4g}: it does not "
+            "oscillate there"
+        )
+    assert isinstance(onset.model, Model)
+    problem = eigenproblem(onset.model)
+    if problem.is_conservative or problem.velocity_free(onset.speed):
+        raise NotIdentifiable(
+            f"{refused} loses no energy, two modes of which meet at u = {onset.speed:.4g}: "
+            "what moves the frequency at which they do is not computed"
+        )
+    return onset.frequency

@@ -303,23 +303,19 @@ def _checked_question(
     """The flow speed and the count, checked, where each answer has this number of roots."""
     checked_model(model)
     u = steady_speed("u", u)
-    if count is not None:
-        most = CONTINUUM_COUNT if isinstance(model, Continuum) else 2 * model.dof
-        count = _checked_count(count, model, most // roots)
-        if isinstance(model, Model) and model.dof > DENSE_LIMIT:
-            share = 2 * roots
-            if count > model.dof // share:
-                raise ValueError(
-                    f"count must be at most dof / {share} = {model.dof // share} for a long chain, "
-                    f"got {count}"
-                )
-    elif isinstance(model, Continuum):
-        raise ValueError("count must be given for a Continuum: its eigenvalues have no end")
-    elif model.dof > LARGEST_FULL:
-        raise ValueError(
-            f"count must be given beyond {LARGEST_FULL} degrees of freedom, got {model.dof}"
-        )
-    return u, count
+    if count is None:
+        if isinstance(model, Continuum):
+            raise ValueError("count must be given for a Continuum: its eigenvalues have no end")
+        if model.dof > LARGEST_FULL:
+            raise ValueError(
+                f"count must be given beyond {LARGEST_FULL} degrees of freedom, got {model.dof}"
+            )
+        return u, None
+    if isinstance(model, Continuum):
+        most = CONTINUUM_COUNT
+    else:  # of a long chain, some roots are computed at once
+        most = 2 * model.dof if model.dof <= DENSE_LIMIT else model.dof // 2
+    return u, _checked_count(count, model, most // roots)
 
 
 def _checked_count(count: Any, model: AnyModel, most: int) -> int:

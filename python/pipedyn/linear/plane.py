@@ -300,9 +300,6 @@ class Plane:
 
     def unstable(self, at: Array) -> int:
         """Number of eigenvalues whose real part is positive beyond rounding."""
-        static = self.static_stiffnesses(at)
-        if static is not None:
-            return int(np.count_nonzero(static < -1e-8))
         return int(np.count_nonzero(grows(self.eigenvalues(at))))
 
     def static_stiffnesses(self, at: Array) -> Array | None:
@@ -330,53 +327,35 @@ class Plane:
         return float(-((0.5 * (values[i] + values[j])) ** 2).real)
 
     def static_roots(self, at: Array, index: int) -> list[float]:
-        """Values of x (index 0) or y (1) at which K is singular on the line through (x, y)."""
-        low, size = float(self.window.low[index]), float(self.window.size[index])
-        own_speed = self.window.numbers[index] is None
+        """Values of x (index 0) or y (1) at which K is singular on the line through (x, y).
 
-        def stiffness(value: float) -> Array:
-            there = at.copy()
-            there[index] = value
-            result: Array = self.at(there)[2].real
-            return result
-
-        if not (own_speed or (self.exact and self._scales[index].affine)):
-            return self._changes_of_sign(stiffness, low, size)
-        # K is affine in the square of the speed and in the scales of the other numbers.
-        # K0 + s (K1 - K0) is singular where 1 / (s - shift) is an eigenvalue of
-        # -(K0 + shift (K1 - K0))^-1 (K1 - K0).
-        begin, end = stiffness(low), stiffness(low + size)
-        change, shift = end - begin, 0.5 * SHIFT
-        if np.abs(change).max() <= 1e-13 * np.abs(begin).max():
-            return []
-        factorised()
-        inverse = np.linalg.eigvals(np.linalg.solve(begin + shift * change, -change))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            shares = shift + 1.0 / inverse
-        real = np.isfinite(shares) & (np.abs(shares.imag) <= 1e-7 * (1.0 + np.abs(shares)))
-        s = np.sort(shares.real[real & (shares.real >= 0.0) & (shares.real <= 1.0)])
-        if own_speed:
-            return [float(root) for root in np.sqrt(low**2 + s * ((low + size) ** 2 - low**2))]
+        K is affine in the square of the speed and in the scales of most other numbers; for numbers
+        in which it is not, it is interpolated between neighbouring samples. K0 + s (K1 - K0) is
+        singular where 1 / (s - shift) is an eigenvalue of -(K0 + shift (K1 - K0))^-1 (K1 - K0).
+        """
+        low, high = self.window.low[index], self.window.low[index] + self.window.size[index]
         scale = self._scales[index]
-        first, last = scale.of(low), scale.of(low + size)
-        return [float(scale.back(root)) for root in first + s * (last - first)]
-
-    def _changes_of_sign(
-        self, stiffness: Callable[[float], Array], low: float, size: float
-    ) -> list[float]:
-        """Values along a line near which det K changes its sign."""
-
-        def sign(share: float) -> float:
-            return float(np.linalg.slogdet(stiffness(low + share * size))[0])
-
-        found = []
-        for a, b in pairwise(np.linspace(0.0, 1.0, 4 * SAMPLES + 1).tolist()):
-            if sign(a) * sign(b) > 0.0:
+        if self.window.numbers[index] is None:
+            scale = Scale(low, high, of=np.square, back=np.sqrt)
+        affine = scale.affine and (self.exact or self.window.numbers[index] is None)
+        values = scale.spaced(2 if affine else 4 * SAMPLES + 1)
+        there = np.tile(at, (values.size, 1))
+        there[:, index] = values
+        found, shift = [], 0.5 * SHIFT
+        for (first, begin), (last, end) in pairwise(
+            (scale.of(value), self.at(one)[2].real)
+            for value, one in zip(values, there, strict=True)
+        ):
+            change = end - begin
+            if np.abs(change).max() <= 1e-13 * np.abs(begin).max():
                 continue
-            for _ in range(10):
-                middle = 0.5 * (a + b)
-                a, b = (middle, b) if sign(middle) == sign(a) else (a, middle)
-            found.append(low + 0.5 * (a + b) * size)
+            factorised()
+            inverse = np.linalg.eigvals(np.linalg.solve(begin + shift * change, -change))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                shares = shift + 1.0 / inverse
+            real = np.isfinite(shares) & (np.abs(shares.imag) <= 1e-7 * (1.0 + np.abs(shares)))
+            s = np.sort(shares.real[real & (shares.real >= 0.0) & (shares.real <= 1.0)])
+            found += [float(scale.back(root)) for root in first + s * (last - first)]
         return found
 
     def lines(self, index: int, number: int) -> Array:
