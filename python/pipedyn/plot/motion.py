@@ -489,18 +489,19 @@ def _surroundings(
     Returns the arrow of the flow at the free end of `shape`; None if there is no flow.
     """
     pipe, one = motion.model.pipe, view.one(TRANSVERSE)
-    clamp_and_gravity(ax, pipe.gamma, shapes, one)
-    ax.set(xlabel=view.label(TRANSVERSE), ylabel=view.label(AXIAL))
+    clamp_and_gravity(ax, pipe.gamma, shapes, view)
     if motion.u == 0.0:
         return None
     return _arrow(ax, common.VERMILION, "flow", flow_ends(pipe, shape, one))
 
 
-def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array, one: float = 1.0) -> None:
+def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array, view: View) -> None:
     """Draws clamp and gravity, and sets axes of equal scale with room for shapes and an arrow.
 
-    `one` is the length of the pipe in the units shown.
+    The shapes, of shape (..., 2), are in the units shown.
     """
+    one = view.one(TRANSVERSE)
+    ax.set(xlabel=view.label(TRANSVERSE), ylabel=view.label(AXIAL))
     room = (ARROW + 0.06) * one
     wide = max(0.36 * one, float(np.abs(shapes[..., 0]).max()) + room)
     low = min(-0.12 * one, float(shapes[..., 1].min()) - room)
@@ -526,7 +527,7 @@ def _arrow(ax: Axes, colour: str, gid: str, ends: tuple[Any, Any]) -> FancyArrow
     return arrow
 
 
-def flow_ends(pipe: Pipe, shape: Array, one: float = 1.0) -> tuple[Any, Any]:
+def flow_ends(pipe: Pipe, shape: Array, one: float) -> tuple[Any, Any]:
     """Tail and head of the arrow of the flow at the free end; `one` is the length of the pipe."""
     step = shape[-1] - shape[-2]
     along = step / np.linalg.norm(step)
