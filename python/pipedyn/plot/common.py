@@ -163,15 +163,6 @@ def check_type(name: str, value: Any, kind: type) -> Any:
     return value
 
 
-def coordinate_axis(coordinate: Any, coordinates: int) -> tuple[int | None, str]:
-    """Index of a coordinate, or None for "tip", the free end; and the label of its axis."""
-    if isinstance(coordinate, str):
-        check.choice("coordinate", coordinate, ("tip",))
-        return None, TIP_LABEL
-    index = check.count("coordinate", coordinate, low=0, high=coordinates - 1)
-    return index, f"coordinate $q_{{{index}}}$, counted from 0"
-
-
 def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
     """Adds a legend below the Axes, of artists by name, or of all artists that have a label.
 

@@ -55,8 +55,7 @@ def cycle_boundary(
     """
     common.check_type("found", found, CycleBoundary)
     plane = PlaneView(units, found.model.pipe, found.names)
-    xlabel, ylabel = map(plane.label, plane.quantities)
-    ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
+    ax = plane.axes(ax, (6.4, 4.8), *plane.quantities)
     across = found.names[0] == "u"  # the flow speed is on the x axis
     for curve in found.curves:
         # A curve in the plane may have a cusp, where frequency and amplitude go on smoothly.

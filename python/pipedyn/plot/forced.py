@@ -60,8 +60,7 @@ def frequency_response(
     if driven != "base":
         unit, value = PER_FORCE if driven == "force" else PER_MOMENT
         size = Measure(size.label, f"{size.label} ({unit})", value)
-    ylabel = "phase (degrees)" if shows_phase else view.label(size)
-    ax = common.axes(ax, (6.4, 4.2), xlabel=view.label(OMEGA), ylabel=ylabel)
+    ax = view.axes(ax, (6.4, 4.2), OMEGA, Measure("phase (degrees)") if shows_phase else size)
     per, one = view.one(OMEGA), view.one(size)
     order = np.argsort(response.frequencies)
     at, values = per * response.frequencies[order], response.response[order]
@@ -145,8 +144,7 @@ def parametric_regions(
     pipe = regions.model.pipe if isinstance(regions, ParametricRegions) else None
     view = View(units, regions[0].pipe if regions else pipe)
     pulsation = Measure(r"frequency of the pulsation $\omega$", OMEGA.si_label, OMEGA.unit)
-    ylabel = r"amplitude $\mu$ of the pulsation"
-    ax = common.axes(ax, (6.4, 4.2), xlabel=view.label(pulsation), ylabel=ylabel)
+    ax = view.axes(ax, (6.4, 4.2), pulsation, Measure(r"amplitude $\mu$ of the pulsation"))
     per = view.one(OMEGA)
     for region in regions:
         look = REGION_STYLES[region.kind]
@@ -200,8 +198,7 @@ def forced_response(
     """
     common.check_type("response", response, ForcedResponse)
     view = View(units, response.model.pipe)
-    labels = {"xlabel": view.label(OMEGA), "ylabel": view.label(AMPLITUDE)}
-    ax = common.axes(ax, (6.4, 4.2), **labels)
+    ax = view.axes(ax, (6.4, 4.2), OMEGA, AMPLITUDE)
     per, one = view.one(OMEGA), view.one(AMPLITUDE)
     for branch, look in zip(response.branches, cycle(common.CURVE_STYLES), strict=False):
         curve = smooth(per * branch.frequency, one * branch.amplitude)

@@ -136,7 +136,7 @@ def _checked_axes(
     if benchmark is not None:
         common.check_type("benchmark", benchmark, RootLoci)
     view = View(units, loci.pipe)
-    return common.axes(ax, (4.8, 4.2), xlabel=view.label(x), ylabel=view.label(y)), view
+    return view.axes(ax, (4.8, 4.2), x, y), view
 
 
 def _coloured(
@@ -229,9 +229,8 @@ def mode_shapes(
     """
     common.check_type("modes", modes, Modes)
     count = check.count("count", count, high=1000)
-    ylabel = "displacement (largest: 1)"
     view = View(units, modes.shapes[0].model.pipe if modes.shapes else None)
-    ax = common.axes(ax, (6.4, 4.2), xlabel=view.label(ARC), ylabel=ylabel)
+    ax = view.axes(ax, (6.4, 4.2), ARC, Measure("displacement (largest: 1)"))
     s = np.linspace(0.0, 1.0, 401)
     for i, shape in enumerate(modes.shapes[:count]):
         displacement, value = shape(s), view.one(GROWTH) * shape.eigenvalue

@@ -33,7 +33,17 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.motion.sampling import INVISIBLE, LEAST_MOTION, coarse
 from pipedyn.motion.simulate import Ensemble, Motion
 from pipedyn.plot import common
-from pipedyn.plot.units import AXIAL, ELAPSED, TIP, TIP_RATE, TRANSVERSE, Units, View, rate
+from pipedyn.plot.units import (
+    AXIAL,
+    ELAPSED,
+    TIP,
+    TIP_RATE,
+    TRANSVERSE,
+    Units,
+    View,
+    of_coordinate,
+    rate,
+)
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.files import replacing
@@ -69,8 +79,7 @@ def time_history(
     """
     named, failed = checked_motions(motions)
     shown = _signals(named, None, units, rates_shown=False)
-    view = shown[0].view
-    ax = common.axes(ax, (6.4, 3.2), xlabel=view.label(ELAPSED), ylabel=view.label(TIP))
+    ax = shown[0].view.axes(ax, (6.4, 3.2), ELAPSED, TIP)
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     for one in shown:
         t = finer_times(one.curve.x)
@@ -110,12 +119,10 @@ def phase_portrait(
     """
     named, failed = checked_motions(motions)
     least = min(motion.model.coordinates for motion in named.values())
-    index, xlabel = common.coordinate_axis(coordinate, least)
+    index, across = of_coordinate(coordinate, least)
     shown = _signals(named, index, units, rates_shown=True)
-    view = shown[0].view
-    ylabel = view.label(TIP_RATE if index is None else rate(index, "its "))
-    ax = common.axes(ax, (4.8, 4.2), xlabel=view.label(TIP) if index is None else xlabel)
-    ax.set_ylabel(ylabel)
+    upward = TIP_RATE if index is None else rate(index, "its ")
+    ax = shown[0].view.axes(ax, (4.8, 4.2), across, upward)
     for one in shown:
         t, colour = finer_times(one.curve.x), one.look["color"]
         if one.dotted:

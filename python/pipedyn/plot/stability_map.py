@@ -77,8 +77,7 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
     """
     common.check_type("found", found, Boundary)
     plane = PlaneView(units, found.model.pipe, found.names)
-    xlabel, ylabel = map(plane.label, plane.quantities)
-    ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
+    ax = plane.axes(ax, (6.4, 4.8), *plane.quantities)
     (left, right), (low, high) = plane.limits(found.ranges)
     stable = _stable(found)
     (x, y), row, column, searched = _pixels(found, plane)
@@ -278,7 +277,7 @@ def stability_map(
     shown = Measure(parameter or _parameter(boundaries))
     if name is not None and known is not None:
         shown = of_number(name, known)
-    ax = common.axes(ax, (6.4, 4.8), xlabel=view.label(shown), ylabel=view.label(FLOW_SPEED))
+    ax = view.axes(ax, (6.4, 4.8), shown, FLOW_SPEED)
     drawn, failed, divergences = False, list[float](), list[tuple[Array, bool, bool, Any]]()
     states, searched, reach = set[str](), list[float](), 0.0
     for (label, found), pipe, look in zip(
