@@ -39,7 +39,7 @@ FORMAT = 1
 HEADER = ("format", "package", "root", "objects")
 """Keys of a header."""
 
-KINDS = "biufcU"
+DTYPE_KINDS = "biufcU"
 """Kinds of numbers and texts that arrays in files hold, as numpy names them."""
 
 DEFLATED = 1032
@@ -227,7 +227,7 @@ class _Writer:
 
     def _object(self, value: Any, where: str) -> dict[str, Any]:
         if isinstance(value, np.ndarray):
-            if value.dtype.kind not in KINDS:
+            if value.dtype.kind not in DTYPE_KINDS:
                 raise ValueError(f"{where} cannot be saved: it holds Python objects")
             member = f"array{len(self.arrays)}"
             self.arrays[member] = value
@@ -302,7 +302,7 @@ class _Members:
         with self._archive.open(entry) as member:
             described = npy.read_magic(member) == (1, 0)
             shape, _, dtype = npy.read_array_header_1_0(member)
-            if not described or dtype.kind not in KINDS or min(shape, default=0) < 0:
+            if not described or dtype.kind not in DTYPE_KINDS or min(shape, default=0) < 0:
                 raise ValueError(f"{name} is described otherwise than `save` does")
             if math.prod(shape) > check.LONGEST:
                 raise ValueError(f"{name} has more than {check.LONGEST} entries")
