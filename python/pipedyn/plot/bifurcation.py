@@ -161,9 +161,7 @@ def draw_pieces(
 
 
 def mark_event(ax: Axes, kind: str, place: Any) -> None:
-    """Draws the marker of an event of a branch at (x, y), if the kind of event has a marker."""
-    if kind not in MARKS:
-        return
+    """Draws the marker of an event of a branch at (x, y)."""
     look = {"linestyle": "none", "markersize": 5.0, "zorder": 4.0, **MARKS[kind]}
     look |= {"markeredgecolor": "white", "markeredgewidth": 0.6}
     ax.plot(*place, label=kind.replace("hopf", "Hopf"), **look)

@@ -236,8 +236,6 @@ class Exploration:
             high = rounded_up(2.0 * value)
         elif value < low:
             low = -rounded_up(-2.0 * value)
-        if name == "beta" and self._pipe.mass is not None:
-            high = min(high, self._pipe.mass.bounds[0])
         below, above = rule.get("low", -math.inf), rule.get("high", math.inf)
         high = min(high, 0.999 if name == "beta" else above)
         return Slider(name, max(low, below), high)
@@ -391,15 +389,12 @@ def _checked_ranges(ranges: Any, pipe: Pipe) -> dict[str, tuple[float, float]]:
     if ranges is None:
         return {}
     common.check_type("ranges", ranges, Mapping)
+    own = {"u": {"low": 0.0, "high": 1e3}, "segments": {"low": 1.0, "high": float(MOST_SEGMENTS)}}
     found = {}
     for name in ranges:
-        rule: dict[str, Any] = {"low": 0.0, "high": 1e3}
-        if name == "segments":
-            rule = {"low": 1.0, "high": float(MOST_SEGMENTS)}
-        elif name != "u":
-            number = checked_number("a name in ranges", name, pipe, others=("u", "segments"))
-            rule = number.rule
-        found[name] = check.interval(f"ranges[{name!r}]", ranges[name], **rule)
+        if name not in own:
+            own[name] = checked_number("a name in ranges", name, pipe, others=tuple(own)).rule
+        found[name] = check.interval(f"ranges[{name!r}]", ranges[name], **own[name])
     return found
 
 
