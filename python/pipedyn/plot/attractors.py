@@ -70,7 +70,7 @@ def basins(found: Attractors, *, units: Units = "nondimensional", ax: Axes | Non
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    common.check_type("found", found, Attractors)
+    check.instance("found", found, Attractors)
     plane = found.plane
     if plane is None or min(plane.shape) < 2:
         rule = "found must come from a StartPlane of at least 2 values along both axes"
@@ -252,7 +252,7 @@ def films(
         moving = [k for k, basin in enumerate(found.basins) if basin.ending != "rest"]
         view = View(units, found.model.pipe)
         return {_name(found, k, view): animate(found.basins[k], **how) for k in moving}
-    diagram: BifurcationDiagram = common.check_type("found", found, BifurcationDiagram)
+    diagram: BifurcationDiagram = check.instance("found", found, BifurcationDiagram)
     speed = check.real("speed", speed, low=0.0)
     if not np.isclose(diagram.speeds, speed, rtol=1e-12, atol=0.0).any():
         raise ValueError(f"speed must be one of the diagram's speeds, got {speed:g}")
@@ -272,7 +272,7 @@ def _shown_basins(found: Any, units: Units) -> tuple[list[Basin], Any, list[str]
     if isinstance(found, Basin):
         view = View(units, found.motion.model.pipe)
         return [found], found.motion.model, [_kind(found, view)]
-    common.check_type("found", found, Attractors)
+    check.instance("found", found, Attractors)
     view = View(units, found.model.pipe)
     names = [_name(found, k, view) for k in range(len(found))]
     return list(found.basins), found.model, names

@@ -74,7 +74,7 @@ def bifurcation_diagram(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    common.check_type("diagram", diagram, BifurcationDiagram)
+    check.instance("diagram", diagram, BifurcationDiagram)
     index, shown = of_coordinate(coordinate, diagram.model.coordinates)
     view = View(units, diagram.model.pipe)
     ax = view.axes(ax, (6.4, 4.2), FLOW_SPEED, shown)
@@ -221,8 +221,7 @@ def orbit(
     if not shown:
         raise ValueError("cycles must hold at least one, got none")
     for i, cycle in enumerate(shown):
-        if not isinstance(cycle, LimitCycle):
-            raise TypeError(f"cycles must be limit cycles, got {check.shown(cycle)}")
+        check.instance("cycles", cycle, LimitCycle, "limit cycles")
         if cycle.t.size < 8:
             raise ValueError(f"cycles[{i}] must have at least 8 samples, got {cycle.t.size}")
     views = [View(units, cycle.model.pipe) for cycle in shown]
@@ -258,8 +257,7 @@ def multipliers(
     Raises:
         TypeError: for bad arguments.
     """
-    if not isinstance(cycles, LimitCycle | CycleBranch):
-        raise TypeError(f"cycles must be limit cycles, got {check.shown(cycles)}")
+    check.instance("cycles", cycles, LimitCycle | CycleBranch, "limit cycles")
     first = cycles if isinstance(cycles, LimitCycle) else next(iter(cycles.cycles), None)
     view = View(units, None if first is None else first.model.pipe)
     ax = common.axes(ax, (4.4, 4.2), xlabel=r"Re $\rho$", ylabel=r"Im $\rho$")

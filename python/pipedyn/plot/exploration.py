@@ -30,7 +30,6 @@ from pipedyn.linear.stability_curve import StabilityCurve, stability_curve
 from pipedyn.models.chain import Chain
 from pipedyn.models.pipe import OWN_NUMBERS, Pipe
 from pipedyn.models.pipe_numbers import PipeNumber, checked_number, pipe_numbers
-from pipedyn.plot import common
 from pipedyn.plot.common import rounded_up
 from pipedyn.plot.exploration_picture import CYCLES, ExplorationPicture
 from pipedyn.plot.units import Units, View
@@ -144,10 +143,10 @@ class Exploration:
         ranges: Mapping[str, tuple[float, float]] | None = None,
         units: Units = "nondimensional",
     ) -> None:
-        common.check_type("pipe", pipe, Pipe)
+        check.instance("pipe", pipe, Pipe)
         self.view = View(units, pipe)
         n = check.count("n", n, high=MOST_SEGMENTS)
-        common.check_type("springs", springs, str)
+        check.instance("springs", springs, str)
         if pipe.jet_angle:
             raise ValueError(
                 "pipe must rest straight: its small motions about that are shown, got "
@@ -388,7 +387,7 @@ def _checked_ranges(ranges: Any, pipe: Pipe) -> dict[str, tuple[float, float]]:
     """Checks the argument `ranges`: each range must lie within the values its number may have."""
     if ranges is None:
         return {}
-    common.check_type("ranges", ranges, Mapping)
+    check.instance("ranges", ranges, Mapping)
     own = {"u": {"low": 0.0, "high": 1e3}, "segments": {"low": 1.0, "high": float(MOST_SEGMENTS)}}
     found = {}
     for name in ranges:

@@ -51,7 +51,7 @@ def frequency_response(
     Raises:
         TypeError: for bad arguments.
     """
-    common.check_type("response", response, FrequencyResponse)
+    check.instance("response", response, FrequencyResponse)
     shows_phase = check.flag("phase", phase)
     moved = "free end" if response.output == 1.0 else f"place $s = {response.output:g}$"
     driven = "base" if isinstance(response.input, str) else response.input[0]
@@ -135,12 +135,10 @@ def parametric_regions(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    if not isinstance(regions, list | tuple | ParametricRegions):
-        raise TypeError(
-            f"regions must be those of parametric_regions or a list, got {check.shown(regions)}"
-        )
+    said = "those of parametric_regions or a list"
+    check.instance("regions", regions, (list, tuple, ParametricRegions), said)
     for i, one in enumerate(regions):
-        common.check_type(f"regions[{i}]", one, ParametricRegion)
+        check.instance(f"regions[{i}]", one, ParametricRegion)
     pipe = regions.model.pipe if isinstance(regions, ParametricRegions) else None
     view = View(units, regions[0].pipe if regions else pipe)
     pulsation = Measure(r"frequency of the pulsation $\omega$", OMEGA.si_label, OMEGA.unit)
@@ -196,7 +194,7 @@ def forced_response(
     Raises:
         TypeError: for bad arguments.
     """
-    common.check_type("response", response, ForcedResponse)
+    check.instance("response", response, ForcedResponse)
     view = View(units, response.model.pipe)
     ax = view.axes(ax, (6.4, 4.2), OMEGA, AMPLITUDE)
     per, one = view.one(OMEGA), view.one(AMPLITUDE)

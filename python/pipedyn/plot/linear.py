@@ -132,9 +132,9 @@ def _checked_axes(
     loci: Any, benchmark: Any, units: Units, ax: Any, x: Measure, y: Measure
 ) -> tuple[Axes, View]:
     """Checks arguments of both pictures of eigenvalues; returns the Axes and the units."""
-    common.check_type("loci", loci, RootLoci)
+    check.instance("loci", loci, RootLoci)
     if benchmark is not None:
-        common.check_type("benchmark", benchmark, RootLoci)
+        check.instance("benchmark", benchmark, RootLoci)
     view = View(units, loci.pipe)
     return view.axes(ax, (4.8, 4.2), x, y), view
 
@@ -204,7 +204,7 @@ def dot_stride(loci: RootLoci) -> int:
         >>> plot.dot_stride(loci) >= 1
         True
     """
-    common.check_type("loci", loci, RootLoci)
+    check.instance("loci", loci, RootLoci)
     # 19 dots of 2.2 points leave the curve visible between them in a panel two inches wide.
     return max(1, round((loci.speeds.size - 1) / 18))
 
@@ -227,7 +227,7 @@ def mode_shapes(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    common.check_type("modes", modes, Modes)
+    check.instance("modes", modes, Modes)
     count = check.count("count", count, high=1000)
     view = View(units, modes.shapes[0].model.pipe if modes.shapes else None)
     ax = view.axes(ax, (6.4, 4.2), ARC, Measure("displacement (largest: 1)"))

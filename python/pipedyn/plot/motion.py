@@ -558,7 +558,7 @@ def checked_motion(motion: Any, name: str = "motion") -> Sampled:
     if isinstance(motion, Basin):
         motion = motion.motion
     if not isinstance(motion, LimitCycle):
-        common.check_type(name, motion, Motion)
+        check.instance(name, motion, Motion)
     checked: Sampled = motion
     if checked.t.size < 3:
         raise ValueError(

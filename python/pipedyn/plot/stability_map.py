@@ -76,7 +76,7 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
     Raises:
         TypeError: for bad arguments.
     """
-    common.check_type("found", found, Boundary)
+    check.instance("found", found, Boundary)
     plane = PlaneView(units, found.model.pipe, found.names)
     ax = plane.axes(ax, (6.4, 4.8), *plane.quantities)
     (left, right), (low, high) = plane.limits(found.ranges)
@@ -246,9 +246,9 @@ def stability_map(
     if highest is not None:
         highest = check.real("highest", highest, low=0.0, open_low=True)
     if marked is not None:
-        common.check_type("marked", marked, CriticalSpeed)
+        check.instance("marked", marked, CriticalSpeed)
     if parameter is not None:
-        common.check_type("parameter", parameter, str)
+        check.instance("parameter", parameter, str)
     name = next(iter(names), None)
     pipes = [_pipe(one) for one in boundaries.values()]
     known = next((pipe for pipe in pipes if pipe is not None), None)
@@ -395,10 +395,10 @@ TICKS["dashes"] = {"dash_offset": 0.0, "dash_list": None}
 
 def _number_swept(label: Any, one: Any) -> str | None:
     """Name of the number on the x axis of a boundary; None for a curve, which names none."""
-    common.check_type("the names of boundaries", label, str)
+    check.instance("the names of boundaries", label, str)
     if isinstance(one, StabilityCurve):
         return None
-    found: Boundary = common.check_type(f"boundaries[{label!r}]", one, Boundary)
+    found: Boundary = check.instance(f"boundaries[{label!r}]", one, Boundary)
     if found.names[1] != "u":
         raise ValueError(f"boundaries[{label!r}] must have 'u' for y, got {found.names!r}")
     return found.names[0]

@@ -436,8 +436,7 @@ def load(path: str | os.PathLike[str], kind: type[Any] = object) -> Any:
         OSError: if the file cannot be read.
     """
     place = _checked(path)
-    if not isinstance(kind, type):
-        raise TypeError(f"kind must be a class, got {check.shown(kind)}")
+    check.instance("kind", kind, type, "a class")
     try:
         with place.open("rb") as file, zipfile.ZipFile(file) as archive:
             members = _Members(archive, os.fstat(file.fileno()).st_size)
@@ -492,8 +491,7 @@ def _refused(constant: str) -> NoReturn:
 
 
 def _checked(path: str | os.PathLike[str]) -> Path:
-    if not isinstance(path, str | os.PathLike):
-        raise TypeError(f"path must be a path, got {check.shown(path)}")
+    check.instance("path", path, str | os.PathLike, "a path")
     place = Path(path)
     if place.suffix != ".npz":
         raise ValueError(f"path must end in .npz, got {check.shown(str(place))}")
