@@ -127,7 +127,6 @@ def changed(where, change):
         ("scene", "modular.Guide.node", 7, "node"),
         ("Operators", "Operators.direction", 3.0, "direction must be 1 or -1"),
         ("Operators", "Operators.flux", lambda m: m[:1], r"shape \(n, n\), got \(1, 2\)"),
-        ("Motion", "Motion.u", -4.0, "u of Motion must be >= 0"),
         ("Motion", "Motion.u", "fast", "u of Motion must be"),
         ("Motion", "Motion.evaluations", 2.5, "evaluations of Motion must be int, got 2.5"),
         ("Motion", "Motion.events", None, "events of Motion must be tuple"),
@@ -270,11 +269,7 @@ def described(shape, dtype="<f8", data=b""):
         ("(4294967296, 4294967296, 0, 7)", "<f8", "is not as long as its shape says"),
         ("(-1,)", "<f8", "array0 is described otherwise than `save` does"),
         ("(1,)", "|O", "array0 is described otherwise than `save` does"),
-        (
-            "(1,)",
-            "<U99999999999",
-            "not understood|array0 is not as long",
-        ),
+        ("(1,)", "<U99999999999", "not a valid dtype|array0 is not as long"),
     ],
 )
 def test_shapes_are_judged_before_memory_is_taken(shape, dtype, said, tmp_path):

@@ -19,6 +19,9 @@ PIPE = pp.Pipe(
     terms=[pp.PointMass(1.0, 0.1), pp.Spring(0.5, 3.0), pp.Spring(0.8, 1.0)],
     root=pp.RootSpring(4.0),
 )
+HOSE = pp.Pipe.from_si(
+    length=0.45, bending_stiffness=7.3e-3, pipe_mass=0.19, fluid_mass=0.032, damping_time=2e-3
+)
 MOVES = {
     "u": 3.5,
     "beta": 0.55,
@@ -80,7 +83,8 @@ def test_artists_have_the_data_of_the_answers():
         for gid, chosen in ("roots", values.real < 0.0), ("growing roots", values.real > 0.0):
             roots = np.column_stack([values.real, values.imag])[chosen]
             assert np.array_equal(shown[gid].get_xydata(), roots)
-        ends = {tuple(end) for one in shown["root loci"].get_segments() for end in one}
+        loci = state.picture.axes[0].collections[0]
+        ends = {tuple(end) for one in loci.get_segments() for end in one}
         upper = state.loci.eigenvalues[:, 0]
         assert {(z.real, abs(z.imag)) for z in upper.tolist()} <= ends
         onset = np.column_stack([state.curve.values, state.curve.speeds])
@@ -192,7 +196,7 @@ def test_divergence_grows_without_a_cycle():
 
 
 def test_the_moving_pipe_lies_on_the_axes():
-    state = plot.Exploration(pp.Pipe(0.2), 4, 3.0)
+    state = plot.Exploration(HOSE, 6, 3.0, units="si")
     svg = state.picture.overlay()
     values = re.findall(r'values="([^"]*)"', svg)
     assert len(values) == 2  # the pipe and the jet's arrow
@@ -200,7 +204,7 @@ def test_the_moving_pipe_lies_on_the_axes():
     assert len(frames) == len(state.film.shapes)
     height = state.picture.figure.bbox.height
     for frame, shape in zip(frames, state.film.shapes, strict=True):
-        places = state.picture.axes[2].transData.transform(shape)
+        places = state.picture.axes[2].transData.transform(HOSE.scales.length * shape)
         assert frame / 10.0 == pytest.approx(
             np.column_stack([places[:, 0], height - places[:, 1]]), abs=0.051
         )
@@ -209,9 +213,8 @@ def test_the_moving_pipe_lies_on_the_axes():
 
 
 def test_speeds_and_frequencies_are_told_in_si_where_the_pipe_has_scales():
-    hose = pp.Pipe.from_si(length=0.45, bending_stiffness=7.3e-3, pipe_mass=0.19, fluid_mass=0.032)
-    now, then = plot.Exploration(hose, 6, 3.0).report
-    assert f"u = 3 ({hose.speed_si(3.0):.3g} m/s)" in now
+    now, then = plot.Exploration(HOSE, 6, 3.0).report
+    assert f"u = 3 ({HOSE.speed_si(3.0):.3g} m/s)" in now
     assert " m/s)" in then
     assert " Hz)" in then
 
@@ -219,18 +222,17 @@ def test_speeds_and_frequencies_are_told_in_si_where_the_pipe_has_scales():
 @pytest.mark.parametrize("against", ["beta", "gamma"])
 def test_the_picture_is_in_si_on_request(against):
     """Also where the mass ratio is turned, with which the unit of the flow speed changes."""
-    hose = pp.Pipe.from_si(length=0.45, bending_stiffness=7.3e-3, pipe_mass=0.19, fluid_mass=0.032)
-    state = plot.Exploration(hose, 6, 3.0, against=against, units="si")
+    state = plot.Exploration(HOSE, 6, 3.0, against=against, units="si")
     drawn(state)
     labels = [(ax.get_xlabel(), ax.get_ylabel()) for ax in state.picture.axes]
     assert labels[0] == (r"Re $\lambda$ (1/s)", r"Im $\lambda$ (rad/s)")
     assert labels[1][1] == "flow speed (m/s)"
-    for beta in (hose.beta, 0.3):
+    for beta in (HOSE.beta, 0.3):
         state.set("beta", beta)
         shown = drawn(state)
-        pipe = replace(hose, beta=beta)
+        pipe = replace(HOSE, beta=beta)
         values = np.array([mode.eigenvalue for mode in state.modes])
-        np.testing.assert_allclose(shown["roots"].get_xdata(), values.real / hose.scales.time)
+        np.testing.assert_allclose(shown["roots"].get_xdata(), values.real / HOSE.scales.time)
         assert shown["place"].get_ydata() == pytest.approx([pipe.speed_si(3.0)])
         made = [
             pp.critical_speed(pp.Chain(replace(pipe, **{against: value}), 6)).in_si().speed
@@ -238,7 +240,7 @@ def test_the_picture_is_in_si_on_request(against):
         ]
         np.testing.assert_allclose(shown["onset"].get_ydata(), made, rtol=1e-9)
         assert max(path.vertices[-1, 1] for path in shown["envelope"].get_paths()) <= 0.45
-    assert labels[2][0] == "$x$ (m)"
+    assert labels[2][0] == "transverse $x$ (m)"
     assert state.picture.overlay().startswith("<svg")
 
 

@@ -415,11 +415,8 @@ class MotionOf(_Integrated):
         super().__post_init__()
         duration = check.real("duration", self.duration, low=1e-6, high=1e6)
         for name, given in (("start", self.start), ("rates", self.rates)):
-            if given is not None and not callable(given):
-                raise TypeError(
-                    f"{name} must be a function of arc lengths s, so that all models start alike, "
-                    f"got {check.shown(given)}"
-                )
+            said = "a function of arc lengths s, so that all models start alike"
+            check.instance(name, given, Callable | None, said)
         if self.rates is not None and self.start is None:
             raise ValueError("rates must come with a start")
         samples = check.count("samples", self.samples, low=2, high=100_000)

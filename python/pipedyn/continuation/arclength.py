@@ -237,8 +237,7 @@ class Segment(Generic[Equations]):
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> Segment[Equations]:
         """The segment with fields from a file; TypeError if `problem` is no `Continuation`."""
-        if not isinstance(fields["problem"], Continuation):
-            raise TypeError(f"problem must be equations, got {check.shown(fields['problem'])}")
+        check.instance("problem", fields["problem"], Continuation, "equations")
         return cls(**fields)
 
     @property

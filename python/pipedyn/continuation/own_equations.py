@@ -152,18 +152,15 @@ def follow(
     if not isinstance(given, Mapping) or not all(map(callable, given.values())):
         raise TypeError(f"tests must map names to functions, got {check.shown(tests)}")
     bounds = [(-1, low, high), *_checked_limits(limits, x)]
-    if derivative is not None and not callable(derivative):
-        raise TypeError(f"derivative must be a function, got {check.shown(derivative)}")
+    check.instance("derivative", derivative, Callable | None, "a function")
+    said = "a function of x and p, or a Continuation"
+    check.instance("problem", problem, Callable | Continuation, said)
     if isinstance(problem, Continuation):
         solver = problem
-    elif callable(problem):
+    else:
         equations = _UserEquations(problem, derivative, x, p0, scale, (low, high))
         control = Control(longest=step * scale)
         solver = DenseProblem(equations, x.size, (high - low) / scale, control)
-    else:
-        raise TypeError(
-            f"problem must be a function of x and p, or a Continuation, got {check.shown(problem)}"
-        )
     for name, test in given.items():
         _test_value(name, test, x, p0)
     try:

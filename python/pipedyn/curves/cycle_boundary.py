@@ -110,10 +110,8 @@ def cycle_boundary(
     ODEs using bordered systems; Kuznetsov, Elements of Applied Bifurcation Theory, ch. 9, for the
     named points on the curves.
     """
-    if not isinstance(branch, CycleBranch | ForcedBranch):
-        raise TypeError(
-            f"branch must be a CycleBranch or a ForcedBranch, got {check.shown(branch)}"
-        )
+    kinds = CycleBranch | ForcedBranch
+    check.instance("branch", branch, kinds, "a CycleBranch or a ForcedBranch")
     given = checked_branch_events(branch, events)
     names = checked_names(branch, x, y)
     shown = check.flag("progress", progress)

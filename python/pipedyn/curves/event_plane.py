@@ -48,8 +48,7 @@ def checked_branch_events(
     if not isinstance(given, Sequence) or isinstance(given, str) or not given:
         raise TypeError(f"events must be one or more events, got {check.shown(events)}")
     for event in given:
-        if not isinstance(event, kind):
-            raise TypeError(f"events must be {kind.__name__}s, got {check.shown(event)}")
+        check.instance("events", event, kind, f"{kind.__name__}s")
         if event.kind not in EVENTS:
             raise ValueError(f"events must be of kind {', '.join(EVENTS)}, got {event.kind!r}")
         if event not in branch.events:
@@ -64,8 +63,7 @@ def checked_names(branch: CycleBranch | ForcedBranch, x: Any, y: Any) -> tuple[s
         ValueError, TypeError: unless exactly one of them names the branch parameter.
     """
     for name, value in (("x", x), ("y", y)):
-        if not isinstance(value, str):
-            raise TypeError(f"{name} must be a name, got {check.shown(value)}")
+        check.instance(name, value, str, "a name")
     own = "u" if isinstance(branch, CycleBranch) else "frequency"
     if (x == own) == (y == own):
         raise ValueError(

@@ -127,8 +127,7 @@ class CycleEvent(Result, units={"error": SPEED}):
 
     def same(self, other: CycleEvent) -> bool:
         """Whether two branches meet in one event; raises TypeError if `other` is no event."""
-        if not isinstance(other, CycleEvent):
-            raise TypeError(f"other must be a CycleEvent, got {check.shown(other)}")
+        check.instance("other", other, CycleEvent, "a CycleEvent")
         apart = abs(self.speed - other.speed)
         near = SAME_CYCLE * self.speed + 3.0 * (self.error + other.error)
         equal = abs(self.amplitude - other.amplitude) <= 0.1 * self.amplitude

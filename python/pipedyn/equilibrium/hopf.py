@@ -450,11 +450,8 @@ def hopf(
                 "may be given as crossing="
             )
         crossing = next(one for one in found if one.destabilising)
-    elif not isinstance(crossing, Crossing | BranchPoint):
-        raise TypeError(
-            f"crossing must be a Crossing or a BranchPoint, got {check.shown(crossing)}"
-        )
-    elif crossing.kind not in ("flutter", "hopf"):
+    check.instance("crossing", crossing, Crossing | BranchPoint, "a Crossing or a BranchPoint")
+    if crossing.kind not in ("flutter", "hopf"):
         raise ValueError(f"crossing must be a flutter, got a {crossing.kind}")
     u = crossing.speed
     if crossing.frequency == 0.0:

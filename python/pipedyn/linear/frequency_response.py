@@ -266,12 +266,9 @@ def checked_input(given: Any) -> Input:
     if isinstance(given, tuple) and len(given) == 2:
         kind = check.choice("input[0]", given[0], ("force", "moment"))
         return kind, check.real("input[1]", given[1], low=0.0, high=1.0, open_low=True)
-    if not isinstance(given, str):
-        raise TypeError(
-            f"input must be 'base', ('force', s) or ('moment', s), got {check.shown(given)}"
-        )
-    if given != "base":
-        raise ValueError(f"input must be 'base', ('force', s) or ('moment', s), got {given!r}")
+    said = "'base', ('force', s) or ('moment', s)"
+    if check.instance("input", given, str, said) != "base":
+        raise ValueError(f"input must be {said}, got {given!r}")
     return given
 
 

@@ -304,17 +304,12 @@ def _with_stiffness(pipe: Pipe, value: float) -> Pipe:
 def _checked_problem(pipe: Pipe, measurements: Any, unknowns: Any) -> _Problem:
     """The problem given by the arguments of `identify`; raises errors for bad arguments."""
     pipe = checked_pipe(pipe)
-    if not isinstance(measurements, list | tuple):
-        raise TypeError(
-            f"measurements must be a list of Measurement, got {check.shown(measurements)}"
-        )
+    check.instance("measurements", measurements, list | tuple, "a list of Measurement")
     if not measurements:
         raise ValueError("measurements must have at least one Measurement, got none")
     for i, one in enumerate(measurements):
-        if not isinstance(one, Measurement):
-            raise TypeError(f"measurements[{i}] must be a Measurement, got {check.shown(one)}")
-    if isinstance(unknowns, str) or not isinstance(unknowns, list | tuple | Mapping):
-        raise TypeError(f"unknowns must be a list of names, got {check.shown(unknowns)}")
+        check.instance(f"measurements[{i}]", one, Measurement, "a Measurement")
+    check.instance("unknowns", unknowns, list | tuple | Mapping, "a list of names")
     names = list(unknowns)
     if not names:
         raise ValueError("unknowns must have at least one name, got none")

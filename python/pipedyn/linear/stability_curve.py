@@ -216,10 +216,7 @@ def swept(
     point failed; and the failures, in order. `solve` takes a batch of models and returns a result
     or an exception for each; it must pickle if the executor runs processes.
     """
-    if not callable(make_model):
-        raise TypeError(
-            f"make_model must be a function of the parameter, got {check.shown(make_model)}"
-        )
+    check.instance("make_model", make_model, Callable, "a function of the parameter")
     at = check.array("values", values, longest=100_000)
     check.executor("executor", executor)
     shown = check.flag("progress", progress)

@@ -854,8 +854,7 @@ class Model(OfPipe, ABC):
 
     @staticmethod
     def _angles(angle: Callable[[Array], ArrayLike], s: Array) -> Array:
-        if not callable(angle):
-            raise TypeError(f"angle must be a function of arc length, got {check.shown(angle)}")
+        check.instance("angle", angle, Callable, "a function of arc length")
         return check.array("angle(s)", values_along("angle", angle, s), size=s.size, **ANGLES)
 
     def tip(self, q: ArrayLike) -> Array:

@@ -117,8 +117,7 @@ class Continuum(OfPipe):
             ValueError, TypeError: for arguments out of range or of a wrong type.
         """
         for name, given in (("question", question), ("distance", distance)):
-            if not callable(given):
-                raise TypeError(f"{name} must be a function, got {check.shown(given)}")
+            check.instance(name, given, Callable, "a function")
         return converged_ahead(
             self, lambda one, _: (question(one), None), distance, tolerance, smallest, largest
         )

@@ -612,9 +612,8 @@ class Pipe(Saved):
 
 def checked_pipe(pipe: Any) -> Pipe:
     """Returns the argument if it is a pipe; else raises TypeError."""
-    if not isinstance(pipe, Pipe):
-        raise TypeError(f"pipe must be a Pipe, got {check.shown(pipe)}")
-    return pipe
+    checked: Pipe = check.instance("pipe", pipe, Pipe, "a Pipe")
+    return checked
 
 
 def _checked_scales(scales: Any) -> Scales:

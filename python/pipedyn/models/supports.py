@@ -77,10 +77,7 @@ def checked_root(root: Any, given: str = "") -> Root:
         rule = root.__dataclass_fields__["stiffness"].metadata["range"]
         check.real(f"root.stiffness{given}", root.stiffness, **rule)
         return root if root.stiffness > 0.0 else "pinned"
-    if not isinstance(root, str):
-        raise TypeError(
-            f'root must be "clamped", "pinned" or a RootSpring, got {check.shown(root)}'
-        )
+    check.instance("root", root, str, '"clamped", "pinned" or a RootSpring')
     check.choice("root", root, ROOTS)
     return "clamped" if root == "clamped" else "pinned"
 

@@ -543,10 +543,7 @@ def checked_terms(terms: Any, end: float = 1.0) -> tuple[Term, ...]:
     if len(terms) > MOST_TERMS:
         raise ValueError(f"terms must be at most {MOST_TERMS}, got {len(terms)}")
     for i, term in enumerate(terms):
-        if not isinstance(term, Term):
-            raise TypeError(
-                f"terms[{i}] must be a term, such as PointMass or Spring, got {check.shown(term)}"
-            )
+        check.instance(f"terms[{i}]", term, Term, "a term, such as PointMass or Spring")
         if type(term).__module__ != __name__:
             raise TypeError(f"terms[{i}] must be a law of the package, got {check.shown(term)}")
         if getattr(term, "at", end) > end * (1.0 + SLACK):

@@ -232,10 +232,8 @@ class Assembly(SegmentModel):
             ValueError: for parts that do not fit, as for `Assembly`.
         """
         for part in parts:
-            if not isinstance(part, Module | Constraint | Term):
-                raise TypeError(
-                    f"parts must be modules, constraints or terms, got {check.shown(part)}"
-                )
+            kinds = Module | Constraint | Term
+            check.instance("parts", part, kinds, "modules, constraints or terms")
         constraints = tuple(part for part in parts if isinstance(part, Constraint))
         others = tuple(part for part in parts if isinstance(part, Module | Term))
         return self._remade(self._pipe, others, constraints)

@@ -195,10 +195,7 @@ class Custom(Module):
             raise ValueError(f"{self.name} must touch nodes or joints, got none")
         for function in ("energy", "force", "force_by_q", "force_by_qdot"):
             given = getattr(self, function)
-            if given is not None and not callable(given):
-                raise TypeError(
-                    f"{function} of {self.name} must be a function, got {check.shown(given)}"
-                )
+            check.instance(f"{function} of {self.name}", given, Callable | None, "a function")
         if self.energy is None and self.force is None and self.mass is None:
             raise ValueError(f"{self.name} must have an energy, a force or a mass")
         if self.force is None and self.force_by_qdot is not None:

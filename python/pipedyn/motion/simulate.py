@@ -342,8 +342,7 @@ def simulate(
                 f"scipy's hand over no polynomial of a step, got method {task.method!r}"
             )
         recorder = Recorder(task.model, looked_for, task.t0, task.start, kept)
-    if not (callback is None or callable(callback)):
-        raise TypeError(f"callback must be a function, got {check.shown(callback)}")
+    check.instance("callback", callback, Callable | None, "a function")
     observer = Observer(recorder, callback)
     [(motion, why)] = motions_of([task], check.flag("progress", progress), observer)
     if recorder is not None:

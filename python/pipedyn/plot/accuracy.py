@@ -75,13 +75,13 @@ def convergence(
     Raises:
         TypeError: for bad arguments.
     """
-    common.check_type("families", families, Mapping)
+    check.instance("families", families, Mapping)
     for name, found in families.items():
-        common.check_type("the names of families", name, str)
-        common.check_type(f"families[{name!r}]", found, Sequence)
+        check.instance("the names of families", name, str)
+        check.instance(f"families[{name!r}]", found, Sequence)
         for i, critical in enumerate(found):
-            common.check_type(f"families[{name!r}][{i}]", critical, CriticalSpeed)
-    common.check_type("exact", exact, CriticalSpeed)
+            check.instance(f"families[{name!r}][{i}]", critical, CriticalSpeed)
+    check.instance("exact", exact, CriticalSpeed)
     families = {name: found for name, found in families.items() if found}
     View(units, exact.pipe)
     ylabel = r"relative error of critical speed"
@@ -140,7 +140,7 @@ def trade(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    common.check_type("found", found, Trade)
+    check.instance("found", found, Trade)
     cost = check.choice("cost", cost, COSTS)
     View(units, found.pipe)
     ylabel = ERROR_LABELS[found.quantity.name]

@@ -16,7 +16,17 @@ from pipedyn.diagram import BifurcationDiagram
 from pipedyn.motion.simulate import simulate
 from pipedyn.plot import common
 from pipedyn.plot.motion import Film, animate
-from pipedyn.plot.units import AMPLITUDE, ELAPSED, GROWTH, OMEGA, TIP, Measure, Units, View, rate
+from pipedyn.plot.units import (
+    AMPLITUDE,
+    ELAPSED,
+    GROWTH,
+    OMEGA,
+    Measure,
+    Units,
+    View,
+    of_coordinate,
+    rate,
+)
 from pipedyn.util import check
 
 FILLS = ("#0072B2", "#F0E442", "#56B4E9", "#8C3B00", "#009E73", "#E9C6DA", "#333333", "#E69F00")
@@ -60,16 +70,15 @@ def basins(found: Attractors, *, units: Units = "nondimensional", ax: Axes | Non
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    common.check_type("found", found, Attractors)
+    check.instance("found", found, Attractors)
     plane = found.plane
     if plane is None or min(plane.shape) < 2:
         rule = "found must come from a StartPlane of at least 2 values along both axes"
         raise ValueError(f"{rule}, got {len(found.starts)} starts of another kind")
     view = View(units, found.model.pipe)
-    entries = [_state_entry(found, index, "initial ") for index in plane.indices]
-    xlabel, ylabel = map(view.label, entries)
+    entries = tuple(_state_entry(found, index, "initial ") for index in plane.indices)
     x, y = (view.one(of) * at for of, at in zip(entries, (plane.x, plane.y), strict=True))
-    ax = common.axes(ax, (6.4, 4.6), xlabel=xlabel, ylabel=ylabel)
+    ax = view.axes(ax, (6.4, 4.6), *entries)
     colours = [fill for fill, _ in zip(cycle(FILLS), found.basins, strict=False)]
     shades = ListedColormap([FAILED, UNSETTLED, *colours])
     steps = BoundaryNorm(np.arange(-2.5, len(colours) + 0.5), shades.N)
@@ -128,15 +137,13 @@ def poincare_section(
         ValueError, TypeError: for bad arguments.
     """
     some, model, names = _shown_basins(found, units)
-    index, xlabel = common.coordinate_axis(coordinate, model.coordinates)
+    index, across = of_coordinate(coordinate, model.coordinates)
     last = model.coordinates - 1 if index is None else index
     view = View(units, model.pipe)
-    across = TIP if index is None else Measure(xlabel)
     driven = any(basin.motion.base or not isinstance(basin.motion.u, float) for basin in some)
     place = "once a period" if driven else "at a maximum of the free end"
     shown = rate(last, "", f" {place}")
-    labels = {"xlabel": view.label(across), "ylabel": view.label(shown)}
-    ax = common.axes(ax, (4.8, 4.2), **labels)
+    ax = view.axes(ax, (4.8, 4.2), across, shown)
     looks = zip(cycle(SHAPES), cycle(common.CURVE_STYLES), strict=False)
     drawn = 0
     for basin, name, (marker, style) in zip(some, names, looks, strict=False):
@@ -187,8 +194,7 @@ def spectrum(
     """
     some, model, names = _shown_basins(found, units)
     view = View(units, model.pipe)
-    labels = {"xlabel": view.label(OMEGA), "ylabel": view.label(AMPLITUDE)}
-    ax = common.axes(ax, (6.4, 3.6), **labels)
+    ax = view.axes(ax, (6.4, 3.6), OMEGA, AMPLITUDE)
     highest, last = 0.0, 0.0
     for basin, name, style in zip(some, names, cycle(common.CURVE_STYLES), strict=False):
         omega = view.one(OMEGA) * basin.frequencies[1:]  # without the mean value at frequency 0
@@ -246,7 +252,7 @@ def films(
         moving = [k for k, basin in enumerate(found.basins) if basin.ending != "rest"]
         view = View(units, found.model.pipe)
         return {_name(found, k, view): animate(found.basins[k], **how) for k in moving}
-    diagram: BifurcationDiagram = common.check_type("found", found, BifurcationDiagram)
+    diagram: BifurcationDiagram = check.instance("found", found, BifurcationDiagram)
     speed = check.real("speed", speed, low=0.0)
     if not np.isclose(diagram.speeds, speed, rtol=1e-12, atol=0.0).any():
         raise ValueError(f"speed must be one of the diagram's speeds, got {speed:g}")
@@ -266,7 +272,7 @@ def _shown_basins(found: Any, units: Units) -> tuple[list[Basin], Any, list[str]
     if isinstance(found, Basin):
         view = View(units, found.motion.model.pipe)
         return [found], found.motion.model, [_kind(found, view)]
-    common.check_type("found", found, Attractors)
+    check.instance("found", found, Attractors)
     view = View(units, found.model.pipe)
     names = [_name(found, k, view) for k in range(len(found))]
     return list(found.basins), found.model, names

@@ -18,7 +18,7 @@ from pipedyn.equilibrium.equilibria import EquilibriumBranch
 from pipedyn.orbits.floquet import UNIT, nontrivial
 from pipedyn.plot import common
 from pipedyn.plot.motion import finer_times, path_of
-from pipedyn.plot.units import FLOW_SPEED, TIP, TIP_RATE, Measure, Units, View
+from pipedyn.plot.units import FLOW_SPEED, TIP, TIP_RATE, Units, View, of_coordinate
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
@@ -74,12 +74,10 @@ def bifurcation_diagram(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    common.check_type("diagram", diagram, BifurcationDiagram)
-    index, ylabel = common.coordinate_axis(coordinate, diagram.model.coordinates)
+    check.instance("diagram", diagram, BifurcationDiagram)
+    index, shown = of_coordinate(coordinate, diagram.model.coordinates)
     view = View(units, diagram.model.pipe)
-    shown = TIP if index is None else Measure(ylabel)
-    labels = {"xlabel": view.label(FLOW_SPEED), "ylabel": view.label(shown)}
-    ax = common.axes(ax, (6.4, 4.2), **labels)
+    ax = view.axes(ax, (6.4, 4.2), FLOW_SPEED, shown)
     one = np.array([view.one(FLOW_SPEED), view.one(shown)])
     for branch in diagram.equilibria:
         heights = branch.tips[:, 0] if index is None else branch.q[:, index]
@@ -163,9 +161,7 @@ def draw_pieces(
 
 
 def mark_event(ax: Axes, kind: str, place: Any) -> None:
-    """Draws the marker of an event of a branch at (x, y), if the kind of event has a marker."""
-    if kind not in MARKS:
-        return
+    """Draws the marker of an event of a branch at (x, y)."""
     look = {"linestyle": "none", "markersize": 5.0, "zorder": 4.0, **MARKS[kind]}
     look |= {"markeredgecolor": "white", "markeredgewidth": 0.6}
     ax.plot(*place, label=kind.replace("hopf", "Hopf"), **look)
@@ -225,13 +221,11 @@ def orbit(
     if not shown:
         raise ValueError("cycles must hold at least one, got none")
     for i, cycle in enumerate(shown):
-        if not isinstance(cycle, LimitCycle):
-            raise TypeError(f"cycles must be limit cycles, got {check.shown(cycle)}")
+        check.instance("cycles", cycle, LimitCycle, "limit cycles")
         if cycle.t.size < 8:
             raise ValueError(f"cycles[{i}] must have at least 8 samples, got {cycle.t.size}")
     views = [View(units, cycle.model.pipe) for cycle in shown]
-    labels = {"xlabel": views[0].label(TIP), "ylabel": views[0].label(TIP_RATE)}
-    ax = common.axes(ax, (4.8, 4.2), **labels)
+    ax = views[0].axes(ax, (4.8, 4.2), TIP, TIP_RATE)
     looks = zip(repeated(common.CURVE_STYLES), repeated((1.0, 1.6, 2.2)), strict=False)
     for cycle, view, (look, width) in zip(shown, views, looks, strict=False):
         x, t = path_of(cycle), finer_times(cycle.t)
@@ -263,8 +257,7 @@ def multipliers(
     Raises:
         TypeError: for bad arguments.
     """
-    if not isinstance(cycles, LimitCycle | CycleBranch):
-        raise TypeError(f"cycles must be limit cycles, got {check.shown(cycles)}")
+    check.instance("cycles", cycles, LimitCycle | CycleBranch, "limit cycles")
     first = cycles if isinstance(cycles, LimitCycle) else next(iter(cycles.cycles), None)
     view = View(units, None if first is None else first.model.pipe)
     ax = common.axes(ax, (4.4, 4.2), xlabel=r"Re $\rho$", ylabel=r"Im $\rho$")

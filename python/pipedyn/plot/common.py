@@ -118,14 +118,14 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
     Raises:
         TypeError: for bad arguments.
     """
-    check_type("label", label, str)
+    check.instance("label", label, str)
     if ax is None:
         import matplotlib.pyplot as plt  # selects how figures are shown, so only if needed
 
         ax = plt.gca()
     every: list[Any] = list(ax.flat) if isinstance(ax, np.ndarray) and ax.size else [ax]
     for one in every:
-        check_type("ax", one, Axes)
+        check.instance("ax", one, Axes)
     shown = [one.collections[0] for one in every if one.collections]
     if not shown:
         return None
@@ -147,29 +147,13 @@ def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
         import matplotlib.pyplot as plt  # selects how figures are shown, so only if needed
 
         ax = plt.subplots(figsize=size, layout="constrained")[1]
-    chosen: Axes = check_type("ax", ax, Axes)
+    chosen: Axes = check.instance("ax", ax, Axes)
     if isinstance(chosen.figure, Figure) and chosen.figure.get_layout_engine() is None:
         with suppress(RuntimeError):  # a colour bar was placed without a layout engine
             chosen.figure.set_layout_engine("constrained")
     chosen.set(**labels)
     chosen.yaxis.label.set_wrap(True)
     return chosen
-
-
-def check_type(name: str, value: Any, kind: type) -> Any:
-    """The value, refused if it is of another type."""
-    if not isinstance(value, kind):
-        raise TypeError(f"{name} must be of type {kind.__name__}, got {check.shown(value)}")
-    return value
-
-
-def coordinate_axis(coordinate: Any, coordinates: int) -> tuple[int | None, str]:
-    """Index of a coordinate, or None for "tip", the free end; and the label of its axis."""
-    if isinstance(coordinate, str):
-        check.choice("coordinate", coordinate, ("tip",))
-        return None, TIP_LABEL
-    index = check.count("coordinate", coordinate, low=0, high=coordinates - 1)
-    return index, f"coordinate $q_{{{index}}}$, counted from 0"
 
 
 def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
@@ -232,7 +216,7 @@ def notice(text: str, *, ax: Axes | None = None) -> Axes:
     Raises:
         TypeError: for bad arguments.
     """
-    check_type("text", text, str)
+    check.instance("text", text, str)
     ax = axes(ax, (6.4, 4.8))
     ax.set(xticks=[], yticks=[])
     ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", wrap=True)

@@ -15,6 +15,7 @@ from pipedyn.plot import common
 from pipedyn.plot.bifurcation import A_STEP, draw_pieces, smooth
 from pipedyn.plot.stability_map import parts_of_stability
 from pipedyn.plot.units import PlaneView, Units
+from pipedyn.util import check
 from pipedyn.util.check import Array
 
 COLOURS = {
@@ -53,10 +54,9 @@ def cycle_boundary(
     Raises:
         TypeError: for bad arguments.
     """
-    common.check_type("found", found, CycleBoundary)
+    check.instance("found", found, CycleBoundary)
     plane = PlaneView(units, found.model.pipe, found.names)
-    xlabel, ylabel = map(plane.label, plane.quantities)
-    ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
+    ax = plane.axes(ax, (6.4, 4.8), *plane.quantities)
     across = found.names[0] == "u"  # the flow speed is on the x axis
     for curve in found.curves:
         # A curve in the plane may have a cusp, where frequency and amplitude go on smoothly.

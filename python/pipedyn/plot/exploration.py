@@ -8,7 +8,7 @@ This module needs no notebook. The answers are those of public functions: `root_
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -16,22 +16,20 @@ from typing import Any
 import numpy as np
 
 from pipedyn.linear.critical_speed import (
-    CriticalPoint,
     CriticalSpeed,
     NoCrossing,
-    critical_point,
+    critical_speed,
     crossings,
     stability_losses,
     stable_speeds,
 )
+from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.modes import ModeShape, RootLoci, modes, root_loci
-from pipedyn.linear.neutral import growth
-from pipedyn.linear.sensitivity import Crossing
+from pipedyn.linear.neutral import grows, growth
 from pipedyn.linear.stability_curve import StabilityCurve, stability_curve
 from pipedyn.models.chain import Chain
 from pipedyn.models.pipe import OWN_NUMBERS, Pipe
 from pipedyn.models.pipe_numbers import PipeNumber, checked_number, pipe_numbers
-from pipedyn.plot import common
 from pipedyn.plot.common import rounded_up
 from pipedyn.plot.exploration_picture import CYCLES, ExplorationPicture
 from pipedyn.plot.units import Units, View
@@ -116,6 +114,7 @@ class Exploration:
             have no default or are not at their default.
         values: present values of these numbers, by name.
         model: the chain with the present values.
+        critical: critical speed of the model; None if there is none up to u = 100.
         curve: critical speeds against the number `against`, with the present values of all others.
 
     Example:
@@ -144,10 +143,10 @@ class Exploration:
         ranges: Mapping[str, tuple[float, float]] | None = None,
         units: Units = "nondimensional",
     ) -> None:
-        common.check_type("pipe", pipe, Pipe)
+        check.instance("pipe", pipe, Pipe)
         self.view = View(units, pipe)
         n = check.count("n", n, high=MOST_SEGMENTS)
-        common.check_type("springs", springs, str)
+        check.instance("springs", springs, str)
         if pipe.jet_angle:
             raise ValueError(
                 "pipe must rest straight: its small motions about that are shown, got "
@@ -158,9 +157,9 @@ class Exploration:
         given = _checked_ranges(ranges, pipe)
         self._numbers = _turnable(pipe, given)
         own = {name: number.of(pipe) for name, number in self._numbers.items()}
-        self._loss = _loss(model)
+        self.critical = _loss(model)
         if u is None:
-            u = 4.0 if self._loss is None else 1.05 * self._loss[0].speed
+            u = 4.0 if self.critical is None else 1.05 * self.critical.speed
         u = check.real("u", u, low=0.0, high=1e3)
         always = {name: own[name] for name in ALWAYS if name in own}
         self.values: dict[str, float] = {"u": u, **always, "segments": float(n)} | own
@@ -200,9 +199,9 @@ class Exploration:
                 if values[turned] != number.of(self._pipe):
                     pipe = number.changed(pipe, values[turned])
             model = Chain(pipe, round(values["segments"]), springs=self._springs)
-            loss = _loss(model)
+            critical = _loss(model)
             curve = self.curve if name == self.against else self._curve_of(model)
-            self.model, self._loss, self.curve = model, loss, curve
+            self.model, self.critical, self.curve = model, critical, curve
         self.values = values
         # Answers are computed again when they are used; two of them do not depend on u.
         for one in ("modes", "film", *(("loci", "stable_speeds") if name != "u" else ())):
@@ -236,18 +235,11 @@ class Exploration:
             high = rounded_up(2.0 * value)
         elif value < low:
             low = -rounded_up(-2.0 * value)
-        if name == "beta" and self._pipe.mass is not None:
-            high = min(high, self._pipe.mass.bounds[0])
         below, above = rule.get("low", -math.inf), rule.get("high", math.inf)
         high = min(high, 0.999 if name == "beta" else above)
         return Slider(name, max(low, below), high)
 
     # ------------------------------------------------------------------------------- answers
-
-    @property
-    def critical(self) -> CriticalSpeed | None:
-        """The critical speed of the model; None if there is none up to u = 100."""
-        return None if self._loss is None else self._loss[0]
 
     @cached_property
     def loci(self) -> RootLoci:
@@ -262,24 +254,21 @@ class Exploration:
         return tuple(one for one, good in shapes if good)
 
     @property
-    def least_stable(self) -> ModeShape | None:
-        """The mode with the largest real part, the lowest of equal ones; None if there is none."""
-        if not self.modes:
-            return None
-        values = np.array([one.eigenvalue for one in self.modes])
-        same = values.real >= values.real.max() - EIGENVALUE_ROUNDING * (1.0 + np.abs(values))
-        return self.modes[int(np.argmax(same))]
+    def _roots(self) -> Complex:
+        """Eigenvalues of the modes, shape (number of modes,)."""
+        return np.array([one.eigenvalue for one in self.modes])
 
     @property
-    def _growth(self) -> float:
-        """Growth rate of the least stable mode; 0 if it is within rounding."""
-        values = np.array([one.eigenvalue for one in self.modes], dtype=np.complex128)
-        return float(growth(values).max(initial=-math.inf)) if values.size else 0.0
+    def least_stable(self) -> ModeShape:
+        """The mode with the largest real part, the lowest of equal ones."""
+        roots = self._roots
+        same = roots.real >= roots.real.max() - EIGENVALUE_ROUNDING * (1.0 + np.abs(roots))
+        return self.modes[int(np.argmax(same))]
 
     @property
     def unstable(self) -> bool:
         """Whether a mode grows by more than rounding."""
-        return self._growth > 0.0
+        return bool(grows(self._roots).any())
 
     @cached_property
     def film(self) -> ModeFilm:
@@ -290,21 +279,18 @@ class Exploration:
         slope 0.7. Transverse displacements are those of the mode; the position along the pipe
         follows from its constant length.
         """
-        s = np.union1d(np.linspace(0.0, 1.0, 21), self.model.stations)
-        shape = self.least_stable
-        value = 0j if shape is None else shape.eigenvalue
-        grows = self._growth
-        duration = 3.0 / abs(grows) if grows else 1.0
-        if value.imag:
-            duration = CYCLES * 2.0 * math.pi / value.imag
+        s = np.append(0.0, self.model.stations)  # segments are straight between joints
+        shape, rate = self.least_stable, growth(self._roots).max()
+        omega = shape.eigenvalue.imag
+        duration = 3.0 / abs(rate) if rate else 1.0
+        if omega:
+            duration = CYCLES * 2.0 * math.pi / omega
         times = np.linspace(0.0, duration, CYCLES * FRAMES + 1)
-        across = np.zeros((times.size, s.size))
-        if shape is not None:
-            largest = duration if grows > 0.0 else 0.0
-            factors = np.exp(grows * (times - largest) + 1j * value.imag * times)
-            across = (factors[:, None] * shape(s)).real
-            slopes = np.abs(np.diff(across, axis=1) / np.diff(s)).max()
-            across *= min(SWING / max(np.abs(across).max(), 1e-300), STEEPEST / (slopes or 1.0))
+        largest = duration if rate > 0.0 else 0.0
+        factors = np.exp(rate * (times - largest) + 1j * omega * times)
+        across = (factors[:, None] * shape(s)).real
+        slopes = np.abs(np.diff(across, axis=1) / np.diff(s)).max()
+        across *= min(SWING / np.abs(across).max(), STEEPEST / slopes)
         along = np.sqrt(np.diff(s) ** 2 - np.diff(across, axis=1) ** 2)
         down = np.concatenate([np.zeros((times.size, 1)), np.cumsum(along, axis=1)], axis=1)
         return ModeFilm(np.stack([across, down], axis=-1), duration)
@@ -312,45 +298,38 @@ class Exploration:
     @property
     def report(self) -> tuple[str, str]:
         """Two sentences: on stability at the flow speed, and on the range of stable speeds."""
-        pipe, u, shape = self.model.pipe, self.values["u"], self.least_stable
-        si = f" ({pipe.speed_si(u):.3g} m/s)" if pipe.scales else ""
-        if shape is None:
-            now = f"u = {u:.4g}{si}: no mode oscillates."
-        else:
-            value = shape.eigenvalue
-            kind = "flutter" if value.imag else "divergence"
-            state = f"unstable, {kind} grows" if self.unstable else "stable"
-            pair = f" ± {value.imag:.4g}i" if value.imag else ""
-            now = f"u = {u:.4g}{si}: {state}. Least stable mode: λ = {value.real:.3g}{pair}."
-        return now, self._stability()
+        value = self.least_stable.eigenvalue
+        kind = "flutter" if value.imag else "divergence"
+        state = f"unstable, {kind} grows" if self.unstable else "stable"
+        pair = f" ± {value.imag:.4g}i" if value.imag else ""
+        now = f"u = {self._said(self.values['u'])}: {state}"
+        return f"{now}. Least stable mode: λ = {value.real:.3g}{pair}.", self._stability()
+
+    def _said(self, u: float) -> str:
+        """A flow speed in words, also in m/s if the pipe has scales."""
+        pipe = self.model.pipe
+        return f"{u:.4g} ({pipe.speed_si(u):.3g} m/s)" if pipe.scales else f"{u:.4g}"
 
     def _stability(self) -> str:
         """A sentence on the flow speeds at which the pipe is stable, and how it loses stability."""
-        pipe, lost = self.model.pipe, self.critical
-
-        def said(u: float) -> str:
-            return f"{u:.4g} ({pipe.speed_si(u):.3g} m/s)" if pipe.scales else f"{u:.4g}"
-
-        if lost is None and stable_speeds(self.model, (), MAX_SPEED):
-            return f"No loss of stability up to u = {MAX_SPEED:g}."
-        if lost is None or lost.unstable_before:
+        lost, end = self.critical, MAX_SPEED
+        if lost is None and stable_speeds(self.model, (), end):
+            return f"No loss of stability up to u = {end:g}."
+        if lost is None or lost.stable_from is None:
             end = MAX_SPEED if lost is None else self.slider("u").high
             ranges = stable_speeds(self.model, crossings(self.model, end), end)
-            if not ranges:
-                return f"Unstable at every flow speed up to u = {said(end)}."
-            parts = " and ".join(f"from u = {said(low)} to {said(high)}" for low, high in ranges)
-            return f"Up to u = {said(end)} stable only {parts}."
-        low = _lowest_stable(*self._loss) if self._loss is not None else 0.0
-        begins = f"begins at u = {said(lost.speed)}, mode {lost.mode}"
-        then = f"{lost.kind.capitalize()} {begins}"
-        if low:
-            then = f"Stable from u = {said(low)} on; {lost.kind} {begins}"
+            parts = [f"from u = {self._said(low)} to {self._said(high)}" for low, high in ranges]
+            if not parts:
+                return f"Unstable at every flow speed up to u = {self._said(end)}."
+            return f"Up to u = {self._said(end)} stable only {' and '.join(parts)}."
+        begins = f"{lost.kind} begins at u = {self._said(lost.speed)}, mode {lost.mode}"
+        if lost.stable_from:
+            begins = f"stable from u = {self._said(lost.stable_from)} on; {begins}"
         if lost.frequency:
-            hertz = ""
-            if pipe.scales:
-                hertz = f" ({pipe.frequency_si(lost.frequency) / (2.0 * math.pi):.3g} Hz)"
-            then += f", frequency {lost.frequency:.4g}{hertz}"
-        return then + "."
+            begins += f", frequency {lost.frequency:.4g}"
+            if self.model.pipe.scales:
+                begins += f" ({lost.in_si().frequency:.3g} Hz)"
+        return f"{begins[0].upper()}{begins[1:]}."
 
     # ---------------------------------------------------------------------- stability curve
 
@@ -374,9 +353,9 @@ class Exploration:
         curve, end = self.curve, self.slider("u").high
         found, again = np.full((curve.values.size, 2), np.nan), list[int]()
         never_lost = np.isfinite(curve.no_loss_up_to)
-        for i, (critical, below) in enumerate(zip(curve.critical, curve.crossings, strict=True)):
-            if critical is not None and not critical.unstable_before:
-                found[i] = _lowest_stable(critical, below), critical.speed
+        for i, critical in enumerate(curve.critical):
+            if critical is not None and critical.stable_from is not None:
+                found[i] = critical.stable_from, critical.speed
             elif critical is not None or never_lost[i]:
                 again.append(i)
         number = self._numbers[self.against]
@@ -397,50 +376,38 @@ class Exploration:
         return ExplorationPicture(self)
 
 
-def _loss(model: Chain) -> CriticalPoint | None:
+def _loss(model: Chain) -> CriticalSpeed | None:
     try:
-        return critical_point(model, MAX_SPEED)
+        return critical_speed(model, MAX_SPEED)
     except NoCrossing:
         return None
-
-
-def _lowest_stable(critical: CriticalSpeed, below: Sequence[Crossing]) -> float:
-    """Lowest speed of the range of stable speeds that ends at the critical speed."""
-    if critical.stable_at_rest:
-        return 0.0
-    return next(one.speed for one in below if one.unstable_after == 0)
 
 
 def _checked_ranges(ranges: Any, pipe: Pipe) -> dict[str, tuple[float, float]]:
     """Checks the argument `ranges`: each range must lie within the values its number may have."""
     if ranges is None:
         return {}
-    common.check_type("ranges", ranges, Mapping)
+    check.instance("ranges", ranges, Mapping)
+    own = {"u": {"low": 0.0, "high": 1e3}, "segments": {"low": 1.0, "high": float(MOST_SEGMENTS)}}
     found = {}
     for name in ranges:
-        rule: dict[str, Any] = {"low": 0.0, "high": 1e3}
-        if name == "segments":
-            rule = {"low": 1.0, "high": float(MOST_SEGMENTS)}
-        elif name != "u":
-            number = checked_number("a name in ranges", name, pipe, others=("u", "segments"))
-            rule = number.rule
-        found[name] = check.interval(f"ranges[{name!r}]", ranges[name], **rule)
+        if name not in own:
+            own[name] = checked_number("a name in ranges", name, pipe, others=tuple(own)).rule
+        found[name] = check.interval(f"ranges[{name!r}]", ranges[name], **own[name])
     return found
 
 
 def _turnable(pipe: Pipe, given: Mapping[str, Any]) -> dict[str, PipeNumber]:
     """Numbers of the pipe that get a slider, by name; a number with two names gets one slider."""
-    by_place: dict[tuple[int | None, str, bool], tuple[str, PipeNumber]] = {}
-    for name, number in pipe_numbers(pipe).items():
-        place = number.term, number.attribute, name == "root.stiffness"
-        if place in by_place and by_place[place][0] in given:
-            continue
-        by_place[place] = name, number
+    numbers, names = pipe_numbers(pipe), dict[str, str]()
+    for name, number in numbers.items():
+        if names.get(number.name) not in given:
+            names[number.name] = name
     found = {}
-    for name, number in by_place.values():
+    for name in names.values():
+        number = numbers[name]
         holder = type(pipe if number.term is None else pipe.terms[number.term])
-        default = None if name == "root.stiffness" else getattr(holder, number.attribute, None)
-        usual = name not in ALWAYS and number.of(pipe) == default
-        if name in given or not usual:
+        usual = number.of(pipe) == getattr(holder, number.attribute, None)
+        if name in given or name in ALWAYS or not usual:
             found[name] = number
     return found

@@ -19,14 +19,15 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import PlaceHolderLayoutEngine
 
 from pipedyn.linear.neutral import grows
 from pipedyn.plot import common, units
 from pipedyn.plot.common import rounded_up
-from pipedyn.plot.linear import branches_of, pieces
+from pipedyn.plot.linear import root_loci
 from pipedyn.plot.motion import clamp_and_gravity, flow_ends
 from pipedyn.plot.stability_map import STABLE
-from pipedyn.plot.units import Measure, PlaneView
+from pipedyn.plot.units import Measure, PlaneView, Units
 from pipedyn.util.check import Array
 
 CYCLES = 3
@@ -47,9 +48,6 @@ Strongly damped roots lie far outside and are not of interest."""
 
 ENVELOPE = 9
 """Number of shapes drawn behind the moving pipe, from the cycle with the largest motion."""
-
-PLACE_X = Measure("$x / L$", "$x$ (m)", units.TRANSVERSE.unit)
-PLACE_Y = Measure("$y / L$", "$y$ (m)", units.AXIAL.unit)
 
 OVERLAY = (
     '<svg xmlns="http://www.w3.org/2000/svg" width="{wide:g}" height="{high:g}" '
@@ -76,8 +74,10 @@ class ExplorationPicture:
 
     def __init__(self, exploration: Any) -> None:
         self._of, self._view = exploration, exploration.view
+        self._units: Units = "si" if exploration.view.si else "nondimensional"
         with common.style():
             self.figure = Figure(figsize=(PICTURE_WIDTH, PICTURE_HEIGHT), dpi=PICTURE_DPI)
+            self.figure.set_layout_engine(PlaceHolderLayoutEngine(True, True))  # none computes it
             self._canvas: Any = FigureCanvasAgg(self.figure)  # its methods have no types
             self.axes: tuple[Axes, ...] = tuple(
                 self.figure.add_axes((left, BOTTOM, wide, HIGH))
@@ -102,8 +102,7 @@ class ExplorationPicture:
         if self._shown == self._of.values:
             return
         self._shown = dict(self._of.values)
-        system: units.Units = "si" if self._of.view.si else "nondimensional"
-        self._view = PlaneView(system, self._of.model.pipe, (self._of.against, "u"))
+        self._view = PlaneView(self._units, self._of.model.pipe, (self._of.against, "u"))
         for ax in self.axes:
             for artist in (*ax.lines, *ax.collections, *ax.patches, *ax.texts):
                 artist.remove()
@@ -114,29 +113,19 @@ class ExplorationPicture:
 
     def _draw_loci(self, ax: Axes) -> None:
         """Draws root loci, coloured by the flow speed, and the roots at the present speed."""
-        of, view, rate = self._of, self._view, self._view.one(units.GROWTH)
-        branches = rate * branches_of(of.loci)
-        speeds = view.one(units.FLOW_SPEED) * of.loci.speeds[:, None]
-        segments, colours = pieces(branches.real, branches.imag, speeds)
-        look: dict[str, Any] = {"cmap": self._colours.cmap, "norm": self._colours.norm}
-        lines = LineCollection(
-            list(segments), array=colours, linewidths=1.8, zorder=2.0, gid="root loci", **look
-        )
-        ax.add_collection(lines, autolim=False)
-        values = np.array([mode.eigenvalue for mode in of.modes], dtype=np.complex128)
+        of, rate = self._of, self._view.one(units.GROWTH)
+        highest = self._highest / self._view.one(units.FLOW_SPEED)
+        root_loci(of.loci, highest=highest, units=self._units, ax=ax)
+        values = np.array([mode.eigenvalue for mode in of.modes])
         growing = grows(values)
-        values *= rate
         for chosen, colour, gid in (
             (~growing, "white", "roots"),
             (growing, common.VERMILION, "growing roots"),
         ):
             ring = common.open_marker(6.0, zorder=4.0, markerfacecolor=colour, gid=gid)
-            ax.plot(values.real[chosen], values.imag[chosen], **ring)
-        ax.axvline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
-        imag = branches.imag[np.isfinite(branches.imag)]
-        top = rounded_up(1.02 * float(np.max(imag, initial=1e-3)))
+            ax.plot(rate * values.real[chosen], rate * values.imag[chosen], **ring)
+        top = rounded_up(1.02 * rate * float(np.nanmax(of.loci.eigenvalues.imag)))
         ax.set(xlim=(-REAL_REACH * top, REAL_REACH * top), ylim=(0.0, top))
-        ax.set(xlabel=view.label(units.GROWTH), ylabel=view.label(units.OSCILLATION))
 
     @property
     def _speed_label(self) -> str:
@@ -153,10 +142,10 @@ class ExplorationPicture:
         fill: dict[str, Any] = {"facecolor": STABLE, "linewidth": 0.0, "zorder": 0.2}
         ax.fill_between(values, low, np.minimum(high, 2.0 * highest), gid="stable", **fill)
         # A crossing is no boundary of stability if the pipe is unstable below it, too.
-        lost = [one if one and not one.unstable_before else None for one in of.curve.critical]
-        kinds = np.array(["" if one is None else one.kind for one in lost])
-        known = kinds != ""
-        onset = np.where(known, speeds, math.nan)
+        kinds = np.array(
+            [one.kind if one and not one.unstable_before else "" for one in of.curve.critical]
+        )
+        onset = np.where(kinds != "", speeds, math.nan)
         ax.plot(values, onset, color="0.35", linewidth=1.0, zorder=2.0, gid="onset")
         dot: dict[str, Any] = {"linestyle": "none", "markersize": 2.8, "zorder": 2.5}
         for kind, marker, colour in (
@@ -165,9 +154,8 @@ class ExplorationPicture:
         ):
             chosen = kinds == kind
             ax.plot(values[chosen], speeds[chosen], marker, color=colour, label=kind, **dot)
-        regained = np.where((low > 0.0) & (known | np.isinf(of.stable_speeds[:, 1])), low, math.nan)
         dashed: dict[str, Any] = {"color": common.BLUE, "linestyle": "--", "linewidth": 1.0}
-        ax.plot(values, regained, label="buckled below", **dashed)
+        ax.plot(values, np.where(low > 0.0, low, math.nan), label="unstable below", **dashed)
         place = common.open_marker(6.0, zorder=4.0, clip_on=False, gid="place")
         place["markerfacecolor"] = common.VERMILION if of.unstable else "white"
         ax.plot(*view.at(of.values[of.against], of.values["u"]), **place)
@@ -181,16 +169,15 @@ class ExplorationPicture:
 
     def _draw_motion(self, ax: Axes) -> None:
         """Draws clamp, gravity, and shapes of the pipe in the cycle with the largest motion."""
-        of, view, one = self._of, self._view, self._view.one(units.TRANSVERSE)
+        of, one = self._of, self._view.one(units.TRANSVERSE)
         reach = one * np.array([[-0.34, 0.0], [0.34, 1.0]])  # opposite corners around all films
-        clamp_and_gravity(ax, of.values["gamma"], reach, one)
+        clamp_and_gravity(ax, of.values["gamma"], reach, self._view)
         shapes = one * of.film.shapes
         places = np.linspace(0, len(shapes) // CYCLES, ENVELOPE).astype(int)
         shown = list(shapes[-1 - places if of.unstable else places])
         grey: dict[str, Any] = {"colors": "0.75", "linewidths": 0.8, "zorder": 1.8}
         ax.add_collection(LineCollection(shown, gid="envelope", **grey))
-        xlabel, ylabel = map(view.label, (PLACE_X, PLACE_Y))
-        ax.set(title="linear motion, least stable mode", xlabel=xlabel, ylabel=ylabel)
+        ax.set_title("linear motion, least stable mode")
         ax.apply_aspect()  # sets the place of the moving pipe before the figure is drawn
 
     def png(self) -> bytes:

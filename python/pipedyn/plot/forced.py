@@ -51,7 +51,7 @@ def frequency_response(
     Raises:
         TypeError: for bad arguments.
     """
-    common.check_type("response", response, FrequencyResponse)
+    check.instance("response", response, FrequencyResponse)
     shows_phase = check.flag("phase", phase)
     moved = "free end" if response.output == 1.0 else f"place $s = {response.output:g}$"
     driven = "base" if isinstance(response.input, str) else response.input[0]
@@ -60,8 +60,7 @@ def frequency_response(
     if driven != "base":
         unit, value = PER_FORCE if driven == "force" else PER_MOMENT
         size = Measure(size.label, f"{size.label} ({unit})", value)
-    ylabel = "phase (degrees)" if shows_phase else view.label(size)
-    ax = common.axes(ax, (6.4, 4.2), xlabel=view.label(OMEGA), ylabel=ylabel)
+    ax = view.axes(ax, (6.4, 4.2), OMEGA, Measure("phase (degrees)") if shows_phase else size)
     per, one = view.one(OMEGA), view.one(size)
     order = np.argsort(response.frequencies)
     at, values = per * response.frequencies[order], response.response[order]
@@ -136,17 +135,14 @@ def parametric_regions(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    if not isinstance(regions, list | tuple | ParametricRegions):
-        raise TypeError(
-            f"regions must be those of parametric_regions or a list, got {check.shown(regions)}"
-        )
+    said = "those of parametric_regions or a list"
+    check.instance("regions", regions, (list, tuple, ParametricRegions), said)
     for i, one in enumerate(regions):
-        common.check_type(f"regions[{i}]", one, ParametricRegion)
+        check.instance(f"regions[{i}]", one, ParametricRegion)
     pipe = regions.model.pipe if isinstance(regions, ParametricRegions) else None
     view = View(units, regions[0].pipe if regions else pipe)
     pulsation = Measure(r"frequency of the pulsation $\omega$", OMEGA.si_label, OMEGA.unit)
-    ylabel = r"amplitude $\mu$ of the pulsation"
-    ax = common.axes(ax, (6.4, 4.2), xlabel=view.label(pulsation), ylabel=ylabel)
+    ax = view.axes(ax, (6.4, 4.2), pulsation, Measure(r"amplitude $\mu$ of the pulsation"))
     per = view.one(OMEGA)
     for region in regions:
         look = REGION_STYLES[region.kind]
@@ -198,10 +194,9 @@ def forced_response(
     Raises:
         TypeError: for bad arguments.
     """
-    common.check_type("response", response, ForcedResponse)
+    check.instance("response", response, ForcedResponse)
     view = View(units, response.model.pipe)
-    labels = {"xlabel": view.label(OMEGA), "ylabel": view.label(AMPLITUDE)}
-    ax = common.axes(ax, (6.4, 4.2), **labels)
+    ax = view.axes(ax, (6.4, 4.2), OMEGA, AMPLITUDE)
     per, one = view.one(OMEGA), view.one(AMPLITUDE)
     for branch, look in zip(response.branches, cycle(common.CURVE_STYLES), strict=False):
         curve = smooth(per * branch.frequency, one * branch.amplitude)

@@ -132,11 +132,11 @@ def _checked_axes(
     loci: Any, benchmark: Any, units: Units, ax: Any, x: Measure, y: Measure
 ) -> tuple[Axes, View]:
     """Checks arguments of both pictures of eigenvalues; returns the Axes and the units."""
-    common.check_type("loci", loci, RootLoci)
+    check.instance("loci", loci, RootLoci)
     if benchmark is not None:
-        common.check_type("benchmark", benchmark, RootLoci)
+        check.instance("benchmark", benchmark, RootLoci)
     view = View(units, loci.pipe)
-    return common.axes(ax, (4.8, 4.2), xlabel=view.label(x), ylabel=view.label(y)), view
+    return view.axes(ax, (4.8, 4.2), x, y), view
 
 
 def _coloured(
@@ -204,7 +204,7 @@ def dot_stride(loci: RootLoci) -> int:
         >>> plot.dot_stride(loci) >= 1
         True
     """
-    common.check_type("loci", loci, RootLoci)
+    check.instance("loci", loci, RootLoci)
     # 19 dots of 2.2 points leave the curve visible between them in a panel two inches wide.
     return max(1, round((loci.speeds.size - 1) / 18))
 
@@ -227,11 +227,10 @@ def mode_shapes(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    common.check_type("modes", modes, Modes)
+    check.instance("modes", modes, Modes)
     count = check.count("count", count, high=1000)
-    ylabel = "displacement (largest: 1)"
     view = View(units, modes.shapes[0].model.pipe if modes.shapes else None)
-    ax = common.axes(ax, (6.4, 4.2), xlabel=view.label(ARC), ylabel=ylabel)
+    ax = view.axes(ax, (6.4, 4.2), ARC, Measure("displacement (largest: 1)"))
     s = np.linspace(0.0, 1.0, 401)
     for i, shape in enumerate(modes.shapes[:count]):
         displacement, value = shape(s), view.one(GROWTH) * shape.eigenvalue

@@ -12,7 +12,7 @@ import math
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -33,13 +33,24 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.motion.sampling import INVISIBLE, LEAST_MOTION, coarse
 from pipedyn.motion.simulate import Ensemble, Motion
 from pipedyn.plot import common
-from pipedyn.plot.units import AXIAL, ELAPSED, TIP, TIP_RATE, TRANSVERSE, Units, View, rate
+from pipedyn.plot.units import (
+    AXIAL,
+    ELAPSED,
+    TIP,
+    TIP_RATE,
+    TRANSVERSE,
+    Units,
+    View,
+    of_coordinate,
+    rate,
+)
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.files import replacing
 from pipedyn.util.later import scipy
 
-Shown: TypeAlias = Motion | LimitCycle | Basin
+Sampled: TypeAlias = Motion | LimitCycle
+Shown: TypeAlias = Sampled | Basin
 """Results that are shown as motions; for a basin, the motion on which its starts end is shown."""
 
 
@@ -68,8 +79,7 @@ def time_history(
     """
     named, failed = checked_motions(motions)
     shown = _signals(named, None, units, rates_shown=False)
-    view = shown[0].view
-    ax = common.axes(ax, (6.4, 3.2), xlabel=view.label(ELAPSED), ylabel=view.label(TIP))
+    ax = shown[0].view.axes(ax, (6.4, 3.2), ELAPSED, TIP)
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     for one in shown:
         t = finer_times(one.curve.x)
@@ -109,12 +119,10 @@ def phase_portrait(
     """
     named, failed = checked_motions(motions)
     least = min(motion.model.coordinates for motion in named.values())
-    index, xlabel = common.coordinate_axis(coordinate, least)
+    index, across = of_coordinate(coordinate, least)
     shown = _signals(named, index, units, rates_shown=True)
-    view = shown[0].view
-    ylabel = view.label(TIP_RATE if index is None else rate(index, "its "))
-    ax = common.axes(ax, (4.8, 4.2), xlabel=view.label(TIP) if index is None else xlabel)
-    ax.set_ylabel(ylabel)
+    upward = TIP_RATE if index is None else rate(index, "its ")
+    ax = shown[0].view.axes(ax, (4.8, 4.2), across, upward)
     for one in shown:
         t, colour = finer_times(one.curve.x), one.look["color"]
         if one.dotted:
@@ -138,17 +146,28 @@ def phase_portrait(
 Cubics: TypeAlias = "scipy.interpolate.CubicHermiteSpline"
 
 
-@dataclass(frozen=True)
 class Signal:
-    """The free end or a coordinate of a motion as a function of time, and how it is drawn."""
+    """The free end or a coordinate of a motion as a function of time, and how it is drawn.
 
-    motion: Motion
-    curve: scipy.interpolate.PPoly
-    label: str
-    look: dict[str, Any]
-    view: View
-    index: int | None  # index of the coordinate; None for the free end
-    dotted: bool  # whether samples are too far apart for a curve
+    Args:
+        name: name of the motion in error messages.
+        motion: the motion.
+        index: index of the coordinate; None for the free end, for which samples too far apart for a
+            curve are refused.
+        units: units of the picture.
+        rates_shown: whether velocities are shown.
+    """
+
+    def __init__(
+        self, name: str, motion: Sampled, index: int | None, units: Units, rates_shown: bool
+    ) -> None:
+        self.motion, self.index, self.view = motion, index, View(units, motion.model.pipe)
+        self.curve = path_of(motion, index)
+        if index is None:
+            refuse_coarse(name, self.curve, rates_shown=rates_shown)
+        self.dotted = index is not None and is_coarse(self.curve, rates_shown=rates_shown)
+        self.label = self.view.speed(motion.u, 6)
+        self.look: dict[str, Any] = {}
 
     def times(self, t: Array) -> Array:
         """Times in the units shown."""
@@ -161,30 +180,19 @@ class Signal:
 
 
 def _signals(
-    named: dict[str, Motion], index: int | None, units: Units, rates_shown: bool
+    named: dict[str, Sampled], index: int | None, units: Units, rates_shown: bool
 ) -> list[Signal]:
     """The curve to draw for each motion; samples of the free end too far apart are refused.
 
     Labels give the flow speed, and also the model if several motions have the same speed.
     """
-    curves, dotted = [], []
-    for name, motion in named.items():
-        curve = path_of(motion, index)
-        if index is None:
-            refuse_coarse(name, curve, rates_shown=rates_shown)
-        curves.append(curve)
-        dotted.append(index is not None and is_coarse(curve, rates_shown=rates_shown))
-    motions = list(named.values())
-    views = [View(units, motion.model.pipe) for motion in motions]
-    labels = [view.speed(motion.u, 6) for view, motion in zip(views, motions, strict=True)]
-    if len(set(labels)) < len(labels):
-        models = [motion.model for motion in motions]
-        labels = [
-            f"{i}: {label}, {type(model).__name__}, {model.dof} d.o.f."
-            for i, (label, model) in enumerate(zip(labels, models, strict=True))
-        ]
-    rows = zip(motions, curves, labels, cycle(common.CURVE_STYLES), views, strict=False)
-    return [Signal(*row, index, dots) for row, dots in zip(rows, dotted, strict=True)]
+    shown = [Signal(name, one, index, units, rates_shown) for name, one in named.items()]
+    alike = len({one.label for one in shown}) < len(shown)
+    for i, (one, look) in enumerate(zip(shown, cycle(common.CURVE_STYLES), strict=False)):
+        one.look, model = look, one.motion.model
+        if alike:
+            one.label = f"{i}: {one.label}, {type(model).__name__}, {model.dof} d.o.f."
+    return shown
 
 
 def _legend(ax: Axes, shown: Sequence[Signal], failed: Sequence[int]) -> None:
@@ -213,7 +221,7 @@ def _left_out(failed: Sequence[int], members: int) -> str:
     return f"left out: members {which}, which failed"
 
 
-def _title(motion: Motion, view: View) -> str:
+def _title(motion: Sampled, view: View) -> str:
     """Title of a picture: flow speed and direction."""
     return f"{view.speed(motion.u)}, {motion.model.pipe.flow}"
 
@@ -475,32 +483,33 @@ def _frames(duration: float, period: float, fps: float, speed: float | None) -> 
     return round(wanted)
 
 
-def _shapes_at(motion: Motion, times: Array) -> Array:
+def _shapes_at(motion: Sampled, times: Array) -> Array:
     """Shapes of the pipe at some times, shape (len(times), points, 2)."""
     s = np.linspace(0.0, 1.0, 241)  # contains the joints of chains of 1 to 6, 8, 10 ... segments
     return np.stack([motion.model.shape(q, s) for q in coordinates_at(motion, times)])
 
 
 def _surroundings(
-    ax: Axes, motion: Motion, shapes: Array, shape: Array, view: View
+    ax: Axes, motion: Sampled, shapes: Array, shape: Array, view: View
 ) -> FancyArrowPatch | None:
     """Draws clamp, gravity and flow, and sets axes of equal scale with room for all shapes.
 
     Returns the arrow of the flow at the free end of `shape`; None if there is no flow.
     """
     pipe, one = motion.model.pipe, view.one(TRANSVERSE)
-    clamp_and_gravity(ax, pipe.gamma, shapes, one)
-    ax.set(xlabel=view.label(TRANSVERSE), ylabel=view.label(AXIAL))
+    clamp_and_gravity(ax, pipe.gamma, shapes, view)
     if motion.u == 0.0:
         return None
     return _arrow(ax, common.VERMILION, "flow", flow_ends(pipe, shape, one))
 
 
-def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array, one: float = 1.0) -> None:
+def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array, view: View) -> None:
     """Draws clamp and gravity, and sets axes of equal scale with room for shapes and an arrow.
 
-    `one` is the length of the pipe in the units shown.
+    The shapes, of shape (..., 2), are in the units shown.
     """
+    one = view.one(TRANSVERSE)
+    ax.set(xlabel=view.label(TRANSVERSE), ylabel=view.label(AXIAL))
     room = (ARROW + 0.06) * one
     wide = max(0.36 * one, float(np.abs(shapes[..., 0]).max()) + room)
     low = min(-0.12 * one, float(shapes[..., 1].min()) - room)
@@ -526,7 +535,7 @@ def _arrow(ax: Axes, colour: str, gid: str, ends: tuple[Any, Any]) -> FancyArrow
     return arrow
 
 
-def flow_ends(pipe: Pipe, shape: Array, one: float = 1.0) -> tuple[Any, Any]:
+def flow_ends(pipe: Pipe, shape: Array, one: float) -> tuple[Any, Any]:
     """Tail and head of the arrow of the flow at the free end; `one` is the length of the pipe."""
     step = shape[-1] - shape[-2]
     along = step / np.linalg.norm(step)
@@ -544,19 +553,13 @@ DRAWN_POINTS = 4000
 """Desired number of points of a curve: two for each pixel of a picture 2000 pixels wide."""
 
 
-KEPT = ("t", "q", "qdot", "tip", "u", "model", "method", "evaluations")
-"""Attributes that motions and limit cycles have in common."""
-
-
-def checked_motion(motion: Any, name: str = "motion") -> Motion:
+def checked_motion(motion: Any, name: str = "motion") -> Sampled:
     """The motion to draw for an argument that is a motion, a limit cycle or a basin."""
     if isinstance(motion, Basin):
         motion = motion.motion
-    if isinstance(motion, LimitCycle):
-        kept: dict[str, Any] = {name: getattr(motion, name) for name in KEPT}
-        unknown, speed = np.full((2, motion.t.size), [[math.nan], [motion.u]])
-        motion = Motion(energy=unknown, audit=math.nan, flow_speed=speed, **kept)
-    checked: Motion = common.check_type(name, motion, Motion)
+    if not isinstance(motion, LimitCycle):
+        check.instance(name, motion, Motion)
+    checked: Sampled = motion
     if checked.t.size < 3:
         raise ValueError(
             f"{name} must have at least 3 samples, got {checked.t.size}: ask `simulate` for more "
@@ -565,7 +568,7 @@ def checked_motion(motion: Any, name: str = "motion") -> Motion:
     return checked
 
 
-def checked_motions(motions: Any) -> tuple[dict[str, Motion], list[int]]:
+def checked_motions(motions: Any) -> tuple[dict[str, Sampled], list[int]]:
     """Motions of the argument `motions`, by their names in error messages.
 
     The second value holds the indices of members of an ensemble that failed and are left out.
@@ -593,19 +596,19 @@ def checked_motions(motions: Any) -> tuple[dict[str, Motion], list[int]]:
     return named, list(failures)
 
 
-def path_of(motion: Motion | LimitCycle, index: int | None = None) -> Cubics:
+def path_of(motion: Sampled, index: int | None = None) -> Cubics:
     """Transverse position of the free end, or a coordinate, as a function of time."""
     shown = (motion.tip, motion.tip_velocity) if index is None else (motion.q, motion.qdot)
     position, velocity = (values[:, index or 0] for values in shown)
     return scipy.interpolate.CubicHermiteSpline(motion.t, position, velocity)
 
 
-def tip_path_of(motion: Motion) -> Cubics:
+def tip_path_of(motion: Sampled) -> Cubics:
     """Position (x, y) of the free end as a function of time."""
     return scipy.interpolate.CubicHermiteSpline(motion.t, motion.tip, motion.tip_velocity)
 
 
-def coordinates_at(motion: Motion, times: Array) -> Array:
+def coordinates_at(motion: Sampled, times: Array) -> Array:
     """Coordinates at some times of a motion, shape (len(times), coordinates)."""
     return np.asarray(scipy.interpolate.CubicHermiteSpline(motion.t, motion.q, motion.qdot)(times))
 
@@ -629,7 +632,7 @@ def refuse_coarse(
         )
 
 
-def last_cycle(motion: Motion) -> tuple[float, float] | None:
+def last_cycle(motion: Sampled) -> tuple[float, float] | None:
     """Start and end of the last whole cycle; None if there is none.
 
     The cycle ends at the last crossing, at which the position of the free end rises through its
@@ -662,7 +665,7 @@ def last_cycle(motion: Motion) -> tuple[float, float] | None:
     return float(crossings[same[-1] if same.size else -2]), float(crossings[-1])
 
 
-def shown_part(motion: Any, span: Any) -> tuple[Motion, float, float, bool]:
+def shown_part(motion: Any, span: Any) -> tuple[Sampled, float, float, bool]:
     """Samples around the part to show, its start and end, and whether it is the last cycle."""
     closed = isinstance(motion, LimitCycle)
     motion = checked_motion(motion)
@@ -681,7 +684,7 @@ def shown_part(motion: Any, span: Any) -> tuple[Motion, float, float, bool]:
     # The samples that enclose the span are kept, with two more on either side if there are any.
     first = max(int(np.searchsorted(motion.t, start, side="right")) - 3, 0)
     held = slice(first, int(np.searchsorted(motion.t, end, side="left")) + 3)
-    names = ("t", "q", "qdot", "tip", "energy")
+    names = {"t", "q", "qdot", "tip"} & vars(motion).keys()
     shown = replace(motion, **{name: getattr(motion, name)[held] for name in names})
     refuse_coarse("motion", tip_path_of(shown), invisible=INVISIBLE)
     return shown, start, end, cycle is not None

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from itertools import cycle, pairwise
+from itertools import cycle, groupby, pairwise
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from pipedyn.plot import common
 from pipedyn.plot.units import FLOW_SPEED, OF_A_NUMBER, Measure, PlaneView, Units, View, of_number
 from pipedyn.util import check
 from pipedyn.util.check import Array
+from pipedyn.util.later import scipy
 
 ORGANISING_MARKERS = {
     "Bautin": "D",
@@ -75,10 +76,9 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
     Raises:
         TypeError: for bad arguments.
     """
-    common.check_type("found", found, Boundary)
+    check.instance("found", found, Boundary)
     plane = PlaneView(units, found.model.pipe, found.names)
-    xlabel, ylabel = map(plane.label, plane.quantities)
-    ax = common.axes(ax, (6.4, 4.8), xlabel=xlabel, ylabel=ylabel)
+    ax = plane.axes(ax, (6.4, 4.8), *plane.quantities)
     (left, right), (low, high) = plane.limits(found.ranges)
     stable = _stable(found)
     (x, y), row, column, searched = _pixels(found, plane)
@@ -127,30 +127,24 @@ def _dense(curve: BoundaryCurve, found: Boundary) -> tuple[Array, NDArray[np.int
     """
     low, high = np.array(found.ranges).T
     at = (np.column_stack([curve.x, curve.y]) - low) / (high - low)
-    a, b = at[:-1], at[1:]
-    length = np.linalg.norm(b - a, axis=1, keepdims=True)
-    shares, steps = np.arange(PER_STEP) / PER_STEP, np.arange(len(a))
-
-    def cubic(k: NDArray[np.int_], share: Array) -> Array:
-        t, s = share[:, None], 1.0 - share[:, None]
-        slopes = length[k] * curve.slopes[k], length[k] * curve.slopes[k + 1]
-        straight = a[k] * s**2 * (1.0 + 2.0 * t) + b[k] * t**2 * (3.0 - 2.0 * t)
-        result: Array = straight + s * t * (s * slopes[0] - t * slopes[1])
-        return result
-
-    step, share = np.repeat(steps, PER_STEP), np.tile(shares, len(a))
-    places, change = cubic(step, share), np.full(len(a), 0.5)
+    steps = np.maximum(np.linalg.norm(np.diff(at, axis=0), axis=1), 1e-12)
+    along = np.append(0.0, np.cumsum(steps))
+    cubics = scipy.interpolate.CubicHermiteSpline(along, at, curve.slopes)
+    shares = np.arange(PER_STEP) / PER_STEP
+    step, share = np.repeat(np.arange(steps.size), PER_STEP), np.tile(shares, steps.size)
+    places, change = cubics(along[step] + share * steps[step]), np.full(steps.size, 0.5)
     within, which = curve.organising.T
     points = [found.points[i] for i in which]
     marks = (np.array([[one.x, one.y] for one in points]).reshape(-1, 2) - low) / (high - low)
     for k, mark in zip(within, marks, strict=True):
-        along = np.vstack([places[step == k], b[k]]) @ (b[k] - a[k])
-        change[k] = np.interp(mark @ (b[k] - a[k]), along, [*shares, 1.0])
+        straight = at[k + 1] - at[k]
+        reached = np.vstack([places[step == k], at[k + 1]]) @ straight
+        change[k] = np.interp(mark @ straight, reached, [*shares, 1.0])
     order = np.argsort(np.concatenate([step + share, within + change[within]]), kind="stable")
     step, share = np.append(step, within)[order], np.append(share, change[within])[order]
     ends = np.concatenate([np.concatenate([places, marks])[order], at[-1:]])
     same = (np.diff(curve.unstable) == 0) & (np.diff(curve.change) == 0)
-    known = same | (np.bincount(within, minlength=len(a)) == 1)
+    known = same | (np.bincount(within, minlength=steps.size) == 1)
     return low + (high - low) * ends, step + (share >= change[step]), known[step]
 
 
@@ -168,48 +162,33 @@ def _pixels(found: Boundary, plane: PlaneView) -> tuple[Array, Array, Array, NDA
 def _stable(found: Boundary) -> NDArray[np.bool_]:
     """Whether no root is unstable, in rows by increasing y, (COLUMNS, COLUMNS).
 
-    Each curve that a column crosses gives the numbers of unstable roots below and above it.
-    Eigenvalues are computed only if a column crosses no curve, if the numbers are not known, or if
-    those of two curves disagree.
+    Neighbouring columns that cross the same curves in the same order cross the same regions between
+    these. Eigenvalues are counted once in each region, in the column in which it is highest.
     """
     (left, right), (low, high) = found.ranges
     middles = (np.arange(COLUMNS) + 0.5) / COLUMNS
     columns, rows = left + (right - left) * middles, low + (high - low) * middles
-    stable = np.zeros((COLUMNS, COLUMNS), dtype=np.bool_)
-    met: list[list[tuple[float, int, int]]] = [[] for _ in columns]
-    uncertain = np.zeros(COLUMNS, dtype=np.bool_)
-    passed = np.zeros(COLUMNS + 1, dtype=np.bool_)  # whether a curve lies just before each column
-    for curve in found.curves:
-        places, of, certain = _dense(curve, found)
-        for (x, y), (to_x, to_y), (on_left, on_right), sure in zip(
-            places[:-1], places[1:], curve.sides[of], certain, strict=True
-        ):
-            first, last = np.searchsorted(columns, sorted((x, to_x)))
-            uncertain[first:last] |= not sure
-            passed[first : last + 1] = True
-            for k in range(first, last):
+    crossed: list[list[tuple[float, int]]] = [[] for _ in columns]
+    walls = np.zeros(COLUMNS + 1, dtype=np.int_)  # curves between each column and the one before
+    for number, curve in enumerate(found.curves):
+        places, *_ = _dense(curve, found)
+        begins = np.searchsorted(columns, places[:, 0])
+        walls[begins[0]] += begins.min() == begins.max()
+        ends = zip(*places.T, begins, strict=True)
+        for (x, y, begin), (to_x, to_y, end) in pairwise(ends):
+            for k in range(*sorted((begin, end))):
                 height = y + (columns[k] - x) / (to_x - x) * (to_y - y)
-                counts = (on_right, on_left) if to_x > x else (on_left, on_right)
-                met[k].append((float(height), int(counts[0]), int(counts[1])))
-    known: int | None = None
-    for k, crossed in enumerate(met):
-        crossed.sort()
-        if not crossed:
-            if known is None or passed[k]:
-                known = found.unstable(float(columns[k]), float(rows[COLUMNS // 2]))
-            stable[:, k] = known == 0
-            continue
-        known = None
-        if uncertain[k] or any((a[2] == 0) != (b[1] == 0) for a, b in pairwise(crossed)):
-            # Near an intersection of curves, straight pieces do not show which curve is lower.
-            heights = [low, *(height for height, *_ in crossed), high]
-            for bottom, top in pairwise(np.clip(heights, low, high).tolist()):
-                count = found.unstable(float(columns[k]), 0.5 * (bottom + top))
-                stable[(rows > bottom) & (rows < top), k] = count == 0
-            continue
-        stable[rows < crossed[0][0], k] = crossed[0][1] == 0
-        for (height, _, count), (until, *_) in pairwise([*crossed, (math.inf, 0, 0)]):
-            stable[(rows > height) & (rows < until), k] = count == 0
+                crossed[k].append((float(np.clip(height, low, high)), number))
+    walls = np.cumsum(walls)
+    stable = np.zeros((COLUMNS, COLUMNS), dtype=np.bool_)
+    orders = [(walls[k], *(number for _, number in sorted(one))) for k, one in enumerate(crossed)]
+    for _, group in groupby(range(COLUMNS), key=orders.__getitem__):
+        alike = list(group)
+        heights = np.array([[low, *sorted(at for at, _ in crossed[k]), high] for k in alike]).T
+        for bottom, top in pairwise(heights):
+            k = int(np.argmax(top - bottom))
+            if found.unstable(float(columns[alike[k]]), float(0.5 * (bottom[k] + top[k]))) == 0:
+                stable[:, alike] |= (rows[:, None] > bottom) & (rows[:, None] < top)
     return stable
 
 
@@ -267,9 +246,9 @@ def stability_map(
     if highest is not None:
         highest = check.real("highest", highest, low=0.0, open_low=True)
     if marked is not None:
-        common.check_type("marked", marked, CriticalSpeed)
+        check.instance("marked", marked, CriticalSpeed)
     if parameter is not None:
-        common.check_type("parameter", parameter, str)
+        check.instance("parameter", parameter, str)
     name = next(iter(names), None)
     pipes = [_pipe(one) for one in boundaries.values()]
     known = next((pipe for pipe in pipes if pipe is not None), None)
@@ -278,7 +257,7 @@ def stability_map(
     shown = Measure(parameter or _parameter(boundaries))
     if name is not None and known is not None:
         shown = of_number(name, known)
-    ax = common.axes(ax, (6.4, 4.8), xlabel=view.label(shown), ylabel=view.label(FLOW_SPEED))
+    ax = view.axes(ax, (6.4, 4.8), shown, FLOW_SPEED)
     drawn, failed, divergences = False, list[float](), list[tuple[Array, bool, bool, Any]]()
     states, searched, reach = set[str](), list[float](), 0.0
     for (label, found), pipe, look in zip(
@@ -416,10 +395,10 @@ TICKS["dashes"] = {"dash_offset": 0.0, "dash_list": None}
 
 def _number_swept(label: Any, one: Any) -> str | None:
     """Name of the number on the x axis of a boundary; None for a curve, which names none."""
-    common.check_type("the names of boundaries", label, str)
+    check.instance("the names of boundaries", label, str)
     if isinstance(one, StabilityCurve):
         return None
-    found: Boundary = common.check_type(f"boundaries[{label!r}]", one, Boundary)
+    found: Boundary = check.instance(f"boundaries[{label!r}]", one, Boundary)
     if found.names[1] != "u":
         raise ValueError(f"boundaries[{label!r}] must have 'u' for y, got {found.names!r}")
     return found.names[0]

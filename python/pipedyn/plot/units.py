@@ -94,6 +94,15 @@ def rate(coordinate: int, before: str = "", after: str = "") -> Measure:
     return Measure(f"{words}{after}", f"{words}{after} (1/s)", si.RATE.scale)
 
 
+def of_coordinate(coordinate: Any, coordinates: int) -> tuple[int | None, Measure]:
+    """Index of a coordinate, or None for "tip", the free end; and what its axis shows."""
+    if isinstance(coordinate, str):
+        check.choice("coordinate", coordinate, ("tip",))
+        return None, TIP
+    index = check.count("coordinate", coordinate, low=0, high=coordinates - 1)
+    return index, Measure(f"coordinate $q_{{{index}}}$, counted from 0")
+
+
 class View:
     """Units in which a picture shows the quantities of a pipe.
 
@@ -116,6 +125,10 @@ class View:
     def label(self, quantity: Measure) -> str:
         """Label of an axis that shows a quantity."""
         return (self.si and quantity.si_label) or quantity.label
+
+    def axes(self, ax: Axes | None, size: tuple[float, float], x: Measure, y: Measure) -> Axes:
+        """The given Axes, or new ones of a size in inches, with the labels of two quantities."""
+        return common.axes(ax, size, xlabel=self.label(x), ylabel=self.label(y))
 
     def speed(self, u: Any, digits: int = 4) -> str:
         """A flow speed in words: a number with some digits, a constant head or a function u(t)."""

@@ -20,7 +20,6 @@ import inspect
 import json
 import math
 import os
-import re
 import sys
 import zipfile
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -28,9 +27,10 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar, overload
 
 import numpy as np
+from numpy.lib import format as npy
 
 from pipedyn.util import check
-from pipedyn.util.fields import check_shapes, check_signs, check_types
+from pipedyn.util.fields import check_shapes, check_types
 from pipedyn.util.files import replacing
 
 FORMAT = 1
@@ -38,6 +38,9 @@ FORMAT = 1
 
 HEADER = ("format", "package", "root", "objects")
 """Keys of a header."""
+
+DTYPE_KINDS = "biufcU"
+"""Kinds of numbers and texts that arrays in files hold, as numpy names them."""
 
 DEFLATED = 1032
 """Largest ratio of a member's size to its compressed size: deflate encodes a match, which has at
@@ -47,12 +50,6 @@ LARGEST_HEADER, HEADER_SHARE = 10_000_000, 30
 """Largest length of a header in characters: LARGEST_HEADER, plus HEADER_SHARE for each byte of the
 file. Scenes have the longest headers, 20 characters for each byte of the file. A character takes up
 to 20 bytes of memory."""
-
-DESCRIPTION = re.compile(
-    r"\{'descr': '([<>|=][biufcU][1-9]\d*)', 'fortran_order': (True|False), "
-    r"'shape': \(((?:\d+, )*(?:\d+,?)?)\), \} *\n"
-)
-"""The description that `numpy.save` writes before an array: its type, order and shape."""
 
 TOO_MUCH = f"its objects are made of more than {check.LONGEST} numbers"
 """Reason to refuse a file. Many objects may share one array, and each object reads its entries, so
@@ -230,7 +227,7 @@ class _Writer:
 
     def _object(self, value: Any, where: str) -> dict[str, Any]:
         if isinstance(value, np.ndarray):
-            if value.dtype.kind not in "biufcU":
+            if value.dtype.kind not in DTYPE_KINDS:
                 raise ValueError(f"{where} cannot be saved: it holds Python objects")
             member = f"array{len(self.arrays)}"
             self.arrays[member] = value
@@ -302,21 +299,20 @@ class _Members:
             raise ValueError(f"{name} is compressed otherwise than `save` does")
         if entry.file_size > DEFLATED * entry.compress_size:
             raise ValueError(f"{name} is longer than what it is compressed to can be")
-        raw = bytearray(self._archive.read(entry))  # zipfile also checks the checksum
-        start = 10 + int.from_bytes(raw[8:10], "little")
-        description = DESCRIPTION.fullmatch(raw[10:start].decode("latin-1"))
-        if raw[:8] != b"\x93NUMPY\x01\x00" or description is None:
-            raise ValueError(f"{name} is described otherwise than `save` does")
-        dtype = np.dtype(description[1])
-        shape = tuple(int(size) for size in description[3].split(",") if size.strip())
-        if math.prod(shape) > check.LONGEST:
-            raise ValueError(f"{name} has more than {check.LONGEST} entries")
-        if start + math.prod(shape) * dtype.itemsize != len(raw):
-            raise ValueError(f"{name} is not as long as its shape says")
-        if dtype.kind == "b" and raw[start:].strip(b"\x00\x01"):
+        with self._archive.open(entry) as member:
+            described = npy.read_magic(member) == (1, 0)
+            shape, _, dtype = npy.read_array_header_1_0(member)
+            if not described or dtype.kind not in DTYPE_KINDS or min(shape, default=0) < 0:
+                raise ValueError(f"{name} is described otherwise than `save` does")
+            if math.prod(shape) > check.LONGEST:
+                raise ValueError(f"{name} has more than {check.LONGEST} entries")
+            if member.tell() + math.prod(shape) * dtype.itemsize != entry.file_size:
+                raise ValueError(f"{name} is not as long as its shape says")
+            member.seek(0)
+            values = npy.read_array(member, allow_pickle=False)
+            member.read()  # at its end zipfile checks the checksum
+        if dtype.kind == "b" and (values.view(np.uint8) > 1).any():
             raise ValueError(f"{name} has what is neither true nor false")
-        order: Any = "F" if description[2] == "True" else "C"
-        values = np.ndarray(shape, dtype, raw, start, order=order)
         return values.astype(dtype.newbyteorder("="), copy=False)
 
     def require_read(self) -> None:
@@ -396,9 +392,8 @@ class _Reader:
 
 
 def _made(entry: _Entry, values: dict[str, Any]) -> Any:
-    """An object with the given values of its fields, whose types, signs and shapes are checked."""
+    """An object with the given values of its fields, whose types and shapes are checked."""
     check_types(entry.kind, values)
-    check_signs(entry.kind, values)
     make = getattr(entry.kind, "restored", None)
     made = entry.kind(**values) if make is None else make(dict(values))
     lacking = [one for one in _fields(made) if one not in values and one not in entry.added]
@@ -441,8 +436,7 @@ def load(path: str | os.PathLike[str], kind: type[Any] = object) -> Any:
         OSError: if the file cannot be read.
     """
     place = _checked(path)
-    if not isinstance(kind, type):
-        raise TypeError(f"kind must be a class, got {check.shown(kind)}")
+    check.instance("kind", kind, type, "a class")
     try:
         with place.open("rb") as file, zipfile.ZipFile(file) as archive:
             members = _Members(archive, os.fstat(file.fileno()).st_size)
@@ -497,8 +491,7 @@ def _refused(constant: str) -> NoReturn:
 
 
 def _checked(path: str | os.PathLike[str]) -> Path:
-    if not isinstance(path, str | os.PathLike):
-        raise TypeError(f"path must be a path, got {check.shown(path)}")
+    check.instance("path", path, str | os.PathLike, "a path")
     place = Path(path)
     if place.suffix != ".npz":
         raise ValueError(f"path must end in .npz, got {check.shown(str(place))}")

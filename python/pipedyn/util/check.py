@@ -109,6 +109,13 @@ def executor(name: str, value: Any) -> None:
         raise TypeError(f"{name} must be a concurrent.futures.Executor, got {shown(value)}")
 
 
+def instance(name: str, value: Any, kinds: Any, said: str = "") -> Any:
+    """The value, refused unless it is of one of some types; `said` names these in words."""
+    if not isinstance(value, kinds):
+        raise TypeError(f"{name} must be {said or f'of type {kinds.__name__}'}, got {shown(value)}")
+    return value
+
+
 def choice(name: str, value: Any, options: Collection[Word]) -> Word:
     """The value, refused unless it is one of a few words."""
     is_word = isinstance(value, str)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Checks that the values of fields have the types, signs and shapes that their class states."""
+"""Checks that the values of fields have the types and shapes that their class states."""
 
 from __future__ import annotations
 
@@ -16,18 +16,6 @@ from pipedyn.util import check
 
 LARGEST_WHOLE = 2**63
 """Whole numbers in fields are smaller than this in magnitude, so that 64 bits hold them."""
-
-NOT_NEGATIVE = frozenset(
-    (
-        *("u", "speed", "speeds", "max_speed", "mean", "critical_speed", "onset"),
-        *("frequency", "frequencies", "period", "amplitude", "amplitudes", "duration", "seconds"),
-        *("error", "errors", "multiplier_error", "amplitude_error", "lyapunov_error", "residual"),
-        *("size", "sizes", "dof", "count", "evaluations", "right_hand_sides", "factorisations"),
-        *("unstable", "unstable_before", "unstable_after", "start", "phases", "freedom"),
-        *("uncertainties", "chi_squared", "condition", "tolerance", "budget", "height", "width"),
-    )
-)
-"""Fields of results whose numbers are never below 0."""
 
 SIZES = ("coordinates", "dof", "integrated")
 """Words in shapes that stand for attributes of the field `model`, if the model has them."""
@@ -51,24 +39,6 @@ def check_types(kind: type, values: Mapping[str, Any]) -> None:
             raise TypeError(
                 f"{name} of {kind.__name__} must be {said}, got {check.shown(values[name])}"
             )
-
-
-def check_signs(kind: type, values: Mapping[str, Any]) -> None:
-    """Raises ValueError for a negative number in a field of `NOT_NEGATIVE`.
-
-    Classes with a `__post_init__` are not checked here, since they check their own numbers.
-    """
-    if hasattr(kind, "__post_init__"):
-        return
-    for name, value in values.items():
-        if name.lstrip("_") in NOT_NEGATIVE and np.any(_comparable(value) < 0.0):
-            raise ValueError(f"{name} of {kind.__name__} must be >= 0, got {check.shown(value)}")
-
-
-def _comparable(value: Any) -> Any:
-    """The value if it holds real numbers, which can be compared with 0; else an empty array."""
-    array = isinstance(value, np.ndarray) and value.dtype.kind in "iuf"
-    return value if array or isinstance(value, int | float) else np.zeros(0)
 
 
 @cache

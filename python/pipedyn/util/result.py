@@ -264,8 +264,7 @@ class TableResult(Result):
             OSError: if the file cannot be written.
             ValueError, TypeError: as `columns`, and if `path` is not a path.
         """
-        if path is not None and not isinstance(path, str | os.PathLike):
-            raise TypeError(f"path must be a file's name, got {check.shown(path)}")
+        check.instance("path", path, str | os.PathLike | None, "a file's name")
         columns = self.columns(units, pipe)
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
