@@ -99,50 +99,6 @@ std::vector<Index> solve_member(Matrix& s, Matrix& right, Index positive) {
   return {left, order.end()};
 }
 
-/// Solves the systems of several members as `solve_member` does. systems: s of each in a column, by
-/// rows. Returns the dependent rows of the last member.
-std::vector<Index> solve_rows(const Matrix& systems, Matrix& right, Index positive) {
-  const Index size = right.rows();
-  std::vector<Index> idle;
-  thread_local Matrix system, column;
-  for (Index k = 0; k < right.cols(); ++k) {
-    system = systems.col(k).reshaped<Eigen::RowMajor>(size, size);
-    column = right.col(k);
-    idle = solve_member(system, column, positive);
-    right.col(k) = column;
-  }
-  return idle;
-}
-
-/// Rows of numbers of some members; each begins `stride` numbers after the one before.
-struct Columns {
-  const double* from;
-  Index stride;
-
-  const double* operator[](Index j) const { return from + j * stride; }
-};
-
-/// Calls work<count>(first) for all members: for eight at once, then for the rest one by one.
-template <class Work>
-void for_some(Index members, const Work& work) {
-  constexpr Index some = 8;
-  Index first = 0;
-  for (; first + some <= members; first += some) work.template operator()<some>(first);
-  for (; first < members; ++first) work.template operator()<1>(first);
-}
-
-/// Computes for each member the sum over n rows of the products of a and b.
-void set_products(const Columns& a, const Columns& b, Index n, Index members, double* sums) {
-  for_some(members, [&]<Index count>(Index first) {
-    double own[count] = {};
-    for (Index j = 0; j < n; ++j) {
-      const double *x = a[j] + first, *y = b[j] + first;
-      for (Index k = 0; k < count; ++k) own[k] += x[k] * y[k];
-    }
-    std::copy_n(own, count, sums + first);
-  });
-}
-
 }  // namespace
 
 Scene::Scene(const Pipe& pipe, const Segments& segments, const Matrix& inertia,
@@ -251,11 +207,11 @@ std::vector<Index> Scene::enforce(const Matrix& theta, Rows& rows, double rate, 
   rows.response.resize(2 * n, columns);
   inertia_.rhs({rows.still.data(), &no_flow, columns, 0, rows.by_angles.data()},
                rows.response.data());
+  using Rates = Eigen::Map<Matrix, 0, Eigen::OuterStride<>>;
+  const Eigen::Map<const Matrix, 0, Eigen::OuterStride<>> w(omega, n, members, {stride});
+  Rates rates(acceleration, n, members, {stride});
   const auto of = [&](const Matrix& all, Index row) {
-    return Columns{all.data() + row * members, columns};
-  };
-  const auto response = [&](Index row) {
-    return Columns{rows.response.data() + n * columns + row * members, columns};
+    return all.bottomRows(n).middleCols(row * members, members).array();
   };
   rows.products.resize(count * count, members);
   rows.forces.resize(count, members);
@@ -263,32 +219,27 @@ std::vector<Index> Scene::enforce(const Matrix& theta, Rows& rows, double rate, 
     const bool held = i >= held_from_ && i < held_from_ + value_.size();
     const double k = held ? rate : 0.0;
     const double place = held ? k * k * (value_[i - held_from_] - origin_[i]) : 0.0;
-    const Columns own = of(rows.by_angles, i), turning = of(rows.turning, i);
-    for_some(members, [&]<Index some>(Index first) {
-      double sum[some] = {};
-      for (Index j = 0; j < n; ++j) {
-        const double *a = own[j] + first, *b = turning[j] + first;
-        const double *w = omega + j * stride + first, *rates = acceleration + j * stride + first;
-        for (Index m = 0; m < some; ++m) {
-          sum[m] += a[m] * (rates[m] + 2.0 * k * w[m]) + b[m] * (w[m] * w[m] - k * k);
-        }
-      }
-      for (Index m = 0; m < some; ++m) rows.forces(i, first + m) = place - sum[m];
-    });
+    const auto own = of(rows.by_angles, i), turning = of(rows.turning, i);
+    const auto change =
+        own * (rates.array() + 2.0 * k * w.array()) + turning * (w.array().square() - k * k);
+    rows.forces.row(i) = place - change.colwise().sum();
     for (Index other = 0; other <= i; ++other) {
-      double* const product = &rows.products(i * count + other, 0);
-      set_products(own, response(other), n, members, product);
-      std::copy_n(product, members, &rows.products(other * count + i, 0));
+      auto product = rows.products.row(i * count + other);
+      product = (own * of(rows.response, other)).colwise().sum();
+      rows.products.row(other * count + i) = product;
     }
     rows.products.row(i * count + i).array() += compliance_[i];
   }
-  std::vector<Index> idle = solve_rows(rows.products, rows.forces, count - (lends_ ? 1 : 0));
+  std::vector<Index> idle;
+  thread_local Matrix system, forces;
+  for (Index m = 0; m < members; ++m) {
+    system = rows.products.col(m).reshaped<Eigen::RowMajor>(count, count);
+    forces = rows.forces.col(m);
+    idle = solve_member(system, forces, count - (lends_ ? 1 : 0));
+    rows.forces.col(m) = forces;
+  }
   for (Index i = 0; i < count; ++i) {
-    const double* const force = &rows.forces(i, 0);
-    for (Index j = 0; j < n; ++j) {
-      const double* const by_force = response(i)[j];
-      for (Index m = 0; m < members; ++m) acceleration[j * stride + m] += force[m] * by_force[m];
-    }
+    rates.array() += of(rows.response, i).rowwise() * rows.forces.row(i).array();
   }
   return idle;
 }
@@ -349,11 +300,10 @@ void Scene::energy(const Batch& batch, double* out) const {
   if (compliance_.isZero(0.0)) return;
   Rows rows;
   set_rows(y.topRows(n), rows);
-  Vector rates(batch.members);
   for (Index row = 0; row < compliance_.size(); ++row) {
     if (compliance_[row] == 0.0) continue;
-    set_products({rows.by_angles.data() + row * batch.members, rows.by_angles.cols()},
-                 {batch.y + n * batch.members, batch.members}, n, batch.members, rates.data());
+    const auto by_angles = rows.by_angles.middleCols(row * batch.members, batch.members);
+    const Vector rates = by_angles.cwiseProduct(y.bottomRows(n)).colwise().sum();
     Eigen::Map<Vector>(out, batch.members) += 0.5 / compliance_[row] * rates.cwiseAbs2();
   }
 }
