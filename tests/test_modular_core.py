@@ -300,16 +300,18 @@ def test_free_directions_of_states_keep_guides_and_pins(name):
 # ---------------------------------------------------------------------------------------- closing
 
 
-def core_scene(n=3, **given):
+def core_scene(n=3, inertia=(), held=(), value=(), **given):
     """A compiled scene without forces."""
     arguments = {
         "length": np.full(n, 1.0 / n),
         "center": np.full(n, 0.5),
         "gyration_radius": np.full(n, 0.1),
         **{name: np.zeros(n) for name in ("spring", "drag_point")},
-        **{"base": 0.0, "mass": [], "held": [], "value": []},
+        "base": 0.0,
     }
-    return _core.Scene(core_pipe(pp.Pipe(0.3, 4.0)), **arguments | given)
+    segments = _core.Segments(**arguments | given)
+    rows = np.reshape(inertia, (-1, 3 * n))
+    return _core.Scene(core_pipe(pp.Pipe(0.3, 4.0)), segments, rows, held, value)
 
 
 def test_projection_meets_guides_and_pins_and_says_how_far_it_misses_others():

@@ -16,8 +16,9 @@
 #include <string>
 #include <vector>
 
-#include "parts.hpp"
 #include "pipedyn/chain/motion.hpp"
+#include "pipedyn/pipe.hpp"
+#include "pipedyn/util/threads.hpp"
 #include "pipedyn/vector/levels.hpp"
 
 namespace pipedyn {
@@ -46,10 +47,14 @@ inline void require_size(const char* name, const Numbers& array, py::ssize_t siz
                         " numbers, got shape " + shape_of(array));
 }
 
+inline bool all_finite(const double* x, py::ssize_t count) {
+  return (0.0 * Eigen::Map<const Vector>(x, count)).sum() == 0.0;  // an entry is 0, or else NaN
+}
+
 inline void require_finite(const char* name, const Numbers& array) {
   const double* const data = array.data();
   const py::ssize_t count = array.size();
-  if (motion_kernel().finite(data, count)) return;
+  if (all_finite(data, count)) return;
   py::ssize_t at = 0;
   while (std::isfinite(data[at])) ++at;
   std::string index = std::to_string(at);
@@ -167,6 +172,41 @@ inline NumberOrArray row_of(const Numbers& results, py::ssize_t i) {
   return results[py::int_(i)];
 }
 
+/// Work on a batch, which writes its results.
+using Work = std::function<void(const Batch&, double*)>;
+
+/// Does the work on a batch of states (rows, members) in parts. results: numbers that it writes for
+/// a member, as a column of (results, members) or, if of_member, one member after the other; each:
+/// amount of work for one member.
+inline void in_parts(const Batch& batch, Index rows, Index results, bool of_member, Index each,
+                     const Work& work, double* out) {
+  const Index members = batch.members;
+  in_parts(members, each, [&](Index begin, Index end) {
+    const Index count = end - begin;
+    if (count == members) {
+      work(batch, out);
+      return;
+    }
+    const auto columns = [=](const double* of, Index height) -> Matrix {
+      if (of == nullptr) return {};
+      return Eigen::Map<const Matrix>(of, height, members).middleCols(begin, count);
+    };
+    const Matrix y = columns(batch.y, rows), drive = columns(batch.drive, Drive::rows);
+    const Batch part{.y = y.data(),
+                     .u = batch.u + begin * batch.u_step,
+                     .members = count,
+                     .u_step = batch.u_step,
+                     .drive = batch.drive == nullptr ? nullptr : drive.data()};
+    if (of_member) {
+      work(part, out + begin * results);
+      return;
+    }
+    Matrix found(results, count);
+    work(part, found.data());
+    Eigen::Map<Matrix>(out, results, members).middleCols(begin, count) = found;
+  });
+}
+
 using Unlocked = py::call_guard<py::gil_scoped_release>;
 
 /// Releases the interpreter lock if the work takes longer than releasing and acquiring it. amount:
@@ -216,7 +256,7 @@ template <class Model>
 void require_answer(const char* what, const Model& of, py::ssize_t rows, const py::object& y,
                     const Numbers& made, bool of_member) {
   const double* const data = made.data();
-  if (motion_kernel().finite(data, made.size())) return;
+  if (all_finite(data, made.size())) return;
   const States states("y", y, rows);
   const py::ssize_t k = states.members, each = made.size() / k;
   std::vector<py::ssize_t> members;
@@ -329,10 +369,9 @@ void define_equations(py::class_<Model>& model) {
       .def(
           "energy",
           [](const Model& of, const object& y, const object& driven, bool refused) {
+            const auto work = [&](const Batch& batch, double* out) { of.energy(batch, out); };
             const py::ssize_t rows = 2 * of.dof();
-            const Numbers made =
-                results_of(rows, 1, work_of(of), y, py::float_(0.0), driven,
-                           [&](const Batch& batch, double* out) { of.energy(batch, out); });
+            const Numbers made = results_of(rows, 1, work_of(of), y, py::float_(0.0), driven, work);
             if (refused) require_answer("energy", of, rows, y, made, false);
             return row_of(made, 0);
           },
@@ -340,13 +379,12 @@ void define_equations(py::class_<Model>& model) {
       .def(
           "power",
           [](const Model& of, const object& y, const object& u, const object& driven) -> Parts {
+            const auto work = [&](const Batch& batch, double* out) { of.power(batch, out); };
             const py::ssize_t rows = 2 * of.dof();
-            const Numbers made =
-                results_of(rows, 5, work_of(of), y, u, driven,
-                           [&](const Batch& batch, double* out) { of.power(batch, out); });
-            require_answer("power", of, rows, y, made, false);
-            return py::make_tuple(row_of(made, 0), row_of(made, 1), row_of(made, 2),
-                                  row_of(made, 3), row_of(made, 4));
+            const Numbers parts = results_of(rows, 5, work_of(of), y, u, driven, work);
+            require_answer("power", of, rows, y, parts, false);
+            return py::make_tuple(row_of(parts, 0), row_of(parts, 1), row_of(parts, 2),
+                                  row_of(parts, 3), row_of(parts, 4));
           },
           "y"_a, "u"_a, drive)
       .def(

@@ -100,21 +100,14 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def_readonly("flux", &Operators::flux)
       .def_readonly("unsteady", &Operators::unsteady);
 
+  const pipedyn::Vector none;
+  py::class_<Segments>(m, "Segments")
+      .def(py::init<pipedyn::Vector, pipedyn::Vector, pipedyn::Vector, pipedyn::Vector,
+                    pipedyn::Vector, double, pipedyn::Vector, pipedyn::Vector, pipedyn::Vector>(),
+           "length"_a, "center"_a, "gyration_radius"_a, "spring"_a, "drag_point"_a, "base"_a,
+           "damping"_a = none, "rest_moment"_a = none, "mass"_a = none);
   py::class_<Chain> chain(m, "Chain");
-  chain
-      .def(py::init([](const Pipe& pipe, pipedyn::Vector length, pipedyn::Vector center,
-                       pipedyn::Vector gyration_radius, pipedyn::Vector spring,
-                       pipedyn::Vector drag_point, double base, pipedyn::Vector mass) {
-             return Chain(pipe, Segments{.length = std::move(length),
-                                         .center = std::move(center),
-                                         .gyration_radius = std::move(gyration_radius),
-                                         .spring = std::move(spring),
-                                         .drag_point = std::move(drag_point),
-                                         .base = base,
-                                         .mass = std::move(mass)});
-           }),
-           "pipe"_a, "length"_a, "center"_a, "gyration_radius"_a, "spring"_a, "drag_point"_a,
-           "base"_a, "mass"_a = pipedyn::Vector())
+  chain.def(py::init<const Pipe&, Segments>(), "pipe"_a, "segments"_a)
       .def("operators", &Chain::operators, "angles"_a = pipedyn::Vector(), "joints"_a = true,
            Unlocked())
       .def("joint_operators", &Chain::joint_operators, "scale"_a, Unlocked())

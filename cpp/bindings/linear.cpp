@@ -109,11 +109,8 @@ void define_linear(py::module_& m) {
       .def_property_readonly("right", [](const Pair& pair) { return ComplexTable(pair.right); })
       .def_property_readonly("left", [](const Pair& pair) { return ComplexTable(pair.left); });
   py::class_<Pairs>(m, "Pairs")
-      .def(py::init([](Values values, ComplexTable right, ComplexTable left, Reals residuals) {
-             return Pairs{std::move(values), std::move(right), std::move(left),
-                          std::move(residuals)};
-           }),
-           "values"_a, "right"_a, "left"_a = ComplexTable(), "residuals"_a = Reals())
+      .def(py::init<Values, ComplexTable, ComplexTable, Reals>(), "values"_a, "right"_a,
+           "left"_a = ComplexTable(), "residuals"_a = Reals())
       .def_readonly("values", &Pairs::values)
       .def_readonly("right", &Pairs::right)
       .def_readonly("left", &Pairs::left)
@@ -242,12 +239,8 @@ void define_linear(py::module_& m) {
           "q"_a);
 
   py::class_<Traits>(m, "Traits")
-      .def(py::init([](Index dof, double delta, double zero, bool damped, bool conservative,
-                       bool squared, bool free_at_rest, double loss) {
-             return Traits{dof, delta, zero, damped, conservative, squared, free_at_rest, loss};
-           }),
-           "dof"_a, "delta"_a, "zero"_a, "damped"_a, "conservative"_a, "squared"_a,
-           "free_at_rest"_a, "loss"_a)
+      .def(py::init<Index, double, double, bool, bool, bool, bool, double>(), "dof"_a, "delta"_a,
+           "zero"_a, "damped"_a, "conservative"_a, "squared"_a, "free_at_rest"_a, "loss"_a)
       .def_readonly("loss", &Traits::loss);
   py::class_<Eigenproblem, Spectrum, std::shared_ptr<Eigenproblem>>(m, "Eigenproblem")
       .def(py::init([](const Traits& traits, DenseOperator::Matrices matrices,

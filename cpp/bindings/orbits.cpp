@@ -87,11 +87,10 @@ py::typing::Tuple<Numbers, std::vector<py::ssize_t>> carried(const Numbers& maps
   const py::ssize_t count = maps.shape(0), n = maps.shape(1), columns = maps.shape(2);
   Numbers whole(std::vector<py::ssize_t>{count, n, columns});
   double* const to = whole.mutable_data();
-  std::vector<py::ssize_t> begins(static_cast<std::size_t>(count));
+  std::vector<py::ssize_t> begins;
   {
     const py::gil_scoped_release unlocked;
-    begins.resize(static_cast<std::size_t>(
-        motion_kernel().carry_maps(maps.data(), count, n, columns, most, to, begins.data())));
+    begins = carry_maps(maps.data(), count, n, columns, most, to);
   }
   return py::make_tuple(whole, begins);
 }

@@ -84,19 +84,9 @@ void define_scene(py::module_& m) {
   py::class_<Scene> defined(m, "Scene");
   define_equations<Scene, work_of>(defined);
   defined
-      .def(py::init([](const Pipe& pipe, Vector length, Vector center, Vector gyration_radius,
-                       Vector spring, Vector drag_point, double base, Vector mass,
-                       const std::vector<Index>& held, const Vector& value, const Matrix& inertia,
-                       Vector damping, Vector rest_moment) {
-             const Segments segments{
-                 std::move(length),  std::move(center),      std::move(gyration_radius),
-                 std::move(spring),  std::move(drag_point),  base,
-                 std::move(damping), std::move(rest_moment), std::move(mass)};
-             return std::make_unique<Scene>(pipe, segments, inertia, held, value);
-           }),
-           "pipe"_a, "length"_a, "center"_a, "gyration_radius"_a, "spring"_a, "drag_point"_a,
-           "base"_a, "mass"_a, "held"_a, "value"_a, "inertia"_a = Matrix(), "damping"_a = Vector(),
-           "rest_moment"_a = Vector())
+      .def(py::init<const Pipe&, const Segments&, const Matrix&, const std::vector<Index>&,
+                    const Vector&>(),
+           "pipe"_a, "segments"_a, "inertia"_a, "held"_a, "value"_a)
       .def_property_readonly("coordinates", &Scene::coordinates)
       .def_property_readonly("weights", &Scene::weights)
       .def_property_readonly("compliance", &Scene::compliance)

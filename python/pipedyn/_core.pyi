@@ -28,6 +28,7 @@ __all__: list[str] = [
     "RootLoci",
     "SHIFT",
     "Scene",
+    "Segments",
     "Spectrum",
     "Structured",
     "Supply",
@@ -101,18 +102,22 @@ class Operators:
     @property
     def unsteady(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
-class Chain:
+class Segments:
     def __init__(
         self,
-        pipe: Pipe,
         length: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         center: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         gyration_radius: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         spring: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         drag_point: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         base: typing.SupportsFloat | typing.SupportsIndex,
+        damping: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+        rest_moment: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
         mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
     ) -> None: ...
+
+class Chain:
+    def __init__(self, pipe: Pipe, segments: Segments) -> None: ...
     def axial(
         self, y: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
@@ -496,18 +501,10 @@ class Scene:
     def __init__(
         self,
         pipe: Pipe,
-        length: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        center: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        gyration_radius: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        spring: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        drag_point: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        base: typing.SupportsFloat | typing.SupportsIndex,
-        mass: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        segments: Segments,
+        inertia: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
         held: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
         value: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-        inertia: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
-        damping: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
-        rest_moment: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
     ) -> None: ...
     def angles(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
     def axial(

@@ -154,63 +154,16 @@ void axial(const MotionModel& model, const Batch& batch, double* out) {
   });
 }
 
-bool all_finite(const double* x, Count count) {
-  Pack sums[4] = {};
-  double sum = 0.0;
-  for_each_pack(count, [&]<class Real, Count packs>(Count first) {
-    for (Count p = 0; p < packs; ++p) {
-      const Real none = 0.0 * load<Real>(x + first + p * lanes<Real>);  // 0, or NaN if not finite
-      if constexpr (lanes<Real> == lanes<Pack>) {
-        sums[p] += none;
-      } else {
-        sum += none;
-      }
-    }
-  });
-  double each[width];
-  store(each, Pack((sums[0] + sums[1]) + (sums[2] + sums[3])));
-  for (const double lane : each) sum += lane;
-  return sum == 0.0;
-}
-
 void combine(const double* weights, const double* const* k, Count terms, const double* y,
              const double* h, double* out, Count size) {
-  for_each_pack(size, [&]<class Real, Count packs>(Count first) {
-    Real sum[packs] = {};
-    for (Count s = 0; s < terms; ++s) {
-      const double* const of = k[s] + first;
-      for (Count i = 0; i < packs; ++i) sum[i] += weights[s] * load<Real>(of + i * lanes<Real>);
-    }
-    for (Count i = 0; i < packs; ++i) {
-      const Count at = first + i * lanes<Real>;
-      store(out + at, Real(load<Real>(y + at) + load<Real>(h + at) * sum[i]));
-    }
-  });
-}
-
-void errors(const double* const* weights, const double* const* k, Count terms, const double* y,
-            const double* next, const double* absolute_error, const double* relative,
-            double* const* out, Count size) {
-  for_each_pack(size, [&]<class Real, Count packs>(Count first) {
-    Real one[packs] = {}, other[packs] = {};
-    for (Count s = 0; s < terms; ++s) {
-      for (Count i = 0; i < packs; ++i) {
-        const Real rate = load<Real>(k[s] + first + i * lanes<Real>);
-        one[i] += weights[0][s] * rate;
-        other[i] += weights[1][s] * rate;
-      }
-    }
-    for (Count i = 0; i < packs; ++i) {
-      const Count at = first + i * lanes<Real>;
-      const Real before = absolute(load<Real>(y + at)), after = absolute(load<Real>(next + at));
-      const Real largest = before < after ? after : before;
-      const Real allowed = load<Real>(absolute_error + at) + load<Real>(relative + at) * largest;
-      const Real scale = 1.0 / allowed;
-      const Real a = one[i] * scale, b = other[i] * scale;
-      store(out[0] + at, Real(a * a));
-      store(out[1] + at, Real(b * b));
-    }
-  });
+  const auto add = [&]<class Real>(const Real&, Count i) {
+    Real sum{};
+    for (Count s = 0; s < terms; ++s) sum += weights[s] * load<Real>(k[s] + i);
+    store(out + i, Real(load<Real>(y + i) + load<Real>(h + i) * sum));
+  };
+  Count i = 0;
+  for (; i + width <= size; i += width) add(Pack{}, i);
+  for (; i < size; ++i) add(0.0, i);
 }
 
 void sincos_of(const double* x, Count count, double* sine, double* cosine) {
@@ -243,7 +196,6 @@ const MotionKernel PIPEDYN_NAMED(motion) = {
     .power = ::power,
     .axial = ::axial,
     .combine = ::combine,
-    .errors = ::errors,
     .factor_numbers = ::shifted_numbers,
     .factorise = ::factorise_shifted,
     .solve = ::solve_shifted,
@@ -252,8 +204,6 @@ const MotionKernel PIPEDYN_NAMED(motion) = {
     .mix_stages = ::mix_stages,
     .correct_stages = ::correct_stages,
     .eliminate_stages = ::eliminate_stages,
-    .carry_maps = ::carry_maps,
-    .finite = ::all_finite,
     .sincos = ::sincos_of,
     .galerkin = &PIPEDYN_NAMED(galerkin),
     .impedance = &PIPEDYN_NAMED(impedance),

@@ -127,12 +127,6 @@ struct MotionKernel {
   /// Computes out = y + h sum_s weights_s k_s, entry by entry.
   void (*combine)(const double* weights, const double* const* k, std::ptrdiff_t terms,
                   const double* y, const double* h, double* out, std::ptrdiff_t size);
-  /// Computes the squared scaled errors
-  /// out_e = (sum_s weights_es k_s / (absolute + relative max(|y|, |next|)))^2, e = 0 and 1, entry
-  /// by entry.
-  void (*errors)(const double* const* weights, const double* const* k, std::ptrdiff_t terms,
-                 const double* y, const double* next, const double* absolute,
-                 const double* relative, double* const* out, std::ptrdiff_t size);
 
   // Solution of (mu - J) x = b for this number of complex mu at once. Real parts stand before
   // imaginary parts in mu (2 shifts) and in the rows of b, which x replaces.
@@ -162,17 +156,6 @@ struct MotionKernel {
   /// pointers. Returns false if a matrix is singular.
   bool (*eliminate_stages)(const Intervals&, std::ptrdiff_t first, std::ptrdiff_t last,
                            double** rows, double* rates, double* ends);
-  /// Products of the maps x -> T x + r of intervals, given as [T | r] (count, n, columns). The
-  /// intervals are divided into runs; out receives for each interval the product [P | R] of all
-  /// maps from the beginning of its run to its own end (count, n, columns). A run ends before an
-  /// entry of P reaches most. begins (count) receives the beginnings of the runs; returns their
-  /// number.
-  std::ptrdiff_t (*carry_maps)(const double* maps, std::ptrdiff_t count, std::ptrdiff_t n,
-                               std::ptrdiff_t columns, double most, double* out,
-                               std::ptrdiff_t* begins);
-
-  /// Whether all entries are finite.
-  bool (*finite)(const double* x, std::ptrdiff_t count);
   void (*sincos)(const double* x, std::ptrdiff_t count, double* sine, double* cosine);
 
   const GalerkinKernel* galerkin;        // motion of reduced models

@@ -99,25 +99,6 @@ std::vector<Index> solve_member(Matrix& s, Matrix& right, Index positive) {
   return {left, order.end()};
 }
 
-/// Solves the systems of several members as `solve_member` does. systems: s of each in a column, by
-/// rows. Returns the dependent rows of the last member.
-std::vector<Index> solve_rows(const Matrix& systems, Matrix& right, Index positive) {
-  const Index size = right.rows();
-  std::vector<Index> idle;
-  thread_local Matrix system, column;
-  for (Index k = 0; k < right.cols(); ++k) {
-    system = systems.col(k).reshaped<Eigen::RowMajor>(size, size);
-    column = right.col(k);
-    idle = solve_member(system, column, positive);
-    right.col(k) = column;
-  }
-  return idle;
-}
-
-/// Rows of numbers of some members, each of which may begin far after the one before.
-template <class Numbers>
-using Columns = Eigen::Map<Numbers, 0, Eigen::OuterStride<>>;
-
 }  // namespace
 
 Scene::Scene(const Pipe& pipe, const Segments& segments, const Matrix& inertia,
@@ -226,30 +207,40 @@ std::vector<Index> Scene::enforce(const Matrix& theta, Rows& rows, double rate, 
   rows.response.resize(2 * n, columns);
   inertia_.rhs({rows.still.data(), &no_flow, columns, 0, rows.by_angles.data()},
                rows.response.data());
-  const auto response = [&](Index row) {
-    return rows.response.bottomRows(n).middleCols(row * members, members);
+  using Rates = Eigen::Map<Matrix, 0, Eigen::OuterStride<>>;
+  const Eigen::Map<const Matrix, 0, Eigen::OuterStride<>> w(omega, n, members, {stride});
+  Rates rates(acceleration, n, members, {stride});
+  const auto of = [&](const Matrix& all, Index row) {
+    return all.bottomRows(n).middleCols(row * members, members).array();
   };
-  const Columns<const Matrix> turned(omega, n, members, Eigen::OuterStride<>(stride));
-  Columns<Matrix> rates(acceleration, n, members, Eigen::OuterStride<>(stride));
-  const auto w = turned.array();
   rows.products.resize(count * count, members);
   rows.forces.resize(count, members);
   for (Index i = 0; i < count; ++i) {
     const bool held = i >= held_from_ && i < held_from_ + value_.size();
     const double k = held ? rate : 0.0;
     const double place = held ? k * k * (value_[i - held_from_] - origin_[i]) : 0.0;
-    const auto own = rows.by_angles.middleCols(i * members, members);
-    const auto turning = rows.turning.middleCols(i * members, members).array();
-    const auto change = own.array() * (rates.array() + 2.0 * k * w) + turning * (w * w - k * k);
-    rows.forces.row(i) = (place - change.colwise().sum()).matrix();
+    const auto own = of(rows.by_angles, i), turning = of(rows.turning, i);
+    const auto change =
+        own * (rates.array() + 2.0 * k * w.array()) + turning * (w.array().square() - k * k);
+    rows.forces.row(i) = place - change.colwise().sum();
     for (Index other = 0; other <= i; ++other) {
-      rows.products.row(i * count + other) = own.cwiseProduct(response(other)).colwise().sum();
-      rows.products.row(other * count + i) = rows.products.row(i * count + other);
+      auto product = rows.products.row(i * count + other);
+      product = (own * of(rows.response, other)).colwise().sum();
+      rows.products.row(other * count + i) = product;
     }
     rows.products.row(i * count + i).array() += compliance_[i];
   }
-  std::vector<Index> idle = solve_rows(rows.products, rows.forces, count - (lends_ ? 1 : 0));
-  for (Index i = 0; i < count; ++i) rates += response(i) * rows.forces.row(i).asDiagonal();
+  std::vector<Index> idle;
+  thread_local Matrix system, forces;
+  for (Index m = 0; m < members; ++m) {
+    system = rows.products.col(m).reshaped<Eigen::RowMajor>(count, count);
+    forces = rows.forces.col(m);
+    idle = solve_member(system, forces, count - (lends_ ? 1 : 0));
+    rows.forces.col(m) = forces;
+  }
+  for (Index i = 0; i < count; ++i) {
+    rates.array() += of(rows.response, i).rowwise() * rows.forces.row(i).array();
+  }
   return idle;
 }
 
@@ -311,9 +302,9 @@ void Scene::energy(const Batch& batch, double* out) const {
   set_rows(y.topRows(n), rows);
   for (Index row = 0; row < compliance_.size(); ++row) {
     if (compliance_[row] == 0.0) continue;
-    const auto own = rows.by_angles.middleCols(row * batch.members, batch.members);
-    Eigen::Map<Eigen::RowVectorXd>(out, batch.members) +=
-        0.5 / compliance_[row] * own.cwiseProduct(y.bottomRows(n)).colwise().sum().cwiseAbs2();
+    const auto by_angles = rows.by_angles.middleCols(row * batch.members, batch.members);
+    const Vector rates = by_angles.cwiseProduct(y.bottomRows(n)).colwise().sum();
+    Eigen::Map<Vector>(out, batch.members) += 0.5 / compliance_[row] * rates.cwiseAbs2();
   }
 }
 

@@ -186,40 +186,4 @@ bool eliminate_stages(const Intervals& of, Count first, Count last, double** row
   return true;
 }
 
-Count carry_maps(const double* maps, Count count, Count n, Count columns, double most, double* out,
-                 Count* begins) {
-  Count runs = 0;
-  begins[runs++] = 0;
-  for (Count m = 0; m < count; ++m) {
-    double* const to = out + m * n * columns;
-    const double* const map = maps + m * n * columns;
-    if (m > 0) {
-      const double* const from = to - n * columns;
-      double largest = 0.0;
-      for (Count i = 0; i < n; ++i) {
-        double* const row = to + i * columns;
-        for_each_pack(columns, [&]<class Real, Count packs>(Count first) {
-          Real sum[packs] = {};
-          for (Count k = 0; k < n; ++k) {
-            const double factor = map[i * columns + k];
-            const double* const column = from + k * columns + first;
-            for (Count p = 0; p < packs; ++p)
-              sum[p] += factor * load<Real>(column + p * lanes<Real>);
-          }
-          for (Count p = 0; p < packs; ++p) store(row + first + p * lanes<Real>, sum[p]);
-        });
-        for (Count j = 0; j < n; ++j) {
-          const double entry = std::fabs(row[j]);
-          if (!(entry <= largest)) largest = entry;
-        }
-        for (Count j = n; j < columns; ++j) row[j] += map[i * columns + j];
-      }
-      if (largest < most) continue;
-      begins[runs++] = m;
-    }
-    for (Count i = 0; i < n * columns; ++i) to[i] = map[i];
-  }
-  return runs;
-}
-
 }  // namespace

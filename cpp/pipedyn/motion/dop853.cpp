@@ -35,24 +35,17 @@ double share(Index s) {
   return shares[s];
 }
 
-/// Weights that are not 0, with the rates to which they belong.
-Index present(const Stages& of, const double* weights, Index terms, double* found,
-              const double** k) {
+/// Computes out = y + h sum_s weights_s k_s.
+void combine(const Stages& of, const double* weights, Index terms, const Vector& y,
+             const Vector& steps, Index entries, Vector& out) {
+  const double* k[stages + 4];
+  double found[stages + 4];
   Index count = 0;
   for (Index s = 0; s < terms; ++s) {
     if (weights[s] == 0.0) continue;
     found[count] = weights[s];
     k[count++] = of[s].data();
   }
-  return count;
-}
-
-/// Computes out = y + h sum_s weights_s k_s.
-void combine(const Stages& of, const double* weights, Index terms, const Vector& y,
-             const Vector& steps, Index entries, Vector& out) {
-  const double* k[stages + 4];
-  double found[stages + 4];
-  const Index count = present(of, weights, terms, found, k);
   motion_kernel().combine(found, k, count, y.data(), steps.data(), out.data(), entries);
 }
 
@@ -66,8 +59,6 @@ Dop853::Dop853(Rates rates, Index rows, Index members, const double* start, doub
       next_(y_),
       stage_(y_),
       steps_(y_),
-      squares5_(y_),
-      squares3_(y_),
       relative_(y_),
       absolute_(Eigen::Map<const Vector>(limits_.absolute.data(), limits_.absolute.size())),
       rate_(stages + 1, y_),
@@ -161,26 +152,19 @@ Index Dop853::step(double end) {
 
 /// Error of the step of each column, relative to the tolerance.
 void Dop853::measure_errors() {
-  const Index m = active();
-  const double* k[2][stages];
-  double weights[2][stages];
-  Index count = 0;
-  for (Index e = 0; e < 2; ++e)
-    count = present(rate_, dop853::error_weights[e], stages, weights[e], k[e]);
-  const double* const both[] = {weights[0], weights[1]};
-  double* const out[] = {squares5_.data(), squares3_.data()};
-  motion_kernel().errors(both, k[0], count, y_.data(), next_.data(), absolute_.data(),
-                         relative_.data(), out, entries());
-  fifth_.setZero(m);
-  third_.setZero(m);
-  for (Index i = 0; i < entries(); i += m) {
-    fifth_ += squares5_.segment(i, m);
-    third_ += squares3_.segment(i, m);
+  const Index m = active(), size = entries();
+  const auto largest = y_.head(size).cwiseAbs().cwiseMax(next_.head(size).cwiseAbs());
+  scale_ = (absolute_.head(size) + relative_.head(size).cwiseProduct(largest)).cwiseInverse();
+  for (Index e = 0; e < 2; ++e) {
+    combine(rate_, dop853::error_weights[e], stages, dense_.zero, steps_, size, stage_);
+    squares_[e].setZero(m);
+    for (Index i = 0; i < size; i += m) {
+      squares_[e] += stage_.segment(i, m).cwiseProduct(scale_.segment(i, m)).cwiseAbs2();
+    }
   }
   error_.resize(m);
   for (Index j = 0; j < m; ++j) {
-    const double fifth = fifth_[j] * tried_[j] * tried_[j];
-    const double sum = fifth + 0.01 * third_[j] * tried_[j] * tried_[j];
+    const double fifth = squares_[0][j], sum = fifth + 0.01 * squares_[1][j];
     error_[j] = sum == 0.0 ? 0.0 : fifth / std::sqrt(sum * static_cast<double>(rows_));
   }
 }

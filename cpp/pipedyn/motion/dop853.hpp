@@ -36,10 +36,12 @@ class Dop853 final : public Integrator {
   void gather(const Vector& all, const std::vector<Index>& columns, Vector& some) const;
 
   Rates rates_;
-  Vector y_, next_, stage_, steps_, squares5_, squares3_;
-  Vector relative_, absolute_;                // tolerances of each entry, see `Limits`
-  Stages rate_;                               // rates at the 13 stages
-  Vector tried_, fifth_, third_, error_, t_;  // of each column
+  Vector y_, next_, stage_, steps_;
+  Vector relative_, absolute_;  // tolerances of each entry, see `Limits`
+  Vector scale_;                // 1 / the error that each entry is allowed
+  Stages rate_;                 // rates at the 13 stages
+  Vector tried_, error_, t_;    // of each column
+  Vector squares_[2];           // of each column: squares of its errors of order 5 and 3
   std::vector<char> accepted_;
 
   struct Dense {  // dense output of the columns that are interpolated

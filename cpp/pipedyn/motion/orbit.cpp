@@ -5,6 +5,8 @@
 #include <cmath>
 #include <vector>
 
+#include "pipedyn/pipe.hpp"
+
 namespace pipedyn {
 
 void states_at(const Polynomials& orbit, const double* phases, std::ptrdiff_t size, double* out) {
@@ -45,6 +47,24 @@ void states_at(const Polynomials& orbit, const double* phases, std::ptrdiff_t si
       out[(half + a) * size + k] = sign * velocity;
     }
   }
+}
+
+std::vector<std::ptrdiff_t> carry_maps(const double* maps, std::ptrdiff_t count, std::ptrdiff_t n,
+                                       std::ptrdiff_t columns, double most, double* out) {
+  std::vector<std::ptrdiff_t> begins;
+  for (std::ptrdiff_t m = 0; m < count; ++m) {
+    const Eigen::Map<const Matrix> map(maps + m * n * columns, n, columns);
+    Eigen::Map<Matrix> to(out + m * n * columns, n, columns);
+    if (m > 0) {
+      const Eigen::Map<const Matrix> before(to.data() - n * columns, n, columns);
+      to = map.leftCols(n).lazyProduct(before);
+      to.rightCols(columns - n) += map.rightCols(columns - n);
+      if ((to.leftCols(n).array().abs() < most).all()) continue;
+    }
+    to = map;
+    begins.push_back(m);
+  }
+  return begins;
 }
 
 }  // namespace pipedyn

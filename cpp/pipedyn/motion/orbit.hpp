@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <vector>
 
 namespace pipedyn {
 
@@ -22,5 +23,12 @@ struct Polynomials {
 
 /// Computes the states at given phases, out (2 half, size). It does not throw.
 void states_at(const Polynomials& orbit, const double* phases, std::ptrdiff_t size, double* out);
+
+/// Products of the maps x -> T x + r of intervals, given as [T | r] (count, n, columns). The
+/// intervals are divided into runs; out receives for each interval the product [P | R] of all maps
+/// from the beginning of its run to its own end (count, n, columns). A run ends before an entry of
+/// P reaches most. Returns the beginnings of the runs.
+std::vector<std::ptrdiff_t> carry_maps(const double* maps, std::ptrdiff_t count, std::ptrdiff_t n,
+                                       std::ptrdiff_t columns, double most, double* out);
 
 }  // namespace pipedyn

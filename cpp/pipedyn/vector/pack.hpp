@@ -85,20 +85,6 @@ inline Real absolute(const Real& x) {
   return same_bits<Real>(same_bits<Whole>(x) & INT64_MAX);
 }
 
-/// Calls body.operator()<Real, packs>(first) until `size` numbers are covered. It takes several
-/// packs at a time, as their sums do not depend on each other. The last packs overlap their
-/// neighbours; fewer numbers than a pack are taken one at a time.
-template <class Body>
-void for_each_pack(Count size, const Body& body) {
-  constexpr Count four = 4 * width;
-  Count first = 0;
-  for (; first + four <= size; first += four) body.template operator()<Pack, 4>(first);
-  for (; first < size && size >= width; first += width) {
-    body.template operator()<Pack, 1>(first + width <= size ? first : size - width);
-  }
-  for (; first < size; ++first) body.template operator()<double, 1>(first);
-}
-
 inline Pack sine_near_zero(const Pack& r, const Pack& z) {
   const Pack s = -0x1.5555555555549p-3 +
                  z * (0x1.111111110f880p-7 +

@@ -332,19 +332,16 @@ class Chain(SegmentModel):
             return NOT_HELD
         return held_ends(self._pipe, self._ends()[1:])
 
-    def _segments(
-        self, springs: Array, pipe: Pipe
-    ) -> tuple[_core.Pipe, Array, Array, Array, Array, Array, float, Array]:
-        """Arguments of a compiled chain or scene with these joints' springs."""
-        return (
-            core_pipe(pipe),
-            self._lengths,
-            self._centers,
-            self._gyration_radii,
-            springs,
-            self._drag_points,
-            self._base,
-            self._masses,
+    def _segments(self, springs: Array, pipe: Pipe) -> tuple[_core.Pipe, _core.Segments]:
+        """The compiled pipe and segments of a chain or scene with these joints' springs."""
+        return core_pipe(pipe), _core.Segments(
+            length=self._lengths,
+            center=self._centers,
+            gyration_radius=self._gyration_radii,
+            spring=springs,
+            drag_point=self._drag_points,
+            base=self._base,
+            mass=self._masses,
         )
 
     @property
@@ -367,6 +364,7 @@ class Chain(SegmentModel):
             return self.core
         return _core.Scene(
             *self._segments(self._own_joints, self._pipe),
+            inertia=np.zeros((0, 0)),
             held=(3 * self._held).tolist(),
             value=np.zeros(self._held.size),
         )

@@ -305,16 +305,18 @@ class Layout:
     def compiled(self, pipe: Pipe) -> _core.Scene:
         """The compiled scene on a pipe."""
         return _core.Scene(
-            pipe=core_pipe(self.acting(pipe)),
-            length=self.lengths,
-            center=self.centres,
-            gyration_radius=self.gyration_radii,
-            spring=self.springs,
-            damping=self.joint_damping(pipe),
-            rest_moment=self.rest_moments,
-            drag_point=self.drag_points,
-            base=self.base,
-            mass=self.masses,
+            core_pipe(self.acting(pipe)),
+            _core.Segments(
+                length=self.lengths,
+                center=self.centres,
+                gyration_radius=self.gyration_radii,
+                spring=self.springs,
+                drag_point=self.drag_points,
+                base=self.base,
+                damping=self.joint_damping(pipe),
+                rest_moment=self.rest_moments,
+                mass=self.masses,
+            ),
             inertia=self.inertia,
             held=self.held.tolist(),
             value=self.held_values,

@@ -148,7 +148,7 @@ def array(
         raise ValueError(f"{name} must be one-dimensional, got shape {raw.shape}")
     sizes = size if isinstance(size, tuple) else (size,)
     if size is not None and raw.size not in sizes:
-        many = " or ".join(map(str, sorted(set(sizes))))
+        many = " or ".join(map(str, dict.fromkeys(sizes)))
         raise ValueError(f"{name} must have {many} entries, got {raw.size}")
     if raw.size < 1:
         raise ValueError(f"{name} must have from 1 to {longest} entries, got 0")
