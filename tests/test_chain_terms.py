@@ -6,7 +6,6 @@ The virtual work, energy and operators of each law are in test_terms.py.
 
 from dataclasses import replace
 
-import mpmath
 import numpy as np
 import pytest
 from independent import (
@@ -186,40 +185,3 @@ def test_a_root_stands_at_zero_unless_a_spring_holds_what_is_beyond_the_free_joi
 
 
 # --------------------------------------------------------------------------- the pipe they tend to
-
-
-def test_a_spring_at_the_tip_makes_the_chain_diverge_as_the_pipe_does():
-    """u^3 + K (sin u - u cos u) = 0 for any beta: its root for K = 50."""
-    exact = float(mpmath.findroot(lambda u: u**3 + 50 * (mpmath.sin(u) - u * mpmath.cos(u)), 5.0))
-    chains = [pp.Chain(pp.Pipe(0.2, terms=(pp.Spring(1.0, 50.0),)), n) for n in (10, 20, 40)]
-    found = [pp.critical_speed(chain) for chain in chains]
-    assert all(speed.kind == "divergence" for speed in found)
-    errors = [abs(speed.speed - exact) for speed in found]
-    orders = np.log2(np.divide(errors[:-1], errors[1:]))
-    assert (np.abs(orders - 2.0) < 0.05).all()
-    assert errors[-1] < 6e-3
-
-
-@pytest.mark.parametrize("rule", ["consistent", "midpoint"])
-def test_a_mass_at_the_tip_slows_the_chain_as_it_slows_the_cantilever(rule):
-    pipe = pp.Pipe(0.0, terms=(pp.PointMass(1.0, 0.5),))
-    models = pp.Continuum(pipe), *(pp.Chain(pipe, n, springs=rule) for n in (10, 20, 40))
-    exact, *found = (pp.eigenvalues(model, 0.0, count=2)[0].imag for model in models)
-    errors = [abs(one - exact) for one in found]
-    orders = np.log2(np.divide(errors[:-1], errors[1:]))
-    assert (np.abs(orders - 2.0) < 0.1).all()
-    assert errors[-1] < 2e-3
-
-
-@pytest.mark.parametrize("rule", ["consistent", "midpoint"])
-def test_terms_inside_leave_the_order_in_the_number_of_segments(rule):
-    pipe = pp.Pipe(0.2, 10.0, terms=(pp.PointMass(0.613, 0.3), pp.Spring(0.351, 20.0)))
-    exact = pp.critical_speed(pp.Continuum(pipe))
-    errors = [
-        abs(pp.critical_speed(pp.Chain(pipe, n, springs=rule)).speed - exact.speed)
-        for n in (10, 20, 40)
-    ]
-    orders = np.log2(np.divide(errors[:-1], errors[1:]))
-    assert (np.abs(orders - 2.0) < 0.2).all()
-    assert errors[-1] < 7e-3
-    assert exact.error < 1e-6

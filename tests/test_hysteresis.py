@@ -158,18 +158,6 @@ def test_all_eigenvalues_are_those_of_the_complex_matrices_above_the_axis(make, 
         assert np.abs(rest).max() < 1e-9 * size.max()
 
 
-def test_a_chain_converges_to_the_pipe_with_second_order():
-    exact = pp.critical_speed(pp.Continuum(LOSSY)).speed
-    modes = pp.eigenvalues(pp.Continuum(LOSSY), 5.0, 4)
-    errors = []
-    for n in (20, 40, 80):
-        chain = pp.Chain(LOSSY, n)
-        distance = np.abs(pp.eigenvalues(chain, 5.0, 4) - modes).max()
-        errors.append([abs(pp.critical_speed(chain).speed - exact), distance])
-    np.testing.assert_allclose(np.diff(np.log2(errors), axis=0), -2.0, atol=0.1)
-    assert errors[-1][0] < 3e-3
-
-
 @pytest.mark.parametrize("pipe", [pp.Pipe(0.2, -12.0), pp.Pipe(0.2, terms=[pp.Spring(1.0, 50.0)])])
 @pytest.mark.parametrize("make", [pp.Continuum, lambda pipe: pp.Chain(pipe, 20)])
 def test_divergence_is_that_of_the_pipe_without(make, pipe):

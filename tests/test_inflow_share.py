@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Aspirating pipes whose fluid enters with a share c of the free end's velocity."""
 
-import itertools
-
 import numpy as np
 import pytest
 from independent import (
@@ -91,15 +89,6 @@ def test_recursion_along_the_chain_meets_the_matrices_roots(share):
         return pp.critical_speed(pp.Chain(pipe, 60))
 
     assert_differences(find(long.pipe).sensitivity, find, long.pipe, {"beta": 1e-4}, rel=1e-4)
-
-
-def test_chains_tend_to_the_pipe_at_second_order():
-    pipe = aspirating(0.0, damping=0.005)
-    exact = pp.critical_speed(pp.Continuum(pipe)).speed
-    errors = [pp.critical_speed(pp.Chain(pipe, n)).speed / exact - 1.0 for n in (8, 16, 32)]
-    assert abs(errors[-1]) < 1e-3
-    for coarse, fine in itertools.pairwise(errors):
-        assert coarse / fine == pytest.approx(4.0, rel=0.2)
 
 
 def test_weak_damping_is_extrapolated_with_the_share_as_well():

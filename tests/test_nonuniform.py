@@ -253,63 +253,6 @@ def test_masses_of_the_users_own_are_the_segments():
         pp.modular.Assembly(PIPE, segments, parts)
 
 
-def lowest_root(model):
-    found = pp.eigenvalues(model, 1.5, count=3)
-    return found[found.imag > 0][0]
-
-
-def critical(model):
-    return pp.critical_speed(model).speed
-
-
-@pytest.mark.parametrize(
-    ("given", "question", "counts", "window"),
-    [
-        ({"stiffness": lambda s: 1 - s / 2}, critical, (16, 32, 64), (3.9, 4.1)),
-        ({"mass": lambda s: 1 + s}, critical, (16, 32, 64), (3.9, 4.1)),
-        # A jump lies anywhere in the cell of a joint.
-        ({"stiffness": stiffness, "mass": mass}, critical, (16, 32, 64), (2.8, 5.5)),
-        ({**TAPER, "root": pp.RootSpring(3.0)}, lowest_root, (12, 24, 48), (3.5, 4.5)),
-        ({**TAPER, "root": "pinned", "end": "pinned"}, lowest_root, (12, 24, 48), (3.5, 4.5)),
-        ({**TAPER, "end": "guided"}, lowest_root, (12, 24, 48), (3.5, 4.5)),
-        ({**TAPER, "end": "clamped", "supports": [0.5]}, lowest_root, (12, 24, 48), (3.5, 4.5)),
-    ],
-)
-def test_chains_tend_to_the_pipe_at_second_order(given, question, counts, window):
-    pipe = pp.Pipe(0.3, 7.0, **given)
-    exact = question(pp.Continuum(pipe))
-    for rule in ("consistent", "midpoint") if question is critical else ("consistent",):
-        errors = [abs(question(pp.Chain(pipe, n, springs=rule)) / exact - 1.0) for n in counts]
-        assert errors[-1] < (1e-3 if question is critical else 5e-3)
-        for coarse, fine in itertools.pairwise(errors):
-            assert window[0] < coarse / fine < window[1]
-
-
-@pytest.mark.parametrize(
-    ("holding", "angle"),
-    [
-        ({}, lambda s: 1.0 - (1.0 - s) ** 3),
-        ({"root": "pinned", "end": "pinned"}, lambda s: 0.6 * np.cos(np.pi * s)),
-    ],
-    ids=["free end", "both pinned"],
-)
-def test_chains_move_as_the_pipe_does_at_large_angles_to_second_order(holding, angle):
-    pipe = pp.Pipe(0.3, 7.0, damping=0.02, **TAPER, **holding)
-
-    def places(model):
-        q = model.bent(angle)
-        if holding and isinstance(model, pp.Chain):
-            q = model.admissible(q)
-        motion = pp.simulate(model, 3.0, 0.4, q0=q, times=[0.4], rtol=1e-8)
-        return model.shape(motion.q[-1], [0.5, 1.0])
-
-    exact = places(pp.Galerkin(pipe, 8, "legendre"))
-    errors = [np.linalg.norm(places(pp.Chain(pipe, n)) - exact) for n in (8, 16, 32)]
-    assert errors[-1] < 1e-3
-    for coarse, fine in itertools.pairwise(errors):
-        assert 3.8 < coarse / fine < 4.2
-
-
 def test_equal_springs_of_the_rules_follow_the_stiffness():
     pipe = pp.Pipe(0.2, **TAPER)
     exact = abs(pp.eigenvalues(pp.Continuum(pipe), 0.0, count=1)[0])

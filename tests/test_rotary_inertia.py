@@ -38,13 +38,6 @@ def test_eigenvalues_are_those_of_power_series(basis):
         assert value == pytest.approx(exact, rel=1e-9 if basis == "legendre" else 1e-3)
 
 
-def test_a_long_chain_converges_to_it_with_second_order():
-    exact = pp.critical_speed(pp.Continuum(THICK)).speed
-    coarse, fine = (pp.critical_speed(pp.Chain(THICK, n)).speed - exact for n in (20, 40))
-    assert abs(fine) < 1.3e-3 * exact  # as without rotary inertia
-    assert coarse / fine == pytest.approx(4.0, rel=0.02)
-
-
 @pytest.mark.parametrize("of", [pp.Chain, pp.modular.chain])
 def test_segments_turn_as_with_larger_radii_of_gyration(of):
     """Those, which users may give, are checked against a Lagrangian."""
@@ -64,40 +57,6 @@ def test_segments_turn_as_with_larger_radii_of_gyration(of):
         vars(model.operators()).values(), vars(given.operators()).values(), strict=True
     ):
         assert one is None or one == pytest.approx(other, abs=1e-14)
-
-
-def test_large_motions_of_chain_and_reduced_model_tend_to_each_other():
-    def end(model):
-        def start(s):
-            return 0.9 * np.sin(0.5 * np.pi * s)
-
-        return pp.simulate(model, 4.0, 0.3, start, samples=2, rtol=1e-9).tip[-1]
-
-    pipe = replace(THICK, gamma=3.0, damping=1e-2, rotary_inertia=0.05)
-    exact = end(pp.Galerkin(pipe, 12, "legendre"))
-    slender = end(pp.Galerkin(replace(pipe, rotary_inertia=0.0), 12, "legendre"))
-    coarse, fine = (np.hypot(*(end(pp.Chain(pipe, n)) - exact)) for n in (20, 40))
-    assert fine < 0.05 * np.hypot(*(slender - exact))
-    assert coarse / fine == pytest.approx(4.0, rel=0.05)
-
-
-def test_flutter_emerges_from_chains_and_scenes_as_from_the_reduced_model():
-    """Speed, frequency and first Lyapunov coefficient, whose distance falls with the square."""
-    pipe = replace(THICK, damping=2e-3)
-    numbers = [
-        np.array([onset.speed, onset.frequency, onset.lyapunov])
-        for onset in map(
-            pp.hopf,
-            (
-                *(pp.Galerkin(pipe, 10, "legendre"), pp.Chain(pipe, 40), pp.Chain(pipe, 20)),
-                pp.modular.chain(pipe, 20),
-            ),
-        )
-    ]
-    exact, fine, coarse, scene = numbers
-    assert fine == pytest.approx(exact, rel=2e-3)
-    assert (coarse - exact) / (fine - exact) == pytest.approx(4.0, rel=0.1)
-    assert scene == pytest.approx(coarse, rel=1e-9)
 
 
 def test_supports_hold_it_and_a_pinned_pipe_has_the_frequencies_of_a_textbook():

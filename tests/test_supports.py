@@ -132,15 +132,6 @@ def test_roots_of_any_holding_are_those_of_power_series(root, end):
             assert abs(series_newton_step(pipe, value, 2.5)) < 1e-7 * abs(value)
 
 
-def test_chains_on_a_damped_root_spring_tend_to_the_pipe_at_second_order():
-    """The pipe is damped, its root's spring is not; of (delta lambda)^2 chains miss more, 1 / n."""
-    pipe = pp.Pipe(0.3, 2.0, root=pp.RootSpring(3.0), damping=5e-3)
-    exact = pp.eigenvalues(pp.Continuum(pipe), 2.0, 1)[0]
-    errors = [abs(pp.eigenvalues(pp.Chain(pipe, n), 2.0, 1)[0] - exact) for n in (10, 20, 40)]
-    assert errors[-1] < 2e-3 * abs(exact)
-    assert all(3.4 < coarse / fine < 4.6 for coarse, fine in itertools.pairwise(errors))
-
-
 @pytest.mark.parametrize(
     "given",
     [

@@ -8,7 +8,6 @@ derivatives are taken by differences.
 """
 
 import dataclasses
-import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -48,6 +47,10 @@ class Row:
     def pipe(self):
         end = "pinned" if isinstance(self.term, pp.Stretching) else "free"
         return dataclasses.replace(PIPE, flow=self.flow, end=end)
+
+    @property
+    def terms(self):
+        return () if self.term is None else (self.term,)
 
     @property
     def place(self):
@@ -370,11 +373,10 @@ def test_operators_of_a_bent_pipe_are_the_derivatives_of_the_forces_at_rest(row,
 
 @rows
 def test_a_scene_with_a_term_moves_as_the_chain_does(row):
-    terms = () if row.term is None else (row.term,)
-    pipe = dataclasses.replace(row.pipe, terms=terms, **row.numbers)
+    pipe = dataclasses.replace(row.pipe, terms=row.terms, **row.numbers)
     chain, scene = pp.Chain(pipe, 4), pp.modular.chain(pipe, 4)
-    added = pp.modular.chain(dataclasses.replace(pipe, terms=()), 4).plus(*terms)
-    assert added.pipe.terms == terms
+    added = pp.modular.chain(dataclasses.replace(pipe, terms=()), 4).plus(*row.terms)
+    assert added.pipe.terms == row.terms
     q, rate = state_of(chain)
     y, state = np.concatenate([q, rate]), scene.state(q, rate)
     expected = chain.rhs(0.0, y, SPEED)
@@ -392,42 +394,6 @@ def test_a_scene_with_a_term_moves_as_the_chain_does(row):
         return
     found = pp.eigenvalues(scene, SPEED, count=4)
     assert found == pytest.approx(pp.eigenvalues(chain, SPEED, count=4), rel=1e-10)
-
-
-@pytest.mark.parametrize("row", [row for row in TABLE if row.place != 1.0], ids=str)
-def test_chains_with_a_term_tend_to_the_pipe_at_second_order(row):
-    """What turns does so in the middle of a segment, whose angle is the tangent's there."""
-    term, sizes, factor = row.term, (8, 16, 32), 4.0
-    if row.turns:
-        term, sizes, factor = dataclasses.replace(term, at=0.5), (5, 15, 45), 9.0
-    pipe = pp.Pipe(0.3, 7.0, terms=(term,))
-    exact = pp.critical_speed(pp.Continuum(pipe)).speed
-    errors = [pp.critical_speed(pp.Chain(pipe, n)).speed / exact - 1.0 for n in sizes]
-    assert abs(errors[-1]) < 4e-3
-    for coarse, fine in itertools.pairwise(errors):
-        assert 0.75 < coarse / fine / factor < 1.25
-
-
-@pytest.mark.parametrize("row", [row for row in TABLE if not row.pipe.end_held], ids=str)
-def test_large_motions_of_chains_with_a_term_tend_to_the_pipes_at_second_order(row):
-    """The start bends no free end, whose moment would jump."""
-    term, sizes, factor = row.term, (20, 40, 80), 4.0
-    if row.turns:  # in the middle of a segment
-        term, sizes, factor = dataclasses.replace(term, at=0.5), (9, 27, 81), 9.0
-    elif row.place not in (None, 1.0):  # where segments end, and the pipe meets the stop
-        term = dataclasses.replace(term, at=0.6)
-    pipe = dataclasses.replace(row.pipe, terms=() if term is None else (term,), **row.numbers)
-
-    def tip(model):
-        start = lambda s: 0.9 * np.sin(0.5 * np.pi * s)  # noqa: E731
-        return pp.simulate(model, SPEED, 0.15, start, samples=3, rtol=1e-9).tip[1:]
-
-    expected, without = (tip(pp.Galerkin(p, 16, "legendre")) for p in (pipe, row.pipe))
-    errors = [tip(pp.Chain(pipe, n)) - expected for n in sizes]
-    assert np.abs(expected - without).max() > 50.0 * np.abs(errors[-1]).max()
-    assert np.abs(factor * errors[2] - errors[1]).max() / (factor - 1.0) < 1e-5
-    for coarse, fine in itertools.pairwise(np.abs(error).max() for error in errors):
-        assert 0.95 < coarse / fine / factor < 1.05
 
 
 def test_terms_are_checked_where_they_are_given():
