@@ -12,12 +12,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
+from scipy.special import ellipk
 from test_equilibria import STANDING, bent, elastica
 from test_jet_angle import NUMBERS, rest_of
 from test_nonuniform import TAPER, mass, stiffness
 from test_terms import SPEED, TABLE
 
 import pipedyn as pp
+from pipedyn.equilibrium.equilibria import Statics
 from pipedyn.modular import chain as scene
 
 
@@ -109,6 +112,23 @@ def cycle(model):
     return np.array([found.amplitude, found.frequency])
 
 
+def at_the_root(model):
+    return np.abs(pp.equilibria(model, 3.4).q[1, :1])
+
+
+def angle_at_the_root():
+    """Of the elastica whose thrust turns with its end: u^2 cos th = 4 K(sin(th / 2))^2."""
+    return brentq(
+        lambda th: 3.4**2 * np.cos(th) - 4.0 * ellipk(np.sin(0.5 * th) ** 2) ** 2, 0.1, 1.5
+    )
+
+
+def middle(model):
+    """Of a pipe that buckles between fixed ends."""
+    q = Statics(model).solved(model.bent(wave), 3.3)
+    return model.shape(q, [0.5])[:, 0]
+
+
 def bow(s):
     """Bends no free end, whose moment would jump."""
     return 0.9 * np.sin(0.5 * np.pi * s)
@@ -158,7 +178,8 @@ FED, FLOWING = pp.Pipe(0.3, 2.0, damping=0.01), pp.Pipe(0.3, 7.0, damping=0.01)
 TAPERED = pp.Pipe(0.3, 7.0, **TAPER)
 MOVED = replace(TAPERED, damping=0.02)
 PINNED = {"root": "pinned", "end": "pinned"}
-SPANS = {"end": "clamped", "supports": [0.5]}
+SPANS = {"root": pp.RootSpring(3.0), "end": "clamped", "supports": [0.4]}
+BETWEEN = pp.Pipe(0.3, terms=[pp.Stretching(400.0)], **PINNED)
 TWO, SHORT, MIDDLE, LONG = (20, 40), (8, 16, 32), (16, 32, 64), (20, 40, 80)
 
 ROWS = {
@@ -182,6 +203,10 @@ ROWS = {
     "fed": Row(flow_and_tip, FED, TWO, 0.03, to=functions(10)),
     "fed, scene": Row(flow_and_tip, FED, TWO, 0.03, to=functions(10), chain=scene),
     "shaken": Row(shaken, replace(ANY, damping=0.01), (6, 12, 24), 0.01, 0.2, functions(10)),
+    "buckled between": Row(middle, BETWEEN, error=3e-3, to=functions(8)),
+    "sliding elastica": Row(
+        at_the_root, replace(ANY, **PINNED), error=2e-3, to=np.array([angle_at_the_root()])
+    ),
     "elastica": Row(buckled, STANDING, to=elastica(-10.0, 1.0)[:1]),
     "motion, tapered": Row(moved(3.0, bow, 0.4, (0.5, 1.0)), MOVED, SHORT, to=functions(8)),
     "motion, tapered and pinned": Row(
@@ -193,10 +218,23 @@ ROWS = {
         without=PLAIN,
     ),
 }
+for name, angle, held in (
+    ("pinned", lambda s: 0.9 * np.cos(np.pi * s), PINNED),
+    ("guided", lambda s: 0.9 * np.cos(0.5 * np.pi * s), {"root": "pinned", "end": "guided"}),
+    ("clamped", lambda s: 0.9 * np.sin(2.0 * np.pi * s), {"end": "clamped"}),
+    ("two spans", lambda s: 0.9 * np.cos(2.0 * np.pi * s), PINNED | {"supports": (0.5,)}),
+    ("stretched", lambda s: 0.9 * np.cos(np.pi * s), PINNED | {"terms": [pp.Stretching(60.0)]}),
+):
+    one = pp.Pipe(0.3, 6.0, damping=0.01, **{"terms": [pp.AddedMass(0.3)]} | held)
+    asked = moved(3.0, angle, 0.1)
+    ROWS[f"motion, {name}"] = Row(asked, one, LONG, 1e-4, 0.05, functions(16))
 for of, make in itertools.product(TAPER, (pp.Chain, midpoint)):
     one = pp.Pipe(0.3, 7.0, **{of: TAPER[of]})
     ROWS[f"{of}, {make.__name__}"] = Row(onset, one, MIDDLE, order=0.03, chain=make)
-for held in ({}, {"root": pp.RootSpring(3.0)}, PINNED, {"end": "guided"}, SPANS):
+for held in (
+    *({}, {"root": pp.RootSpring(3.0)}, PINNED, {"end": "guided"}),
+    *({"end": "clamped", "supports": [0.5]}, SPANS | {"terms": [pp.AddedMass(0.4)]}),
+):
     ROWS[f"tapered {held}"] = Row(roots(1.5, 1), replace(TAPERED, **held), (12, 24, 48), 3e-3)
 for (speed, angle, alpha), (_, *end) in NUMBERS:
     jet = pp.Pipe(0.2, alpha=alpha, jet_angle=angle)
