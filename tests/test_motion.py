@@ -239,7 +239,15 @@ def test_energy_changes_by_the_power_and_the_jacobian_meets_differences(name, ki
     assert np.abs((exact - differences) * units).max() < 1e-9 * np.abs(exact * units).max()
 
 
-@pytest.mark.parametrize("model", [everything(3), pp.Galerkin(LOADED, 4)], ids=repr)
+@pytest.mark.parametrize(
+    "model",
+    [
+        everything(3),
+        pp.Galerkin(LOADED, 4),
+        pp.Galerkin(replace(LOADED, terms=TERMS), 6, "legendre"),
+    ],
+    ids=repr,
+)
 def test_energy_of_small_motions_keeps_its_digits(model):
     y = 1e-9 * states(model, [1.0])[:, 0]
     q, rate = np.split(y, 2)
