@@ -286,9 +286,9 @@ def test_terms_side_by_side_are_as_at_one_place():
     pipe = pp.Pipe(0.2, gamma=2.0)
     together = replace(pipe, terms=[pp.PointMass(0.5, 0.3), pp.Spring(0.5, 40.0)])
     speeds = [pp.critical_speed(pp.Continuum(together)).speed]
-    for distance, panels in ((2.1e-4, 3), (1.1e-4, 3), (0.9e-4, 2), (1e-7, 2)):
+    for distance, count in ((2.1e-4, 3), (1.1e-4, 3), (0.9e-4, 2), (1e-7, 2)):
         near = replace(pipe, terms=[pp.PointMass(0.5, 0.3), pp.Spring(0.5 + distance, 40.0)])
-        assert pp.Galerkin(near, 8, "legendre").panels == panels
+        assert pp.Galerkin(near, 8, "legendre").panels == count
         speeds.append(pp.critical_speed(pp.Continuum(near)).speed)
     assert speeds[4] == pytest.approx(speeds[0], rel=1e-6)
     # Smooth in the distance, whether the panel is there or not.
