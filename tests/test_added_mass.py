@@ -47,24 +47,6 @@ def test_small_motions_are_those_of_a_heavier_pipe_of_the_same_weight(make):
     np.testing.assert_allclose(root * mine, its, rtol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("pipe", "speed", "frequency"),
-    [
-        (pp.Pipe(0.3, terms=[pp.AddedMass(0.5)]), 5.591404378, 11.19800550),
-        (
-            pp.Pipe(0.3, 10.0, damping=1e-3, terms=[pp.AddedMass(0.5), pp.Viscosity(0.2)]),
-            6.421133982,
-            12.17007738,
-        ),
-    ],
-)
-def test_critical_speeds_of_a_pipe_in_a_dense_fluid(pipe, speed, frequency):
-    """From the determinant of exponentials and Hermite elements, digits as printed there."""
-    found = pp.critical_speed(pp.Continuum(pipe))
-    assert found.speed == pytest.approx(speed, rel=2e-10)
-    assert found.frequency == pytest.approx(frequency, rel=1e-9)
-
-
 def test_a_pipe_pinned_at_both_ends_vibrates_in_the_fluid_as_a_heavier_one():
     """The frequencies at beta = 0.5 and u = 2 are Legendre's and Hermite elements', as printed."""
     pipe = pp.Pipe(0.75, terms=[pp.AddedMass(0.5)], root="pinned", end="pinned")

@@ -136,23 +136,12 @@ def test_every_root_of_a_stiff_chain_is_known_as_well_as_said(chain, claim):
 
 
 @pytest.mark.parametrize("n", [6, 90])
-def test_crossings_are_exact_with_their_sensitivities(n):
+def test_crossings_are_exact(n):
     chain = pp.Chain(pp.Pipe(0.2, 3.0, damping=0.01, terms=ALL), n)
     found = pp.crossings(chain, 12.0)[0]
     speed, frequency = chain_crossing(chain, found.speed, found.frequency)
     assert abs(found.speed - speed) <= found.error <= 1e-10
     assert abs(found.frequency - frequency) <= 1e-9
-    if n > 6:  # both routes to products share the rest
-        return
-    for name in ("beta", "gamma", "damping"):
-        value = getattr(chain.pipe, name)
-
-        def moved(step, name=name, value=value):
-            other = chain.with_pipe(replace(chain.pipe, **{name: value * (1.0 + step)}))
-            return float(chain_crossing(other, found.speed, found.frequency)[0])
-
-        slope = (moved(1e-4) - moved(-1e-4)) / (2e-4 * value)
-        assert getattr(found.sensitivity.speed, name) == pytest.approx(slope, rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -75,22 +75,6 @@ def test_eigenvalues_are_those_of_finite_elements(holding):
     assert beam[beam.imag > 0][0] == pytest.approx(expected[0], rel=2e-3)
 
 
-@pytest.mark.parametrize(
-    ("along", "speed", "frequency"),
-    [
-        ({"stiffness": lambda s: 1 - s / 2}, 4.993065, 12.64890),
-        ({"mass": lambda s: 1 + s}, 4.700274, 11.37937),
-        ({"stiffness": pp.Profile([0.5], [1.0, 0.5])}, 4.6867518, 11.79215),
-    ],
-)
-def test_critical_speeds_are_those_of_another_program(along, speed, frequency):
-    """Digits that Legendre functions and finite elements of another program have in common."""
-    found = pp.critical_speed(pp.Continuum(pp.Pipe(0.2, **along)))
-    assert found.kind == "flutter"
-    assert found.speed == pytest.approx(speed, rel=1.1e-7)
-    assert found.frequency == pytest.approx(frequency, rel=4.5e-7)
-
-
 # ---------------------------------------------------------------------------------- any amplitude
 
 

@@ -207,6 +207,7 @@ ROWS = {
     "sliding elastica": Row(
         at_the_root, replace(ANY, **PINNED), error=2e-3, to=np.array([angle_at_the_root()])
     ),
+    "on soil": Row(onset, pp.Pipe(0.3, terms=[pp.Foundation(300.0)], **PINNED)),
     "elastica": Row(buckled, STANDING, to=elastica(-10.0, 1.0)[:1]),
     "motion, tapered": Row(moved(3.0, bow, 0.4, (0.5, 1.0)), MOVED, SHORT, to=functions(8)),
     "motion, tapered and pinned": Row(

@@ -124,18 +124,6 @@ def test_frequencies_below_divergence_meet_independent_numbers(pipe, u, frequenc
     assert found == pytest.approx(frequencies, rel=2e-8)
 
 
-@pytest.mark.parametrize("stiffness", [100.0, 300.0])
-def test_divergence_on_a_foundation_takes_the_mode_of_least_speed(stiffness):
-    modes = math.pi * np.arange(1, 5)
-    speed = (modes * np.sqrt(1.0 + stiffness / modes**4)).min()
-    pipe = pp.Pipe(0.3, root="pinned", end="pinned", terms=[pp.Foundation(stiffness)])
-    assert speed == pytest.approx({100.0: 4.47232856, 300.0: 6.34554643}[stiffness], abs=6e-9)
-    for model in (pp.Continuum(pipe), pp.Galerkin(pipe, 3)):
-        assert pp.critical_speed(model).speed == pytest.approx(speed, rel=1e-11)
-    found = converged(lambda n: pp.critical_speed(pp.Chain(pipe, n)).speed)
-    assert found == pytest.approx(speed, rel=3e-8)
-
-
 @pytest.mark.parametrize(
     ("given", "speed", "frequency"),
     [

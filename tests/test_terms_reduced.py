@@ -8,7 +8,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from independent import (
-    assert_differences,
     bent_state,
     panels,
     series_crossing,
@@ -84,36 +83,6 @@ def test_no_panel_has_more_functions_than_its_quadrature_serves(m):
 
 
 # --------------------------------------------------------------------------------- linear answers
-
-
-@pytest.mark.parametrize(
-    ("u", "pipe"),
-    [
-        (4.0, pp.Pipe(0.2, terms=(pp.Spring(1.0, 20.0),))),
-        (6.0, pp.Pipe(0.4, damping=1e-3, terms=SPRUNG)),
-        (3.0, pp.Pipe(0.3, terms=ALL)),
-        (3.0, pp.Pipe(0.3, damping=2e-3, terms=ALL)),
-        (2.5, pp.Pipe(0.3, gamma=25.0, terms=ALL)),
-        (2.5, pp.Pipe(0.6, gamma=-3.0, damping=5e-4, terms=ALL)),
-        (2.5, pp.Pipe(0.1, 8.0, flow="aspirating", alpha=1.4, damping=1e-3, terms=ALL)),
-    ],
-)
-def test_eigenvalues_are_those_of_power_series(u, pipe):
-    found = pp.eigenvalues(pp.Continuum(pipe), u, 8)
-    for value in found[found.imag > 0.0]:
-        assert abs(series_newton_step(pipe, value, u)) < 1e-9 * abs(value)
-
-
-@pytest.mark.parametrize("gamma", [0.0, 10.0])
-@pytest.mark.parametrize("terms", [SPRUNG, LOADED, ALL], ids=["spring", "mass", "all"])
-def test_critical_speed_is_that_of_power_series(terms, gamma):
-    found = pp.critical_speed(pp.Continuum(pp.Pipe(0.2, gamma, terms=terms)))
-    assert found.kind == "flutter"
-    u, omega = series_crossing(found.pipe, found.speed, found.frequency)
-    assert found.speed == pytest.approx(u, rel=1e-10)
-    assert found.frequency == pytest.approx(omega, rel=1e-9)
-    assert abs(found.speed - u) <= found.error + 1e-12
-    assert found.discretisation == found.error
 
 
 def test_every_mode_that_a_tip_mass_lets_grow_crosses_where_power_series_say():
@@ -221,18 +190,6 @@ def test_the_distance_to_the_loaded_pipe_is_bounded_and_by_little(terms, damping
         found = pp.critical_speed(pp.Galerkin(pipe, m, basis))
         telling += tells_its_distance(found, start, exact)
     assert telling >= 3
-
-
-@pytest.mark.parametrize("basis", BASES)
-def test_sensitivities_are_differences(basis):
-    """To gamma above all, which pulls on the masses too."""
-    pipe = pp.Pipe(0.3, gamma=6.0, damping=1e-3, terms=ALL)
-
-    def find(pipe):
-        return pp.critical_speed(pp.Galerkin(pipe, 14, basis))
-
-    steps = {"beta": 1e-4, "gamma": 1e-3, "damping": 1e-6}
-    assert_differences(find(pipe).sensitivity, find, pipe, steps)
 
 
 def test_weak_damping_keeps_the_terms():
