@@ -80,6 +80,8 @@ LOST = [  # speed and frequency as determinants of exponentials and other progra
     (pp.Pipe(0.2, hysteresis=0.1), "5.900876", "12.96576"),
     (pp.Pipe(0.65, hysteresis=0.1), "10.078309", "23.15219"),
     (pp.Pipe(0.00203, 42.4, hysteresis=0.02), "5.790870", "18.14601"),  # Paidoussis: 5.79, 18.1
+    (pp.Pipe(0.2, alpha=2.0), "3.358684218", "14.21710258"),
+    (pp.Pipe(0.2, alpha=0.8), "6.947846171", "13.61380457"),
     (drawn(), "0.034553"),
     (drawn(0.5), "0.069089"),
     (drawn(0.5, 0.0), "0.069112"),

@@ -158,14 +158,6 @@ def test_a_small_motion_near_the_end_of_a_branch_is_what_simulations_end_on():
     assert 0.5 * np.ptp(last.tip[:, 0]) == pytest.approx(motion.amplitude, rel=1e-2)
 
 
-def test_a_scene_moves_like_its_chain():
-    base = pp.Harmonic(0.02, 13.0)
-    scene = pp.modular.chain(SHAKEN, 4)
-    (one,) = pp.forced_response(scene, 5.0, base=base).at(13.0)
-    (other,) = pp.forced_response(pp.Chain(SHAKEN, 4), 5.0, base=base).at(13.0)
-    assert one.amplitude == pytest.approx(other.amplitude, rel=1e-8)
-
-
 @pytest.mark.parametrize(
     "make",
     [lambda p: pp.Chain(p, 4), lambda p: pp.Galerkin(p, 4), lambda p: pp.modular.chain(p, 4)],

@@ -304,16 +304,6 @@ def test_there_are_no_equations_of_motion(make):
             ask()
 
 
-def test_relevant_knows_hysteresis():
-    found = pp.relevant(pp.Pipe(0.2, hysteresis=0.1), 5.0)
-    effect = found["hysteresis"]
-    assert (effect.verdict, effect.strength) == ("relevant", "mu = 0.1")
-    plain = pp.critical_speed(pp.Continuum(pp.Pipe(0.2))).speed
-    lossy = pp.critical_speed(pp.Continuum(pp.Pipe(0.2, hysteresis=0.1))).speed
-    assert effect.size == pytest.approx(abs(plain / lossy - 1.0), rel=1e-3)
-    assert pp.relevant(pp.Pipe(0.2, hysteresis=1e-5), 5.0).negligible == ("hysteresis",)
-
-
 def test_the_onset_of_an_aspirating_pipe_in_closed_form():
     """u_c = mu omega_1 / (4 sqrt(beta)), from Re lambda = 2 sqrt(beta) u - mu omega / 2."""
     pipe = pp.Pipe(0.2, flow="aspirating", hysteresis=1e-4)

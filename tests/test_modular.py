@@ -363,14 +363,6 @@ def test_pinned_and_fluttering_scenes_keep_their_constraints(method: str) -> Non
         assert missed(scene, motion) < 1e-12
 
 
-def test_a_scene_flutters_as_the_chain_does() -> None:
-    pipe = pp.Pipe(0.2, drag=0.2)
-    mine = pp.simulate(md.chain(pipe, 4), 6.0, 3.0, lambda s: 0.3 * s, rtol=1e-9)
-    theirs = pp.simulate(pp.Chain(pipe, 4), 6.0, 3.0, lambda s: 0.3 * s, rtol=1e-9)
-    np.testing.assert_allclose(mine.tip, theirs.tip, atol=1e-7)
-    np.testing.assert_allclose(mine.energy, theirs.energy, atol=1e-6)
-
-
 @pytest.mark.parametrize(("n", "node", "duration"), [(10, 6, 2.0), (100, 40, 0.05)])
 @pytest.mark.parametrize("pipe", [EJECTING, pp.Pipe(0.3, 4.0, damping=0.01, drag=0.5)])
 def test_guided_chains_move_as_with_dense_jacobians(

@@ -272,18 +272,6 @@ def test_hysteresis_is_kelvin_voigt_damping_of_equal_loss_at_the_crossing():
         assert damped.frequency == pytest.approx(lossy.frequency, rel=1e-7)
 
 
-def test_relevant_holds_a_pipe_against_a_uniform_one():
-    pipe = pp.Pipe(0.2, stiffness=lambda s: 1 - s / 2, mass=lambda s: 1 + 1e-5 * s)
-    found = pp.relevant(pipe, 2.0)
-    uniform = pp.critical_speed(pp.Continuum(pp.Pipe(0.2))).speed
-    exact = pp.critical_speed(pp.Continuum(pipe)).speed
-    effect = found["varying stiffness"]
-    assert effect.strength == "stiffness 0.5 to 1"
-    assert effect.size == pytest.approx(abs(uniform / exact - 1.0), rel=1e-4)
-    assert found["varying mass"].verdict == "negligible"
-    assert found.simplified == pp.Pipe(0.2, stiffness=lambda s: 1 - s / 2)
-
-
 # ------------------------------------------------------------------------------------ the profiles
 
 

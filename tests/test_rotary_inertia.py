@@ -82,8 +82,6 @@ def test_linear_operators_are_those_of_small_motions_about_any_configuration():
 
 
 def test_all_that_treats_numbers_alike_knows_it():
-    found = pp.relevant(THICK, 5.0, tolerance=1e-3)["rotary inertia"]
-    assert (found.verdict, found.strength) == ("relevant", "J = 0.01")
     assert "rotary inertia" not in {one.name for one in pp.relevant(pp.Pipe(BETA), 5.0).effects}
     hose = pp.Pipe.from_si(
         length=2.0, bending_stiffness=4.0, pipe_mass=3.0, fluid_mass=1.0, rotary_inertia=0.16

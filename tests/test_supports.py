@@ -310,17 +310,6 @@ def test_operators_of_a_root_that_turns_are_the_jacobian_at_rest(basis, root, en
         assert free.elastic_share.min() == (0.0 if end == "free" else 1.0)
 
 
-def test_what_a_clamp_gives_is_an_effect():
-    pipe = pp.Pipe(0.2, 10.0, root=pp.RootSpring(30.0))
-    found = pp.relevant(pipe, 5.0)
-    effect = found["RootSpring(stiffness=30)"]
-    assert effect.verdict == "relevant"
-    clamped = pp.critical_speed(pp.Continuum(pp.Pipe(0.2, 10.0))).speed
-    assert effect.answer.values[0] == pytest.approx(clamped, rel=1e-4)
-    stiff = pp.relevant(pp.Pipe(0.2, 10.0, root=pp.RootSpring(1e6)), 5.0)
-    assert stiff.simplified.root == "clamped"
-
-
 def test_supports_are_checked_where_they_are_given():
     with pytest.raises(ValueError, match="root must be one of 'clamped', 'pinned', got 'loose'"):
         pp.Pipe(0.2, root="loose")
