@@ -274,6 +274,7 @@ def array(
     )
     others = [] if any_size else [np.full(int(np.prod(size)) + 1, good[0])]
     ends = [np.full(size, value) for value in (NAN, *outside)]
+    ends += [np.arange(good[1], good[0], (good[0] - good[1]) / np.prod(size))] if rising else []
     return Kind(fair or drawn, sure(any_of(spoiled, spoiled, junk), *ends, *others, "12"))
 
 
@@ -1289,14 +1290,14 @@ def _motions() -> Iterator[Target]:
         called={"starts": "starts|angle"},
         model=flutter,
         u=Kind(one_of(1.0, 2.0), SLOW.bad),
-        starts=Kind(own, any_of(array((2, 6), (-0.1, 0.1), (1e7,)).bad, one_of(0, -1, 2.5))),
+        starts=Kind(own, any_of(array((2, 6), (-0.1, 0.1), (1e7,)).bad, listed(0, -1, 2.5))),
         base=Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(3, NAN, [], PUMP))),
         transient=real((10.0, 20.0), -1.0, 1e300),
         duration=real((1.0, 2.0), 0.0, 1e300),
         rtol=real((1e-6, 1e-4), 0.0, 1.0),
         seed=diagram["seed"],
     )
-    wrong = any_of(NONE, *WORDS, one_of(3, (0,), (0, 0), (-1, 2)))
+    wrong = any_of(NONE, *WORDS, listed(3, (0,), (0, 0), (-1, 2)))
     yield target(
         pp.StartPlane,
         x=array(2, (-1.0, 1.0), rising=True, any_size=True),
@@ -1547,7 +1548,7 @@ def _pictures() -> Iterator[Target]:
     def named(one: Any) -> Kind:
         return Kind(
             one_of({}, {"uniform": one}),
-            any_of(NONE, *NOTHINGS[3:], *WORDS, one_of(3, [], {1: one}, {"a": 3}, {"a": [3]}, one)),
+            any_of(NONE, *NOTHINGS[3:], *WORDS, listed(3, [], {1: one}, {"a": 3}, {"a": [3]}, one)),
         )
 
     calls: dict[str, dict[str, Kind]] = {
