@@ -9,11 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from independent import (
-    any_chain,
     chain_crossing,
     chain_newton_step,
-    dense_jacobian,
-    dense_rates,
     unstable_count,
 )
 
@@ -32,31 +29,6 @@ LEVELS = _core.vector_levels()
 
 
 # -------------------------------------------------------------------------------------- motion
-
-
-@pytest.mark.parametrize("level", LEVELS)
-@pytest.mark.parametrize("n", [1, 2, 5, 30])
-@pytest.mark.parametrize(
-    "pipe",
-    [
-        {},
-        {"gamma": 4.0, "drag": 1.5, "damping": 0.01},
-        {"gamma": -3.0, "flow": "aspirating", "alpha": 0.7},
-    ],
-    ids=["plain", "all", "aspirating"],
-)
-def test_recursion_solves_the_dense_equations(n, pipe, level, at_level):
-    at_level(level)
-    chain = any_chain(n, terms=ALL, **pipe)
-    states = 2.0 * np.random.default_rng(1).normal(size=(2 * n, 9))
-    expected = np.stack([dense_rates(chain, y, 3.0) for y in states.T], axis=1)
-    size = np.abs(expected).max()
-    np.testing.assert_allclose(chain.rhs(0.0, states, 3.0), expected, atol=1e-12 * size)
-    alone = np.stack([chain.rhs(0.0, y, 3.0) for y in states.T], axis=1)
-    np.testing.assert_allclose(alone, expected, atol=1e-12 * size)
-    exact = dense_jacobian(chain, states[:, 0], 3.0)
-    found = chain.jacobian(0.0, states[:, 0], 3.0)
-    np.testing.assert_allclose(found, exact, atol=1e-11 * np.abs(exact).max())
 
 
 # ------------------------------------------------------------------------------------- places

@@ -308,6 +308,8 @@ SCENES = {
     "aspirating": (pp.Pipe(0.35, 3.0, "aspirating", 0.8, damping=1e-2), "flutter"),
     "divergence": (pp.Pipe(0.2, gamma=-11.0, damping=1e-3), "divergence"),
     "straightened": (pp.Pipe(0.2, gamma=-11.0, damping=1e-3), "flutter"),
+    "hysteretic": (pp.Pipe(0.3, 5.0, damping=1e-3, hysteresis=0.07), "flutter"),
+    "on a root spring": (pp.Pipe(0.3, 3.0, damping=0.02, root=pp.RootSpring(5.0)), "flutter"),
 }
 MODELS = {
     "chain": lambda pipe: pp.Chain(

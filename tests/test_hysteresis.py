@@ -220,18 +220,6 @@ def test_eigenvalues_and_root_loci_of_the_continuous_pipe_by_series():
             assert abs(series_newton_step(LOSSY, value, u)) < 1e-8 * abs(value)
 
 
-def test_sensitivity_to_springs_by_differences():
-    chain = pp.Chain(LOSSY, 5)
-    found = pp.critical_speed(chain).sensitivity.speed.springs
-    for k in (0, 3):
-        step = 1e-5 * np.eye(5)[k]
-        low, high = (
-            pp.critical_speed(pp.Chain(LOSSY, springs=chain.springs + sign * step)).speed
-            for sign in (-1.0, 1.0)
-        )
-        assert found[k] == pytest.approx((high - low) / 2e-5, rel=1e-5)
-
-
 def test_the_limit_of_weak_damping_depends_on_the_ratio_to_the_coriolis_force():
     """u_c = F(mu / sqrt(beta)) + O(beta): the last is large enough to be solved as it is."""
     speeds = []
