@@ -274,6 +274,7 @@ def array(
     )
     others = [] if any_size else [np.full(int(np.prod(size)) + 1, good[0])]
     ends = [np.full(size, value) for value in (NAN, *outside)]
+    ends += [np.arange(good[1], good[0], (good[0] - good[1]) / np.prod(size))] if rising else []
     return Kind(fair or drawn, sure(any_of(spoiled, spoiled, junk), *ends, *others, "12"))
 
 
@@ -413,9 +414,9 @@ STRAIGHT = Kind(one_of(CHAIN, LEGENDRE, SPANNED, SUPPORTED, LOST), LINEAR.bad)
 TERMS = Kind(
     one_of((), [MASS], (MASS, SPRING), WET, STRUCK),
     any_of(
-        NONE,
-        *(*NOTHINGS, *WORDS),
-        one_of(3, NAN, MASS, [None], [PIPE], [MASS] * 401, [pp.Spring(1.5, 1.0)], [Mine()]),
+        *(NONE, *NOTHINGS, *WORDS),
+        listed(3, NAN, MASS, [None], ["mass"], [PIPE], [MASS] * 401, [Mine()]),
+        *map(listed, ([pp.Spring(1.5, 1.0)], [pp.Tension(-1e7)], [pp.PointMass(0.5, 1e12)])),
     ),
 )
 ROOT = either(
@@ -431,8 +432,8 @@ SUPPORTS = Kind(
     one_of((), [0.5], (0.7, 0.3), [np.float64(0.25)], [Fraction(1, 3)]),
     any_of(
         *(NONE, *NOTHINGS, *WORDS),
-        one_of(0.5, [0.0], [1.0], [-0.1], [1.2], [NAN], ["a"], [None], [True], [[0.5]]),
-        one_of([0.5, 0.5], [0.5, 0.5004], [1e-5], [0.9999], np.array([0.5]), [0.01] * 101),
+        listed(0.5, [0.0], [1.0], [-0.1], [1.2], [NAN], ["a"], [None], [True], [[0.5]]),
+        listed([0.5, 0.5], [0.5, 0.5005], [5e-4], [0.9995], [0.01] * 101, np.array([[0.3, 0.6]])),
     ),
 )
 PLACES = array(3, (0.0, 1.0), (-0.1, 1.1), any_size=True)
@@ -442,15 +443,22 @@ USUAL = {"executor": EXECUTOR, "s": PLACES, "ax": AXIS}
 FUNCTION = Kind(
     one_of(bend),
     any_of(
-        *(NONE, *WORDS, one_of(3, NAN, [], {}, object(), 1j)),
-        *map(one_of, (lambda s: NAN * s, lambda s: "a", lambda s: s[:1], lambda s: None)),
-        *map(one_of, (lambda s: s * 1j, lambda s: np.ma.masked_all_like(s), lambda s: 1e300 * s)),
+        *(NONE, *WORDS, listed(3, NAN, [], {}, object(), 1j, "1")),
+        *map(listed, (lambda s: NAN * s, lambda s: "a", lambda s: s[:1], lambda s: None)),
+        *map(listed, (lambda s: s * 1j, lambda s: np.ma.masked_all_like(s), lambda s: 1e300 * s)),
+        *map(listed, (lambda s: math.sin(s), lambda s: 1.0 if s < 0.5 else 0.5, lambda s: s > 0.5)),
     ),
 )
 UPWARD = Kind(one_of(lambda s: 1.0 + s, lambda s: np.exp(s)), FUNCTION.bad)
 ALONG = Kind(
     any_of(NONE, UPWARD.good, one_of(pp.Profile([0.5], [1.0, 1.7]))),
-    any_of(_not(None, FUNCTION.bad), one_of(lambda s: 2.0 + s, pp.Profile([0.5], [2.0, 1.0]))),
+    any_of(
+        *(
+            _not(None, FUNCTION.bad),
+            listed([1.0, 0.5], np.array([1.0, 0.5]), lambda s: 1.0 - 2.0 * s),
+        ),
+        listed(lambda s: 2.0 + s, pp.Profile([0.5], [2.0, 1.0]), lambda s: 1.0 + np.sqrt(s)),
+    ),
 )
 PROFILE = Kind(
     one_of(lambda r: 1.0 - 0.5 * r),
@@ -494,7 +502,7 @@ def start(size: int) -> Kind:
 
 
 def parts(good: tuple[Any, ...], *wrong: Any) -> Kind:
-    bad = any_of(NONE, *NOTHINGS[:8], *WORDS, one_of(3, NAN, [], [PIPE], [None], [good], *wrong))
+    bad = any_of(NONE, *NOTHINGS[:8], *WORDS, listed(3, NAN, [], [PIPE], [None], [good], *wrong))
     return Kind(any_of(one_of(good), one_of(list(good))), bad)
 
 
@@ -531,7 +539,7 @@ def public_name(call: Any) -> str:
         cls = owner if isinstance(owner, type) else type(owner)
         name, module = f"{cls.__name__}.{name}", cls.__module__
     folder = module.split(".")[1]
-    return f"{folder}.{name}" if folder in ("modular", "plot") else name
+    return f"{folder}.{name}" if folder in ("continuation", "modular", "plot") else name
 
 
 def target(
@@ -561,6 +569,7 @@ def _pipes() -> Iterator[Target]:
         "root": ROOT,
         "end": END,
         "supports": SUPPORTS,
+        "rotary_inertia": real((0.0, 0.1), -1e-9, 1e4),
     }
     turned, share = real((-3.0, 3.0), -3.2, 3.2), real((0.0, 1.0), -1e-9, 1.1)
     ends = {  # what only one of the flows has
@@ -865,7 +874,7 @@ def _scenes() -> Iterator[Target]:
         modular.InternalFlow: {},
     }.items():
         yield target(part, f"modular.{part.__name__}", **kinds)
-    functions = Kind(one_of(None), any_of(*NOTHINGS[:12], *WORDS, one_of(3, NAN, [])))
+    functions = Kind(one_of(None), any_of(*NOTHINGS[:12], *WORDS, listed(3, NAN, [])))
     yield target(
         modular.Custom,
         called={"mass": "mass|Custom|mine", "name": "name"},
@@ -879,7 +888,7 @@ def _scenes() -> Iterator[Target]:
             one_of(None),
             any_of(_not(None, array((7, 7)).bad), one_of(-np.eye(2), [[0.0, NAN]] * 2)),
         ),
-        name=Kind(one_of("mine"), any_of(NONE, *NOTHINGS, one_of("", "\t", 3, NAN, []))),
+        name=Kind(one_of("mine"), any_of(NONE, *NOTHINGS, listed("", "\t", 3, NAN, []))),
     )
     wrong = Kind(
         one_of(lambda q: 0.5 * q @ q),
@@ -988,6 +997,33 @@ def _questions() -> Iterator[Target]:
     inside = {"x": real((0.1, 0.9), 0.09, 0.91), "y": real((0.0, 9.0), -0.1, 9.1)}
     yield target(BOUNDARY.unstable, **inside)
     yield target(pp.criticality_curve, slow=True, make_model=maker, values=values)
+
+
+def _own_equations() -> Iterator[Target]:
+    """Of a branch that users follow themselves."""
+    law = one_of(lambda x, p: x - p)
+    no_law = (3, "x", lambda x, p: [1.0, 2.0], lambda x, p: "a")
+    names = any_of(*NOTHINGS[2:], *WORDS, listed(3, {"a": 3}, [lambda x, p: 1.0]))
+    yield target(
+        pp.continuation.follow,
+        called={"x0": "x0|limits"},
+        problem=Kind(law, any_of(NONE, *NOTHINGS, *WORDS, listed(*no_law))),
+        x0=array(1, (-0.1, 0.1), any_size=True),
+        p0=real((-0.1, 0.1), -1.1, 1.1),
+        interval=array(2, fair=one_of((-1.0, 1.0), [-0.5, 0.7])),
+        derivative=Kind(
+            one_of(None, lambda x, p: np.insert(np.eye(x.size), x.size, -1.0, axis=1)),
+            any_of(*NOTHINGS, *WORDS, listed(3, lambda x, p: [1.0], lambda x, p: [[2.0, 0.0]])),
+        ),
+        tests=Kind(one_of(None, {"a": lambda x, p: x[0]}), names),
+        limits=Kind(
+            one_of(None, {0: (-0.5, 0.5)}),
+            any_of(*NOTHINGS[2:], *WORDS, listed(3, {0: (1.0, 2.0)}, {0: 3.0}, {"a": (-1.0, 1.0)})),
+        ),
+        step=real((0.05, 0.2), 0.0, 2.0),
+        scale=real((0.5, 2.0), 0.0),
+        points=count(1, 50, 100_001),
+    )
 
 
 QUANTITIES: dict[str, dict[str, Kind]] = {
@@ -1254,14 +1290,14 @@ def _motions() -> Iterator[Target]:
         called={"starts": "starts|angle"},
         model=flutter,
         u=Kind(one_of(1.0, 2.0), SLOW.bad),
-        starts=Kind(own, any_of(array((2, 6), (-0.1, 0.1), (1e7,)).bad, one_of(0, -1, 2.5))),
+        starts=Kind(own, any_of(array((2, 6), (-0.1, 0.1), (1e7,)).bad, listed(0, -1, 2.5))),
         base=Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(3, NAN, [], PUMP))),
         transient=real((10.0, 20.0), -1.0, 1e300),
         duration=real((1.0, 2.0), 0.0, 1e300),
         rtol=real((1e-6, 1e-4), 0.0, 1.0),
         seed=diagram["seed"],
     )
-    wrong = any_of(NONE, *WORDS, one_of(3, (0,), (0, 0), (-1, 2)))
+    wrong = any_of(NONE, *WORDS, listed(3, (0,), (0, 0), (-1, 2)))
     yield target(
         pp.StartPlane,
         x=array(2, (-1.0, 1.0), rising=True, any_size=True),
@@ -1512,7 +1548,7 @@ def _pictures() -> Iterator[Target]:
     def named(one: Any) -> Kind:
         return Kind(
             one_of({}, {"uniform": one}),
-            any_of(NONE, *NOTHINGS[3:], *WORDS, one_of(3, [], {1: one}, {"a": 3}, {"a": [3]}, one)),
+            any_of(NONE, *NOTHINGS[3:], *WORDS, listed(3, [], {1: one}, {"a": 3}, {"a": [3]}, one)),
         )
 
     calls: dict[str, dict[str, Kind]] = {
@@ -1602,6 +1638,7 @@ TARGETS: tuple[Target, ...] = tuple(
         _loaded,
         _scenes,
         _questions,
+        _own_equations,
         _comparisons,
         _motions,
         _results,

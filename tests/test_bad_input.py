@@ -60,14 +60,12 @@ CASES = [
     ("centres", lambda v: pp.Chain(PIPE, 2, centres=v, gyration_radii=[0.1, 0.0]), [0.5, 0.0]),
     ("base", lambda v: pp.Chain(PIPE, 3, springs="midpoint", base=v), 0.1),
     # what models answer
-    *(("angle", model.bent, lambda s, v=v: v * s) for model in (CHAIN, ROM) for v in [1e7, 1j]),
-    *(("q", model.tip, [0.0, 0.0, 1e7]) for model in (CHAIN, ROM)),
+    *(("angle", model.bent, lambda s: 1e7 * s) for model in (CHAIN, ROM)),
     *(
         ("q", lambda v, model=model: model.deflection(v, [0.5]), v)
         for model in (CHAIN, ROM)
         for v in [np.zeros((3, 1, 1)), np.zeros((3, 0)), np.broadcast_to(0.0, (3, 10**9))]
     ),
-    *(("q", model.tips, [0.0, 0.0, 0.0]) for model in (CHAIN, ROM)),
     ("q", ROM.tip, [0.0, 0.0, 500.0]),
     ("s", lambda v: pp.Galerkin(PIPE, 2000).functions(v), np.linspace(0.0, 1.0, 60_000)),
     # questions
@@ -85,7 +83,7 @@ CASES = [
         ("count", lambda v, f=f: f(pp.Chain(PIPE, 10**6), v), 11)
         for f in (lambda c, v: pp.modes(c, 1.0, v), lambda c, v: pp.root_loci(c, [1.0], v))
     ),
-    *(("speeds", lambda v: pp.root_loci(CHAIN, v, 2), v) for v in [[1.0, 1.0], [2.0, 1.0]]),
+    ("speeds", lambda v: pp.root_loci(CHAIN, v, 2), [1.0, 1.0]),
     ("count", lambda v: pp.root_loci(CHAIN, [0.0, 1.0], v), 4),
     ("count", lambda v: pp.root_loci(EXACT, [0.0, 1.0], v), 401),
     ("speeds", lambda v: pp.root_loci(EXACT, v, 2), [0.0, 1001.0]),

@@ -7,7 +7,7 @@ import pickle
 import numpy as np
 import pytest
 from hypothesis import given
-from independent import chain_newton_step, lagrangian_operators
+from independent import lagrangian_operators
 from scipy.linalg import eigvalsh
 from test_properties import calm_pipes, chains
 
@@ -111,29 +111,6 @@ def test_an_elastic_coordinate_holds_half_a_unit_of_energy(chain):
         pp.Pipe(0.1), lengths=chain.lengths, base=chain.base, springs=chain.springs + 1.0
     )
     np.testing.assert_allclose(rigid.elastic_operators().stiffness, np.eye(chain.dof), atol=1e-12)
-
-
-@pytest.mark.parametrize("unequal", [False, True])
-@pytest.mark.parametrize("flow", ["ejecting", "aspirating"])
-def test_a_long_chain_with_every_kind_of_load_has_its_exact_eigenvalues(unequal, flow):
-    """Newton's correction of each by shooting along the chain with 30 digits."""
-    terms = (pp.PointMass(0.41, 0.3), pp.Spring(0.7, 12.0), pp.Damper(1.0, 0.2), pp.Foundation(3.0))
-    n = 90
-    pipe = pp.Pipe(0.4, gamma=-3.0, flow=flow, alpha=0.8, damping=2e-3, terms=terms)
-    k = np.arange(n)
-    lengths = 1.0 + 0.5 * np.sin(k)
-    arrays = {
-        "lengths": 0.9 * lengths / lengths.sum(),
-        "base": 0.1,
-        "centres": 0.5 + 0.3 * np.cos(k),
-        "gyration_radii": 0.01 + 0.005 * np.sin(2 * k),
-        "springs": n * (1.0 + 0.5 * np.cos(3 * k)),
-    }
-    chain = pp.Chain(pipe, **arrays) if unequal else pp.Chain(pipe, n)
-    found = pp.modes(chain, 5.0, count=4)
-    missed = np.array([abs(chain_newton_step(chain, z, 5.0)) for z in found.eigenvalues])
-    assert (missed <= found.errors + 1e-15 * np.abs(found.eigenvalues)).all()
-    assert (found.errors <= 1e-9 * np.abs(found.eigenvalues)).all()
 
 
 # ----------------------------------------------------------------------------- spring rules

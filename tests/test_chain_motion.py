@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """The chain's nonlinear motion: right-hand side, derivative, energy and power."""
 
-import itertools
 import math
 import os
 import subprocess
@@ -24,6 +23,11 @@ FLOWS = [
     {"alpha": 0.7, "jet_angle": -1.25},
 ]
 flows = pytest.mark.parametrize("flow", FLOWS, ids=str)
+TERMS = (pp.PointMass(0.37, 0.4), pp.Spring(0.52, 30.0), pp.PointMass(1.0, 0.2))
+TERMS += (pp.Spring(0.9, 20.0), pp.PointMass(0.41, 0.1))
+with_terms = pytest.mark.parametrize(
+    "flow", [*FLOWS, *({**flow, "terms": TERMS} for flow in FLOWS[:2])], ids=str
+)
 
 
 def with_and_without_forces(n, seed, flow):
@@ -66,7 +70,7 @@ def test_chain_moves_as_the_papers_lagrangian_says(flow):
 
 @pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("n", [1, 2, 3, 50])
-@flows
+@with_terms
 def test_recursion_solves_the_dense_equations(n, flow, level, at_level):
     at_level(level)
     for chain in with_and_without_forces(n, 0, flow):
@@ -117,7 +121,7 @@ def test_a_hundred_thousand_segments_obey_their_equations():
 
 
 @pytest.mark.parametrize("level", LEVELS)
-@flows
+@with_terms
 @pytest.mark.parametrize("n", [1, 2, 3, 33])
 def test_jacobian_is_the_derivative(n, flow, level, at_level):
     """Of the dense equations, by complex steps: to rounding."""
@@ -130,48 +134,6 @@ def test_jacobian_is_the_derivative(n, flow, level, at_level):
 
 
 # ------------------------------------------------------------------------------- energy and power
-
-
-def exact_energy(chain, y):
-    """From positions and velocities of the segments' centres, in mpmath."""
-    n, pipe = chain.dof, chain.pipe
-    total = px = py = vx = vy = before = mpmath.mpf(0)
-    for j in range(n):
-        length, chi = mpmath.mpf(chain.lengths[j]), mpmath.mpf(chain.centres[j])
-        sine, cosine, rate = mpmath.sin(y[j]), mpmath.cos(y[j]), y[n + j]
-        dx, dy = length * sine, length * (cosine - 1)
-        wx, wy = length * cosine * rate, -length * sine * rate
-        speed = (vx + chi * wx) ** 2 + (vy + chi * wy) ** 2
-        total += length * (speed + mpmath.mpf(chain.gyration_radii[j]) ** 2 * rate**2) / 2
-        total -= mpmath.mpf(pipe.gamma) * length * (py + chi * dy)
-        total += mpmath.mpf(chain.springs[j]) * (y[j] - before) ** 2 / 2
-        px, py, vx, vy, before = px + dx, py + dy, vx + wx, vy + wy, y[j]
-    return total
-
-
-@pytest.mark.parametrize("flow", FLOWS[:3], ids=str)
-@pytest.mark.parametrize("on", [*itertools.product([False, True], repeat=4)])
-def test_energy_changes_by_the_power(on, flow):
-    """dE/dy . rhs = flow + joints + drag, to rounding, with every effect on and off."""
-    gamma, drag, damping, u = np.where(on, [4.0, 2.0, 0.1, 3.0], 0.0).tolist()
-    chain = any_chain(4, 0, gamma=gamma, drag=drag, damping=damping, **flow)
-    y = states(4, 1, seed=sum(on))[:, 0]
-    rates, power = chain.rhs(0.0, y, u), chain.power(y, u)
-    with mpmath.workdps(40):
-        exact = [mpmath.mpf(x) for x in y]
-        assert chain.energy(y) == pytest.approx(float(exact_energy(chain, exact)), rel=1e-14)
-        parts = []
-        for j in range(8):
-            ahead, behind = exact.copy(), exact.copy()
-            ahead[j] += mpmath.mpf("1e-12")
-            behind[j] -= mpmath.mpf("1e-12")
-            slope = exact_energy(chain, ahead) - exact_energy(chain, behind)
-            parts.append(slope / mpmath.mpf("2e-12") * mpmath.mpf(rates[j]))
-        assert abs(float(sum(parts)) - power.total) < 1e-14 * float(sum(abs(x) for x in parts))
-    assert power.others == 0.0
-    assert (power.joints < 0.0) == (damping > 0.0)
-    assert (power.drag < 0.0) == (drag > 0.0)
-    assert (power.flow != 0.0) == (u > 0.0)
 
 
 # --------------------------------------------------------------------------------- vector levels

@@ -66,18 +66,6 @@ def test_more_functions_do_not_change_the_cycle(known):
     assert beams[2] < 5e-4
 
 
-def test_a_chains_cycle_tends_to_the_continuous_pipes_with_order_two():
-    exact = limit_cycle(FINER, 6.0)
-    sizes = np.array([7, 12, 21])
-    cycles = [pp.limit_cycle(pp.Chain(PIPE, n), 6.0) for n in sizes.tolist()]
-    for name in ("amplitude", "frequency"):
-        errors = np.array([abs(getattr(c, name) - getattr(exact, name)) for c in cycles])
-        orders = -np.diff(np.log(errors)) / np.diff(np.log(sizes))
-        assert orders == pytest.approx(2.0, abs=0.2)
-        assert errors[-1] < 3e-2 * getattr(exact, name)
-    assert all(c.stable for c in cycles)
-
-
 # --------------------------------------------------------------------- what a cycle has to be
 
 SCENES = {

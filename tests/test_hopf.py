@@ -139,15 +139,11 @@ def test_the_continuous_pipe_has_the_known_coefficient():
         found.amplitude(5.0)
 
 
-def test_every_model_tends_to_one_coefficient():
+def test_beam_modes_tend_to_the_coefficient():
     exact = onset_of(0.2, "legendre", 12).lyapunov
     beams = [abs(pp.hopf(pp.Galerkin(PIPE, m)).lyapunov - exact) for m in (4, 8, 16)]
     assert beams[0] > 5 * beams[1] > 25 * beams[2]
     assert beams[2] < 1e-4
-    chains = np.array([pp.hopf(pp.Chain(PIPE, n)).lyapunov - exact for n in (10, 20, 40)])
-    assert np.log2(chains[:-1] / chains[1:]) == pytest.approx(2.0, abs=0.15)
-    scene = pp.hopf(pp.modular.chain(PIPE, n=10))
-    assert scene.lyapunov - exact == pytest.approx(chains[0], rel=1e-5)
 
 
 def test_growth_is_the_slope_of_the_real_part():
@@ -173,6 +169,9 @@ def test_growth_is_the_slope_of_the_real_part():
         (pp.Chain(ASPIRATING, 6), 1),
         (pp.Galerkin(ASPIRATING, 6, "legendre"), 1),
         (pp.Chain(pp.Pipe(0.7), 3), -1),
+        (pp.Chain(pp.Pipe(0.3, damping=2e-3, terms=[pp.AddedMass(0.5)]), 4), 1),
+        (pp.Chain(pp.Pipe(0.2, terms=[pp.CubicSpring(0.8, 1e3)]), 4), 1),
+        (pp.Galerkin(pp.Pipe(0.2, damping=2e-3, supports=[0.25]), 6, "legendre"), 1),
         (pp.modular.chain(PIPE, n=3).plus(pp.Spring(at=1.0, stiffness=3.0)), 1),
         (pp.modular.chain(PIPE, n=4).plus(pp.modular.Guide(node=1)), 1),
     ],
@@ -455,9 +454,5 @@ def test_a_crossing_that_is_not_the_models_own_is_refused():
         pp.hopf(model, divergence)
     with pytest.raises(ValueError, match="crossing must be one of the model's"):
         pp.hopf(model, other)
-    with pytest.raises(TypeError, match="crossing must be a Crossing"):
-        pp.hopf(model, 5.6)
-    with pytest.raises(TypeError, match="model must be"):
-        pp.hopf(pp.Continuum(PIPE))
     with pytest.raises(ValueError, match="model must have at most"):
         pp.hopf(pp.Chain(PIPE, 501))

@@ -8,11 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from independent import (
-    assert_differences,
     chain_crossing,
     chain_newton_step,
     companion_eigenvalues,
-    series_crossing,
     series_newton_step,
 )
 from test_pipe import HOSE
@@ -44,24 +42,6 @@ def without(pipe):
 def viscous_pipe(pipe, frequency):
     """The pipe whose Kelvin-Voigt damping loses as much at a frequency."""
     return replace(pipe, damping=pipe.equivalent_damping(frequency), hysteresis=0.0)
-
-
-@pytest.mark.parametrize(
-    ("beta", "gamma", "mu", "speed", "frequency"),
-    [
-        (0.2, 0.0, 0.02, 5.664183, 13.54838),
-        (0.2, 0.0, 0.1, 5.900876, 12.96576),
-        (0.65, 0.0, 0.1, 10.078309, 23.15219),
-        (0.00203, 42.4, 0.02, 5.790870, 18.14601),  # printed 5.79, 18.1: Paidoussis (1970)
-    ],
-)
-def test_critical_speeds_of_the_continuous_pipe(beta, gamma, mu, speed, frequency):
-    """From a determinant of exponentials, Legendre functions and Hermite finite elements."""
-    pipe = pp.Pipe(beta, gamma, hysteresis=mu)
-    found = pp.critical_speed(pp.Continuum(pipe))
-    assert (found.speed, found.frequency) == pytest.approx((speed, frequency), abs=1e-5)
-    exact = series_crossing(pipe, speed, frequency)
-    assert (found.speed, found.frequency) == pytest.approx(exact, rel=1e-11)
 
 
 def test_the_critical_speed_of_a_chain_with_terms_by_shooting():
@@ -158,18 +138,6 @@ def test_all_eigenvalues_are_those_of_the_complex_matrices_above_the_axis(make, 
         assert np.abs(rest).max() < 1e-9 * size.max()
 
 
-def test_a_chain_converges_to_the_pipe_with_second_order():
-    exact = pp.critical_speed(pp.Continuum(LOSSY)).speed
-    modes = pp.eigenvalues(pp.Continuum(LOSSY), 5.0, 4)
-    errors = []
-    for n in (20, 40, 80):
-        chain = pp.Chain(LOSSY, n)
-        distance = np.abs(pp.eigenvalues(chain, 5.0, 4) - modes).max()
-        errors.append([abs(pp.critical_speed(chain).speed - exact), distance])
-    np.testing.assert_allclose(np.diff(np.log2(errors), axis=0), -2.0, atol=0.1)
-    assert errors[-1][0] < 3e-3
-
-
 @pytest.mark.parametrize("pipe", [pp.Pipe(0.2, -12.0), pp.Pipe(0.2, terms=[pp.Spring(1.0, 50.0)])])
 @pytest.mark.parametrize("make", [pp.Continuum, lambda pipe: pp.Chain(pipe, 20)])
 def test_divergence_is_that_of_the_pipe_without(make, pipe):
@@ -252,28 +220,6 @@ def test_eigenvalues_and_root_loci_of_the_continuous_pipe_by_series():
             assert abs(series_newton_step(LOSSY, value, u)) < 1e-8 * abs(value)
 
 
-@pytest.mark.parametrize("make", [*MODELS.values()][:2], ids=[*MODELS][:2])
-def test_sensitivities_by_differences(make):
-    steps = dict.fromkeys(("beta", "gamma", "damping", "alpha", "hysteresis"), 1e-5)
-
-    def find(pipe):
-        return pp.critical_speed(make(pipe))
-
-    assert_differences(find(LOSSY).sensitivity, find, LOSSY, steps, least=1e-6)
-
-
-def test_sensitivity_to_springs_by_differences():
-    chain = pp.Chain(LOSSY, 5)
-    found = pp.critical_speed(chain).sensitivity.speed.springs
-    for k in (0, 3):
-        step = 1e-5 * np.eye(5)[k]
-        low, high = (
-            pp.critical_speed(pp.Chain(LOSSY, springs=chain.springs + sign * step)).speed
-            for sign in (-1.0, 1.0)
-        )
-        assert found[k] == pytest.approx((high - low) / 2e-5, rel=1e-5)
-
-
 def test_the_limit_of_weak_damping_depends_on_the_ratio_to_the_coriolis_force():
     """u_c = F(mu / sqrt(beta)) + O(beta): the last is large enough to be solved as it is."""
     speeds = []
@@ -282,16 +228,6 @@ def test_the_limit_of_weak_damping_depends_on_the_ratio_to_the_coriolis_force():
         speeds.append(pp.critical_speed(pp.Galerkin(pipe, 8, "legendre")).speed)
     assert speeds[0] == pytest.approx(speeds[1], rel=1e-9)
     assert speeds[0] == pytest.approx(speeds[2], rel=1e-6)
-
-
-def test_sensitivities_of_weak_damping_by_differences():
-    pipe = pp.Pipe(1e-12, hysteresis=3e-6, damping=1e-7)
-    steps = {name: 1e-3 * getattr(pipe, name) for name in ("beta", "damping", "hysteresis")}
-
-    def find(pipe):
-        return pp.critical_speed(pp.Galerkin(pipe, 8, "legendre"))
-
-    assert_differences(find(pipe).sensitivity, find, pipe, steps, rel=1e-3)
 
 
 def test_joints_with_a_damping_of_their_own_are_not_the_pipe_s_material():
@@ -354,16 +290,6 @@ def test_there_are_no_equations_of_motion(make):
     ):
         with pytest.raises(ValueError, match=r"hysteresis must be 0 in motion, got 0\.07"):
             ask()
-
-
-def test_relevant_knows_hysteresis():
-    found = pp.relevant(pp.Pipe(0.2, hysteresis=0.1), 5.0)
-    effect = found["hysteresis"]
-    assert (effect.verdict, effect.strength) == ("relevant", "mu = 0.1")
-    plain = pp.critical_speed(pp.Continuum(pp.Pipe(0.2))).speed
-    lossy = pp.critical_speed(pp.Continuum(pp.Pipe(0.2, hysteresis=0.1))).speed
-    assert effect.size == pytest.approx(abs(plain / lossy - 1.0), rel=1e-3)
-    assert pp.relevant(pp.Pipe(0.2, hysteresis=1e-5), 5.0).negligible == ("hysteresis",)
 
 
 def test_the_onset_of_an_aspirating_pipe_in_closed_form():

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Pipes with an inclined nozzle, which rest bent."""
 
-import itertools
 import math
 import pickle
 
@@ -53,18 +52,6 @@ def test_the_pipe_rests_as_half_a_swing_of_a_pendulum(case, expected):
     angles = model.functions(s, 1) @ q
     assert angles == pytest.approx(pendulum(s, u, psi, alpha), abs=2e-8)
     assert [angles[-1], *model.tip(q)] == pytest.approx(expected, abs=2e-8)
-
-
-@pytest.mark.parametrize(("case", "expected"), NUMBERS)
-def test_chains_at_rest_tend_to_the_pendulum_at_second_order(case, expected):
-    u, psi, alpha = case
-    errors = []
-    for n in (8, 16, 32):
-        chain = pp.Chain(pp.Pipe(0.2, alpha=alpha, jet_angle=psi), n)
-        errors.append(np.abs(chain.tip(rest_of(chain, u)) - expected[1:]).max())
-    assert errors[-1] < 2e-3
-    for coarse, fine in itertools.pairwise(errors):
-        assert coarse / fine == pytest.approx(4.0, rel=0.15)
 
 
 def test_a_small_angle_bends_the_pipe_as_the_textbook_says():

@@ -314,33 +314,6 @@ def test_a_double_pendulum_swings_at_the_textbook_frequencies(
     np.testing.assert_allclose(found, [mean - apart, mean + apart], rtol=rtol)
 
 
-FITTED = {
-    "end mass": pp.Pipe(0.2, 10.0, terms=[pp.PointMass(1.0, 0.2)]),
-    "inner spring": pp.Pipe(0.3, terms=[pp.Spring(0.6, 60.0)]),
-    "both": pp.Pipe(
-        *(0.25, 5.0),
-        damping=0.001,
-        terms=[pp.Spring(0.4, 30.0), pp.PointMass(0.8, 0.1), pp.PointMass(1.0, 0.05)],
-    ),
-}
-
-
-@pytest.mark.parametrize("name", FITTED)
-def test_terms_move_the_critical_speed_of_scene_and_continuum_alike(name: str) -> None:
-    pipe = FITTED[name]
-    exact = pp.critical_speed(pp.Continuum(pipe))
-    bare = pp.critical_speed(pp.Continuum(replace(pipe, terms=())))
-    assert abs(exact.speed - bare.speed) > 0.1
-    sizes = np.array([12, 24, 48])
-    found = [pp.critical_speed(md.chain(pipe, n)) for n in sizes.tolist()]
-    errors = np.array([critical.speed - exact.speed for critical in found])
-    order = -np.polyfit(np.log(sizes), np.log(np.abs(errors)), 1)[0]
-    assert 1.8 < order < 2.2
-    assert abs(4.0 * errors[-1] - errors[-2]) / 3.0 < 2e-4 * exact.speed
-    assert all(critical.kind == exact.kind for critical in found)
-    assert found[-1].discretisation is None
-
-
 # ------------------------------------------------------------------------------------------ motion
 
 
@@ -389,14 +362,6 @@ def test_pinned_and_fluttering_scenes_keep_their_constraints(method: str) -> Non
         start = scene.bent(lambda s: 0.3 * np.sin(2.0 * math.pi * s))
         motion = pp.simulate(scene, u, 5.0, start, samples=101, rtol=1e-5, method=method)
         assert missed(scene, motion) < 1e-12
-
-
-def test_a_scene_flutters_as_the_chain_does() -> None:
-    pipe = pp.Pipe(0.2, drag=0.2)
-    mine = pp.simulate(md.chain(pipe, 4), 6.0, 3.0, lambda s: 0.3 * s, rtol=1e-9)
-    theirs = pp.simulate(pp.Chain(pipe, 4), 6.0, 3.0, lambda s: 0.3 * s, rtol=1e-9)
-    np.testing.assert_allclose(mine.tip, theirs.tip, atol=1e-7)
-    np.testing.assert_allclose(mine.energy, theirs.energy, atol=1e-6)
 
 
 @pytest.mark.parametrize(("n", "node", "duration"), [(10, 6, 2.0), (100, 40, 0.05)])

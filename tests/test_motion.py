@@ -239,7 +239,15 @@ def test_energy_changes_by_the_power_and_the_jacobian_meets_differences(name, ki
     assert np.abs((exact - differences) * units).max() < 1e-9 * np.abs(exact * units).max()
 
 
-@pytest.mark.parametrize("model", [everything(3), pp.Galerkin(LOADED, 4)], ids=repr)
+@pytest.mark.parametrize(
+    "model",
+    [
+        everything(3),
+        pp.Galerkin(LOADED, 4),
+        pp.Galerkin(replace(LOADED, terms=TERMS), 6, "legendre"),
+    ],
+    ids=repr,
+)
 def test_energy_of_small_motions_keeps_its_digits(model):
     y = 1e-9 * states(model, [1.0])[:, 0]
     q, rate = np.split(y, 2)
@@ -300,27 +308,16 @@ REAL = "y must be an array of real numbers, got "
     ("y", "u", "error", "message"),
     [
         (GOOD[:5], 1.0, ValueError, SHAPE + "(5,)"),
-        (np.zeros((5, 6)), 1.0, ValueError, SHAPE + "(5, 6)"),
-        (np.zeros((6, 2, 2)), 1.0, ValueError, "got (6, 2, 2)"),
         (0.5, 1.0, ValueError, SHAPE + "()"),
         (NAN, 1.0, ValueError, "y must be finite, got nan at index 3"),
         (NAN[:, None] * [1, 1], 1.0, ValueError, "y must be finite, got nan at index (3, 0)"),
-        (GOOD * [-math.inf, *[1] * 5], 1.0, ValueError, "y must be finite, got -inf at index 0"),
         (GOOD + 0j, 1.0, TypeError, REAL + "array([0.1+0.j"),
         (np.ma.array(GOOD, mask=GOOD > 0), 1.0, ValueError, "y must not be masked, got 6 masked"),
-        ([True, *GOOD[1:]], 1.0, TypeError, REAL + "[True, "),
-        ([[1.0], *[(False,)] * 5], 1.0, TypeError, REAL + "[[1"),
-        (None, 1.0, TypeError, REAL + "None"),
-        ([[1.0], [1.0, 2.0]], 1.0, TypeError, REAL + "[[1.0], "),
         (GOOD, -1e-9, ValueError, "u must lie in [0, 1e+100], got -1e-09"),
-        (GOOD, 10**400, ValueError, "u must lie in [0, 1e+100], got inf"),
         (GOOD, [1.0], ValueError, "u must be a number, got shape (1,)"),
         (GOOD, "1", TypeError, "u must be a real number, got '1'"),
-        (GOOD, np.bool_(True), TypeError, f"u must be a real number, got {np.True_!r}"),
         (GOOD[:, None], [1.0, 2.0], ValueError, "u must be a number or have shape (1,), got"),
-        (GOOD[:, None], [[1.0]], ValueError, "u must be a number or have shape (1,), got"),
         (GOOD[:, None] * [1, 1], [1, -2], ValueError, "[0, 1e+100], got -2.0 at index 1"),
-        (GOOD[:, None] * [1, 1], [1, True], TypeError, "real number or an array of them, got [1"),
         (GOOD[:, None], "u", TypeError, "u must be a real number or an array of them, got 'u'"),
     ],
 )

@@ -75,22 +75,6 @@ def test_eigenvalues_are_those_of_finite_elements(holding):
     assert beam[beam.imag > 0][0] == pytest.approx(expected[0], rel=2e-3)
 
 
-@pytest.mark.parametrize(
-    ("along", "speed", "frequency"),
-    [
-        ({"stiffness": lambda s: 1 - s / 2}, 4.993065, 12.64890),
-        ({"mass": lambda s: 1 + s}, 4.700274, 11.37937),
-        ({"stiffness": pp.Profile([0.5], [1.0, 0.5])}, 4.6867518, 11.79215),
-    ],
-)
-def test_critical_speeds_are_those_of_another_program(along, speed, frequency):
-    """Digits that Legendre functions and finite elements of another program have in common."""
-    found = pp.critical_speed(pp.Continuum(pp.Pipe(0.2, **along)))
-    assert found.kind == "flutter"
-    assert found.speed == pytest.approx(speed, rel=1.1e-7)
-    assert found.frequency == pytest.approx(frequency, rel=4.5e-7)
-
-
 # ---------------------------------------------------------------------------------- any amplitude
 
 
@@ -168,7 +152,7 @@ def test_energy_is_that_of_what_varies_and_its_joints_lose_by_their_damping(kind
     velocity = derivative_along(lambda at: model.shape(at, s), q, rate)
     density = mass(s) * (np.sum(velocity**2, axis=1) / 2 - PIPE.gamma * (height - s))
     expected = np.sum(weights * density) + elastic_energy(model, q)
-    assert model.energy(y) == pytest.approx(expected, rel=1e-9)
+    assert model.energy(y) == pytest.approx(expected, rel=1e-12)
     parts = model.power(y, SPEED)
     damped = -2.0 * PIPE.damping * elastic_energy(model, rate)
     assert parts.joints == pytest.approx(damped, rel=1e-9)
@@ -253,63 +237,6 @@ def test_masses_of_the_users_own_are_the_segments():
         pp.modular.Assembly(PIPE, segments, parts)
 
 
-def lowest_root(model):
-    found = pp.eigenvalues(model, 1.5, count=3)
-    return found[found.imag > 0][0]
-
-
-def critical(model):
-    return pp.critical_speed(model).speed
-
-
-@pytest.mark.parametrize(
-    ("given", "question", "counts", "window"),
-    [
-        ({"stiffness": lambda s: 1 - s / 2}, critical, (16, 32, 64), (3.9, 4.1)),
-        ({"mass": lambda s: 1 + s}, critical, (16, 32, 64), (3.9, 4.1)),
-        # A jump lies anywhere in the cell of a joint.
-        ({"stiffness": stiffness, "mass": mass}, critical, (16, 32, 64), (2.8, 5.5)),
-        ({**TAPER, "root": pp.RootSpring(3.0)}, lowest_root, (12, 24, 48), (3.5, 4.5)),
-        ({**TAPER, "root": "pinned", "end": "pinned"}, lowest_root, (12, 24, 48), (3.5, 4.5)),
-        ({**TAPER, "end": "guided"}, lowest_root, (12, 24, 48), (3.5, 4.5)),
-        ({**TAPER, "end": "clamped", "supports": [0.5]}, lowest_root, (12, 24, 48), (3.5, 4.5)),
-    ],
-)
-def test_chains_tend_to_the_pipe_at_second_order(given, question, counts, window):
-    pipe = pp.Pipe(0.3, 7.0, **given)
-    exact = question(pp.Continuum(pipe))
-    for rule in ("consistent", "midpoint") if question is critical else ("consistent",):
-        errors = [abs(question(pp.Chain(pipe, n, springs=rule)) / exact - 1.0) for n in counts]
-        assert errors[-1] < (1e-3 if question is critical else 5e-3)
-        for coarse, fine in itertools.pairwise(errors):
-            assert window[0] < coarse / fine < window[1]
-
-
-@pytest.mark.parametrize(
-    ("holding", "angle"),
-    [
-        ({}, lambda s: 1.0 - (1.0 - s) ** 3),
-        ({"root": "pinned", "end": "pinned"}, lambda s: 0.6 * np.cos(np.pi * s)),
-    ],
-    ids=["free end", "both pinned"],
-)
-def test_chains_move_as_the_pipe_does_at_large_angles_to_second_order(holding, angle):
-    pipe = pp.Pipe(0.3, 7.0, damping=0.02, **TAPER, **holding)
-
-    def places(model):
-        q = model.bent(angle)
-        if holding and isinstance(model, pp.Chain):
-            q = model.admissible(q)
-        motion = pp.simulate(model, 3.0, 0.4, q0=q, times=[0.4], rtol=1e-8)
-        return model.shape(motion.q[-1], [0.5, 1.0])
-
-    exact = places(pp.Galerkin(pipe, 8, "legendre"))
-    errors = [np.linalg.norm(places(pp.Chain(pipe, n)) - exact) for n in (8, 16, 32)]
-    assert errors[-1] < 1e-3
-    for coarse, fine in itertools.pairwise(errors):
-        assert 3.8 < coarse / fine < 4.2
-
-
 def test_equal_springs_of_the_rules_follow_the_stiffness():
     pipe = pp.Pipe(0.2, **TAPER)
     exact = abs(pp.eigenvalues(pp.Continuum(pipe), 0.0, count=1)[0])
@@ -343,18 +270,6 @@ def test_hysteresis_is_kelvin_voigt_damping_of_equal_loss_at_the_crossing():
         damped = pp.critical_speed(make(pp.Pipe(0.2, damping=0.1 / lossy.frequency, **TAPER)))
         assert damped.speed == pytest.approx(lossy.speed, rel=1e-8)
         assert damped.frequency == pytest.approx(lossy.frequency, rel=1e-7)
-
-
-def test_relevant_holds_a_pipe_against_a_uniform_one():
-    pipe = pp.Pipe(0.2, stiffness=lambda s: 1 - s / 2, mass=lambda s: 1 + 1e-5 * s)
-    found = pp.relevant(pipe, 2.0)
-    uniform = pp.critical_speed(pp.Continuum(pp.Pipe(0.2))).speed
-    exact = pp.critical_speed(pp.Continuum(pipe)).speed
-    effect = found["varying stiffness"]
-    assert effect.strength == "stiffness 0.5 to 1"
-    assert effect.size == pytest.approx(abs(uniform / exact - 1.0), rel=1e-4)
-    assert found["varying mass"].verdict == "negligible"
-    assert found.simplified == pp.Pipe(0.2, stiffness=lambda s: 1 - s / 2)
 
 
 # ------------------------------------------------------------------------------------ the profiles
@@ -415,13 +330,7 @@ def test_bad_profiles_are_refused():
         with pytest.raises(error, match=match):
             pp.Pipe(0.2, **given)
 
-    refused(TypeError, "stiffness must be a function of arc length or a Profile", stiffness=2.0)
-    refused(TypeError, "mass must be a function of arc length or a Profile", mass="1")
-    refused(ValueError, r"stiffness\(s\) must have 1 entries|one-dim", stiffness=lambda s: 1.0)
     refused(ValueError, r"mass\(s\) must have \d+ entries, got 3", mass=lambda s: np.ones(3))
-    refused(ValueError, r"stiffness\(s\) must lie in .*, got nan", stiffness=lambda s: s * np.nan)
-    refused(ValueError, r"stiffness\(s\) must lie in .*, got 0\.0", stiffness=lambda s: 1 - 2 * s)
-    refused(TypeError, r"stiffness\(s\) must be an array", stiffness=lambda s: s.astype(complex))
     refused(ValueError, "stiffness must be 1 at s = 0, got 2", stiffness=lambda s: 2 - s)
     refused(ValueError, r"mass must be at least beta = 0\.2.*got 0\.1", mass=lambda s: 1 - 0.9 * s)
     refused(
@@ -431,9 +340,8 @@ def test_bad_profiles_are_refused():
         refused(TypeError, "stiffness must be a function of an array of arc", stiffness=own)
     with pytest.raises(TypeError, match="angle must be a function of an array of arc lengths"):
         pp.Chain(PIPE, 3).bent(lambda s: math.sin(s))
-    for given in ([1, 0.5], np.array([1.0, 0.5])):
-        rule = r"stiffness must be a function of arc length or a Profile, got .*make a Profile\(at,"
-        refused(TypeError, rule, stiffness=given)
+    rule = r"stiffness must be a function of arc length or a Profile, got .*make a Profile\(at,"
+    refused(TypeError, rule, stiffness=[1, 0.5])
     rng = np.random.default_rng(1)
     refused(ValueError, "noise|smooth", stiffness=lambda s: 1 + 1e-3 * rng.random(s.size) * (s > 0))
     with pytest.raises(ValueError, match="at must ascend between 0 and 1"):

@@ -36,17 +36,6 @@ def test_a_nozzle_scales_critical_speeds(make, alpha):
     assert found.frequency == pytest.approx(plain.frequency, rel=1e-11)
 
 
-@pytest.mark.parametrize(
-    ("alpha", "speed", "frequency"),
-    [(2.0, 3.358684218, 14.21710258), (0.8, 6.947846171, 13.61380457)],
-)
-def test_critical_speeds_of_a_nozzle_and_a_diffuser(alpha, speed, frequency):
-    """beta = 0.2, gamma = 0, from the determinant of exponentials, 30 digits."""
-    found = pp.critical_speed(pp.Continuum(pp.Pipe(0.2, alpha=alpha)))
-    assert found.speed == pytest.approx(speed, rel=3e-10)
-    assert found.frequency == pytest.approx(frequency, rel=1e-9)
-
-
 @pytest.mark.parametrize("make", [*MODELS.values()][:3], ids=[*MODELS][:3])
 def test_a_nozzle_scales_motions_of_any_amplitude(make):
     pipe = pp.Pipe(0.3, gamma=2.0, alpha=1.7, drag=0.5, damping=1e-2)
@@ -80,6 +69,3 @@ def test_a_nozzle_is_given_by_its_ratio_of_areas():
             pp.Pipe.from_si(**SI, nozzle_ratio=4.0, alpha=alpha)
     with pytest.raises(ValueError, match=r"^nozzle_ratio must be that of an ejecting pipe"):
         pp.Pipe.from_si(**SI, nozzle_ratio=4.0, flow="aspirating")
-    for bad in (0.0, -1.0, math.nan):
-        with pytest.raises(ValueError, match=r"^nozzle_ratio"):
-            pp.Pipe.from_si(**SI, nozzle_ratio=bad)

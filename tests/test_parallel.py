@@ -208,7 +208,8 @@ SWEEPS = {
     ),
     "simulate_many": (
         lambda executor: pp.simulate_many(
-            THREE, 4.0, 1.0, lambda s: 0.1 * s, samples=5, executor=executor
+            *(THREE, [4.0, 5.0, 6.0], 1.0, [one.bent(lambda s: 0.1 * s) for one in THREE]),
+            **{"samples": 5, "executor": executor},
         ),
         lambda found: [one.q.tolist() for one in found.motions],
     ),

@@ -117,16 +117,6 @@ def test_regions_of_chains_converge_with_second_order():
     np.testing.assert_allclose(orders[1], 2.0, atol=0.06)
 
 
-def test_multipliers_of_chains_converge_with_second_order():
-    pulsation = pp.Pulsation(6.0, 0.3, 30.0)
-    expected = pp.floquet(pp.Continuum(PIPE), pulsation).multipliers[0]
-    found = [pp.floquet(pp.Chain(PIPE, n), pulsation).multipliers[0] for n in (8, 16, 32)]
-    errors = np.abs(np.array(found) - expected)
-    assert math.log2(errors[1] / errors[2]) == pytest.approx(2.0, abs=0.1)
-    once = np.array(found[1:]) + np.diff(found) / 3.0
-    assert once[1] + (once[1] - once[0]) / 15.0 == pytest.approx(expected, abs=1e-3)
-
-
 def test_regions_without_the_fluids_acceleration_are_wrong_by_a_fifth():
     pipe = PulsatingPipe.of(pp.Galerkin(PIPE, 14, "legendre").elastic_operators(), 6.0)
     without = dataclasses.replace(pipe, unsteady=0.0 * pipe.unsteady)

@@ -45,9 +45,6 @@ def shown(ax):
 @pytest.mark.parametrize(
     ("draw", "given", "message"),
     [
-        (plot.root_loci, (MODES,), "loci must be of type RootLoci, got Modes("),
-        (plot.root_loci, (LOCI, None, math.nan), "highest must be finite and > 0"),
-        (plot.convergence, ({1: []}, CRITICAL), "the names of families must be"),
         (plot.convergence, ({"a": [1.0]}, CRITICAL), "families['a'][0] must be"),
         (plot.stability_map, (BOUNDARY,), "boundaries must map labels to"),
         (plot.stability_map, ({"a": 3},), "boundaries['a'] must be of type Boundary"),
@@ -60,7 +57,6 @@ def shown(ax):
             "boundaries must be over one number, got beta, gamma",
         ),
         (partial(plot.colour_bar, ax=[3]), ("",), "ax must be of type Axes, got [3]"),
-        (partial(plot.root_loci, ax=3), (LOCI,), "ax must be of type Axes, got 3"),
     ],
 )
 def test_a_picture_refuses_what_it_cannot_show_by_name(draw, given, message):

@@ -89,8 +89,6 @@ def test_pictures_of_what_rests_say_so():
 def test_pictures_refuse_what_they_cannot_show():
     with pytest.raises(ValueError, match="found must come from a StartPlane"):
         plot.basins(replace(found(), plane=None), ax=axes())
-    with pytest.raises(TypeError, match="found must be of type Attractors, got 3"):
-        plot.spectrum(3, ax=axes())
 
 
 def test_a_section_of_a_measured_pipe_has_axes_in_si_units():

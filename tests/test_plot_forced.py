@@ -80,19 +80,6 @@ def test_forced_motions_are_drawn_with_their_folds():
     assert words == {"base, stable", "base, unstable", "fold"}
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda ax: plot.parametric_regions(REGION, ax=ax), "regions must be those of parametric"),
-        (lambda ax: plot.parametric_regions([3], ax=ax), "regions[0] must be of type Parametric"),
-    ],
-)
-def test_bad_arguments_are_named(call, message):
-    with pytest.raises((TypeError, ValueError)) as refused:
-        call(axes())
-    assert str(refused.value).startswith(message)
-
-
 def test_a_region_without_edges_is_no_obstacle_to_the_others():
     """One that is too thin at all amplitudes asked for has edges of NaN alone."""
     thin = replace(REGION, edges=np.full((2, 2), math.nan), threshold=math.nan)

@@ -156,12 +156,9 @@ def test_the_tip_moves_as_its_velocity_says():
 @pytest.mark.parametrize(
     ("q", "qdot", "message"),
     [
-        (np.zeros((5, 2)), np.zeros((5, 2)), r"q must have shape \(6, ...\)"),
         (np.zeros(6), np.zeros(6), r"q must have shape \(6, k\), got \(6,\)"),
         (np.zeros((6, 2)), np.zeros((6, 3)), r"qdot must have the shape of q, \(6, 2\), got"),
-        (np.zeros((6, 2)), np.full((6, 2), np.inf), "qdot must be finite"),
         (np.zeros((6, 2)), np.zeros((6, 2), complex), "qdot must be real"),
-        ("abc", np.zeros((6, 2)), "q must be an array"),
     ],
 )
 def test_the_velocity_of_the_tip_refuses_what_is_no_state(model, q, qdot, message):

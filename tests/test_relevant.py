@@ -362,17 +362,48 @@ def test_growth_that_is_rounding_is_given_as_zero():
     assert found.full == "growth up to 0"
 
 
-def test_a_nozzle_matters_as_a_plain_outlet_says():
-    pipe = pp.Pipe(0.2, alpha=1.2)
-    effect = pp.relevant(pipe, 3.0)["end coefficient"]
-    with_nozzle, plain = (
-        pp.critical_speed(pp.Continuum(one)).speed for one in (pipe, pp.Pipe(0.2))
-    )
-    assert (effect.strength, effect.verdict) == ("alpha = 1.2", "relevant")
-    assert effect.size == pytest.approx(plain / with_nozzle - 1.0, rel=1e-6)
-    faint = pp.relevant(pp.Pipe(0.2, alpha=1.0005), 3.0)
-    assert "end coefficient" in faint.negligible
-    assert faint.simplified == pp.Pipe(0.2)
+PLAIN, HUNG = pp.Pipe(0.2), pp.Pipe(0.2, 10.0)
+DRAWN = pp.Pipe(0.2, flow="aspirating", damping=0.005)
+
+
+@pytest.mark.parametrize(
+    ("plain", "name", "strong", "strength", "faint"),
+    [
+        (PLAIN, "end coefficient", {"alpha": 1.2}, "alpha = 1.2", {"alpha": 1.0005}),
+        (PLAIN, "hysteresis", {"hysteresis": 0.1}, "mu = 0.1", {"hysteresis": 1e-5}),
+        (PLAIN, "rotary inertia", {"rotary_inertia": 0.01}, "J = 0.01", {"rotary_inertia": 1e-6}),
+        (DRAWN, "inflow", {"inflow_share": 0.0}, "c = 0", {"inflow_share": 0.9999}),
+        (
+            *(PLAIN, "varying stiffness", {"stiffness": lambda s: 1 - s / 2}),
+            *("stiffness 0.5 to 1", {"stiffness": lambda s: 1 + 1e-5 * s}),
+        ),
+        (
+            *(PLAIN, "varying mass", {"mass": lambda s: 1 + s}),
+            *("mass 1 to 2", {"mass": lambda s: 1 + 1e-5 * s}),
+        ),
+        (
+            *(PLAIN, "AddedMass", {"terms": [pp.AddedMass(0.5)]}),
+            *("chi = 0.5", {"terms": [pp.AddedMass(1e-9)]}),
+        ),
+        (
+            *(HUNG, "RootSpring", {"root": pp.RootSpring(30.0)}),
+            *("stiffness = 30", {"root": pp.RootSpring(1e6)}),
+        ),
+    ],
+)
+def test_each_effect_is_weighed_by_the_loss_of_the_pipe_without_it(
+    plain, name, strong, strength, faint
+):
+    pipe = dataclasses.replace(plain, **strong)
+    found = pp.relevant(pipe, 0.05 if plain is DRAWN else 5.0, max_speed=20.0)
+    (effect,) = (one for one in found.effects if one.name.startswith(name))
+    full, without = (pp.critical_speed(pp.Continuum(one)).speed for one in (pipe, plain))
+    assert (effect.strength, effect.verdict) == (strength, "relevant")
+    assert effect.size == pytest.approx(abs(without / full - 1.0), rel=1e-4)
+    weak = pp.relevant(dataclasses.replace(plain, **faint), 0.05 if plain is DRAWN else 5.0)
+    assert any(one.startswith(name) for one in weak.negligible)
+    for number in faint:
+        assert getattr(weak.simplified, number) == getattr(plain, number)
 
 
 def test_what_drives_a_motion_is_weighed_against_the_motion_without_it():

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from independent import series_newton_step
 from scipy.optimize import brentq
 
 import pipedyn as pp
@@ -17,15 +16,6 @@ TERMS = [
     pp.RotationalDamper(PLACE, 0.3),
     pp.PointMass(PLACE, 0.2, 0.03),
 ]
-ALL = pytest.mark.parametrize("term", [*TERMS, tuple(TERMS)], ids=str)
-
-
-@ALL
-def test_roots_of_the_continuous_pipe_are_those_of_power_series(term):
-    """One step of Newton's method from each moves it by less than the tolerance."""
-    pipe = pp.Pipe(BETA, terms=term if isinstance(term, tuple) else (term,))
-    for root in pp.eigenvalues(pp.Continuum(pipe), U, count=4):
-        assert abs(series_newton_step(pipe, root, U)) < 1e-8 * abs(root)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 """Motion in time: tolerances that mean what they say, audits, one or many members."""
 
 import pickle
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from functools import cache
 
 import numpy as np
@@ -335,20 +334,6 @@ def test_a_hundred_members_take_far_fewer_calls_than_a_hundred_motions():
     alone = pp.simulate(CHAIN, 5.5, 1.0, bow, samples=6)
     calls = together.motions[0].evaluations + together.motions[-1].evaluations  # two batches
     assert calls < 10 * alone.evaluations
-
-
-@pytest.mark.parametrize("pool", [ThreadPoolExecutor, ProcessPoolExecutor])
-def test_models_speeds_and_starts_of_their_own_go_to_an_executor(pool):
-    models = [pp.Chain(PIPE, n) for n in (2, 3, 5)]
-    with pool(2) as executor:
-        found = pp.simulate_many(
-            *(models, [4.0, 5.0, 6.0], 0.5, [m.bent(bow) for m in models]),
-            samples=4,
-            executor=executor,
-        )
-    for model, motion, u in zip(models, found.motions, (4.0, 5.0, 6.0), strict=True):
-        alone = pp.simulate(model, u, 0.5, bow, samples=4)
-        assert np.array_equal(motion.q, alone.q)
 
 
 def test_a_failed_member_is_reported_and_the_others_kept():

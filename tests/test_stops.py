@@ -146,5 +146,3 @@ def test_a_stop_has_a_gap_and_is_given_in_metres():
     assert not pp.Pipe(0.2, terms=[pp.CubicSpring(0.4, 2.0)]).has_kinks
     with pytest.raises(ValueError, match="gap must be finite and > 0, got 0"):
         pp.Stop(0.4, 0.0, 200.0)
-    with pytest.raises(ValueError, match="stiffness must be finite and >= 0, got -1"):
-        pp.Stop(0.4, 0.1, -1.0)

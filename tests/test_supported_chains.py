@@ -6,18 +6,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
 import redundant
 import scipy.linalg
 import scipy.special
-from independent import series_newton_step
 
 import pipedyn as pp
 from pipedyn import modular as md
-from pipedyn.equilibrium.equilibria import Statics
 
 Array = np.ndarray
 
@@ -46,46 +43,13 @@ def held(name: str, pipe: pp.Pipe = RICH) -> pp.Pipe:
     return replace(pipe, **IN_MOTION[name])
 
 
-def converged(of: Callable[[int], object], sizes: tuple[int, ...] = (20, 40, 80)) -> Array:
-    """What tends to a limit with second order, or fourth, from three sizes."""
-    values = np.array([of(n) for n in sizes], dtype=np.float64)
-    steps = np.diff(values, axis=0)
-    assert (np.log2(np.abs(steps[0] / steps[1])) > 1.96).all()
-    once = values[1:] + steps / 3.0
-    return np.asarray(once[1] + (once[1] - once[0]) / 15.0)
-
-
 # ------------------------------------------------------------------------------- a root that gives
-
-
-@pytest.mark.parametrize(
-    ("stiffness", "speed", "frequency"),  # physics-2: determinants and Legendre functions
-    [(0.5, 5.237511, 5.58395), (2.0, 5.040909, 8.23630), (100.0, 5.538008, 13.44585)],
-)
-def test_flutter_of_a_pipe_on_a_root_spring(
-    stiffness: float, speed: float, frequency: float
-) -> None:
-    def flutter(n: int) -> tuple[float, float]:
-        pipe = pp.Pipe(0.2, root=pp.RootSpring(stiffness))
-        found = pp.critical_speed(pp.Chain(pipe, n))
-        return found.speed, found.frequency
-
-    found = converged(flutter)
-    assert found[0] == pytest.approx(speed, abs=1e-6)
-    assert found[1] == pytest.approx(frequency, abs=1e-5)
 
 
 def frequencies(pipe: pp.Pipe, count: int, n: int, **chain: object) -> Array:
     values = pp.eigenvalues(pp.Chain(pipe, n, **chain), 0.0, 2 * count + 2)
     upper = np.sort(values.imag[values.imag > 1e-3])
     return np.asarray(upper[:count])
-
-
-def test_a_hinged_free_pipe_vibrates_as_the_beam_does_about_its_rigid_rotation() -> None:
-    # tan k = tanh k
-    found = converged(partial(frequencies, pp.Pipe(0.2, root="pinned"), 2))
-    np.testing.assert_allclose(found, [3.92660231**2, 7.06858275**2], rtol=3e-7)
-    assert abs(pp.eigenvalues(pp.Chain(pp.Pipe(0.2, root="pinned"), 20), 0.0, 2)).max() == 0.0
 
 
 def test_a_stiff_hanging_hose_swings_as_a_rod() -> None:
@@ -134,167 +98,7 @@ def test_damping_in_series_with_a_root_spring_is_that_of_the_material_to_first_o
     assert off[0] / off[1] == pytest.approx(4.0, rel=0.05)
 
 
-def test_what_moves_a_crossing_on_a_root_spring_is_its_difference() -> None:
-    springs, pipe = np.array([3.0, 9.0, 8.0, 7.0]), pp.Pipe(0.3, damping=0.02)
-    pipe = replace(pipe, root=pp.RootSpring(5.0))
-
-    def speed(k: Array, pipe: pp.Pipe = pipe) -> float:
-        return pp.critical_speed(pp.Chain(pipe, springs=k)).speed
-
-    by = pp.critical_speed(pp.Chain(pipe, springs=springs)).sensitivity
-    assert by is not None
-    steps = 1e-4 * np.diag(springs)
-    rates = [(speed(springs + s) - speed(springs - s)) / (2.0 * s.sum()) for s in steps]
-    np.testing.assert_allclose(by.speed.springs, rates, rtol=1e-5)
-    more, less = (replace(pipe, damping=0.02 + s) for s in (1e-5, -1e-5))
-    rate = (speed(springs, more) - speed(springs, less)) / 2e-5
-    assert by.speed.damping == pytest.approx(rate, rel=1e-5)
-
-
 # ------------------------------------------------------------------------- supports and held ends
-
-
-def divergences(pipe: pp.Pipe, end: float, n: int) -> list[float]:
-    return [c.speed for c in pp.crossings(pp.Chain(pipe, n), end)]
-
-
-@pytest.mark.parametrize(
-    ("root", "end", "expected"),  # closed forms: book sec. 3.4, physics-2
-    [
-        ("pinned", "pinned", (math.pi, 2.0 * math.pi, 3.0 * math.pi)),
-        ("clamped", "clamped", (2.0 * math.pi, 8.98681892, 4.0 * math.pi)),
-        ("clamped", "pinned", (4.49340946, 7.72525184, 10.90412166)),
-        ("clamped", "guided", (math.pi, 2.0 * math.pi, 3.0 * math.pi)),
-        ("pinned", "guided", (0.5 * math.pi, 1.5 * math.pi, 2.5 * math.pi)),
-    ],
-)
-def test_divergence_of_held_pipes(root: str, end: str, expected: tuple[float, ...]) -> None:
-    pipe = pp.Pipe(0.0, root=root, end=end)
-    found = converged(partial(divergences, pipe, 1.02 * expected[-1]), (30, 60, 120))
-    np.testing.assert_allclose(found, expected, rtol=2e-8)
-
-
-@pytest.mark.parametrize(("stiffness", "speed"), [(100.0, 4.47232856), (300.0, 6.34554643)])
-def test_a_foundation_raises_the_divergence_of_a_pinned_pipe(
-    stiffness: float, speed: float
-) -> None:
-    # u = n pi sqrt(1 + k / (n pi)^4), of one half wave and of two
-    terms = (pp.Foundation(stiffness),)
-    pipe = pp.Pipe(0.3, root="pinned", end="pinned", terms=terms)
-    found = converged(lambda n: pp.critical_speed(pp.Chain(pipe, n)).speed)
-    assert found == pytest.approx(speed, rel=3e-8)
-
-
-@pytest.mark.parametrize(
-    ("root", "end", "beta", "speed", "frequency"),  # physics-2: Legendre functions
-    [
-        ("pinned", "pinned", 0.5, 6.303883, 6.7116),
-        ("clamped", "clamped", 0.3, 9.081050, 13.3895),
-        ("clamped", "clamped", 0.5, 9.294579, 17.0723),
-        ("clamped", "pinned", 0.5, 7.774398, 9.7617),
-    ],
-)
-def test_held_pipes_diverge_recover_and_flutter_in_coupled_modes(
-    root: str, end: str, beta: float, speed: float, frequency: float
-) -> None:
-    pipe = pp.Pipe(beta, root=root, end=end)
-
-    def found(n: int) -> Array:
-        crossings = pp.crossings(pp.Chain(pipe, n), 1.01 * speed)
-        assert [c.kind for c in crossings] == ["divergence", "divergence", "flutter"]
-        assert [c.unstable_after for c in crossings] == [1, 0, 2]
-        return np.array([crossings[-1].speed, crossings[-1].frequency])
-
-    limit = converged(found)
-    assert limit[0] == pytest.approx(speed, abs=1e-6)
-    assert limit[1] == pytest.approx(frequency, abs=1e-4)
-
-
-def test_without_recovery_two_unstable_roots_meet_and_flutter() -> None:
-    pipe = pp.Pipe(0.1, root="pinned", end="pinned")
-
-    def meeting(n: int) -> float:
-        *_, coupled = pp.crossings(pp.Chain(pipe, n), 6.5)
-        return coupled.speed
-
-    assert converged(meeting) == pytest.approx(6.394115, abs=1e-6)
-    chain = pp.Chain(pipe, 40)
-    found = pp.crossings(chain, 6.5)
-    assert [c.unstable_after for c in found] == [1, 2, 2]
-    before, after = (pp.eigenvalues(chain, found[-1].speed + off, 4) for off in (-1e-6, 1e-6))
-    assert np.abs(before.imag).max() == 0.0
-    assert np.sum((after.real > 0.1) & (after.imag > 1e-4)) == 1
-
-
-@pytest.mark.parametrize(
-    ("root", "end", "u", "expected"),  # physics-2
-    [
-        ("clamped", "clamped", 4.0, (16.30777486, 56.12714690)),
-        ("pinned", "pinned", 2.0, (7.45357311, 37.63213422)),
-    ],
-)
-def test_frequencies_below_divergence(
-    root: str, end: str, u: float, expected: tuple[float, float]
-) -> None:
-    def found(n: int) -> Array:
-        values = pp.eigenvalues(pp.Chain(pp.Pipe(0.5, root=root, end=end), n), u, 4)
-        assert np.abs(values.real).max() < 1e-9
-        return np.sort(values.imag[values.imag > 0.0])
-
-    np.testing.assert_allclose(converged(found, (40, 80, 160)), expected, rtol=2e-8)
-
-
-@pytest.mark.parametrize(
-    ("place", "speed", "frequency", "kind"),  # physics-2; the first by the determinant of two spans
-    [
-        (0.25, 6.99934118, 20.70480215, "flutter"),
-        (0.5, 8.98681, 0.0, "divergence"),
-        (0.75, 5.991212, 0.0, "divergence"),
-    ],
-)
-def test_a_support_decides_how_an_overhanging_pipe_loses_stability(
-    place: float, speed: float, frequency: float, kind: str
-) -> None:
-    def found(n: int) -> Array:
-        critical = pp.critical_speed(pp.Chain(pp.Pipe(0.2, supports=[place]), n))
-        assert critical.kind == kind
-        return np.array([critical.speed, critical.frequency])[: 1 + (kind == "flutter")]
-
-    limit = converged(found)
-    assert limit[0] == pytest.approx(speed, rel=1e-6)
-    if kind == "flutter":
-        assert limit[1] == pytest.approx(frequency, abs=1e-4)
-
-
-@pytest.mark.parametrize("end", ["free", "guided", "pinned", "clamped"])
-@pytest.mark.parametrize("root", ["clamped", "pinned", pp.RootSpring(7.0)])
-def test_eigenvalues_in_flow_are_those_of_power_series(end: str, root: pp.RootSpring | str) -> None:
-    pipe, u = pp.Pipe(0.4, root=root, end=end), 1.3
-
-    def found(n: int) -> Array:
-        values = pp.eigenvalues(pp.Chain(pipe, n), u, 8)
-        second = np.sort_complex(1j * values[values.imag > 5.0])[-2] / 1j
-        parts = np.array([second.imag, second.real])
-        return parts[: 1 + (abs(second.real) > 1e-9)]
-
-    imag, *real = converged(found, (40, 80, 160))
-    value = complex(sum(real), imag)
-    assert abs(series_newton_step(pipe, value, u)) < 1e-6 * abs(value)
-
-
-def test_supports_go_with_what_varies_along_the_pipe() -> None:
-    pipe = pp.Pipe(
-        *(0.2, 5.0),
-        **{"stiffness": lambda s: 1.0 - 0.5 * s, "mass": lambda s: 1.0 + 0.3 * s},
-        terms=(pp.AddedMass(0.4),),
-        **{"root": pp.RootSpring(3.0), "end": "clamped", "supports": (0.4,)},
-    )
-
-    def found(model: pp.Model) -> Array:
-        return np.unique(np.abs(pp.eigenvalues(model, 2.0, 4).imag).round(12))
-
-    expected = found(pp.Galerkin(pipe, 20, "legendre"))
-    np.testing.assert_allclose(converged(lambda n: found(pp.Chain(pipe, n))), expected, rtol=2e-6)
 
 
 # ------------------------------------------------------------------------------------------ scenes
@@ -412,72 +216,6 @@ def test_motions_of_held_chains_balance_energy_and_keep_to_supports(name: str, m
     for place in (*chain.pipe.supports, *[1.0] * (chain.pipe.end in ("pinned", "clamped"))):
         node = int(np.argmin(np.abs(np.cumsum(chain.lengths) - place)))
         assert np.abs(across[:, node]).max() < 1e-12
-
-
-@pytest.mark.parametrize(
-    ("held", "angle"),  # starts without a jump of the moment, which would spoil the order
-    [
-        ({"root": "pinned", "end": "pinned"}, lambda s: 0.9 * np.cos(math.pi * s)),
-        ({"root": "pinned", "end": "guided"}, lambda s: 0.9 * np.cos(0.5 * math.pi * s)),
-        ({"end": "clamped"}, lambda s: 0.9 * np.sin(2.0 * math.pi * s)),
-        (
-            {"root": "pinned", "end": "pinned", "supports": (0.5,)},
-            lambda s: 0.9 * np.cos(2.0 * math.pi * s),
-        ),
-        (
-            {"root": "pinned", "end": "pinned", "terms": (pp.Stretching(60.0),)},
-            lambda s: 0.9 * np.cos(math.pi * s),
-        ),
-    ],
-)
-def test_large_motions_of_held_chains_tend_to_the_reduced_models(
-    held: dict[str, object], angle: Callable[[Array], Array]
-) -> None:
-    pipe = pp.Pipe(0.3, 6.0, damping=0.01, **{"terms": (pp.AddedMass(0.3),)} | held)
-
-    def end(model: pp.Model) -> Array:
-        """How far down the end is, at two times."""
-        motion = pp.simulate(model, 3.0, 0.1, angle, samples=3, rtol=1e-9)
-        return np.array([model.shape(q, [1.0])[0, 1] for q in motion.q[1:]])
-
-    expected = end(pp.Galerkin(pipe, 16, "legendre"))
-    assert np.abs(expected - 1.0).max() > 0.02
-    found = converged(lambda n: end(pp.Chain(pipe, n)), (40, 80, 160))
-    np.testing.assert_allclose(found, expected, atol=2e-6)
-
-
-def test_a_pinned_pipe_slides_and_buckles_as_the_elastica() -> None:
-    u, pipe = 3.4, pp.Pipe(0.3, root="pinned", end="pinned")
-    low, high = 0.1, 1.5
-    for _ in range(60):  # u^2 cos th = 4 K(sin(th / 2))^2, th at the ends
-        at = 0.5 * (low + high)
-        bent = u**2 * math.cos(at) > 4.0 * scipy.special.ellipk(math.sin(0.5 * at) ** 2) ** 2
-        low, high = (at, high) if bent else (low, at)
-
-    def angle(n: int) -> float:
-        found = pp.equilibria(pp.Chain(pipe, n), u)
-        assert found.residuals.max() < 1e-10
-        return float(abs(found.q[1, 0]))  # the least bent but for the straight one
-
-    assert converged(angle, (10, 20, 40)) == pytest.approx(low, abs=2e-6)
-
-
-def test_chains_between_fixed_ends_buckle_as_the_reduced_model_and_holmes_say() -> None:
-    """A^2 = 4 (u^2 - pi^2) / (stiffness pi^2), to leading order in the amplitude: Holmes (1977)."""
-    u, stiffness = 3.3, 400.0
-    terms = [pp.Stretching(stiffness)]
-    pipe = pp.Pipe(0.3, root="pinned", end="pinned", terms=terms)
-
-    def middle(model: pp.Model) -> float:
-        bent = model.bent(lambda s: 0.1 * np.cos(math.pi * s))
-        return float(model.shape(Statics(model).solved(bent, u), [0.5])[0, 0])
-
-    expected = middle(pp.Galerkin(pipe, 8, "legendre"))
-    holmes = math.sqrt(4.0 * (u**2 - math.pi**2) / stiffness) / math.pi
-    assert expected == pytest.approx(holmes, rel=0.04)
-    assert middle(pp.Chain(pipe, 20)) == pytest.approx(0.03145267, abs=1e-8)
-    found = converged(lambda n: middle(pp.Chain(pipe, n)), (20, 40, 80))
-    assert found == pytest.approx(expected, abs=2e-8)
 
 
 def test_a_branch_of_buckled_shapes_leaves_where_the_pipe_diverges() -> None:
