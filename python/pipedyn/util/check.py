@@ -134,14 +134,14 @@ def array(
 ) -> Array:
     """A read-only copy of the value as an array, shape (k,), of finite numbers in an interval.
 
-    `size` is the number of entries, or a tuple of the numbers that are allowed.
+    `size` is the number of entries, or a tuple of the numbers that are allowed, ascending.
     """
     raw = numbers(name, value, "an array of real numbers", longest=longest)
     if raw.ndim != 1:
         raise ValueError(f"{name} must be one-dimensional, got shape {raw.shape}")
     sizes = size if isinstance(size, tuple) else (size,)
     if size is not None and raw.size not in sizes:
-        many = " or ".join(map(str, sorted(set(sizes))))
+        many = " or ".join(map(str, dict.fromkeys(sizes)))
         raise ValueError(f"{name} must have {many} entries, got {raw.size}")
     if raw.size < 1:
         raise ValueError(f"{name} must have from 1 to {longest} entries, got 0")
