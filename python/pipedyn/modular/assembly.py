@@ -422,7 +422,7 @@ class Assembly(SegmentModel):
         return layout.held[layout.independent] // 3
 
     def _held_rows(self, theta: Array) -> Array:
-        return self._layout.independent_rows(theta)
+        return self._layout.rows(theta)[:, self._layout.independent]
 
     def _rest_moments(self, theta: Array) -> Array:
         found = rest_moments(self._chain, theta, self._lengths, self.motion.pipe)
