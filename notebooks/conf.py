@@ -73,7 +73,7 @@ elastic_operators elastic_scale elastic_share end_directed end_held end_spring e
 free_directions free_states from_elastic from_user frozen has_kinks index initial_state integrated
 kinks kinks_known largest_angle law_numbers linear linear_cost motion motion_jacobian
 motion_rates numbers panels place reference require_base require_equilibrium resisted resolution
-resolved_modes resting restored sampled series size supported term_stiffness thrust_across to_user
+resolved_modes resting restored sampled series size supported thrust_across to_user
 watched weight_in
 """
 # What the package's own modules ask of pipes, models and terms, by the name of the member.

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg
 
 from pipedyn import modular as md
-from pipedyn.models.drive import ROWS
+from pipedyn.models.base import ROWS
 
 
 def across(along):

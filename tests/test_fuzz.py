@@ -31,7 +31,7 @@ CALLED_WITH_CHECKED = {
     )
 }
 CALLED_WITH_CHECKED |= {"free_directions", "kinks", "largest_angle", "pencil"}
-CALLED_WITH_CHECKED |= {"term_stiffness", "unbalanced", "basis", "admissible", "free_states"}
+CALLED_WITH_CHECKED |= {"unbalanced", "basis", "admissible", "free_states"}
 CALLED_WITH_CHECKED |= {
     "law_numbers",
     "onto_constraints",

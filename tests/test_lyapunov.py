@@ -184,6 +184,16 @@ def test_motion_of_another_model_is_refused():
         pp.lyapunov_exponent(CHAIN, 1.0, motion)
 
 
+def test_a_pair_whose_motion_stops_says_so():
+    edge = pp.modular.Custom(
+        nodes=(2,),
+        force=lambda q, v: 0.0 * q + np.where(np.abs(q[0].real) > 0.2, np.nan, 0.0),
+    )
+    scene = pp.modular.chain(pp.Pipe(0.2), 2).plus(edge)
+    with pytest.raises(pp.NotConverged, match=r"the motion stopped: .* no longer finite"):
+        pp.lyapunov_exponent(scene, 6.0, duration=40.0, transient=0.0, method="pair")
+
+
 def test_motion_that_overflows_says_so():
     with pytest.raises(pp.NotConverged, match="the motion stopped"):
         largest_exponent(

@@ -138,7 +138,7 @@ def test_root_loci_are_those_of_the_matrices(
 
 @pytest.mark.parametrize("nodes", [(), (4,), (2,)])
 def test_a_last_segment_may_have_the_inertia_of_a_term_alone(nodes: tuple[int, ...]) -> None:
-    """`Chain` refuses it: matrices answer, as of a segment with next to none of its own."""
+    """The answer is that of a segment with next to no inertia of its own."""
 
     def found(gyration_radius: float) -> np.ndarray:
         segments = [md.Segment(0.25, 0.5, 0.07)] * 3 + [md.Segment(0.25, 0.0, gyration_radius)]

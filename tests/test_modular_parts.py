@@ -104,6 +104,18 @@ def test_a_motion_with_a_module_in_python_is_that_with_the_built_in_one() -> Non
         assert own.audit < 1e-6
 
 
+@pytest.mark.parametrize("method", ["dop853", "radau", "scipy:Radau"])
+def test_a_module_without_a_force_ends_the_motion_and_leaves_its_beginning(method: str) -> None:
+    edge = md.Custom(
+        nodes=(3,),
+        force=lambda q, v: 0.0 * q + np.where(np.abs(q[0].real) > 0.2, np.nan, 0.0),
+    )
+    scene = md.chain(PIPE, 3).plus(edge)
+    with pytest.raises(pp.MotionStopped, match="no longer finite") as caught:
+        pp.simulate(scene, 9.0, 40.0, lambda s: 0.05 * s**2, method=method, samples=4001)
+    assert 0.05 < np.abs(caught.value.motion.tip[:, 0]).max() < 0.2
+
+
 def test_a_magnet_bends_the_hose() -> None:
     """The straight pipe is no equilibrium, another is found."""
 

@@ -8,7 +8,7 @@ import pytest
 
 import pipedyn as pp
 from pipedyn import _core
-from pipedyn.models.drive import ROWS
+from pipedyn.models.base import ROWS
 from pipedyn.orbits.periodic_orbit import STAGE_NODES
 
 PIPE = pp.Pipe(0.2, 10.0, drag=0.5, terms=[pp.PointMass(1.0, 0.2)])

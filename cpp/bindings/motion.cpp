@@ -93,6 +93,20 @@ FlowRates function_rates(const Model& model, const Function& function) {
   };
 }
 
+/// Copies `count` numbers that a Python function returns; NaN if it raises ValueError. wrong:
+/// message for another count.
+template <class Call>
+void copy_answer(const Call& call, Index count, const char* wrong, double* out) {
+  try {
+    const Numbers found = py::object(call()).cast<Numbers>();
+    if (found.size() != count) throw py::value_error(wrong);
+    std::copy_n(found.data(), count, out);
+  } catch (py::error_already_set& error) {
+    if (!error.matches(PyExc_ValueError)) throw;
+    std::fill_n(out, count, std::numeric_limits<double>::quiet_NaN());
+  }
+}
+
 /// Rates by a Python function of times (members,), states (rows, members), speeds (members,) and,
 /// if anything drives them, drive (Drive::rows, members). Where it raises ValueError they are NaN.
 FlowRates called_rates(const py::function& function, Index rows) {
@@ -101,17 +115,11 @@ FlowRates called_rates(const py::function& function, Index rows) {
     const Index members = t.size();
     Numbers states({rows, members});
     std::copy_n(y, rows * members, states.mutable_data());
-    try {
-      const py::object made =
-          flows.driven() ? function(t, states, flows.u, flows.drive) : function(t, states, flows.u);
-      const Numbers found = made.cast<Numbers>();
-      if (found.size() != rows * members)
-        throw py::value_error("rates must have the states' shape");
-      std::copy_n(found.data(), rows * members, rates);
-    } catch (py::error_already_set& error) {
-      if (!error.matches(PyExc_ValueError)) throw;
-      std::fill_n(rates, rows * members, std::numeric_limits<double>::quiet_NaN());
-    }
+    const auto call = [&] {
+      return flows.driven() ? function(t, states, flows.u, flows.drive)
+                            : function(t, states, flows.u);
+    };
+    copy_answer(call, rows * members, "rates must have the states' shape", rates);
   };
 }
 
@@ -191,19 +199,18 @@ Rates rates_of(const py::object& of, Index rows, const py::object& u, const Vect
 }
 
 /// Jacobian by a Python function of a time, a state (rows,), its speed and, if anything drives it,
-/// drive (Drive::rows,).
+/// drive (Drive::rows,). Where it raises ValueError the Jacobian is NaN.
 DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows,
                                        const FlowAt& flow_at) {
   return [function, rows, flow_at](double t, const double* y, Index member, double* out) {
     const Flows flow = flow_at(t, member);
     const py::gil_scoped_acquire locked;
     const Numbers state(rows, y);
-    const py::object made =
-        flow.driven() ? function(t, state, flow.u[0], Numbers(Drive::rows, flow.drive.data()))
-                      : function(t, state, flow.u[0]);
-    const Numbers found = made.cast<Numbers>();
-    if (found.size() != rows * rows) throw py::value_error("a Jacobian must have a row a state");
-    std::copy_n(found.data(), rows * rows, out);
+    const auto call = [&] {
+      return flow.driven() ? function(t, state, flow.u[0], Numbers(Drive::rows, flow.drive.data()))
+                           : function(t, state, flow.u[0]);
+    };
+    copy_answer(call, rows * rows, "a Jacobian must have a row a state", out);
   };
 }
 

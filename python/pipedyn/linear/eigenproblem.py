@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +39,7 @@ class Eigenproblem:
 
     def __init__(self, pencil: Pencil) -> None:
         self.pencil = pencil
-        self.model = cast(Model, pencil.model)
+        self.model = pencil.model
         self.pipe, self.dof = pencil.pipe, pencil.dof
         self.is_long = pencil.is_long
 
@@ -114,7 +113,7 @@ class Eigenproblem:
             loss=self.pipe.hysteresis,
         )
         # The norm of the stiffness at rest; the elastic part has norm 1.
-        size = 1.0 + abs(self.pipe.gamma) + self.model.term_stiffness(self.pencil)
+        size = 1.0 + abs(self.pipe.gamma) + self.pencil.term_stiffness()
         spectrum = self.pencil.spectrum(traits, size)
         if self.pipe.hysteresis:
             spectrum.set_without_loss(self.static.spectrum())

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.modes import largest_speed, roots_and_shapes
 from pipedyn.linear.neutral import grows, growth
-from pipedyn.models.base import DENSE_LIMIT, Model
+from pipedyn.models.base import DENSE_LIMIT, ROWS, Model
 from pipedyn.models.continuum import (
     SMALLEST,
     AnyModel,
@@ -33,7 +33,7 @@ from pipedyn.models.continuum import (
     checked_model,
     relative,
 )
-from pipedyn.models.drive import ROWS, steady_speed
+from pipedyn.models.drive import steady_speed
 from pipedyn.models.terms import PointMass
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as

@@ -16,15 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
-from pipedyn.models.drive import drive_of
-from pipedyn.models.pencil import DensePencil, Pencil
 from pipedyn.models.pipe import OWN_NUMBERS, Pipe, checked_pipe
 from pipedyn.models.profile import values_along
 from pipedyn.util import check
 from pipedyn.util.archive import Saved, saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.errors import resolved
-from pipedyn.util.power_iteration import largest_stretch
 from pipedyn.util.result import Result
 from pipedyn.util.units import POWER
 
@@ -37,6 +34,10 @@ DENSE_LIMIT = 4000
 
 LARGEST_RESULT = 1_000_000_000
 """Largest number of entries of a result: 8 GB, and twice that if they are complex."""
+
+ROWS = 7
+"""Number of rows of a drive: u', then position, velocity and acceleration of the base, (x, y)
+each."""
 
 COMPLEX_STEP = 1e-30
 """Size of a complex step: no difference cancels, and its square is lost beside any number."""
@@ -294,19 +295,10 @@ class Model(OfPipe, ABC):
         """Rounding error of a matrix relative to its norm; 0 if it is relative to each entry."""
         return 0.0
 
-    def term_stiffness(self, pencil: Pencil) -> float:
-        """Norm of K without its elastic part; 0 for a uniform pipe without terms.
-
-        It is estimated from four products to 3 %, as measured: the lowest modes feel most of it.
-        """
-        pipe = self.pipe
-        varied = pipe.terms or pipe.stiffness or pipe.mass
-        return self._stiffness_beside(pencil) if varied else 0.0
-
-    @staticmethod
-    def _stiffness_beside(pencil: Pencil) -> float:
-        start = np.cos(np.arange(1.0, pencil.dof + 1.0))[:, None]
-        return largest_stretch(lambda x: pencil.stiffness(x) - pencil.elastic(x), start, 4)
+    @property
+    def is_varied(self) -> bool:
+        """Whether other forces than a uniform pipe's act in small motions."""
+        return bool(self.pipe.terms or self.pipe.stiffness or self.pipe.mass)
 
     def refined(self) -> Model | None:
         """A model of the pipe with 1.5 times as many functions, at least four more.
@@ -394,9 +386,9 @@ class Model(OfPipe, ABC):
                     "stability is lost"
                 )
 
-    def pencil(self) -> Pencil:
-        """The pencil P(lambda) at any flow speed, in elastic coordinates."""
-        return DensePencil(self)
+    @abstractmethod
+    def pencil(self) -> Any:
+        """The pencil P(lambda) at any flow speed, in elastic coordinates, a `Pencil`."""
 
     @property
     @abstractmethod
@@ -538,9 +530,32 @@ class Model(OfPipe, ABC):
         return self.equations.rhs(t, y, u, drive=self._drive(y, u_dot, base))
 
     def _drive(self, y: ArrayLike, u_dot: Any, base: Any) -> Array | None:
+        """The drive in the core's form for states y, (ROWS,) or (ROWS, k); None without forcing.
+
+        The other arguments are those of `rhs`.
+        """
         if base is not None:
             self.require_base()
-        return drive_of(y, u_dot, base)
+        if u_dot is None and base is None:
+            return None
+        columns = check.numbers("y", y, "an array of real numbers", longest=check.LONGEST).shape[1:]
+        drive = np.zeros((ROWS, *columns))
+        if u_dot is not None:
+            rate = check.doubles("u_dot", u_dot, "a real number or an array of them")
+            if rate.shape not in ((), columns):
+                rule = f"be a number or have shape {columns}"
+                raise ValueError(f"u_dot must {rule}, got {rate.shape}")
+            each = np.atleast_1d(rate)
+            check.entries("u_dot", each, np.isfinite(each), "be finite")
+            drive[0] = rate
+        if base is not None:
+            moves = check.doubles("base", base, "an array of real numbers")
+            if moves.shape[:2] != (3, 2) or moves.shape[2:] not in ((), columns):
+                rule = f"(3, 2) or {(3, 2, *columns)}" if columns else "(3, 2)"
+                raise ValueError(f"base must have shape {rule}, got {moves.shape}")
+            check.entries("base", moves, np.isfinite(moves), "be finite")
+            drive[1:] = moves.reshape(6, *moves.shape[2:], *(1,) * (len(columns) + 2 - moves.ndim))
+        return drive
 
     def require_base(self) -> None:
         """Raises ValueError if the model has no equations for a moving base."""
@@ -650,7 +665,7 @@ class Model(OfPipe, ABC):
         """Rates of [p, p'], or of [p, p', W] with the work W done; shape (rows,) or (rows, k).
 
         They are NaN where the model does not resolve the state. drive: rows of the varying flow
-        speed and the moving base, see `pipedyn.models.drive`, shape (ROWS,) or (ROWS, k).
+        speed and the moving base, see `ROWS`, shape (ROWS,) or (ROWS, k).
         """
         if len(y) > 2 * self.integrated:
             return np.asarray(self.motion.rhs_and_power(t, y, u, drive))

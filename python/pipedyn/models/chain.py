@@ -419,13 +419,9 @@ class Chain(SegmentModel):
 
     def initial_state(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
         y = super().initial_state(q0, qdot0)
-        if self._scene is None:
-            return y
         theta, rates = np.split(y, 2)
-        self._require_met("q0 must meet", self._off_axis(theta), MET, "admissible(q0)")
-        most = MET * (1.0 + float(np.abs(rates).max()))
-        kept = self._held_rows(theta).T @ rates
-        self._require_met("qdot0 must keep", kept, most, "onto_constraints(q0, qdot0)")
+        self._require_held("q0", theta)
+        self._require_held("qdot0", theta, rates)
         return y
 
     def _coordinates(self, q: ArrayLike) -> Array:
@@ -434,28 +430,24 @@ class Chain(SegmentModel):
     def _checked_reference(self, q: Any) -> Array:
         return self._require_held("reference", super()._checked_reference(q))
 
-    def _require_held(self, name: str, theta: Array) -> Array:
-        """The angles, if they meet the supports; else raises ValueError."""
-        if self._held.size:
-            self._require_met(
-                f"{name} must meet", self._off_axis(theta), MET, f"admissible({name})"
+    def _require_held(self, name: str, theta: Array, rates: Array | None = None) -> Array:
+        """The angles, if they meet the supports, and rates keep them; else raises ValueError."""
+        if not self._held.size:
+            return theta
+        if rates is None:
+            off = np.cumsum(self._lengths * np.sin(theta))[self._held]
+            rule, how, most = "meet", f"admissible({name})", MET
+        else:
+            off = self._held_rows(theta).T @ rates
+            rule, how = "keep", "onto_constraints(q0, qdot0)"
+            most = MET * (1.0 + float(np.abs(rates).max()))
+        worst = int(np.argmax(np.abs(off)))
+        if np.abs(off[worst]) > most:
+            raise ValueError(
+                f"{name} must {rule} the support at s = {self.stations[self._held][worst]:g}, got "
+                f"a deviation of {abs(off[worst]):.1e}; {how} does"
             )
         return theta
-
-    def _off_axis(self, theta: Array) -> Array:
-        """Distances from the axis of the nodes that supports hold, shape (c,)."""
-        off: Array = np.cumsum(self._lengths * np.sin(theta))[self._held]
-        return off
-
-    def _require_met(self, rule: str, off: Array, most: float, how: str) -> None:
-        """Raises ValueError with the support that is missed by most, if that exceeds `most`."""
-        if np.abs(off).max() <= most:
-            return
-        worst = int(np.argmax(np.abs(off)))
-        raise ValueError(
-            f"{rule} the support at s = {self.stations[self._held][worst]:g}, got a deviation of "
-            f"{abs(off[worst]):.1e}; {how} does"
-        )
 
     def _centreline(self, q: ArrayLike, s: Array) -> Array:
         angles = super()._coordinates(q)  # the angles need not meet supports

@@ -218,7 +218,5 @@ def relative(a: NDArray[Any], b: NDArray[Any], errors: NDArray[Any] | float = 0.
     """
     if a.shape != b.shape or not (np.isfinite(a).all() and np.isfinite(b).all()):
         return np.inf
-    if a.size == 0:
-        return 0.0
     apart = np.maximum(np.abs(a - b) - errors, 0.0)
-    return float(np.max(apart / np.maximum(np.abs(b), 1.0)))
+    return float(np.max(apart / np.maximum(np.abs(b), 1.0), initial=0.0))

@@ -15,16 +15,10 @@ from functools import cached_property
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from pipedyn.models.pipe import Pipe, checked_pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
-from pipedyn.util.check import Array
-
-ROWS = 7
-"""Number of rows of a drive: u', then position, velocity and acceleration of the base, (x, y)
-each."""
 
 Direction = Literal["x", "y"]
 DIRECTIONS: tuple[Direction, ...] = get_args(Direction)
@@ -374,35 +368,6 @@ def with_scales(pipe: Any) -> Pipe:
 
 def _frequency(value: Any) -> float:
     return check.real("frequency", value, low=0.0, high=LARGEST_FREQUENCY, open_low=True)
-
-
-def drive_of(y: ArrayLike, u_dot: ArrayLike | None, base: ArrayLike | None) -> Array | None:
-    """The drive in the core's form for states (rows,) or (rows, k): (ROWS,), (ROWS, k), or None.
-
-    Args:
-        y: the states.
-        u_dot: rate of the flow speed, a number or shape (k,); 0 by default.
-        base: position, velocity and acceleration of the base, x and y of each, shape (3, 2) or (3,
-            2, k); at rest by default.
-    """
-    if u_dot is None and base is None:
-        return None
-    columns = check.numbers("y", y, "an array of real numbers", longest=check.LONGEST).shape[1:]
-    drive = np.zeros((ROWS, *columns))
-    if u_dot is not None:
-        rate = check.doubles("u_dot", u_dot, "a real number or an array of them")
-        if rate.shape not in ((), columns):
-            raise ValueError(f"u_dot must be a number or have shape {columns}, got {rate.shape}")
-        check.entries("u_dot", np.atleast_1d(rate), np.isfinite(np.atleast_1d(rate)), "be finite")
-        drive[0] = rate
-    if base is not None:
-        moves = check.doubles("base", base, "an array of real numbers")
-        if moves.shape[:2] != (3, 2) or moves.shape[2:] not in ((), columns):
-            rule = f"(3, 2) or {(3, 2, *columns)}" if columns else "(3, 2)"
-            raise ValueError(f"base must have shape {rule}, got {moves.shape}")
-        check.entries("base", moves, np.isfinite(moves), "be finite")
-        drive[1:] = moves.reshape(6, *moves.shape[2:], *(1,) * (len(columns) + 2 - moves.ndim))
-    return drive
 
 
 @saved_as("DriveFailed")

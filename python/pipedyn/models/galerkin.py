@@ -25,7 +25,7 @@ from pipedyn.models.base import (
     projected,
     stored,
 )
-from pipedyn.models.pencil import PartsPencil, Pencil
+from pipedyn.models.pencil import DensePencil, PartsPencil, Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.reduced_supports import FreeFunctions, ReducedSupports, orthonormal
 from pipedyn.util import check
@@ -283,7 +283,7 @@ class Galerkin(Model):
         straight = self._reference is None and not self._pipe.thrust_across
         if self._basis == "legendre" and straight and _core.PanelPencil.fits(self.core):
             return PanelPencil(self)
-        return super().pencil()
+        return DensePencil(self)
 
     @property
     def elastic_scale(self) -> Array:

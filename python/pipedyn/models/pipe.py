@@ -17,13 +17,12 @@ from pipedyn.models.profile import Along, Profile, checked_profile, mixed
 from pipedyn.models.scales import Scales, scales_at
 from pipedyn.models.supports import (
     ENDS,
+    GOLDEN,
     End,
     Root,
     RootSpring,
-    along_longest_span,
     checked_root,
     checked_supports,
-    root_stiffness,
 )
 from pipedyn.models.terms import (
     AddedMass,
@@ -444,7 +443,9 @@ class Pipe(Saved):
     @property
     def root_stiffness(self) -> float:
         """Stiffness against rotation at the root in EI / L: infinite if clamped, 0 if pinned."""
-        return root_stiffness(self.root)
+        if isinstance(self.root, RootSpring):
+            return self.root.stiffness
+        return math.inf if self.root == "clamped" else 0.0
 
     @property
     def end_held(self) -> bool:
@@ -468,7 +469,11 @@ class Pipe(Saved):
         It is the end, unless the end is held across: then it is a point at 0.382 of the longest
         span between supports, where no low mode has a node.
         """
-        return along_longest_span(self.supports) if self.end_held else 1.0
+        if not self.end_held:
+            return 1.0
+        ends = np.array([0.0, *self.supports, 1.0])
+        longest = int(np.argmax(np.diff(ends)))
+        return float(ends[longest] + GOLDEN * (ends[longest + 1] - ends[longest]))
 
     def equivalent_damping(self, frequency: float) -> float:
         """Kelvin-Voigt damping with the same loss at one frequency as all damping of the pipe.

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import ANGLES, CORE_MATRICES, Model, Operators, operators_from
-from pipedyn.models.pencil import PartsPencil, Pencil, Vectors, real_columns
+from pipedyn.models.pencil import DensePencil, PartsPencil, Pencil, Vectors, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments, reciprocal
 from pipedyn.util import check
@@ -108,15 +108,13 @@ class SegmentModel(Model):
     def _held(self) -> NDArray[np.intp]:
         """Indices, from 0 on, of segments, one for each independent constraint on their ends."""
 
-    def term_stiffness(self, pencil: Pencil) -> float:
-        if not isinstance(pencil, ChainPencil):
-            one = np.eye(self.dof)
-            return float(np.linalg.norm(pencil.stiffness(one) - one, 2))
+    @property
+    def is_varied(self) -> bool:
         end_spring = self._own_joints.size > self.integrated
-        return self._stiffness_beside(pencil) if end_spring else super().term_stiffness(pencil)
+        return end_spring or not self.linear_cost or super().is_varied
 
     def pencil(self) -> Pencil:
-        return ChainPencil(self) if self.linear_cost else super().pencil()
+        return ChainPencil(self) if self.linear_cost else DensePencil(self)
 
     def _unheld(self, theta: Array) -> Operators:
         """Operators in the segments' angles, without what holds nodes or acts at the joints."""

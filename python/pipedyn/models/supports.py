@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -108,18 +107,3 @@ def checked_supports(supports: Any, end: float = 1.0) -> tuple[float, ...]:
             "end of the pipe, are one, which clamps it"
         )
     return tuple(places)
-
-
-def root_stiffness(root: Root) -> float:
-    """Stiffness against rotation at the root, in EI / L: infinite if clamped, 0 if pinned."""
-    if isinstance(root, RootSpring):
-        return root.stiffness
-    return math.inf if root == "clamped" else 0.0
-
-
-def along_longest_span(supports: Sequence[float]) -> float:
-    """Arc length of a point on the longest span of a pipe whose end is held: `Pipe.watched`."""
-    ends = [0.0, *supports, 1.0]
-    spans = [right - left for left, right in pairwise(ends)]
-    longest = spans.index(max(spans))
-    return ends[longest] + GOLDEN * spans[longest]

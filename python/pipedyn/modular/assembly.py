@@ -146,7 +146,7 @@ class Assembly(SegmentModel):
         reference = fields.pop("reference")
         made = cls(**fields)
         if reference is not None:
-            made._reference = made._angles_of("reference", reference, sizes=(made.integrated,))
+            made._reference = made._turned("reference", reference, sizes=(made.integrated,))
         return made
 
     def _check_pipe(self) -> None:
@@ -289,8 +289,8 @@ class Assembly(SegmentModel):
                 `admissible`.
             TypeError: for arguments that are no arrays of real numbers.
         """
-        theta = self._angles_of("angles", angles, sizes=(self.integrated,))
-        omega = self._rates_of("rates", rates, theta, sizes=(self.integrated,))
+        theta = self._turned("angles", angles, sizes=(self.integrated,))
+        omega = self._turned("rates", rates, theta, sizes=(self.integrated,))
         return self.core.from_angles(theta, omega)
 
     def _configuration(self, theta: Array) -> Array:
@@ -420,7 +420,7 @@ class Assembly(SegmentModel):
         return layout.held[layout.independent] // 3
 
     def _held_rows(self, theta: Array) -> Array:
-        return self._layout.independent_rows(theta)
+        return self._layout.rows(theta)[:, self._layout.independent]
 
     def _rest_moments(self, theta: Array) -> Array:
         found = rest_moments(self._chain, theta, self._lengths, self.motion.pipe)
@@ -492,8 +492,8 @@ class Assembly(SegmentModel):
     # ------------------------------------------------------------------------- what is integrated
 
     def initial_state(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
-        theta = self._angles_of("q0", q0)
-        return np.concatenate([theta, self._rates_of("qdot0", qdot0, theta)])
+        theta = self._turned("q0", q0)
+        return np.concatenate([theta, self._turned("qdot0", qdot0, theta)])
 
     def to_user(self, p: Array, pdot: Array) -> tuple[Array, Array]:
         y = self.core.from_angles(*self.onto_constraints(p.T, pdot.T))
@@ -547,42 +547,34 @@ class Assembly(SegmentModel):
     # ----------------------------------------------------------------------------------- arguments
 
     def _coordinates(self, q: ArrayLike) -> Array:
-        return self._angles_of("q", q)
+        return self._turned("q", q)
 
-    def _angles_of(self, name: str, given: ArrayLike, sizes: tuple[int, ...] = ()) -> Array:
-        """Angles of segments from angles or redundant coordinates that must meet constraints."""
-        sizes = sizes or (self.integrated, self.coordinates)
-        rows = check.array(name, given, size=sizes, **ANGLES)
-        theta = rows if rows.size == self.integrated else np.cumsum(rows[2::3])
-        q = rows if rows.size == self.coordinates else self._configuration(theta)
-        self._require_met(f"{name} must meet", MET, q, self._configuration(theta))
-        return np.array(theta)
-
-    def _rates_of(
-        self, name: str, given: ArrayLike | None, theta: Array, sizes: tuple[int, ...] = ()
+    def _turned(
+        self,
+        name: str,
+        given: ArrayLike | None,
+        theta: Array | None = None,
+        sizes: tuple[int, ...] = (),
     ) -> Array:
-        """Rates of angles, from rates of angles or coordinates that must keep the constraints."""
-        if given is None:
-            return np.zeros(self.integrated)
-        sizes = sizes or (self.integrated, self.coordinates)
-        rows = check.array(name, given, size=sizes, low=-1e6, high=1e6)
-        omega = rows if rows.size == self.integrated else np.cumsum(rows[2::3])
-        exact = self.core.from_angles(theta, omega)[self.coordinates :]
-        rates = rows if rows.size == self.coordinates else exact
-        most = MET * (1.0 + float(np.abs(omega).max()))
-        self._require_met(f"{name} must keep", most, rates, exact, order=1)
-        return np.array(omega)
+        """Angles of the segments, or rates at the angles theta, shape (n,); 0 if not given.
 
-    def _require_met(
-        self, rule: str, most: float, given: Array, exact: Array, order: int = 0
-    ) -> None:
-        """Raises ValueError, naming the constraint, if one is missed by more than `most`."""
-        missed, part = self._layout.worst_met(given, exact, order)
+        They are given as such or in redundant coordinates, which must meet the constraints.
+        """
+        n, order = self.integrated, int(theta is not None)
+        if given is None:
+            return np.zeros(n)
+        rows = check.array(name, given, size=sizes or (n, self.coordinates), **ANGLES)
+        turned = np.array(rows if rows.size == n else np.cumsum(rows[2::3]))
+        states = self.core.from_angles(turned if theta is None else theta, turned)
+        exact = np.split(states, 2)[order]
+        most = MET * (1.0 + order * float(np.abs(turned).max()))
+        missed, part = self._layout.worst_met(exact if rows.size == n else rows, exact, order)
         if not missed <= most:
             raise ValueError(
-                f"{rule} {part_text(part)}, got a deviation of {missed:.1e}; "
-                "admissible(angles) gives angles that meet all"
+                f"{name} must {('meet', 'keep')[order]} {part_text(part)}, got a deviation of "
+                f"{missed:.1e}; admissible(angles) gives angles that meet all"
             )
+        return turned
 
 
 def chain(

@@ -100,7 +100,9 @@ class Layout:
             array.flags.writeable = False
         self.has_flow = bool(_of(modules, InternalFlow))
         self.has_drag = bool(_of(modules, Drag))
-        self.inertia = self._found_inertia()
+        rows = [custom._inertia_rows(3 * self.size) for custom in self.customs]
+        self.inertia = np.concatenate([np.zeros((0, 3 * self.size)), *rows])
+        """Rows W, shape (m, 3 n), of the mass W^T W of all custom modules."""
         holding = self._found_holding()
         self.held, self.holding = np.array(list(holding), dtype=np.intp), list(holding.values())
         """Redundant coordinates that guides and pins hold, shape (c,), and the part for each."""
@@ -192,11 +194,6 @@ class Layout:
         """List of the guides and pins as text for messages."""
         return ", ".join(part_text(part) for part in self.guides_and_pins)
 
-    def _found_inertia(self) -> Array:
-        """Rows W, shape (m, 3 n), of the mass W^T W of all custom modules."""
-        rows = [custom._inertia_rows(3 * self.size) for custom in self.customs]
-        return np.concatenate([np.zeros((0, 3 * self.size)), *rows])
-
     # ------------------------------------------------------------------------------- configurations
 
     def nodes(self, columns: Array, order: int = 0) -> Array:
@@ -240,10 +237,6 @@ class Layout:
     def rows(self, theta: Array) -> Array:
         """Derivative of the held coordinates by the segments' angles, transposed: shape (n, c)."""
         return self.moments(theta, self.unit_loads)
-
-    def independent_rows(self, theta: Array) -> Array:
-        """Columns of `rows` for the independent held coordinates, shape (n, independent)."""
-        return self.rows(theta)[:, self.independent]
 
     def _found_rest(self) -> Array:
         """Angles that meet all constraints: those of the straight pipe if it meets them."""

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from pipedyn import _core
-from pipedyn.models.base import Model
-from pipedyn.models.drive import ROWS, Supply
+from pipedyn.models.base import ROWS, Model
+from pipedyn.models.drive import Supply
 from pipedyn.util.check import Array
 
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.models.base import Model
-from pipedyn.models.drive import ROWS, Harmonic, Pulsation
+from pipedyn.models.base import ROWS, Model
+from pipedyn.models.drive import Harmonic, Pulsation
 from pipedyn.models.reduced_supports import STENCIL
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array

@@ -141,7 +141,7 @@ def array(
 ) -> Array:
     """A read-only copy of the value as an array, shape (k,), of finite numbers in an interval.
 
-    `size` is the number of entries, or a tuple of the numbers that are allowed.
+    `size` is the number of entries, or a tuple of the numbers that are allowed, ascending.
     """
     raw = numbers(name, value, "an array of real numbers", longest=longest)
     if raw.ndim != 1:
