@@ -274,6 +274,11 @@ def test_the_error_of_a_share_is_a_binomial_s_and_not_0_where_all_starts_agree()
     [
         ({"starts": "many"}, "starts must be a whole number, an array of states or a StartPlane"),
         ({"starts": np.zeros((3, 3))}, r"starts must have the shape \(N, 4\) .* got \(3, 3\)"),
+        ({"starts": np.zeros((0, 2))}, "starts must be 1 to 1000000, got 0"),
+        (
+            {"starts": pp.StartPlane(np.arange(1001.0), np.arange(1000.0))},
+            r"starts must be 1 to 1000000, got \(1000, 1001\)",
+        ),
         ({"starts": [[1e9, 0.0]]}, r"starts must lie in .* \(start 0\)"),
         (
             {"starts": pp.StartPlane([0.0], [0.0], (0, 7))},

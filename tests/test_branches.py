@@ -228,6 +228,13 @@ def test_a_branch_that_two_onsets_lead_to_is_listed_once(executor):
     assert found.failures == ()
 
 
+def test_a_branch_that_meets_a_known_one_ends_there():
+    """From the onset eight steps lead up to 5.56; the second branch is followed down from 6."""
+    found = pp.bifurcation_diagram(THREE, [4.7, 5.3, 5.5, 6.0], cycles=8, brute_force=1)
+    assert [branch.origin for branch in found.cycles] == ["hopf", "motion"]
+    assert [sum(len(b.at(u)) for b in found.cycles) for u in found.speeds] == [1, 1, 1, 1]
+
+
 def test_cycles_of_bent_pipes_double_their_period():
     found = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.2, -20.0), 2), [1.6, 1.65], cycles=12)
     points = [p.speed for b in found.equilibria for p in b.points if p.kind == "hopf"]
@@ -503,7 +510,8 @@ def test_an_event_is_compared_with_events_only(three):
 
 
 def test_no_cycles_are_sought_where_none_are_asked_for():
-    assert pp.bifurcation_diagram(THREE, [4.0, 5.0], cycles=0).cycles == ()
+    found = pp.bifurcation_diagram(THREE, [4.0, 5.0], cycles=0)
+    assert found.cycles == found.at(4.0) == ()
 
 
 @pytest.mark.slow

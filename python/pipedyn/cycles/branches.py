@@ -20,7 +20,14 @@ from numpy.typing import NDArray
 
 from pipedyn.attraction.motion_ends import Failed
 from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
-from pipedyn.cycles.limit_cycle import LimitCycle, NoCycle, amplitude_of, converged_cycle, on_branch
+from pipedyn.cycles.limit_cycle import (
+    ON_BRANCH,
+    LimitCycle,
+    NoCycle,
+    amplitude_of,
+    converged_cycle,
+    on_branch,
+)
 from pipedyn.equilibrium.equilibria import BranchPoint, EquilibriumBranch
 from pipedyn.equilibrium.hopf import HopfPoint, hopf_point
 from pipedyn.linear.critical_speed import crossings
@@ -370,6 +377,11 @@ class _PassingOfCycles(TestFunction[OrbitProblem]):
 
     def about(self, s: float) -> Array:
         """Logarithms of the moduli of all nontrivial multipliers."""
+        if 0.0 < s < self.step.length and not self.motion.model.pipe.has_kinks:
+            # Within a step no other property of the cycle is asked for.
+            found, _, error = orbit_multipliers(self.motion, orbit_at(self.step, s), ON_BRANCH)
+            if error <= ON_BRANCH:
+                return log_moduli(found)
         return log_moduli(self.cycle(s).multipliers)
 
     def found(self, before: float, beyond: float) -> tuple[CycleEvent, bool] | None:

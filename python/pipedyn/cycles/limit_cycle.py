@@ -266,8 +266,7 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
             if not isinstance(begin, Hopf | Crossing | None):
                 state = state_of(model, "start", begin, KINDS)
                 return _simulated(motion, u, state), "simulation"
-            if (onset := _onset(own, begin)) is None:
-                continue
+            onset = begin if isinstance(begin, Hopf) else hopf(own.model, begin)
             leads = onset.amplitude_law * (u - onset.speed) > 0.0 or onset.fold is not None
             if leads or onset is start or onset.criticality == "subcritical":
                 orbit = continued(own, onset, u)
@@ -275,7 +274,7 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
                     return orbit, f"followed from the onset at u = {onset.speed:.6g}"
                 motion.evaluations += own.evaluations
                 return solved(motion, orbit, COARSE.tolerance), "followed from a damped pipe's"
-        except (NewtonFailed, PipedynError) as reason:
+        except (NewtonFailed, PipedynError, ValueError) as reason:
             reasons.append(str(reason))
     report = "; ".join(dict.fromkeys(reasons))
     if isinstance(start, Hopf):
@@ -287,13 +286,6 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
             "start="
         )
     raise NoCycle(report, u)
-
-
-def _onset(motion: VectorField, begin: Hopf | Crossing | None) -> Hopf | None:
-    """The onset at a crossing or, if it is None, at the critical speed; None if there is none."""
-    with suppress(PipedynError, ValueError):  # pairs that meet lie off the axis by sqrt(eps)
-        return begin if isinstance(begin, Hopf) else hopf(motion.model, begin)
-    return None
 
 
 def _near(motion: VectorField, u: float, start: LimitCycle | Motion) -> tuple[PeriodicOrbit, str]:

@@ -466,7 +466,7 @@ def hopf(
         )
     motion = VectorField(model)
     rest = _rest_at(motion, crossing)
-    smooth = with_drag(model, 0.0)
+    smooth = with_drag(model, 0.0) if model.pipe.drag else motion
     jacobians: Callable[[Array], Array] = partial(smooth.jacobians, u=u)
     state = rest
     if friction is not None:

@@ -435,8 +435,7 @@ def residual(motion: VectorField, orbit: PeriodicOrbit) -> float:
     """Largest relative |dy/dt - f(y)| of the accelerations, half-way between the stages."""
     phase = orbit.edges[:-1, None] + np.diff(orbit.edges)[:, None] * BETWEEN
     motion = motion.along(phase.ravel(), orbit.frequency)
-    true = motion(orbit.states_between(), orbit.u)[motion.half :].reshape(
-        motion.half, -1, ORBIT_STAGES
-    )
+    true = motion(orbit.states(phase.ravel()), orbit.u)[motion.half :]
+    true = true.reshape(motion.half, -1, ORBIT_STAGES)
     given = (RATES_BETWEEN @ orbit.rates).transpose(2, 0, 1)
     return float(np.abs(given - true).max() / np.abs(true).max())

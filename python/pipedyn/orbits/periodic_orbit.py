@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -65,13 +65,6 @@ def both_integrals(at: Array) -> tuple[Array, Array]:
     return basis[:, :-1] @ _INTEGRATED[1], basis @ _INTEGRATED[2]
 
 
-@cache
-def _equal_parts(parts: int) -> tuple[Array, Array, Array]:
-    """Beginnings of equal parts of an interval of length 1, (k,), and `both_integrals` to them."""
-    begins = np.linspace(0.0, 1.0, parts + 1)[:-1]
-    return begins, *both_integrals(begins)
-
-
 ONCE = integrals(STAGE_NODES, 1)
 """Matrix from stage values to integrals from 0 to each stage, shape (s, s)."""
 
@@ -85,8 +78,6 @@ shape (s,)."""
 
 RATES_BETWEEN = integrals(BETWEEN, 0)
 """Matrix from stage values to values of their polynomial at `BETWEEN`, shape (s, s)."""
-
-_INTEGRALS_BETWEEN = both_integrals(BETWEEN)
 
 
 @saved_as("Closing", shapes={"n n": "first last"})
@@ -159,22 +150,14 @@ class PeriodicOrbit:
 
     def stage_columns(self) -> Array:
         """States at the stages, in columns, shape (2 integrated, M s)."""
-        return self._at_nodes(STAGE_NODES, ONCE, TWICE).reshape(2 * self.half, -1)
-
-    def states_between(self) -> Array:
-        """States at `BETWEEN` in all intervals, in columns, shape (2 integrated, M s)."""
-        return self._at_nodes(BETWEEN, *_INTEGRALS_BETWEEN).reshape(2 * self.half, -1)
-
-    def _at_nodes(self, nodes: Array, once: Array, twice: Array) -> Array:
-        """States at places in every interval, shape (2 integrated, M, k)."""
-        h, half, k = self.durations[:, None], self.half, nodes.size
-        rates = self.rates.transpose(2, 0, 1).reshape(-1, ORBIT_STAGES)
-        sums = (rates @ np.concatenate([twice, once]).T).reshape(half, -1, 2 * k)
+        h, half, k = self.durations[:, None], self.half, ORBIT_STAGES
+        rates = self.rates.transpose(2, 0, 1).reshape(-1, k)
+        sums = (rates @ np.concatenate([TWICE, ONCE]).T).reshape(half, -1, 2 * k)
         start = self.starts.T[..., None]
         y = np.empty((2 * half, len(self.starts), k))
-        y[:half] = start[:half] + h * (nodes * start[half:] + h * sums[..., :k])
+        y[:half] = start[:half] + h * (STAGE_NODES * start[half:] + h * sums[..., :k])
         y[half:] = start[half:] + h * sums[..., k:]
-        return y
+        return y.reshape(2 * half, -1)
 
     def states(self, phase: Array) -> Array:
         """States [p, p'] at phases, shape (2 integrated, k)."""
@@ -189,8 +172,7 @@ class PeriodicOrbit:
         The states are [p, p'], shape (2 integrated, M parts + 1).
         """
         phase = divided(self.edges, np.full(len(self.starts), parts))
-        y = self._at_nodes(*_equal_parts(parts)).reshape(2 * self.half, -1)
-        return phase, np.concatenate([y, self.mirror * self.starts[:1].T], axis=1)
+        return phase, self.states(phase)
 
     def defects(self) -> Array:
         """Last two Legendre terms of each interval's rates, as a share of the velocity, (M,)."""
