@@ -215,6 +215,22 @@ def test_folds_of_forced_motions_over_the_amplitude_of_the_forcing(monkeypatch):
     assert len(folds(response(1.05 * cusp.x, *near))) == 2
 
 
+@pytest.mark.slow
+def test_folds_of_forced_motions_over_the_flow_speed():
+    """They are those of the response at the other end of the range."""
+    model = pp.Galerkin(pp.Pipe(0.2, damping=0.002), 3, "legendre")
+
+    def response(u):
+        base = pp.Harmonic(0.02, 20.0)
+        return pp.forced_response(model, u, base=base, frequencies=(15.5, 21.0)).branches[0]
+
+    branch, window = response(0.0), {"u": (0.0, 0.4), "frequency": (12.0, 30.0)}
+    (curve,) = pp.cycle_boundary(branch, folds(branch)[0], "u", "frequency", window).curves
+    assert curve.x[[0, -1]].tolist() == [0.0, 0.4]
+    assert curve.ends == ("range", "range")
+    assert curve.y[-1] == pytest.approx(folds(response(0.4))[0].frequency, rel=1e-6)
+
+
 def test_a_curve_that_cannot_be_followed_says_where_and_keeps_what_it_has(monkeypatch, subcritical):
     monkeypatch.setattr(event_curve, "MOST_EVENT_STEPS", 2)
     (fold,) = folds(subcritical)

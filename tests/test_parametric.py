@@ -227,6 +227,16 @@ def test_thin_regions_of_conservative_pipes_have_both_edges(
 
 
 @pytest.mark.slow
+def test_edges_of_a_large_model_follow_from_its_lowest_modes():
+    """Multipliers are those of all its degrees of freedom."""
+    model = pp.Chain(PIPE, 31)
+    (found,) = pp.parametric_regions(model, 5.5, 0.2, (28.0, 35.0))
+    for edge, inward in zip(found.edges[0], (1e-5, -1e-5), strict=True):
+        assert growing(model, pp.Pulsation(5.5, 0.2, 1.0), edge * (1.0 - inward)) < 1e-7
+        assert growing(model, pp.Pulsation(5.5, 0.2, 1.0), edge * (1.0 + inward)) > 1e-7
+
+
+@pytest.mark.slow
 def test_regions_that_overlap_are_told_as_their_union():
     """Two harmonic regions without a gap at amplitude 0.3, and with one at 0.2: by multipliers."""
     model = pp.Galerkin(pp.Pipe(0.0, 10.0), 6, "legendre")
