@@ -254,13 +254,24 @@ def test_regions_that_overlap_are_told_as_their_union():
     assert growing(model, pp.Pulsation(2.0, 0.2, 1.0), right.edges[0].mean()) > 1e-6
 
 
-@pytest.mark.slow
-def test_the_least_amplitude_of_a_thin_region_of_a_lightly_damped_pipe():
-    """Its edges turn within a millionth of the frequency there."""
-    pipe = pp.Pipe(0.5, root="pinned", end="pinned", damping=1e-5)
+@pytest.mark.parametrize(
+    ("beta", "damping", "amplitudes", "frequencies"),
+    [
+        pytest.param(0.5, 1e-5, [0.2, 0.4], (24.5, 25.1), marks=pytest.mark.slow),
+        (0.3, 1e-4, [0.2], (14.0, 15.0)),
+    ],
+    ids=["thin", "principal"],
+)
+def test_the_least_amplitude_of_a_region_of_a_lightly_damped_pipe(
+    beta, damping, amplitudes, frequencies
+):
+    """Edges turn within a millionth of the frequency, or at an amplitude of 0.001."""
+    pipe = pp.Pipe(beta, root="pinned", end="pinned", damping=damping)
     model = pp.Galerkin(pipe, 6, "legendre")
-    (found,) = pp.parametric_regions(model, 2.0, [0.2, 0.4], (24.5, 25.1))
-    assert np.isnan(found.edges[0]).all()
+    (found,) = pp.parametric_regions(model, 2.0, amplitudes, frequencies)
+    np.testing.assert_array_equal(
+        np.isnan(found.edges).all(axis=1), np.array(amplitudes) < found.threshold
+    )
     for side, grows in ((-1e-4, False), (1e-4, True)):
         at = pp.Pulsation(2.0, found.threshold * (1.0 + side), 1.0)
         assert (growing(model, at, found.threshold_frequency) > 0.0) == grows
