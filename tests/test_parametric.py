@@ -184,6 +184,36 @@ def test_both_edges_of_a_thin_combination_region_are_found():
         assert inside > 1.0 + 1e-4
 
 
+@pytest.mark.parametrize(
+    ("hill", "low", "high", "edges"),
+    [
+        (conservative(3.0, 12, end="pinned"), 29.0, 29.5, (29.3060, 29.3173)),
+        (conservative(2.0, root="pinned", end="pinned"), 24.9, 25.2, (24.7946, 24.8070)),
+    ],
+    ids=["beside another", "beside the axis"],
+)
+def test_thin_regions_beside_what_changes_are_found(hill, low, high, edges):
+    """Beside a region, and where multipliers have just left the real axis: by multipliers."""
+    found = regions(Hill(hill.pipe, 10), np.array([0.5]), low, high, ("combination",))
+    ((left, right),) = found[-1].edges
+    assert (left, right) == pytest.approx(edges, abs=1e-4)
+    for w, grows in ((left - 1e-3, False), (0.5 * (left + right), True), (right + 1e-3, False)):
+        assert (np.abs(hill.pipe.multipliers(0.5, w)[0]).max() > 1.0 + 1e-5) == grows
+
+
+def test_a_combination_region_may_end_with_a_multiplier_at_minus_one():
+    """Two multipliers meet on the real axis, from which one comes back: by multipliers."""
+    model = pp.Galerkin(pp.Pipe(0.4), 6, "legendre")
+    hill = Hill(PulsatingPipe.of(model.elastic_operators(), 6.5), 14)
+    (one,) = regions(hill, np.array([0.6]), 9.5, 10.5, ("combination",))
+    np.testing.assert_allclose(one.edges, [[8.3608, 10.4537]], atol=1e-3)
+    for edge, inward in zip(one.edges[0], (1e-4, -1e-4), strict=True):
+        sides = [hill.pipe.multipliers(0.6, edge + side * inward)[0][0] for side in (-1, 1)]
+        assert abs(sides[0]) < 1.0 < abs(sides[1])
+    assert sides[1].imag != 0.0
+    assert one.nus[0, 0] == pytest.approx(0.5 * one.edges[0, 0])
+
+
 def growing(model, pulsation, frequency):
     """By how much motions grow in a period, by multipliers."""
     at = dataclasses.replace(pulsation, frequency=frequency)
