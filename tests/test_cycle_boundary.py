@@ -22,6 +22,7 @@ from pipedyn.curves.event_plane import EventPlane
 from pipedyn.motion.vector_field import VectorField
 
 BETA = 0.05
+FOUR = pp.Chain(pp.Pipe(0.09, gamma=200.0), 4)
 
 
 def folds(branch):
@@ -123,6 +124,34 @@ def test_folds_end_where_the_criticality_of_flutter_changes(folded):
     assert point.amplitude == 0.0
 
 
+def test_with_drag_folds_go_on_at_small_amplitudes_as_long_as_there_is_no_onset():
+    """At the end of the range, beta = 0.02, the amplitude is 0.0021 L."""
+    (branch,) = pp.bifurcation_diagram(pp.Chain(pp.Pipe(BETA, drag=0.05), 2), [3.0, 3.3]).cycles
+    ranges = {"beta": (0.02, 0.2), "u": (2.0, 5.0)}
+    found = pp.cycle_boundary(branch, folds(branch)[0], "beta", "u", ranges)
+    (curve,) = found.curves
+    assert curve.ends == ("range", "range")
+    assert curve.x[[0, -1]].tolist() == [0.02, 0.02]
+    assert [point.kind for point in found.points] == ["cusp"]
+    ends = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.02, drag=0.05), 2), [3.03, 3.1]).cycles[0]
+    assert curve.y[0] == pytest.approx(folds(ends)[0].speed, abs=1e-6)
+    assert curve.amplitude[-1] < 0.003
+    assert curve.y[-1] == pytest.approx(curve.onset[-1], abs=1e-5)
+
+
+def test_two_events_at_once_are_named_where_other_multipliers_pass_the_circle():
+    """On the fold of four segments a pitchfork's multiplier passes, too."""
+    (branch,) = pp.bifurcation_diagram(FOUR, (9.57, 9.573), cycles=8, rtol=1e-3).cycles
+    window = {"beta": (0.05, 0.2), "u": (8.0, 13.0)}
+    found = pp.cycle_boundary(branch, folds(branch)[0], "beta", "u", window)
+    (curve,), (point,) = found.curves, [p for p in found.points if p.kind == "fold-pitchfork"]
+    before, after = curve.unstable[curve.x < point.x], curve.unstable[curve.x > point.x]
+    assert abs(before[-1] - after[0]) == 1
+    end = next(p for p in found.points if p.kind == "Bautin")
+    at = pp.critical_speed(FOUR.with_pipe(replace(FOUR.pipe, beta=end.x))).speed
+    assert end.y == pytest.approx(at, abs=1e-6)
+
+
 @pytest.mark.parametrize("kind", ["pitchfork", "period doubling", "torus"])
 def test_multipliers_on_the_unit_circle(three, kind, monkeypatch):
     """-1 at a period doubling, e^(i theta) at a torus; with the reflection -1 at a pitchfork.
@@ -215,6 +244,22 @@ def test_folds_of_forced_motions_over_the_amplitude_of_the_forcing(monkeypatch):
     assert len(folds(response(1.05 * cusp.x, *near))) == 2
 
 
+@pytest.mark.slow
+def test_folds_of_forced_motions_over_the_flow_speed():
+    """They are those of the response at the other end of the range."""
+    model = pp.Galerkin(pp.Pipe(0.2, damping=0.002), 3, "legendre")
+
+    def response(u):
+        base = pp.Harmonic(0.02, 20.0)
+        return pp.forced_response(model, u, base=base, frequencies=(15.5, 21.0)).branches[0]
+
+    branch, window = response(0.0), {"u": (0.0, 0.4), "frequency": (12.0, 30.0)}
+    (curve,) = pp.cycle_boundary(branch, folds(branch)[0], "u", "frequency", window).curves
+    assert curve.x[[0, -1]].tolist() == [0.0, 0.4]
+    assert curve.ends == ("range", "range")
+    assert curve.y[-1] == pytest.approx(folds(response(0.4))[0].frequency, rel=1e-6)
+
+
 def test_a_curve_that_cannot_be_followed_says_where_and_keeps_what_it_has(monkeypatch, subcritical):
     monkeypatch.setattr(event_curve, "MOST_EVENT_STEPS", 2)
     (fold,) = folds(subcritical)
@@ -293,7 +338,6 @@ def test_where_the_onset_cannot_be_followed_it_says_why():
     assert onset.failures[0].startswith("the onset of flutter was not followed over beta: ")
 
 
-FOUR = pp.Chain(pp.Pipe(0.09, gamma=200.0), 4)
 HANGING = pp.Galerkin(pp.Pipe(0.01, gamma=300.0), 10, "legendre")
 
 

@@ -231,6 +231,13 @@ def test_without_damping_two_pairs_that_meet_leave_the_circle():
     assert sizes[0] > 1.01
 
 
+def test_without_damping_what_leaves_the_circle_gradually_is_no_event():
+    """A multiplier does so near 15.998, by less than its error."""
+    model, base = pp.Chain(pp.Pipe(0.0, end="pinned"), 4), pp.Harmonic(0.05, 12.0)
+    (branch,) = pp.forced_response(model, 1.5, base=base, frequencies=(12.0, 16.0)).branches
+    assert [event.kind for event in branch.events] == ["pitchfork", "end"]
+
+
 def test_an_axially_fixed_pipe_on_a_shaker_is_duffings_oscillator():
     """w = a sin pi s: a'' + d (1 + K a^2 / 2) a' + pi^4 (a + K a^3 / 4) = (4 / pi) X omega^2 cos.
 

@@ -174,6 +174,36 @@ def test_both_edges_of_a_thin_combination_region_are_found():
         assert inside > 1.0 + 1e-4
 
 
+@pytest.mark.parametrize(
+    ("hill", "low", "high", "edges"),
+    [
+        (conservative(3.0, 12, end="pinned"), 29.0, 29.5, (29.3060, 29.3173)),
+        (conservative(2.0, root="pinned", end="pinned"), 24.9, 25.2, (24.7946, 24.8070)),
+    ],
+    ids=["beside another", "beside the axis"],
+)
+def test_thin_regions_beside_what_changes_are_found(hill, low, high, edges):
+    """Beside a region, and where multipliers have just left the real axis: by multipliers."""
+    found = regions(Hill(hill.pipe, 10), np.array([0.5]), low, high, ("combination",))
+    ((left, right),) = found[-1].edges
+    assert (left, right) == pytest.approx(edges, abs=1e-4)
+    for w, grows in ((left - 1e-3, False), (0.5 * (left + right), True), (right + 1e-3, False)):
+        assert (np.abs(hill.pipe.multipliers(0.5, w)[0]).max() > 1.0 + 1e-5) == grows
+
+
+def test_a_combination_region_may_end_with_a_multiplier_at_minus_one():
+    """Two multipliers meet on the real axis, from which one comes back: by multipliers."""
+    model = pp.Galerkin(pp.Pipe(0.4), 6, "legendre")
+    hill = Hill(PulsatingPipe.of(model.elastic_operators(), 6.5), 14)
+    (one,) = regions(hill, np.array([0.6]), 9.5, 10.5, ("combination",))
+    np.testing.assert_allclose(one.edges, [[8.3608, 10.4537]], atol=1e-3)
+    for edge, inward in zip(one.edges[0], (1e-4, -1e-4), strict=True):
+        sides = [hill.pipe.multipliers(0.6, edge + side * inward)[0][0] for side in (-1, 1)]
+        assert abs(sides[0]) < 1.0 < abs(sides[1])
+    assert sides[1].imag != 0.0
+    assert one.nus[0, 0] == pytest.approx(0.5 * one.edges[0, 0])
+
+
 def growing(model, pulsation, frequency):
     """By how much motions grow in a period, by multipliers."""
     at = dataclasses.replace(pulsation, frequency=frequency)
@@ -217,6 +247,16 @@ def test_thin_regions_of_conservative_pipes_have_both_edges(
 
 
 @pytest.mark.slow
+def test_edges_of_a_large_model_follow_from_its_lowest_modes():
+    """Multipliers are those of all its degrees of freedom."""
+    model = pp.Chain(PIPE, 31)
+    (found,) = pp.parametric_regions(model, 5.5, 0.2, (28.0, 35.0))
+    for edge, inward in zip(found.edges[0], (1e-5, -1e-5), strict=True):
+        assert growing(model, pp.Pulsation(5.5, 0.2, 1.0), edge * (1.0 - inward)) < 1e-7
+        assert growing(model, pp.Pulsation(5.5, 0.2, 1.0), edge * (1.0 + inward)) > 1e-7
+
+
+@pytest.mark.slow
 def test_regions_that_overlap_are_told_as_their_union():
     """Two harmonic regions without a gap at amplitude 0.3, and with one at 0.2: by multipliers."""
     model = pp.Galerkin(pp.Pipe(0.0, 10.0), 6, "legendre")
@@ -234,13 +274,24 @@ def test_regions_that_overlap_are_told_as_their_union():
     assert growing(model, pp.Pulsation(2.0, 0.2, 1.0), right.edges[0].mean()) > 1e-6
 
 
-@pytest.mark.slow
-def test_the_least_amplitude_of_a_thin_region_of_a_lightly_damped_pipe():
-    """Its edges turn within a millionth of the frequency there."""
-    pipe = pp.Pipe(0.5, root="pinned", end="pinned", damping=1e-5)
+@pytest.mark.parametrize(
+    ("beta", "damping", "amplitudes", "frequencies"),
+    [
+        pytest.param(0.5, 1e-5, [0.2, 0.4], (24.5, 25.1), marks=pytest.mark.slow),
+        (0.3, 1e-4, [0.2], (14.0, 15.0)),
+    ],
+    ids=["thin", "principal"],
+)
+def test_the_least_amplitude_of_a_region_of_a_lightly_damped_pipe(
+    beta, damping, amplitudes, frequencies
+):
+    """Edges turn within a millionth of the frequency, or at an amplitude of 0.001."""
+    pipe = pp.Pipe(beta, root="pinned", end="pinned", damping=damping)
     model = pp.Galerkin(pipe, 6, "legendre")
-    (found,) = pp.parametric_regions(model, 2.0, [0.2, 0.4], (24.5, 25.1))
-    assert np.isnan(found.edges[0]).all()
+    (found,) = pp.parametric_regions(model, 2.0, amplitudes, frequencies)
+    np.testing.assert_array_equal(
+        np.isnan(found.edges).all(axis=1), np.array(amplitudes) < found.threshold
+    )
     for side, grows in ((-1e-4, False), (1e-4, True)):
         at = pp.Pulsation(2.0, found.threshold * (1.0 + side), 1.0)
         assert (growing(model, at, found.threshold_frequency) > 0.0) == grows

@@ -34,10 +34,9 @@ change of the free end's amplitude in L. Cubics through the points then have no 
 MOST_EVENT_STEPS = 300
 """Most steps of a curve, either way: the longest cross the window 24 times."""
 
-NEAR_END, LEADING_TO_END = 0.01, 0.1
-"""Two limits of the amplitude in L, or of the sine of a torus's angle. Below the first, a curve is
-taken to have reached the point at which this quantity is 0; below the second, it is taken to lead
-there if Newton's method fails on the way."""
+LEADING_TO_END = 0.1
+"""Amplitude in L, or sine of a torus's angle, below which a curve is taken to lead to the point at
+which this quantity is 0, if Newton's method fails on the way."""
 
 
 @saved_as(
@@ -304,7 +303,7 @@ class EventFollower(Tracer[EventProblem]):
         steps = onward(problem, point, 0.25 * self.how.longest)
         steps = track(steps, None, self.kind, self.shown)
         _, end, reason = self.one_way(steps, problem, point)
-        if end == "not converged" and (name := self._near_end(LEADING_TO_END)) is not None:
+        if end == "not converged" and (name := self._near_end()) is not None:
             return places, name
         if end in ("points", "not converged"):
             self._failed(places[-1], reason)
@@ -321,7 +320,7 @@ class EventFollower(Tracer[EventProblem]):
             return "closed"
         here = self.place(step.problem, step.end)
         places += [*self._passed(step, places[-1], here), here]
-        return None if self.is_over(step.end) else self._near_end(NEAR_END)
+        return None
 
     def _failed(self, place: _Cycle, reason: str) -> None:
         x, y = self.plane.places(place.second, place.own)
@@ -408,17 +407,17 @@ class EventFollower(Tracer[EventProblem]):
         amplitude = 0.0 if name in ("Bautin", "Hopf") else last.amplitude
         return replace(last, second=second, own=own, orbit=orbit, amplitude=amplitude)
 
-    def _near_end(self, within: float) -> str | None:
+    def _near_end(self) -> str | None:
         """Name of the end to which the last three points lead; None if they lead to no end.
 
-        The quantity that falls to 0 at this end must be smaller than `within`. The end is kept.
+        The quantity that falls to 0 at this end is below `LEADING_TO_END`. The end is kept.
         """
         near = self.places[-3:]
         for name, size in near[-1].vanishing.items() if len(near) == 3 else ():
             sizes = [place.vanishing.get(name, 0.0) for place in near]
             falling = sizes[0] > sizes[1] > sizes[2]
             measure = near[-1].amplitude if name in ("Bautin", "Hopf") else size
-            if falling and measure < within and sizes[2] < 0.8 * sizes[0]:
+            if falling and measure < LEADING_TO_END and sizes[2] < 0.8 * sizes[0]:
                 return self._ends_at(near, name)
         return None
 

@@ -39,12 +39,10 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.newton import NewtonFailed
 
-SHORT, LONG, SMALL_CYCLE = 1e-6, 1e-4, 0.05
-"""Steps of differences of conditions, relative to the orbit's size or the parameter's range. Each
+SHORT = 1e-6
+"""Step of differences of conditions, relative to the orbit's size or the parameter's range. Each
 step of Newton's method is shorter than the last by about this factor. Conditions have an error of
-some 1e-12. Near a Hopf point the condition of a fold changes with the square of the amplitude.
-Below the third number, an amplitude in L, rounding therefore demands a step of the differences that
-grows from the first number up to the second."""
+some 1e-12."""
 
 
 class EventProblem(OrbitProblem):
@@ -79,6 +77,8 @@ class EventProblem(OrbitProblem):
         super().__init__(motion, start, control, unit)
         self.plane, self.kind, self.extra = plane, kind, extra
         self._of_orbit = slice(self.weights.size)
+        if plane.is_speed:  # x replaces the orbit's own speed, which has no length of its own
+            self.weights[-2] = 0.0
         ends = [plane.width**-2] if extra.size == 1 else [1.0, plane.width**-2]
         self.weights = np.append(self.weights, ends)
 
@@ -135,7 +135,7 @@ class EventProblem(OrbitProblem):
         directions = [(newton, 0.0), (tangent, 0.0), (with_x, 1.0)]
         slopes = []
         for change, more in directions:
-            h = self._difference(orbit) / max(self.length_of_orbit(change), 1e-300)
+            h = SHORT * self._size(orbit) / max(self.length_of_orbit(change), 1e-300)
             h = min(h, 1.0) if more == 0.0 else math.copysign(min(h, abs(by_x)), by_x)
             there = self._shifted(orbit, h * change, h * more)
             after = measure(self._equations(there, x + h * more), there)
@@ -170,7 +170,7 @@ class EventProblem(OrbitProblem):
         orbit, x = self.orbit(z), float(z[-1])
         equations = self._equations(orbit, x)
         tangent, row = self._tangent(equations, orbit)
-        h = self._difference(orbit)
+        h = SHORT * self._size(orbit)
         there = self._equations(self._shifted(orbit, h * tangent, 0.0), x)
         # The slope of the speed along the branch is 0 at the fold; its change beyond the fold has
         # the sign that is looked for.
@@ -201,13 +201,6 @@ class EventProblem(OrbitProblem):
         mean = 0.0 if orbit.symmetric else np.diff(orbit.edges) / orbit.span @ orbit.starts
         swing[: orbit.starts.size] = (orbit.starts - mean).ravel()
         return max(self.length_of_orbit(swing), 1e-300)
-
-    def _difference(self, orbit: PeriodicOrbit) -> float:
-        """Length of the change of an orbit over which the condition is differentiated."""
-        size, more = self._size(orbit), 1.0
-        if self.kind == "fold":
-            more = min(max((SMALL_CYCLE / size) ** 2, 1.0), LONG / SHORT)
-        return SHORT * more * size
 
     def _shifted(self, orbit: PeriodicOrbit, change: Array, more: float) -> PeriodicOrbit:
         """The orbit after a change of its unknowns and, by `more`, of the second parameter."""

@@ -170,8 +170,8 @@ class FewModes:
         turns = 2.0 * math.pi * self.fastest * (1.0 / low - 1.0 / high)
         every = np.linspace(1.0 / high, 1.0 / low, math.ceil(turns / SCANNED_PHASE) + 8)
         seen = [self.at(w) for w in (1.0 / every[::-1]).tolist()]
-        seen = _sorted(seen + [one for a, b in pairwise(seen) for one in self._between(a, b)])
-        seen = _sorted(seen + [one for a, b in pairwise(seen) for one in self._apart(a, b)])
+        for finer in (self._finer, self._finer, self._between):
+            seen = _sorted(seen + [one for a, b in pairwise(seen) for one in finer(a, b)])
         found = list[Growth]()
         begin: GrowthEnd | None = None
         for a, b in pairwise(seen):
@@ -237,12 +237,15 @@ class FewModes:
             if gaps[0] * gaps[1] < 0.0 and max(map(abs, gaps)) < LARGEST_GAP:
                 yield from self._meeting(a, b, (i, j))
 
-    def _apart(self, a: Multipliers, b: Multipliers) -> list[Multipliers]:
-        """Multipliers at frequencies between two at which different motions grow.
+    def _finer(self, a: Multipliers, b: Multipliers) -> list[Multipliers]:
+        """Multipliers at frequencies between two of which more has to be known.
 
-        There may be frequencies between them at which no motion grows.
+        Different motions grow at the two, motions grow at one of them only, or multipliers leave
+        the real axis between them. There may be frequencies between at which no motion grows, or
+        other motions do.
         """
-        if not (a.growing and b.growing) or abs(a.nu / a.frequency - b.nu / b.frequency) < 0.01:
+        alike = a.values.size == b.values.size and (a.growing > 0) == (b.growing > 0)
+        if alike and (not a.growing or abs(a.nu / a.frequency - b.nu / b.frequency) < 0.01):
             return []
         return [self.at(w) for w in np.linspace(a.frequency, b.frequency, 6)[1:-1].tolist()]
 

@@ -334,7 +334,7 @@ class _EdgeTracer(Tracer[Edge]):
         """Whether the edge ends at a point."""
         within = self.lowest < point.p <= self.largest
         near = 0.2 * self.search.low < self.edge.scale * point.z[0] < 5.0 * self.search.high
-        return not (within and near) or self.edge.is_on_axis(point.z)
+        return not (within and near)
 
 
 class _OneEdge(_EdgeTracer):
