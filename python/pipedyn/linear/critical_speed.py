@@ -372,8 +372,7 @@ def _point(model: AnyModel, plan: Sequence[Job[Found]], continuum_end: float) ->
     solved = [job() for job in plan]
     all_found = solved[0].value if solved else ()
     if len(solved) > 1:
-        pipes = strengthened(model.pipe)
-        all_found = extrapolated(model.pipe, pipes, [one.value for one in solved])
+        all_found = extrapolated(model.pipe, [one.value for one in solved])
     first = next((c for c in all_found if c.destabilising), None)
     if first is None:
         return None, all_found
