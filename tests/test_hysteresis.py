@@ -299,3 +299,11 @@ def test_the_onset_of_an_aspirating_pipe_in_closed_form():
     omega = 1.8751040687119611**2
     assert found.frequency == pytest.approx(omega, rel=1e-5)
     assert found.speed == pytest.approx(1e-4 * omega / (4.0 * np.sqrt(0.2)), rel=1e-5)
+
+
+def test_a_mode_that_strong_damping_keeps_from_oscillating_has_no_branch_there():
+    pipe = pp.Pipe(0.2, hysteresis=0.1, damping=0.02, end="pinned")
+    loci = pp.root_loci(pp.Continuum(pipe), np.linspace(0.0, 8.0, 9), count=3)
+    missing = np.isnan(loci.eigenvalues)
+    assert missing.any()
+    assert not missing.all(axis=0).any()

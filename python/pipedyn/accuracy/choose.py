@@ -358,9 +358,7 @@ class ModelSearch:
         """The most accurate row, or the fastest of those within the tolerance if there are any."""
         rows = [row for row in self.rows.values() if row.failure is None]
         good = [row for row in rows if tolerance is None or self.bound(row) <= tolerance]
-        if good:
-            return min(good, key=lambda row: row.seconds)
-        return min(rows, key=self.bound, default=None)
+        return min(good, key=lambda row: row.seconds, default=self._within(math.inf))
 
     def bound(self, row: TradeRow) -> float:
         """Bound on the true error of a row; infinite if the model failed."""

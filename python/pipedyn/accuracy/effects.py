@@ -340,8 +340,6 @@ def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
     }
     if "flow" in names:
         gone |= {"beta": 0.0, "alpha": 0.0}
-    if gone.get("alpha") == 0.0:
-        gone["jet_angle"] = 0.0  # with alpha = 0 the jet has no thrust
     if repr(pipe.root) in names:
         gone["root"] = "clamped"
     gone["terms"] = tuple(term for term in pipe.terms if repr(term) not in names)

@@ -255,22 +255,15 @@ def critical_points(
 ) -> list[CriticalPoint | Exception]:
     """Critical points of several models, or the exceptions of those that fail, in one search."""
     found: dict[int, CriticalPoint | Exception] = {}
-    # A low critical speed needs no large basis, and few modes of a long chain. If that is cheaper,
-    # the search therefore first ends at lower speeds.
-    ends = [[*_first_ends(model, max_speed), max_speed] for model in models]
-    for stage in range(max(len(each) for each in ends)):
-        of_end: dict[float, list[int]] = {}
-        for i, each in enumerate(ends):
-            end = each[stage] if stage < len(each) else 0.0
-            if i not in found and (end == max_speed or _is_cheaper_up_to(end, models[i])):
-                of_end.setdefault(end, []).append(i)
-        for end, at in of_end.items():
-            points = stability_losses([models[i] for i in at], end, True, max_speed)
-            for i, point in zip(at, points, strict=True):
-                if isinstance(point, Exception):
-                    found[i] = point
-                elif point[0] is not None:
-                    found[i] = point[0], point[1]
+    ends = [(*_first_ends(model, max_speed), max_speed) for model in models]
+    for end in sorted({end for each in ends for end in each}):
+        at = [i for i, each in enumerate(ends) if end in each and i not in found]
+        points = stability_losses([models[i] for i in at], end, True, max_speed)
+        for i, point in zip(at, points, strict=True):
+            if isinstance(point, Exception):
+                found[i] = point
+            elif point[0] is not None:
+                found[i] = point[0], point[1]
     return [
         found[i] if i in found else outcome_of(partial(_no_critical_speed, model, max_speed))
         for i, model in enumerate(models)
@@ -280,14 +273,15 @@ def critical_points(
 def _first_ends(model: AnyModel, max_speed: float) -> list[float]:
     """Increasing speeds below max_speed at which searches for the critical speed end first.
 
+    A low critical speed needs no large basis, and few modes of a long chain; ends at which that is
+    not cheaper than the whole search are left out.
+
     As measured at beta 0.02 to 0.99 and gamma up to 3000, uniform cantilevers flutter below the
     first of these speeds. For light pipes it is 12 below beta = 0.68, 16 up to 0.9 and 18.5 beyond;
     the larger beta, the smaller is the weight that raises it. Spans held at both ends buckle
     between pi and 2 pi.
     """
     pipe, gravity = model.pipe, LARGE_GRAVITY
-    if isinstance(model, Model):  # from this speed on all modes are tracked
-        max_speed = min(max_speed, model.dof / LONG_MODEL)
     if pipe.supports or pipe.end_held:
         ends = [5.0, 8.0, 12.0, 24.0, 48.0]
     elif pipe.flow == "ejecting":
@@ -298,7 +292,12 @@ def _first_ends(model: AnyModel, max_speed: float) -> list[float]:
         ends = [12.0, 24.0, 48.0]
     # The unit is rounded up to a power of 1.1, so that similar pipes are searched together.
     unit = 1.1 ** math.ceil(math.log(_speed_scale(pipe, gravity), 1.1) - 1e-9)
-    return [end * unit for end in ends if end * unit < max_speed]
+    ends = [end * unit for end in ends if end * unit < max_speed]
+    if isinstance(model, Model):
+        ends = [end for end in ends if _some_are_cheaper(_modes_within(end, pipe), end, model.dof)]
+        if ends and not model.pencil().is_long:
+            return []
+    return ends
 
 
 def _no_critical_speed(model: AnyModel, max_speed: float) -> NoCrossing:
@@ -312,14 +311,6 @@ def _no_critical_speed(model: AnyModel, max_speed: float) -> NoCrossing:
         f"more become unstable up to u = {max_speed:g}",
         max_speed,
     )
-
-
-def _is_cheaper_up_to(end: float, model: AnyModel) -> bool:
-    """Whether a search up to `end` costs less than one up to the speed that was asked for."""
-    if not isinstance(model, Model):
-        return True
-    modes = _modes_within(end, model.pipe)
-    return _some_are_cheaper(modes, end, model.dof) and model.pencil().is_long
 
 
 def stability_losses(
@@ -343,13 +334,9 @@ def stability_losses(
     jobs = [job for plan in plans if not isinstance(plan, Exception) for job in plan]
     _run_searches([job for job in jobs if isinstance(job, _Search)])
     end = max_speed if continuum_end is None else continuum_end
-    found = [
-        plan if isinstance(plan, Exception) else outcome_of(partial(_found, model.pipe, plan))
-        for model, plan in zip(models, plans, strict=True)
-    ]
     return [
-        one if isinstance(one, Exception) else _point(model, one, end)
-        for model, one in zip(models, found, strict=True)
+        plan if isinstance(plan, Exception) else outcome_of(partial(_point, model, plan, end))
+        for model, plan in zip(models, plans, strict=True)
     ]
 
 
@@ -377,41 +364,29 @@ def _plan(model: AnyModel, max_speed: float, until_unstable: bool) -> Sequence[J
     ]
 
 
-def _found(pipe: Pipe, plan: Sequence[Job[Found]]) -> Found:
-    """Crossings of a model from its jobs, extrapolated if these solved strengthened pipes."""
+def _point(model: AnyModel, plan: Sequence[Job[Found]], continuum_end: float) -> CriticalPointIfAny:
+    """The critical speed among a model's crossings, or None, together with all crossings.
+
+    The crossings are those that the jobs find, extrapolated if these solved strengthened pipes.
+    """
     solved = [job() for job in plan]
-    if not solved:
-        return Converged((), 0, 0.0)
-    if len(solved) == 1:
-        return solved[0]
-    return replace(
-        solved[0], value=extrapolated(pipe, strengthened(pipe), [one.value for one in solved])
-    )
-
-
-def _point(model: AnyModel, found: Found, continuum_end: float) -> CriticalPointIfAny:
-    """The critical speed among a model's crossings, or None, together with all crossings."""
-    all_found = found.value
+    all_found = solved[0].value if solved else ()
+    if len(solved) > 1:
+        all_found = extrapolated(model.pipe, [one.value for one in solved])
     first = next((c for c in all_found if c.destabilising), None)
     if first is None:
         return None, all_found
+    before = [c.speed for c in all_found if c.speed < first.speed]
     critical = CriticalSpeed(
         **vars(first),
         stable_at_rest=all_found[0].unstable_before == 0,
-        stable_from=_stable_from(first, all_found),
-        size=found.size,
+        stable_from=None if first.unstable_before else max(before, default=0.0),
+        size=solved[0].size,
         model=model,
         _continuous=first.error if isinstance(model, Continuum) else None,
         _max_speed=continuum_end,
     )
     return critical, all_found
-
-
-def _stable_from(critical: Crossing, found: Sequence[Crossing]) -> float | None:
-    """Speed from which no root is unstable up to the critical crossing; None if one is unstable."""
-    if critical.unstable_before:
-        return None
-    return max((c.speed for c in found if c.speed < critical.speed), default=0.0)
 
 
 def unstable_at_rest(model: AnyModel, found: Sequence[Crossing] = ()) -> int:

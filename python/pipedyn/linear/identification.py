@@ -284,20 +284,15 @@ def _with_stiffness(pipe: Pipe, value: float) -> Pipe:
     old = pipe.scales
     assert old is not None
     slower = math.sqrt(_unit(STIFFNESS, pipe) / value)  # factor on the unit of time
-    new = Scales(old.length, old.mass, old.time * slower, old.speed / slower)
-    root: Any = pipe.root
-    if isinstance(root, RootSpring):
-        root = converted(converted(root, old, operator.mul), new, operator.truediv)
+    change = Scales(1.0, 1.0, slower, 1.0 / slower)  # factors on all units
+    root = pipe.root
     return replace(
         pipe,
         gamma=pipe.gamma * slower**2,
         damping=pipe.damping / slower,
-        terms=tuple(
-            converted(converted(term, old, operator.mul), new, operator.truediv)
-            for term in pipe.terms
-        ),
-        root=root,
-        scales=new,
+        terms=tuple(converted(term, change, operator.truediv) for term in pipe.terms),
+        root=converted(root, change, operator.truediv) if isinstance(root, RootSpring) else root,
+        scales=Scales(*map(operator.mul, old, change)),
     )
 
 

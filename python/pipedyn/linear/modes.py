@@ -234,7 +234,7 @@ def roots_and_shapes(model: AnyModel, u: float, count: int | None) -> Modes:
         model,
         (u,),
         lambda one: _modes(one, u, count),
-        partial(_moved_below_cluster, model.pipe),
+        partial(_moved, model.pipe),
         smallest=max(16, count or 0),
     )
     if not isinstance(model, Continuum):
@@ -272,20 +272,13 @@ def _below_cluster(found: Modes, pipe: Pipe) -> Modes:
     return _selected(found, np.flatnonzero(np.abs(found.eigenvalues) * delta < 1.0 - CLUSTER))
 
 
-def _moved_below_cluster(pipe: Pipe, before: Modes, after: Modes) -> float:
-    """Change of the modes below the cluster, or of the lowest one if no basis has any there."""
-    below = _below_cluster(before, pipe), _below_cluster(after, pipe)
-    if any(one.eigenvalues.size for one in below):
-        return _moved_beyond_rounding(*below)
-    return relative(before.eigenvalues[:1], after.eigenvalues[:1])
-
-
-def _moved_beyond_rounding(before: Modes, after: Modes) -> float:
-    """Relative change of eigenvalues from one basis to the next, beyond that due to rounding.
+def _moved(pipe: Pipe, before: Modes, after: Modes) -> float:
+    """Relative change of the modes below the cluster from one basis to the next, beyond rounding.
 
     Under strong damping at high speed, rounding alone changes them by more than the tolerance. A
     larger basis does not help then, and `errors` of the modes gives the size of rounding.
     """
+    before, after = _below_cluster(before, pipe), _below_cluster(after, pipe)
     moved = relative(before.eigenvalues, after.eigenvalues)
     if not TOLERANCE < moved < 100.0 * TOLERANCE:  # errors cost as much as the eigenvalues
         return moved

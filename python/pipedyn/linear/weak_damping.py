@@ -61,9 +61,7 @@ def strengthened(pipe: Pipe) -> list[Pipe]:
     ]
 
 
-def extrapolated(
-    pipe: Pipe, solved: Sequence[Pipe], found: Sequence[tuple[Crossing, ...]]
-) -> tuple[Crossing, ...]:
+def extrapolated(pipe: Pipe, found: Sequence[tuple[Crossing, ...]]) -> tuple[Crossing, ...]:
     """Crossings of a pipe from those of the strengthened pipes, which must agree in kind."""
     kinds = [[(c.kind, c.mode, c.unstable_before, c.unstable_after) for c in row] for row in found]
     if any(row != kinds[0] for row in kinds):
@@ -89,16 +87,17 @@ def extrapolated(
                 speed=speed,
                 frequency=float(np.dot(parabola, frequencies)),
                 error=error,
-                sensitivity=_weakened(pipe, solved[0], same[0].sensitivity),
+                sensitivity=_weakened(pipe, same[0].sensitivity),
             )
         )
     return tuple(result)
 
 
-def _weakened(pipe: Pipe, solved: Pipe, sensitivity: Sensitivity | None) -> Sensitivity | None:
-    """Sensitivity of a weakly damped pipe, rescaled by beta and damping from a stronger pipe's."""
+def _weakened(pipe: Pipe, sensitivity: Sensitivity | None) -> Sensitivity | None:
+    """Sensitivity of a pipe from that of its first strengthened pipe, rescaled by both sizes."""
     if sensitivity is None:
         return None
+    solved = strengthened(pipe)[0]
     weaker = _size(solved) / _size(pipe)
 
     def shrunk(by: Derivatives) -> Derivatives:
