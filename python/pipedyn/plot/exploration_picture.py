@@ -129,7 +129,7 @@ class ExplorationPicture:
 
     @property
     def _speed_label(self) -> str:
-        return self._view.label(Measure("flow speed $u$", units.FLOW_SPEED.si_label))
+        return self._view.label(Measure("flow speed $u$", "flow speed", units.FLOW_SPEED.unit))
 
     def _draw_map(self, ax: Axes, highest: float) -> None:
         """Draws critical speeds against a number, and the speeds at which the pipe is stable."""

@@ -58,8 +58,7 @@ def frequency_response(
     view = View(units, response.model.pipe)
     size = Measure(f"|displacement of the {moved} / {driven}|")
     if driven != "base":
-        unit, value = PER_FORCE if driven == "force" else PER_MOMENT
-        size = Measure(size.label, f"{size.label} ({unit})", value)
+        size = Measure(size.label, size.label, PER_FORCE if driven == "force" else PER_MOMENT)
     ax = view.axes(ax, (6.4, 4.2), OMEGA, Measure("phase (degrees)") if shows_phase else size)
     per, one = view.one(OMEGA), view.one(size)
     order = np.argsort(response.frequencies)
@@ -141,7 +140,7 @@ def parametric_regions(
         check.instance(f"regions[{i}]", one, ParametricRegion)
     pipe = regions.model.pipe if isinstance(regions, ParametricRegions) else None
     view = View(units, regions[0].pipe if regions else pipe)
-    pulsation = Measure(r"frequency of the pulsation $\omega$", OMEGA.si_label, OMEGA.unit)
+    pulsation = Measure(r"frequency of the pulsation $\omega$", OMEGA.words, OMEGA.unit)
     ax = view.axes(ax, (6.4, 4.2), pulsation, Measure(r"amplitude $\mu$ of the pulsation"))
     per = view.one(OMEGA)
     for region in regions:
