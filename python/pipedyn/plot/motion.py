@@ -212,17 +212,10 @@ def _legend(ax: Axes, shown: Sequence[Signal], failed: Sequence[int]) -> None:
     elif len(shown) <= 12:
         common.legend_below(ax)
     if failed:
-        title.append(_left_out(failed, len(shown) + len(failed)))
+        which = ", ".join(map(str, failed[:6])) + (", ..." if len(failed) > 6 else "")
+        title.append(f"{check.how_many(len(failed), 'member')} left out after failure: {which}")
     if title:
         ax.set_title("\n".join(title))
-
-
-def _left_out(failed: Sequence[int], members: int) -> str:
-    """A sentence on the members of an ensemble that are not shown."""
-    if len(failed) == 1:
-        return f"left out: member {failed[0]}, which failed"
-    which = ", ".join(map(str, failed)) if len(failed) <= 6 else f"{len(failed)} of {members}"
-    return f"left out: members {which}, which failed"
 
 
 def _title(motion: Sampled, view: View) -> str:
