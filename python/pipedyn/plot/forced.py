@@ -166,8 +166,7 @@ def parametric_regions(
             ring = common.open_marker(4.5, edge=look["color"], zorder=4.0, clip_on=False)
             ax.plot([per * region.threshold_frequency], [region.threshold], **ring)
     ax.set_ylim(bottom=0.0)
-    if regions:
-        common.legend_below(ax)
+    common.legend_below(ax)
     view.second_axes(ax, pulsation)
     return ax
 
@@ -206,7 +205,6 @@ def forced_response(
             if event.kind != "end":
                 mark_event(ax, event.kind, [per * event.frequency, one * event.amplitude])
     ax.set_ylim(bottom=0.0)
-    if response.branches:
-        common.legend_below(ax)
+    common.legend_below(ax)
     view.second_axes(ax, OMEGA)
     return ax
