@@ -107,11 +107,8 @@ def _level_crossings(at: Any, sizes: Any, frequency: float, level: float) -> lis
     k = int(np.argmin(np.abs(at - frequency)))
     left = k - int(np.argmin(above[: k + 1][::-1]))
     right = k + int(np.argmin(above[k:]))
-    found = list[float]()
-    for i, j in ((left, left + 1), (right, right - 1)):
-        share = (level - sizes[i]) / (sizes[j] - sizes[i])
-        found.append(float(at[i] + share * (at[j] - at[i])))
-    return found
+    pairs = [left, left + 1], [right, right - 1]
+    return [float(np.interp(level, sizes[pair], at[pair])) for pair in pairs]
 
 
 def parametric_regions(
