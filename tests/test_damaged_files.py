@@ -137,6 +137,7 @@ def changed(where, change):
         ("Motion", "Motion.q", lambda a: a.astype(int), "q of Motion must be"),
         ("Motion", "Motion.energy", lambda a: a.astype(str), "energy of Motion must be"),
         ("DenseOutput", "DenseOutput.t", lambda a: a[::-1], "t of DenseOutput must ascend"),
+        ("DenseOutput", "DenseOutput.coefficients", lambda a: a[..., :2], r"\(k, n, 2integrated\)"),
         ("CriticalSpeed", "CriticalSpeed.kind", "collapse", "kind of CriticalSpeed must be"),
         ("CriticalSpeed", "CriticalSpeed.model", {"object": 0}, "model of CriticalSpeed must be"),
         ("CriticalSpeed", "CriticalSpeed.speed", 10**400, "speed of CriticalSpeed must be float"),
