@@ -137,6 +137,7 @@ def changed(where, change):
         ("Motion", "Motion.q", lambda a: a.astype(int), "q of Motion must be"),
         ("Motion", "Motion.energy", lambda a: a.astype(str), "energy of Motion must be"),
         ("DenseOutput", "DenseOutput.t", lambda a: a[::-1], "t of DenseOutput must ascend"),
+        ("DenseOutput", "DenseOutput.coefficients", lambda a: a[..., :2], r"\(k, n, 2integrated\)"),
         ("CriticalSpeed", "CriticalSpeed.kind", "collapse", "kind of CriticalSpeed must be"),
         ("CriticalSpeed", "CriticalSpeed.model", {"object": 0}, "model of CriticalSpeed must be"),
         ("CriticalSpeed", "CriticalSpeed.speed", 10**400, "speed of CriticalSpeed must be float"),
@@ -270,12 +271,13 @@ def described(shape, dtype="<f8", data=b""):
         ("(-1,)", "<f8", "array0 is described otherwise than `save` does"),
         ("(1,)", "|O", "array0 is described otherwise than `save` does"),
         ("(1,)", "<U99999999999", "not a valid dtype|array0 is not as long"),
+        ("(64,)", "|b1", "array0 has what is neither true nor false"),
     ],
 )
 def test_shapes_are_judged_before_memory_is_taken(shape, dtype, said, tmp_path):
     header, _ = read(path_of("pipe").read_bytes())
     header["objects"].append({"array": "array0"})
-    members = [("array0.npy", described(shape, dtype, bytes(64)))]
+    members = [("array0.npy", described(shape, dtype, b"\2" * 64))]
     with zipfile.ZipFile(io.BytesIO(written(header, {}))) as good:
         members.append(("header.npy", good.read("header.npy")))
     assert peak_of_refusal(zipped(members), tmp_path, said) < 2e6

@@ -52,8 +52,10 @@ def drawn(state):
 def test_there_is_a_slider_for_each_number_that_is_asked_for_and_each_of_a_term():
     assert list(plot.Exploration(PIPE, 5).values) == list(MOVES)
     assert list(plot.Exploration(pp.Pipe(0.2), 5).values) == list(MOVES)[:5]
-    nozzle = plot.Exploration(pp.Pipe(0.2, alpha=1.4), 5, ranges={"hysteresis": (0.0, 0.1)})
+    ranges = {"hysteresis": (0.0, 0.1), "segments": (2.0, 8.0)}
+    nozzle = plot.Exploration(pp.Pipe(0.2, alpha=1.4), 5, ranges=ranges)
     assert list(nozzle.values)[5:] == ["alpha", "hysteresis"]
+    assert (nozzle.slider("segments").low, nozzle.slider("segments").high) == (2.0, 8.0)
 
 
 @pytest.mark.parametrize("order", [list(MOVES), list(MOVES)[::-1]])

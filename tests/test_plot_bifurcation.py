@@ -130,6 +130,10 @@ def test_orbit_is_the_free_end_against_its_velocity():
     assert np.abs(velocity).max() == pytest.approx(1.0, abs=1e-6)
     assert (first.get_linestyle(), second.get_linestyle()) == ("-", "--")
     assert first.get_label() == "$u = 5$, stable"
+    with pytest.raises(ValueError, match="cycles must hold at least one, got none"):
+        plot.orbit([])
+    with pytest.raises(ValueError, match=r"cycles\[0\] must have at least 8 samples, got 7"):
+        plot.orbit(replace(circle(), t=np.arange(7.0)))
 
 
 def test_multipliers_outside_the_unit_circle_are_crosses():

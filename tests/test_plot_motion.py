@@ -298,14 +298,14 @@ def test_members_that_failed_are_left_out_of_a_picture_and_told():
     for draw in plot.time_history, plot.phase_portrait:
         ax = draw(found, ax=axes())
         assert legend_of(ax) == ["$u = 5$", "$u = 6$"]
-        assert ax.get_title() == "left out: member 2, which failed"
+        assert ax.get_title() == "1 member left out after failure: 2"
 
 
 def test_the_only_member_that_did_not_fail_is_shown_as_one_motion():
     chain, start = pp.Chain(pp.Pipe(0.2, 10.0), 4), [0.1, 0.1, 0.1, 0.1]
     found = pp.simulate_many(chain, [6.0, 9999.0], 5.0, start, most=20_000)
     title = plot.time_history(found, ax=axes()).get_title()
-    assert title == "$u = 6$, ejecting\nleft out: member 1, which failed"
+    assert title == "$u = 6$, ejecting\n1 member left out after failure: 1"
     none = pp.simulate_many(chain, [9999.0], 5.0, start, most=20_000)
     told = r"motions must have a member that did not fail, the first: .* as `most=`"
     with pytest.raises(ValueError, match=told):

@@ -247,6 +247,8 @@ def test_numbers_in_si_are_those_of_the_hose():
     shown = f"speed={si.speed:.7g} m/s, frequency={si.frequency:.7g} Hz, error={si.error:.7g} m/s"
     assert repr(si) == f"CriticalSpeed in SI({shown}, sensitivity=<Sensitivity>)"
     assert si.discretisation == pytest.approx(si.speed * found.discretisation / found.speed)
+    assert pp.critical_speed(pp.Chain(SCALED, 2, springs=[2.0, 2.0])).in_si().discretisation is None
+    assert pickle.loads(pickle.dumps(si)).speed == si.speed
     with pytest.raises(AttributeError, match="mode of CriticalSpeed has no value in SI units"):
         _ = si.mode
     cycle = pp.limit_cycle(pp.Chain(SCALED, 2), 6.0).in_si()

@@ -107,7 +107,7 @@ KINDS = "a LimitCycle, a Hopf, a Motion, an angle theta(s), coordinates or a sta
         "2dof": "multipliers",
         "S": "t",
         "S coordinates": "q qdot",
-        "M 2moving": "orbit.starts",
+        "M 2integrated": "orbit.starts",
     },
 )
 class LimitCycle(Trajectory, TableResult):

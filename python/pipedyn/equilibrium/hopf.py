@@ -261,7 +261,7 @@ def _rest_at(motion: VectorField, crossing: Crossing | BranchPoint) -> Array:
     return motion.resting()
 
 
-@saved_as("Hopf", shapes={"2moving": "mode rest"})
+@saved_as("Hopf", shapes={"2integrated": "mode rest"})
 class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
     """A flutter onset, and the limit cycle that emerges there.
 

@@ -98,7 +98,7 @@ BranchKind = Literal["base", "subharmonic", "harmonic"]
         "2dof": "multipliers",
         "S": "t",
         "S coordinates": "q qdot",
-        "M 2moving": "orbit.starts",
+        "M 2integrated": "orbit.starts",
     },
 )
 class ForcedMotion(Trajectory, TableResult):

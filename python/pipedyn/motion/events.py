@@ -71,7 +71,7 @@ class Occurrences(TableResult):
         return states_over_time(self.t, self.q, self.qdot)
 
 
-@saved_as("DenseOutput", shapes={"k+1": "t", "k n 2moving": "coefficients"})
+@saved_as("DenseOutput", shapes={"k+1": "t", "k n 2integrated": "coefficients"})
 class DenseOutput(Result):
     """The states of a motion at any time, from polynomials that interpolate the integrator's steps.
 

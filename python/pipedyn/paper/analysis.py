@@ -7,7 +7,7 @@ Results that fail are left out and named; all others are kept.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -31,7 +31,7 @@ from pipedyn.models.continuum import Continuum
 from pipedyn.models.galerkin import BASES, Basis, Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.later import futures
-from pipedyn.util.parallel import Job, parallel
+from pipedyn.util.parallel import Job, outcome_of, parallel
 
 BRANCHES = 4
 """Number of branches in figures 2 and 3, equal to that of the paper's smallest chain."""
@@ -105,53 +105,49 @@ def gather(case: Options, executor: futures.Executor | None = None) -> Iterator[
     exact = Continuum(case.pipe)
     findings = Findings()
 
-    def recorded(names: Iterable[str], answers: Iterator[Any]) -> dict[str, tuple[Any, str]]:
-        """Values of the next jobs by name, or None with the reason; records failures."""
-        outcomes = {}
-        for name, answer in zip(names, answers, strict=False):
-            failed = isinstance(answer, Exception)
-            outcomes[name] = (None, _remark(answer)) if failed else (answer, "")
-            if failed and not isinstance(answer, NoCrossing):
-                findings.failures.append(f"{name}: {_remark(answer)}")
-        return outcomes
+    def recorded(name: str, answer: Any) -> tuple[Any, str]:
+        """The answer of a job, or None with the reason; records failures by the name."""
+        if not isinstance(answer, Exception):
+            return answer, ""
+        if not isinstance(answer, NoCrossing):
+            findings.failures.append(f"{name}: {_remark(answer)}")
+        return None, _remark(answer)
 
-    name = "critical speed, continuous pipe"
-    found = recorded([name], parallel([partial(critical_speed, exact)]))
-    findings.exact, findings.remark = found[name]
+    found = outcome_of(partial(critical_speed, exact))
+    findings.exact, findings.remark = recorded("critical speed, continuous pipe", found)
     findings.highest = _highest(case, findings.exact)
     speeds = np.linspace(0.0, findings.highest, case.speeds)
-    panels, families = _panel_models(case), _families(case)
-    jobs: dict[str, Job[Any]] = {
-        "root loci, continuous pipe": partial(root_loci, exact, speeds, BRANCHES),
-        "crossings, continuous pipe": partial(crossings, exact, findings.highest),
-    }
-    for title, model in (panel for row in panels for panel in row):
-        jobs[f"root loci, {title}"] = partial(root_loci, model, speeds, min(BRANCHES, model.dof))
-    for kind, family, model in families:
-        jobs[f"critical speed, {kind}, {family}, {model.dof}"] = partial(critical_speed, model)
-    gammas = _gammas(case)
-    maps = {gamma: f"stability map, gamma = {gamma}" for gamma in gammas}
+    panels, families, gammas = _panel_models(case), _families(case), _gammas(case)
     top = map_top(findings.exact)
-    map_jobs = [partial(mapped_stability, replace(case.pipe, gamma=gamma), top) for gamma in gammas]
-    every: list[Job[Any]] = [*jobs.values(), *map_jobs]
-    answers = parallel(every, executor, label="models", progress=case.progress)
-    outcomes = recorded(jobs, answers)
-    findings.benchmark, _ = outcomes["root loci, continuous pipe"]
-    findings.crossings = outcomes["crossings, continuous pipe"][0]
+    jobs: list[Job[Any]] = [
+        partial(root_loci, exact, speeds, BRANCHES),
+        partial(crossings, exact, findings.highest),
+        *(
+            partial(root_loci, model, speeds, min(BRANCHES, model.dof))
+            for row in panels
+            for _, model in row
+        ),
+        *(partial(critical_speed, model) for *_, model in families),
+        *(partial(mapped_stability, replace(case.pipe, gamma=gamma), top) for gamma in gammas),
+    ]
+    answers = parallel(jobs, executor, label="models", progress=case.progress)
+    findings.benchmark, _ = recorded("root loci, continuous pipe", next(answers))
+    findings.crossings, _ = recorded("crossings, continuous pipe", next(answers))
     findings.panels = [
-        [(title, outcomes[f"root loci, {title}"][0]) for title, _ in row] for row in panels
+        [(title, recorded(f"root loci, {title}", next(answers))[0]) for title, _ in row]
+        for row in panels
     ]
-    findings.rows = [
-        Row(kind, family, model.dof, *outcomes[f"critical speed, {kind}, {family}, {model.dof}"])
-        for kind, family, model in families
-    ]
+    for kind, family, model in families:
+        name = f"critical speed, {kind}, {family}, {model.dof}"
+        findings.rows.append(Row(kind, family, model.dof, *recorded(name, next(answers))))
     yield findings
 
-    outcomes = recorded(maps.values(), answers)
-    for gamma, name in maps.items():
-        if outcomes[name][0] is None:
+    for gamma in gammas:
+        name = f"stability map, gamma = {gamma}"
+        mapped, _ = recorded(name, next(answers))
+        if mapped is None:
             continue
-        found, curve = outcomes[name][0]
+        found, curve = mapped
         findings.maps[gamma], findings.curves[gamma] = found, curve
         findings.map_error = max([findings.map_error, *(one.error for one in found.curves)])
         findings.failures += [f"{name}: {failure}" for failure in found.failures]

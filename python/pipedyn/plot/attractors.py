@@ -145,18 +145,18 @@ def poincare_section(
     shown = rate(last, "", f" {place}")
     ax = view.axes(ax, (4.8, 4.2), across, shown)
     looks = zip(cycle(SHAPES), cycle(common.CURVE_STYLES), strict=False)
-    drawn = 0
+    moving = False
     for basin, name, (marker, style) in zip(some, names, looks, strict=False):
         if not len(basin.section):
             continue
+        moving = True
         q, qdot = np.split(basin.section, 2, axis=1)
         x = model.tips(q.T)[:, 0] if index is None else q[:, index]
         few = basin.ending == "periodic"
         look: dict[str, Any] = {"linestyle": "none", "marker": marker, "color": style["color"]}
         look |= {"label": name, "markersize": 5.0 if few else 2.0, "markeredgewidth": 0.0}
         ax.plot(view.one(across) * x, view.one(shown) * qdot[:, last], **look)
-        drawn += 1
-    if drawn:
+    if moving:
         common.legend_below(ax)
         ax.margins(0.08)
         for place, limits in (

@@ -93,14 +93,11 @@ def bifurcation_diagram(
         for heights in (cycles.highest, lowest, *mirror_image):
             _draw_branch(ax, cycles, heights, heights[nearest], "cycle", common.BLUE, one)
     failed = sorted({failure.value for failure in diagram.failures})
-    if failed:
-        look: dict[str, Any] = {"marker": "x", "linestyle": "none", "color": common.VERMILION}
-        look |= {"markersize": 4.0, "transform": ax.get_xaxis_transform(), "zorder": 5.0}
-        ax.plot(one[0] * np.array(failed), [0.02] * len(failed), label="failed", **look)
+    common.mark_failed(ax, one[0] * np.array(failed))
     if diagram.motions and index is None:
         x = np.concatenate([np.full(one.turnings.size, one.speed) for one in diagram.motions])
         y = np.concatenate([one.turnings for one in diagram.motions])
-        look = {"marker": ".", "color": "0.6", "markersize": 5.0, "gid": "motions"}
+        look: dict[str, Any] = {"marker": ".", "color": "0.6", "markersize": 5.0, "gid": "motions"}
         look |= {"linestyle": "none", "markeredgewidth": 0.0, "zorder": 1.0}
         look["rasterized"] = x.size > 20_000  # keeps vector files small
         ax.plot(one[0] * x, one[1] * y, label="turning points of motions", **look)

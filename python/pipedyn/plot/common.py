@@ -18,7 +18,7 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 from matplotlib.ticker import SymmetricalLogLocator
 from matplotlib.transforms import ScaledTranslation, blended_transform_factory
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.util import check
 
@@ -159,11 +159,14 @@ def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
 def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
     """Adds a legend below the Axes, of artists by name, or of all artists that have a label.
 
-    The legend has as many columns, up to four, as fit the width of the figure. If it would take
-    more than a fifth of the height of the figure, its letters get smaller, down to six points.
+    Without such artists there is no legend. The legend has as many columns, up to four, as fit the
+    width of the figure. If it would take more than a fifth of the height of the figure, its letters
+    get smaller, down to six points.
     """
     if named is None:
         named = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
+    if not named:
+        return
     spec = ax.get_subplotspec()
     alone = spec is not None and spec.get_gridspec().ncols == 1
     middle = blended_transform_factory(
@@ -227,6 +230,13 @@ def open_marker(size: float, edge: str = BLACK, **more: Any) -> dict[str, Any]:
     """Look of a white marker with an edge and no line; a ring unless `more` has another marker."""
     look = {"linestyle": "none", "marker": "o", "markersize": size, "markerfacecolor": "white"}
     return look | {"markeredgecolor": edge} | more
+
+
+def mark_failed(ax: Axes, places: ArrayLike) -> None:
+    """Draws crosses just above the x axis at the points of a sweep that failed, if any."""
+    if np.size(places):
+        cross = open_marker(5.0, VERMILION, marker="x", transform=ax.get_xaxis_transform())
+        ax.plot(places, np.full(np.size(places), 0.02), label="failed", zorder=5.0, **cross)
 
 
 def rounded_up(value: float) -> float:

@@ -46,6 +46,9 @@ REAL_REACH = 0.35
 """Limit of the axis of real parts in both directions, as a share of the limit of frequencies.
 Strongly damped roots lie far outside and are not of interest."""
 
+DOTS = ("flutter", "o", common.BLACK), ("divergence", "s", common.BLUE)
+"""Marker and colour of critical speeds by the kind of instability."""
+
 ENVELOPE = 9
 """Number of shapes drawn behind the moving pipe, from the cycle with the largest motion."""
 
@@ -118,18 +121,17 @@ class ExplorationPicture:
         root_loci(of.loci, highest=highest, units=self._units, ax=ax)
         values = np.array([mode.eigenvalue for mode in of.modes])
         growing = grows(values)
-        for chosen, colour, gid in (
-            (~growing, "white", "roots"),
-            (growing, common.VERMILION, "growing roots"),
-        ):
-            ring = common.open_marker(6.0, zorder=4.0, markerfacecolor=colour, gid=gid)
-            ax.plot(rate * values.real[chosen], rate * values.imag[chosen], **ring)
+        ring = common.open_marker(6.0, zorder=4.0)
+        for chosen, gid in ((~growing, "roots"), (growing, "growing roots")):
+            roots = rate * values[chosen]
+            ax.plot(roots.real, roots.imag, gid=gid, **ring)
+            ring["markerfacecolor"] = common.VERMILION  # growing roots are filled
         top = rounded_up(1.02 * rate * float(np.nanmax(of.loci.eigenvalues.imag)))
         ax.set(xlim=(-REAL_REACH * top, REAL_REACH * top), ylim=(0.0, top))
 
     @property
     def _speed_label(self) -> str:
-        return self._view.label(Measure("flow speed $u$", units.FLOW_SPEED.si_label))
+        return self._view.label(Measure("flow speed $u$", "flow speed", units.FLOW_SPEED.unit))
 
     def _draw_map(self, ax: Axes, highest: float) -> None:
         """Draws critical speeds against a number, and the speeds at which the pipe is stable."""
@@ -148,10 +150,7 @@ class ExplorationPicture:
         onset = np.where(kinds != "", speeds, math.nan)
         ax.plot(values, onset, color="0.35", linewidth=1.0, zorder=2.0, gid="onset")
         dot: dict[str, Any] = {"linestyle": "none", "markersize": 2.8, "zorder": 2.5}
-        for kind, marker, colour in (
-            ("flutter", "o", common.BLACK),
-            ("divergence", "s", common.BLUE),
-        ):
+        for kind, marker, colour in DOTS:
             chosen = kinds == kind
             ax.plot(values[chosen], speeds[chosen], marker, color=colour, label=kind, **dot)
         dashed: dict[str, Any] = {"color": common.BLUE, "linestyle": "--", "linewidth": 1.0}

@@ -58,8 +58,7 @@ def frequency_response(
     view = View(units, response.model.pipe)
     size = Measure(f"|displacement of the {moved} / {driven}|")
     if driven != "base":
-        unit, value = PER_FORCE if driven == "force" else PER_MOMENT
-        size = Measure(size.label, f"{size.label} ({unit})", value)
+        size = Measure(size.label, size.label, PER_FORCE if driven == "force" else PER_MOMENT)
     ax = view.axes(ax, (6.4, 4.2), OMEGA, Measure("phase (degrees)") if shows_phase else size)
     per, one = view.one(OMEGA), view.one(size)
     order = np.argsort(response.frequencies)
@@ -108,11 +107,8 @@ def _level_crossings(at: Any, sizes: Any, frequency: float, level: float) -> lis
     k = int(np.argmin(np.abs(at - frequency)))
     left = k - int(np.argmin(above[: k + 1][::-1]))
     right = k + int(np.argmin(above[k:]))
-    found = list[float]()
-    for i, j in ((left, left + 1), (right, right - 1)):
-        share = (level - sizes[i]) / (sizes[j] - sizes[i])
-        found.append(float(at[i] + share * (at[j] - at[i])))
-    return found
+    pairs = [left, left + 1], [right, right - 1]
+    return [float(np.interp(level, sizes[pair], at[pair])) for pair in pairs]
 
 
 def parametric_regions(
@@ -141,7 +137,7 @@ def parametric_regions(
         check.instance(f"regions[{i}]", one, ParametricRegion)
     pipe = regions.model.pipe if isinstance(regions, ParametricRegions) else None
     view = View(units, regions[0].pipe if regions else pipe)
-    pulsation = Measure(r"frequency of the pulsation $\omega$", OMEGA.si_label, OMEGA.unit)
+    pulsation = Measure(r"frequency of the pulsation $\omega$", OMEGA.words, OMEGA.unit)
     ax = view.axes(ax, (6.4, 4.2), pulsation, Measure(r"amplitude $\mu$ of the pulsation"))
     per = view.one(OMEGA)
     for region in regions:
@@ -167,8 +163,7 @@ def parametric_regions(
             ring = common.open_marker(4.5, edge=look["color"], zorder=4.0, clip_on=False)
             ax.plot([per * region.threshold_frequency], [region.threshold], **ring)
     ax.set_ylim(bottom=0.0)
-    if regions:
-        common.legend_below(ax)
+    common.legend_below(ax)
     view.second_axes(ax, pulsation)
     return ax
 
@@ -207,7 +202,6 @@ def forced_response(
             if event.kind != "end":
                 mark_event(ax, event.kind, [per * event.frequency, one * event.amplitude])
     ax.set_ylim(bottom=0.0)
-    if response.branches:
-        common.legend_below(ax)
+    common.legend_below(ax)
     view.second_axes(ax, OMEGA)
     return ax

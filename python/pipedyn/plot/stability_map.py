@@ -108,8 +108,7 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
     if not found.curves:
         sentence = _why_nothing({_stability(found)})
         ax.text(0.5, 0.5, sentence, transform=ax.transAxes, ha="center", wrap=True)
-    else:
-        common.legend_below(ax)
+    common.legend_below(ax)
     plane.second_axes(ax, *plane.quantities)
     return ax
 
@@ -245,14 +244,12 @@ def stability_map(
         raise ValueError(f"boundaries must be over one number, got {', '.join(map(str, names))}")
     if highest is not None:
         highest = check.real("highest", highest, low=0.0, open_low=True)
-    if marked is not None:
-        check.instance("marked", marked, CriticalSpeed)
-    if parameter is not None:
-        check.instance("parameter", parameter, str)
+    check.instance("marked", marked, CriticalSpeed | None, "a CriticalSpeed")
+    check.instance("parameter", parameter, str | None, "a label")
     name = next(iter(names), None)
     pipes = [_pipe(one) for one in boundaries.values()]
-    known = next((pipe for pipe in pipes if pipe is not None), None)
-    known = marked.pipe if known is None and marked is not None else known
+    every = [*pipes, None if marked is None else marked.pipe]
+    known = next((pipe for pipe in every if pipe is not None), None)
     view = View(units, known)
     shown = Measure(parameter or _parameter(boundaries))
     if name is not None and known is not None:
@@ -267,24 +264,21 @@ def stability_map(
         one = np.array([own.one(shown), own.one(FLOW_SPEED)])
         if isinstance(found, StabilityCurve):
             points = {"linestyle": "none", "marker": "o", "markersize": 3.5}
-            speeds = found.in_si().speeds if own.si else found.speeds
-            searched += (one[0] * found.values).tolist()
-            ax.plot(one[0] * found.values, speeds, label=label, **(look | points))
+            x, speeds = one[0] * found.values, found.in_si().speeds if own.si else found.speeds
+            searched += x.tolist()
+            ax.plot(x, speeds, label=label, **(look | points))
             points |= {"marker": TICKUP, "markersize": 7.0, "label": "_unstable side"}
-            ax.plot(one[0] * found.values, speeds, **(look | points))
+            ax.plot(x, speeds, **(look | points))
             stays = np.isfinite(found.no_loss_up_to)
-            for end in np.unique(found.no_loss_up_to[stays]):
-                at = one[0] * found.values[found.no_loss_up_to == end]
-                top: dict[str, Any] = {"marker": "^", "linestyle": "none"}
-                top["transform"] = ax.get_xaxis_transform()
-                words = f"{label}: no loss of stability up to {own.speed(float(end))}"
-                top |= {"markersize": 5.0, "clip_on": False, "color": look["color"]}
-                ax.plot(at, np.full(at.size, 0.98), label=words, **top)
+            if stays.any():
+                end = float(found.no_loss_up_to[stays].min())
+                points |= {"marker": "^", "markersize": 5.0, "clip_on": False}
+                points |= {"label": f"{label}: no loss of stability up to {own.speed(end)}"}
+                points |= {"transform": ax.get_xaxis_transform()}
+                ax.plot(x[stays], np.full(stays.sum(), 0.98), **(look | points))
             states.add("not computed")
-            failed += [
-                one[0] * failure.value for failure in found.failures if not stays[failure.index]
-            ]
-            drawn = drawn or bool(np.isfinite(found.speeds).any() or stays.any())
+            failed += [x[one.index] for one in found.failures if not stays[one.index]]
+            drawn = drawn or bool(np.isfinite(speeds).any() or stays.any())
             continue
         plane = PlaneView(units, found.model.pipe, found.names)
         parts = [part for curve in found.curves for part in parts_of_stability(curve, found)]
@@ -309,10 +303,7 @@ def stability_map(
                 middle = line.shape[0] // 2
                 gamma = line[middle, 0] if name == "gamma" else found.model.pipe.gamma
                 divergences.append((at[middle - 1 : middle + 1], left, gamma < 0.0, look["color"]))
-    if failed:
-        cross = common.open_marker(5.0, common.VERMILION, marker="x", zorder=5.0)
-        place = ax.get_xaxis_transform()
-        ax.plot(failed, [0.02] * len(failed), label="failed", transform=place, **cross)
+    common.mark_failed(ax, failed)
     if marked is not None and name in (None, "beta"):
         own, words = View(units, marked.pipe), rf"$\beta = {marked.pipe.beta:g}$"
         words, speed = rf"{words}, $\gamma = {marked.pipe.gamma:g}$", own.speed(marked.speed, 4)
@@ -346,8 +337,7 @@ def stability_map(
     elif boundaries:
         ticks = withTickedStroke(angle=-90.0, **TICKS)
         ax.plot([], [], color="0.3", path_effects=[ticks], label="ticks: unstable side")
-    if ax.get_legend_handles_labels()[0]:  # artists without labels have no entries
-        common.legend_below(ax)
+    common.legend_below(ax)
     return ax
 
 

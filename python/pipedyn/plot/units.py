@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,12 +13,13 @@ from matplotlib.axes import Axes
 from pipedyn.models.drive import Supply
 from pipedyn.models.pipe import OWN_NUMBERS, Pipe
 from pipedyn.models.pipe_numbers import unit_of_number
-from pipedyn.models.scales import Scales, scales_at
+from pipedyn.models.scales import scales_at
 from pipedyn.plot import common
 from pipedyn.util import check
 from pipedyn.util import units as si
 from pipedyn.util.check import Array
 from pipedyn.util.result import Units as Units
+from pipedyn.util.units import Unit
 
 
 @dataclass(frozen=True)
@@ -28,49 +28,46 @@ class Measure:
 
     Attributes:
         label: label of an axis in nondimensional units.
-        si_label: label of an axis in SI units; empty if the quantity has no unit.
-        unit: function that gives the SI value of a nondimensional 1.
+        words: label of an axis in SI units, without the unit.
+        unit: SI unit; None if the quantity has none.
     """
 
     label: str
-    si_label: str = ""
-    unit: Callable[[Scales], float] = lambda scales: 1.0
+    words: str = ""
+    unit: Unit | None = None
+
+    @property
+    def si_label(self) -> str:
+        """Label of an axis in SI units; empty if the quantity has no unit."""
+        if self.unit is None:
+            return ""
+        powers = re.sub(r"\^(-?\d+)", r"$^{\1}$", self.unit.name)
+        return f"{self.words} ({powers})"
 
 
-FLOW_SPEED = Measure(common.SPEED_LABEL, "flow speed (m/s)", si.SPEED.scale)
-ELAPSED = Measure(common.TIME_LABEL, "time (s)", si.TIME.scale)
-TIP = Measure(common.TIP_LABEL, "free end $x$ (m)", si.LENGTH.scale)
-TIP_RATE = Measure(
-    common.TIP_RATE_LABEL,
-    r"velocity of the free end $\dot{x}$ (m/s)",
-    lambda scales: scales.length / scales.time,
-)
-AMPLITUDE = Measure(
-    "amplitude of the free end / $L$", "amplitude of the free end (m)", si.LENGTH.scale
-)
-TRANSVERSE = Measure("transverse $x/L$", "transverse $x$ (m)", si.LENGTH.scale)
-AXIAL = Measure("along the straight pipe $y/L$", "along the straight pipe $y$ (m)", si.LENGTH.scale)
-ARC = Measure(
-    "arc length $s/L$ from the clamp", "arc length $s$ from the clamp (m)", si.LENGTH.scale
-)
-GROWTH = Measure(common.REAL_LABEL, r"Re $\lambda$ (1/s)", si.RATE.scale)
-OSCILLATION = Measure(common.IMAGINARY_LABEL, r"Im $\lambda$ (rad/s)", si.RATE.scale)
-ROOT_FREQUENCY = Measure(common.FREQUENCY_LABEL, r"|Im $\lambda$| $/2\pi$ (Hz)", si.FREQUENCY.scale)
-OMEGA = Measure(
-    r"angular frequency $\omega$ (nondimensional)", "frequency (Hz)", si.FREQUENCY.scale
-)
+FLOW_SPEED = Measure(common.SPEED_LABEL, "flow speed", si.SPEED)
+ELAPSED = Measure(common.TIME_LABEL, "time", si.TIME)
+TIP = Measure(common.TIP_LABEL, "free end $x$", si.LENGTH)
+TIP_RATE = Measure(common.TIP_RATE_LABEL, r"velocity of the free end $\dot{x}$", si.VELOCITY)
+AMPLITUDE = Measure("amplitude of the free end / $L$", "amplitude of the free end", si.LENGTH)
+TRANSVERSE = Measure("transverse $x/L$", "transverse $x$", si.LENGTH)
+AXIAL = Measure("along the straight pipe $y/L$", "along the straight pipe $y$", si.LENGTH)
+ARC = Measure("arc length $s/L$ from the clamp", "arc length $s$ from the clamp", si.LENGTH)
+GROWTH = Measure(common.REAL_LABEL, common.REAL_LABEL, si.RATE)
+OSCILLATION = Measure(common.IMAGINARY_LABEL, common.IMAGINARY_LABEL, Unit("rad/s", si.RATE.scale))
+ROOT_FREQUENCY = Measure(common.FREQUENCY_LABEL, r"|Im $\lambda$| $/2\pi$", si.FREQUENCY)
+OMEGA = Measure(r"angular frequency $\omega$ (nondimensional)", "frequency", si.FREQUENCY)
 
-PER_FORCE = "m/N", lambda scales: scales.time**2 / (scales.mass * scales.length)
-PER_MOMENT = "1/N", lambda scales: scales.time**2 / (scales.mass * scales.length**2)
-"""Units of the displacement per force and per moment, each with a function that gives the SI value
-of a nondimensional 1."""
+PER_FORCE = Unit("m/N", lambda scales: scales.time**2 / (scales.mass * scales.length))
+PER_MOMENT = Unit("1/N", lambda scales: scales.time**2 / (scales.mass * scales.length**2))
+"""Units of the displacement per force and per moment."""
 
 OF_A_NUMBER = {
     "u": FLOW_SPEED,
     **{name: Measure(f"{one.word} ${one.symbol}$") for name, one in OWN_NUMBERS.items()},
     "beta": Measure(common.BETA_LABEL),
-    "damping": Measure(r"damping $\delta$", "damping time (s)", si.TIME.scale),
-    "frequency": Measure("frequency of the forcing", OMEGA.si_label, OMEGA.unit),
+    "damping": Measure(r"damping $\delta$", "damping time", si.TIME),
+    "frequency": Measure("frequency of the forcing", OMEGA.words, OMEGA.unit),
     "amplitude": Measure("amplitude of the forcing"),
 }
 """Numbers that axes of boundaries show, by name; all other numbers are looked up in the pipe."""
@@ -81,17 +78,13 @@ def of_number(name: str, pipe: Pipe) -> Measure:
     if name in OF_A_NUMBER:
         return OF_A_NUMBER[name]
     label = "stiffness of the root $(EI/L)$" if name == "root.stiffness" else name
-    unit = unit_of_number(name, pipe)
-    if unit is None:
-        return Measure(label)
-    text = re.sub(r"\^(-?\d+)", r"$^{\1}$", unit.name)
-    return Measure(label, f"{name} ({text})", unit.scale)
+    return Measure(label, name, unit_of_number(name, pipe))
 
 
 def rate(coordinate: int, before: str = "", after: str = "") -> Measure:
     """Rate of change of a coordinate, with words before and after it in the label."""
-    words = rf"{before}rate $\dot{{q}}_{{{coordinate}}}$"
-    return Measure(f"{words}{after}", f"{words}{after} (1/s)", si.RATE.scale)
+    words = rf"{before}rate $\dot{{q}}_{{{coordinate}}}${after}"
+    return Measure(words, words, si.RATE)
 
 
 def of_coordinate(coordinate: Any, coordinates: int) -> tuple[int | None, Measure]:
@@ -120,7 +113,9 @@ class View:
 
     def one(self, quantity: Measure) -> float:
         """The value that is shown for a nondimensional 1 of a quantity."""
-        return quantity.unit(self.scales) if self.si and self.scales is not None else 1.0
+        if not self.si or self.scales is None or quantity.unit is None:
+            return 1.0
+        return float(quantity.unit.scale(self.scales))
 
     def label(self, quantity: Measure) -> str:
         """Label of an axis that shows a quantity."""
@@ -143,9 +138,9 @@ class View:
         if self.si or self.scales is None:
             return
         for along, shown in (("x", x), ("y", y)):
-            if shown is None or not shown.si_label:
+            if shown is None or shown.unit is None:
                 continue
-            one = shown.unit(self.scales)
+            one = shown.unit.scale(self.scales)
             functions = (lambda value, one=one: value * one), (lambda value, one=one: value / one)
             if along == "x":
                 ax.secondary_xaxis("top", functions=functions).set_xlabel(shown.si_label)

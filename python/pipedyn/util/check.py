@@ -97,9 +97,7 @@ def how_many(number: int, thing: str) -> str:
 
 def flag(name: str, value: Any) -> bool:
     """The value, refused unless it is True or False."""
-    if not isinstance(value, bool | np.bool_):
-        raise TypeError(f"{name} must be True or False, got {shown(value)}")
-    return bool(value)
+    return bool(instance(name, value, bool | np.bool_, "True or False"))
 
 
 def executor(name: str, value: Any) -> None:
