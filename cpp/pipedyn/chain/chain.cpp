@@ -9,7 +9,6 @@
 #include <utility>
 
 #include "pipedyn/chain/stations.hpp"
-#include "pipedyn/vector/levels.hpp"
 
 namespace pipedyn {
 
@@ -533,40 +532,6 @@ MotionModel Chain::motion() const {
           .drag = pipe_.drag != 0.0,
           .loads = loads_.data(),
           .load_count = static_cast<std::ptrdiff_t>(loads_.size())};
-}
-
-void Chain::rhs(const Batch& batch, double* rates) const {
-  motion_kernel().rhs(motion(), batch, rates);
-}
-
-void Chain::rhs_and_power(const Batch& batch, double* rates) const {
-  motion_kernel().rhs_and_power(motion(), batch, rates);
-}
-
-void Chain::axial(const Batch& batch, double* out) const {
-  motion_kernel().axial(motion(), batch, out);
-}
-
-void Chain::jacobian(const Batch& batch, double* out) const {
-  motion_kernel().jacobian(motion(), batch, out);
-}
-
-Index Chain::factor_numbers() const { return motion_kernel().factor_numbers(motion()); }
-
-void Chain::factorise(const Batch& one, const double* mu, double* factors) const {
-  motion_kernel().factorise(motion(), one, mu, factors);
-}
-
-void Chain::solve(double u, double* factors, double* b) const {
-  motion_kernel().solve(motion(), u, factors, b);
-}
-
-void Chain::energy(const Batch& batch, double* out) const {
-  motion_kernel().energy(motion(), batch, out);
-}
-
-void Chain::power(const Batch& batch, double* out) const {
-  motion_kernel().power(motion(), batch, out);
 }
 
 }  // namespace pipedyn

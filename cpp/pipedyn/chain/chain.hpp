@@ -69,6 +69,7 @@
 #include "pipedyn/chain/impedance.hpp"
 #include "pipedyn/chain/motion.hpp"
 #include "pipedyn/pipe.hpp"
+#include "pipedyn/vector/levels.hpp"
 
 namespace pipedyn {
 
@@ -154,29 +155,39 @@ class Chain {
   // size.
 
   /// Rates dy/dtau (2 n, members), in O(n) a member.
-  void rhs(const Batch& batch, double* rates) const;
+  void rhs(const Batch& batch, double* rates) const { motion_kernel().rhs(motion(), batch, rates); }
   /// Rates of [theta, theta', W] (2 n + 1, members), where W' is the sum of the powers. An
   /// integrator integrates W with the order of its method, so that E(t) - E(0) - W(t) measures the
   /// error of a motion.
-  void rhs_and_power(const Batch& batch, double* rates) const;
+  void rhs_and_power(const Batch& batch, double* rates) const {
+    motion_kernel().rhs_and_power(motion(), batch, rates);
+  }
   /// MotionKernel::axial of [theta, theta', theta''] (3 n, members), in O(n) a member.
-  void axial(const Batch& batch, double* out) const;
+  void axial(const Batch& batch, double* out) const { motion_kernel().axial(motion(), batch, out); }
   /// Jacobians d(dy/dtau)/dy (members, 2 n, 2 n), row-major, in O(n^2) a member. The derivative of
   /// drag is 2 |v| dv, which is 0 where v = 0; moments of the batch change by their slopes.
-  void jacobian(const Batch& batch, double* out) const;
+  void jacobian(const Batch& batch, double* out) const {
+    motion_kernel().jacobian(motion(), batch, out);
+  }
   /// Solution of (mu - J) x = b for MotionKernel::shifts complex mu at once, J the Jacobian of a
   /// state, in O(n). `factorise` fills factors, an array of factor_numbers() numbers; `solve`
   /// replaces b (2 n, 2 shifts) by x. Real parts stand before imaginary parts, in mu as well.
-  Index factor_numbers() const;
-  void factorise(const Batch& one, const double* mu, double* factors) const;
-  void solve(double u, double* factors, double* b) const;
+  Index factor_numbers() const { return motion_kernel().factor_numbers(motion()); }
+  void factorise(const Batch& one, const double* mu, double* factors) const {
+    motion_kernel().factorise(motion(), one, mu, factors);
+  }
+  void solve(double u, double* factors, double* b) const {
+    motion_kernel().solve(motion(), u, factors, b);
+  }
   /// Energy of each member (members,): kinetic, elastic and gravitational energy in the frame of
   /// the base, and the terms' energy in the frame of the ground. It is 0 for the straight pipe at
   /// rest.
-  void energy(const Batch& batch, double* out) const;
+  void energy(const Batch& batch, double* out) const {
+    motion_kernel().energy(motion(), batch, out);
+  }
   /// Powers of flow, joints, drag, terms (others) and the base's motion (5, members); their sum is
   /// dE/dtau.
-  void power(const Batch& batch, double* out) const;
+  void power(const Batch& batch, double* out) const { motion_kernel().power(motion(), batch, out); }
 
  private:
   Pipe pipe_;

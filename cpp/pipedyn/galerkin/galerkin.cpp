@@ -23,6 +23,21 @@ constexpr double not_a_number = std::numeric_limits<double>::quiet_NaN();
 
 const GalerkinKernel& kernel() { return *motion_kernel().galerkin; }
 
+MotionEffects effects_of(const Pipe& pipe, const Panels& panels) {
+  return {.coriolis = 2.0 * pipe.direction() * pipe.sqrt_beta(),
+          .entry = pipe.entry(),
+          .thrust = pipe.thrust(),
+          .gamma = pipe.gamma,
+          .drag = pipe.drag,
+          .damping = pipe.damping,
+          .normal_mass = panels.normal_mass,
+          .loads = panels.loads.data(),
+          .load_count = static_cast<Index>(panels.loads.size()),
+          .held = panels.held.data(),
+          .held_count = static_cast<Index>(panels.held.size()),
+          .return_rate = Galerkin::return_rate};
+}
+
 /// Calls a function of the kernel for blocks of members that need the same grid, one member alone
 /// or as many as the vectors hold, and passes result i of each member k to write(k, i, result); the
 /// result is NaN for members that bend more than the largest grid resolves. If the batch allows
@@ -31,10 +46,11 @@ const GalerkinKernel& kernel() { return *motion_kernel().galerkin; }
 /// motion needs; rows: number of entries of a member in batch.y, divided by the number of
 /// functions.
 template <class Write>
-void evaluate(const GalerkinKernel::Function function, const Grids& grids,
-              const MotionEffects& effects, const Batch& batch, Index results, const Write& write,
-              Index finer = 0, Index rows = 2) {
+void evaluate(const GalerkinKernel::Function function, const Grids& grids, const Pipe& pipe,
+              const Batch& batch, Index results, const Write& write, Index finer = 0,
+              Index rows = 2) {
   static thread_local std::vector<Index> grid_of, chosen;
+  const MotionEffects effects = effects_of(pipe, grids.panels());
   static thread_local std::vector<double> numbers;
   const Index state = rows * grids.basis().size(), members = batch.members;
   grid_of.resize(static_cast<std::size_t>(members));
@@ -81,21 +97,6 @@ void evaluate(const GalerkinKernel::Function function, const Grids& grids,
     }
     first += used;
   }
-}
-
-MotionEffects effects_of(const Pipe& pipe, const Panels& panels) {
-  return {.coriolis = 2.0 * pipe.direction() * pipe.sqrt_beta(),
-          .entry = pipe.entry(),
-          .thrust = pipe.thrust(),
-          .gamma = pipe.gamma,
-          .drag = pipe.drag,
-          .damping = pipe.damping,
-          .normal_mass = panels.normal_mass,
-          .loads = panels.loads.data(),
-          .load_count = static_cast<Index>(panels.loads.size()),
-          .held = panels.held.data(),
-          .held_count = static_cast<Index>(panels.held.size()),
-          .return_rate = Galerkin::return_rate};
 }
 
 /// Makes a function that writes result i of member k to the array (results, members) of a batch.
@@ -245,7 +246,7 @@ std::string Galerkin::unresolved(const double* q, Index stride) const {
 void Galerkin::rhs(const Batch& batch, double* rates) const {
   const Index m = dof(), members = batch.members;
   std::copy(batch.y + m * members, batch.y + 2 * m * members, rates);
-  evaluate(kernel().accelerations, grids(), effects_of(pipe_, grids().panels()), batch, m,
+  evaluate(kernel().accelerations, grids(), pipe_, batch, m,
            to_columns(rates + m * members, members));
 }
 
@@ -260,30 +261,26 @@ void Galerkin::rhs_and_power(const Batch& batch, double* rates) const {
 }
 
 void Galerkin::energy(const Batch& batch, double* out) const {
-  evaluate(kernel().energy, grids(), effects_of(pipe_, grids().panels()), batch, 1,
-           to_columns(out, batch.members));
+  evaluate(kernel().energy, grids(), pipe_, batch, 1, to_columns(out, batch.members));
 }
 
 void Galerkin::power(const Batch& batch, double* out) const {
-  evaluate(kernel().power, grids(), effects_of(pipe_, grids().panels()), batch, 5,
-           to_columns(out, batch.members));
+  evaluate(kernel().power, grids(), pipe_, batch, 5, to_columns(out, batch.members));
 }
 
 void Galerkin::axial(const Batch& batch, double* out) const {
-  evaluate(kernel().axial, grids(), effects_of(pipe_, grids().panels()), batch, 2 + 4 * dof(),
-           to_columns(out, batch.members), 0, 3);
+  evaluate(kernel().axial, grids(), pipe_, batch, 2 + 4 * dof(), to_columns(out, batch.members), 0,
+           3);
 }
 
 void Galerkin::tips(const Batch& batch, double* out) const {
   constexpr Index finer = 2;  // 1.4 times the nodes: exact to rounding, not to the motion's 1e-10
-  evaluate(kernel().tips, grids(), effects_of(pipe_, grids().panels()), batch, 4,
-           to_columns(out, batch.members), finer);
+  evaluate(kernel().tips, grids(), pipe_, batch, 4, to_columns(out, batch.members), finer);
 }
 
 void Galerkin::held(const Batch& batch, double* out) const {
   const Index results = supports() * (1 + dof());
-  evaluate(kernel().held, grids(), effects_of(pipe_, grids().panels()), batch, results,
-           to_columns(out, batch.members));
+  evaluate(kernel().held, grids(), pipe_, batch, results, to_columns(out, batch.members));
 }
 
 void Galerkin::differentiate(const Batch& batch, Index before, double* out) const {
@@ -301,7 +298,7 @@ void Galerkin::differentiate(const Batch& batch, Index before, double* out) cons
       out[k * size + m + i - half + (i < half + m ? 0 : m)] = result;
     }
   };
-  evaluate(kernel().jacobian, grids(), effects_of(pipe_, grids().panels()), batch, half + n, write);
+  evaluate(kernel().jacobian, grids(), pipe_, batch, half + n, write);
 }
 
 }  // namespace pipedyn

@@ -57,7 +57,7 @@ std::vector<std::ptrdiff_t> carry_maps(const double* maps, std::ptrdiff_t count,
     Eigen::Map<Matrix> to(out + m * n * columns, n, columns);
     if (m > 0) {
       const Eigen::Map<const Matrix> before(to.data() - n * columns, n, columns);
-      to = map.leftCols(n).lazyProduct(before);
+      to.noalias() = map.leftCols(n) * before;
       to.rightCols(columns - n) += map.rightCols(columns - n);
       if ((to.leftCols(n).array().abs() < most).all()) continue;
     }

@@ -59,10 +59,6 @@ DenseSystems::DenseSystems(Jacobian jacobian, Index size)
       factors_(static_cast<std::size_t>(lanes * size * size)),
       pivots_(static_cast<std::size_t>(4 * size)) {}
 
-void DenseSystems::linearise(double t, const double* y, Index member) {
-  jacobian_(t, y, member, slopes_.data());
-}
-
 void DenseSystems::factorise(const double* mu) {
   const Index n = slopes_.rows();
   Eigen::Map<Matrix> entries(factors_.data(), n * n, lanes);

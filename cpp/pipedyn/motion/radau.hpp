@@ -61,7 +61,9 @@ class DenseSystems final : public ShiftedSystems {
   using Jacobian = std::function<void(double t, const double* y, Index member, double* out)>;
 
   DenseSystems(Jacobian jacobian, Index size);
-  void linearise(double t, const double* y, Index member) override;
+  void linearise(double t, const double* y, Index member) override {
+    jacobian_(t, y, member, slopes_.data());
+  }
   void factorise(const double* mu) override;
   void solve(double* b) override;
 
