@@ -110,8 +110,6 @@ def test_files_say_who_wrote_them_and_later_ones_are_refused(tmp_path):
     [
         {"objects": [{"class": "os.system", "fields": {}}]},
         {"objects": [{"error": "print", "args": {"tuple": ["x"]}}]},
-        {"objects": [{"class": "Pipe", "fields": {"beta": 2.0}}]},
-        {"objects": [{"class": "Pipe", "fields": {"unknown": 0.2}}]},
         {"objects": [], "root": {"object": 5}},
         {"objects": [{"array": "missing"}]},
     ],

@@ -426,7 +426,6 @@ WINDOW = {"beta": (0.02, 0.2), "u": (2.0, 5.0)}
             ValueError,
             "ranges must hold the event: u is 3.12",
         ),
-        ({"progress": 1}, TypeError, "progress must be True or False"),
     ],
 )
 def test_bad_arguments(subcritical, change, error, text):

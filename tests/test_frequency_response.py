@@ -156,18 +156,12 @@ MODEL = pp.Galerkin(pp.Pipe(0.2), 4)
         ({"output": 0.0}, ValueError, "output must lie in (0, 1]"),
         ({"frequencies": (3.0, 3.0)}, ValueError, "frequencies must be a range (low, high), low"),
         ({"frequencies": (3.0, 2.0, 1.0)}, ValueError, "frequencies must be a tuple (low, high)"),
-        ({"frequencies": [-1.0]}, ValueError, "frequencies must lie in [0, 100000]"),
         ({"frequencies": []}, ValueError, "frequencies must have from 1 to"),
-        ({"frequencies": [1.0, math.nan]}, ValueError, "frequencies must lie in"),
-        ({"frequencies": "all"}, TypeError, "frequencies must be an array"),
-        ({"tolerance": 0.0}, ValueError, "tolerance must lie in [1e-06, 0.1]"),
-        ({"u": -1.0}, ValueError, "u must lie in"),
         (
             {"model": pp.Galerkin(pp.Pipe(0.2, damping=1.0), 1)},
             ValueError,
             "frequencies must be given: at u = 1 no mode oscillates",
         ),
-        ({"model": 3}, TypeError, "model must be a Model or a Continuum, got 3"),
         (
             {"model": pp.Pipe(0.2)},
             TypeError,

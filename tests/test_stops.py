@@ -128,21 +128,3 @@ def test_a_stop_is_relevant_where_the_pipe_meets_it():
     found = pp.relevant(pipe, 5.0, "motion", tolerance=0.1, duration=0.2, start=lambda s: 0.3 * s)
     assert found[near].verdict == "relevant"
     assert found[far].verdict == "negligible"
-
-
-def test_a_stop_has_a_gap_and_is_given_in_metres():
-    pipe = pp.Pipe.from_si(
-        length=0.5,
-        bending_stiffness=0.01,
-        pipe_mass=0.1,
-        fluid_mass=0.1,
-        terms=[pp.Stop(0.4, gap=0.03, stiffness=200.0)],
-    )
-    [stop] = pipe.terms
-    assert (stop.at, stop.gap) == (0.8, 0.06)
-    assert stop.stiffness == pytest.approx(200.0 * 0.5**3 / 0.01, rel=1e-14)
-    assert pipe.terms_si == (pp.Stop(0.4, 0.03, 200.0),)
-    assert pipe.has_kinks
-    assert not pp.Pipe(0.2, terms=[pp.CubicSpring(0.4, 2.0)]).has_kinks
-    with pytest.raises(ValueError, match="gap must be finite and > 0, got 0"):
-        pp.Stop(0.4, 0.0, 200.0)

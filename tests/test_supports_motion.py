@@ -180,9 +180,3 @@ def test_starts_meet_supports_or_are_refused():
         start(np.zeros(5))
     with pytest.raises(ValueError, match=r'terms.0. stretches a pipe whose end is "pinned" or'):
         pp.Pipe(0.2, end="guided", terms=[pp.Stretching(3.0)])
-
-
-def test_stretching_takes_si_values():
-    hose = {"length": 0.5, "bending_stiffness": 2.0, "pipe_mass": 0.2, "fluid_mass": 0.1}
-    pipe = pp.Pipe.from_si(**hose, end="pinned", terms=[pp.Stretching(1e4)])
-    assert pipe.terms[0].stiffness == pytest.approx(1e4 * 0.5**3 / 2.0, rel=1e-14)

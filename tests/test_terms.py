@@ -417,14 +417,21 @@ def test_terms_are_checked_where_they_are_given():
 def test_terms_take_and_give_si_values():
     hose = {"length": 0.6, "bending_stiffness": 7.3e-3, "pipe_mass": 0.19, "fluid_mass": 0.12}
     terms = [pp.PointMass(0.6, 0.01), pp.Spring(0.3, 2.0), pp.Viscosity(0.2)]
-    pipe = pp.Pipe.from_si(**hose, terms=[*terms, pp.CubicSpring(0.3, 40.0)])
-    mass, spring, viscosity, cubic = pipe.terms
+    terms += [pp.CubicSpring(0.3, 40.0), pp.Stop(0.3, 0.03, 200.0)]
+    pipe = pp.Pipe.from_si(**hose, terms=terms)
+    held = pp.Pipe.from_si(**hose, end="pinned", terms=[pp.Stretching(1e4)])
+    mass, spring, viscosity, cubic, stop = pipe.terms
     assert mass == pp.PointMass(1.0, 0.01 / (0.31 * 0.6))
     assert spring.at == pytest.approx(0.5, rel=1e-15)
     assert spring.stiffness == pytest.approx(2.0 * 0.6**3 / 7.3e-3, rel=1e-14)
     assert viscosity.sigma == pytest.approx(0.2 * 0.6**2 / np.sqrt(7.3e-3 * 0.31), rel=1e-14)
     assert cubic.stiffness == pytest.approx(40.0 * 0.6**5 / 7.3e-3, rel=1e-14)
-    for term, given in zip(pipe.terms_si, (0.01, 2.0, 0.2, 40.0), strict=True):
+    assert (stop.at, stop.gap) == pytest.approx((0.5, 0.05), rel=1e-15)
+    assert stop.stiffness == pytest.approx(200.0 * 0.6**3 / 7.3e-3, rel=1e-14)
+    assert held.terms[0].stiffness == pytest.approx(1e4 * 0.6**3 / 7.3e-3, rel=1e-14)
+    assert pipe.has_kinks
+    assert not held.has_kinks
+    for term, given in zip(pipe.terms_si, (0.01, 2.0, 0.2, 40.0, 0.03), strict=True):
         assert next(iter(term.numbers.values())) == pytest.approx(given, rel=1e-14)
     riser = {"length": 1000.0, "bending_stiffness": 1e10, "pipe_mass": 5e3, "fluid_mass": 5e3}
     heavy = pp.Pipe.from_si(**riser, terms=[pp.PointMass(3 * 333.3333333333334, 2e6)])
