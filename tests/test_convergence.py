@@ -131,6 +131,11 @@ def test_a_law_is_told_from_the_largest_error_on():
     assert law.rate == pytest.approx((off[2] / off[4]) ** (1.0 / 4.0), rel=0.05)
 
 
+def test_errors_that_fall_fast_are_not_told_to_have_a_limit():
+    sizes = np.array([4.0, 6.0, 8.0, 10.0])
+    assert fitted_law(sizes, 2.0**-sizes).law != "flat"
+
+
 def test_no_law_is_told_of_errors_that_grow():
     grow = fitted_law(np.array([4.0, 6.0, 8.0, 12.0]), np.array([1e-8, -1e-6, 1e-4, -1e-2]))
     assert grow.law == "unknown"
