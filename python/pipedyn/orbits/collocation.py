@@ -94,8 +94,6 @@ def _collapsed(whole: Array, begins: list[int]) -> tuple[Array, Array, Array, li
     eliminated states x, with T x = C - L x(begin) - R x(end).
     """
     n, between = whole.shape[1], list[list[Array]]()
-    if len(begins) == 1:
-        return -whole[-1, :, :n], np.eye(n), whole[-1, :, n:], between
     relations = whole[[*(k - 1 for k in begins[1:]), -1]]
     eye = np.zeros_like(relations[:, :, :n]) + np.eye(n)
     relations = np.concatenate([-relations[:, :, :n], eye, relations[:, :, n:]], axis=2)
@@ -147,8 +145,7 @@ class Linearised:
                 part[..., [n + 1, n + 2]] = part[..., [n + 2, n + 1]]
         self._carried, begins = carried(ends)
         self._first, self._last, self._right, self._between = _collapsed(self._carried, begins)
-        lengths = np.diff([*begins, len(ends)])
-        self._runs = np.repeat(np.arange(lengths.size), lengths) if lengths.size > 1 else None
+        self._runs = np.repeat(np.arange(len(begins)), np.diff([*begins, len(ends)]))
         self._matrix = np.zeros((n + 2, n + 2))
         self._matrix[:n, :n] = self._first + mirror * self._last
         self._matrix[:n, n:] = -self._right[:, 1:]
@@ -215,13 +212,8 @@ class Linearised:
             more[2 * pairs + 1 :] = ends[pairs + 1 :]
             ends = more
         count, n, columns = len(self._carried), self._units.size, factors.shape[1]
-        if self._runs is None:  # all intervals follow from the first state
-            given = np.concatenate([ends[0], factors])
-            later = self._carried.reshape(-1, len(given)) @ given
-            later = later.reshape(count, n, columns)
-        else:
-            acting = np.broadcast_to(factors, (count, *factors.shape))
-            later = self._carried @ np.concatenate([ends[self._runs], acting], axis=1)
+        acting = np.broadcast_to(factors, (count, *factors.shape))
+        later = self._carried @ np.concatenate([ends[self._runs], acting], axis=1)
         given = np.empty((count, n + 3, columns))
         given[0, :n], given[1:, :n], given[:, n:] = ends[0], later[:-1], factors
         given[:, :n] *= self._units[:, None]
