@@ -133,8 +133,7 @@ def _checked_axes(
 ) -> tuple[Axes, View]:
     """Checks arguments of both pictures of eigenvalues; returns the Axes and the units."""
     check.instance("loci", loci, RootLoci)
-    if benchmark is not None:
-        check.instance("benchmark", benchmark, RootLoci)
+    check.instance("benchmark", benchmark, RootLoci | None, "of type RootLoci")
     view = View(units, loci.pipe)
     return view.axes(ax, (4.8, 4.2), x, y), view
 

@@ -86,8 +86,8 @@ def time_history(
     ax = shown[0].view.axes(ax, (6.4, 3.2), ELAPSED, TIP)
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     for one in shown:
-        t = finer_times(one.curve.x)
-        ax.plot(one.times(t), one.values(t), label=one.label, linewidth=1.0, **one.look)
+        t, unit = finer_times(one.curve.x), one.view.one(ELAPSED)
+        ax.plot(unit * t, one.values(t), label=one.label, linewidth=1.0, **one.look)
     ax.margins(x=0.0)
     _legend(ax, shown, failed)
     return ax
@@ -172,10 +172,6 @@ class Signal:
         self.dotted = index is not None and is_coarse(self.curve, rates_shown=rates_shown)
         self.label = self.view.speed(motion.u, 6)
         self.look: dict[str, Any] = {}
-
-    def times(self, t: Array) -> Array:
-        """Times in the units shown."""
-        return self.view.one(ELAPSED) * t
 
     def values(self, t: Array, derivative: int = 0) -> Array:
         """Values, or a derivative, at times t (in T), in the units shown."""

@@ -244,8 +244,8 @@ def stability_map(
         raise ValueError(f"boundaries must be over one number, got {', '.join(map(str, names))}")
     if highest is not None:
         highest = check.real("highest", highest, low=0.0, open_low=True)
-    check.instance("marked", marked, CriticalSpeed | None, "a CriticalSpeed")
-    check.instance("parameter", parameter, str | None, "a label")
+    check.instance("marked", marked, CriticalSpeed | None, "of type CriticalSpeed")
+    check.instance("parameter", parameter, str | None, "of type str")
     name = next(iter(names), None)
     pipes = [_pipe(one) for one in boundaries.values()]
     every = [*pipes, None if marked is None else marked.pipe]
