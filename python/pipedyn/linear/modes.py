@@ -275,10 +275,15 @@ def _below_cluster(found: Modes, pipe: Pipe) -> Modes:
 def _moved(pipe: Pipe, before: Modes, after: Modes) -> float:
     """Relative change of the modes below the cluster from one basis to the next, beyond rounding.
 
+    If neither basis has a mode there, it is the change of the lowest one.
+
     Under strong damping at high speed, rounding alone changes them by more than the tolerance. A
     larger basis does not help then, and `errors` of the modes gives the size of rounding.
     """
-    before, after = _below_cluster(before, pipe), _below_cluster(after, pipe)
+    below = _below_cluster(before, pipe), _below_cluster(after, pipe)
+    if not any(one.eigenvalues.size for one in below):
+        return relative(before.eigenvalues[:1], after.eigenvalues[:1])
+    before, after = below
     moved = relative(before.eigenvalues, after.eigenvalues)
     if not TOLERANCE < moved < 100.0 * TOLERANCE:  # errors cost as much as the eigenvalues
         return moved
