@@ -479,11 +479,16 @@ def test_a_motion_that_winds_up_leaves_the_others_their_ends():
 
 @pytest.mark.slow
 def test_motions_that_joined_others_which_joined_more_have_their_ends():
-    """One that joined another, which went on as a third one, had no answer."""
+    """One that joined another, which went on as a third one, had no answer.
+
+    All end on one cycle, its own mirror image, which a record at five samples a maximum blurs: the
+    cycle did not lie within its own region, and motions on it were lost.
+    """
     stop = pp.Stop(0.527800982578, 0.172022108989, 1879.476871)
     mass, spring = pp.PointMass(0.975684157121, 0.519224861128), pp.CubicSpring(0.888086, 11.6373)
     numbers = {"drag": 0.552960836318, "damping": 0.02, "terms": (stop, mass, spring)}
     pipe = pp.Pipe(0.833963891004, 10.0, "aspirating", **numbers)
     found = pp.attractors(pp.Chain(pipe, 1), 11.49136402486077, 8, seed=21)
     assert found.failures == ()
-    assert sum(basin.share.count for basin in found.basins) == 8
+    assert [basin.share.count for basin in found.basins] == [8]
+    assert found.unsettled_motions == ()

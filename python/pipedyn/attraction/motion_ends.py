@@ -204,16 +204,21 @@ class Case:
         return next(held, NOWHERE)
 
     def learn(self, one: Solution) -> int:
-        """Adds a solution, and its mirror image if there is one; returns the solution's number."""
-        shifts = self.drive.shifts
+        """Adds a solution, and its mirror image if there is one; returns the solution's number.
+
+        A solution that is known already, as it ends on that, has the number of the known one.
+        """
+        shifts, numbers = self.drive.shifts, list[int]()
         images = [one]
         if self.odd and not one.is_mirror_image(one, shifts):
             images.append(one.mirrored(shifts))
         for new in images:
-            if self.holding(new.attractor.end, new.period) != NOWHERE:
-                continue
-            self.solutions = kept_apart([*self.solutions, new])
-        return self.holding(one.attractor.end, one.period)
+            number = self.holding(new.attractor.end, new.period)
+            if number == NOWHERE:
+                number = len(self.solutions)
+                self.solutions = kept_apart([*self.solutions, new])
+            numbers.append(number)
+        return numbers[0]
 
 
 def spread_alike(a: Array, b: Array) -> bool:

@@ -63,6 +63,8 @@ class Solution:
         period: period in T; 0 at rest, NaN for irregular motions.
         growth: largest real part of an eigenvalue of an equilibrium; NaN for other solutions.
         orbit: orbit of a cycle that was solved for.
+        scatter: distance from the region's points within which a motion on the cycle lies, if it is
+            known from a record only.
     """
 
     attractor: Attractor
@@ -71,6 +73,7 @@ class Solution:
     period: float = 0.0
     growth: float = math.nan
     orbit: PeriodicOrbit | None = field(default=None, repr=False)
+    scatter: float = 0.0
 
     @property
     def settles(self) -> bool:
@@ -82,7 +85,7 @@ class Solution:
         """Distance up to which a motion counts as on the solution."""
         if math.isnan(self.period):
             return self.region.radius
-        return min(self.region.radius, SAME_ATTRACTOR)
+        return max(min(self.region.radius, SAME_ATTRACTOR), self.scatter)
 
     def holds(self, state: Array, period: float) -> bool:
         """Whether the solution is the end of a motion that was seen to repeat after a period.
@@ -258,18 +261,25 @@ def by_record(
     count = max(POINTS, int(np.count_nonzero(stretch.t > last - span)))
     phases = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
     region = around_cycle(model, drive, states, unit, span, phases)
-    return Solution(end, region, False, period)
+    points = record_points(drive, stretch)
+    two = points[-round(2.0 * span / last * len(points)) :]
+    scatter = min(2.0 * float(region.distances(two, math.inf).max()), region.radius)
+    return Solution(end, region, False, period, scatter=scatter)
+
+
+def record_points(drive: Excitation, stretch: Stretch) -> Array:
+    """States of a record; those of a driven motion at `PHASES` times a period, with its phases."""
+    every = round(drive.period / PHASES / float(stretch.t[1] - stretch.t[0])) or 1
+    return np.concatenate([stretch.states[::every], drive.phases(stretch.t[::every])], axis=1)
 
 
 def irregular(model: Model, drive: Excitation, end: Attractor, stretch: Stretch) -> Solution:
     """The solution of a motion that does not repeat, computed from its record."""
     count = max(maxima(stretch.turnings).size, 1)
     unit = float(stretch.t[-1]) / (2.0 * math.pi * count)
-    every = round(drive.period / PHASES / float(stretch.t[1] - stretch.t[0])) or 1
-    states, driven = stretch.states[::every], bool(drive.period)
-    points = np.concatenate([states, drive.phases(stretch.t[::every])], axis=1)
-    turn, half = Statics(model).whole_turn, len(states) // 2
-    region = Region(points, unit, 2.0 * math.pi * unit, turn=turn, driven=driven)
+    points, turn = record_points(drive, stretch), Statics(model).whole_turn
+    region = Region(points, unit, 2.0 * math.pi * unit, turn=turn, driven=bool(drive.period))
+    half = len(points) // 2
     first = replace(region, points=region.points[:half])
     apart = float(first.distances(region.points[half:], math.inf).max())
     region = replace(region, radius=max(2.0 * apart, SAME_ATTRACTOR))
