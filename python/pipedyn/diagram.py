@@ -16,13 +16,14 @@ from numpy.typing import ArrayLike
 
 from pipedyn.attraction.attractor import Attractor
 from pipedyn.attraction.from_motion import LARGEST_CYCLE
-from pipedyn.attraction.motion_ends import Case, Failed, exponents_of, motion_ends
+from pipedyn.attraction.motion_ends import Case, exponents_of, motion_ends
 from pipedyn.attraction.motion_options import MotionOptions
 from pipedyn.attraction.solutions import Solution, cycle, equilibria_near, kept_apart
 from pipedyn.cycles.branches import (
     BEYOND,
     BranchOptions,
     CycleBranch,
+    Failed,
     Traced,
     hopf_points,
     same_cycle,
@@ -473,9 +474,11 @@ def motions_at(
         reached += [case.solutions[number] for number in sorted(known) if number >= 0]
         for k, (number, end) in sorted(answers.items()):
             if k < 0:
-                if number >= 0 and number not in known and case.solutions[number].settles:
+                one = case.solutions[number] if number >= 0 and number not in known else None
+                # Those that are known to repel are no ends of motions from elsewhere.
+                if one and (one.attracts or (one.orbit is None and one.period != 0.0)):
                     known.add(number)
-                    found.append(replace(case.solutions[number].attractor, start=-1))
+                    found.append(replace(one.attractor, start=-1))
                 continue
             if isinstance(end, Exception):
                 failed.append((u, end))

@@ -63,9 +63,6 @@ from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import parallel
 from pipedyn.util.threads import one_thread
 
-Failed = tuple[float, Exception]
-"""A flow speed and the exception that was raised there."""
-
 MotionEnd = tuple[int, Attractor | Exception]
 """End of a motion: the number of a solution of its case, NOWHERE or STOPPED, and the attractor or
 the error."""

@@ -64,9 +64,8 @@ TRIALS = 16
 """Number of motions from beside an attractor, in directions drawn at random, that show that it
 attracts."""
 
-COMPARED, REGION_SHARE = 256, 0.25
-"""Number of states of another attractor from which the distance of two attractors is computed; and
-the largest share of the way to any other known solution that a region extends."""
+REGION_SHARE = 0.25
+"""Largest share of the way to any other known solution that a region extends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,8 +175,7 @@ class Region:
     def apart(self, other: Region) -> float:
         """Smallest distance from another region's states, infinite if they are far apart."""
         most = 4.0 * max(self.radius, other.radius)
-        points = other.points[:: max(len(other.points) // COMPARED, 1)]
-        return float(self.distances(points, most).min())
+        return float(self.distances(other.points, most).min())
 
     def mirrored(self, shifts: bool = False) -> Region:
         """The region of the mirror image; it is half a period later if `shifts` is true."""

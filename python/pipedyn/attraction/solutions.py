@@ -63,8 +63,8 @@ class Solution:
         period: period in T; 0 at rest, NaN for irregular motions.
         growth: largest real part of an eigenvalue of an equilibrium; NaN for other solutions.
         orbit: orbit of a cycle that was solved for.
-        scatter: distance from the region's points within which a motion on the cycle lies, if it is
-            known from a record only.
+        scatter: distance from the region's points within which a motion on the solution lies, if
+            that is known from a record only.
     """
 
     attractor: Attractor
@@ -76,15 +76,8 @@ class Solution:
     scatter: float = 0.0
 
     @property
-    def settles(self) -> bool:
-        """Whether motions from elsewhere may end on it; False if it is known to repel."""
-        return self.attracts or (self.orbit is None and self.period != 0.0)
-
-    @property
     def near(self) -> float:
         """Distance up to which a motion counts as on the solution."""
-        if math.isnan(self.period):
-            return self.region.radius
         return max(min(self.region.radius, SAME_ATTRACTOR), self.scatter)
 
     def holds(self, state: Array, period: float) -> bool:
@@ -283,4 +276,4 @@ def irregular(model: Model, drive: Excitation, end: Attractor, stretch: Stretch)
     first = replace(region, points=region.points[:half])
     apart = float(first.distances(region.points[half:], math.inf).max())
     region = replace(region, radius=max(2.0 * apart, SAME_ATTRACTOR))
-    return Solution(end, region, False, math.nan)
+    return Solution(end, region, False, math.nan, scatter=region.radius)

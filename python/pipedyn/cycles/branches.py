@@ -18,7 +18,6 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.attraction.motion_ends import Failed
 from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
 from pipedyn.cycles.limit_cycle import (
     ON_BRANCH,
@@ -68,6 +67,9 @@ from pipedyn.util.parallel import track
 from pipedyn.util.result import Result, TableResult
 from pipedyn.util.threads import one_thread
 from pipedyn.util.units import SPEED
+
+Failed = tuple[float, Exception]
+"""A flow speed and the exception that was raised there."""
 
 SAME_CYCLE = 1e-4
 """Relative difference below which two cycles, or the speeds of two events, are the same: orbits on
