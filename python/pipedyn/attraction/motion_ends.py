@@ -136,8 +136,7 @@ def motion_ends(
         most = min(BATCH, most)
     size = max(most // max((len(case.starts) for case in cases), default=1), 1)
     parts = [list(cases[i : i + size]) for i in range(0, len(cases), size)]
-    sent = replace(options, executor=None)
-    jobs = [partial(_ends_of, model, part, sent) for part in parts]
+    jobs = [partial(_ends_of, model, part, replace(options, executor=None)) for part in parts]
     answers = parallel(jobs, options.executor, label=label, progress=options.shown)
     found: list[dict[int, MotionEnd]] = []
     known: list[Case] = []
