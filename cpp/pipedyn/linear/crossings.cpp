@@ -255,18 +255,37 @@ class Search {
     const Index size = static_cast<Index>(onto.size());
     Flags result = before;
     for (Index i = 0; i < size; ++i) {
+      if (onto[i] < 0) continue;
       const Complex value = at.values[onto[i]];
       if (has_sign(at, onto[i])) {
         result[i] = value.real() > 0.0 || (traits_.squared && value.imag() != 0.0);
         continue;
       }
       for (Index k = 0; k < size; ++k) {  // both roots of a pair have one state
-        if (value.imag() == 0.0) break;
+        if (value.imag() == 0.0 || onto[k] < 0) continue;
         const Complex other = at.values[onto[k]];
         if (other == value || other == std::conj(value)) result[i] |= before[k];
       }
     }
+    if (traits_.conservative && !traits_.squared) keep_fastest(at, onto, result);
     return result;
+  }
+
+  /// Lets at most as many roots of a conservative system grow as Krein's index allows, the fastest:
+  /// the others are on the axis, off which rounding moves roots of high modes.
+  void keep_fastest(const Sample& at, const Roots& onto, Flags& growing) const {
+    const int most = most_unstable(at.u);
+    while (std::count(growing.begin(), growing.end(), 1) > most) {
+      Index slowest = -1;
+      const auto growth = [&](Index i) { return at.values[onto[i]].real(); };
+      for (Index i = 0; i < static_cast<Index>(growing.size()); ++i) {
+        if (growing[i] == 0) continue;
+        if (onto[i] < 0) return;
+        if (slowest < 0 || growth(i) < growth(slowest)) slowest = i;
+      }
+      if (slowest < 0) return;
+      growing[slowest] = 0;
+    }
   }
 
   /// States, at the right end of a step, of the left sample's roots. A root that passes zero at a
@@ -280,7 +299,7 @@ class Search {
     Index slowest = -1;
     for (Index i = 0; i < step.left->size(); ++i) {
       const Index j = step.onto[i];
-      if (step.end(i).imag() != 0.0) continue;
+      if (j < 0 || step.end(i).imag() != 0.0) continue;
       if (has_sign(*step.right, j)) {
         if (after[i] != unstable_[i] && (after[i] != 0) == grows) return after;
         continue;
@@ -330,7 +349,7 @@ class Search {
     return count;
   }
 
-  /// Carries modes and states over to the right sample of a step.
+  /// Carries modes and states over to the right sample of a step; roots from outside get mode 0.
   void move(const Step& step) {
     const Flags after = states_after(step);
     const bool partly = range_.count < 2 * traits_.dof;
@@ -338,6 +357,7 @@ class Search {
     Roots modes(size, 0), every(size);
     Flags before(size, 0);
     for (Index i = 0; i < step.left->size(); ++i) {
+      if (step.onto[i] < 0) continue;
       modes[step.onto[i]] = modes_[i];
       before[step.onto[i]] = after[i];
       sweep_.untracked |=
@@ -420,7 +440,7 @@ class Search {
     int turned = 0;
     for (Index i = 0; i < left.size(); ++i) {
       const Index j = step.onto[i];
-      if (modes_[i] < 1 || modes_[i] > range_.resolved) continue;
+      if (modes_[i] < 1 || modes_[i] > range_.resolved || j < 0) continue;
       const Complex start = step.start(i), end = step.end(i);
       const auto heavily_damped = [this](Complex value) {
         return !traits_.squared && value.real() < -heavy_damping * magnitude(value);

@@ -2,6 +2,7 @@
 #include "pipedyn/linear/determinant_roots.hpp"
 
 #include <algorithm>
+#include <numbers>
 #include <tuple>
 
 namespace pipedyn {
@@ -15,8 +16,13 @@ constexpr double largest_start = 1e7;
 constexpr double largest_change = 0.3;
 /// Roots with |1 + delta lambda| below this belong to the cluster at -1 / delta.
 constexpr double cluster_radius = 0.1;
-/// Largest |Im lambda| / |lambda| of pairs that symmetry may hold beside the real axis.
+/// Largest |Im lambda| / |lambda| of pairs that may meet the real axis within a step of a search.
 constexpr double near_axis = 0.7;
+/// Relative distance by which the starts of two roots that are expected to meet are moved aside.
+constexpr double offset = 1e-3;
+/// Relative distance at which two roots are about to meet: if they are further apart, rounding
+/// moves each by 1e-12.
+constexpr double meeting = 1e-4;
 /// Relative correction after which a root is as good as rounding lets it be, since corrections
 /// converge quadratically. Where roots are close and corrections do not, the correction by vectors
 /// shows it.
@@ -24,6 +30,10 @@ constexpr double last_correction = 1e-6;
 /// |lambda (d log det P / dlambda - sum)| above which a root is missing: rounding leaves 1e-9 with
 /// 2000 segments, and one root in the place of another 1e-6 if the two differ by 1e-6.
 constexpr double nothing_missing = 1e-6;
+/// Relative radius of the circle about two roots: rounding moves their sum by eps / radius.
+constexpr double circle_radius = 0.05;
+/// Number of points on the circle about two roots.
+constexpr Index circle_points = 16;
 
 }  // namespace
 
@@ -151,15 +161,100 @@ void join_conjugates(Approximations& roots) {
   }
 }
 
-Approximations expected(Approximations roots, double further, Complex delta) {
-  for (Approximation& one : roots) {
-    const Complex change = further * one.slope;
-    const bool is_clustered = magnitude(1.0 + delta * one.value) < cluster_radius;
-    if (!is_clustered && magnitude(change) <= largest_change * magnitude(one.value)) {
-      one.value += change;
-    }
+namespace {
+
+/// A number that is known with its slope, and also at a speed lower by `since` if that is not 0.
+template <class Number>
+struct Extrapolation {
+  Number value, slope;
+  double since;
+  Number value_before, slope_before;
+
+  /// The value by the cubic through both speeds, or along the slope if only one is known.
+  Number at(double further) const {
+    const Number line = value + further * slope;
+    if (since == 0.0) return line;
+    const Number between = (value - value_before) / since;
+    const Number bend = (slope - between) / since, other = (between - slope_before) / since;
+    return line + further * further * (bend + (further + since) / since * (bend - other));
   }
-  return roots;
+};
+
+/// Two roots about to meet on the real axis, represented by their sum and product.
+struct Meeting {
+  Extrapolation<double> sum, product;
+
+  Meeting(const Approximation& one, const Approximation& other) {
+    const double since = one.since == other.since ? one.since : 0.0;
+    const Complex a = one.value, b = other.value, da = one.slope, db = other.slope;
+    const Complex a0 = one.value_before, b0 = other.value_before;
+    const Complex da0 = one.slope_before, db0 = other.slope_before;
+    sum = {(a + b).real(), (da + db).real(), since, (a0 + b0).real(), (da0 + db0).real()};
+    product = {(a * b).real(), (da * b + a * db).real(), since, (a0 * b0).real(),
+               (da0 * b0 + a0 * db0).real()};
+  }
+
+  /// Adds the two roots expected at the further speed, moved a little aside: by symmetry
+  /// corrections could not take them off the real axis, or to it.
+  void add(double further, Approximations& to) const {
+    const double centre = 0.5 * sum.at(further), square = centre * centre - product.at(further);
+    const Complex half = std::sqrt(Complex(square));
+    const double size = std::sqrt(centre * centre + std::abs(square));
+    to.push_back({centre + half + offset * size * Complex(1.0, 3.0), true});
+    to.push_back({centre - half - offset * size * Complex(1.0, -2.0), true});
+  }
+};
+
+/// Whether slopes lead two roots together; their distance goes like the square root of the way that
+/// is left to the meeting.
+bool is_meeting_expected(const Approximation& one, const Approximation& other, double further) {
+  const Complex apart = other.value - one.value, rate = other.slope - one.slope;
+  const double change = (rate * std::conj(apart)).real();
+  return apart != 0.0 && 2.0 * further * change < -std::norm(apart);
+}
+
+}  // namespace
+
+Approximations expected(const Approximations& roots, double further, Complex delta, bool paired) {
+  Approximations result;
+  result.reserve(roots.size() + 8);
+  std::vector<std::size_t> real;
+  std::vector<bool> taken(roots.size(), false);
+  for (std::size_t i = 0; i < roots.size(); ++i) {
+    if (paired && roots[i].alone && !roots[i].settled) real.push_back(i);
+  }
+  std::sort(real.begin(), real.end(), [&](std::size_t i, std::size_t k) {
+    return roots[i].value.real() < roots[k].value.real();
+  });
+  for (std::size_t k = 1; k < real.size(); ++k) {
+    const Approximation &one = roots[real[k - 1]], &other = roots[real[k]];
+    if (taken[real[k - 1]] || !is_meeting_expected(one, other, further)) continue;
+    taken[real[k - 1]] = taken[real[k]] = true;
+    Meeting(one, other).add(further, result);
+  }
+  for (std::size_t i = 0; i < roots.size(); ++i) {
+    if (taken[i]) continue;
+    Approximation one = roots[i];
+    Approximation twin = one;
+    for (Complex* const of : {&twin.value, &twin.slope, &twin.value_before, &twin.slope_before}) {
+      *of = std::conj(*of);
+    }
+    if (!one.alone && is_meeting_expected(one, twin, further)) {
+      Meeting(one, twin).add(further, result);
+      continue;
+    }
+    const Extrapolation<Complex> known{one.value, one.slope, one.since, one.value_before,
+                                       one.slope_before};
+    const Complex change = known.at(further) - one.value;
+    one.since = one.slope == 0.0 ? 0.0 : further;
+    one.value_before = one.value;
+    one.slope_before = one.slope;
+    const bool is_clustered = magnitude(1.0 + delta * one.value) < cluster_radius;
+    if (!is_clustered && magnitude(change) <= largest_change * magnitude(one.value))
+      one.value += change;
+    result.push_back(one);
+  }
+  return result;
 }
 
 namespace {
@@ -246,6 +341,43 @@ bool has_all(const Determinant& of, double u, const Approximations& roots) {
       Reals::LinSpaced(count, std::log(least), std::log(most)).exp().cast<Complex>();
   return (points * log_derivatives(of, u, points, roots)).abs2().maxCoeff() <
          nothing_missing * nothing_missing;
+}
+
+void separate(const Determinant& of, double u, bool squared, Approximations& roots) {
+  std::vector<std::size_t> order;
+  for (std::size_t i = 0; i < roots.size(); ++i) {
+    if (!roots[i].alone) order.push_back(i);
+  }
+  const auto height = [&](std::size_t i) { return std::abs(roots[i].value.imag()); };
+  std::sort(order.begin(), order.end(),
+            [&](std::size_t i, std::size_t k) { return height(i) < height(k); });
+  for (std::size_t lower = 0; lower < order.size(); ++lower) {
+    for (std::size_t upper = lower + 1; upper < order.size(); ++upper) {
+      const auto [i, other] = std::minmax(order[lower], order[upper]);
+      const Complex one = roots[i].value, twin = roots[other].value, centre = 0.5 * (one + twin);
+      if (height(order[upper]) > (1.0 + 2.0 * meeting) * height(order[lower])) break;
+      if (!(std::abs(one - twin) < meeting * std::abs(one.imag()))) continue;
+      Approximations rest{{std::conj(one), true}, {std::conj(twin), true}};
+      for (std::size_t k = 0; k < roots.size(); ++k) {
+        if (k != i && k != other) rest.push_back(roots[k]);
+      }
+      Values arms(circle_points);
+      for (Index k = 0; k < circle_points; ++k) {
+        const double turn = 2.0 * std::numbers::pi * (static_cast<double>(k) + 0.5) / circle_points;
+        arms[k] = std::polar(circle_radius * std::abs(centre), turn);
+      }
+      const Values found = arms * log_derivatives(of, u, centre + arms, rest);
+      if (!(std::abs(found.mean() - 2.0) < 1e-3)) continue;
+      const Complex sum = (arms * found).mean(), squares = (arms.square() * found).mean();
+      Complex middle = centre + 0.5 * sum, square = 2.0 * squares - sum * sum;
+      if (squared) {  // both on the axis, or symmetric about it
+        middle.real(0.0);
+        square.imag(0.0);
+      }
+      roots[i] = {middle + 0.5 * std::sqrt(square), false, true};
+      roots[other] = {middle - 0.5 * std::sqrt(square), false, true};
+    }
+  }
 }
 
 }  // namespace pipedyn

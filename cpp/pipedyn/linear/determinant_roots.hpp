@@ -25,6 +25,9 @@ struct Approximation {
   bool alone = false;
   bool settled = false;  // zero by structure, or known better than by its vectors
   Complex slope = 0.0;   // d lambda / du, 0 where it is not known
+  // Value and slope at a speed that is lower by `since`; since = 0 where they are not known.
+  double since = 0.0;
+  Complex value_before = 0.0, slope_before = 0.0;
 };
 using Approximations = std::vector<Approximation>;
 
@@ -61,10 +64,11 @@ void add_stiff(const Determinant& of, Index dof, double u, Approximations& roots
 /// roots that come in conjugate pairs.
 void join_conjugates(Approximations& roots);
 
-/// Roots expected at a speed that is higher by `further` than that of the given roots, along their
-/// slopes. Roots in the cluster at -1 / delta, where slopes are rounding, stay as they were, and so
-/// do roots whose slopes are infinite, next to a meeting.
-Approximations expected(Approximations roots, double further, Complex delta);
+/// Roots expected at a speed that is higher by `further` than that of the given roots. Roots in the
+/// cluster at -1 / delta, where slopes are rounding, stay as they were. For two roots that meet on
+/// the real axis before that speed, the sum and the product are extrapolated, which are smooth in
+/// u, and neither root implies a conjugate; so where roots come in conjugate pairs (`paired`).
+Approximations expected(const Approximations& roots, double further, Complex delta, bool paired);
 
 /// Corrects all roots by the method of Ehrlich and Aberth until each is as good as rounding lets it
 /// be. Roots that are not after `most` corrections get twice as many more; of these, roots near the
@@ -75,5 +79,10 @@ bool correct(const Determinant& of, double u, Approximations& roots, int most = 
 /// Whether no root is missing, and none in the place of another: then the log-derivative less the
 /// sum over all roots vanishes. It is tested at points between the least |lambda| and the greatest.
 bool has_all(const Determinant& of, double u, const Approximations& roots);
+
+/// Improves two oscillating roots that are about to meet. Each of them scatters by the square root
+/// of rounding, but their sum and the sum of their squares do not: these are moments of d log det
+/// P / dlambda on a circle about both.
+void separate(const Determinant& of, double u, bool squared, Approximations& roots);
 
 }  // namespace pipedyn

@@ -223,6 +223,7 @@ std::optional<Pairs> Structured::from(Approximations roots, double u, Index coun
   std::size_t next = 0;
   for (int tries = 0;; ++tries) {
     if (!correct(*of_, u, roots, tries == 0 ? most : most_corrections)) return std::nullopt;
+    separate(*of_, u, is_squared(u), roots);
     sort_by_size(roots);
     next = 0;
     for (Index number = 0; number < count; ++next) {
@@ -279,7 +280,8 @@ std::optional<Pairs> Structured::from_known(double u, Index count, bool vectors)
   const auto is_zero = [](const Approximation& one) { return one.settled; };
   if (near == known_.end() || roots_in(near->roots) < count) return {};
   if (std::ranges::count_if(near->roots, is_zero) != roots_at_zero(u)) return {};
-  return from(expected(near->roots, u - near->u, traits.cluster()), u, count, vectors, near->most);
+  return from(expected(near->roots, u - near->u, traits.cluster(), !traits.is_hysteretic()), u,
+              count, vectors, near->most);
 }
 
 std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vectors) {

@@ -4,9 +4,9 @@
 // root.
 //
 // Starts are LAPACK's roots, or those of a coarser model if few roots of a long chain or a large
-// basis are wanted; next to speeds whose roots are known, they are these, moved along their slopes.
-// All roots are corrected at once by the method of Ehrlich and Aberth, which is Newton's on the
-// determinant divided by the factors (lambda - lambda_k) of the other roots,
+// basis are wanted; next to speeds whose roots are known, they are cubics through these. All roots
+// are corrected at once by the method of Ehrlich and Aberth, which is Newton's on the determinant
+// divided by the factors (lambda - lambda_k) of the other roots,
 //   1 / (d log det P / dlambda - sum_k 1 / (lambda - lambda_k)),
 // so that no two end at one root. The same expression, less the root itself, checks that no root is
 // missing: it vanishes if all roots are there, and its mean over a circle, times lambda, is the

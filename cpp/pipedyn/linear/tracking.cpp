@@ -133,22 +133,23 @@ Roots conjugates(const Sample& sample) {
 }
 
 /// Root of the right sample that continues each root of the left one, so that the sum of distances
-/// is least. Throws NotConverged unless both have as many roots.
+/// is least; -1 for roots that have none.
 Roots matched(const Sample& left, const Sample& right, double h) {
-  const Index size = left.size();
-  if (right.size() != size) {
-    throw NotConverged("the number of eigenvalues near u = " + std::to_string(right.u) +
-                       " depends on rounding");
-  }
+  const Index size = left.size(), sides = std::max(size, right.size());
   const Values ahead = left.values + 0.5 * h * left.slopes;
   const Values behind = right.values - 0.5 * h * right.slopes;
-  std::vector<double> cost(size * size);
+  std::vector<double> cost(sides * sides, 0.0);
   for (Index i = 0; i < size; ++i) {
     // Values within the reach of the step decide where slopes near a meeting cannot.
-    Eigen::Map<Reals>(&cost[i * size], size) =
+    Eigen::Map<Reals>(&cost[i * sides], right.size()) =
         (behind - ahead[i]).abs2().min((right.values - left.values[i]).abs2()).sqrt();
   }
-  return assignment(cost, size);
+  Roots onto = assignment(cost, sides);
+  onto.resize(size);
+  for (Index& j : onto) {
+    if (j >= right.size()) j = -1;
+  }
+  return onto;
 }
 
 /// Bounds the errors of a step by the step before. A cubic through two samples at a distance g has
@@ -159,6 +160,7 @@ void foretell(Step& step, const Step& last) {
   const double share = step.length() / (step.length() + last.length());
   for (Index i = 0; i < last.left->size(); ++i) {
     const Index root = last.onto[i];
+    if (root < 0 || step.onto[root] < 0) continue;
     const Complex off = step.end(root) - last.expected(i, step.right->u);
     if (!std::isfinite(std::norm(off))) continue;  // two roots that met have no slopes
     step.real_error[root] = share * share * std::abs(off.real());
@@ -179,7 +181,10 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
   step.real_error.assign(size, 0.0);
   step.slopes = left.slopes;
   Flags resting(size, 0);
+  Roots known;  // roots whose continuation is known
   for (Index i = 0; i < size; ++i) {
+    if (step.onto[i] < 0) continue;
+    known.push_back(i);
     step.error[i] = magnitude(step.end(i) - step.start(i) -
                               0.5 * h * (step.end_slope(i) + step.start_slope(i)));
     resting[i] = left.u == 0.0 && left.values[i] == 0.0;
@@ -191,10 +196,13 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
     step.slopes[i] = linear < root ? there / h : 0.0;
     step.error[i] = std::min(linear, root);
   }
+  for (const Index i : tracked) {
+    if (step.onto[i] < 0) return;
+  }
   if (last != nullptr) foretell(step, *last);
 
   std::vector<double> extent(size, 0.0);  // others within it of a curve's start may be near
-  for (Index i = 0; i < size; ++i) {      // a cubic stays within its control points
+  for (const Index i : known) {           // a cubic stays within its control points
     const Complex change = step.end(i) - step.start(i);
     const double furthest =
         std::max({std::norm(h / 3.0 * step.start_slope(i)),
@@ -203,7 +211,7 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
   }
   Flags zero(size), clustered(size);
   std::vector<int> signature(size);
-  for (Index i = 0; i < size; ++i) {
+  for (const Index i : known) {
     const Complex a = step.start(i), b = step.end(i);
     zero[i] = magnitude(a) < cluster.zero && magnitude(b) < cluster.zero;
     clustered[i] = cluster.holds(a) && cluster.holds(b);
@@ -217,9 +225,9 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
     }
   }
   Roots twins = conjugates(left);
-  for (Index i = 0; i < size; ++i) {  // a conjugate is a twin only if it does the same
+  for (const Index i : known) {  // a conjugate is a twin only if it does the same
     const Index k = twins[i];
-    const bool same = k >= 0 && step.end(k) == std::conj(step.end(i)) &&
+    const bool same = k >= 0 && step.onto[k] >= 0 && step.end(k) == std::conj(step.end(i)) &&
                       step.start_slope(k) == std::conj(step.start_slope(i)) &&
                       step.end_slope(k) == std::conj(step.end_slope(i));
     if (!same) twins[i] = i;
@@ -263,23 +271,24 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
   // As roots are sorted, no later root is near if its |lambda| cannot fall that far.
   Reals lowest = Reals::Constant(size + 1, infinite);
   for (Index i = size - 1; i >= 0; --i) {
-    lowest[i] = std::min(lowest[i + 1], magnitude(left.values[i]) - extent[i]);
+    const bool goes_on = step.onto[i] >= 0;
+    lowest[i] = std::min(lowest[i + 1], goes_on ? magnitude(left.values[i]) - extent[i] : infinite);
   }
   std::set<std::pair<Index, Index>> near;
-  for (Index i = 0; i < size; ++i) {
+  for (const Index i : known) {
     if (twins[i] < i) continue;  // its conjugate has decided
     const double highest = (1.0 + 4.0 * eps) * (magnitude(left.values[i]) + extent[i]);
     for (Index k = i + 1; k < size && lowest[k] <= highest; ++k) {
-      if ((twins[i] == i && twins[k] < k) || !is_near(i, k)) continue;
+      if (step.onto[k] < 0 || (twins[i] == i && twins[k] < k) || !is_near(i, k)) continue;
       for (const auto& [one, other] : {std::pair(i, k), std::pair(twins[i], twins[k])}) {
         if (is_tracked[one] || is_tracked[other]) near.insert(std::minmax(one, other));
       }
     }
   }
-  for (Index i = 0; i < size; ++i) {  // a root that turns real or complex has met another
+  for (const Index i : known) {  // a root that turns real or complex has met another
     const Complex a = step.start(i), b = step.end(i);
     if ((a.imag() == 0.0) == (b.imag() == 0.0) || resting[i]) continue;
-    for (Index k = 0; k < size; ++k) {
+    for (const Index k : known) {
       const bool together = a.imag() != 0.0 ? step.start(k) == std::conj(a)  //
                                             : step.end(k) == std::conj(b);
       if (k != i && together && !is_exempt(i, k)) near.insert(std::minmax(i, k));
@@ -311,7 +320,7 @@ bool Step::lost(Index root) const {
 Index Step::reflected(Index root, bool at_end) const {
   const auto place = [&](Index i) { return at_end ? end(i) : start(i); };
   for (Index i = 0; i < left->size(); ++i) {
-    if (i == root) continue;
+    if (i == root || (at_end && onto[i] < 0)) continue;
     const double apart = std::abs(place(i) + std::conj(place(root)));
     if (apart < std::abs(place(root).real())) return i;
   }
@@ -356,7 +365,11 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
       }
       most = std::clamp(step_growth * step.length(), most, tracking.longest);
       if (!tracking.visit(step)) return;
-      for (Index& i : tracked) i = step.onto[i];
+      Roots there;
+      for (const Index i : tracked) {
+        if (step.onto[i] >= 0) there.push_back(step.onto[i]);
+      }
+      tracked = std::move(there);
       left = step.right;
       last = std::move(step);
       ahead.pop_back();
@@ -458,7 +471,7 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
       Index &up = upper[k], &low = lower[k];
       const bool was_real = step.start(up).imag() == 0.0 && step.start(low).imag() == 0.0;
       const Index onto = step.onto[up], other = step.onto[low];
-      complete = complete && !(taken < 2 * traits.dof && step.lost(up));
+      complete = complete && onto >= 0 && other >= 0 && !(taken < 2 * traits.dof && step.lost(up));
       if (!complete) return false;
       up = onto;
       low = other;
