@@ -220,11 +220,12 @@ def test_a_thousand_damped_segments_take_no_more_steps_than_twenty():
     assert calls[1] < 2 * calls[0]
 
 
-def test_a_stiff_system_has_its_exponent():
+@pytest.mark.parametrize("pair", [False, True])
+def test_a_stiff_system_has_its_exponent(pair):
     matrix = np.array([[-0.3, 1.0, 0.0], [0.0, -1e4, 2.0], [0.0, 0.0, -1e6]])
     found = largest_exponent(
         *(lambda y: matrix @ y, lambda y: matrix, np.ones(3), 10.0, 10.0, 4, 1.0),
-        **{"rtol": 1e-8, "stiff": True},
+        **{"pair": pair, "rtol": 1e-8, "stiff": True},
     )
     assert found.value == pytest.approx(-0.3, abs=1e-5)
 

@@ -339,7 +339,8 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
     if observer.recorder is not None and times[-1] < first.end:
         times = np.append(times, first.end)  # events are searched up to the end of the motion
     states = np.empty((members, times.size, len(start)))
-    ended = dict[int, str | None]()  # members that were stopped; None if the observer did so
+    whys: list[str | None] = [None] * members
+    left = set[int]()  # members whose motion the observer has ended
 
     def reached() -> Iterator[int]:
         """Yields the index of each sample once all members have it or have ended."""
@@ -350,18 +351,22 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
                 finished, ends, steps = motion.advance(times, states, allowed, follows)
                 observer.steps(ends, steps)
             except (Stopped, DriveFailed) as stopped:
-                ended.update(dict.fromkeys(range(members), str(stopped)))
+                whys[:] = [str(stopped)] * members
                 return
             in_time()
             now = motion.members
             samples = np.array([member.samples for member in now])
             for j in observer.ended(states, samples):
-                ended.setdefault(j)
+                motion.stop(j)
+                left.add(j)
+            going = [j for j, member in enumerate(now) if member.progress == "going"]
+            going = [j for j in going if j not in left]
             last = np.abs(states[np.arange(members), samples - 1, : model.integrated]).max(axis=1)
-            for j, member in enumerate(now):
-                if member.progress == "going" and samples[j] and last[j] > first.farthest:
-                    ended.setdefault(j, _wound_up(first))
-            going = [j for j in range(members) if now[j].progress == "going" and j not in ended]
+            for j in going:
+                if samples[j] and last[j] > first.farthest:
+                    whys[j] = _wound_up(first)
+                    motion.stop(j)
+            going = [j for j in going if whys[j] is None]
             if going:
                 slowest = min(going, key=lambda j: now[j].time)
                 at, monitor = now[slowest].time, monitors[slowest]
@@ -370,12 +375,11 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
                     if monitor.calls >= monitor.next_check:
                         monitor.check(at)
                 except Stopped as stopped:
-                    ended[slowest] = str(stopped)
+                    whys[slowest] = str(stopped)
+                    motion.stop(slowest)
                 else:
                     observer.call(first, at, motion.state(slowest))
                 allowed = max(1, min(monitor.next_check - monitor.calls, observer.stretch))
-            for j in ended:
-                motion.stop(j)
             until = min((now[j].samples for j in going), default=count)
             until = min(until, count) // first.finer
             yield from range(done, until)
@@ -383,12 +387,13 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
 
     for _ in track(reached(), count // first.finer, "motion", shown):
         pass
-    reasons, answers = {**EARLY_ENDS, "spent": _spent(first.most)}, list[Outcome]()
+    answers: list[Outcome] = []
     for j, member in enumerate(motion.members):
-        samples = min(member.samples, count)
-        why = ended[j] if j in ended else reasons.get(member.progress)
+        why, samples = whys[j] or EARLY_ENDS.get(member.progress), min(member.samples, count)
         if why is not None and first.constant_head is not None and motion.state(j)[-1] < STILL:
             why = "its flow stops and would turn back"
+        if member.progress == "spent" and j not in left:
+            why = why or _spent(first.most)
         if observer.end is not None:
             samples, why = int(np.searchsorted(times[:samples], observer.end, "right")), None
         rows = np.concatenate([start[None, :, j], states[j, :samples]])
