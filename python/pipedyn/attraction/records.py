@@ -77,7 +77,7 @@ class Stretch:
             begins and ends whose distance is at most twice the least or 0.01; and the number of
             passages, or of periods of the drive, in that period.
         """
-        times, passed = self.passages
+        times, passed = self._passages
         if times.size < 2:
             return math.inf, 0.0, 0.0, 0
         back = np.abs(passed[:-1] - passed[-1]).max(axis=1)[::-1]
@@ -93,7 +93,7 @@ class Stretch:
         that comes nearer to a cycle slowly. Several periods of a drifting motion are no period
         either.
         """
-        times, passed = self.passages
+        times, passed = self._passages
         drifting = list[int]()
         for turns in range(1, (times.size - 1) // 3 + 1):
             if any(turns % some == 0 for some in drifting):
@@ -116,7 +116,7 @@ class Stretch:
         if self.period:
             return "periodic"
         approaches = quarters[-1] < 0.8 * quarters[0] and all(b < a for a, b in pairwise(quarters))
-        _, passed = self.passages
+        _, passed = self._passages
         for turns in range(1, (len(passed) - 1) // 5 + 1):
             # A Floquet multiplier whose motion still decays shrinks the changes by a constant
             # factor. Near a torus the changes may shrink for a while as well, but not by a further
@@ -130,7 +130,7 @@ class Stretch:
         return "settling" if approaches else "irregular"
 
     @cached_property
-    def passages(self) -> tuple[Array, Array]:
+    def _passages(self) -> tuple[Array, Array]:
         """Times, (k,), and states, (k, 2 integrated), that are compared with one another.
 
         Each position and rate is divided by its range in the later half, or by a thousandth of the

@@ -28,7 +28,6 @@ from matplotlib.patches import FancyArrowPatch, Rectangle
 from numpy.typing import ArrayLike
 
 from pipedyn.attraction.attractors import Basin
-from pipedyn.attraction.records import Stretch
 from pipedyn.cycles.limit_cycle import LimitCycle
 from pipedyn.models.pipe import Pipe
 from pipedyn.motion.sampling import INVISIBLE, LEAST_MOTION, coarse
@@ -49,9 +48,6 @@ from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.files import replacing
 from pipedyn.util.later import scipy
-
-MOST_CROSSINGS = 51
-"""Number of crossings after which a motion that did not come back counts as aperiodic."""
 
 Sampled: TypeAlias = Motion | LimitCycle
 Shown: TypeAlias = Sampled | Basin
@@ -628,29 +624,34 @@ def refuse_coarse(
 def last_cycle(motion: Sampled) -> tuple[float, float] | None:
     """Start and end of the last whole cycle; None if there is none.
 
-    The cycle ends at the last crossing, at which the free end passes the middle of its range
-    towards positive x. The cycle starts at the latest earlier crossing with the same state to 3 %,
-    since the curve between both looks closed. If there is none, as in a growing motion, it starts
-    at the crossing before the last one. If the free end is held by a support, the coordinate that
-    moves most is taken instead.
+    The cycle ends at the last crossing, at which the position of the free end rises through its
+    median over the last quarter of the time. The cycle starts at the latest earlier crossing with
+    the same state to 3 %, since the curve between both looks closed. If there is none, as in a
+    growing motion, it starts at the crossing before the last one. If the free end is held by a
+    support, the coordinate that moves most is taken instead.
     """
     curve = tip_path_of(motion)
     if np.ptp(motion.tip[:, 0]) <= LEAST_MOTION:
         order = np.argsort(-np.ptp(motion.q, axis=0))
         position, velocity = motion.q[:, order], motion.qdot[:, order]
         curve = scipy.interpolate.CubicHermiteSpline(motion.t, position, velocity)
-    t = np.linspace(motion.t[0], motion.t[-1], finer_times(motion.t).size)
-    position, velocity = curve(t), curve(t, 1)
-    x = position[:, 0]
-    if np.ptp(x[-t.size // 4 :]) < 1e-6:  # the pipe is at rest up to errors of integration
+    late = np.linspace(motion.t[-1] - 0.25 * np.ptp(motion.t), motion.t[-1], DRAWN_POINTS)
+    x = scipy.interpolate.PPoly(curve.c[..., 0], curve.x)
+    if np.ptp(x(late)) < 1e-6:  # the pipe is at rest up to errors of integration
         return None
-    states = np.hstack([position, velocity])
-    crossed = Stretch(t, states, x, velocity[:, 0], rtol=0.0).passages
-    times, passed = (part[-MOST_CROSSINGS:] for part in crossed)
-    if times.size < 2:
+    crossings = x.solve(float(np.median(x(late))), extrapolate=False)
+    crossings = crossings[x(crossings, 1) > 0.0]  # also removes NaN, given for pieces at rest
+    between = np.split(x(motion.t), np.searchsorted(motion.t, crossings))[1:]
+    swings = np.array([np.ptp(part) if part.size else 0.0 for part in between])
+    swings[-1:] = math.inf
+    # Smaller swings are not cycles. A motion without a period in 51 crossings counts as aperiodic.
+    crossings = crossings[swings > 0.1 * np.ptp(x(late))][-51:]
+    if crossings.size < 2:
         return None
-    same = np.flatnonzero(np.abs(passed[:-1] - passed[-1]).max(axis=1) < 0.03)
-    return float(times[same[-1] if same.size else -2]), float(times[-1])
+    rates = curve(crossings, 1) / np.abs(curve(late, 1)).max()
+    states = np.column_stack([curve(crossings)[:, 1:], rates])
+    same = np.flatnonzero(np.abs(states[:-1] - states[-1]).max(axis=1) < 0.03)
+    return float(crossings[same[-1] if same.size else -2]), float(crossings[-1])
 
 
 def shown_part(motion: Any, span: Any) -> tuple[Sampled, float, float, bool]:
