@@ -51,6 +51,9 @@ LOG_STEP = 1e-6
 """Step of the logarithms in differences of predictions: terms of second order then leave relative
 errors of 4e-7 in derivatives, and the rounding of predictions less."""
 
+JUMP = 0.01
+"""Largest difference of derivatives from both sides, as a share of the largest derivative."""
+
 FUNCTIONS = (16, 24, 36, 54)
 """Numbers of functions of the model, tried in turn until the predictions no longer change."""
 
@@ -442,10 +445,14 @@ class _Problem:
         measured, sigma = np.array([(one.value, one.uncertainty) for one in self.measurements]).T
         return np.asarray((predicted - measured) / sigma)
 
-    def slopes(self, question: Callable[[Array], Array], x: Array) -> Array:
-        """Derivatives by x of k functions of x, shape (k, U), by differences within the bounds."""
+    def slopes(self, question: Callable[[Array], Array], x: Array, most: float = LOG_STEP) -> Array:
+        """Derivatives by x of k functions of x, shape (k, U), by differences within the bounds.
+
+        most: step of the differences, which has the other sign where x + `most` is out of bounds.
+        """
         here = question(x)
-        steps = np.where(x + LOG_STEP < self.bounds[1], LOG_STEP, -LOG_STEP)
+        low, high = self.bounds
+        steps = np.where((x + most > low) & (x + most < high), most, -most)
         columns = [(question(x + step) - here) / step.sum() for step in np.diag(steps)]
         return np.stack(columns, axis=1)
 
@@ -462,7 +469,15 @@ class _Problem:
         spread = np.full((x.size, x.size), math.nan)
         condition = math.inf
         if free.size:
-            slopes = self.slopes(partial(self.misfit, size=size), x)
+            misfit = partial(self.misfit, size=size)
+            slopes = self.slopes(misfit, x)
+            jumps = np.abs(slopes - self.slopes(misfit, x, -LOG_STEP)).max(axis=1)
+            if (jumps > JUMP * np.abs(slopes).max()).any():
+                k = int(np.argmax(jumps))
+                raise NotConverged(
+                    f"the prediction for measurements[{k}] jumps near the best pipe, where roots lie "
+                    "too close together to be told apart"
+                )
             _, sizes, right = np.linalg.svd(slopes[:, free], full_matrices=False)
             condition = float(sizes[0] / sizes[-1]) if sizes[-1] > 0.0 else math.inf
             if not sizes[-1] * UNTOLD > 1.0:
