@@ -242,3 +242,11 @@ def test_damping_does_not_move_a_divergence_however_slow_it_makes_it(gamma, damp
     found = divergences(gamma, damping)
     assert found == pytest.approx(divergences(gamma, 0.0), rel=1e-10)
     assert len(found) >= 1
+
+
+def test_coupled_flutter_of_a_long_held_chain_is_as_accurate_as_it_says():
+    """The speed at which two roots meet on the axis, by 30 digits of the model's matrices."""
+    pipe = pp.Pipe(0.441912, -1.15448, root=pp.RootSpring(214.482), end="pinned")
+    found = pp.crossings(pp.Chain(pipe, 77, springs="uniform"), 10.3267)[2]
+    assert found.speed == pytest.approx(7.62866547310930, rel=1e-13)
+    assert found.frequency == pytest.approx(8.37020144334, rel=1e-9)

@@ -288,5 +288,5 @@ def test_a_mode_that_is_not_told_from_its_neighbours_tells_nothing():
     pipe = pp.Pipe(0.0291917, damping=0.0589028, alpha=0.9999, end="guided", **springs)
     decay = pp.Measurement("decay_rate", 16.962904420812638, 0.848146221040632, 5.5266, 2)
     onset = pp.Measurement("critical_speed", 6.199413153177785, 0.06199413153177785)
-    with pytest.raises(pp.NotConverged, match="too close together|still moves"):
+    with pytest.raises(pp.NotConverged, match=r"too close together|still moves"):
         pp.identify(pipe, [decay, onset], ["alpha"])

@@ -475,8 +475,8 @@ class _Problem:
             if (jumps > JUMP * np.abs(slopes).max()).any():
                 k = int(np.argmax(jumps))
                 raise NotConverged(
-                    f"the prediction for measurements[{k}] jumps near the best pipe, where roots lie "
-                    "too close together to be told apart"
+                    f"the prediction for measurements[{k}] jumps near the best pipe, where roots "
+                    "lie too close together to be told apart"
                 )
             _, sizes, right = np.linalg.svd(slopes[:, free], full_matrices=False)
             condition = float(sizes[0] / sizes[-1]) if sizes[-1] > 0.0 else math.inf
