@@ -377,3 +377,14 @@ def test_a_loss_factor_has_no_motion_to_pulsate():
         pp.parametric_regions(model, 4.0, 0.1, (20.0, 30.0))
     with pytest.raises(ValueError, match="model must be a pipe without hysteresis"):
         pp.forced_response(model, 4.0, base=pp.Harmonic(0.1, 9.0))
+
+
+def test_a_pipe_that_does_not_oscillate_has_no_regions():
+    """Its damping is so strong that no multiplier is complex at any frequency."""
+    terms = pp.Viscosity(sigma=112.205), pp.Damper(at=1.0, coefficient=77.8193)
+    model = pp.Galerkin(pp.Pipe(0.0, terms=terms), 3)
+    found = pp.parametric_regions(model, 3.372, [0.073, 0.251], (2.079, 7.754))
+    assert found.regions == ()
+    pipe = PulsatingPipe.of(model.operators(), 3.372)
+    for frequency in (2.1, 7.7):
+        assert np.abs(integrated(pipe, 0.251, frequency)).max() < 1.0

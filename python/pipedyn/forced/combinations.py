@@ -167,6 +167,8 @@ class FewModes:
 
     def unstable(self, low: float, high: float) -> list[Growth]:
         """Intervals of frequencies in which multipliers off the real axis are larger than 1."""
+        if not self._seen.size:  # strong damping lets no mode oscillate
+            return []
         turns = 2.0 * math.pi * self.fastest * (1.0 / low - 1.0 / high)
         every = np.linspace(1.0 / high, 1.0 / low, math.ceil(turns / SCANNED_PHASE) + 8)
         seen = [self.at(w) for w in (1.0 / every[::-1]).tolist()]
