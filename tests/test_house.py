@@ -16,10 +16,10 @@ import pytest
 LIMITS = {
     "longest chain of imports in a folder": 7,
     "modules in a folder": 16,
-    "names with more than one meaning": 11,
+    "names with more than one meaning": 10,
     "docstrings that begin with a leaning word": 0,
-    "lines of Python": 23284,
-    "lines of C++": 14261,
+    "lines of Python": 22493,
+    "lines of C++": 14067,
 }
 
 ROOT = Path(__file__).parents[1]
