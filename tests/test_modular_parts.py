@@ -520,6 +520,7 @@ def test_what_is_no_part_is_refused(make: Callable[[], Any], message: str) -> No
         (lambda m: m.rhs(0.0, np.zeros(18), -1.0), "u must lie in"),
         (lambda m: m.angles(np.zeros(7)), "y must have shape (9, ...), got (7,)"),
         (lambda m: m.operators(np.zeros(4)), "q must have 3 or 9 entries, got 4"),
+        (lambda m: m.about(None), "q must be an array of real numbers, got None"),
         (lambda m: m.deflection(np.zeros(4), [0.5]), "q must have shape (3, ...) or (9, ...), got"),
         (lambda m: m.tips(np.zeros((4, 1))), "q must have shape (9, ...), got (4, 1)"),
     ],
@@ -529,5 +530,5 @@ def test_bad_questions_are_refused(ask: Callable[[Any], Any], message: str, own:
     model = md.chain(PIPE, 3)
     if own:
         model = model.plus(own_spring(2, 1.0, 0.1))
-    with pytest.raises(ValueError, match=re.escape(message)):
+    with pytest.raises((ValueError, TypeError), match=re.escape(message)):
         ask(model)

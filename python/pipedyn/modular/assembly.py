@@ -552,16 +552,16 @@ class Assembly(SegmentModel):
     def _turned(
         self,
         name: str,
-        given: ArrayLike | None,
+        given: Any,
         theta: Array | None = None,
         sizes: tuple[int, ...] = (),
     ) -> Array:
-        """Angles of the segments, or rates at the angles theta, shape (n,); 0 if not given.
+        """Angles of the segments, or rates at the angles theta, shape (n,); rates not given are 0.
 
         They are given as such or in redundant coordinates, which must meet the constraints.
         """
         n, order = self.integrated, int(theta is not None)
-        if given is None:
+        if given is None and order:
             return np.zeros(n)
         rows = check.array(name, given, size=sizes or (n, self.coordinates), **ANGLES)
         turned = np.array(rows if rows.size == n else np.cumsum(rows[2::3]))
