@@ -202,7 +202,7 @@ class Case:
     def learn(self, one: Solution) -> int:
         """Adds a solution, and its mirror image if there is one; returns the solution's number.
 
-        A solution that is known already, as it ends on that, has the number of the known one.
+        If a known solution holds its last state, the number is that of the known one.
         """
         shifts, numbers = self.drive.shifts, list[int]()
         images = [one]

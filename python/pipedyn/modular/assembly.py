@@ -552,7 +552,7 @@ class Assembly(SegmentModel):
     def _turned(
         self,
         name: str,
-        given: Any,
+        given: ArrayLike | None,
         theta: Array | None = None,
         sizes: tuple[int, ...] = (),
     ) -> Array:
@@ -561,7 +561,7 @@ class Assembly(SegmentModel):
         They are given as such or in redundant coordinates, which must meet the constraints.
         """
         n, order = self.integrated, int(theta is not None)
-        if given is None and order:
+        if given is None and theta is not None:
             return np.zeros(n)
         rows = check.array(name, given, size=sizes or (n, self.coordinates), **ANGLES)
         turned = np.array(rows if rows.size == n else np.cumsum(rows[2::3]))
