@@ -445,15 +445,15 @@ class _Problem:
         measured, sigma = np.array([(one.value, one.uncertainty) for one in self.measurements]).T
         return np.asarray((predicted - measured) / sigma)
 
-    def slopes(self, question: Callable[[Array], Array], x: Array, most: float = LOG_STEP) -> Array:
+    def slopes(self, question: Callable[[Array], Array], x: Array, step: float = LOG_STEP) -> Array:
         """Derivatives by x of k functions of x, shape (k, U), by differences within the bounds.
 
-        most: step of the differences, which has the other sign where x + `most` is out of bounds.
+        step: step of the differences; its sign is changed where x + step is out of bounds.
         """
         here = question(x)
         low, high = self.bounds
-        steps = np.where((x + most > low) & (x + most < high), most, -most)
-        columns = [(question(x + step) - here) / step.sum() for step in np.diag(steps)]
+        steps = np.where((x + step > low) & (x + step < high), step, -step)
+        columns = [(question(x + change) - here) / change.sum() for change in np.diag(steps)]
         return np.stack(columns, axis=1)
 
     def moved(self, x: Array, size: int) -> float:
