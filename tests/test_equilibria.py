@@ -385,9 +385,14 @@ def half_waves(axial, u):
     return found
 
 
-@pytest.mark.parametrize(("m", "basis"), [(4, "beam"), (4, "legendre"), (8, "legendre")])
 @pytest.mark.parametrize(
-    ("stiffness", "u", "few"), [(1000.0, 3.2416, 3), (300.0, 7.0, 5), (20.0, 5.0, 3)]
+    ("stiffness", "u", "few", "m", "basis"),
+    [
+        (1000.0, 3.2416, 3, 4, "legendre"),
+        (300.0, 7.0, 5, 4, "beam"),
+        (300.0, 7.0, 5, 8, "legendre"),
+        (20.0, 5.0, 3, 4, "beam"),
+    ],
 )
 def test_an_axially_fixed_pipe_rests_straight_or_in_half_waves_and_no_coil_is_counted(
     stiffness, u, few, m, basis

@@ -38,8 +38,7 @@ def dotted(path):
     return ".".join(parts[:-1] if path.stem == "__init__" else parts)
 
 
-TREES = {path: ast.parse(path.read_text("utf-8")) for path in sorted(PACKAGE.rglob("*.py"))}
-MODULES = {dotted(path): path for path in TREES}
+MODULES = {dotted(path): path for path in sorted(PACKAGE.rglob("*.py"))}
 FOLDERS = (
     *("util", "models", "modular", "linear", "motion"),
     *("continuation", "equilibrium", "orbits", "attraction", "cycles", "forced", "curves"),
@@ -55,10 +54,16 @@ def within(folder):
 
 
 @functools.cache
+def trees():
+    """Syntax trees of all modules by path, made for the first test that asks."""
+    return {path: ast.parse(path.read_text("utf-8")) for path in MODULES.values()}
+
+
+@functools.cache
 def imported(name):
     """Modules of the package that one imports, wherever in its file the import stands."""
     path, found = MODULES[name], set()
-    for node in ast.walk(TREES[path]):
+    for node in ast.walk(trees()[path]):
         if isinstance(node, ast.Import):
             found.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -129,7 +134,7 @@ def test_folders_have_few_modules(folder):
 
 def test_names_mean_one_thing():
     where = {}
-    for path, tree in TREES.items():
+    for path, tree in trees().items():
         if path.stem == "__init__":
             continue
         for node in tree.body:
@@ -149,7 +154,7 @@ def test_names_mean_one_thing():
 
 def test_docstrings_can_be_read_alone():
     found = []
-    for path, tree in TREES.items():
+    for path, tree in trees().items():
         for node in ast.walk(tree):
             if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
                 text = (ast.get_docstring(node) or "").strip()
@@ -161,7 +166,7 @@ def test_docstrings_can_be_read_alone():
 
 def test_lines_of_python_stay_within_the_budget():
     lines = 0
-    for path, tree in TREES.items():
+    for path, tree in trees().items():
         said = lines_of_docstrings(tree)
         numbered = enumerate(path.read_text("utf-8").splitlines(), start=1)
         lines += sum(i not in said and not re.match(r"\s*(#|$)", line) for i, line in numbered)
