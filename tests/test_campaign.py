@@ -148,6 +148,17 @@ def test_high_modes_of_a_reduced_model_count_where_the_flow_feeds_them(m):
         assert found[-1].unstable_after == growing > 0
 
 
+@pytest.mark.parametrize("n", [60, 150])
+def test_the_highest_mode_of_a_long_chain_counts_where_the_flow_feeds_it_most(n):
+    """Half a segment hangs below the last joint, where springs are at the middles."""
+    pipe = pp.Pipe(0.159806, flow="aspirating", terms=(pp.Viscosity(41.9741),))
+    model = pp.Chain(pipe, n, springs="midpoint")
+    found = pp.critical_speed(model)
+    assert found.mode == n
+    below, above = (pp.eigenvalues(model, x * found.speed).real.max() for x in (0.999, 1.001))
+    assert below < 0.0 < above
+
+
 @pytest.mark.parametrize("spans", [1, 3, 6])
 def test_elements_know_hinged_pipes_on_equal_spans(spans):
     numbers = equal_spans(spans)

@@ -526,10 +526,12 @@ class _Search:
             return
         some = _modes_within(max_speed, model.pipe)
         # The highest modes of a reduced model are not the pipe's, and the flow may make them grow
-        # most.
-        panels = isinstance(self.problem.pencil, PanelPencil)
-        reduced = panels and _some_are_cheaper(some, max_speed, model.dof)
-        if reduced and not self._are_enough(some, spectrum.modes_at_rest()):
+        # most. Fluid that is drawn into a chain feeds the highest modes most.
+        fed = model.pipe.flow == "aspirating" and not model.pipe.end_held
+        judged = fed or isinstance(self.problem.pencil, PanelPencil)
+        judged &= _some_are_cheaper(some, max_speed, model.dof)
+        modes = spectrum.modes_at_rest() if judged else None
+        if judged and not self._are_enough(some, modes):
             return
         self._track(some)
         # A search for a few roots does not pass the cluster at -1 / delta, but the modes before it,
@@ -537,7 +539,8 @@ class _Search:
         # also examines roots beyond the tracked ones.
         delta = model.pipe.damping
         before = math.floor(math.sqrt(0.9 / delta) / math.pi) - 4 if delta else self.tracked
-        if max_speed / math.pi + 1.0 <= before < self.count // 2:
+        safe = not fed or self._are_enough(before, modes)
+        if safe and max_speed / math.pi + 1.0 <= before < self.count // 2:
             self._track(min(before, self.tracked), beyond=1)
 
     def _track_reached(self, resolved: int, modes: Array | None) -> None:
@@ -562,19 +565,21 @@ class _Search:
 
         In a pipe whose end is held across, only modes without stiffness grow. With a free end, the
         outflow must damp each higher mode at least a third as much as the mode that it damps most.
-        With a mass at the end, or with fluid that is drawn in, every mode can grow.
+        With a mass at the end, every mode can grow, and so can it with fluid that is drawn in: then
+        damping must take from each higher mode three times what the fastest flow feeds it.
         """
         pipe, pencil = self.model.pipe, self.problem.pencil
-        if pipe.end_held or pipe.flow != "ejecting":
-            return pipe.end_held
-        if pipe.bare:
+        if pipe.end_held or (pipe.flow == "ejecting" and pipe.bare):
             return True  # slow flow damps all modes of a uniform cantilever equally
         if modes is None:
             return False
-        damping, mass = (
-            np.sum(modes * product(modes), axis=0) for product in (pencil.velocity, pencil.mass)
+        flow, damping, mass = (
+            np.sum(modes * product(modes), axis=0)
+            for product in (pencil.velocity, pencil.damping, pencil.mass)
         )
-        rates = damping / mass
+        if pipe.flow == "aspirating":
+            return bool(np.all(damping[some:] > -3.0 * self.max_speed * flow[some:]))
+        rates = flow / mass
         return bool(np.all(rates[some:] > rates.max(initial=0.0) / 3.0))
 
     def _track(self, modes: int, beyond: int = 8) -> None:
