@@ -273,7 +273,7 @@ class Chain(SegmentModel):
         if rule in ("uniform", "midpoint"):
             return n * every
         cantilever = replace(self._pipe, terms=(), root="clamped", end="free", supports=())
-        bare, relative = _core.Chain(*self._segments(np.ones(n), cantilever)), every[:-1]
+        bare, relative = self._compiled(np.ones(n), cantilever).chain, every[:-1]
         lowest = _first_eigenvalue(self._pipe)
 
         def inertia(turns: Array) -> Array:
@@ -332,9 +332,9 @@ class Chain(SegmentModel):
             return NOT_HELD
         return held_ends(self._pipe, self._ends()[1:])
 
-    def _segments(self, springs: Array, pipe: Pipe) -> tuple[_core.Pipe, _core.Segments]:
-        """The compiled pipe and segments of a chain or scene with these joints' springs."""
-        return core_pipe(pipe), _core.Segments(
+    def _compiled(self, springs: Array, pipe: Pipe, held: Sequence[int] = ()) -> _core.Scene:
+        """The compiled segments with these springs of joints, the ends of those in `held` held."""
+        segments = _core.Segments(
             length=self._lengths,
             center=self._centers,
             gyration_radius=self._gyration_radii,
@@ -343,35 +343,16 @@ class Chain(SegmentModel):
             base=self._base,
             mass=self._masses,
         )
+        places = [3 * k for k in held]
+        return _core.Scene(core_pipe(pipe), segments, held=places, value=np.zeros(len(places)))
 
     @property
     def _own_joints(self) -> Array:
         return self._joints[: self.coordinates + self._pipe.end_directed]
 
     @cached_property
-    def core(self) -> _core.Chain:
-        """The compiled chain without the supports."""
-        return _core.Chain(*self._segments(self._own_joints, self._pipe))
-
-    @property
-    def _chain(self) -> _core.Chain:
-        return self.core
-
-    @cached_property
-    def motion(self) -> Any:
-        """The compiled chain, or the compiled scene if supports hold nodes."""
-        if not self._held.size:
-            return self.core
-        return _core.Scene(
-            *self._segments(self._own_joints, self._pipe),
-            inertia=np.zeros((0, 0)),
-            held=(3 * self._held).tolist(),
-            value=np.zeros(self._held.size),
-        )
-
-    @property
-    def _scene(self) -> _core.Scene | None:
-        return self.motion if self._held.size else None
+    def core(self) -> _core.Scene:
+        return self._compiled(self._own_joints, self._pipe, self._held.tolist())
 
     def _held_rows(self, theta: Array) -> Array:
         before = np.arange(theta.size)[:, None] <= self._held
@@ -415,7 +396,7 @@ class Chain(SegmentModel):
         return self._reference is None
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        return Model.operators(self, q) if self._scene is None else super().operators(q)
+        return super().operators(q) if self._held.size else Model.operators(self, q)
 
     def initial_state(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
         y = super().initial_state(q0, qdot0)

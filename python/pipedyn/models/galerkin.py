@@ -326,7 +326,7 @@ class Galerkin(Model):
 
     def elastic_operators(self) -> Operators:
         (spread, scale), rest = self.small_motions, self._reference
-        found = self.core.operators() if rest is None else self.motion.operators(rest)
+        found = self.core.operators() if rest is None else self.core.operators(rest)
         if spread is not None:
             by = spread * scale if scale.ndim == 1 else spread @ scale
             return self._held_across(operators_from(found, self._pipe), by, rest is None)

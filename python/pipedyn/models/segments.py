@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
-from pipedyn.models.base import ANGLES, CORE_MATRICES, Model, Operators, operators_from
+from pipedyn.models.base import ANGLES, CORE_MATRICES, Model, Operators, operators_from, stored
 from pipedyn.models.pencil import DensePencil, PartsPencil, Pencil, Vectors, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments, reciprocal
@@ -83,16 +83,7 @@ class SegmentModel(Model):
 
     _base: float
     _lengths: Array
-
-    @property
-    @abstractmethod
-    def _chain(self) -> _core.Chain:
-        """The compiled chain without what holds its nodes."""
-
-    @property
-    @abstractmethod
-    def _scene(self) -> _core.Scene | None:
-        """The compiled scene that holds nodes, or None if the model has none."""
+    _chain = stored("core.chain", "The compiled chain without what holds its nodes.")
 
     @property
     @abstractmethod
@@ -118,11 +109,11 @@ class SegmentModel(Model):
 
     def _unheld(self, theta: Array) -> Operators:
         """Operators in the segments' angles, without what holds nodes or acts at the joints."""
-        return operators_from(self._chain.operators(theta, joints=False), self._pipe)
+        return operators_from(self.core.operators(theta, joints=False), self._pipe)
 
     def _rest_moments(self, theta: Array) -> Array:
         """Moments on the segments at rest, see `rest_moments`."""
-        return rest_moments(self._chain, theta, self._lengths, self._pipe)
+        return rest_moments(self.core, theta, self._lengths, self._pipe)
 
     def _ends(self) -> Array:
         """Arc lengths where the segments begin and end, shape (n + 1,)."""
@@ -288,12 +279,12 @@ class SegmentModel(Model):
         return np.asarray(vectors[:, 2 * by_angles.shape[1] :])
 
     def onto_constraints(self, p: Array, rates: Array) -> tuple[Array, Array]:
-        if self._scene is None:
+        if not self._held.size:
             return p, rates
         columns = (p.shape[0], -1)
-        *met, missed = self._scene.project(p.reshape(columns), rates.reshape(columns))
+        *met, missed = self.core.project(p.reshape(columns), rates.reshape(columns))
         for of in met:
-            of[:, missed > self._scene.met] = np.nan
+            of[:, missed > self.core.met] = np.nan
         return met[0].reshape(p.shape), met[1].reshape(rates.shape)
 
     def admissible(self, angles: ArrayLike) -> Array:
@@ -313,11 +304,9 @@ class SegmentModel(Model):
             ValueError, TypeError: for another shape, or numbers that are not finite.
         """
         theta = check.array("angles", angles, size=self.integrated, **ANGLES)
-        if self._scene is None:
-            return theta
         rest, held_by = self._held_at_rest
         shares = (0.0, 0.25, 0.5, 0.75, 1.0)
-        found, missed = closest(self._scene, (theta + share * (rest - theta) for share in shares))
+        found, missed = closest(self.core, (theta + share * (rest - theta) for share in shares))
         if missed > SAME:
             raise NotConverged(f"no angles close to those given meet {held_by}", found)
         return found
@@ -385,18 +374,18 @@ class ChainPencil(PartsPencil):
         return self.complement.gathered(scale * rows)
 
 
-def rest_moments(core: _core.Chain, theta: Array, lengths: Array, pipe: Pipe) -> Array:
-    """Moments on the segments of a chain at rest, shape (n, 3).
+def rest_moments(core: _core.Scene, theta: Array, lengths: Array, pipe: Pipe) -> Array:
+    """Moments on the segments at rest where nothing holds nodes, shape (n, 3).
 
     The first column has the moments without flow, the others the factors of a u^2 and of s u'.
 
     Args:
-        core: the compiled chain.
+        core: the compiled model.
         theta: angles of the segments, shape (n,).
         lengths: lengths of the segments, shape (n,).
         pipe: the pipe.
     """
-    still = core.rhs(0.0, np.append(theta, 0.0 * theta), 0.0, refuses=False)[theta.size :]
+    still = core.free_accelerations(theta)
     if still.any():
         still = core.operators(theta).mass @ still
     end = (0.0 if pipe.end_directed else theta[-1]) + pipe.jet_angle
