@@ -187,10 +187,10 @@ class CustomForces:
 
     def _forces(self, states: Array) -> Array:
         """Generalized forces, shape (3 n, k)."""
-        total = np.zeros((len(states) // 2, states.shape[1]))
+        places, moving = np.split(states, 2)
+        total = np.zeros(places.shape)
         with np.errstate(all="ignore"):
-            for forces, state in zip(total.T, states.T, strict=True):
-                q, rates = np.split(state, 2)
+            for forces, q, rates in zip(total.T, places.T, moving.T, strict=True):
                 for custom in self.each:
                     forces[custom.index] += custom.force(q[custom.index], rates[custom.index])
         return total
