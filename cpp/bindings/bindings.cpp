@@ -107,7 +107,6 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
            "damping"_a = none, "rest_moment"_a = none, "mass"_a = none);
   py::class_<Chain>(m, "Chain")
       .def(py::init<const Pipe&, Segments>(), "pipe"_a, "segments"_a)
-      .def("joint_operators", &Chain::joint_operators, "scale"_a, Unlocked())
       .def(
           "joint_times",
           [](const Chain& chain, const pipedyn::Matrix& x, double stiffness, double damping,

@@ -52,22 +52,7 @@ SHORTEST_SEGMENT = 1e-7
 """Shortest segment: shorter ones, or a last one with less inertia, are lost in rounding."""
 
 
-@saved_as(
-    "Chain",
-    former={
-        "_pipe": "pipe",
-        "_reference": "reference",
-        "_lengths": "lengths",
-        "_base": "base",
-        "_masses": "masses",
-        "_centers": "centres",
-        "_drag_points": "drag_points",
-        "_gyration_radii": "gyration_radii",
-        "_rule": "rule",
-        "_joints": "joints",
-        "_approximates": "approximates",
-    },
-)
+@saved_as("Chain", former={"centers": "centres"})
 class Chain(SegmentModel):
     """A chain of n rigid segments, the lumped-parameter model of a pipe.
 

@@ -78,16 +78,7 @@ def basis_joints(pipe: Pipe) -> Array:
     return np.array(ends[1:-1])
 
 
-@saved_as(
-    "Galerkin",
-    former={
-        "_pipe": "pipe",
-        "_reference": "reference",
-        "_size": "m",
-        "_basis": "basis",
-        "_more": "more",
-    },
-)
+@saved_as("Galerkin", former={"size": "m"})
 class Galerkin(Model):
     """A reduced model with m functions. Coordinates: their amplitudes q_i, shape (m,).
 
