@@ -167,7 +167,8 @@ def reduced_model(pipe: pp.Pipe, basis: str, m: int) -> list[tuple[float, float]
         core_pipe(pipe), basis == "legendre", m, least_nodes=3 * model.core.nodes(y[:m])
     )
     jacobian = model.jacobian(0.0, y, SPEED)
-    steps = 1e-2 * np.concatenate([model.elastic_scale, 14.0 * model.elastic_scale])
+    scale = np.diag(model.elastic_scale)
+    steps = 1e-2 * np.concatenate([scale, 14.0 * scale])
     columns = [
         derivative_along(partial(model.rhs, 0.0, u=SPEED), y, way, 1.0) for way in np.diag(steps)
     ]

@@ -155,11 +155,9 @@ CORE_MATRICES = tuple(field.name for field in fields(Operators)[:7])
 """Names of the matrices of `Operators` that the core computes, the same in the core."""
 
 
-def operators_from(core: _core.Operators, pipe: Pipe, scale: Array | None = None) -> Operators:
-    """`Operators` from the core's matrices, times scale (dof, dof), and the pipe's two factors."""
+def operators_from(core: _core.Operators, pipe: Pipe) -> Operators:
+    """`Operators` from the core's matrices and the pipe's two factors."""
     matrices = {name: getattr(core, name) for name in CORE_MATRICES}
-    if scale is not None:
-        matrices = {name: scale * matrix for name, matrix in matrices.items()}
     return Operators(**matrices, direction=pipe.direction, centrifugal=pipe.alpha)
 
 
@@ -452,12 +450,19 @@ class Model(OfPipe, ABC):
 
     def _with_loss(self, of: Callable[[Self], Operators]) -> Operators:
         """The model's operators with hysteresis, mu dD/ddelta; damping D is linear in delta."""
-        found, pipe = of(self), self._pipe
-        if not pipe.hysteresis:
+        found = of(self)
+        if not self._pipe.hysteresis:
             return found
-        step = 1.0 if pipe.damping < 1.0 else -1.0  # a step that keeps delta in its range
-        moved = of(self.with_pipe(replace(pipe, damping=pipe.damping + step)))
-        return replace(found, loss=pipe.hysteresis * step * (moved.damping - found.damping))
+        moved, step = self.stepped("damping")
+        by_damping = step * (of(moved).damping - found.damping)
+        return replace(found, loss=self._pipe.hysteresis * by_damping)
+
+    def stepped(self, number: str) -> tuple[Self, float]:
+        """The model with a number of its pipe changed by 1 or -1 within its range; the change."""
+        value = getattr(self._pipe, number)
+        step = 1.0 if value < 1.0 else -1.0
+        change: dict[str, Any] = {number: value + step}
+        return self.with_pipe(replace(self._pipe, **change)), step
 
     @abstractmethod
     def elastic_operators(self) -> Operators:

@@ -149,7 +149,12 @@ class SegmentModel(Model):
     @cached_property
     def linear(self) -> SmallMotions:
         """Small motions about the configuration that `about` chose, else the straight pipe."""
-        return self._small_motions(self.resting())
+        return self._small_motions(self.reference)
+
+    @property
+    def reference(self) -> Array:
+        """Angles of the configuration about which the model is linearised, shape (n,)."""
+        return self.resting()
 
     def _linear_at(self, q: ArrayLike | None) -> SmallMotions:
         """Small motions about q, or where the model is linearised; ValueError for too many dof."""

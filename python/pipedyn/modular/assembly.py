@@ -379,13 +379,6 @@ class Assembly(SegmentModel):
 
     # ------------------------------------------------------------------------------ linear motion
 
-    @cached_property
-    def linear(self) -> SmallMotions:
-        """Small motions about the configuration that `about` chose, else the straight pipe."""
-        if not self.linear_cost:
-            self._check_dense()
-        return self._small_motions(self.reference)
-
     @property
     def reference(self) -> Array:
         """Angles of the configuration about which the scene is linearised, shape (n,).
