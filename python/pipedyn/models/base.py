@@ -453,11 +453,11 @@ class Model(OfPipe, ABC):
         found = of(self)
         if not self._pipe.hysteresis:
             return found
-        moved, step = self.stepped("damping")
+        moved, step = self._stepped("damping")
         by_damping = step * (of(moved).damping - found.damping)
         return replace(found, loss=self._pipe.hysteresis * by_damping)
 
-    def stepped(self, number: str) -> tuple[Self, float]:
+    def _stepped(self, number: str) -> tuple[Self, float]:
         """The model with a number of its pipe changed by 1 or -1 within its range; the change."""
         value = getattr(self._pipe, number)
         step = 1.0 if value < 1.0 else -1.0

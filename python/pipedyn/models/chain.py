@@ -347,11 +347,6 @@ class Chain(SegmentModel):
         rule = repr(self._rule) if self._rule else "array"
         return f"Chain({self._pipe!r}, n={self.coordinates}, springs={rule}{self._about_shown})"
 
-    @cached_property
-    def dof(self) -> int:
-        """Number of degrees of freedom: n less the number of nodes that supports hold."""
-        return self._lengths.size - self._held.size
-
     @property
     def coordinates(self) -> int:
         """Number of angles, n."""
@@ -420,19 +415,6 @@ class Chain(SegmentModel):
         line = along(self._lengths * np.exp(1j * angles), self._base, self._lengths, s)
         return np.stack([line.imag, line.real + np.minimum(s, self._base)], axis=-1)
 
-    def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
-        lengths = self._lengths_to_tip
-        return np.stack([lengths @ np.sin(q), self._base + lengths @ np.cos(q)], axis=-1)
-
-    @cached_property
-    def _lengths_to_tip(self) -> Array:
-        """Lengths of the parts of the segments up to the point of `tips`, shape (n,)."""
-        place = self.pipe.watched
-        if place == 1.0:
-            return self._lengths
-        starts = self._base + np.cumsum(self._lengths) - self._lengths
-        return np.clip(place - starts, 0.0, self._lengths)
-
     @property
     def kinks_known(self) -> bool:
         return True
@@ -449,10 +431,6 @@ class Chain(SegmentModel):
             joints += drive[3] - 1j * drive[4]
         reach = (self._drag_points * self._lengths)[:, None]
         return np.concatenate([of_terms, (joints * tangents.conj()).real + reach * pdot])
-
-    def _across(self, p: Array, s: Array) -> Array:
-        steps = self._lengths[:, None] * np.sin(p)
-        return np.asarray(along(steps, self._base, self._lengths, s))
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         return self.admissible(self.sampled(angle))

@@ -126,7 +126,7 @@ class DensePencil(Pencil):
     @cached_property
     def _slopes(self) -> tuple[Array, Array]:
         """dK/dgamma and dD/ddelta; K and D are linear in these."""
-        (heavier, more), (lossier, step) = map(self.model.stepped, ("gamma", "damping"))
+        (heavier, more), (lossier, step) = map(self.model._stepped, ("gamma", "damping"))
         _, _, damping, stiffness, _ = self.matrices
         by_gravity = more * (heavier.elastic_operators().stiffness - stiffness)
         return by_gravity, step * (lossier.elastic_operators().damping - damping)

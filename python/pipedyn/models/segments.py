@@ -70,8 +70,7 @@ class SmallMotions:
 
     def joint_angles(self, zeta: NDArray[Any]) -> NDArray[Any]:
         """Angles of the joints, shape (n, r), for elastic coordinates, shape (dof, r)."""
-        free = real_columns(self.elastic.spread, zeta) if self.rows.size else zeta
-        result: NDArray[Any] = self.scale[:, None] * free
+        result: NDArray[Any] = self.scale[:, None] * real_columns(self.elastic.spread, zeta)
         return result
 
 
@@ -112,8 +111,25 @@ class SegmentModel(Model):
         return operators_from(self.core.operators(theta, joints=False), self._pipe)
 
     def _rest_moments(self, theta: Array) -> Array:
-        """Moments on the segments at rest, see `rest_moments`."""
-        return rest_moments(self.core, theta, self._lengths, self._pipe)
+        """Moments on the segments at rest where nothing holds nodes, shape (n, 3).
+
+        The first column has the moments without flow, the others the factors of a u^2 and of s u'.
+        """
+        still, pipe = self.core.free_accelerations(theta), self._pipe
+        if still.any():
+            still = self.core.operators(theta).mass @ still
+        end = (0.0 if pipe.end_directed else theta[-1]) + pipe.jet_angle
+        # The product of one direction exp(i theta) with another's conjugate gives the sine of their
+        # difference.
+        along_pipe = self._lengths * np.exp(1j * theta)
+        beyond = np.cumsum(along_pipe[::-1])[::-1] - along_pipe
+        push = -math.sqrt(pipe.beta) * (np.conj(along_pipe) * beyond).imag
+        return np.stack([still, self._lengths * np.sin(theta - end), push], axis=1)
+
+    @property
+    def dof(self) -> int:
+        """Number of degrees of freedom: n less the number of nodes that constraints hold."""
+        return self.integrated - self._held.size
 
     def _ends(self) -> Array:
         """Arc lengths where the segments begin and end, shape (n + 1,)."""
@@ -255,9 +271,7 @@ class SegmentModel(Model):
         columns, linear = self._columns("z", z), self.linear
         joints = linear.joint_angles(columns.reshape(self.dof, -1))
         angles = np.cumsum(joints, axis=0, out=joints)
-        if linear.rows.size:
-            angles = real_columns(linear.basis.gathered, angles)
-        return angles.reshape(columns.shape)
+        return real_columns(linear.basis.gathered, angles).reshape(columns.shape)
 
     def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
         if len(columns) == self.integrated:
@@ -269,6 +283,27 @@ class SegmentModel(Model):
             return turned(p, self._ends(), float(self._own_joints[0]), self._pipe, s)
         across = self._lengths * np.cos(self.linear.theta)
         return along((across * p.T).T, self._base, self._lengths, s)
+
+    def _segment_angles(self, q: NDArray[Any]) -> NDArray[Any]:
+        """Angles of the segments, (n, k), in configurations, (coordinates, k)."""
+        return q
+
+    def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
+        lengths, theta = self._lengths_to_tip, self._segment_angles(q)
+        return np.stack([lengths @ np.sin(theta), self._base + lengths @ np.cos(theta)], axis=-1)
+
+    @cached_property
+    def _lengths_to_tip(self) -> Array:
+        """Lengths of the parts of the segments up to the point of `tips`, shape (n,)."""
+        place = self.pipe.watched
+        if place == 1.0:
+            return self._lengths
+        starts = self._base + np.cumsum(self._lengths) - self._lengths
+        return np.clip(place - starts, 0.0, self._lengths)
+
+    def _across(self, p: Array, s: Array) -> Array:
+        steps = self._lengths[:, None] * np.sin(p)
+        return np.asarray(along(steps, self._base, self._lengths, s))
 
     # ------------------------------------------------------------------- what holds nodes in motion
 
@@ -377,29 +412,6 @@ class ChainPencil(PartsPencil):
         scale = self.scale[:, None]
         rows = self.core.joint_times(scale * self.complement.spread(x), **part)
         return self.complement.gathered(scale * rows)
-
-
-def rest_moments(core: _core.Scene, theta: Array, lengths: Array, pipe: Pipe) -> Array:
-    """Moments on the segments at rest where nothing holds nodes, shape (n, 3).
-
-    The first column has the moments without flow, the others the factors of a u^2 and of s u'.
-
-    Args:
-        core: the compiled model.
-        theta: angles of the segments, shape (n,).
-        lengths: lengths of the segments, shape (n,).
-        pipe: the pipe.
-    """
-    still = core.free_accelerations(theta)
-    if still.any():
-        still = core.operators(theta).mass @ still
-    end = (0.0 if pipe.end_directed else theta[-1]) + pipe.jet_angle
-    # The product of one direction exp(i theta) with another's conjugate gives the sine of their
-    # difference.
-    turned = lengths * np.exp(1j * theta)
-    beyond = np.cumsum(turned[::-1])[::-1] - turned
-    push = -math.sqrt(pipe.beta) * (np.conj(turned) * beyond).imag
-    return np.stack([still, lengths * np.sin(theta - end), push], axis=1)
 
 
 def held_ends(pipe: Pipe, ends: Array) -> NDArray[np.intp]:

@@ -22,7 +22,7 @@ from pipedyn.models.base import (
 )
 from pipedyn.models.chain import LARGEST_CHAIN, Chain, SpringRule
 from pipedyn.models.pipe import Pipe, checked_pipe
-from pipedyn.models.segments import MET, SegmentModel, SmallMotions, along, rest_moments
+from pipedyn.models.segments import MET, SegmentModel, SmallMotions, along
 from pipedyn.models.terms import Term
 from pipedyn.modular.custom import CustomForces
 from pipedyn.modular.layout import CONSTRAINTS, LEAST_ARM, MODULES, Layout
@@ -187,10 +187,6 @@ class Assembly(SegmentModel):
     _own_joints = stored("_layout.springs", "Stiffness of the joints, without a root's spring.")
 
     @property
-    def dof(self) -> int:
-        return self._layout.size - len(self._layout.independent)
-
-    @property
     def coordinates(self) -> int:
         """Number of redundant coordinates, 3 n."""
         return 3 * self._layout.size
@@ -292,10 +288,6 @@ class Assembly(SegmentModel):
     def _still(self, theta: Array) -> Array:
         """The redundant state at rest, shape (6 n, 1), at angles of the segments, shape (n,)."""
         return self.core.from_angles(theta[:, None], np.zeros((theta.size, 1)))
-
-    @property
-    def _acting(self) -> Pipe:
-        return self._layout.acting(self._pipe)
 
     def _misses(self, theta: Array) -> float:
         """Largest distance of the nodes at angles theta from guides and pins."""
@@ -403,7 +395,7 @@ class Assembly(SegmentModel):
 
     def _forces(self, linear: SmallMotions, u: float) -> Array:
         """Unbalanced force at rest, in elastic coordinates, (dof,); it is 0 at an equilibrium."""
-        factors = np.array([1.0, self._acting.alpha * u**2, 0.0])
+        factors = np.array([1.0, self._pipe.alpha * u**2, 0.0])
         moments = self._rest_moments(linear.theta) @ factors
         return linear.elastic.gathered(linear.elastic_loads(moments[:, None]))[:, 0]
 
@@ -416,8 +408,8 @@ class Assembly(SegmentModel):
         return self._layout.rows(theta)[:, self._layout.independent]
 
     def _rest_moments(self, theta: Array) -> Array:
-        found = rest_moments(self.core, theta, self._lengths, self._acting)
-        found[:, 1] *= self._layout.has_flow
+        found = super()._rest_moments(theta)
+        found[:, 1:] *= self._layout.has_flow
         if self._customs:
             found[:, 0] += self._customs.moments(self._still(theta))[:, 0]
         return found
@@ -473,8 +465,7 @@ class Assembly(SegmentModel):
         angles, drive = self.core.angles(state), self._drive(state, u_dot, base)
         ask = self._accelerations_by_state
         by_angles = resolved("jacobian", lambda: ask(angles, u, drive))
-        # A segment's angle is the sum of the joints' angles up to it; it depends on no other
-        # coordinate.
+        # A segment's angle is the sum of the joints' angles up to it; no other coordinate matters.
         by_joints = np.cumsum(by_angles.reshape(size, 2, -1)[:, :, ::-1], axis=2)[:, :, ::-1]
         whole = np.eye(2 * size, k=size)
         whole[size:, 2::3] = by_joints.reshape(size, -1)
@@ -529,14 +520,8 @@ class Assembly(SegmentModel):
         line[:, 1] += np.minimum(s, self._base)
         return line
 
-    def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
-        if self._pipe.watched == 1.0:
-            return np.array(q[-3:-1].T)
-        ends = self._layout.ends
-        k = int(np.searchsorted(ends, self._pipe.watched)) - 1
-        share = (self._pipe.watched - ends[k]) / (ends[k + 1] - ends[k])
-        left = q[3 * k - 3 : 3 * k - 1] if k else np.array([[0.0], [ends[0]]])
-        return np.array(((1.0 - share) * left + share * q[3 * k : 3 * k + 2]).T)
+    def _segment_angles(self, q: NDArray[Any]) -> NDArray[Any]:
+        return np.cumsum(q[2::3], axis=0)
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         """Redundant coordinates, (3 n,), with angles theta(s) at the segments' middles.
@@ -551,7 +536,7 @@ class Assembly(SegmentModel):
 
     def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
         if len(columns) == self.coordinates:
-            return np.cumsum(columns[2::3], axis=0)
+            return self._segment_angles(columns)
         return super()._moved(columns)
 
     # ----------------------------------------------------------------------------------- arguments
