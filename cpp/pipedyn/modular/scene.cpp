@@ -267,20 +267,15 @@ void Scene::redundant_rhs(const Batch& states, double* rates) const {
   batch.y = y.data();
   chain_.rhs(loaded(batch, moments), turning.data());
   add_rows(batch, 0.0, turning.data());
-  Matrix sine, cosine;
-  turn(y.topRows(n), sine, cosine);
+  // Along a segment, theta'^2 accelerates as theta'' does across it: turned by a right angle.
+  const Matrix across = redundant(y.topRows(n), turning.bottomRows(n));
+  const Matrix squares = redundant(y.topRows(n), y.bottomRows(n).cwiseAbs2());
   Eigen::Map<Matrix> out(rates, 2 * size, members);
   out.topRows(size) = Eigen::Map<const Matrix>(states.y, 2 * size, members).bottomRows(size);
-  for (Index k = 0; k < members; ++k) {
-    double x = 0.0, down = 0.0;
-    for (Index j = 0; j < n; ++j) {
-      const double l = length_[j], w = y(n + j, k), acceleration = turning(n + j, k);
-      x += l * (acceleration * cosine(j, k) - w * w * sine(j, k));
-      down -= l * (acceleration * sine(j, k) + w * w * cosine(j, k));
-      out(size + 3 * j, k) = x;
-      out(size + 3 * j + 1, k) = down;
-      out(size + 3 * j + 2, k) = acceleration - (j > 0 ? turning(n + j - 1, k) : 0.0);
-    }
+  out.bottomRows(size) = across.bottomRows(size);
+  for (Index x = size; x < 2 * size; x += 3) {
+    out.row(x) += squares.row(x + 1);
+    out.row(x + 1) -= squares.row(x);
   }
 }
 

@@ -34,14 +34,8 @@ SPRING_RULES: tuple[SpringRule, ...] = get_args(SpringRule)
 FIRST_BEAM_EIGENVALUE = 1.8751040687119611664**4
 """Square of a cantilever's first angular frequency: k^4 at the root of cos(k) cosh(k) = -1."""
 
-ARRAYS = {
-    "lengths": "_lengths",
-    "masses": "_masses",
-    "centres": "_centers",
-    "drag_points": "_drag_points",
-    "gyration_radii": "_gyration_radii",
-}
-"""Arrays with one number for each segment: constructor arguments and the attributes they set."""
+ARRAYS = ("lengths", "masses", "centres", "drag_points", "gyration_radii")
+"""Arguments of the constructor with one number for each segment."""
 
 NOT_HELD = np.zeros(0, dtype=np.intp)
 
@@ -174,10 +168,10 @@ class Chain(SegmentModel):
             )
         mass, center, radius = self._pipe_inertia()
         self._masses = _given("masses", masses, mass, high=1e6, open_low=True)
-        self._centers = _given("centres", centres, center, high=1.0)
+        self._centres = _given("centres", centres, center, high=1.0)
         self._drag_points = _given("drag_points", drag_points, np.full(n, 0.5), high=1.0)
         self._gyration_radii = _given("gyration_radii", gyration_radii, radius, high=1e3)
-        arm = self._centers[-1] * self._lengths[-1] + self._gyration_radii[-1]
+        arm = self._centres[-1] * self._lengths[-1] + self._gyration_radii[-1]
         if arm < 0.1 * SHORTEST_SEGMENT:
             raise ValueError(
                 "centres and gyration_radii must not both be 0 at the last segment: "
@@ -196,7 +190,7 @@ class Chain(SegmentModel):
     def archived(self) -> dict[str, Any]:
         return {
             **super().archived(),
-            **{name: getattr(self, own) for name, own in ARRAYS.items()},
+            **{name: getattr(self, name) for name in ARRAYS},
             "base": self._base,
             "rule": self._rule,
             "joints": self._joints,
@@ -214,10 +208,10 @@ class Chain(SegmentModel):
         if kept.size not in (n, n + 1):
             raise ValueError(f"joints must have {n} or {n + 1} entries, got {kept.size}")
         made = cls(springs=kept[: n + fields["pipe"].end_directed], **fields)
-        for name, own in ARRAYS.items():
+        for name in ARRAYS:
             given = fields.get(name)
             if isinstance(given, np.ndarray) and given.dtype == np.float64:
-                setattr(made, own, _frozen(given))  # chains with other pipes share it
+                setattr(made, f"_{name}", _frozen(given))  # chains with other pipes share it
         made._joints = kept
         made._rule = None if rule is None else check.choice("rule", rule, SPRING_RULES)
         made._approximates = check.flag("approximates", approximates)
@@ -321,7 +315,7 @@ class Chain(SegmentModel):
         """The compiled segments with these springs of joints, the ends of those in `held` held."""
         segments = _core.Segments(
             length=self._lengths,
-            center=self._centers,
+            center=self._centres,
             gyration_radius=self._gyration_radii,
             spring=springs,
             drag_point=self._drag_points,
@@ -357,7 +351,7 @@ class Chain(SegmentModel):
     base = stored("_base", "Length of the fixed part at the clamp.")
     lengths = stored("_lengths", "l_j, shape (n,).")
     masses = stored("_masses", "Of the segments, in the pipe's, shape (n,).")
-    centres = stored("_centers", "chi_j, shape (n,).")
+    centres = stored("_centres", "chi_j, shape (n,).")
     gyration_radii = stored("_gyration_radii", "eta_j, shape (n,).")
     drag_points = stored("_drag_points", "xi_j, shape (n,).")
 

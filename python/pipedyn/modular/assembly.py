@@ -463,26 +463,24 @@ class Assembly(SegmentModel):
         if state.shape != (2 * size,):
             raise ValueError(f"y must have shape ({2 * size},), got {state.shape}")
         angles, drive = self.core.angles(state), self._drive(state, u_dot, base)
-        ask = self._accelerations_by_state
-        by_angles = resolved("jacobian", lambda: ask(angles, u, drive))
+        by_angles = resolved("jacobian", lambda: self._by_angles(angles, u, drive))
         # A segment's angle is the sum of the joints' angles up to it; no other coordinate matters.
         by_joints = np.cumsum(by_angles.reshape(size, 2, -1)[:, :, ::-1], axis=2)[:, :, ::-1]
         whole = np.eye(2 * size, k=size)
         whole[size:, 2::3] = by_joints.reshape(size, -1)
         return whole
 
-    def _accelerations_by_state(self, y: Array, u: Any, drive: Array | None) -> Array:
+    def _by_angles(self, y: Array, u: Any, drive: Array | None) -> Array:
         """Derivative of the accelerations q'' in `rhs` by [theta, theta'], shape (3 n, 2 n)."""
         n, (theta, omega) = self.integrated, np.split(y, 2)
         free = self.equations.derivative(y, u, drive)[n:]
-        rates = self.core.redundant_rhs(
-            0.0, self.core.from_angles(theta, omega), u, drive, refuses=False
-        )
+        state = self.core.from_angles(theta, omega)
+        rates = self.core.redundant_rhs(0.0, state, u, drive, refuses=False)
         turning = np.cumsum(rates[3 * n + 2 :: 3])
-        along, by_nodes = self._lengths * np.exp(1j * theta), self._layout.nodes_by_angles
-        found = by_nodes(1j * along) @ free
-        found[:, :n] -= by_nodes((turning + 1j * omega**2) * along)
-        found[:, n:] -= by_nodes(2.0 * omega * along)
+        along_pipe, by_nodes = self._lengths * np.exp(1j * theta), self._layout.nodes_by_angles
+        found = by_nodes(1j * along_pipe) @ free
+        found[:, :n] -= by_nodes((turning + 1j * omega**2) * along_pipe)
+        found[:, n:] -= by_nodes(2.0 * omega * along_pipe)
         found[2::3] = np.diff(free, axis=0, prepend=0.0)
         return found
 
