@@ -30,22 +30,6 @@ CustomForces custom_forces(const py::object& of) {
   };
 }
 
-/// Redundant states (6 n,) from angles (n,), or (6 n, k) from (n, k).
-Numbers from_angles(const Scene& scene, const py::object& theta, const py::object& omega) {
-  const States angles("theta", theta, scene.dof());
-  const States rates("omega", omega, scene.dof());
-  if (angles.one != rates.one || angles.members != rates.members) {
-    throw py::value_error("omega must have the shape of theta, got " + shape_of(rates.values));
-  }
-  using Columns = Eigen::Map<const Matrix>;
-  const py::ssize_t rows = 2 * scene.coordinates();
-  Numbers made = new_numbers(rows, angles.members, angles.one);
-  Eigen::Map<Matrix>(made.mutable_data(), rows, angles.members) =
-      scene.redundant(Columns(angles.values.data(), scene.dof(), angles.members),
-                      Columns(rates.values.data(), scene.dof(), angles.members));
-  return made;
-}
-
 }  // namespace
 
 void define_scene(py::module_& m) {
@@ -77,7 +61,18 @@ void define_scene(py::module_& m) {
             return rates.tail(scene.dof());
           },
           "theta"_a)
-      .def("from_angles", from_angles, "theta"_a, "omega"_a)
+      .def(
+          "redundant",
+          [](const Scene& scene, const py::object& y) {
+            const py::ssize_t n = scene.dof(), rows = 2 * scene.coordinates();
+            const auto work = [&](const Batch& batch, double* out) {
+              const Eigen::Map<const Matrix> states(batch.y, 2 * n, batch.members);
+              Eigen::Map<Matrix>(out, rows, batch.members) =
+                  scene.redundant(states.topRows(n), states.bottomRows(n));
+            };
+            return results_of(2 * n, rows, rows, y, py::float_(0.0), py::none(), work);
+          },
+          "y"_a)
       .def(
           "angles",
           [](const Scene& scene, const py::object& y) {

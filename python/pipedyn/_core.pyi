@@ -477,9 +477,6 @@ class Scene:
     def free_accelerations(
         self, theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
-    def from_angles(
-        self, theta: typing.Any, omega: typing.Any
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
     def jacobian(
         self,
         t: typing.Any,
@@ -514,6 +511,7 @@ class Scene:
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
         typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
     ]: ...
+    def redundant(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
     def redundant_rhs(
         self,
         t: typing.Any,

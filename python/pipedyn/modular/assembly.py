@@ -279,15 +279,15 @@ class Assembly(SegmentModel):
         """
         theta = self._turned("angles", angles, sizes=(self.integrated,))
         omega = self._turned("rates", rates, theta, sizes=(self.integrated,))
-        return self.core.from_angles(theta, omega)
+        return self.core.redundant(np.append(theta, omega))
 
     def _configuration(self, theta: Array) -> Array:
         """Redundant coordinates, shape (3 n,), at angles of the segments, shape (n,)."""
-        return self.core.from_angles(theta, np.zeros_like(theta))[: self.coordinates]
+        return self._still(theta)[: self.coordinates, 0]
 
     def _still(self, theta: Array) -> Array:
         """The redundant state at rest, shape (6 n, 1), at angles of the segments, shape (n,)."""
-        return self.core.from_angles(theta[:, None], np.zeros((theta.size, 1)))
+        return self.core.redundant(np.append(theta, 0.0 * theta)[:, None])
 
     def _misses(self, theta: Array) -> float:
         """Largest distance of the nodes at angles theta from guides and pins."""
@@ -474,8 +474,7 @@ class Assembly(SegmentModel):
         """Derivative of the accelerations q'' in `rhs` by [theta, theta'], shape (3 n, 2 n)."""
         n, (theta, omega) = self.integrated, np.split(y, 2)
         free = self.equations.derivative(y, u, drive)[n:]
-        state = self.core.from_angles(theta, omega)
-        rates = self.core.redundant_rhs(0.0, state, u, drive, refuses=False)
+        rates = self.core.redundant_rhs(0.0, self.core.redundant(y), u, drive, refuses=False)
         turning = np.cumsum(rates[3 * n + 2 :: 3])
         along_pipe, by_nodes = self._lengths * np.exp(1j * theta), self._layout.nodes_by_angles
         found = by_nodes(1j * along_pipe) @ free
@@ -495,7 +494,7 @@ class Assembly(SegmentModel):
         return np.concatenate([theta, self._turned("qdot0", qdot0, theta)])
 
     def to_user(self, p: Array, pdot: Array) -> tuple[Array, Array]:
-        y = self.core.from_angles(*self.onto_constraints(p.T, pdot.T))
+        y = self.core.redundant(np.concatenate(self.onto_constraints(p.T, pdot.T)))
         return y[: self.coordinates].T, y[self.coordinates :].T
 
     def from_user(self, q: Array, qdot: Array) -> Array:
@@ -558,7 +557,7 @@ class Assembly(SegmentModel):
             return np.zeros(n)
         rows = check.array(name, given, size=sizes or (n, self.coordinates), **ANGLES)
         turned = np.array(rows if rows.size == n else np.cumsum(rows[2::3]))
-        states = self.core.from_angles(turned if theta is None else theta, turned)
+        states = self.core.redundant(np.append(turned if theta is None else theta, turned))
         exact = np.split(states, 2)[order]
         most = MET * (1.0 + order * float(np.abs(turned).max()))
         missed, part = self._layout.worst_met(exact if rows.size == n else rows, exact, order)

@@ -284,7 +284,7 @@ class Layout:
         )
         if least <= SAME:
             return best
-        missed = np.abs(core.from_angles(best, straight)[self.held] - self.held_values)
+        missed = np.abs(core.redundant(np.append(best, straight))[self.held] - self.held_values)
         worst = {part for part, by in zip(self.holding, missed, strict=True) if by > 0.01 * least}
         named = " and ".join(part_text(part) for part in self.constraints if part in worst)
         raise ValueError(
