@@ -188,14 +188,14 @@ def test_operators_are_the_derivatives_of_the_forces_in_redundant_coordinates(pi
     theta = np.array([0.3, -0.5, 0.8])[:n]
 
     def moments(z):
-        forces = redundant.forces(scene, scene.core.from_angles(z[:n], z[n:]), u)
+        forces = redundant.forces(scene, scene.core.redundant(z), u)
         return layout.moments(z[:n], forces[:, None])[:, 0]
 
     by_state = differences(moments, np.append(theta, np.zeros(n)))
     mass, velocity, stiffness = scene.operators(theta).at(u)
     np.testing.assert_allclose(by_state, -np.hstack([stiffness, velocity]), atol=1e-7)
-    turning = scene.core.from_angles(np.outer(theta, np.ones(n)), np.eye(n))[3 * n :]
-    inertia = redundant.mass(scene, scene.core.from_angles(theta, np.zeros(n))[: 3 * n])
+    turning = scene.core.redundant(np.vstack([np.outer(theta, np.ones(n)), np.eye(n)]))[3 * n :]
+    inertia = redundant.mass(scene, scene.core.redundant(np.append(theta, np.zeros(n)))[: 3 * n])
     np.testing.assert_allclose(turning.T @ inertia @ turning, mass, atol=1e-13)
 
 
@@ -255,7 +255,7 @@ def test_the_motion_jacobian_is_exact_where_guides_are_missed_too(name):
     y, u, h = np.concatenate(off_constraints(scene)), 3.0, 2e-3
 
     def rates(z):
-        return scene.motion.rhs_and_power(0.0, np.append(z, 0.0), u)[:-1]
+        return scene.core.rhs_and_power(0.0, np.append(z, 0.0), u)[:-1]
 
     weights = zip((1, 2, 3), (45.0, -9.0, 1.0), strict=True)
     found = sum(w / 60.0 * k * differences(rates, y, k * h) * 2.0 for k, w in weights)
@@ -269,11 +269,11 @@ def test_what_states_miss_guides_by_decays_at_the_return_rate(name):
     scene = RETURNING[name]()
     n, rate, held = scene.integrated, scene.core.return_rate, scene._layout.held
     theta, omega = off_constraints(scene)
-    rates = scene.motion.rhs_and_power(0.0, np.concatenate([theta, omega, [0.0]]), 3.0)[:-1]
+    rates = scene.core.rhs_and_power(0.0, np.concatenate([theta, omega, [0.0]]), 3.0)[:-1]
     np.testing.assert_array_equal(rates[:n], omega)
 
     def off(h):
-        moved = scene.core.from_angles(theta + h * omega, omega + h * rates[n:])
+        moved = scene.core.redundant(np.append(theta + h * omega, omega + h * rates[n:]))
         places, speeds = (part[held] for part in np.split(moved, 2))
         return places - scene._layout.held_values, speeds
 
@@ -292,7 +292,7 @@ def test_free_directions_of_states_keep_guides_and_pins(name):
     free = scene.free_states(y)
     assert free.shape == (2 * n, 2 * scene.dof)
     np.testing.assert_allclose(free.T @ free, np.eye(2 * scene.dof), atol=1e-13)
-    slopes = differences(lambda z: scene.core.from_angles(*np.split(z, 2)), y)
+    slopes = differences(lambda z: scene.core.redundant(z), y)
     moved = (slopes @ free).reshape(2, -1, 2 * scene.dof)[:, held]
     np.testing.assert_allclose(moved, 0.0, atol=1e-8)
 
@@ -300,7 +300,7 @@ def test_free_directions_of_states_keep_guides_and_pins(name):
 # ---------------------------------------------------------------------------------------- closing
 
 
-def core_scene(n=3, inertia=(), held=(), value=(), **given):
+def core_scene(n=3, held=(), value=(), **given):
     """A compiled scene without forces."""
     arguments = {
         "length": np.full(n, 1.0 / n),
@@ -310,8 +310,7 @@ def core_scene(n=3, inertia=(), held=(), value=(), **given):
         "base": 0.0,
     }
     segments = _core.Segments(**arguments | given)
-    rows = np.reshape(inertia, (-1, 3 * n))
-    return _core.Scene(core_pipe(pp.Pipe(0.3, 4.0)), segments, rows, held, value)
+    return _core.Scene(core_pipe(pp.Pipe(0.3, 4.0)), segments, held, value)
 
 
 def test_projection_meets_guides_and_pins_and_says_how_far_it_misses_others():
@@ -319,7 +318,7 @@ def test_projection_meets_guides_and_pins_and_says_how_far_it_misses_others():
     theta, omega = 0.3 * np.random.default_rng(0).normal(size=(2, 5, 7))
     met_theta, met_omega, missed = core.project(theta, omega)
     assert missed.max() <= core.met
-    y = core.from_angles(met_theta, met_omega)
+    y = core.redundant(np.concatenate([met_theta, met_omega]))
     np.testing.assert_allclose(y[[12, 13, 3]].T, [[0.0, 0.8, 0.0]] * 7, atol=1e-12)
     np.testing.assert_allclose(y[[27, 28, 18]], 0.0, atol=1e-11)
     _, again, _ = core.project(met_theta, met_omega)
@@ -344,11 +343,9 @@ def test_wrong_sizes_are_refused():
     core = core_scene(2)
     with pytest.raises(ValueError, match=r"y must have shape \(12,\)"):
         core.redundant_rhs(0.0, np.zeros(11), 1.0)
-    with pytest.raises(ValueError, match="as many columns as y"):
-        core.redundant_rhs(0.0, np.zeros((12, 2)), 1.0, moments=np.zeros(2))
     with pytest.raises(ValueError, match="theta must have 2 entries, got 3"):
         core.project(np.zeros((3, 1)), np.zeros((2, 1)))
-    with pytest.raises(ValueError, match="omega must have the shape of theta"):
-        core.from_angles(np.zeros(2), np.zeros((2, 1)))
+    with pytest.raises(ValueError, match=r"y must have shape \(4,\)"):
+        core.redundant(np.zeros(5))
     with pytest.raises(ValueError, match="one row of 8 numbers a place"):
         core.chain.loads(np.zeros((1, 7)))

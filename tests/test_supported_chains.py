@@ -152,7 +152,7 @@ def test_operators_about_a_bent_held_pipe_are_the_derivatives_of_its_forces(name
     pushed = np.append(1.0, np.zeros(6))  # a change of the flow speed by s u' = 1
 
     def moments(theta: np.ndarray) -> np.ndarray:
-        y = scene.core.from_angles(theta, 0.0 * theta)
+        y = scene.core.redundant(np.append(theta, 0.0 * theta))
         push = redundant.forces(scene, y, 0.0, pushed) - redundant.forces(scene, y, 0.0)
         return scene._layout.moments(theta, push[:, None])[:, 0]
 
