@@ -123,24 +123,8 @@ def other_roots(plane: Plane, problem: AxisProblem, z: Array) -> tuple[Complex, 
 
 
 def unstable_counts(plane: Plane, curve: TracedCurve) -> NDArray[np.int_]:
-    """Number of unstable roots other than those on the axis at each point of a curve, (S,).
-
-    If the curve has the numbers in a smaller basis, each run of points with equal numbers is
-    checked at its first, middle and last point, and at all its points if one number differs.
-    """
-
-    def number(k: int) -> int:
-        return others_unstable(plane, curve.problem, curve.points[k].z)
-
-    expected = curve.counts
-    if not expected.size:
-        counts = [number(k) for k in range(len(curve.points))]
-    else:
-        counts = []
-        for run in np.split(np.arange(expected.size), np.flatnonzero(np.diff(expected)) + 1):
-            some = {k: number(k) for k in (run[0], run[run.size // 2], run[-1])}
-            same = all(found == expected[run[0]] for found in some.values())
-            counts += [int(expected[k]) if same else number(k) for k in run]
+    """Number of unstable roots other than those on the axis at each point of a curve, (S,)."""
+    counts = [others_unstable(plane, curve.problem, point.z) for point in curve.points]
     if curve.problem.kind == "flutter" and not plane.conservative:
         # At an end without damping and flow all roots lie on the axis: the number right before the
         # end is taken.
