@@ -3,7 +3,7 @@
 
 Curves of flutter and of divergence are found where they meet the window's edges or lines across it,
 and are followed by arc length past folds (`continuation.tracer`) until they leave the window or
-close. Curves of the continuous pipe are solved for in larger bases until their points converge.
+close. The continuous pipe is solved in larger bases until points of its curves converge.
 """
 
 from __future__ import annotations

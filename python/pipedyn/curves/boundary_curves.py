@@ -3,7 +3,7 @@
 
 Curves are found where they meet lines across the window, including its edges. On lines along the
 flow speed the search for crossings finds these places; on lines along other numbers eigenvalues are
-followed. Curves of the continuous pipe are solved for in larger bases until their points converge.
+followed. The continuous pipe is solved in larger bases until points of its curves converge.
 """
 
 from __future__ import annotations
