@@ -139,6 +139,20 @@ def test_with_drag_folds_go_on_at_small_amplitudes_as_long_as_there_is_no_onset(
     assert curve.y[-1] == pytest.approx(curve.onset[-1], abs=1e-5)
 
 
+def test_folds_shrink_to_the_onset_as_the_drag_falls_to_0():
+    """No step leads there, as there is no pipe beyond it."""
+    chain = pp.Chain(pp.Pipe(0.049, gamma=4.6), 2)
+    speed = pp.critical_speed(chain).speed
+    branch = pp.bifurcation_diagram(chain, [0.97 * speed, 1.05 * speed, 1.15 * speed]).cycles[0]
+    ranges = {"drag": (0.0, 1.0), "u": (0.5 * speed, 2.5 * speed)}
+    found = pp.cycle_boundary(branch, folds(branch), "drag", "u", ranges)
+    assert found.curves[0].ends == ("range", "Hopf")
+    cusp, end = found.points
+    assert (cusp.kind, end.kind) == ("cusp", "Hopf")
+    assert (end.x, end.y) == pytest.approx((0.0, speed), abs=1e-6)
+    assert found.failures == ()
+
+
 def test_two_events_at_once_are_named_where_other_multipliers_pass_the_circle():
     """On the fold of four segments a pitchfork's multiplier passes, too."""
     (branch,) = pp.bifurcation_diagram(FOUR, (9.57, 9.573), cycles=8, rtol=1e-3).cycles
