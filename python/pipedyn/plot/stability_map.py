@@ -247,24 +247,21 @@ def stability_map(
     check.instance("marked", marked, CriticalSpeed | None, "of type CriticalSpeed")
     check.instance("parameter", parameter, str | None, "of type str")
     name = next(iter(names), None)
-    pipes = [_pipe(one) for one in boundaries.values()]
-    every = [*pipes, None if marked is None else marked.pipe]
-    known = next((pipe for pipe in every if pipe is not None), None)
+    pipes = [*map(_pipe, boundaries.values()), None if marked is None else marked.pipe]
+    known = next((pipe for pipe in pipes if pipe is not None), None)
     view = View(units, known)
     shown = Measure(parameter or _parameter(boundaries))
     if name is not None and known is not None:
         shown = of_number(name, known)
     ax = view.axes(ax, (6.4, 4.8), shown, FLOW_SPEED)
-    drawn, failed, divergences = False, list[float](), list[tuple[Array, bool, bool, Any]]()
-    states, searched, reach = set[str](), list[float](), 0.0
-    for (label, found), pipe, look in zip(
-        boundaries.items(), pipes, cycle(common.CURVE_STYLES), strict=False
-    ):
-        own = View(units, pipe or known)
-        one = np.array([own.one(shown), own.one(FLOW_SPEED)])
+    failed, divergences = list[float](), list[tuple[Array, bool, bool, Any]]()
+    undrawn, searched, reach = list[str](), list[float](), 0.0  # undrawn: why nothing is drawn
+    for (label, found), look in zip(boundaries.items(), cycle(common.CURVE_STYLES), strict=False):
         if isinstance(found, StabilityCurve):
+            own = View(units, _pipe(found) or known)
             points = {"linestyle": "none", "marker": "o", "markersize": 3.5}
-            x, speeds = one[0] * found.values, found.in_si().speeds if own.si else found.speeds
+            x, speeds = found.values, found.in_si().speeds if own.si else found.speeds
+            x = own.one(shown) * x
             searched += x.tolist()
             ax.plot(x, speeds, label=label, **(look | points))
             points |= {"marker": TICKUP, "markersize": 7.0, "label": "_unstable side"}
@@ -276,22 +273,20 @@ def stability_map(
                 points |= {"label": f"{label}: no loss of stability up to {own.speed(end)}"}
                 points |= {"transform": ax.get_xaxis_transform()}
                 ax.plot(x[stays], np.full(stays.sum(), 0.98), **(look | points))
-            states.add("not computed")
             failed += [x[one.index] for one in found.failures if not stays[one.index]]
-            drawn = drawn or bool(np.isfinite(speeds).any() or stays.any())
+            undrawn += [] if np.isfinite(speeds).any() or stays.any() else ["not computed"]
             continue
         plane = PlaneView(units, found.model.pipe, found.names)
         parts = [part for curve in found.curves for part in parts_of_stability(curve, found)]
-        drawn = drawn or bool(parts)
         (left, right), (_, end) = plane.limits(found.ranges)
         searched, reach = [*searched, float(left), float(right)], max(reach, float(end))
         note = ""
         if not parts:
-            states.add(_stability(found))
+            undrawn.append(_stability(found))
             # The SI unit of speed depends on the mass ratio, so the range is nondimensional.
-            said = View("nondimensional", None) if name == "beta" else own
+            said = View("nondimensional", None) if name == "beta" else plane
             low, high = (said.speed(float(end)) for end in found.ranges[1])
-            note = f": {_stability(found)} from {low} to {high}"
+            note = f": {undrawn[-1]} from {low} to {high}"
         if found.failures:
             note += f" ({check.how_many(len(found.failures), 'curve')} with failures)"
         ax.plot([], [], linewidth=1.5, label=f"{label}{note}", **look)
@@ -305,8 +300,8 @@ def stability_map(
                 divergences.append((at[middle - 1 : middle + 1], left, gamma < 0.0, look["color"]))
     common.mark_failed(ax, failed)
     if marked is not None and name in (None, "beta"):
-        own, words = View(units, marked.pipe), rf"$\beta = {marked.pipe.beta:g}$"
-        words, speed = rf"{words}, $\gamma = {marked.pipe.gamma:g}$", own.speed(marked.speed, 4)
+        own, speed = View(units, marked.pipe), View(units, marked.pipe).speed(marked.speed, 4)
+        words = rf"$\beta = {marked.pipe.beta:g}$, $\gamma = {marked.pipe.gamma:g}$"
         height, label = own.one(FLOW_SPEED) * marked.speed, f"{words}: {speed}"
         look = {"markerfacecolor": "none", "markeredgewidth": 1.2, "zorder": 4.0, "clip_on": False}
         if marked.unstable_before:
@@ -317,6 +312,7 @@ def stability_map(
                 look |= {"marker": "^", "transform": ax.get_xaxis_transform()}
             ax.plot(marked.pipe.beta, height, label=label, **common.open_marker(7.0, **look))
             searched += [marked.pipe.beta] if searched else []
+    drawn = len(undrawn) < len(boundaries)
     end = 1.1 * ax.dataLim.y1 if drawn else reach
     if highest is not None:
         end = view.one(FLOW_SPEED) * highest
@@ -333,8 +329,8 @@ def stability_map(
     if name == "beta" and view.si:
         _unsearched(ax, [one for one in boundaries.values() if isinstance(one, Boundary)])
     if not drawn:
-        ax.text(0.5, 0.5, _why_nothing(states), transform=ax.transAxes, ha="center", wrap=True)
-    elif boundaries:
+        ax.text(0.5, 0.5, _why_nothing({*undrawn}), transform=ax.transAxes, ha="center", wrap=True)
+    else:
         ticks = withTickedStroke(angle=-90.0, **TICKS)
         ax.plot([], [], color="0.3", path_effects=[ticks], label="ticks: unstable side")
     common.legend_below(ax)
