@@ -7,7 +7,7 @@ Results that fail are left out and named; all others are kept.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -96,12 +96,8 @@ class Findings:
     failures: list[str] = field(default_factory=list)
 
 
-def gather(case: Options, executor: futures.Executor | None = None) -> Iterator[Findings]:
-    """Computes all results in the figures and the table, in an executor or in this thread.
-
-    The findings are yielded twice: first without the maps, while an executor still computes these,
-    and then complete.
-    """
+def gather(case: Options, executor: futures.Executor | None = None) -> Findings:
+    """Computes all results in the figures and the table, in an executor or in this thread."""
     exact = Continuum(case.pipe)
     findings = Findings()
 
@@ -140,8 +136,6 @@ def gather(case: Options, executor: futures.Executor | None = None) -> Iterator[
     for kind, family, model in families:
         name = f"critical speed, {kind}, {family}, {model.dof}"
         findings.rows.append(Row(kind, family, model.dof, *recorded(name, next(answers))))
-    yield findings
-
     for gamma in gammas:
         name = f"stability map, gamma = {gamma}"
         mapped, _ = recorded(name, next(answers))
@@ -156,7 +150,7 @@ def gather(case: Options, executor: futures.Executor | None = None) -> Iterator[
             for failure in curve.failures
             if not isinstance(failure.error, NoCrossing)
         ]
-    yield findings
+    return findings
 
 
 def _highest(case: Options, critical: CriticalSpeed | None) -> float:
