@@ -539,12 +539,7 @@ def _stable_until(onsets: Boundary, second: Array, speed: Array, across: bool) -
     near = 1e-9 * float(np.ptp(onsets.ranges[1 if across else 0]))  # allows for rounding at edges
     lowest, stable = np.full(speed.size, np.inf), np.zeros(speed.size, dtype=np.bool_)
     for bound in onsets.curves:
-        own = np.column_stack([bound.x, bound.y])
-        for places, *_ in parts_of_stability(bound, onsets):
-            middle = places[len(places) // 2]
-            nearest = int(
-                np.argmin(np.abs((own - middle) / np.ptp(onsets.ranges, axis=1)).sum(axis=1))
-            )
+        for places, _, left in parts_of_stability(bound, onsets):
             at, speeds = places.T[:: -1 if across else 1]
             for i in np.flatnonzero(np.diff(at)).tolist():
                 low, high = sorted((at[i], at[i + 1]))
@@ -553,7 +548,6 @@ def _stable_until(onsets: Boundary, second: Array, speed: Array, across: bool) -
                 height = speeds[i] + share * (speeds[i + 1] - speeds[i])
                 first = (height > speed[inside]) & (height < lowest[inside])
                 lowest[inside[first]] = height[first]
-                # change > 0: more roots are unstable on the left, above a piece to larger x.
-                below = (bound.change[nearest] > 0) == (at[i + 1] > at[i])
-                stable[inside[first]] = below != across
+                # An unstable side on the left lies above a piece to larger values.
+                stable[inside[first]] = (left == (at[i + 1] > at[i])) != across
     return np.where(stable, lowest, np.nan)
