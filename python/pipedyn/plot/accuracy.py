@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, LogLocator, NullLocator, ScalarFormatter
 from numpy.typing import NDArray
 
-from pipedyn.accuracy.convergence import ConvergenceLaw, convergence_law, own_error, relative_errors
+from pipedyn.accuracy.convergence import ConvergenceLaw, convergence_law, relative_errors
 from pipedyn.accuracy.trade import COSTS, Trade, TradeRow
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.models.galerkin import BASES
@@ -90,10 +90,10 @@ def convergence(
         return common.notice("The critical speed is 0: there is nothing to converge to.", ax=ax)
     if not families:  # without a positive number logarithmic axes have no range
         return common.notice("No model has an answer to show.", ax=ax)
-    floor = max(own_error(found, exact) for found in families.values())
+    floor = max(relative_errors(found, exact)[-1] for found in families.values())
     every, others = [1.0, 2.0], False
     for name, found in families.items():
-        sizes, errors, same_kind = relative_errors(found, exact)
+        sizes, errors, same_kind, _ = relative_errors(found, exact)
         shown = np.maximum(np.abs(errors), floor)
         fitted = convergence_law(found, exact)
         kind = "reduced" if name in BASES else "chain"
