@@ -36,15 +36,11 @@ ORGANISING_MARKERS = {
     "degenerate pitchfork": "v",
 }
 
-LOOKS: dict[tuple[str, str], dict[str, Any]] = {
-    ("flutter", "supercritical"): {"color": common.BLACK, "linewidth": 1.6},
-    ("flutter", "subcritical"): {"color": common.VERMILION, "linewidth": 1.6},
-    ("flutter", ""): {"color": common.BLACK, "linewidth": 0.7},
-    ("divergence", "supercritical"): {"color": common.BLUE, "linewidth": 1.6},
-    ("divergence", "subcritical"): {"color": common.PURPLE, "linewidth": 1.6},
-    ("divergence", ""): {"color": common.BLUE, "linewidth": 0.7},
+KIND_COLOURS = {
+    "flutter": (common.BLACK, common.VERMILION),
+    "divergence": (common.BLUE, common.PURPLE),
 }
-DASHES = {"supercritical": "-", "subcritical": (0, (4, 1.5)), "": "-"}
+"""Colours of curves, and of their subcritical parts, which are dashed."""
 
 OTHERS_UNSTABLE = "other roots unstable"
 
@@ -92,11 +88,12 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
         places, of, _ = _dense(curve, found)
         kinds, others = curve.criticality[of], curve.unstable[of] > 0
         for first, last in common.runs(np.char.add(kinds, others.astype(str))):
-            look = curve.kind, str(kinds[first])
-            beside = OTHERS_UNSTABLE if others[first] and not look[1] else ""
-            label = ", ".join(word for word in (*look, beside) if word)
-            part = plane.at(*places[first : last + 1].T)
-            ax.plot(*part, linestyle=DASHES[look[1]], label=label, **LOOKS[look])
+            kind, subcritical = str(kinds[first]), bool(kinds[first] == "subcritical")
+            beside = OTHERS_UNSTABLE if others[first] and not kind else ""
+            label = ", ".join(word for word in (curve.kind, kind, beside) if word)
+            look: dict[str, Any] = {"color": KIND_COLOURS[curve.kind][subcritical], "label": label}
+            look |= {"linestyle": (0, (4, 1.5)) if subcritical else "-"}
+            ax.plot(*plane.at(*places[first : last + 1].T), linewidth=1.6 if kind else 0.7, **look)
     for point in found.points:
         mark = common.open_marker(5.5, marker=ORGANISING_MARKERS[point.kind], zorder=4.0)
         ax.plot(*plane.at(point.x, point.y), label=point.kind, **mark)
