@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -98,8 +99,7 @@ class Findings:
 
 def gather(case: Options, executor: futures.Executor | None = None) -> Findings:
     """Computes all results in the figures and the table, in an executor or in this thread."""
-    exact = Continuum(case.pipe)
-    findings = Findings()
+    exact, findings = Continuum(case.pipe), Findings()
 
     def recorded(name: str, answer: Any) -> tuple[Any, str]:
         """The answer of a job, or None with the reason; records failures by the name."""
@@ -113,38 +113,35 @@ def gather(case: Options, executor: futures.Executor | None = None) -> Findings:
     findings.exact, findings.remark = recorded("critical speed, continuous pipe", found)
     findings.highest = _highest(case, findings.exact)
     speeds = np.linspace(0.0, findings.highest, case.speeds)
-    panels, families, gammas = _panel_models(case), _families(case), _gammas(case)
+    panels, families = _panel_models(case), _families(case)
+    gammas = {f"stability map, gamma = {gamma}": gamma for gamma in _gammas(case)}
     top = map_top(findings.exact)
-    jobs: list[Job[Any]] = [
-        partial(root_loci, exact, speeds, BRANCHES),
-        partial(crossings, exact, findings.highest),
-        *(
-            partial(root_loci, model, speeds, min(BRANCHES, model.dof))
-            for row in panels
-            for _, model in row
-        ),
-        *(partial(critical_speed, model) for *_, model in families),
-        *(partial(mapped_stability, replace(case.pipe, gamma=gamma), top) for gamma in gammas),
-    ]
-    answers = parallel(jobs, executor, label="models", progress=case.progress)
-    findings.benchmark, _ = recorded("root loci, continuous pipe", next(answers))
-    findings.crossings, _ = recorded("crossings, continuous pipe", next(answers))
-    findings.panels = [
-        [(title, recorded(f"root loci, {title}", next(answers))[0]) for title, _ in row]
-        for row in panels
-    ]
+    jobs: dict[str, Job[Any]] = {
+        "root loci, continuous pipe": partial(root_loci, exact, speeds, BRANCHES),
+        "crossings, continuous pipe": partial(crossings, exact, findings.highest),
+    }
+    for title, model in chain.from_iterable(panels):
+        jobs[f"root loci, {title}"] = partial(root_loci, model, speeds, min(BRANCHES, model.dof))
     for kind, family, model in families:
-        name = f"critical speed, {kind}, {family}, {model.dof}"
-        findings.rows.append(Row(kind, family, model.dof, *recorded(name, next(answers))))
-    for gamma in gammas:
-        name = f"stability map, gamma = {gamma}"
-        mapped, _ = recorded(name, next(answers))
+        jobs[f"critical speed, {kind}, {family}, {model.dof}"] = partial(critical_speed, model)
+    for name, gamma in gammas.items():
+        jobs[name] = partial(mapped_stability, replace(case.pipe, gamma=gamma), top)
+    outcomes = parallel([*jobs.values()], executor, label="models", progress=case.progress)
+    answers = {name: recorded(name, one) for name, one in zip(jobs, outcomes, strict=True)}
+    findings.benchmark, _ = answers["root loci, continuous pipe"]
+    findings.crossings, _ = answers["crossings, continuous pipe"]
+    findings.panels = [[(of, answers[f"root loci, {of}"][0]) for of, _ in row] for row in panels]
+    for kind, family, model in families:
+        answer = answers[f"critical speed, {kind}, {family}, {model.dof}"]
+        findings.rows.append(Row(kind, family, model.dof, *answer))
+    for name, gamma in gammas.items():
+        mapped, _ = answers[name]
         if mapped is None:
             continue
-        found, curve = mapped
-        findings.maps[gamma], findings.curves[gamma] = found, curve
-        findings.map_error = max([findings.map_error, *(one.error for one in found.curves)])
-        findings.failures += [f"{name}: {failure}" for failure in found.failures]
+        bounds, curve = mapped
+        findings.maps[gamma], findings.curves[gamma] = bounds, curve
+        findings.map_error = max([findings.map_error, *(one.error for one in bounds.curves)])
+        findings.failures += [f"{name}: {failure}" for failure in bounds.failures]
         findings.failures += [
             f"{name}, beta = {failure.value:g}: {_remark(failure.error)}"
             for failure in curve.failures
