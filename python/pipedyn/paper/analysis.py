@@ -48,6 +48,9 @@ sqrt(2) and sizes up to 8 by 1, because the error of Legendre functions falls to
 """
 
 
+MAP_GAMMAS = (-10.0, 0.0, 10.0, 100.0)
+"""Values of gamma for the maps, besides the pipe's own: standing, level and hanging pipes."""
+
 MAP_MODES = 9
 """Number of mass ratios of a map at which the report names the mode that loses stability."""
 
@@ -111,10 +114,13 @@ def gather(case: Options, executor: futures.Executor | None = None) -> Findings:
 
     found = outcome_of(partial(critical_speed, exact))
     findings.exact, findings.remark = recorded("critical speed, continuous pipe", found)
-    findings.highest = _highest(case, findings.exact)
+    wanted = 0.0 if findings.exact is None else math.ceil(1.5 * findings.exact.speed)
+    findings.highest = case.highest or float(min(max(wanted, LEAST_HIGHEST), HIGHEST_SPEED))
     speeds = np.linspace(0.0, findings.highest, case.speeds)
     panels, families = _panel_models(case), _families(case)
-    gammas = {f"stability map, gamma = {gamma}": gamma for gamma in _gammas(case)}
+    own = case.pipe.gamma
+    every = [own, *sorted({*MAP_GAMMAS} - {own}, reverse=True)]
+    gammas = {f"stability map, gamma = {gamma}": gamma for gamma in every}
     top = map_top(findings.exact)
     jobs: dict[str, Job[Any]] = {
         "root loci, continuous pipe": partial(root_loci, exact, speeds, BRANCHES),
@@ -148,18 +154,6 @@ def gather(case: Options, executor: futures.Executor | None = None) -> Findings:
             if not isinstance(failure.error, NoCrossing)
         ]
     return findings
-
-
-def _highest(case: Options, critical: CriticalSpeed | None) -> float:
-    """Highest flow speed in figures 2 and 3."""
-    wanted = 0.0 if critical is None else math.ceil(1.5 * critical.speed)
-    return case.highest or float(min(max(wanted, LEAST_HIGHEST), HIGHEST_SPEED))
-
-
-def _gammas(case: Options) -> list[float]:
-    """Values of gamma for the maps: the pipe's own, and those of standing, level, hanging pipes."""
-    own = case.pipe.gamma
-    return [own, *sorted({-10.0, 0.0, 10.0, 100.0} - {own}, reverse=True)]
 
 
 def map_top(critical: CriticalSpeed | None) -> float:
