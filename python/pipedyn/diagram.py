@@ -70,8 +70,8 @@ are short."""
 
 SPARSE = 4
 """Number of speeds for each one at which motions are integrated first: cycles to which these
-motions lead are followed to the other speeds, where motions then end sooner. This number was
-chosen; others were not measured."""
+motions lead are followed to the other speeds, where motions then end sooner and also begin beside
+the nearest of them. This number was chosen; others were not measured."""
 
 NEAR_BRANCH = 0.1
 """Largest relative difference of speeds at which motions begin beside the nearest cycle of a branch
