@@ -158,10 +158,6 @@ class Spectrum {
   /// where a root is beyond double precision.
   virtual Sample sample(double u, Index count) = 0;
 
-  /// Takes over from another spectrum what is the same to the bit, so that it is not computed
-  /// again.
-  virtual void share(const Spectrum&) {}
-
   /// y^H A x of a root's vectors, for models whose parts A are known here.
   virtual std::optional<Forms> forms(const Pair&) const { return {}; }
 
