@@ -207,7 +207,6 @@ void define_linear(py::module_& m) {
           const py::gil_scoped_release unlocked;
           for (std::size_t i = 0; i < spectra.size(); ++i) {
             report.go_on(spectra[i]);
-            if (i > 0) spectra[i]->share(*spectra[i - 1]);
             found.push_back(crossings(*spectra[i], ranges.at(i), std::ref(report)));
           }
         }

@@ -132,8 +132,6 @@ class Chain {
   /// includes the root's spring; the joint of a guided end is the last row.
   Matrix joints() const;
   const Vector& springs() const { return segments_.spring; }
-  /// Whether both chains have the same linear problem without flow.
-  bool is_same_at_rest(const Chain& other) const { return impedances_ == other.impedances_; }
   /// Derivatives of the displacements of the held ends by the joint angles in units of scale (n); a
   /// column for each held end (n, held ends).
   Matrix held_rows(const Vector& scale) const;

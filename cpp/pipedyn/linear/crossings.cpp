@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 namespace pipedyn {
 
@@ -11,14 +10,6 @@ namespace {
 
 /// Largest relative error of a crossing's speed that is a result: three digits are wanted.
 constexpr double largest_error = 1e-3;
-
-/// An exception with a message in printf's format.
-template <class... Numbers>
-NotConverged refusal(const char* format, Numbers... numbers) {
-  char text[200];
-  std::snprintf(text, sizeof text, format, numbers...);
-  return NotConverged(text);
-}
 
 bool is_known(double speed, double error) { return error <= largest_error * speed + 1e-12; }
 

@@ -277,11 +277,6 @@ Pencil ChainDeterminant::matrices(double stiffness_size) const {
   return {lapack, std::move(made), chain_->pipe().end_coefficient, stiffness_size, lost};
 }
 
-bool ChainDeterminant::is_same_at_rest(const Determinant& other) const {
-  const auto* const chain = dynamic_cast<const ChainDeterminant*>(&other);
-  return chain != nullptr && chain_->is_same_at_rest(*chain->chain_) && scale_ == chain->scale_;
-}
-
 Values ChainDeterminant::static_slopes(const Values& u) const {
   Values slopes = Values::Zero(u.size());
   for (Index i = 0; i < u.size(); ++i) {

@@ -56,8 +56,6 @@ class Determinant {
   virtual bool is_pivoted() const = 0;
   /// Whether roots may be zero because nothing holds a joint or the root of the pipe.
   virtual bool turns_freely() const = 0;
-  /// Whether this determinant at rest is the same as another one, to the bit.
-  virtual bool is_same_at_rest(const Determinant& other) const = 0;
 
   /// y^H A x of a pair's vectors for the parts A of P.
   Forms forms(const Pair& pair) const;
@@ -110,7 +108,6 @@ class ChainDeterminant : public Determinant {
   bool is_pivoted() const override { return false; }
   bool has_loss() const override { return chain_->pipe().hysteresis > 0.0; }
   bool turns_freely() const override { return chain_->springs().minCoeff() <= 0.0; }
-  bool is_same_at_rest(const Determinant& other) const override;
   double thrust() const override { return chain_->impedance().thrust; }
   Values static_slopes(const Values& u) const override;
   StaticDeterminants static_determinants(const Reals& u) const override;
@@ -152,7 +149,6 @@ class PanelDeterminant : public Determinant {
   bool is_pivoted() const override { return true; }
   bool has_loss() const override { return pencil_->pipe().hysteresis > 0.0; }
   bool turns_freely() const override { return pencil_->pipe().root == 0.0; }
-  bool is_same_at_rest(const Determinant&) const override { return false; }
   double thrust() const override { return pencil_->pipe().end_coefficient; }
   Values static_slopes(const Values& u) const override;
   StaticDeterminants static_determinants(const Reals& u) const override;

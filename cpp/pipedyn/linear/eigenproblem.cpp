@@ -3,7 +3,6 @@
 
 #include <Eigen/LU>
 #include <algorithm>
-#include <cstdio>
 #include <numeric>
 #include <tuple>
 
@@ -235,20 +234,16 @@ void Pairs::put(Index k, const Pairs& others, Index i) {
 }
 
 Pairs Pairs::take(const std::vector<Index>& which) const {
-  const Index count = static_cast<Index>(which.size());
   Pairs result;
   for (const auto of : tables) {
-    if ((this->*of).cols() == 0) continue;
-    (result.*of).resize((this->*of).rows(), count);
-    for (Index k = 0; k < count; ++k) (result.*of).col(k) = (this->*of).col(which[k]);
+    if ((this->*of).cols() > 0) result.*of = (this->*of)(Eigen::all, which);
   }
-  const auto pick = [&](const auto& from, auto& to) {
-    if (from.size() == 0) return;
-    to.resize(count);
-    for (Index k = 0; k < count; ++k) to[k] = from[which[k]];
-  };
-  for (const auto of : complexes) pick(this->*of, result.*of);
-  for (const auto of : reals) pick(this->*of, result.*of);
+  for (const auto of : complexes) {
+    if ((this->*of).size() > 0) result.*of = (this->*of)(which);
+  }
+  for (const auto of : reals) {
+    if ((this->*of).size() > 0) result.*of = (this->*of)(which);
+  }
   return result;
 }
 
@@ -452,9 +447,7 @@ void Eigenproblem::leave_axis(Pairs& pairs) {
 Sample Eigenproblem::sample(double u, Index count) {
   Pairs pairs = lowest(u, count, true, false);
   if (!pairs.values.isFinite().all()) {
-    char text[80];
-    std::snprintf(text, sizeof text, "an eigenvalue at u = %g is beyond double precision", u);
-    throw NotConverged(text);
+    throw refusal("an eigenvalue at u = %g is beyond double precision", u);
   }
   assess(u, pairs);
   const Reals size = pairs.values.abs2().sqrt();
@@ -593,12 +586,8 @@ Divergences Eigenproblem::divergences(double max_speed, bool) {
     const double spread = found[next - 1].speed - u;
     auto polished = divergence_near(u, std::max(reach, near));
     if (!polished && multiplicity > 1) polished = Divergence{u, near};
-    if (!polished) {
-      char text[100];
-      std::snprintf(text, sizeof text,
-                    "rounding hides whether the stiffness is singular near u = %.6g", u);
-      throw NotConverged(text);
-    }
+    if (!polished)
+      throw refusal("rounding hides whether the stiffness is singular near u = %.6g", u);
     polished->multiplicity = multiplicity;
     polished->error += spread;
     result.all.push_back(std::move(*polished));

@@ -14,6 +14,7 @@
 #include <Eigen/Core>
 #include <cmath>
 #include <complex>
+#include <cstdio>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -46,6 +47,14 @@ inline double magnitude(Complex z) { return std::sqrt(std::norm(z)); }
 struct NotConverged : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
+
+/// An exception with a message in printf's format.
+template <class... Numbers>
+NotConverged refusal(const char* format, Numbers... numbers) {
+  char text[200];
+  std::snprintf(text, sizeof text, format, numbers...);
+  return NotConverged(text);
+}
 
 /// Whether the relative residual of a root passes the check.
 bool has_converged(Complex value, double residual);
@@ -157,10 +166,6 @@ class Spectrum {
   /// The `count` roots of least |lambda|, or all roots if there are no more. Throws NotConverged
   /// where a root is beyond double precision.
   virtual Sample sample(double u, Index count) = 0;
-
-  /// Takes over from another spectrum what is the same to the bit, so that it is not computed
-  /// again.
-  virtual void share(const Spectrum&) {}
 
   /// y^H A x of a root's vectors, for models whose parts A are known here.
   virtual std::optional<Forms> forms(const Pair&) const { return {}; }

@@ -262,12 +262,6 @@ std::optional<Pairs> Structured::from(Approximations roots, double u, Index coun
   return found;
 }
 
-void Structured::share(const Spectrum& other) {
-  const auto* const one = dynamic_cast<const Structured*>(&other);
-  if (one == nullptr || is_squared(0.0) != one->is_squared(0.0)) return;
-  if (of_->is_same_at_rest(*one->of_)) starts_at_rest_ = one->starts_at_rest_;
-}
-
 Approximations Structured::starts_of(const DenseOperator& p, double u,
                                      const std::optional<Modes>& modes) const {
   return modes ? modal_roots(p, *modes, traits.loss) : dense_roots(p, is_squared(u));
@@ -297,10 +291,7 @@ std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vector
       const auto coarse = of_->coarser(size)->matrices(1.0)(u);
       starts = starts_of(*coarse, u, u == 0.0 ? coarse->undamped_modes() : std::nullopt);
     } else if (u == 0.0) {
-      if (starts_at_rest_.empty()) {
-        starts_at_rest_ = starts_of(Eigenproblem::at(u), u, modes_at_rest());
-      }
-      starts = starts_at_rest_;
+      starts = starts_of(Eigenproblem::at(u), u, modes_at_rest());
     } else {
       const DenseOperator& p = Eigenproblem::at(u);
       const Index some = wanted / 2 + modes_beyond;

@@ -38,7 +38,6 @@ class Structured : public Eigenproblem {
   /// Takes the roots of a nearly equal model as starts at a speed.
   void assume(double u, const Values& roots);
   void assess(double u, Pairs& pairs) override;
-  void share(const Spectrum& other) override;
   std::optional<Forms> forms(const Pair& pair) const override;
   Index standing() override { return zeros_in_flow_; }
   Pair refined(double u, const Pair& guess) override;
@@ -62,8 +61,7 @@ class Structured : public Eigenproblem {
     Approximations roots;
     int most;  // most corrections that take them to another speed
   };
-  std::vector<Known> known_;       // roots of the last samples
-  Approximations starts_at_rest_;  // empty until they are known
+  std::vector<Known> known_;  // roots of the last samples
 
   std::optional<Pairs> from(Approximations starts, double u, Index count, bool vectors,
                             int most_corrections);

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <numbers>
 #include <set>
 #include <tuple>
@@ -351,10 +350,7 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
       Step step{left, ahead.back()};
       const double middle = 0.5 * (left->u + step.right->u);
       if (--trials < 0.0) {
-        char text[80];
-        std::snprintf(text, sizeof text, "eigenvalues near u = %.6g are too close to be tracked",
-                      left->u);
-        throw NotConverged(text);
+        throw refusal("eigenvalues near u = %.6g are too close to be tracked", left->u);
       }
       match(step, last ? &*last : nullptr, tracked, tracking.cluster);
       const bool divisible = !step.shortest() && !tracking.whole(step);
