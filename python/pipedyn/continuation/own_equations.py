@@ -17,13 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipedyn.continuation.arclength import Continuation, Control, DenseProblem, Point, Segment
-from pipedyn.continuation.tracer import (
-    BranchEnd,
-    NamedZero,
-    Tracer,
-    reason_of,
-    special_points,
-)
+from pipedyn.continuation.tracer import BranchEnd, Fold, NamedZero, Tracer, reason_of
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -188,7 +182,7 @@ def follow(
     for i, (a, b) in enumerate(pairwise(solutions)):
         segment, found = Segment(solver, a, b), list[tuple[float, str]]()
         try:
-            found += special_points(segment, 1e-10, ())
+            found += [(s, "fold") for s in Fold(segment, 1e-10).lengths()]
         except Exception as error:  # whatever the user's functions raise
             failures.append(
                 f"a fold between {_spelled(a.z)} and {_spelled(b.z)} is not known: "
@@ -198,7 +192,7 @@ def follow(
             # Rounding may hide a zero at an end; a closed branch ends at its first point.
             near = i == 0 and ends[0] != "closed", i == len(solutions) - 2
             try:
-                found += special_points(segment, 0.0, [_UserTest(segment, name, test, near)])
+                found += list(_zeros_of_test(segment, name, test, near))
             except Exception as error:
                 unknown.setdefault(
                     name,
@@ -324,30 +318,27 @@ class _UserEquations:
         _function_value("problem", equations, x, p, (self.size,))
         if derivative is not None:
             came = _function_value("derivative", derivative, x, p, (self.size, self.size + 1))
-            self._compare(came, x, p)
+            self._compare(came, np.append(x, p))
 
     def __call__(self, x: Array, p: float) -> tuple[Array, Array]:
-        residual = self._at("problem", self.equations, x, p, (self.size,))
-        if self.derivative is not None:
-            shape = (self.size, self.size + 1)
-            return residual, self._at("derivative", self.derivative, x, p, shape)
         z = np.append(x, p)
+        residual = self._at("problem", self.equations, z)
+        if self.derivative is not None:
+            return residual, self._at("derivative", self.derivative, z, self.size + 1)
         return residual, np.column_stack([self._difference(z, i) for i in range(z.size)])
 
-    def _at(
-        self, name: str, function: UserFunction, x: Array, p: float, shape: tuple[int, ...]
-    ) -> Array:
+    def _at(self, name: str, function: UserFunction, z: Array, *columns: int) -> Array:
         """Value of a user's function; NewtonFailed if it raises, or the value is not finite."""
         try:
-            found = _function_value(name, function, x, p, shape)
+            found = _function_value(name, function, z[:-1], float(z[-1]), (self.size, *columns))
         except Exception as error:  # whatever the user's function raises
             raised = (
                 "" if str(error).startswith(name) else f"{name} raised {type(error).__name__}: "
             )
-            raise NewtonFailed(f"{raised}{error}, at {_spelled(np.append(x, p))}") from error
+            raise NewtonFailed(f"{raised}{error}, at {_spelled(z)}") from error
         if not np.isfinite(found).all():
             wrong = found[~np.isfinite(found)][0]
-            raise NewtonFailed(f"{name} gives {wrong:g} at {_spelled(np.append(x, p))}")
+            raise NewtonFailed(f"{name} gives {wrong:g} at {_spelled(z)}")
         return found
 
     def _difference(self, z: Array, i: int, times: float = 1.0) -> Array:
@@ -364,25 +355,19 @@ class _UserEquations:
         def value(steps: float) -> Array:
             moved = z.copy()
             moved[i] += steps * h
-            return self._at("problem", self.equations, moved[:-1], float(moved[-1]), (self.size,))
+            return self._at("problem", self.equations, moved)
 
-        sides = (1.0, -1.0)  # G may not be defined beyond the interval
-        inward = [
-            side
-            for side, limit in zip(sides, self.interval, strict=True)
-            if i == self.size and not 2.0 * h < side * (z[i] - limit)
-        ]
+        low, high = z[i] - self.interval[0], self.interval[1] - z[i]
         try:
             return (value(1.0) - value(-1.0)) / (2.0 * h)
-        except NewtonFailed:
-            if not inward:
+        except NewtonFailed:  # G may not be defined beyond the interval
+            if i < self.size or min(low, high) > 2.0 * h:
                 raise
-        side = inward[0]
+        side = 1.0 if low <= 2.0 * h else -1.0
         return (4.0 * value(side) - 3.0 * value(0.0) - value(2.0 * side)) / (2.0 * side * h)
 
-    def _compare(self, came: Array, x: Array, p: float) -> None:
+    def _compare(self, came: Array, z: Array) -> None:
         """Raises ValueError if a derivative is farther from differences than their own error."""
-        z = np.append(x, p)
         near, far = np.full((2, *came.shape), np.nan)
         for i in range(z.size):
             with suppress(NewtonFailed):
@@ -405,8 +390,15 @@ def _test_value(name: Any, test: Callable[[Array, float], float], x: Array, p: f
     return float(_function_value(f"tests[{str(name)!r}]", test, x, p, ()).item())
 
 
-class _UserTest(NamedZero[Continuation]):
-    """A user's test function on a step; its zeros are changes of sign and zeros at the ends.
+def _zeros_of_test(
+    step: Segment[Continuation],
+    name: Any,
+    test: Callable[[Array, float], float],
+    near: tuple[bool, bool],
+) -> Iterator[tuple[float, str]]:
+    """Arc lengths on a step at which a user's test function is 0, with its name.
+
+    They are changes of sign and zeros at the ends of the step.
 
     Args:
         step: the step.
@@ -415,30 +407,19 @@ class _UserTest(NamedZero[Continuation]):
         near: whether values of the size of rounding count as 0 at the first and at the last point.
     """
 
-    def __init__(
-        self,
-        step: Segment[Continuation],
-        name: Any,
-        test: Callable[[Array, float], float],
-        near: tuple[bool, bool],
-    ) -> None:
-        def value(point: Point) -> float:
-            found = _test_value(name, test, point.x, point.p)
-            if not math.isfinite(found):
-                raise NewtonFailed(f"it gives {found:g} at {_spelled(point.z)}")
-            return found
+    def value(point: Point) -> float:
+        found = _test_value(name, test, point.x, point.p)
+        if not math.isfinite(found):
+            raise NewtonFailed(f"it gives {found:g} at {_spelled(point.z)}")
+        return found
 
-        super().__init__(step, 1e-13 * step.length, str(name), value)
-        self.near = near
-
-    def zeros(self, low: float, high: float) -> Iterator[tuple[float, str]]:
-        """Zeros on the step, including those at its ends."""
-        first, last = float(self.at(low)[0]), float(self.at(high)[0])
-        if first * last < 0.0:
-            yield from super().zeros(low, high)
-            return
-        rounding = 1e-13 * max(abs(first), abs(last))
-        if self.near[0] and abs(first) <= rounding and last != first:
-            yield low, self.name
-        if last == 0.0 or (self.near[1] and abs(last) < rounding):
-            yield high, self.name
+    sign = NamedZero(step, 1e-13 * step.length, str(name), value)
+    first, last = float(sign.at(0.0)[0]), float(sign.at(step.length)[0])
+    if first * last < 0.0:
+        yield from sign.zeros(0.0, step.length)
+        return
+    rounding = 1e-13 * max(abs(first), abs(last))
+    if near[0] and abs(first) <= rounding and last != first:
+        yield 0.0, str(name)
+    if last == 0.0 or (near[1] and abs(last) < rounding):
+        yield step.length, str(name)

@@ -427,10 +427,9 @@ def converged_cycle(
     tolerance = min(1e-7, 1e-2 * rtol)
     for _ in range(MULTIPLIER_MESHES):
         enough = LAST_CHANGE * rtol if at_once and not motion.model.pipe.has_kinks else 0.0
-        known, error, reason = refined_until(motion, orbit, largest, rtol, tolerance, enough)
-        orbit, _ = known
+        orbit, error, reason = refined_until(motion, orbit, largest, rtol, tolerance, enough)
         try:
-            result = cycle_on_mesh(motion, known, error, samples, how)
+            result = cycle_on_mesh(motion, orbit, error, samples, how)
         except NewtonFailed as failure:
             raise NotConverged(f"the cycle at u = {orbit.u:g} fails its check: {failure}") from None
         if error > rtol:
@@ -451,10 +450,6 @@ def converged_cycle(
     )
 
 
-MeasuredOrbit: TypeAlias = tuple[PeriodicOrbit, tuple[float, float]]
-"""An orbit with its `amplitude_of`."""
-
-
 def refined_until(
     motion: VectorField,
     orbit: PeriodicOrbit,
@@ -462,7 +457,7 @@ def refined_until(
     rtol: float,
     tolerance: float,
     enough: float = 0.0,
-) -> tuple[MeasuredOrbit, float, str]:
+) -> tuple[PeriodicOrbit, float, str]:
     """The orbit on a finer mesh, its change in the last refinement, and why refinement stopped.
 
     The intervals with a large defect are refined, and all of them if there is none, until the
@@ -471,18 +466,17 @@ def refined_until(
     refinement stops.
     """
     # With kinks two answers may agree by chance: an error falls by at most the fourth power of h.
-    known, error, worst = (orbit, amplitude_of(motion, orbit)), math.inf, math.inf
+    before, error, worst = amplitude_of(motion, orbit)[0], math.inf, math.inf
     smooth = not motion.model.pipe.has_kinks
     last = 0.0 if smooth else math.inf
     most = 2  # largest number of parts of an interval
     while True:
-        orbit, (before, _) = known
         defects = orbit.defects()
         coarse, coarsest, worst = defects > largest, worst, float(defects.max())
         if error <= enough:
-            return known, error, ""
+            return orbit, error, ""
         if error <= 0.5 * rtol and (not coarse.any() or worst > 0.25 * coarsest):
-            return known, error, ""
+            return orbit, error, ""
         if not coarse.any():
             coarse[:] = True
         # Divided into p parts an interval has about p^-7 of its defect, or more where forces have
@@ -491,15 +485,15 @@ def refined_until(
         parts = np.ceil((defects / wanted) ** (1.0 / 7.0)).astype(int)
         parts = np.where(coarse, np.clip(parts, 2, most), 1)
         if parts.sum() > MOST_CYCLE_INTERVALS:
-            return known, error, f"that takes more than {MOST_CYCLE_INTERVALS} mesh intervals"
+            return orbit, error, f"that takes more than {MOST_CYCLE_INTERVALS} mesh intervals"
         try:
             guess = refined(motion, orbit, parts, at_kinks=True)
             finer = solved(motion, guess, tolerance)
         except NewtonFailed as failure:
-            return known, error, str(failure)
-        amplitude, first = amplitude_of(motion, finer)
-        known = finer, (amplitude, first)
+            return orbit, error, str(failure)
+        amplitude, _ = amplitude_of(motion, finer)
         change = max(abs(amplitude / before - 1.0), abs(finer.frequency / orbit.frequency - 1.0))
+        orbit, before = finer, amplitude
         change = max(change, 1e-13)  # answers of ever finer meshes differ by some 3e-14
         error, last = max(change, last / 16.0), change
         most = 4 if smooth else 2
@@ -523,6 +517,19 @@ def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, floa
     return 0.5 * float(np.ptp(across)), float(phases[np.argmax(across)])
 
 
+def one_period(
+    motion: VectorField, orbit: PeriodicOrbit, samples: int, first: float = 0.0
+) -> tuple[Array, Array, Array]:
+    """Times over one period, (S,), and coordinates and rates of a user there, (S, coordinates).
+
+    Time 0 has the phase `first`.
+    """
+    t = np.linspace(0.0, 2.0 * math.pi / orbit.frequency, samples)
+    y = orbit.states(first + orbit.frequency * t)
+    q, qdot = motion.model.to_user(y[: motion.half].T.copy(), y[motion.half :].T.copy())
+    return t, np.ascontiguousarray(q), np.ascontiguousarray(qdot)
+
+
 def on_branch(
     motion: VectorField, orbit: PeriodicOrbit, error: float, samples: int, how: str
 ) -> LimitCycle:
@@ -533,8 +540,7 @@ def on_branch(
     plain: LimitCycle | None = None
 
     def of(orbit: PeriodicOrbit) -> LimitCycle:
-        known = orbit, amplitude_of(motion, orbit)
-        return cycle_on_mesh(motion, known, error, samples, how, ON_BRANCH)
+        return cycle_on_mesh(motion, orbit, error, samples, how, ON_BRANCH)
 
     if not (motion.model.pipe.has_kinks and motion.model.kinks_known):
         plain = of(orbit)
@@ -550,18 +556,15 @@ def on_branch(
 
 def cycle_on_mesh(
     motion: VectorField,
-    known: MeasuredOrbit,
+    orbit: PeriodicOrbit,
     error: float,
     samples: int,
     how: str,
     tolerance: float = MULTIPLIER_TOLERANCE,
 ) -> LimitCycle:
     """The cycle of an orbit on its mesh; raises `NewtonFailed` as `orbit_multipliers` does."""
-    orbit, (amplitude, first) = known
-    period = 2.0 * math.pi / orbit.frequency
-    t = np.linspace(0.0, period, samples)
-    y = orbit.states(first + orbit.frequency * t)
-    q, qdot = motion.model.to_user(y[: motion.half].T.copy(), y[motion.half :].T.copy())
+    amplitude, first = amplitude_of(motion, orbit)
+    t, q, qdot = one_period(motion, orbit, samples, first)
     multipliers, _, change = orbit_multipliers(motion, orbit, tolerance)
     # Rounding of the eigenvalues of matrices of this size leaves about as much.
     change = max(change, multipliers.size * float(np.finfo(float).eps))
@@ -569,12 +572,12 @@ def cycle_on_mesh(
     return LimitCycle(
         amplitude=amplitude,
         frequency=orbit.frequency,
-        period=period,
+        period=float(t[-1]),
         multipliers=multipliers,
         stable=bool(others.max(initial=0.0) < 1.0),
         t=t,
-        q=np.ascontiguousarray(q),
-        qdot=np.ascontiguousarray(qdot),
+        q=q,
+        qdot=qdot,
         u=orbit.u,
         model=motion.model,
         error=error,

@@ -21,7 +21,7 @@ from pipedyn.attraction.motion_ends import Case, motion_ends
 from pipedyn.attraction.motion_options import MotionOptions
 from pipedyn.continuation.arclength import Point
 from pipedyn.continuation.tracer import TestFunction, Tracer, between_folds, special_points
-from pipedyn.cycles.limit_cycle import amplitude_of, as_symmetric, refined_until
+from pipedyn.cycles.limit_cycle import amplitude_of, as_symmetric, one_period, refined_until
 from pipedyn.forced.parametric_search import regions
 from pipedyn.forced.pulsating import Hill, PulsatingPipe, require_motion
 from pipedyn.linear.eigenproblem import Complex
@@ -699,22 +699,18 @@ def _refined_motion(
     Raises:
         NotConverged: if the amplitude is not known to rtol; its `result` has the motion.
     """
-    known, error, reason = refined_until(motion, orbit, 1e-3 * rtol, rtol, min(1e-7, 1e-2 * rtol))
-    orbit, (amplitude, _) = known
+    orbit, error, reason = refined_until(motion, orbit, 1e-3 * rtol, rtol, min(1e-7, 1e-2 * rtol))
     multipliers, _, unsure = orbit_multipliers(motion, orbit)
-    period = 2.0 * math.pi / orbit.frequency
-    t = np.linspace(0.0, period, samples)
-    y = orbit.states(orbit.frequency * t)
-    q, qdot = motion.model.to_user(y[: motion.half].T.copy(), y[motion.half :].T.copy())
+    t, q, qdot = one_period(motion, orbit, samples)
     found = ForcedMotion(
-        amplitude=amplitude,
+        amplitude=amplitude_of(motion, orbit)[0],
         frequency=motion.order * orbit.frequency,
-        period=period,
+        period=float(t[-1]),
         multipliers=multipliers,
         stable=bool(np.abs(multipliers).max() <= 1.0 + circle_margin(unsure)),
         t=t,
-        q=np.ascontiguousarray(q),
-        qdot=np.ascontiguousarray(qdot),
+        q=q,
+        qdot=qdot,
         u=motion.flow(orbit.u, orbit.frequency),
         error=error,
         residual=residual(motion, orbit),

@@ -18,7 +18,7 @@ from pipedyn.linear.eigenproblem import Complex
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import interval_derivatives
 from pipedyn.orbits.floquet import parts_for
-from pipedyn.orbits.periodic_orbit import PeriodicOrbit, both_integrals, divided
+from pipedyn.orbits.periodic_orbit import PeriodicOrbit, divided, integrals
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 
@@ -139,7 +139,7 @@ def _maps_to(motion: VectorField, orbit: PeriodicOrbit, places: Array) -> tuple[
     h, half, n = orbit.durations[:, None, None, None], orbit.half, motion.size
     rates = interval_derivatives(motion, orbit)
     places = np.append(places, 1.0)
-    once, twice = both_integrals(places)
+    once, twice = integrals(places, 1), integrals(places, 2)
     maps = np.zeros((len(orbit.starts), places.size, n, n))
     maps[:] = np.eye(n)
     maps[:, :, np.arange(half), half + np.arange(half)] = h[..., 0] * places[:, None]

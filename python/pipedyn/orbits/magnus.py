@@ -20,7 +20,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.orbits.periodic_orbit import ORBIT_STAGES, both_integrals
+from pipedyn.orbits.periodic_orbit import ORBIT_STAGES, integrals
 from pipedyn.util.check import Array
 from pipedyn.util.counters import in_time
 
@@ -44,7 +44,8 @@ _SUMS[3, 3] = _TAYLOR[DEGREE]
 @cache
 def _magnus_weights(parts: int) -> tuple[Array, Array]:
     """Weights of the stages in b0 and b1 of each part of an interval of length 1, (parts, s)."""
-    once, twice = both_integrals(np.linspace(0.0, 1.0, parts + 1))
+    ends = np.linspace(0.0, 1.0, parts + 1)
+    once, twice = integrals(ends, 1), integrals(ends, 2)
     # Integration by parts: int (t - middle) p dt is h / 2 times the sum of the integral of p at
     # both ends, less the integral of that integral.
     first = 0.5 * (once[1:] + once[:-1]) - parts * np.diff(twice, axis=0)

@@ -50,6 +50,9 @@ MOST_EVALUATIONS = 100_000
 """Number of right-hand sides and Jacobians after which no more steps are taken on the way to a
 speed: they alone take 1 s for a chain of 20 segments, half a minute for one of 100."""
 
+TOO_LONG = "it takes too many steps"
+"""Why a branch is given up on the way to a speed after `MOST_EVALUATIONS` or its last step."""
+
 FINE = OrbitControl(0.15, tolerance=1e-8, stagnation=1e-5, defect=1e-4, patience=2)
 """Control for diagrams: amplitudes are good to 1e-9 and multipliers to 1e-8, under drag to some
 2e-5 and 5e-5."""
@@ -472,7 +475,6 @@ class _OnTheWay(Tracer[OrbitProblem]):
         orbit: the orbit at the speed; None until it is found.
         turns: speeds at which the branch turned back.
         here: speed up to which the branch was followed.
-        stopped: why the branch was followed no further.
     """
 
     def __init__(self, motion: VectorField, point: Hopf, u: float) -> None:
@@ -482,10 +484,9 @@ class _OnTheWay(Tracer[OrbitProblem]):
         self.last_evaluation = motion.evaluations + MOST_EVALUATIONS
         self.orbit: PeriodicOrbit | None = None
         self.turns, self.here = list[float](), point.speed
-        self.stopped = "it takes too many steps"
 
     def note(self, step: Step) -> str | None:
-        """Looks for the speed on a step; returns the reason why the branch ends here, or None."""
+        """Looks for the speed on a step; returns the reason why it ends here in words, or None."""
         u, first = self.u, step.slopes[0]
         # The branch turns back before the speed, or just beyond it.
         turned = first * step.slopes[1] < 0.0 and first * (u - self.here) > 0.0
@@ -498,12 +499,10 @@ class _OnTheWay(Tracer[OrbitProblem]):
         here = self.here = step.end.p
         before, after = (breaking_part(orbit_at(step, s), "hopf") for s in (0.0, step.length))
         if np.sum(before * after) < 0.0:
-            self.stopped = f"its amplitude falls to 0 near u = {here:.6g}"
-            return "hopf"
+            return f"its amplitude falls to 0 near u = {here:.6g}"
         if not 0.5 * min(u, self.point.speed) < here < 1.5 * max(u, self.point.speed):
-            self.stopped = f"it leads to u = {here:.6g}"
-            return "range"
-        return "points" if self.motion.evaluations > self.last_evaluation else None
+            return f"it leads to u = {here:.6g}"
+        return TOO_LONG if self.motion.evaluations > self.last_evaluation else None
 
 
 def continued(motion: VectorField, point: Hopf, u: float) -> PeriodicOrbit:
@@ -516,10 +515,9 @@ def continued(motion: VectorField, point: Hopf, u: float) -> PeriodicOrbit:
     _, end, reason = tracer.one_way(steps)
     if tracer.orbit is not None:
         return tracer.orbit
-    stopped = tracer.stopped
     if end == "not converged":
-        stopped = f"it could not be followed beyond u = {tracer.here:.6g}: {reason}"
-    report = f"does not reach u = {u:g}: {stopped}"
+        end = f"it could not be followed beyond u = {tracer.here:.6g}: {reason}"
+    report = f"does not reach u = {u:g}: {TOO_LONG if end == 'points' else end}"
     turn = min(tracer.turns, key=lambda turn: abs(turn - u), default=None)
     if turn is not None and (turn < point.speed) == (u < point.speed):
         report = f"reaches {'down' if u < turn else 'up'} to u = {turn:.6g} only"

@@ -59,12 +59,6 @@ def integrals(at: Array, times: int) -> Array:
     return basis @ _INTEGRATED[times]
 
 
-def both_integrals(at: Array) -> tuple[Array, Array]:
-    """Matrices from stage values to single and double integrals from 0, shape (k, s) each."""
-    basis = legendre.legvander(2.0 * at - 1.0, ORBIT_STAGES + 1)
-    return basis[:, :-1] @ _INTEGRATED[1], basis @ _INTEGRATED[2]
-
-
 ONCE = integrals(STAGE_NODES, 1)
 """Matrix from stage values to integrals from 0 to each stage, shape (s, s)."""
 
