@@ -10,8 +10,8 @@ edges of parametric regions, with the period of the flow (harmonic) or twice tha
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import field, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -335,16 +335,13 @@ def forced_response(
         require_motion(model)
         starts = _from_rest(model, speed, forcing, low, high)
     else:
-        starts = _from_base(
-            *(model, speed, forcing, low, high), lambda: branches[-1].failure is None
-        )
+        starts = _from_base(model, speed, forcing, low, high)
     with one_thread(2 * model.integrated):
-        for begin in starts:
-            orbit = begin.start.orbit
-            first = orbit.frequency * begin.motion.order
-            if orbit.size == 0.0 and any(_ends_at(one, first) for one in branches):
+        for begun in starts:
+            first = begun.points[0].frequency
+            if begun.from_rest and any(_ends_at(one, first) for one in branches):
                 continue  # the branch was followed to here from the region's other edge
-            branches.append(_ForcedTracer(begin).branch(shown))
+            branches.append(begun.branch(shown))
     return ForcedResponse(
         branches=tuple(branches),
         forcing=forcing,
@@ -375,36 +372,17 @@ def _checked_forcing(u: Any, base: Any) -> Pulsation | Harmonic:
 # ----------------------------------------------------------------------------------- beginnings
 
 
-@dataclass(frozen=True)
-class Begin:
-    """Beginning of a branch of forced motions, with the range in which it is followed.
-
-    Attributes:
-        kind: kind of the branch.
-        motion: equations of motion along the branch.
-        start: the motion at which the branch begins, with its first step.
-        window: range of forcing frequencies within which the branch is followed.
-        rests: forcing frequencies at which branches of this kind meet rest, rising, shape (E,).
-    """
-
-    kind: BranchKind
-    motion: ForcedField
-    start: BranchStart
-    window: tuple[float, float]
-    rests: Array = field(default_factory=lambda: np.empty(0))
-
-
 def _from_base(
-    model: Model, u: float, forcing: Harmonic, low: float, high: float, whole: Callable[[], bool]
-) -> Iterator[Begin]:
+    model: Model, u: float, forcing: Harmonic, low: float, high: float
+) -> Iterator[_ForcedTracer]:
     """Beginnings of branches of a moving base: at the lowest, and maybe the highest frequency.
 
-    The second is needed unless the first branch was followed through the `whole` range.
+    The second is needed if the first branch, which the caller follows, was lost.
 
     Raises:
         NotConverged: if no motion is found at either.
     """
-    failed, begun = list[str](), False
+    failed = list[str]()
     for frequency, way in ((low, 1.0), (high, -1.0)):
         motion = ForcedField(model, replace(forcing, frequency=frequency), 1)
         try:
@@ -414,11 +392,11 @@ def _from_base(
         except NewtonFailed as reason:
             failed.append(f"at a frequency of {frequency:g} {reason}")
             continue
-        begun = True
-        yield Begin("base", motion, start, (low, high))
-        if whole():
+        begun = _ForcedTracer("base", motion, start, (low, high))
+        yield begun
+        if begun.lost is None:
             return
-    if not begun:
+    if len(failed) == 2:
         raise NotConverged(
             f"no periodic motion was found to begin with: {'; '.join(failed)}. Give other "
             "frequencies, that begin or end far from resonances, or a smaller amplitude of base; "
@@ -496,7 +474,7 @@ def _settled(motion: ForcedField, u: float) -> PeriodicOrbit:
 
 def _from_rest(
     model: Model, mean: float, forcing: Pulsation, low: float, high: float
-) -> Iterator[Begin]:
+) -> Iterator[_ForcedTracer]:
     """Beginnings of branches from rest in a pulsating flow, on edges of parametric regions."""
     pipe = PulsatingPipe.of(model.elastic_operators(), mean)
     pipe.require_stable(high)
@@ -509,7 +487,7 @@ def _from_rest(
             window = 0.9 * min(low, ends.min()), 1.1 * max(high, ends.max())
             for edge in ends.tolist():
                 motion = ForcedField(model, replace(forcing, frequency=edge), order)
-                yield Begin(kind, motion, _leaving_rest(motion, mean), window, rests)
+                yield _ForcedTracer(kind, motion, _leaving_rest(motion, mean), window, rests)
 
 
 def _leaving_rest(motion: ForcedField, mean: float) -> BranchStart:
@@ -601,51 +579,66 @@ class _PassingOfMotions(TestFunction[OrbitProblem]):
 
 
 class _ForcedTracer(Tracer[OrbitProblem]):
-    """Tracer of the branch from a start, until its frequency leaves its window or it rests."""
+    """Tracer of the branch from a start, until its frequency leaves its window or it rests.
 
-    def __init__(self, begin: Begin) -> None:
+    Args:
+        kind: kind of the branch.
+        motion: equations of motion along the branch.
+        start: the motion at which the branch begins, with its first step.
+        window: range of forcing frequencies within which the branch is followed.
+        rests: forcing frequencies at which branches of this kind meet rest, rising, shape (E,).
+    """
+
+    def __init__(
+        self,
+        kind: BranchKind,
+        motion: ForcedField,
+        start: BranchStart,
+        window: tuple[float, float],
+        rests: ArrayLike = (),
+    ) -> None:
         super().__init__(most=MOST_STEPS)
-        self.begin, self.motion = begin, begin.motion
-        self.from_rest = begin.kind != "base"
+        self.kind, self.motion, self.start, self.window = kind, motion, start, window
+        self.rests = np.array(rests)
+        self.from_rest = kind != "base"
         self.points, self.events = list[_ForcedPoint](), list[ForcedEvent]()
         self.steps = list[Step]()
+        self.lost: NotConverged | None = None
         if not self.from_rest:
-            self.points.append(_point_of_orbit(self.motion, begin.start.orbit))
+            self.points.append(_point_of_orbit(motion, start.orbit))
         else:
-            self._rests(begin.start.orbit.frequency)
+            self._rests(start.orbit.frequency)
 
     def branch(self, shown: bool) -> ForcedBranch:
         """The branch, after it was followed."""
-        motion, kind = self.motion, self.begin.kind
-        followed = followed_past_grazing(motion, self.begin.start, FINE, self._grazes)
+        followed = followed_past_grazing(self.motion, self.start, FINE, self._grazes)
         _, end, reason = self.one_way(track(followed, None, "forced response", shown))
-        lost: NotConverged | None = None
         last = self.points[-1]
         if end in ("points", "not converged"):
-            lost = NotConverged(
-                f"the {kind} branch was lost at a frequency of {last.frequency:.6g}, amplitude "
-                f"{last.amplitude:.4g}: {reason}"
+            self.lost = NotConverged(
+                f"the {self.kind} branch was lost at a frequency of {last.frequency:.6g}, "
+                f"amplitude {last.amplitude:.4g}: {reason}"
             )
         self.events.append(ForcedEvent("end", last.frequency, last.amplitude))
         frequency, amplitude, largest, stable = map(np.array, zip(*self.points, strict=True))
         return ForcedBranch(
-            kind=kind,
+            kind=self.kind,
             frequency=frequency,
             amplitude=amplitude,
             largest=largest,
             stable=stable,
             events=tuple(self.events),
-            failure=lost,
+            failure=self.lost,
             steps=tuple(self.steps),
-            motion=motion,
+            motion=self.motion,
         )
 
     def note(self, step: Step) -> str | None:
         """Keeps a step, its events and the motion at its end; returns why the branch ends."""
-        order, rests = self.motion.order, self.begin.rests
+        order = self.motion.order
         met = None
         if self.from_rest and self.steps:  # a branch that leaves rest may come back to it
-            met = meeting(step, "hopf", rests / order, 1e-3)
+            met = meeting(step, "hopf", self.rests / order, 1e-3)
         if met is not None:
             if not met.known:
                 raise NewtonFailed(
@@ -667,7 +660,7 @@ class _ForcedTracer(Tracer[OrbitProblem]):
 
     def is_over(self, point: Point) -> bool:
         """Whether the frequency of the forcing leaves the window."""
-        low, high = self.begin.window
+        low, high = self.window
         return not low <= self.motion.order * point.p <= high
 
     def _rests(self, frequency: float) -> None:

@@ -563,14 +563,9 @@ def _resonances(
         ).x
         height = above(peak, 0.0)
         level = math.sqrt(0.5) * height
-        sides = list[float]()
-        for way in (-1, 1):
-            j = k
-            while 0 <= j < at.size and sizes[j] > level:
-                j += way
-            falls = 0 <= j < at.size
-            sides.append(
-                scipy.optimize.brentq(above, peak, at[j], args=(level,)) if falls else math.nan
-            )
-        found.append(Resonance(float(peak), height, sides[1] - sides[0]))
+        below = np.flatnonzero(sizes <= level)
+        beside = *below[below < k][-1:], *below[below > k][:1]
+        sides = [scipy.optimize.brentq(above, peak, at[j], args=(level,)) for j in beside]
+        width = sides[1] - sides[0] if len(sides) == 2 else math.nan
+        found.append(Resonance(float(peak), height, width))
     return tuple(sorted(found, key=lambda peak: peak.frequency))
