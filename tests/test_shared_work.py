@@ -95,9 +95,15 @@ def test_a_singular_interval_is_refused_whichever_thread_meets_it(singular):
     n, h = 2 * half, np.full(count, 1.0)
     slopes = np.zeros((count, stages, 2 + n, n))
     slopes[singular, :, 2 + half :, half:] = np.eye(half)
-    given = h, np.zeros((count, n)), np.zeros((count, stages, half)), slopes, None, False, 1.0
-    own = STAGE_NODES, np.eye(stages), np.zeros((stages, stages))  # rates k with k = k + ...
+    # Rates k with k = k + ...
+    given = (
+        h,
+        slopes,
+        np.eye(stages),
+        np.zeros((stages, stages)),
+        np.zeros((count, stages * half, 1)),
+    )
     with pytest.raises(np.linalg.LinAlgError, match="Singular"):
-        _core.eliminated(*given, own)
+        _core.stage_changes(*given)
     slopes[singular] = 0.0
-    _core.eliminated(*given, own)
+    _core.stage_changes(*given)
