@@ -8,7 +8,7 @@ import scipy.integrate
 import pipedyn as pp
 from pipedyn import _core
 from pipedyn.motion.vector_field import VectorField
-from pipedyn.orbits.collocation import collocation_maps, eliminated
+from pipedyn.orbits.collocation import WEIGHTS, collocation_maps
 from pipedyn.orbits.periodic_orbit import (
     ONCE,
     STAGE_NODES,
@@ -61,34 +61,48 @@ def test_eliminated_stages_solve_their_equations(half, level, at_level):
     """Of random derivatives: each stage's change is that of its force, for each right-hand side."""
     at_level(level)
     random = np.random.default_rng(half)
-    count, stages, n, h, frequency = 3, STAGE_NODES.size, 2 * half, np.array([0.1, 0.3, 0.2]), 4.0
-    starts, rates = random.normal(size=(count, n)), random.normal(size=(count, stages, half))
-    linearised = random.normal(size=(count, stages, 2 + n, n))
-    orbit = PeriodicOrbit(np.append(0.0, frequency * np.cumsum(h)), starts, rates, frequency, 1.0)
-    by_rates, ends = eliminated(
-        orbit, orbit.stage_columns(), linearised.reshape(-1, 2 + n, n), None, True
+    stages, n, h, frequency = STAGE_NODES.size, 2 * half, 0.3, 4.0
+    start, rates = random.normal(size=(1, n)), random.normal(size=(1, stages, half))
+    linearised = random.normal(size=(stages, 2 + n, n))
+    force, by_speed, jacobians = linearised[:, 0, half:], linearised[:, 1, half:], linearised[:, 2:]
+    found, ends = _core.eliminated(
+        np.array([h]), start, rates, linearised, None, True, frequency, WEIGHTS
     )
-    missed = at_stages(orbit)[:, -1] - np.stack([starts[1], starts[2], -starts[0]])
-    for m in range(count):
-        force, by_speed, jacobians = np.split(linearised[m], [1, 2], axis=1)
-        found = by_rates[m].reshape(stages, half, n + 3)
-        # The states at the stages are moved by their rates, the first state and the duration.
-        once, twice = (np.einsum("ij,jab->iab", matrix, found) for matrix in (ONCE, TWICE))
-        p, v = h[m] ** 2 * twice, h[m] * once
-        p[:, :, :half] += np.eye(half)
-        p[:, :, half:n] += h[m] * STAGE_NODES[:, None, None] * np.eye(half)
-        v[:, :, half:n] += np.eye(half)
-        longer = -h[m] / frequency
-        at_once = STAGE_NODES[:, None] * starts[m, half:] + 2.0 * h[m] * TWICE @ rates[m]
-        p[:, :, n + 1] += longer * at_once
-        v[:, :, n + 1] += longer * (ONCE @ rates[m])
-        moved = jacobians[:, half:] @ np.concatenate([p, v], axis=1)
-        moved[:, :, n] += force[:, 0, half:] - rates[m]
-        moved[:, :, n + 2] += by_speed[:, 0, half:]
-        assert found == pytest.approx(moved, abs=1e-10 * np.abs(found).max())
-        end = np.concatenate([p[-1], v[-1]])
-        end[:, n] += missed[m]
-        assert ends[m] == pytest.approx(end, abs=1e-10 * np.abs(ends).max())
+    found = found.reshape(stages, half, n + 3)
+    # The states at the stages are moved by their rates, by the first state and by the duration.
+    once, twice = (np.einsum("ij,jab->iab", matrix, found) for matrix in (ONCE, TWICE))
+    p, v = h**2 * twice, h * once
+    p[:, :, :half] += np.eye(half)
+    p[:, :, half:n] += h * STAGE_NODES[:, None, None] * np.eye(half)
+    v[:, :, half:n] += np.eye(half)
+    longer = -h / frequency
+    p[:, :, n + 1] += longer * (STAGE_NODES[:, None] * start[0, half:] + 2.0 * h * TWICE @ rates[0])
+    v[:, :, n + 1] += longer * (ONCE @ rates[0])
+    moved = jacobians[:, half:] @ np.concatenate([p, v], axis=1)
+    moved[:, :, n] += force - rates[0]
+    moved[:, :, n + 2] += by_speed
+    assert found == pytest.approx(moved, abs=1e-10 * np.abs(found).max())
+    assert ends[0] == pytest.approx(np.concatenate([p[-1], v[-1]]), abs=1e-10 * np.abs(ends).max())
+
+
+@pytest.mark.parametrize("level", _core.vector_levels())
+def test_what_an_interval_misses_of_the_next_is_part_of_the_residual(level, at_level):
+    at_level(level)
+    random = np.random.default_rng(5)
+    count, half, stages = 3, 2, STAGE_NODES.size
+    n, h = 2 * half, np.array([0.1, 0.3, 0.2])
+    starts, rates = random.normal(size=(count, n)), random.normal(size=(count, stages, half))
+    linearised = random.normal(size=(count * stages, 2 + n, n))
+    units = np.array([1.0, 2.0, 4.0, 0.5])
+    given = h, starts, rates, linearised, None, False, 4.0, WEIGHTS
+    by_rates, plain = _core.eliminated(*given)
+    same, found = _core.eliminated(*given, -1.0, units)
+    orbit = PeriodicOrbit(np.append(0.0, 4.0 * np.cumsum(h)), starts, rates, 4.0, 1.0)
+    plain[:, :, n] += at_stages(orbit)[:, -1] - np.stack([starts[1], starts[2], -starts[0]])
+    plain /= units[:, None]
+    plain[:, :, :n] *= units
+    assert np.array_equal(same, by_rates)
+    assert found == pytest.approx(plain, abs=1e-13 * np.abs(plain).max())
 
 
 @pytest.mark.parametrize("level", _core.vector_levels())
@@ -129,12 +143,10 @@ def test_velocities_at_the_stages_are_those_at_their_phases(cycle):
 
 
 def test_arrays_that_do_not_fit_are_refused():
-    right, slopes = np.zeros((2, STAGE_NODES.size, 1)), np.zeros((2, STAGE_NODES.size, 4, 2))
     with pytest.raises(ValueError, match="maps must have shape"):
         _core.carried(np.zeros((2, 3, 2)), 1e5)
-    with pytest.raises(ValueError, match="once and right must have shapes"):
-        _core.stage_changes(*[np.zeros(3)] * 5)
+    with pytest.raises(ValueError, match="rates must have shape"):
+        _core.eliminated(*[np.zeros(3)] * 4, None, False, 1.0, WEIGHTS)
+    given = np.zeros(3), np.zeros((2, 2)), np.zeros((2, STAGE_NODES.size, 1))
     with pytest.raises(ValueError, match="durations must hold 2 numbers"):
-        _core.stage_changes(np.zeros(3), np.zeros(0), ONCE, TWICE, right)
-    with pytest.raises(ValueError, match="right must hold 16 numbers"):
-        _core.stage_changes(np.zeros(2), slopes, ONCE, TWICE, np.zeros((2, 9, 1)))
+        _core.eliminated(*given, np.zeros(0), None, False, 1.0, WEIGHTS)

@@ -18,8 +18,8 @@ LIMITS = {
     "modules in a folder": 16,
     "names with more than one meaning": 10,
     "docstrings that begin with a leaning word": 0,
-    "lines of Python": 22529,
-    "lines of C++": 13807,
+    "lines of Python": 22493,
+    "lines of C++": 14067,
 }
 
 ROOT = Path(__file__).parents[1]

@@ -95,15 +95,9 @@ def test_a_singular_interval_is_refused_whichever_thread_meets_it(singular):
     n, h = 2 * half, np.full(count, 1.0)
     slopes = np.zeros((count, stages, 2 + n, n))
     slopes[singular, :, 2 + half :, half:] = np.eye(half)
-    # Rates k with k = k + ...
-    given = (
-        h,
-        slopes,
-        np.eye(stages),
-        np.zeros((stages, stages)),
-        np.zeros((count, stages * half, 1)),
-    )
+    given = h, np.zeros((count, n)), np.zeros((count, stages, half)), slopes, None, False, 1.0
+    own = STAGE_NODES, np.eye(stages), np.zeros((stages, stages))  # rates k with k = k + ...
     with pytest.raises(np.linalg.LinAlgError, match="Singular"):
-        _core.stage_changes(*given)
+        _core.eliminated(*given, own)
     slopes[singular] = 0.0
-    _core.stage_changes(*given)
+    _core.eliminated(*given, own)

@@ -110,6 +110,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
   chain.def(py::init<const Pipe&, Segments>(), "pipe"_a, "segments"_a)
       .def("operators", &Chain::operators, "angles"_a = pipedyn::Vector(), "joints"_a = true,
            Unlocked())
+      .def("joint_operators", &Chain::joint_operators, "scale"_a, Unlocked())
       .def(
           "joint_times",
           [](const Chain& chain, const pipedyn::Matrix& x, double stiffness, double damping,

@@ -133,6 +133,9 @@ class Chain:
         drive: typing.Any = None,
         refuses: bool = True,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def joint_operators(
+        self, scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+    ) -> Operators: ...
     def joint_times(
         self,
         x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
@@ -658,7 +661,33 @@ def crossings(
     ranges: collections.abc.Sequence[Range],
     factorised: typing.Any,
 ) -> list[Sweep]: ...
+def eliminated(
+    durations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    rates: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    linearised: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    by_frequency: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None,
+    speed_varies: bool,
+    frequency: typing.SupportsFloat | typing.SupportsIndex,
+    weights: tuple[
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    ],
+    mirror: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+    units: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None,
+) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
 def is_felt_by_small_motions(law: str) -> bool: ...
+def orbit_states(
+    edges: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    rates: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    frequency: typing.SupportsFloat | typing.SupportsIndex,
+    mirror: typing.SupportsFloat | typing.SupportsIndex,
+    once: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    twice: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    phases: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+) -> numpy.typing.NDArray[numpy.float64]: ...
 def rounding(
     values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
@@ -666,13 +695,6 @@ def set_vector_level(name: str) -> None: ...
 def sincos(
     x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
 ) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
-def stage_changes(
-    durations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-    linearised: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-    once: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-    twice: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-    right: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-) -> numpy.typing.NDArray[numpy.float64]: ...
 def vector_level() -> str: ...
 def vector_levels() -> list[str]: ...
 

@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: MIT
 //
-// Linearised collocation of a periodic orbit: it solves for the stages of each interval. An
-// interval of length h that begins at the state (p, v) has accelerations k_i at its stages c_i,
+// Linearised collocation of a periodic orbit: it eliminates the stages of each interval and joins
+// the intervals. An interval of length h that begins at the state (p, v) has accelerations k_i at
+// its stages c_i,
 //
 //   p_i = p + h c_i v + h^2 sum_j T_ij k_j,   v_i = v + h sum_j O_ij k_j,   k_i = f(p_i, v_i),
 //
-// and their changes dk solve (1 - h O (x) f_v - h^2 T (x) f_p) dk = b for several right-hand sides
-// b. These s n / 2 equations are solved by Gaussian elimination with partial pivoting. The file is
-// included by the sources of one vector level, like dense.hpp.
+// and their changes dk solve (1 - h O (x) f_v - h^2 T (x) f_p) dk = b, where the right-hand sides b
+// are the effects of the first state, of the residual, of the frequency (h ~ 1 / frequency) and of
+// the speed. These s n / 2 equations are solved by Gaussian elimination with partial pivoting. The
+// file is included by the sources of one vector level, like dense.hpp.
 #pragma once
 
 #include "pipedyn/chain/motion.hpp"
@@ -83,14 +85,28 @@ bool solve_rows(double** rows, Count size, Count columns) {
   return true;
 }
 
-/// Solves for the changes of the accelerations at the stages of interval m; see
-/// `MotionKernel::solve_stages`.
-bool solve_interval(const Intervals& of, Count m, double** rows, double* out) {
-  const Count s = of.stages, half = of.half, n = 2 * half, size = s * half;
+/// Eliminates the stages of interval m, see `MotionKernel::eliminate_stages`.
+bool eliminate_interval(const Intervals& of, Count m, double** rows, double* rates, double* ends) {
+  const Count s = of.stages, half = of.half, n = 2 * half, size = s * half, more = n + 3;
   const double h = of.durations[m];
+  const double* const start = of.starts + m * n;
+  const double* const k = of.rates + m * size;
+  double* const by_frequency = ends + n + 1;  // one number for each stage, `more` numbers apart
   for (Count i = 0; i < s; ++i) {
     for (Count a = 0; a < half; ++a) {
-      const double* const by_state = of.linearised + ((m * s + i) * (2 + n) + 2 + half + a) * n;
+      double once = 0.0, twice = 0.0;
+      for (Count j = 0; j < s; ++j) {
+        once += of.once[i * s + j] * k[j * half + a];
+        twice += of.twice[i * s + j] * k[j * half + a];
+      }
+      by_frequency[a * more] =
+          -h / of.frequency * (of.nodes[i] * start[half + a] + 2.0 * h * twice);
+      by_frequency[(half + a) * more] = -h / of.frequency * once;
+    }
+    for (Count a = 0; a < half; ++a) {
+      const Count at = m * s + i;
+      const double* const linearised = of.linearised + at * (2 + n) * n;
+      const double* const by_state = linearised + (2 + half + a) * n;
       double* const row = rows[i * half + a];
       for (Count j = 0; j < s; ++j) {
         const double once = -h * of.once[i * s + j], twice = -h * h * of.twice[i * s + j];
@@ -99,25 +115,73 @@ bool solve_interval(const Intervals& of, Count m, double** rows, double* out) {
         }
       }
       row[i * half + a] += 1.0;
-      const double* const right = of.right + (m * size + i * half + a) * of.columns;
-      for (Count b = 0; b < of.columns; ++b) row[size + b] = right[b];
+      double* const right = row + size;
+      double turned = 0.0;
+      for (Count b = 0; b < half; ++b) {
+        right[b] = by_state[b];
+        right[half + b] = by_state[half + b] + h * of.nodes[i] * by_state[b];
+      }
+      for (Count b = 0; b < n; ++b) turned += by_state[b] * by_frequency[b * more];
+      const Count stage = a * of.count * s + at;
+      right[n] = linearised[half + a] - k[i * half + a];
+      right[n + 1] = turned + (of.by_frequency != nullptr ? of.by_frequency[stage] : 0.0);
+      right[n + 2] = of.speed_varies ? linearised[n + half + a] : 0.0;
     }
   }
-  if (!solve_rows(rows, size, size + of.columns)) return false;
+  if (!solve_rows(rows, size, size + more)) return false;
   for (Count r = 0; r < size; ++r) {
-    for (Count b = 0; b < of.columns; ++b) out[r * of.columns + b] = rows[r][size + b];
+    for (Count j = 0; j < more; ++j) rates[r * more + j] = rows[r][size + j];
+  }
+  for (Count a = 0; a < n; ++a) {
+    double* const end = ends + a * more;
+    for (Count j = 0; j < more; ++j) {
+      if (j != n + 1) end[j] = j == a ? 1.0 : 0.0;  // column n + 1 is filled above
+    }
+    if (a < half) end[half + a] = h;
+    for (Count j = 0; j < s; ++j) {
+      const Count last = (s - 1) * s + j;
+      const double weight = a < half ? h * h * of.twice[last] : h * of.once[last];
+      const double* const rate = rates + (j * half + a % half) * more;
+      for (Count b = 0; b < more; ++b) end[b] += weight * rate[b];
+    }
   }
   return true;
 }
 
-bool solve_stages(const Intervals& of, Count first, Count last, double** rows, double* out) {
-  const Count size = of.stages * of.half;
-  const Count stride = whole_packs(size + of.columns) + width;
+/// Map of changes of the state over interval m, in units of the state, and the gap between the end
+/// of the interval and the next state.
+void join_interval(const Intervals& of, Count m, double* ends) {
+  const Count s = of.stages, half = of.half, n = 2 * half, more = n + 3;
+  const double h = of.durations[m];
+  const double* const start = of.starts + m * n;
+  const double* const next = m + 1 < of.count ? start + n : of.starts;
+  const double sign = m + 1 < of.count ? 1.0 : of.mirror;
+  const double* const k = of.rates + m * s * half;
+  for (Count a = 0; a < n; ++a) {
+    double* const end = ends + a * more;
+    const double* const weights = (a < half ? of.twice : of.once) + (s - 1) * s;
+    double sum = 0.0;
+    for (Count j = 0; j < s; ++j) sum += weights[j] * k[j * half + a % half];
+    const double moved = a < half ? h * (start[half + a] + h * sum) : h * sum;
+    end[n] += start[a] + moved - sign * next[a];
+    const double inverse = 1.0 / of.units[a];
+    for (Count b = 0; b < n; ++b) end[b] *= of.units[b] * inverse;
+    for (Count b = n; b < more; ++b) end[b] *= inverse;
+  }
+}
+
+bool eliminate_stages(const Intervals& of, Count first, Count last, double** rows, double* rates,
+                      double* ends) {
+  const Count n = 2 * of.half, size = of.stages * of.half, more = n + 3;
+  const Count stride = whole_packs(size + more) + width;
   double* const matrix = laid_out([&](Layout& layout) { return layout.take(size * stride); });
   for (Count i = 0; i < size * stride; ++i) matrix[i] = 0.0;
   for (Count m = first; m < last; ++m) {
     for (Count r = 0; r < size; ++r) rows[r] = matrix + r * stride;
-    if (!solve_interval(of, m, rows, out + m * size * of.columns)) return false;
+    if (!eliminate_interval(of, m, rows, rates + m * size * more, ends + m * n * more)) {
+      return false;
+    }
+    if (of.units != nullptr) join_interval(of, m, ends + m * n * more);
   }
   return true;
 }

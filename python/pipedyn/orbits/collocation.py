@@ -39,67 +39,23 @@ from pipedyn.util.newton import NewtonFailed
 LOSS = 1e5
 """Largest entry of a product of intervals' maps: its rounding error is then 1e-11."""
 
+WEIGHTS = STAGE_NODES, ONCE, TWICE
+"""Nodes and weights of the method, in the form that the core takes."""
+
 # -------------------------------------------------------------------------------- one interval
-
-
-@np.errstate(over="ignore", invalid="ignore")  # Newton's method refuses what is not finite
-def eliminated(
-    orbit: PeriodicOrbit,
-    y: Array,
-    linearised: Array,
-    by_frequency: Array | None,
-    speed_varies: bool,
-) -> tuple[Array, Array]:
-    """Derivatives of each interval's stages and of the state at its end.
-
-    Derivatives are taken by the state at the interval's beginning, a share of the residual, the
-    frequency and the speed. Those of the stages' accelerations have shape (M, s integrated, 2
-    integrated + 3), those of the state at the end (M, 2 integrated, 2 integrated + 3). The residual
-    contains the difference between this state and the one at the beginning of the next interval.
-    Derivatives by the speed are 0 if it does not vary. Raises LinAlgError if a matrix is singular.
-
-    y: states at the stages, the `stage_columns` of the orbit. linearised: rates there and their
-    derivatives by the speed and by the states, shape (M s, 2 + 2 integrated, 2 integrated).
-    by_frequency: derivatives of the accelerations there by the frequency, shape (integrated, M s);
-    None for 0.
-    """
-    half, (count, stages) = orbit.half, orbit.rates.shape[:2]
-    n, h = 2 * half, orbit.durations[:, None, None]
-    nodes = h * STAGE_NODES[:, None]
-    states = y.reshape(n, count, stages).transpose(1, 2, 0)
-    by = linearised.reshape(count, stages, 2 + n, n)
-    slopes, velocities = by[:, :, 2 + half :], orbit.starts[:, None, half:]
-    # Derivatives of the states at the stages by the frequency, as durations change.
-    longer = (orbit.starts[:, None] - states) / orbit.frequency
-    longer[..., :half] = 2.0 * longer[..., :half] + nodes * velocities / orbit.frequency
-    right = np.zeros((count, stages, half, n + 3))
-    right[..., :n] = slopes
-    right[..., half:n] += nodes[..., None] * slopes[..., :half]
-    right[..., n] = by[:, :, 0, half:] - orbit.rates
-    right[..., n + 1] = (slopes @ longer[..., None])[..., 0]
-    if by_frequency is not None:
-        right[..., n + 1] += by_frequency.reshape(half, count, stages).transpose(1, 2, 0)
-    if speed_varies:
-        right[..., n + 2] = by[:, :, 1, half:]
-    flat = right.reshape(count, stages * half, n + 3)
-    by_rates = _core.stage_changes(orbit.durations, linearised, ONCE, TWICE, flat)
-    changes = by_rates.reshape(count, stages, -1)
-    ends = np.concatenate([h**2 * TWICE[-1:] @ changes, h * ONCE[-1:] @ changes], axis=1)
-    ends = ends.reshape(count, n, n + 3)
-    ends[:, :, :n] += np.eye(n)
-    ends[:, :half, half:n] += h * np.eye(half)
-    following = np.concatenate([orbit.starts[1:], orbit.mirror * orbit.starts[:1]])
-    ends[..., n] += states[:, -1] - following
-    ends[..., n + 1] += longer[:, -1]
-    return by_rates, ends
 
 
 def _condensed(
     motion: VectorField, orbit: PeriodicOrbit, speed_varies: bool
 ) -> tuple[Array, Array, Array]:
-    """The derivatives of `eliminated`, and units of the state, (2 integrated,).
+    """Derivatives of each interval's stages and of the state at its end, and units of the state.
 
-    Derivatives of the states at the ends of intervals are those of states in these units.
+    Derivatives are taken by the state at the interval's beginning, a share of the residual, the
+    frequency and the speed. Those of the stages' rates have shape (M, s integrated, 2 integrated +
+    3), those of the state at the end (M, 2 integrated, 2 integrated + 3). The latter are in the
+    units of the state, (2 integrated,); the residual contains the difference between this state and
+    the one at the beginning of the next interval. Derivatives by the speed are 0 if it does not
+    vary.
     """
     half, u = motion.half, orbit.u
     motion = _along_stages(motion, orbit)
@@ -108,9 +64,13 @@ def _condensed(
     linearised = motion.linearised(y, u)
     units = _units(linearised[0, 2:])
     factorised(len(orbit.starts))
-    by_rates, ends = eliminated(orbit, y, linearised, by_frequency, speed_varies)
-    ends /= units[:, None]
-    ends[..., : 2 * half] *= units
+    by_rates, ends = _core.eliminated(
+        *(orbit.durations, orbit.starts, orbit.rates, linearised, by_frequency, speed_varies),
+        orbit.frequency,
+        WEIGHTS,
+        orbit.mirror,
+        units,
+    )
     return by_rates, ends, units
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from pipedyn import _core
 from pipedyn.motion.sampling import zeros_between
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.util.archive import saved_as
@@ -160,14 +161,10 @@ class PeriodicOrbit:
 
     def states(self, phase: Array) -> Array:
         """States [p, p'] at phases, shape (2 integrated, k)."""
-        turns = np.floor(phase / self.span)
-        inside = phase - turns * self.span
-        k = np.maximum(np.searchsorted(self.edges[:-1], inside, "right") - 1, 0)
-        share = (inside - self.edges[k]) / (self.edges[k + 1] - self.edges[k])
-        once, twice = ((of[:, None] @ self.rates[k])[:, 0] for of in both_integrals(share))
-        h, (p, v) = self.durations[k, None], np.split(self.starts[k], 2, axis=1)
-        y = np.concatenate([p + h * (share[:, None] * v + h * twice), v + h * once], axis=1)
-        return np.ascontiguousarray((np.where(turns % 2.0, self.mirror, 1.0)[:, None] * y).T)
+        return _core.orbit_states(
+            *(self.edges, self.starts, self.rates, self.frequency, self.mirror),
+            *(_INTEGRATED[1], _INTEGRATED[2], phase),
+        )
 
     def sampled(self, parts: int) -> tuple[Array, Array]:
         """Phases at the ends of equal parts of the intervals, (M parts + 1,), and states there.
@@ -241,10 +238,9 @@ def interpolated(
 ) -> PeriodicOrbit:
     """An orbit on a mesh through states [p, p'], a function of phases (k,) to (2 integrated, k)."""
     phases = stage_phases(edges).ravel()
-    y, starts = np.split(states(np.append(phases, edges[:-1])), [phases.size], axis=1)
-    rates = motion.along(phases, frequency)(y, u)[motion.half :]
+    rates = motion.along(phases, frequency)(states(phases), u)[motion.half :]
     rates = np.ascontiguousarray(rates.T).reshape(edges.size - 1, ORBIT_STAGES, motion.half)
-    return PeriodicOrbit(edges, starts.T.copy(), rates, frequency, u, motion.forced)
+    return PeriodicOrbit(edges, states(edges[:-1]).T.copy(), rates, frequency, u, motion.forced)
 
 
 def resolved_orbit(
