@@ -361,7 +361,7 @@ void check_chain_systems(const Chain& chain, Dice& dice) {
     check_shifted(jacobian, 1e-13, dice, [&](const double* mu, double* x) {
       std::vector<double> factors(static_cast<std::size_t>(chain.factor_numbers()));
       chain.factorise(batch, mu, factors.data());
-      chain.solve(u, factors.data(), x);
+      chain.solve(factors.data(), x);
     });
   }
 }

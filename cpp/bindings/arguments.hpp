@@ -315,84 +315,77 @@ template <class Model, py::ssize_t (*work_of)(const Model&)>
 void define_equations(py::class_<Model>& model) {
   using namespace py::literals;
   using py::object;
-  // Rates of states that have `more` rows besides [p, p'].
-  const auto rates = [](const Model& of, const object& y, const object& u, const object& drive,
-                        py::ssize_t more, auto work) {
-    const py::ssize_t rows = 2 * of.dof() + more, cost = work_of(of);
-    const auto part = [&](const Batch& batch, double* out) { work(of, batch, out); };
-    return results_of(rows, rows, cost, y, u, drive, [&](const Batch& batch, double* out) {
-      in_parts(batch, rows, rows, false, cost, part, out);
-    });
-  };
-  // Derivatives of rates, after `more` other rows.
-  const auto slopes = [](const Model& of, const object& y, const object& u, const object& drive,
-                         py::ssize_t more, auto work) {
-    const py::ssize_t rows = 2 * of.dof(), results = rows + more, cost = rows * work_of(of);
-    const auto part = [&](const Batch& batch, double* out) { work(of, batch, out); };
+  // Results for states of `rows` rows by a member function of the model, in parts; see results_of.
+  // refused: name of the results if NaN among them is refused, else null.
+  const auto ask = [](const Model& of, const object& y, const object& u, const object& drive,
+                      py::ssize_t rows, py::ssize_t results, auto work,
+                      const char* refused = nullptr, bool matrices = false) {
+    const py::ssize_t cost = (matrices ? rows : 1) * work_of(of);
+    const py::ssize_t each = matrices ? results * rows : results;
+    const auto part = [&](const Batch& batch, double* out) { std::invoke(work, of, batch, out); };
     const auto all = [&](const Batch& batch, double* out) {
-      in_parts(batch, rows, results * rows, true, cost, part, out);
+      in_parts(batch, rows, each, matrices, cost, part, out);
     };
-    return results_of(rows, results, cost, y, u, drive, all, true);
+    Numbers made = results_of(rows, results, cost, y, u, drive, all, matrices);
+    if (refused != nullptr) require_answer(refused, of, rows, y, made, matrices);
+    return made;
   };
   const auto drive = "drive"_a = py::none(), refuses = "refuses"_a = true;
   model
       .def(
           "rhs",
-          [rates](const Model& of, const object&, const object& y, const object& u,
-                  const object& driven, bool refused) {
-            Numbers made = rates(of, y, u, driven, 0, std::mem_fn(&Model::rhs));
-            if (refused) require_answer("rhs", of, 2 * of.dof(), y, made, false);
-            return made;
+          [ask](const Model& of, const object&, const object& y, const object& u,
+                const object& driven, bool refused) {
+            const py::ssize_t rows = 2 * of.dof();
+            return ask(of, y, u, driven, rows, rows, &Model::rhs, refused ? "rhs" : nullptr);
           },
           "t"_a, "y"_a, "u"_a, drive, refuses)
       .def(
           "rhs_and_power",
-          [rates](const Model& of, const object&, const object& y, const object& u,
-                  const object& driven) {
-            return rates(of, y, u, driven, 1, std::mem_fn(&Model::rhs_and_power));
+          [ask](const Model& of, const object&, const object& y, const object& u,
+                const object& driven) {
+            const py::ssize_t rows = 2 * of.dof() + 1;
+            return ask(of, y, u, driven, rows, rows, &Model::rhs_and_power);
           },
           "t"_a, "y"_a, "u"_a, drive)
       .def(
           "jacobian",
-          [slopes](const Model& of, const object&, const object& y, const object& u,
-                   const object& driven, bool refused) {
-            Numbers made = slopes(of, y, u, driven, 0, std::mem_fn(&Model::jacobian));
-            if (refused) require_answer("jacobian", of, 2 * of.dof(), y, made, true);
-            return made;
+          [ask](const Model& of, const object&, const object& y, const object& u,
+                const object& driven, bool refused) {
+            const py::ssize_t rows = 2 * of.dof();
+            const char* const name = refused ? "jacobian" : nullptr;
+            return ask(of, y, u, driven, rows, rows, &Model::jacobian, name, true);
           },
           "t"_a, "y"_a, "u"_a, drive, refuses)
       .def(
           "linearised",
-          [slopes](const Model& of, const object&, const object& y, const object& u,
-                   const object& driven) { return slopes(of, y, u, driven, 2, linearise<Model>); },
+          [ask](const Model& of, const object&, const object& y, const object& u,
+                const object& driven) {
+            const py::ssize_t rows = 2 * of.dof();
+            return ask(of, y, u, driven, rows, 2 + rows, linearise<Model>, nullptr, true);
+          },
           "t"_a, "y"_a, "u"_a, drive)
       .def(
           "energy",
-          [](const Model& of, const object& y, const object& driven, bool refused) {
-            const auto work = [&](const Batch& batch, double* out) { of.energy(batch, out); };
-            const py::ssize_t rows = 2 * of.dof();
-            const Numbers made = results_of(rows, 1, work_of(of), y, py::float_(0.0), driven, work);
-            if (refused) require_answer("energy", of, rows, y, made, false);
-            return row_of(made, 0);
+          [ask](const Model& of, const object& y, const object& driven, bool refused) {
+            return row_of(ask(of, y, py::float_(0.0), driven, 2 * of.dof(), 1, &Model::energy,
+                              refused ? "energy" : nullptr),
+                          0);
           },
           "y"_a, drive, refuses)
       .def(
           "power",
-          [](const Model& of, const object& y, const object& u, const object& driven) -> Parts {
-            const auto work = [&](const Batch& batch, double* out) { of.power(batch, out); };
-            const py::ssize_t rows = 2 * of.dof();
-            const Numbers parts = results_of(rows, 5, work_of(of), y, u, driven, work);
-            require_answer("power", of, rows, y, parts, false);
+          [ask](const Model& of, const object& y, const object& u, const object& driven) -> Parts {
+            const Numbers parts = ask(of, y, u, driven, 2 * of.dof(), 5, &Model::power, "power");
             return py::make_tuple(row_of(parts, 0), row_of(parts, 1), row_of(parts, 2),
                                   row_of(parts, 3), row_of(parts, 4));
           },
           "y"_a, "u"_a, drive)
       .def(
           "axial",
-          [](const Model& of, const object& y, const object& driven) {
-            return results_of(3 * of.dof(), 2 + 4 * of.dof(), work_of(of), y, py::float_(0.0),
-                              driven,
-                              [&](const Batch& batch, double* out) { of.axial(batch, out); });
+          [ask](const Model& of, const object& y, const object& driven) {
+            const py::ssize_t n = of.dof();
+            return ask(of, y, py::float_(0.0), driven, 3 * n, 2 + 4 * n, &Model::axial);
           },
           "y"_a, drive);
 }

@@ -174,9 +174,7 @@ class Chain {
   void factorise(const Batch& one, const double* mu, double* factors) const {
     motion_kernel().factorise(motion(), one, mu, factors);
   }
-  void solve(double u, double* factors, double* b) const {
-    motion_kernel().solve(motion(), u, factors, b);
-  }
+  void solve(double* factors, double* b) const { motion_kernel().solve(motion(), factors, b); }
   /// Energy of each member (members,): kinetic, elastic and gravitational energy in the frame of
   /// the base, and the terms' energy in the frame of the ground. It is 0 for the straight pipe at
   /// rest.

@@ -1,31 +1,40 @@
 // SPDX-License-Identifier: MIT
 //
-// Derivative of the chain's motion in O(n^2): the sweeps (sweeps.hpp) are differentiated with
-// respect to the angle and the rate of each segment m, and each derivative is a column. With D for
-// a derivative, in the frame of the clamp,
-//   D a_j = D a_{j-1} + l_j D theta_j'' n_j + [j = m] jump_m,
-//   D theta_j'' = g_j - e_j . D a_{j-1},
-//   jump_m = -l_m (theta_m'' t_m + w_m^2 n_m) for the angle, -2 l_m w_m t_m for the rate.
-// The segments beyond node j need the force A_j D a_j + b_j, where for each column
-//   g_j = (tau_j - l_j n_j . b_j) / H_j,   b_{j-1} = b_j + c_j g_j   for j < m,
-// and the moment tau_j, of the joint's spring, acts on the neighbours of m alone. The velocity of
-// all segments beyond m changes by V_m = -l_m w_m t_m for the angle, or l_m n_m for the rate, so
-// that only drag changes there, with r_j = 2 kappa l_j |v_j|:
-//   b_j = R_j V_m,   g_j = q_j . V_m,   q_j = -(l_j R_j^T n_j + xi_j l_j r_j n_j) / H_j,
-//   R_{j-1} = R_j + r_j n_j n_j^T + c_j q_j^T,   R_n = -(1 - c) sqrt(beta) U.
-// The (2, 2) matrix R_j is the same for all columns. Let V_j be the sum over the places of segment
-// j of the derivatives of the terms' loads by velocity, and V'_j the same sum weighted with the
-// arms. V_j adds -V_j to R_{j-1} and V'_j adds n_j . V'_j / H_j to q_j^T; derivatives of couples
-// add to q_j^T as well. The derivatives of loads by position do the same in a second pair of R_j
-// and q_j: by the angle of m, the position of all segments beyond changes by l_m n_m.
-// A column starts in row m, since all forces on segment m itself change. One sweep takes the rows
-// from the tip to the clamp and one back; each row is computed for all its columns, either as
+// Derivative of the chain's motion about a state: the sweeps (sweeps.hpp) are differentiated with
+// respect to the angles, the rates and the angular accelerations of the segments, which all change.
+// One unknown x_j a segment is found from the moments on it, the other changes being known:
+//   the Jacobian: the angular acceleration, for the change of one angle or of one rate,
+//   implicit steps (shifted.hpp): the rate, from which angle and acceleration follow.
+// With D for a change, let m_j = (D a_j, D v_j, D r_j) be the changes of acceleration, velocity and
+// position of node j; the last two are left out unless drag, loads or the entering flow depend on
+// them. If k is one of the angle, the rate and the acceleration of segment j, its change by 1 gives
+//   m_j = m_{j-1} + S_kj:   S = (jump, V, P), with in the three cases
+//   jump = -l_j (theta_j'' t_j + w_j^2 n_j), -2 l_j w_j t_j and l_j n_j,
+//   V = -l_j w_j t_j, l_j n_j and 0,   P = l_j n_j, 0 and 0.
+// The segments beyond node j need a force at node j, and joint j + 1 exerts a moment,
+//   f_j = Z_j m_j + z_j x_j + f0_j,   k_j = K_j m_j + s_j x_j + k0_j.
+// Z_n comes from the entering flow alone; the follower force and the joint of a guided end act on
+// segment n by its own angle and rate. Besides by f and k, the change by 1 loads the segment with
+//   F_kj = Z_j S_kj + m_j chi_j jump + (force on the segment),
+//   M_kj = (moment on the segment) + K_j S_kj - l_j n_j . Z_j S_kj.
+// If all three change in fixed ratios to x_j, S, F and M of x_j are sums of the three, and the
+// moments on segment j about its joint give
+//   x_j = X_j m_{j-1} + (c_j / D_j) x_{j-1} + x0_j,   D_j = c_j + R_j,
+// where c_j is the moment of the segment's joint for x_j = 1, and R_j contains everything else. One
+// segment nearer to the clamp,
+//   k_{j-1} = c_j X_j m_{j-1} - (c_j R_j / D_j) x_{j-1} + ...,
+// without a difference of nearly equal numbers however stiff joints are. For the Jacobian c = K =
+// 0, D = H, the part of Z for accelerations is A, and these come from the sweeps, which compute
+// them without cancellation; the springs are then part of the known moments. One sweep to the clamp
+// computes S, F, M, X and D, which are the same for all right-hand sides; for each of these one
+// sweep to the clamp and one back compute x. The columns of the Jacobian take O(n^2), either as
 // vectors along the columns of one state, or with one state in each lane.
 //
 // Local to each translation unit, like pack.hpp.
 #pragma once
 
 #include "pipedyn/chain/sweeps.hpp"
+#include "pipedyn/vector/complex.hpp"
 
 namespace {
 
@@ -40,58 +49,22 @@ struct Frame {
   }
 };
 
-/// Updates of one row for all its columns, the parts of the derivative that cost O(n^2).
-template <class Real>
-inline void row_inward(Count count, Plane<Real> moment, Plane<Real> force, Real* __restrict bx,
-                       Real* __restrict by, Real* __restrict row) {
-  for (Count m = 0; m < count; ++m) {
-    const Real g = moment.x * bx[m] + moment.y * by[m];
-    row[m] = g;
-    bx[m] += force.x * g;
-    by[m] += force.y * g;
-  }
-}
-
-template <class Real>
-inline void add_row_of_motion(Count count, Plane<Real> answer, const Real* __restrict vx,
-                              const Real* __restrict vy, Real* __restrict row) {
-  for (Count m = 0; m < count; ++m) row[m] += answer.x * vx[m] + answer.y * vy[m];
-}
-
-template <class Real>
-inline void row_outward(Count count, Plane<Real> e, Plane<Real> step, Real* __restrict ax,
-                        Real* __restrict ay, Real* __restrict row) {
-  for (Count m = 0; m < count; ++m) {
-    const Real acceleration = row[m] - e.x * ax[m] - e.y * ay[m];
-    row[m] = acceleration;
-    ax[m] += step.x * acceleration;
-    ay[m] += step.y * acceleration;
-  }
-}
-
-/// Changes with which a column starts in segment m, per change of the segment's angle or rate;
-/// components along (t) and across (n) the segment.
+/// Changes per change of a segment's angle, rate or angular acceleration; components along (t) and
+/// across (n) the segment.
 template <class Real>
 struct Source {
   Real jump_t{}, jump_n{};    // difference in acceleration between the segment's ends
   Real force_t{}, force_n{};  // force on the segment
-  Real moment{};              // moment on the segment, without its joints' moments
+  Real moment{};              // moment on the segment, without the joint at its clamped side
   Real v_t{}, v_n{};          // velocity of all segments beyond
-  Real end_t{}, end_n{};      // follower force
 };
-
-/// Stiffness of joint j if angle, else its damping; joint n is the joint of a guided end.
-inline double joint(const MotionModel& model, Count j, bool angle) {
-  if (j == model.size) return angle ? model.end_spring : model.end_damping;
-  return angle ? model.links[j].spring : model.links[j].damping;
-}
 
 template <class Real>
 Source<Real> angle_source(const MotionModel& model, const Kept<Real>& here, Count m, const Real& w,
                           const Real& u) {
   const Link& link = model.links[m];
   const double l = link.length;
-  const Real square = w * w, thrust = m + 1 < model.size || model.guided ? Real{} : Real(u * u);
+  const Real square = w * w;
   const Real force =
       here.tt * (here.at - l * square) + here.tn * (here.an + l * here.acceleration) + here.bt;
   Real slope{}, pull{};
@@ -105,9 +78,7 @@ Source<Real> angle_source(const MotionModel& model, const Kept<Real>& here, Coun
           .force_t = -(2.0 * model.coriolis * u * l * w + pull),
           .force_n = slope,
           .moment = l * force + link.first_moment * here.at - link.drag_arm * slope,
-          .v_t = -l * w,
-          .end_t = -thrust * model.thrust[1],
-          .end_n = thrust * model.thrust[0]};
+          .v_t = -l * w};
 }
 
 template <class Real>
@@ -158,31 +129,6 @@ void add_loads_to(Source<Real>& source, const MotionModel& model, const Link& li
   source.moment += dot(frame.n, about);
 }
 
-/// The matrix R_j: force that the segments beyond node j need per change of the velocity, or the
-/// position, of all of them.
-template <class Real>
-struct Response {
-  Real rows[2][2] = {};  // R
-
-  /// Replaces R_j by R_{j-1} and returns q_j. frame, l, inverse, c: frame, length, 1 / H_j and c_j
-  /// of segment j; drag, arm: r_j and the arm of the drag point; slopes: derivatives of the loads,
-  /// of which those by the variables `by` and by + 1 are V_j; loads: derivatives of the loads'
-  /// moment on the segment by the same variables.
-  Plane<Real> pass(const Frame<Real>& frame, double l, const Real& inverse, const Plane<Real>& c,
-                   const Real& drag, double arm, const Slopes<Real>& slopes, Variable by,
-                   const Plane<Real>& loads) {
-    const Plane<Real> across = frame.n, beyond = transposed_times(rows, across);
-    const Real own = arm * drag;
-    const Plane<Real> q{-(l * beyond.x + own * across.x - loads.x) * inverse,
-                        -(l * beyond.y + own * across.y - loads.y) * inverse};
-    rows[0][0] += drag * across.x * across.x + c.x * q.x - slopes.by[0][by];
-    rows[0][1] += drag * across.x * across.y + c.x * q.y - slopes.by[0][by + 1];
-    rows[1][0] += drag * across.y * across.x + c.y * q.x - slopes.by[1][by];
-    rows[1][1] += drag * across.y * across.y + c.y * q.y - slopes.by[1][by + 1];
-    return q;
-  }
-};
-
 /// A state, or a block of states, about which the motion is linearised, and the quantities from
 /// which its derivatives are computed.
 template <class Real>
@@ -231,7 +177,7 @@ struct Linearised {
   Real drag_slope(Count k) const {
     return model.drag ? Real(2.0 * model.links[k].drag * absolute(kept[k].v)) : Real{};
   }
-  /// Source of the column for the angle of segment k, or for its rate.
+  /// Source for the angle of segment k, or for its rate.
   Source<Real> source(Count k, bool angle) const {
     const Real w = rate(k);
     Source<Real> found =
@@ -242,172 +188,286 @@ struct Linearised {
     const double* const slopes = members.batch.slopes;  // derivatives of the batch's moments
     if (angle && slopes != nullptr) found.moment += members.read_row(slopes, k);
     if (angle) found.force_n += push * model.links[k].length;
+    if (k + 1 < model.size) return found;
+    found.moment -= angle ? model.end_spring : model.end_damping;
+    if (angle && !model.guided) {  // the follower force
+      const Real along = u * u * model.thrust[0];
+      found.force_t -= u * u * model.thrust[1];
+      found.force_n += along;
+      found.moment -= model.links[k].length * along;
+    }
     return found;
   }
 };
 
-/// Scratch of the 2 n columns: n for the angles, then n for the rates.
-template <class Real>
-struct Columns {
-  Real *bx, *by;                         // force b
-  Real *ax, *ay;                         // change D a of the node's acceleration
-  Real *vx, *vy;                         // V
-  Real *jump_x, *jump_y;                 // jump
-  Plane<Real>*answer, *position_answer;  // q of each segment, for velocity and for position
+/// The changes of a segment: of its angle, its rate and its angular acceleration.
+constexpr Count own_angle = 0, own_rate = 1, own_acceleration = 2;
 
-  Columns(const MotionModel& model, Layout& layout) {
-    Real** const each[] = {&bx, &by, &ax, &ay, &vx, &vy, &jump_x, &jump_y};
-    for (Real** const of : each) *of = layout.take<Real>(2 * model.size);
-    answer = layout.take<Plane<Real>>(model.resists() ? model.size : 0);
-    position_answer = layout.take<Plane<Real>>(model.load_count > 0 ? model.size : 0);
+/// Numbers of segment j from which its unknown follows. size: entries of m, 2, or 4 with
+/// velocities, or 6 with positions as well. Number: that of the coefficients; they are complex for
+/// implicit steps, and of the type Real of the state for the Jacobian.
+template <class Real, class Number, Count size>
+struct Eliminated {
+  static constexpr bool is_jacobian = std::is_same_v<Real, Number>;
+  static constexpr Count entries = size, moved = is_jacobian ? 2 : size;  // of m; that x changes
+
+  Plane<Real> arm;                // l n
+  Number inverse, joint, follow;  // 1 / D, c, c / D
+  Number push[2], by[size];       // derivative of the force at its joint by x; X
+  Number step[size];              // S of the unknown
+  Real change[3][size];           // S, F and M of its own changes
+  Number force[3][2], moment[3];
+  double resistance[2];  // stiffness and damping of its joint
+};
+
+template <class Row, class Column, Count size>
+inline auto product(const Row (&row)[size], const Column (&column)[size]) {
+  auto sum = row[0] * column[0];
+  for (Count i = 1; i < size; ++i) sum = sum + row[i] * column[i];
+  return sum;
+}
+
+/// Fills the numbers of all segments. ratios: changes of angle, rate and acceleration for x = 1.
+template <class Real, class Number, Count size>
+void eliminate(const Linearised<Real>& about, const Number (&ratios)[3],
+               Eliminated<Real, Number, size>* out) {
+  constexpr bool is_jacobian = Eliminated<Real, Number, size>::is_jacobian;
+  const MotionModel& model = about.model;
+  const Number zero{};
+  // Z, K, z and s of node j.
+  Number force[2][size] = {}, moment[size] = {}, turned[2] = {}, turned_moment{};
+  if constexpr (size > 2) force[0][2] = force[1][3] = zero + (-model.entry * about.u);
+  for (Count j = model.size - 1; j >= 0; --j) {
+    const Link& link = model.links[j];
+    const double l = link.length, lever = link.first_moment / l;  // lever: m chi
+    const Frame<Real> frame = about.frame(j);
+    const Plane<Real> n = frame.n, arm = scaled(l, n);
+    const Source<Real> sources[] = {
+        about.source(j, true),
+        about.source(j, false),
+        {.jump_n = all<Real>(l), .moment = all<Real>(-link.inertia)},
+    };
+    Eliminated<Real, Number, size>& here = out[j];
+    here.arm = arm;
+    here.resistance[own_angle] = link.spring;
+    here.resistance[own_rate] = link.damping;
+    const Kept<Real>& kept = about.kept[j];
+    if constexpr (is_jacobian) {  // A
+      const Plane<Real> x = frame.plane(kept.tt * frame.t.x + kept.tn * n.x,
+                                        kept.tn * frame.t.x + kept.nn * n.x),
+                        y = frame.plane(kept.tt * frame.t.y + kept.tn * n.y,
+                                        kept.tn * frame.t.y + kept.nn * n.y);
+      force[0][0] = x.x;
+      force[0][1] = force[1][0] = x.y;
+      force[1][1] = y.y;
+    }
+    for (Count k = own_angle; k <= own_acceleration; ++k) {
+      const Source<Real>& source = sources[k];
+      const Plane<Real> jump = frame.plane(source.jump_t, source.jump_n),
+                        v = frame.plane(source.v_t, source.v_n),
+                        own = frame.plane(source.force_t, source.force_n);
+      Real(&change)[size] = here.change[k];
+      change[0] = jump.x;
+      change[1] = jump.y;
+      if constexpr (size > 2) {
+        change[2] = v.x;
+        change[3] = v.y;
+      }
+      if constexpr (size == 6) {
+        change[4] = k == own_angle ? arm.x : Real{};
+        change[5] = k == own_angle ? arm.y : Real{};
+      }
+      const Number fx = product(change, force[0]), fy = product(change, force[1]);
+      here.force[k][0] = fx + (lever * jump.x + own.x);
+      here.force[k][1] = fy + (lever * jump.y + own.y);
+      here.moment[k] = product(change, moment) - (arm.x * fx + arm.y * fy) + source.moment;
+    }
+    if constexpr (is_jacobian) {
+      const Plane<Real> c = frame.plane(l * kept.tn, l * kept.nn + link.first_moment);
+      here.force[own_acceleration][0] = c.x;
+      here.force[own_acceleration][1] = c.y;
+    }
+    for (Count i = 0; i < size; ++i) here.step[i] = zero;
+    Number rest = arm.x * turned[0] + arm.y * turned[1] - turned_moment;
+    for (Count k = own_angle; k <= own_acceleration; ++k) {
+      for (Count i = 0; i < size; ++i) {
+        here.step[i] = here.step[i] + here.change[k][i] * ratios[k];
+      }
+      for (Count i = 0; i < 2; ++i) turned[i] = turned[i] + ratios[k] * here.force[k][i];
+      rest = rest - ratios[k] * here.moment[k];
+    }
+    here.push[0] = turned[0];
+    here.push[1] = turned[1];
+    if constexpr (is_jacobian) {
+      here.joint = zero;
+      here.inverse = kept.inverse;
+    } else {
+      here.joint = link.spring * ratios[own_angle] + link.damping * ratios[own_rate];
+      here.inverse = inverse(here.joint + rest);
+    }
+    here.follow = here.joint * here.inverse;
+
+    // Mass that has inertia only across the segment.
+    const Plane<Real> added = scaled(link.added, n);
+    Real force_own[2][size] = {{link.mass + added.x * n.x, added.x * n.y},
+                               {added.y * n.x, link.mass + added.y * n.y}};
+    Real moment_own[size] = {lever * arm.x, lever * arm.y};
+    if constexpr (size > 2) {
+      const Real drag = about.drag_slope(j), across[2] = {n.x, n.y};
+      for (int i = 0; i < 2; ++i) {
+        for (int k = 0; k < 2; ++k) force_own[i][2 + k] = drag * across[i] * across[k];
+        moment_own[2 + i] = link.drag_arm * drag * across[i];
+      }
+    }
+    if constexpr (size == 6) {
+      const Slopes<Real>& slopes = about.loads[j].slopes[0];
+      const Plane<Real> moved = about.moment_by(by_velocity, j),
+                        placed = about.moment_by(by_position, j);
+      for (int i = 0; i < 2; ++i) {
+        for (int k = 0; k < 2; ++k) {
+          force_own[i][2 + k] -= slopes.by[i][by_velocity + k];
+          force_own[i][4 + k] = -slopes.by[i][by_position + k];
+        }
+      }
+      moment_own[2] -= moved.x;
+      moment_own[3] -= moved.y;
+      moment_own[4] = -placed.x;
+      moment_own[5] = -placed.y;
+    }
+    for (Count i = 0; i < size; ++i) {
+      Number row = arm.x * force[0][i] + arm.y * force[1][i] - moment[i] + moment_own[i];
+      if (is_jacobian && i < 2) row = here.force[own_acceleration][i];
+      const Number by = zero - row * here.inverse;
+      here.by[i] = by;
+      force[0][i] = force[0][i] + here.push[0] * by + force_own[0][i];
+      force[1][i] = force[1][i] + here.push[1] * by + force_own[1][i];
+      moment[i] = here.joint * by;
+    }
+    turned[0] = here.push[0] * here.follow;
+    turned[1] = here.push[1] * here.follow;
+    turned_moment = zero - rest * here.follow;
+  }
+}
+
+/// Computes the unknowns x of all n segments for one right-hand side, whose numbers have the type
+/// Right::Number, and calls write(j, x) for each. A right-hand side has
+///   known, kinds   the kinds of the changes that are known,
+///   change(i, j)   the change of kind kinds[i] of segment j; it is 0 for j = -1,
+///   last, any(j)   the last segment with a known change or a bent joint; whether j has one.
+/// alone: scratch for n numbers.
+template <class Segment, class Right, class Write>
+void solve_segments(const Segment* segments, Count n, const Right& right,
+                    typename Right::Number* alone, const Write& write) {
+  using Number = typename Right::Number;
+  const Count last = right.last();
+  Number fx{}, fy{}, moment{};
+  for (Count j = last; j >= 0; --j) {
+    const Segment& here = segments[j];
+    Number sum = moment - (here.arm.x * fx + here.arm.y * fy);
+    moment = Number{};
+    for (Count i = 0; i < Right::known && right.any(j); ++i) {
+      const Count k = Right::kinds[i];
+      const Number change = right.change(i, j);
+      sum = sum + here.moment[k] * change;
+      fx = fx + here.force[k][0] * change;
+      fy = fy + here.force[k][1] * change;
+      if (k == own_acceleration) continue;
+      const Number bend = here.resistance[k] * (change - right.change(i, j - 1));
+      sum = sum - bend;
+      moment = moment + bend;
+    }
+    const Number found = here.inverse * sum;
+    alone[j] = found;
+    fx = fx + here.push[0] * found;
+    fy = fy + here.push[1] * found;
+    if (!Segment::is_jacobian) moment = moment + here.joint * found;
+  }
+  Number m[Segment::entries] = {}, found{};
+  for (Count j = 0; j < n; ++j) {
+    const Segment& here = segments[j];
+    Number sum = j <= last ? alone[j] : Number{};
+    if (!Segment::is_jacobian) sum = sum + here.follow * found;
+    // Accelerations come last: where drag alone acts they are the only entries that still change.
+    for (Count i = Segment::entries - 1; i >= 0; --i) sum = sum + here.by[i] * m[i];
+    found = sum;
+    for (Count i = 0; i < Segment::moved; ++i) m[i] = m[i] + here.step[i] * found;
+    for (Count k = 0; k < Right::known && right.any(j); ++k) {
+      const Number change = right.change(k, j);
+      for (Count i = 0; i < Segment::entries; ++i) {
+        m[i] = m[i] + here.change[Right::kinds[k]][i] * change;
+      }
+    }
+    write(j, found);
+  }
+}
+
+/// Calls body.operator()<size>() with the size of m that the model needs.
+template <class Body>
+auto with_carried(const MotionModel& model, const Body& body) {
+  if (model.load_count > 0) return body.template operator()<6>();
+  return model.resists() ? body.template operator()<4>() : body.template operator()<2>();
+}
+
+/// Right-hand sides of the Jacobian: changes by 1 of the angle of segment `first`, in the real
+/// parts, and of its rate, in the imaginary parts. The lanes of a pack hold these segments: `first`
+/// and those after it if `apart` is 1; `first` alone if it is 0.
+struct Columns {
+  using Number = ComplexLanes<Pack>;
+  static constexpr Count known = 2, kinds[] = {own_angle, own_rate};
+  Count first, apart, segments;
+
+  Count end() const { return first + apart * (width - 1); }  // the last segment that changes
+  Count last() const { return end() + 1 < segments ? end() + 1 : segments - 1; }
+  bool any(Count j) const { return j >= first && j <= end() + 1; }
+  Number change(Count i, Count j) const {
+    double each[width];
+    for (Count lane = 0; lane < width; ++lane) each[lane] = j == first + lane * apart ? 1.0 : 0.0;
+    const Pack found = load<Pack>(each);
+    return i == 0 ? Number{found, {}} : Number{{}, found};
   }
 };
 
-/// Starts the column of a source in row k. b: change of the force that the segments beyond need; c:
-/// c_k; row: row k of the result.
-template <class Real>
-void start_column(const Linearised<Real>& about, const Columns<Real>& columns, Count k,
-                  Count column, const Source<Real>& source, Plane<Real> b, Plane<Real> c,
-                  Real* row) {
-  const Link& link = about.model.links[k];
-  const Kept<Real>& here = about.kept[k];
-  const Frame<Real> frame = about.frame(k);
-  const Real pull_t = here.tt * source.jump_t + here.tn * source.jump_n;
-  const Real pull_n = here.tn * source.jump_t + here.nn * source.jump_n;
-  const Real g = (source.moment - link.length * (pull_n + dot(frame.n, b))) * here.inverse;
-  const double lever = link.first_moment / link.length;  // m chi
-  const Plane<Real> force = frame.plane(pull_t + lever * source.jump_t + source.force_t,
-                                        pull_n + lever * source.jump_n + source.force_n);
-  const Plane<Real> v = frame.plane(source.v_t, source.v_n);
-  const Plane<Real> jump = frame.plane(source.jump_t, source.jump_n);
-  row[column] = g;
-  columns.bx[column] = b.x + force.x + c.x * g;
-  columns.by[column] = b.y + force.y + c.y * g;
-  columns.vx[column] = v.x;
-  columns.vy[column] = v.y;
-  columns.jump_x[column] = jump.x;
-  columns.jump_y[column] = jump.y;
-}
-
-/// Sweep from the tip to the clamp. Writes g_k of the columns m >= k to row k of out (n, 2 n).
-template <class Real>
-void columns_inward(const Linearised<Real>& about, const Columns<Real>& columns, Real* out) {
-  const MotionModel& model = about.model;
-  const Count n = model.size;
-  const bool loaded = about.loaded();
-  const LoadMoments<Real> none{};
-  Response<Real> to_velocity, to_position;
-  to_velocity.rows[0][0] = to_velocity.rows[1][1] = -model.entry * about.u;
-  Plane<Real> e_beyond{};  // e of the segment beyond
-  for (Count k = n - 1; k >= 0; --k) {
-    const Link& link = model.links[k];
-    const Kept<Real>& here = about.kept[k];
-    const Frame<Real> frame = about.frame(k);
-    const double l = link.length;
-    const Real inverse = here.inverse;
-    const Plane<Real> c = frame.plane(l * here.tn, l * here.nn + link.first_moment);
-    const Plane<Real> moment{-l * inverse * frame.n.x, -l * inverse * frame.n.y};
-    Real* const row = out + k * 2 * n;
-    for (Count block = 0; block <= n; block += n) {
-      const bool angle = block == 0;
-      const double spring = joint(model, k + 1, angle);
-      const Count next = block + k + 1;
-      row_inward(n - k - 1, moment, c, columns.bx + next, columns.by + next, row + next);
-      if (k + 1 < n) {
-        const Real g = spring * inverse;
-        row[next] += g;
-        columns.bx[next] += c.x * g;
-        columns.by[next] += c.y * g;
-      }
-      Source<Real> source = about.source(k, angle);
-      source.moment -= joint(model, k, angle) + spring;
-      const Plane<Real> v = frame.plane(source.v_t, source.v_n);
-      const Plane<Real> moved = times(to_velocity.rows, v);
-      Plane<Real> b{moved.x + e_beyond.x * spring, moved.y + e_beyond.y * spring};
-      if (k + 1 == n) b = plus(b, frame.plane(source.end_t, source.end_n));
-      if (loaded && angle) b = plus(b, times(to_position.rows, {l * frame.n.x, l * frame.n.y}));
-      start_column(about, columns, k, block + k, source, b, c, row);
-    }
-    e_beyond = {c.x * inverse, c.y * inverse};
-    if (!model.resists()) continue;
-    const LoadMoments<Real>& sums = loaded ? about.loads[k] : none;
-    columns.answer[k] =
-        to_velocity.pass(frame, l, inverse, c, about.drag_slope(k), link.drag_arm, sums.slopes[0],
-                         by_velocity, loaded ? about.moment_by(by_velocity, k) : Plane<Real>{});
-    if (!loaded) continue;
-    columns.position_answer[k] = to_position.pass(frame, l, inverse, c, Real{}, 0.0, sums.slopes[0],
-                                                  by_position, about.moment_by(by_position, k));
-  }
-}
-
-/// Sweep from the clamp to the tip. Replaces g in every column by the change of theta''.
-template <class Real>
-void columns_outward(const Linearised<Real>& about, const Columns<Real>& columns, Real* out) {
-  const MotionModel& model = about.model;
-  const Count n = model.size;
-  const bool loaded = about.loaded();
-  for (Count m = 0; m < 2 * n; ++m) columns.ax[m] = columns.ay[m] = Real{};
-  for (Count k = 0; k < n; ++k) {
-    const Link& link = model.links[k];
-    const Kept<Real>& here = about.kept[k];
-    const Frame<Real> frame = about.frame(k);
-    const double l = link.length;
-    const Real inverse = here.inverse;
-    const Plane<Real> e =
-        frame.plane(l * here.tn * inverse, (l * here.nn + link.first_moment) * inverse);
-    Real* const row = out + k * 2 * n;
-    for (Count block = 0; block <= n; block += n) {
-      if (model.resists()) {
-        add_row_of_motion(k, columns.answer[k], columns.vx + block, columns.vy + block,
-                          row + block);
-      }
-      // An angle changes positions by the vectors by which its rate changes velocities.
-      if (loaded && block == 0) {
-        add_row_of_motion(k, columns.position_answer[k], columns.vx + n, columns.vy + n, row);
-      }
-      if (k > 0) row[block + k - 1] += joint(model, k, block == 0) * inverse;
-    }
-    row_outward(2 * n, e, {l * frame.n.x, l * frame.n.y}, columns.ax, columns.ay, row);
-    for (Count m = k; m < 2 * n; m += n) {
-      columns.ax[m] += columns.jump_x[m];
-      columns.ay[m] += columns.jump_y[m];
-    }
-  }
-}
-
 /// Writes the Jacobian (2 n, 2 n) of a state, or of each state of a block: n rows of derivatives of
 /// theta', which are 0 and 1, then n rows of derivatives of theta''.
-template <class Real>
+template <class Real, Count size>
 void jacobian_of(const MotionModel& model, const Members<Real>& members, double* out) {
-  const Count n = model.size, rows = 2 * n, half = n * rows;
+  using Segment = Eliminated<Real, Real, size>;
+  const Count n = model.size, rows = 2 * n;
   struct Scratch {
     Linearised<Real> about;
-    Columns<Real> columns;
-    Real* block;
+    Segment* segments;
+    Columns::Number* alone;
   };
-  constexpr bool alone = lanes<Real> == 1;
-  auto [about, columns, block] = laid_out([&](Layout& layout) {
-    return Scratch{Linearised<Real>(model, members, layout), Columns<Real>(model, layout),
-                   layout.take<Real>(alone ? 0 : half)};
+  auto [about, segments, alone] = laid_out([&](Layout& layout) {
+    return Scratch{Linearised<Real>(model, members, layout), layout.take<Segment>(n),
+                   layout.take<Columns::Number>(n)};
   });
-  double* const to = out + members.first * 2 * half;
-  for (Count i = 0; i < members.used * 2 * half; ++i) to[i] = 0.0;
-  Real* accelerations = block;
-  if constexpr (alone) {
-    accelerations = to + half;
-  } else {
-    for (Count i = 0; i < half; ++i) block[i] = Real{};
+  double* const to = out + members.first * rows * rows;
+  for (Count k = 0; k < members.used; ++k) {
+    double* const own = to + k * rows * rows;
+    for (Count i = 0; i < n * rows; ++i) own[i] = 0.0;
+    for (Count j = 0; j < n; ++j) own[j * rows + n + j] = 1.0;
   }
   about.linearise();
-  columns_inward(about, columns, accelerations);
-  columns_outward(about, columns, accelerations);
-  for (Count k = 0; k < members.used; ++k) {
-    double* const own = to + k * 2 * half;
-    for (Count j = 0; j < n; ++j) own[j * rows + n + j] = 1.0;
-    if constexpr (!alone) {
-      const double* const lane = reinterpret_cast<const double*>(block) + k;
-      for (Count i = 0; i < half; ++i) own[half + i] = lane[i * lanes<Real>];
-    }
+  eliminate<Real, Real, size>(about, {Real{}, Real{}, all<Real>(1.0)}, segments);
+  // The lanes of a pack hold columns of one state, or one column of several states.
+  constexpr bool one = lanes<Real> == 1;
+  constexpr Count together = one ? width : 1;
+  const Count apart = one ? 1 : rows * rows;
+  for (Count first = 0; first < n; first += together) {
+    double* const corner = to + n * rows + first;
+    const Count used = !one ? members.used : first + width <= n ? width : n - first;
+    const auto put = [=](double* row, const Pack& found) {
+      if (one && used == width) return store(row, found);
+      double each[width];
+      store(each, found);
+      for (Count lane = 0; lane < used; ++lane) row[lane * apart] = each[lane];
+    };
+    solve_segments(segments, n, Columns{first, one ? 1 : 0, n}, alone,
+                   [=](Count j, const Columns::Number& found) {
+                     put(corner + j * rows, found.re);
+                     put(corner + j * rows + n, found.im);
+                   });
   }
 }
 
@@ -417,13 +477,16 @@ void jacobian_of(const MotionModel& model, const Members<Real>& members, double*
 constexpr Count side_by_side = 40;
 
 void jacobian(const MotionModel& model, const Batch& batch, double* out) {
-  if (model.size > side_by_side || batch.members == 1) {
-    for (Count k = 0; k < batch.members; ++k) {
-      jacobian_of(model, Members<double>{batch, k, 1}, out);
+  with_carried(model, [&]<Count size>() {
+    if (model.size > side_by_side || batch.members == 1) {
+      for (Count k = 0; k < batch.members; ++k) {
+        jacobian_of<double, size>(model, {batch, k, 1}, out);
+      }
+      return;
     }
-    return;
-  }
-  for_each_members(batch, [&](const Members<Pack>& block) { jacobian_of(model, block, out); });
+    for_each_members(
+        batch, [&](const Members<Pack>& block) { jacobian_of<Pack, size>(model, block, out); });
+  });
 }
 
 }  // namespace

@@ -134,7 +134,7 @@ struct MotionKernel {
   // For J of a chain's state, in O(n). factors: an array of factor_numbers() numbers.
   std::ptrdiff_t (*factor_numbers)(const MotionModel&);
   void (*factorise)(const MotionModel&, const Batch& one, const double* mu, double* factors);
-  void (*solve)(const MotionModel&, double u, double* factors, double* b);
+  void (*solve)(const MotionModel&, double* factors, double* b);
   // Solution of A x = b for the same number of matrices A (n, n, 2 shifts), which factors replace;
   // pivots has 4 n entries.
   void (*factorise_dense)(double* a, std::ptrdiff_t n, std::ptrdiff_t* pivots);

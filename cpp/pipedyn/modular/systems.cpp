@@ -49,7 +49,7 @@ void SceneSystems::factorise(const double* mu) {
   for (Index z = 0; z < size; ++z) {
     Matrix& response = responses_[static_cast<std::size_t>(z)];
     response.bottomLeftCorner(chain_.dof(), shifts).colwise() = about_.x.col(z);
-    chain_.solve(flow_.u[0], factors_.data(), response.data());
+    chain_.solve(factors_.data(), response.data());
     const Shifted column = shifted_rows(response.data());
     for (Index i = 0; i < size; ++i) systems_.row(i * size + z) = column.row(i);
     systems_.row(z * size + z).head<shifts>() += about_.compliance[z];
@@ -60,7 +60,7 @@ void SceneSystems::factorise(const double* mu) {
 void SceneSystems::solve(double* b) {
   const Index size = about_.x.cols();
   const Shifted wanted = product(about_.r, b + 2 * shifts * chain_.dof());
-  chain_.solve(flow_.u[0], factors_.data(), b);
+  chain_.solve(factors_.data(), b);
   if (size == 0) return;
   Shifted z = wanted - shifted_rows(b);
   motion_kernel().solve_dense(systems_.data(), pivots_.data(), size, z.data());

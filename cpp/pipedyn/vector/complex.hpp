@@ -22,7 +22,11 @@ struct ComplexLanes {
   friend ComplexLanes operator*(const ComplexLanes& a, const ComplexLanes& b) {
     return {a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re};
   }
-  friend ComplexLanes operator*(double a, const ComplexLanes& b) { return {a * b.re, a * b.im}; }
+  template <class Scalar>  // a double or a Real
+    requires(!std::is_same_v<Scalar, ComplexLanes>)
+  friend ComplexLanes operator*(const Scalar& a, const ComplexLanes& b) {
+    return {a * b.re, a * b.im};
+  }
   friend ComplexLanes operator+(const ComplexLanes& a, double b) { return {a.re + b, a.im}; }
 };
 
