@@ -252,9 +252,10 @@ struct Elimination {
   PivotSums found = {};
   Number carried[2][border + loads] = {};  // equations at a joint, in units of the panel before it
   LoadSequence load = {};
-  Number* rows[Front::most_rows(widest)];    // each points to where its first unknown would stand
-  Number charges[Front::most_rows(widest)];  // loads of these rows
-  Count live = 0, place = 0;                 // number of rows that are set; place of the next one
+  // Rows in which the pivot is eliminated: each points to where its first unknown would stand.
+  Number* rows[Front::most_rows(widest)] = {};
+  Number charges[Front::most_rows(widest)] = {};  // loads of these rows
+  Count live = 0, slot = 0;                       // their number; place of the next row
 
   /// Eliminates all panels. kept: where the pivots of each panel are stored, for vectors.
   void run(Lanes* const* kept) {
@@ -321,8 +322,8 @@ struct Elimination {
   void set_row(Count p, const Front& front, Count pivot) {
     const Count band = model.band, equation = pivot + live, last = front.last(equation, 2 * band);
     const Count length = Front::row_length(band), whole = Front::most_rows(band) * length;
-    Number* const row = rows[live] = table + place - front.first(equation);
-    place = place + 2 * length <= whole ? place + length : 0;
+    Number* const row = rows[live] = table + slot - front.first(equation);
+    slot = slot + 2 * length <= whole ? slot + length : 0;
     Number& charge = charges[live++];
     // Far from the border all entries but the last `band` are set below.
     const bool far = equation + band < front.force;

@@ -40,7 +40,8 @@ inline constexpr std::ptrdiff_t widest = 24;
 /// An entry of P at a speed: the coefficients of lambda^0 (`stiffness`, with the imaginary part
 /// `hysteretic`), of lambda (`damping`) and of lambda^2 (`mass`), and derivatives by the speed.
 struct PencilEntry {
-  double stiffness, hysteretic, damping, mass, stiffness_by_speed, damping_by_speed;
+  double stiffness = 0.0, hysteretic = 0.0, damping = 0.0, mass = 0.0;
+  double stiffness_by_speed = 0.0, damping_by_speed = 0.0;
 };
 
 struct EliminationPanel {
