@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/galerkin/basis.hpp"
 
+#include <Eigen/SparseCore>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -143,7 +144,7 @@ Matrix Basis::evaluate_panels(const Vector& s, int derivative) const {
     }
     next += count;
   }
-  return out * to_panels_;
+  return out * Eigen::SparseMatrix<double>(to_panels_.sparseView());  // few entries are not 0
 }
 
 Matrix Basis::evaluate(const Vector& s, int derivative) const {

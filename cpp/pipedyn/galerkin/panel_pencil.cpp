@@ -131,7 +131,7 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
     size_ += own;
   }
   if (turns_) ++size_;
-  set_motion(rows);
+  set_joints(rows);
   std::vector<Eigen::Triplet<double, Index>> entries[parts];
   double mass_along = 0.0, normal_along = 0.0;
   Slopes<double> along;
@@ -223,24 +223,34 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
   }
 }
 
-void PanelPencil::set_motion(Index rows) {
-  Matrix motion = Matrix::Zero(rows, size_);
-  Eigen::RowVectorXd w = Eigen::RowVectorXd::Zero(size_), theta = w;
-  if (turns_) theta[0] = 1.0;
+void PanelPencil::set_joints(Index rows) {
+  std::vector<Eigen::Triplet<double, Index>> placed, joined;
+  if (turns_) placed.emplace_back(1, 0, 1.0 / std::sqrt(panels_[0].length));
   Index column = turns_ ? 1 : 0;
-  for (const Panel& panel : panels_) {
-    const double root = std::sqrt(panel.length), unit = panel.length * root;
-    auto z = motion.middleRows(panel.first, panel.size + 2);
-    z.row(0) = w / unit;
-    z.row(1) = theta / root;
-    for (Index k = 2; k < panel.size; ++k) z(k, column++) = 1.0;
-    z.row(panel.size) = z.row(0) + z.row(1) + 0.5 * z.row(2);
-    if (panel.size > 3) z.row(panel.size) -= std::sqrt(3.0) / 6.0 * z.row(3);
-    z.row(panel.size + 1) = z.row(1) + z.row(2);
-    w = unit * z.row(panel.size);
-    theta = root * z.row(panel.size + 1);
+  for (std::size_t p = 0; p < panels_.size(); ++p) {
+    const Panel& panel = panels_[p];
+    const Index first = panel.first, end = panel.end();
+    for (Index k = 2; k < panel.size; ++k) placed.emplace_back(first + k, column++, 1.0);
+    const double shape[] = {1.0, 1.0, 0.5, -std::sqrt(3.0) / 6.0}, slope[] = {0.0, 1.0, 1.0, 0.0};
+    for (Index k = 0; k < std::min<Index>(panel.size, 4); ++k) {
+      joined.emplace_back(end, first + k, -shape[k]);
+      joined.emplace_back(end + 1, first + k, -slope[k]);
+    }
+    if (p == 0) continue;
+    const double ratio = panels_[p - 1].length / panel.length, root = std::sqrt(ratio);
+    joined.emplace_back(first, panels_[p - 1].end(), -ratio * root);
+    joined.emplace_back(first + 1, panels_[p - 1].end() + 1, -root);
   }
-  motion_ = motion.sparseView();
+  placed_.resize(rows, size_);
+  placed_.setFromTriplets(placed.begin(), placed.end());
+  joints_.resize(rows, rows);
+  joints_.setFromTriplets(joined.begin(), joined.end());
+}
+
+Matrix PanelPencil::along(const Matrix& x) const {
+  Matrix z = placed_ * x;
+  joints_.triangularView<Eigen::UnitLower>().solveInPlace(z);
+  return z;
 }
 
 Index PanelPencil::conditions() const {
@@ -259,7 +269,7 @@ PanelPencil PanelPencil::coarser(Index size) const {
 PanelPencil::At PanelPencil::made(const PencilEntry (&factors)[parts]) const {
   At found;
   const Index wide = 2 * band_ + 1;
-  found.entries.resize(static_cast<std::size_t>(motion_.rows() * wide));
+  found.entries.resize(static_cast<std::size_t>(joints_.rows() * wide));
   for (const Panel& panel : panels_) {
     PencilEntry* const entries = found.entries.data() + panel.first * wide;
     EliminationPanel made{panel.length, panel.size, entries, {}, panel.held, panel.directed};
@@ -317,12 +327,13 @@ Matrix PanelPencil::times(const Matrix& x, const LinearPart& of) const {
   shares[velocity] = of.velocity;
   shares[resistance] = damping;
   shares[mass] = of.mass;
-  const Matrix z = motion_ * x;
-  Matrix forces = Matrix::Zero(z.rows(), z.cols());
+  Sparse table(joints_.rows(), joints_.rows());
   for (int part = 0; part < parts; ++part) {
-    if (shares[part] != 0.0) forces += shares[part] * (tables_[part] * z);
+    if (shares[part] != 0.0) table += shares[part] * tables_[part];
   }
-  Matrix out = motion_.transpose() * forces;
+  Matrix forces = table * along(x);
+  joints_.transpose().triangularView<Eigen::UnitUpper>().solveInPlace(forces);
+  Matrix out = placed_.transpose() * forces;
   if (turns_) out.row(0) += (stiffness * pipe_.root) * x.row(0);
   return out;
 }
@@ -341,8 +352,9 @@ Works PanelPencil::works(double u, const Reals& frequencies, const Matrix& x) co
   const auto size = [&](const Eigen::RowVectorXd& row) -> Reals {
     return (row.head(count).array().square() + row.tail(count).array().square()).sqrt();
   };
-  const Matrix z = motion_ * x;
-  const Matrix bounds = motion_.cwiseAbs() * x.cwiseAbs();  // sums of absolute terms of z
+  const Matrix z = along(x);
+  Matrix bounds = placed_ * x.cwiseAbs();  // sums of absolute terms of z
+  Sparse(-joints_.cwiseAbs()).triangularView<Eigen::UnitLower>().solveInPlace(bounds);
   const auto form = [&](const Sparse& table, const Matrix& of) -> Reals {
     return both(of.cwiseProduct(Matrix(table * of)).colwise().sum());
   };
@@ -382,10 +394,11 @@ Works PanelPencil::works(double u, const Reals& frequencies, const Matrix& x) co
 Matrix PanelPencil::held() const {
   Matrix rows(conditions(), size_);
   Index next = 0;
+  const Matrix motion = along(Matrix::Identity(size_, size_));
   for (const Panel& panel : panels_) {
     const double root = std::sqrt(panel.length);
-    if (panel.held) rows.row(next++) = panel.length * root * motion_.row(panel.end());
-    if (panel.directed) rows.row(next++) = root * motion_.row(panel.end() + 1);
+    if (panel.held) rows.row(next++) = panel.length * root * motion.row(panel.end());
+    if (panel.directed) rows.row(next++) = root * motion.row(panel.end() + 1);
   }
   return rows;
 }

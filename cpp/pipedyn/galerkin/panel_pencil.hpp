@@ -52,7 +52,7 @@ class PanelPencil {
   At by_squared_speed() const;
 
   /// Product of the sum of the parts, each with its factor in `of`, with columns x, (size, r), in
-  /// O(size + panels^2) a column. Where the pipe is held, the columns must satisfy the conditions.
+  /// O(size) a column. Where the pipe is held, the columns must satisfy the conditions.
   Matrix times(const Matrix& x, const LinearPart& of) const;
   /// The work done in motions x with given frequencies, first the real parts of the motions and
   /// then the imaginary parts, (size, 2 r). The work of flow and of follower loads is evaluated at
@@ -67,7 +67,7 @@ class PanelPencil {
   struct Panel {
     double length;
     Index size;   // number of functions, with the two rigid ones
-    Index first;  // its first row in `motion_`
+    Index first;  // its first row in the motion of all panels
     bool held, directed;
 
     /// Row of the displacement of its end, which that of the slope follows.
@@ -79,12 +79,15 @@ class PanelPencil {
   Index size_, band_;
   bool turns_;
   std::vector<Panel> panels_;
-  /// Amplitudes of the functions of each panel, followed by displacement and slope of its end, by
-  /// the coordinates. They are in units of the panel, divided by the square root of its length.
-  Sparse motion_;
-  Sparse tables_[parts];  // virtual work of each part on these by these, in units of the panel
+  // The motion z of all panels has the amplitudes of the functions of each, followed by
+  // displacement and slope of its end, in units of the panel, divided by the square root of its
+  // length: (I + joints) z = placed x.
+  Sparse placed_, joints_;
+  Sparse tables_[parts];  // virtual work of each part on z by z, in units of the panel
 
-  void set_motion(Index rows);
+  void set_joints(Index rows);
+  /// The motion z of all panels for coordinates x, (rows, r).
+  Matrix along(const Matrix& x) const;
   /// factors: those of each part in the entries of the pencil.
   At made(const PencilEntry (&factors)[parts]) const;
 };
