@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/galerkin/basis.hpp"
 
+#include <Eigen/SparseCore>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -74,6 +75,7 @@ Basis::Basis(Family family, Index m, const Vector& joints, Index more, const Pip
     numbers_[static_cast<std::size_t>(panel)].push_back(i);
     claims[panel] = claim(panel);
   }
+  if (!beam) set_panels();
 }
 
 Index Basis::most_on_a_panel() const {
@@ -90,13 +92,16 @@ std::vector<std::vector<Index>> Basis::by_panel() const {
   return places;
 }
 
-Matrix Basis::on_panels(const Matrix& q) const {
+void Basis::set_panels() {
   const Index first = turns_ ? 1 : 0, count = size_ + dropped() - ahead();
-  Matrix by_number(count, q.cols()), found = Matrix::Zero(first + count, q.cols());
-  by_number.topRows(dropped()).setZero();
-  by_number.bottomRows(size_ - ahead()) = q.bottomRows(size_ - ahead());
-  if (ahead() > 0) found.row(0) = q.row(0) / std::sqrt(std::max(root_, 1.0));
+  Matrix by_number = Matrix::Zero(count, size_);
+  to_panels_ = Matrix::Zero(first + count, size_);
+  by_number.bottomRightCorner(size_ - ahead(), size_ - ahead()).setIdentity();
+  if (ahead() > 0) to_panels_(0, 0) = 1.0 / std::sqrt(std::max(root_, 1.0));
   if (directed_) by_number.row(0).setZero();
+  // The curvatures of degree 0 turn the end by the square roots of the panels' lengths, which form
+  // a unit vector: a Householder reflection maps it to one of them, so that the others do not turn
+  // the end. This one is s^2 / 2 up to its sign, the sum of all of them with these coefficients.
   const Index panels = ends_.size() - 1;
   const Vector turning = (ends_.tail(panels) - ends_.head(panels)).cwiseSqrt();
   Vector normal = turning;
@@ -105,66 +110,41 @@ Matrix Basis::on_panels(const Matrix& q) const {
   for (const std::vector<Index>& numbers : numbers_) {
     if (numbers[0] == 0) normal[static_cast<Index>(constant.size())] += 1.0;
     constant.push_back(next);
-    for (const Index number : numbers) found.row(next++) = by_number.row(number);
+    for (const Index number : numbers) to_panels_.row(next++) = by_number.row(number);
   }
-  if (!directed_) return found;
-  const Matrix own = found(constant, Eigen::all);
-  found(constant, Eigen::all) -= (2.0 / normal.squaredNorm() * normal) * (normal.transpose() * own);
+  if (!directed_) return;
+  const Matrix own = to_panels_(constant, Eigen::all);
+  to_panels_(constant, Eigen::all) -=
+      (2.0 / normal.squaredNorm() * normal) * (normal.transpose() * own);
   if (turns_) {
-    const Eigen::RowVectorXd share = q.row(0) / std::sqrt(1.0 + root_);
-    found.row(0) = -share;
-    found(constant, Eigen::all) += turning * share;
+    to_panels_(0, 0) = -1.0 / std::sqrt(1.0 + root_);
+    to_panels_(constant, 0) += turning / std::sqrt(1.0 + root_);
   }
-  return found;
 }
 
 Matrix Basis::evaluate_panels(const Vector& s, int derivative) const {
-  Matrix out(s.size(), size_ + dropped());
-  const auto power = [&](int n) -> Vector {  // s^n / n!, or its derivative
-    if (n < derivative) return Vector::Zero(s.size());
-    return s.array().pow(n - derivative) / (n - derivative == 2 ? 2.0 : 1.0);
-  };
+  Matrix out = Matrix::Zero(s.size(), to_panels_.rows());
+  Index next = turns_ ? 1 : 0;
+  if (turns_ && derivative == 0) out.col(0) = s;
+  if (turns_ && derivative == 1) out.col(0).setOnes();
   for (std::size_t panel = 0; panel < numbers_.size(); ++panel) {
-    const std::vector<Index>& numbers = numbers_[panel];
     const double low = ends_[static_cast<Index>(panel)],
                  high = ends_[static_cast<Index>(panel) + 1];
     const double length = high - low;
     const Vector local = ((s.array() - low) / length).cwiseMax(0.0).cwiseMin(1.0);
-    Matrix values = std::pow(length, 1.5 - derivative) *
-                    legendre_functions(local, static_cast<Index>(numbers.size()), derivative);
+    const Index count = static_cast<Index>(numbers_[panel].size());
+    auto values = out.middleCols(next, count);
+    values = std::pow(length, 1.5 - derivative) * legendre_functions(local, count, derivative);
     if (derivative == 0) {  // only the first slope is not 0 at the end of its panel
       values.col(0).array() += std::sqrt(length) * (s.array() - high).cwiseMax(0.0);
     }
-    if (derivative == 2) {
-      for (Index p = 0; p < s.size(); ++p) {
-        const bool inside = s[p] >= low && (s[p] < high || high == 1.0);
-        if (!inside) values.row(p).setZero();
-      }
+    for (Index p = 0; derivative == 2 && p < s.size(); ++p) {
+      const bool inside = s[p] >= low && (s[p] < high || high == 1.0);
+      if (!inside) values.row(p).setZero();
     }
-    for (std::size_t k = 0; k < numbers.size(); ++k) {
-      out.col(ahead() + numbers[k]) = values.col(static_cast<Index>(k));
-    }
+    next += count;
   }
-  if (ahead() > 0) out.col(0) = power(1) / std::sqrt(std::max(root_, 1.0));
-  if (!directed_) return out;
-  // The curvatures of degree 0 turn the end by the square roots of the panels' lengths, which form
-  // a unit vector: a Householder reflection maps it to one of them, so that the others do not turn
-  // the end. This one is s^2 / 2 up to its sign, the sum of all of them with these coefficients.
-  const Index panels = ends_.size() - 1;
-  std::vector<Index> constant;
-  Vector normal(panels);
-  for (Index panel = 0; panel < panels; ++panel) {
-    constant.push_back(numbers_[static_cast<std::size_t>(panel)][0]);
-    normal[panel] = std::sqrt(ends_[panel + 1] - ends_[panel]) + (constant.back() == 0 ? 1.0 : 0.0);
-  }
-  const Matrix turning = out(Eigen::all, constant);
-  out(Eigen::all, constant) -=
-      (turning * normal) * (2.0 / normal.squaredNorm() * normal).transpose();
-  if (turns_) {
-    out.col(0) = (power(2) - power(1)) / std::sqrt(1.0 + root_);
-    return out;
-  }
-  return out.rightCols(size_);
+  return out * Eigen::SparseMatrix<double>(to_panels_.sparseView());  // few entries are not 0
 }
 
 Matrix Basis::evaluate(const Vector& s, int derivative) const {

@@ -58,7 +58,7 @@ class Basis {
   /// Converts amplitudes q (m, r) of the functions to the slope at a root that turns and the
   /// amplitudes of Legendre curvatures, panel by panel and by degree: (1 or 0 + functions on
   /// panels, r).
-  Matrix on_panels(const Matrix& q) const;
+  Matrix on_panels(const Matrix& q) const { return to_panels_ * q; }
   /// Whether the functions are orthonormal with the mass of the straight uniform pipe.
   bool orthonormal() const { return family_ == Family::beam && !held_across_; }
   /// Number of functions on the panel that has the most of them.
@@ -82,6 +82,7 @@ class Basis {
   Vector stiffness() const;
 
  private:
+  void set_panels();
   Matrix evaluate_panels(const Vector& s, int derivative) const;
   /// Number of Legendre functions that precede those on panels, and number of functions on panels
   /// that the conditions at the end remove.
@@ -95,6 +96,7 @@ class Basis {
   BeamModes modes_;                      // beam only
   Vector ends_;
   std::vector<std::vector<Index>> numbers_;  // functions on each panel, by degree, counted from 0
+  Matrix to_panels_;                         // converts amplitudes as `on_panels` does
 };
 
 }  // namespace pipedyn

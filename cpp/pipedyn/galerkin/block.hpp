@@ -17,15 +17,6 @@ namespace {
 
 using pipedyn::Batch, pipedyn::Drive, pipedyn::MotionEffects, pipedyn::PanelTerm;
 
-/// Whether any law that acts on the pipe has a couple, or a force that depends on theta'.
-inline bool any_turns(const MotionEffects& effects) {
-  bool any = false;
-  for (Count k = 0; k < effects.load_count; ++k) {
-    Laws::with(effects.loads[k].term, [&]<class Law>(const Law&) { any = any || turns<Law>; });
-  }
-  return any;
-}
-
 /// As many members as a Real holds, side by side, with all that is computed for them.
 template <class Real>
 struct Block {
@@ -42,7 +33,7 @@ struct Block {
   const Count holds = effects.held_count;
   const bool drags = effects.drag != 0.0, loads = effects.load_count > 0 || holds > 0;
   const bool resists = drags || loads || effects.entry != 0.0;
-  const bool across_alone = effects.normal_mass != 0.0, couples = any_turns(effects);
+  const bool across_alone = effects.normal_mass != 0.0;
 
   // The columns that are integrated: derivatives of the position by the orthonormal coordinates, x
   // then y (for several members without padding columns); the acceleration at q'' = 0; the
@@ -83,7 +74,7 @@ struct Block {
     weighted = take(points);
     load_x = take(points);
     load_y = take(points);
-    couple = take(couples ? points : 0);
+    couple = take(points);
     rest = take(3 * nodes);
     response = take(holds * m);
     products = take(holds * holds);
@@ -271,7 +262,7 @@ struct Block {
       const Acting<Real> load(point_load(batch, p, ax, ay).load(station(row, bias + 2, p)));
       set(load_x, p, Real(load.x - grid.mass[p] * ax));
       set(load_y, p, Real(load.y + grid.mass[p] * (effects.gamma - ay)));  // inertia and weight
-      if (couples) set(couple, p, Real{});
+      set(couple, p, Real{});
     }
     for_each_station(batch, row, bias + 2,
                      [&]<class Law>(const Law& law, const auto& station, Count p, double w) {
@@ -291,17 +282,12 @@ struct Block {
       for (Count p = 0; p < points; ++p) {
         const double* const x = moments + p * row + i * lanes<Real>;
         const double* const y_row = x + each * lanes<Real>;
+        const double* const turned = grid.orthonormal + p * padded + i;
         const Real fx = at<Real>(load_x, p), fy = at<Real>(load_y, p);
+        const Real turning = at<Real>(couple, p);
         for (Count k = 0; k < tile; ++k) {
-          sum[k] += fx * load<Pack>(x + k * width) + fy * load<Pack>(y_row + k * width);
-        }
-      }
-      if (couples) {
-        for (Count p = 0; p < points; ++p) {
-          const Real turning = at<Real>(couple, p);
-          for (Count k = 0; k < tile; ++k) {
-            sum[k] += turning * load<Numbers>(grid.orthonormal + p * padded + i + k * step);
-          }
+          sum[k] += fx * load<Pack>(x + k * width) + fy * load<Pack>(y_row + k * width) +
+                    turning * load<Numbers>(turned + k * step);
         }
       }
       for (Count k = 0; k < tile; ++k) store(force + i * lanes<Real> + k * width, sum[k]);
@@ -521,7 +507,6 @@ struct Block {
 
   /// Converts orthonormal coordinates to amplitudes in the basis, in place.
   void to_basis(double* x) const {
-    if (grid.to_basis == nullptr) return;
     for (Count i = 0; i < m; ++i) {
       Real sum{};
       for (Count j = i; j < m; ++j) sum += grid.to_basis[i * m + j] * at<Real>(x, j);

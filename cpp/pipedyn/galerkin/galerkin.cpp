@@ -148,7 +148,8 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
   const double faster[Drive::rows] = {1.0};
   GridTables in_basis = grid.tables;  // basis functions in place of orthonormal ones
   in_basis.orthonormal = in_basis.slope;
-  in_basis.to_basis = in_basis.from_basis = nullptr;
+  const Matrix same = Matrix::Identity(m + 1, grid.slope.cols());
+  in_basis.from_basis = same.data();
   const Matrix none = Matrix::Zero(m, m);
   GridTables unbending = in_basis;  // forces of bending are added below
   unbending.elastic_forces = unbending.damped_forces = none.data();
@@ -214,7 +215,8 @@ Operators Galerkin::operators(const Vector& q) const {
   }
   const Index nodes = basis_.nodes_of_products() + (pipe_.mass.degree(0.0) + 1) / 2;
   const Panels panels(basis_, pipe_);
-  const Grid grid(basis_, Orthonormal(dof()), panels, whole(nodes + 1, GridTables::multiple) - 1);
+  const Orthonormal same(dof());
+  const Grid grid(basis_, same, panels, whole(nodes + 1, GridTables::multiple) - 1);
   return operators_at(grid, basis_, effects_of(pipe_, panels), pipe_, Vector::Zero(dof()));
 }
 

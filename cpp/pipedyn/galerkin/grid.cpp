@@ -106,10 +106,10 @@ std::vector<NodeTest> node_tests(const std::vector<Ellipse>& ellipses, Index nod
 
 }  // namespace
 
-Orthonormal::Orthonormal(const Basis& basis) : identity(basis.orthonormal()) {
+Orthonormal::Orthonormal(const Basis& basis) {
   const Index m = basis.size();
   to_basis = inverse = Matrix::Identity(m, m);
-  if (identity) return;
+  if (basis.orthonormal()) return;
   Matrix mass = Matrix::Zero(m, m);
   const Quadrature rule(basis.nodes_of_products());
   for (Index panel = 0; panel + 1 < basis.ends().size(); ++panel) {
@@ -126,8 +126,7 @@ Orthonormal::Orthonormal(const Basis& basis) : identity(basis.orthonormal()) {
   }
 }
 
-Orthonormal::Orthonormal(Index m)
-    : identity(true), to_basis(Matrix::Identity(m, m)), inverse(to_basis) {}
+Orthonormal::Orthonormal(Index m) : to_basis(Matrix::Identity(m, m)), inverse(to_basis) {}
 
 Panels::Panels(const Basis& basis, const Pipe& pipe)
     : pipe_mass(pipe.mass), rotary_inertia(pipe.rotary_inertia) {
@@ -196,17 +195,16 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
   const Index points = panels.count() * block;
   const Index stride = whole(points, GridTables::widest);
   places.resize(points);
-  weight_ = measure = mass = beyond_ = density_ = Vector::Zero(points);
+  weight_ = mass = beyond_ = density_ = Vector::Zero(points);
   for (Index panel = 0; panel < panels.count(); ++panel) {
     const Index first = panel * block, end = first + nodes;
     length_[panel] = panels.ends[panel + 1] - panels.ends[panel];
     for (Index k = 0; k < nodes; ++k) {
       const Index p = first + k;
       places[p] = panels.ends[panel] + length_[panel] * rule_.node[k];
-      weight_[p] = measure[p] = length_[panel] * rule_.weight[k];
+      weight_[p] = length_[panel] * rule_.weight[k];
     }
     places[end] = panels.ends[panel + 1];
-    measure[end] = 1.0;
   }
   set_masses(panels);
   slope = Matrix::Zero(points + 1, whole(m, GridTables::multiple));
@@ -214,11 +212,9 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
   slope_by_function_ = Matrix::Zero(m, stride);
   slope_by_function_.leftCols(points) = slope.topLeftCorner(points, m).transpose();
   orthonormal_ = slope;
-  if (!orthonormal.identity) {
-    orthonormal_.setZero();
-    add_inner(orthonormal_.topLeftCorner(points, m), 1.0, slope_by_function_.leftCols(points),
-              orthonormal.to_basis);
-  }
+  orthonormal_.setZero();
+  add_inner(orthonormal_.topLeftCorner(points, m), 1.0, slope_by_function_.leftCols(points),
+            orthonormal.to_basis);
   from_basis_ = Matrix::Zero(m + 1, slope.cols());
   from_basis_.topLeftCorner(m, m) = orthonormal.inverse;
   // The integral up to the mirror image of a node is the whole integral minus the part beyond it.
@@ -239,10 +235,8 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
     arc_[k] = rule_.node[k];
   }
   arc_[nodes] = 1.0;
-  if (!orthonormal.identity) {
-    elastic_forces_ = panels.elastic * orthonormal.to_basis;
-    damped_forces_ = panels.damped * orthonormal.to_basis;
-  }
+  elastic_forces_ = panels.elastic * orthonormal.to_basis;
+  damped_forces_ = panels.damped * orthonormal.to_basis;
   tables = {.functions = m,
             .padded = orthonormal_.cols(),
             .panels = panels.count(),
@@ -253,8 +247,8 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
             .slope_by_function = slope_by_function_.data(),
             .slope = slope.data(),
             .orthonormal = orthonormal_.data(),
-            .to_basis = orthonormal.identity ? nullptr : orthonormal.to_basis.data(),
-            .from_basis = orthonormal.identity ? nullptr : from_basis_.data(),
+            .to_basis = orthonormal.to_basis.data(),
+            .from_basis = from_basis_.data(),
             .from_sums = from_sums_.data(),
             .from_differences = from_differences_.data(),
             .length = length_.data(),
@@ -263,15 +257,15 @@ Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& pan
             .turning = static_cast<Index>(inertia_.size()),
             .turning_at = turning_at_.data(),
             .inertia = inertia_.data(),
-            .density = panels.pipe_mass.varies() ? density_.data() : nullptr,
+            .density = density_.data(),
             .beyond = beyond_.data(),
             .arc = arc_.data(),
             .expansion = rule_.expansion.data(),
             .recurrence = recurrence_.data(),
             .elastic = panels.elastic.data(),
             .damped = panels.damped.data(),
-            .elastic_forces = (orthonormal.identity ? panels.elastic : elastic_forces_).data(),
-            .damped_forces = (orthonormal.identity ? panels.damped : damped_forces_).data()};
+            .elastic_forces = elastic_forces_.data(),
+            .damped_forces = damped_forces_.data()};
 }
 
 void Grid::set_masses(const Panels& panels) {

@@ -50,7 +50,6 @@ struct NodeTest {
 /// solved without losing the digits that its condition number in the basis (1e6 for 8 Legendre
 /// functions) would cost.
 struct Orthonormal {
-  bool identity;    // whether they are the basis itself, as for beam modes
   Matrix to_basis;  // T, upper triangular: coefficients in the basis, one a column, (m, m)
   Matrix inverse;   // inverse of T, upper triangular
 
@@ -84,7 +83,6 @@ struct Panels {
 /// end. Immutable. Its tables contain matrices of the panels that it is made of.
 struct Grid {
   Vector places;      // arc lengths of the points, (N,)
-  Vector measure;     // quadrature weight at nodes, 1 at ends of panels
   Vector mass;        // mass at each point, (N,)
   Matrix slope;       // Theta_i at the points, (N, m padded)
   GridTables tables;  // pointers to these and to the private members

@@ -37,7 +37,7 @@ struct GridTables {
   const double* slope_by_function;  // Theta_i at the points, (m, stride)
   const double* slope;              // Theta_i at the points, (N, padded), with room for a vector
   const double* orthonormal;        // the same for the orthonormal functions, (N, padded)
-  const double* to_basis;           // T of Orthonormal, (m, m); null if it is the identity
+  const double* to_basis;           // T of Orthonormal, (m, m)
   const double* from_basis;         // inverse of T, (m, padded), with room for a vector
   const double* from_sums;          // matrix above, for a panel of length 1, (h, h)
   const double* from_differences;   // matrix above, for a panel of length 1, (h, h)
@@ -47,7 +47,7 @@ struct GridTables {
   std::ptrdiff_t turning;           // number of points with rotary inertia
   const std::ptrdiff_t* turning_at;  // these points, (turning,)
   const double* inertia;             // their rotary inertia, (turning,)
-  const double* density;             // mass per length at nodes, 1 at ends, (N,); null if uniform
+  const double* density;             // mass per length at nodes, 1 at ends of panels, (N,)
   const double* beyond;              // mass beyond each point, (N,)
   const double* arc;                 // places of a panel's points, from 0 to 1, (Q + 1,)
   const double* expansion;           // expansion of Quadrature, (Q, Q)

@@ -22,12 +22,12 @@ Real sum_of(const Pack& x) {
 template <class Real>
 struct Linearisation : Block<Real> {
   using Base = Block<Real>;
-  using Base::alone, Base::step, Base::grid, Base::effects, Base::m, Base::padded, Base::points;
-  using Base::couples, Base::each, Base::loads, Base::resists, Base::across_alone, Base::bias;
+  using Base::each, Base::loads, Base::resists, Base::across_alone, Base::bias;
   using Base::holds, Base::response, Base::reaction;
   using Base::load_x, Base::load_y, Base::mass_stride, Base::product_of;
   using Base::moments, Base::integrands;
   using Base::sine, Base::cosine, Base::omega, Base::mass;
+  using Base::step, Base::grid, Base::effects, Base::m, Base::padded, Base::points;
   using typename Base::Numbers, typename Base::Product;
 
   // Columns besides those that are integrated for the motion, each x then y: derivatives of the
@@ -64,12 +64,8 @@ struct Linearisation : Block<Real> {
     returned = take(holds * 2 * m);
   }
 
-  /// Unit of the loads of a point in integrals: its weight, or 1 at the end of a panel, times the
-  /// mass per length if that is uniform.
-  double unit(Count p) const {
-    if (grid.density != nullptr) return grid.weight[p] != 0.0 ? grid.weight[p] : 1.0;
-    return grid.weight[p] != 0.0 ? grid.mass[p] : grid.mass[0] / grid.weight[0];
-  }
+  /// Unit of the loads of a point in integrals: its weight, or 1 at the end of a panel.
+  double unit(Count p) const { return grid.weight[p] != 0.0 ? grid.weight[p] : 1.0; }
 
   /// Multiplies the displacements by the mass per length, or divides them by it if `back`.
   void weigh_displacements(Count row, bool back) {
@@ -99,10 +95,9 @@ struct Linearisation : Block<Real> {
   /// The work of loads at a point on the virtual displacements and rotation of the functions from i
   /// on. x: the displacements at the point.
   Pack work(const ByVariable& load_by, const double* x, Count p, Count i) const {
-    Pack found = load_by.x * load<Pack>(x + i * lanes<Real>) +
-                 load_by.y * load<Pack>(x + (each + i) * lanes<Real>);
-    if (couples) found += load_by.couple * load<Numbers>(grid.orthonormal + p * padded + i);
-    return found;
+    const Pack found = load_by.x * load<Pack>(x + i * lanes<Real>) +
+                       load_by.y * load<Pack>(x + (each + i) * lanes<Real>);
+    return found + load_by.couple * load<Numbers>(grid.orthonormal + p * padded + i);
   }
 
   /// Sets the loads of all points in their units, which are integrated in place of the acceleration
@@ -162,20 +157,18 @@ struct Linearisation : Block<Real> {
   void linearise(const Batch& batch, Count row) {
     const Count stride = mass_stride(), end = points - 1;
     set_loads(batch, row);
-    const bool varies = grid.density != nullptr;
-    if (varies) weigh_displacements(row, false);
+    weigh_displacements(row, false);
     integrate(grid, row, held * lanes<Real>, moments, integrands);
-    if (varies) weigh_displacements(row, true);
+    weigh_displacements(row, true);
     for (Count k = 0; k < held; ++k) set(beyond, k, at<Real>(integrands + end * row, k));
     for (Count p = end; p >= 0; --p) {
       const double* const x = moments + p * row;
       const double* const before = integrands + p * row;
-      double factor = varies ? grid.weight[p] : grid.mass[p];
-      if (grid.weight[p] == 0.0) {
+      const double factor = grid.weight[p];
+      if (factor == 0.0) {
         const double jump = grid.mass[p] / unit(p);
         for (Count k = 0; k < bias; ++k) add(beyond, k, Real(jump * at<Real>(x, k)));
         for (Count k = bias; k < held; ++k) add(beyond, k, at<Real>(x, k));
-        factor = 0.0;
       }
       const auto beyond_of = [&](Count k) {
         const Pack rest_of = load<Pack>(beyond + k * lanes<Real>);
@@ -223,14 +216,11 @@ struct Linearisation : Block<Real> {
     const auto component = [&](Count k) {
       return moments + (k >> 1) * row + (k & 1) * each * lanes<Real>;
     };
-    const bool direct = grid.from_basis == nullptr;
     product_of(
         2 * points,
         [&](Count k, Count i) { return Real(scale(k >> 1) * at<Real>(component(k), first + i)); },
-        [&](Count k, Count j) { return load<Pack>(component(k) + j * lanes<Real>); },
-        direct ? to : resistance, direct ? 2 * stride : stride,
-        direct ? Product::added : Product::all);
-    if (direct) return;
+        [&](Count k, Count j) { return load<Pack>(component(k) + j * lanes<Real>); }, resistance,
+        stride, Product::all);
     product_of(
         m, [&](Count k, Count i) { return at<Real>(resistance, i * stride + k); },
         [&](Count k, Count j) { return load<Numbers>(grid.from_basis + k * padded + j); }, to,
@@ -240,37 +230,28 @@ struct Linearisation : Block<Real> {
   /// Replaces the columns of the system by those of q'' in the basis: multiplies by M^-1, with the
   /// factor that `solve` leaves.
   void solve_system() {
-    constexpr Count columns = alone ? 2 : 8;  // number of vectors at a time
-    const Count stride = mass_stride(), whole = 2 * stride;
-    for (Count j = 0; j < whole; j += columns * step) {
-      Pack sum[columns];
-      const auto each = [&](Count i, const auto& body) {
-        double* const entries = system + (i * whole + j) * lanes<Real>;
-        for (Count c = 0; c < columns; ++c) body(entries + c * width, sum[c]);
-      };
-      const auto take = [](double* entry, Pack& x) { x = load<Pack>(entry); };
-      const auto subtract = [&](Count i, const Real& factor) {
-        each(i, [&](double* entry, Pack& x) { x -= factor * load<Pack>(entry); });
-      };
-      const auto put = [&](Count i, const Real& factor) {
-        each(i, [&](double* entry, Pack& x) { store(entry, Pack(factor * x)); });
-      };
-      for (Count i = 0; i < m; ++i) {
-        each(i, take);
-        for (Count k = 0; k < i; ++k) subtract(k, at<Real>(mass, i * stride + k));
-        put(i, at<Real>(mass, i * stride + i));
+    const Count stride = mass_stride(), whole = 2 * stride * lanes<Real>;
+    // Replaces row i by its product with `own` and the sum of other rows, each times its factor.
+    const auto combine = [&](Count i, Count first, Count end, const Real& own, const auto& factor) {
+      double* const to = system + i * whole;
+      for (Count j = 0; j < whole; j += width) {
+        Pack sum = own * load<Pack>(to + j);
+        for (Count k = first; k < end; ++k) sum += factor(k) * load<Pack>(system + k * whole + j);
+        store(to + j, sum);
       }
-      for (Count i = m - 1; i >= 0; --i) {
-        each(i, take);
-        for (Count k = i + 1; k < m; ++k) subtract(k, at<Real>(mass, k * stride + i));
-        put(i, at<Real>(mass, i * stride + i));
-      }
-      if (grid.to_basis == nullptr) continue;
-      for (Count i = 0; i < m; ++i) {
-        for (Pack& x : sum) x = Pack{};
-        for (Count k = i; k < m; ++k) subtract(k, all<Real>(-grid.to_basis[i * m + k]));
-        put(i, all<Real>(1.0));
-      }
+    };
+    const auto entry = [&](Count i, Count k) { return at<Real>(mass, i * stride + k); };
+    for (Count i = 0; i < m; ++i) {
+      const Real own = entry(i, i);
+      combine(i, 0, i, own, [&](Count k) { return Real(-own * entry(i, k)); });
+    }
+    for (Count i = m - 1; i >= 0; --i) {
+      const Real own = entry(i, i);
+      combine(i, i + 1, m, own, [&](Count k) { return Real(-own * entry(k, i)); });
+    }
+    for (Count i = 0; i < m; ++i) {
+      const double* const row = grid.to_basis + i * m;
+      combine(i, i + 1, m, all<Real>(row[i]), [&](Count k) { return row[k]; });
     }
   }
 
@@ -327,7 +308,7 @@ struct Linearisation : Block<Real> {
       const Acting<Real> load(Base::flow_at(p, one, twice).load(Base::station(row, bias + 2, p)));
       set(load_x, p, load.x);
       set(load_y, p, load.y);
-      if (couples) set(Base::couple, p, load.couple);
+      set(Base::couple, p, load.couple);
     }
     Base::gather(row);
     for (Count i = 0; i < m; ++i) set(to, i, at<Real>(Base::force, i));

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/galerkin/panel_pencil.hpp"
 
-#include <Eigen/SparseCore>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -13,8 +12,6 @@
 namespace pipedyn {
 
 namespace {
-
-using Sparse = Eigen::SparseMatrix<double, Eigen::RowMajor>;
 
 /// The integrals from 0 of the orthonormal p_j, j < count, as sums of p_i: (count, count).
 Sparse integration(Index count) {
@@ -123,7 +120,19 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
   const Vector& ends = basis.ends();
   const auto numbers = basis.by_panel();
   const Index count = static_cast<Index>(numbers.size());
-  panels_.resize(static_cast<std::size_t>(count));
+  Index rows = 0;
+  for (Index p = 0; p < count; ++p) {
+    const bool last = p + 1 == count;
+    const Index own = static_cast<Index>(numbers[static_cast<std::size_t>(p)].size());
+    const bool held = (last && (pipe.end == End::pinned || pipe.end == End::clamped)) ||
+                      std::count(pipe.supports.begin(), pipe.supports.end(), ends[p + 1]) > 0;
+    panels_.push_back({ends[p + 1] - ends[p], own + 2, rows, held, last && pipe.is_guided()});
+    rows += own + 4;
+    size_ += own;
+  }
+  if (turns_) ++size_;
+  set_joints(rows);
+  std::vector<Eigen::Triplet<double, Index>> entries[parts];
   double mass_along = 0.0, normal_along = 0.0;
   Slopes<double> along;
   for (const Term& term : pipe.terms) {
@@ -141,19 +150,12 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
   const double flow = pipe.direction() * pipe.sqrt_beta(), jet = std::cos(pipe.jet_angle);
   double carried = 0.0, pulled = 0.0;  // mass and axial load beyond the panel
   for (Index p = count - 1; p >= 0; --p) {
-    const double low = ends[p], h = ends[p + 1] - low;
-    Panel& panel = panels_[static_cast<std::size_t>(p)];
-    panel = {};
-    panel.length = h;
-    panel.size = static_cast<Index>(numbers[static_cast<std::size_t>(p)].size()) + 2;
-    size_ += panel.size - 2;
-    const bool last = p + 1 == count;
-    panel.directed = last && pipe.is_guided();
-    panel.held = (last && (pipe.end == End::pinned || pipe.end == End::clamped)) ||
-                 std::count(pipe.supports.begin(), pipe.supports.end(), ends[p + 1]) > 0;
+    const Panel& panel = panels_[static_cast<std::size_t>(p)];
+    const double low = ends[p], h = panel.length;
     // Adds an entry of the matrix of what acts at the end, by w and theta, in units of the panel.
     const auto add_station = [&](Part part, Index i, Index j, double value) {
-      panel.station[part][i][j] += h * value * (i == 0 ? h : 1.0) * (j == 0 ? h : 1.0);
+      entries[part].emplace_back(panel.end() + i, panel.end() + j,
+                                 h * value * (i == 0 ? h : 1.0) * (j == 0 ? h : 1.0));
     };
     for (const Term& term : pipe.terms) {
       Laws::with(term, [&](const auto& law) {
@@ -172,9 +174,8 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
         pulled += load.y;
       });
     }
-    if (last) add_station(velocity, 0, 0, -pipe.entry());
-    const Index wide = 2 * band_ + 1, degrees = panel.size + std::max(of_mass + 1, of_stiffness);
-    for (auto& band : panel.bands) band.assign(static_cast<std::size_t>(panel.size * wide), 0.0);
+    if (p + 1 == count) add_station(velocity, 0, 0, -pipe.entry());
+    const Index degrees = panel.size + std::max(of_mass + 1, of_stiffness);
     const Functions functions(panel.size, degrees);
     const auto& [shape, slope, curvature] = functions;
     // Adds the integrals of left_i f right_j.
@@ -184,8 +185,7 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
       const Sparse by = left * multiplication(f, degrees), found = by * Sparse(right.transpose());
       for (Index i = 0; i < panel.size; ++i) {
         for (Sparse::InnerIterator one(found, i); one; ++one) {
-          const Index place = i * wide + one.col() - i + band_;
-          panel.bands[part][static_cast<std::size_t>(place)] += share * one.value();
+          entries[part].emplace_back(panel.first + i, panel.first + one.col(), share * one.value());
         }
       }
     };
@@ -217,7 +217,40 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
     add(gravity, slope, weight.head(of_mass + 2), slope, h2);
     carried += h * mass_here[0];
   }
-  if (turns_) ++size_;
+  for (int part = 0; part < parts; ++part) {
+    tables_[part].resize(rows, rows);
+    tables_[part].setFromTriplets(entries[part].begin(), entries[part].end());
+  }
+}
+
+void PanelPencil::set_joints(Index rows) {
+  std::vector<Eigen::Triplet<double, Index>> placed, joined;
+  if (turns_) placed.emplace_back(1, 0, 1.0 / std::sqrt(panels_[0].length));
+  Index column = turns_ ? 1 : 0;
+  for (std::size_t p = 0; p < panels_.size(); ++p) {
+    const Panel& panel = panels_[p];
+    const Index first = panel.first, end = panel.end();
+    for (Index k = 2; k < panel.size; ++k) placed.emplace_back(first + k, column++, 1.0);
+    const double shape[] = {1.0, 1.0, 0.5, -std::sqrt(3.0) / 6.0}, slope[] = {0.0, 1.0, 1.0, 0.0};
+    for (Index k = 0; k < std::min<Index>(panel.size, 4); ++k) {
+      joined.emplace_back(end, first + k, -shape[k]);
+      joined.emplace_back(end + 1, first + k, -slope[k]);
+    }
+    if (p == 0) continue;
+    const double ratio = panels_[p - 1].length / panel.length, root = std::sqrt(ratio);
+    joined.emplace_back(first, panels_[p - 1].end(), -ratio * root);
+    joined.emplace_back(first + 1, panels_[p - 1].end() + 1, -root);
+  }
+  placed_.resize(rows, size_);
+  placed_.setFromTriplets(placed.begin(), placed.end());
+  joints_.resize(rows, rows);
+  joints_.setFromTriplets(joined.begin(), joined.end());
+}
+
+Matrix PanelPencil::along(const Matrix& x) const {
+  Matrix z = placed_ * x;
+  joints_.triangularView<Eigen::UnitLower>().solveInPlace(z);
+  return z;
 }
 
 Index PanelPencil::conditions() const {
@@ -233,27 +266,30 @@ PanelPencil PanelPencil::coarser(Index size) const {
                        pipe_)};
 }
 
-template <class Entry>
-PanelPencil::At PanelPencil::made(const Entry& entry) const {
+PanelPencil::At PanelPencil::made(const PencilEntry (&factors)[parts]) const {
   At found;
   const Index wide = 2 * band_ + 1;
-  Index entries = 0;
-  for (const Panel& panel : panels_) entries += panel.size * wide;
-  found.entries.resize(static_cast<std::size_t>(entries));
-  PencilEntry* next = found.entries.data();
+  found.entries.resize(static_cast<std::size_t>(joints_.rows() * wide));
   for (const Panel& panel : panels_) {
-    const Index own = panel.size * wide;
-    for (Index e = 0; e < own; ++e) {
-      next[e] = entry([&](int part) { return panel.bands[part][static_cast<std::size_t>(e)]; });
-    }
-    EliminationPanel made{panel.length, panel.size, next, {}, panel.held, panel.directed};
-    for (Index i = 0; i < 2; ++i) {
-      for (Index j = 0; j < 2; ++j) {
-        made.station[i][j] = entry([&](int part) { return panel.station[part][i][j]; });
+    PencilEntry* const entries = found.entries.data() + panel.first * wide;
+    EliminationPanel made{panel.length, panel.size, entries, {}, panel.held, panel.directed};
+    for (int part = 0; part < parts; ++part) {
+      const PencilEntry& factor = factors[part];
+      for (Index i = 0; i < panel.size + 2; ++i) {
+        for (Sparse::InnerIterator one(tables_[part], panel.first + i); one; ++one) {
+          const Index j = one.col() - panel.first;
+          PencilEntry& to = i < panel.size ? entries[i * wide + j - i + band_]
+                                           : made.station[i - panel.size][j - panel.size];
+          to.stiffness += factor.stiffness * one.value();
+          to.hysteretic += factor.hysteretic * one.value();
+          to.damping += factor.damping * one.value();
+          to.mass += factor.mass * one.value();
+          to.stiffness_by_speed += factor.stiffness_by_speed * one.value();
+          to.damping_by_speed += factor.damping_by_speed * one.value();
+        }
       }
     }
     found.panels.push_back(made);
-    next += own;
   }
   found.model = {found.panels.data(),      static_cast<Index>(panels_.size()), band_, size_, turns_,
                  turns_ ? pipe_.root : 0.0};
@@ -261,126 +297,51 @@ PanelPencil::At PanelPencil::made(const Entry& entry) const {
 }
 
 PanelPencil::At PanelPencil::at(double u) const {
-  const double thrust = pipe_.end_coefficient * u * u, by_speed = 2.0 * pipe_.end_coefficient * u;
-  return made([&](const auto& of) -> PencilEntry {
-    return {of(elastic) + pipe_.gamma * of(gravity) + of(rest) + thrust * of(flux),
-            pipe_.hysteresis * of(elastic),
-            u * of(velocity) + pipe_.damping * of(elastic) + of(resistance),
-            of(mass),
-            by_speed * of(flux),
-            of(velocity)};
-  });
+  const double thrust = pipe_.end_coefficient * u;
+  PencilEntry factors[parts];
+  factors[elastic] = {.stiffness = 1.0, .hysteretic = pipe_.hysteresis, .damping = pipe_.damping};
+  factors[gravity].stiffness = pipe_.gamma;
+  factors[Part::rest].stiffness = 1.0;
+  factors[flux] = {.stiffness = thrust * u, .stiffness_by_speed = 2.0 * thrust};
+  factors[velocity] = {.damping = u, .damping_by_speed = 1.0};
+  factors[resistance].damping = 1.0;
+  factors[mass].mass = 1.0;
+  return made(factors);
 }
 
 PanelPencil::At PanelPencil::by_squared_speed() const {
-  return made([&](const auto& of) -> PencilEntry {
-    return {of(elastic) + pipe_.gamma * of(gravity) + of(rest),
-            0.0,
-            pipe_.end_coefficient * of(flux),
-            0.0,
-            0.0,
-            0.0};
-  });
-}
-
-double PanelPencil::share_of(const LinearPart& of, int part) const {
-  switch (part) {
-    case mass:
-      return of.mass;
-    case velocity:
-      return of.velocity;
-    case flux:
-      return of.flux;
-    case gravity:
-      return of.gravity + of.stiffness * pipe_.gamma;
-    case elastic:
-      return of.by_damping + of.stiffness + of.damping * pipe_.damping;
-    case rest:
-      return of.stiffness;
-    default:
-      return of.damping;
-  }
-}
-
-template <class Visit>
-void PanelPencil::along(const Matrix& x, double sign, const Visit& visit) const {
-  using Row = Eigen::RowVectorXd;
-  Row w = Row::Zero(x.cols()), theta = turns_ ? Row(x.row(0)) : w;
-  Index first = turns_ ? 1 : 0;
-  for (const Panel& panel : panels_) {
-    const double h = panel.length;
-    Matrix z(panel.size, x.cols()), place(2, x.cols());
-    z.row(0) = w / h;
-    z.row(1) = theta;
-    z.bottomRows(panel.size - 2) = std::sqrt(h) * x.middleRows(first, panel.size - 2);
-    place.row(0) = z.row(0) + z.row(1) + 0.5 * z.row(2);
-    if (panel.size > 3) place.row(0) += sign * std::sqrt(3.0) / 6.0 * z.row(3);
-    place.row(1) = z.row(1) + z.row(2);
-    visit(panel, z, place);
-    w = h * place.row(0);
-    theta = place.row(1);
-    first += panel.size - 2;
-  }
+  PencilEntry factors[parts];
+  factors[elastic].stiffness = factors[Part::rest].stiffness = 1.0;
+  factors[gravity].stiffness = pipe_.gamma;
+  factors[flux].damping = pipe_.end_coefficient;
+  return made(factors);
 }
 
 Matrix PanelPencil::times(const Matrix& x, const LinearPart& of) const {
-  using Row = Eigen::RowVectorXd;
-  const Index columns = x.cols();
-  Matrix out = Matrix::Zero(x.rows(), columns);
-  std::vector<Matrix> rows;  // forces on each panel's functions, in its units
-  std::vector<Matrix> at_ends;
+  const double stiffness = of.stiffness, damping = of.damping;
   double shares[parts];
-  for (int part = 0; part < parts; ++part) shares[part] = share_of(of, part);
-  along(x, -1.0, [&](const Panel& panel, const Matrix& z, const Matrix& place) {
-    Matrix forces = Matrix::Zero(panel.size, columns), loads = Matrix::Zero(2, columns);
-    for (int part = 0; part < parts; ++part) {
-      if (shares[part] == 0.0) continue;
-      add_product(panel, part, shares[part], z, forces);
-      loads += shares[part] * station(panel, part) * place;
-    }
-    rows.push_back(std::move(forces));
-    at_ends.push_back(std::move(loads));
-  });
-  Index first = out.rows();
-  Row force = Row::Zero(columns), moment = force;
-  for (std::size_t p = panels_.size(); p-- > 0;) {
-    const Panel& panel = panels_[p];
-    const double h = panel.length, root = std::sqrt(h);
-    const Matrix& own = rows[p];
-    force += at_ends[p].row(0) / (h * h);
-    moment += at_ends[p].row(1) / h;
-    first -= panel.size - 2;
-    out.middleRows(first, panel.size - 2) = own.bottomRows(panel.size - 2) / root;
-    out.row(first) += 0.5 * h * root * force + root * moment;
-    if (panel.size > 3) out.row(first + 1) -= std::sqrt(3.0) / 6.0 * h * root * force;
-    moment += own.row(1) / h + h * force;
-    force += own.row(0) / (h * h);
+  shares[elastic] = of.by_damping + stiffness + damping * pipe_.damping;
+  shares[gravity] = of.gravity + stiffness * pipe_.gamma;
+  shares[Part::rest] = stiffness;
+  shares[flux] = of.flux;
+  shares[velocity] = of.velocity;
+  shares[resistance] = damping;
+  shares[mass] = of.mass;
+  Sparse table(joints_.rows(), joints_.rows());
+  for (int part = 0; part < parts; ++part) {
+    if (shares[part] != 0.0) table += shares[part] * tables_[part];
   }
-  if (turns_) {
-    out.row(0) = moment + (of.stiffness * pipe_.root) * x.row(0);
-  }
+  Matrix forces = table * along(x);
+  joints_.transpose().triangularView<Eigen::UnitUpper>().solveInPlace(forces);
+  Matrix out = placed_.transpose() * forces;
+  if (turns_) out.row(0) += (stiffness * pipe_.root) * x.row(0);
   return out;
-}
-
-void PanelPencil::add_product(const Panel& panel, int part, double share, const Matrix& z,
-                              Matrix& to) const {
-  const Index wide = 2 * band_ + 1;
-  for (Index i = 0; i < panel.size; ++i) {
-    const Index low = std::max<Index>(0, i - band_), high = std::min(panel.size - 1, i + band_);
-    for (Index j = low; j <= high; ++j) {
-      const double entry = panel.bands[part][static_cast<std::size_t>(i * wide + j - i + band_)];
-      if (entry != 0.0) to.row(i) += share * entry * z.row(j);
-    }
-  }
 }
 
 Works PanelPencil::works(double u, const Reals& frequencies, const Matrix& x) const {
   const Index count = x.cols() / 2;
   const auto both = [&](const Eigen::RowVectorXd& columns) -> Reals {
     return (columns.head(count) + columns.tail(count)).transpose().array();
-  };
-  const auto inner = [](const Matrix& a, const Matrix& b) -> Eigen::RowVectorXd {
-    return a.cwiseProduct(b).colwise().sum();
   };
   // Im sum_i conj(a_i) b_i, for each motion.
   const auto skew = [&](const Matrix& a, const Matrix& b) -> Reals {
@@ -391,59 +352,54 @@ Works PanelPencil::works(double u, const Reals& frequencies, const Matrix& x) co
   const auto size = [&](const Eigen::RowVectorXd& row) -> Reals {
     return (row.head(count).array().square() + row.tail(count).array().square()).sqrt();
   };
-  std::vector<Matrix> bounds;  // sums of absolute terms of each end's displacement and slope
-  along(x.cwiseAbs(), 1.0,
-        [&](const Panel&, const Matrix&, const Matrix& place) { bounds.push_back(place); });
+  const Matrix z = along(x);
+  Matrix bounds = placed_ * x.cwiseAbs();  // sums of absolute terms of z
+  Sparse(-joints_.cwiseAbs()).triangularView<Eigen::UnitLower>().solveInPlace(bounds);
+  const auto form = [&](const Sparse& table, const Matrix& of) -> Reals {
+    return both(of.cwiseProduct(Matrix(table * of)).colwise().sum());
+  };
   const double flow = pipe_.direction() * pipe_.sqrt_beta() - pipe_.entry();
   const double thrust = pipe_.end_coefficient * u * u * std::cos(pipe_.jet_angle);
   const double lost_term = 4.0 * eps * std::sqrt(static_cast<double>(size_));
   const Reals omega = frequencies.abs();
   Works sum(count);
-  std::size_t p = 0;
-  along(x, -1.0, [&](const Panel& panel, const Matrix& z, const Matrix& place) {
-    const auto product = [&](int part) {
-      Matrix found = Matrix::Zero(panel.size, x.cols());
-      add_product(panel, part, 1.0, z, found);
-      return found;
-    };
-    const double share = 1.0 / panel.length;
-    const Matrix& bound = bounds[p];
-    sum.mass += share * both(inner(z, product(mass)) + inner(place, station(panel, mass) * place));
-    sum.gyroscopic += share * u * skew(z, product(velocity));
-    const Reals strained = share * both(inner(z, product(elastic)));
-    const Reals resisted = share * both(inner(z, product(resistance)) +
-                                        inner(place, station(panel, resistance) * place));
-    sum.resisted += pipe_.damping * strained + resisted;
-    sum.circulated += pipe_.hysteresis * strained;
-    sum.lost += lost_term *
-                (omega * (pipe_.damping * strained + resisted.abs()) + pipe_.hysteresis * strained);
+  sum.mass = form(tables_[mass], z);
+  sum.gyroscopic = u * skew(z, tables_[velocity] * z);
+  const Reals strained = form(tables_[elastic], z), resisted = form(tables_[resistance], z);
+  const Reals sizes = form(tables_[resistance].cwiseAbs(), z.cwiseAbs());
+  sum.resisted = pipe_.damping * strained + resisted;
+  sum.circulated = pipe_.hysteresis * strained;
+  sum.lost = lost_term * (omega * (pipe_.damping * strained + sizes) + pipe_.hysteresis * strained);
+  for (const Panel& panel : panels_) {
+    if (panel.held) continue;
     // Work of follower loads comes from the skew part of the stiffness of a station.
-    const bool last = ++p == panels_.size();
-    const double following = panel.station[Part::rest][0][1] - panel.station[Part::rest][1][0];
+    const Sparse& still = tables_[Part::rest];
+    const Index end = panel.end();
+    const double following = still.coeff(end, end + 1) - still.coeff(end + 1, end);
+    const bool last = &panel == &panels_.back();
     const double h = panel.length, skewed = following + (last ? thrust * h * h : 0.0);
     const double moved = last ? u * flow * h * h * h : 0.0;
-    const Reals w = size(place.row(0)), theta = size(place.row(1));
-    const Reals lost_w = lost_term * size(bound.row(0)),
-                lost_theta = lost_term * size(bound.row(1));
-    if (panel.held) return;
-    sum.resisted += share * moved * w.square();
-    sum.lost += share * std::abs(moved) * omega * (2.0 * w + lost_w) * lost_w;
-    if (panel.directed) return;
-    sum.circulated += share * skewed * skew(place.row(0), place.row(1));
-    sum.lost += share * std::abs(skewed) * ((theta + lost_theta) * lost_w + w * lost_theta);
-  });
+    const Reals w = size(z.row(end)), theta = size(z.row(end + 1));
+    const Reals lost_w = lost_term * size(bounds.row(end)),
+                lost_theta = lost_term * size(bounds.row(end + 1));
+    sum.resisted += moved * w.square();
+    sum.lost += std::abs(moved) * omega * (2.0 * w + lost_w) * lost_w;
+    if (panel.directed) continue;
+    sum.circulated += skewed * skew(z.row(end), z.row(end + 1));
+    sum.lost += std::abs(skewed) * ((theta + lost_theta) * lost_w + w * lost_theta);
+  }
   return sum;
 }
 
 Matrix PanelPencil::held() const {
   Matrix rows(conditions(), size_);
   Index next = 0;
-  const Index columns = rows.rows() > 0 ? size_ : 0;
-  along(Matrix::Identity(size_, columns), -1.0,
-        [&](const Panel& panel, const Matrix&, const Matrix& place) {
-          if (panel.held) rows.row(next++) = panel.length * place.row(0);
-          if (panel.directed) rows.row(next++) = place.row(1);
-        });
+  const Matrix motion = along(Matrix::Identity(size_, size_));
+  for (const Panel& panel : panels_) {
+    const double root = std::sqrt(panel.length);
+    if (panel.held) rows.row(next++) = panel.length * root * motion.row(panel.end());
+    if (panel.directed) rows.row(next++) = root * motion.row(panel.end() + 1);
+  }
   return rows;
 }
 

@@ -9,6 +9,7 @@
 // x. This is exact if f is a polynomial (Golub and Welsch 1969, Math. Comp. 23, for X).
 #pragma once
 
+#include <Eigen/SparseCore>
 #include <vector>
 
 #include "pipedyn/galerkin/basis.hpp"
@@ -16,6 +17,8 @@
 #include "pipedyn/pipe.hpp"
 
 namespace pipedyn {
+
+using Sparse = Eigen::SparseMatrix<double, Eigen::RowMajor>;
 
 class PanelPencil {
  public:
@@ -60,13 +63,15 @@ class PanelPencil {
   Matrix held() const;
 
  private:
-  enum Part { mass, velocity, flux, gravity, elastic, rest, resistance, parts };
+  enum Part { elastic, gravity, rest, flux, velocity, resistance, mass, parts };
   struct Panel {
     double length;
-    Index size;                        // number of functions, with the two rigid ones
-    std::vector<double> bands[parts];  // (size, 2 band + 1) each
-    double station[parts][2][2];
+    Index size;   // number of functions, with the two rigid ones
+    Index first;  // its first row in the motion of all panels
     bool held, directed;
+
+    /// Row of the displacement of its end, which that of the slope follows.
+    Index end() const { return first + size; }
   };
 
   Pipe pipe_;
@@ -74,22 +79,17 @@ class PanelPencil {
   Index size_, band_;
   bool turns_;
   std::vector<Panel> panels_;
+  // The motion z of all panels has the amplitudes of the functions of each, followed by
+  // displacement and slope of its end, in units of the panel, divided by the square root of its
+  // length: (I + joints) z = placed x.
+  Sparse placed_, joints_;
+  Sparse tables_[parts];  // virtual work of each part on z by z, in units of the panel
 
-  template <class Entry>
-  At made(const Entry& entry) const;
-  /// Calls `visit` for each panel with the amplitudes of its functions and the displacement and
-  /// slope of its end, all in the units of the panel. sign: -1, or 1 for bounds of displacement and
-  /// slope from the absolute values of x.
-  template <class Visit>
-  void along(const Matrix& x, double sign, const Visit& visit) const;
-  /// Adds share times the product of a part with amplitudes z of the functions of a panel to `to`.
-  void add_product(const Panel& panel, int part, double share, const Matrix& z, Matrix& to) const;
-  static Eigen::Matrix2d station(const Panel& panel, int part) {
-    const auto& of = panel.station[part];
-    return Eigen::Matrix2d{{of[0][0], of[0][1]}, {of[1][0], of[1][1]}};
-  }
-  /// Factor of the tables of a part in the product that `times` is asked for.
-  double share_of(const LinearPart& of, int part) const;
+  void set_joints(Index rows);
+  /// The motion z of all panels for coordinates x, (rows, r).
+  Matrix along(const Matrix& x) const;
+  /// factors: those of each part in the entries of the pencil.
+  At made(const PencilEntry (&factors)[parts]) const;
 };
 
 }  // namespace pipedyn

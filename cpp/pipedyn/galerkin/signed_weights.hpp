@@ -77,10 +77,8 @@ void signed_weights_of(const GridTables& grid, Count panel, const double* v, dou
   }
   const Real sign = load<Real>(last);
   set(weights, nodes, Real{});
-  if (most == 0) {
-    for (Count p = 0; p < nodes; ++p) set(weights, p, Real(sign * weight[p]));
-    return;
-  }
+  for (Count p = 0; p < nodes; ++p) set(weights, p, Real(sign * weight[p]));
+  if (most == 0) return;
   for (Count b = 0; b < members; ++b) {
     for (Count k = found[b]; k < most; ++k) zero[k * members + b] = twice[k * members + b] = 0.0;
   }
@@ -97,26 +95,10 @@ void signed_weights_of(const GridTables& grid, Count panel, const double* v, dou
       value = next;
     }
   }
-  if constexpr (members == 1) {
-    for (Count p = 0; p < nodes; ++p) weights[p] = sign * weight[p];
-    for (Count k = 0; k < nodes; ++k) {
-      const double factor = turned[k];
-      const double* const row = grid.expansion + k * nodes;
-      for (Count p = 0; p < nodes; ++p) weights[p] += factor * row[p];
-    }
-  } else {
-    for (Count p = 0; p < nodes; ++p) {
-      Real sums[4] = {sign * weight[p]};
-      Count k = 0;
-      const double* const column = grid.expansion + p;
-      for (; k + 4 <= nodes; k += 4) {
-        for (Count i = 0; i < 4; ++i) {
-          sums[i] += column[(k + i) * nodes] * at<Real>(turned, k + i);
-        }
-      }
-      for (; k < nodes; ++k) sums[0] += column[k * nodes] * at<Real>(turned, k);
-      set(weights, p, Real((sums[0] + sums[1]) + (sums[2] + sums[3])));
-    }
+  for (Count k = 0; k < nodes; ++k) {
+    const Real factor = at<Real>(turned, k);
+    const double* const row = grid.expansion + k * nodes;
+    for (Count p = 0; p < nodes; ++p) add(weights, p, Real(factor * row[p]));
   }
 }
 
