@@ -356,7 +356,7 @@ def _shapes(model: Model, values: Complex, coordinates: Complex) -> tuple[ModeSh
     with np.errstate(divide="ignore", invalid="ignore"):
         coordinates = coordinates / peaks
     return tuple(
-        ModeShape(complex(value), model, coordinates[:, i]) for i, value in enumerate(values)
+        ModeShape(complex(value), model, coordinates[:, i].copy()) for i, value in enumerate(values)
     )
 
 
