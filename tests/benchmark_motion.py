@@ -164,10 +164,11 @@ def reduced_model(pipe: pp.Pipe, basis: str, m: int) -> list[tuple[float, float]
     many = np.stack([reduced_state(model, rng) for _ in range(MEMBERS)], axis=1)
     y, speeds = many[:, 0].copy(), np.linspace(3.0, 7.0, MEMBERS)
     finer = _core.Galerkin(
-        core_pipe(pipe), basis == "legendre", m, least_nodes=3 * model.motion.nodes(y[:m])
+        core_pipe(pipe), basis == "legendre", m, least_nodes=3 * model.core.nodes(y[:m])
     )
     jacobian = model.jacobian(0.0, y, SPEED)
-    steps = 1e-2 * np.concatenate([model.elastic_scale, 14.0 * model.elastic_scale])
+    scale = np.diag(model.elastic_scale)
+    steps = 1e-2 * np.concatenate([scale, 14.0 * scale])
     columns = [
         derivative_along(partial(model.rhs, 0.0, u=SPEED), y, way, 1.0) for way in np.diag(steps)
     ]

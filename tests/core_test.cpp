@@ -510,7 +510,7 @@ void check_scene_systems(Pipe pipe, Index n, Dice& dice) {
     if (n > 2) held.push_back(3);
     if (n > 3) held = {3 * n - 6, 3 * n - 5, 0, 1};
     if (n > 3) value << 0.1, 0.7, 0.0, segments.base + segments.length[0];
-    const Scene made(pipe, segments, {}, held, value);
+    const Scene made(pipe, segments, held, value);
     Matrix theta = 0.3 * dice.matrix(n, 1), omega = dice.matrix(n, 1);
     const Vector missed = made.project(theta, omega);
     check(missed[0] < 1e-9, "guides and pins are met");

@@ -38,7 +38,7 @@ def mass(scene, q):
     layout, n = scene._layout, scene.integrated
     normals = across(np.diff(layout.nodes(q), axis=0)) / layout.lengths[:, None]
     whole = np.zeros((3 * n + 3, 3 * n + 3))
-    for j, (m, chi, eta, m_n) in enumerate(scene.core.bodies()):
+    for j, (m, chi, eta, m_n) in enumerate(scene.core.chain.bodies()):
         own = m * np.outer([1.0 - chi, chi], [1.0 - chi, chi])
         own += m * (eta / layout.lengths[j]) ** 2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
         pair = np.kron(own, np.eye(2))
@@ -46,6 +46,8 @@ def mass(scene, q):
         at = [3 * j, 3 * j + 1, 3 * j + 3, 3 * j + 4]
         whole[np.ix_(at, at)] += pair
     whole = whole[3:, 3:]
+    lent = layout.inertia[layout.compliance < 0.0]  # inertia of the last segment's angle
+    whole -= lent.T @ lent
     for part in scene.modules:
         if isinstance(part, md.Custom) and part.mass is not None:
             whole[np.ix_(part.index, part.index)] += part.mass
@@ -76,7 +78,7 @@ def forces(scene, y, u, drive=None):
         np.add.at(on_nodes, segment, (1.0 - share)[:, None] * loads)
         np.add.at(on_nodes, segment + 1, share[:, None] * loads)
 
-    heavy, chi, _, across_alone = scene.core.bodies().T
+    heavy, chi, _, across_alone = chain.bodies().T
     fluid = math.sqrt(pipe.beta) * pipe.direction
     add(chi, np.outer(heavy, [0.0, pipe.gamma] - acceleration), every)
     add(middle, -fluid * rate * along, every)

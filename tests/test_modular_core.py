@@ -255,7 +255,7 @@ def test_the_motion_jacobian_is_exact_where_guides_are_missed_too(name):
     y, u, h = np.concatenate(off_constraints(scene)), 3.0, 2e-3
 
     def rates(z):
-        return scene.motion.rhs_and_power(0.0, np.append(z, 0.0), u)[:-1]
+        return scene.core.rhs_and_power(0.0, np.append(z, 0.0), u)[:-1]
 
     weights = zip((1, 2, 3), (45.0, -9.0, 1.0), strict=True)
     found = sum(w / 60.0 * k * differences(rates, y, k * h) * 2.0 for k, w in weights)
@@ -269,7 +269,7 @@ def test_what_states_miss_guides_by_decays_at_the_return_rate(name):
     scene = RETURNING[name]()
     n, rate, held = scene.integrated, scene.core.return_rate, scene._layout.held
     theta, omega = off_constraints(scene)
-    rates = scene.motion.rhs_and_power(0.0, np.concatenate([theta, omega, [0.0]]), 3.0)[:-1]
+    rates = scene.core.rhs_and_power(0.0, np.concatenate([theta, omega, [0.0]]), 3.0)[:-1]
     np.testing.assert_array_equal(rates[:n], omega)
 
     def off(h):
@@ -300,7 +300,7 @@ def test_free_directions_of_states_keep_guides_and_pins(name):
 # ---------------------------------------------------------------------------------------- closing
 
 
-def core_scene(n=3, inertia=(), held=(), value=(), **given):
+def core_scene(n=3, held=(), value=(), **given):
     """A compiled scene without forces."""
     arguments = {
         "length": np.full(n, 1.0 / n),
@@ -310,8 +310,7 @@ def core_scene(n=3, inertia=(), held=(), value=(), **given):
         "base": 0.0,
     }
     segments = _core.Segments(**arguments | given)
-    rows = np.reshape(inertia, (-1, 3 * n))
-    return _core.Scene(core_pipe(pp.Pipe(0.3, 4.0)), segments, rows, held, value)
+    return _core.Scene(core_pipe(pp.Pipe(0.3, 4.0)), segments, held, value)
 
 
 def test_projection_meets_guides_and_pins_and_says_how_far_it_misses_others():
@@ -344,8 +343,6 @@ def test_wrong_sizes_are_refused():
     core = core_scene(2)
     with pytest.raises(ValueError, match=r"y must have shape \(12,\)"):
         core.redundant_rhs(0.0, np.zeros(11), 1.0)
-    with pytest.raises(ValueError, match="as many columns as y"):
-        core.redundant_rhs(0.0, np.zeros((12, 2)), 1.0, moments=np.zeros(2))
     with pytest.raises(ValueError, match="theta must have 2 entries, got 3"):
         core.project(np.zeros((3, 1)), np.zeros((2, 1)))
     with pytest.raises(ValueError, match="omega must have the shape of theta"):

@@ -409,7 +409,7 @@ def test_a_stability_curve_of_scenes_is_one_of_models() -> None:
 
 def test_scenes_serve_processes() -> None:
     scene = md.chain(PIPE, 3).plus(md.Guide(3), pp.PointMass(2.0 / 3.0, 0.1))
-    _ = scene.core, scene.motion, scene.linear  # which go along
+    _ = scene.core, scene.linear  # which go along
     start = scene.bent(lambda s: 0.3 * np.sin(2.0 * math.pi * s))
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
         many = pp.simulate_many(scene, [1.0, 2.0], 0.2, start, samples=5, executor=pool)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Motion in time: tolerances that mean what they say, audits, one or many members."""
 
-import pickle
 from functools import cache
 
 import numpy as np
@@ -15,13 +14,6 @@ from pipedyn.motion.simulate import checked_task
 PIPE = pp.Pipe(0.2)
 DAMPED = pp.Pipe(0.2, gamma=5.0, drag=0.5, damping=2e-3)
 CHAIN = pp.Chain(PIPE, 6)
-
-
-class StandIn:
-    """The compiled chain but for what a test replaces."""
-
-    def __getattr__(self, name):
-        return getattr(CHAIN.core, name)
 
 
 def bow(s):
@@ -100,21 +92,10 @@ def test_a_motion_gives_tip_energy_and_states():
 
 
 def test_the_audit_sees_a_force_that_does_no_work_it_should(monkeypatch):
-    honest = pp.simulate(CHAIN, 6.0, 1.0, bow).audit
-
-    class Wrong(StandIn):
-        def __init__(self, core):
-            self.core = core
-
-        def rhs_and_power(self, t, y, u, drive=None):
-            rates = self.core.rhs_and_power(t, y, u)
-            rates[6:12] += 1e-3 * y[:6]  # a force that the power does not know
-            return rates
-
-    core = CHAIN.core
-    monkeypatch.setattr(pp.Chain, "compiled", None)
-    monkeypatch.setattr(pp.Chain, "motion", property(lambda chain: Wrong(core)))
-    assert honest < 1e-8 < 1e-6 < pp.simulate(CHAIN, 6.0, 1.0, bow).audit
+    pushed = md.chain(CHAIN.pipe, 6).plus(md.Custom(nodes=(6,), force=lambda q, v: 1e-3 * q))
+    honest = pp.simulate(pushed, 6.0, 1.0, bow).audit
+    monkeypatch.setattr("pipedyn.modular.custom.CustomForce.work", lambda *_: 0.0)
+    assert honest < 1e-8 < 1e-6 < pp.simulate(pushed, 6.0, 1.0, bow).audit
 
 
 @pytest.mark.parametrize("u", [5.0, 6.0])
@@ -245,30 +226,25 @@ def test_a_motion_of_one_right_hand_side_stops_and_no_step_overflows(method):
 
 
 @pytest.mark.parametrize("method", ["dop853", "radau", "scipy:LSODA", "scipy:Radau"])
-def test_what_goes_wrong_on_the_way_ends_a_motion_and_is_not_lost(monkeypatch, method):
-    """States that overflow leave the beginning of the motion; an interruption is the caller's."""
-    core = CHAIN.core
+def test_what_goes_wrong_on_the_way_ends_a_motion_and_is_not_lost(method):
+    """Errors of a module leave the beginning of the motion; an interruption is the caller's."""
+    raised = []
 
-    class Failing(StandIn):
-        def __init__(self, error):
-            self.error = error
+    def force(q, v):
+        if raised and q[0].real < -0.1:
+            raise raised[0]
+        return 0.0 * q
 
-        def rhs_and_power(self, t, y, u, drive=None):
-            if t > 0.5:
-                raise self.error
-            return core.rhs_and_power(t, y, u)
-
-    monkeypatch.setattr(pp.Chain, "compiled", None)
-    bursting = Failing(ValueError("y must be finite, got inf at index 0"))
-    monkeypatch.setattr(pp.Chain, "motion", property(lambda chain: bursting))
+    scene = md.chain(CHAIN.pipe, 6).plus(md.Custom(nodes=(6,), force=force))
+    raised.append(ValueError("math domain error"))
     with pytest.raises(pp.MotionStopped, match="no longer finite") as caught:
-        pp.simulate(CHAIN, 6.0, 1.0, bow, samples=11, method=method)
-    assert 0.3 <= caught.value.motion.t[-1] <= 0.5
-    assert pickle.loads(pickle.dumps(caught.value)).motion.t.size
-    interrupted = Failing(KeyboardInterrupt())
-    monkeypatch.setattr(pp.Chain, "motion", property(lambda chain: interrupted))
+        pp.simulate(scene, 6.0, 1.0, bow, samples=101, method=method)
+    assert caught.value.motion.t.size > 5
+    assert -0.11 < caught.value.motion.tip[-1, 0] < 0.0
+    assert np.isfinite(caught.value.motion.q).all()
+    raised[0] = KeyboardInterrupt()
     with pytest.raises(KeyboardInterrupt):
-        pp.simulate(CHAIN, 6.0, 1.0, bow, method=method)
+        pp.simulate(scene, 6.0, 1.0, bow, method=method)
 
 
 def test_the_method_follows_from_members_model_and_decay():

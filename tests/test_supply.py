@@ -54,7 +54,7 @@ def test_energy_of_pipe_and_fluid_together_is_balanced(model):
     b, sign = math.sqrt(pipe.beta), pipe.direction
     s, weights = panels(np.linspace(0.0, 1.0, 6), 20)
     y = drawn(model, 0.2, u)
-    n, rates = model.integrated, ConstantHead(model, SUPPLY).rates(0.0, y)
+    n, rates = model.integrated, ConstantHead(model, SUPPLY).rates(y)
 
     def energy(state):
         p, pdot = state[:n], state[n : 2 * n]
@@ -101,7 +101,7 @@ def test_the_jacobian_is_the_derivative_of_the_rates(model):
     found = head.jacobian(np.delete(y, work), drive)
 
     def rates(state):
-        return np.delete(head.rates(0.0, np.insert(state, work, 0.0), drive), work)
+        return np.delete(head.rates(np.insert(state, work, 0.0), drive), work)
 
     state = np.delete(y, work)
     by_differences = jacobian_by_differences(rates, state, 1.0, step=2e-4)

@@ -113,7 +113,7 @@ def test_a_hung_mass_pulls_on_what_is_above_it(basis):
     # A spring of nothing makes the panels of the two models the same.
     plain = pp.Galerkin(replace(pipe, terms=[pp.Spring(at, 0.0)]), m, basis)
     weight = plain.operators().stiffness - loaded.operators().stiffness
-    elastic = np.diag(loaded.elastic_scale**-2)
+    elastic = np.linalg.inv(loaded.elastic_scale @ loaded.elastic_scale.T)
     least = 1.0 / eigh(weight, elastic, eigvals_only=True)[-1]
     assert least == pytest.approx((math.pi / 2.0 / at) ** 2, rel=1e-12 if m == 24 else 1e-3)
 

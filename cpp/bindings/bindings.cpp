@@ -33,7 +33,6 @@ pipedyn::End end_of(const std::string& name) {
   throw std::invalid_argument("end must be free, guided, pinned or clamped, got " + name);
 }
 
-py::ssize_t work_of(const Chain& chain) { return chain.dof(); }
 py::ssize_t work_of(const Galerkin& motion) { return 4 * motion.dof() * motion.dof(); }
 
 }  // namespace
@@ -106,11 +105,8 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
                     pipedyn::Vector, double, pipedyn::Vector, pipedyn::Vector, pipedyn::Vector>(),
            "length"_a, "center"_a, "gyration_radius"_a, "spring"_a, "drag_point"_a, "base"_a,
            "damping"_a = none, "rest_moment"_a = none, "mass"_a = none);
-  py::class_<Chain> chain(m, "Chain");
-  chain.def(py::init<const Pipe&, Segments>(), "pipe"_a, "segments"_a)
-      .def("operators", &Chain::operators, "angles"_a = pipedyn::Vector(), "joints"_a = true,
-           Unlocked())
-      .def("joint_operators", &Chain::joint_operators, "scale"_a, Unlocked())
+  py::class_<Chain>(m, "Chain")
+      .def(py::init<const Pipe&, Segments>(), "pipe"_a, "segments"_a)
       .def(
           "joint_times",
           [](const Chain& chain, const pipedyn::Matrix& x, double stiffness, double damping,
@@ -123,9 +119,9 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
           "flux"_a = 0.0, "gravity"_a = 0.0, "by_damping"_a = 0.0, "unsteady"_a = 0.0, Unlocked())
       .def("guided", &Chain::guided, "held"_a)
       .def_property_readonly("joints", &Chain::joints)
+      .def("bodies", &Chain::bodies)
       .def("places", &Chain::places)
       .def("loads", &Chain::loads, "stations"_a);
-  pipedyn::define_equations<Chain, work_of>(chain);
 
   py::class_<Galerkin> galerkin(m, "Galerkin");
   galerkin

@@ -85,85 +85,79 @@ Rates at_flows(FlowRates of, const py::object& u, const Vector& rtol) {
   };
 }
 
-/// Rates by a member function of a compiled model, such as `rhs`.
-template <class Model, class Function>
-FlowRates function_rates(const Model& model, const Function& function) {
-  return [&model, function](const Vector&, const double* y, const Flows& flows, double* rates) {
-    std::invoke(function, model, flows.of(y), rates);
-  };
-}
-
-/// Copies `count` numbers that a Python function returns; NaN if it raises ValueError. wrong:
-/// message for another count.
-template <class Call>
-void copy_answer(const Call& call, Index count, const char* wrong, double* out) {
+/// Computes `count` numbers; they are NaN if a Python function that is called raises ValueError.
+template <class Compute>
+void or_nan(const Compute& compute, Index count, double* out) {
   try {
-    const Numbers found = py::object(call()).cast<Numbers>();
-    if (found.size() != count) throw py::value_error(wrong);
-    std::copy_n(found.data(), count, out);
+    compute();
   } catch (py::error_already_set& error) {
+    const py::gil_scoped_acquire locked;
     if (!error.matches(PyExc_ValueError)) throw;
     std::fill_n(out, count, std::numeric_limits<double>::quiet_NaN());
   }
 }
 
-/// Rates by a Python function of times (members,), states (rows, members), speeds (members,) and,
-/// if anything drives them, drive (Drive::rows, members). Where it raises ValueError they are NaN.
+/// Rates, `rows` numbers a state, by a member function of a compiled model, such as `rhs`.
+template <class Model, class Function>
+FlowRates function_rates(const Model& model, const Function& function, Index rows) {
+  return [&model, function, rows](const Vector&, const double* y, const Flows& flows,
+                                  double* rates) {
+    or_nan([&] { std::invoke(function, model, flows.of(y), rates); }, rows * flows.u.size(), rates);
+  };
+}
+
+/// Rates by a Python function of times (members,), states (rows, members) and speeds (members,).
 FlowRates called_rates(const py::function& function, Index rows) {
   return [function, rows](const Vector& t, const double* y, const Flows& flows, double* rates) {
     const py::gil_scoped_acquire locked;
-    const Index members = t.size();
-    Numbers states({rows, members});
-    std::copy_n(y, rows * members, states.mutable_data());
+    const Index count = rows * t.size();
     const auto call = [&] {
-      return flows.driven() ? function(t, states, flows.u, flows.drive)
-                            : function(t, states, flows.u);
+      const Numbers found =
+          function(t, Matrix(Eigen::Map<const Matrix>(y, rows, t.size())), flows.u);
+      require_size("rates", found, count);
+      std::copy_n(found.data(), count, rates);
     };
-    copy_answer(call, rows * members, "rates must have the states' shape", rates);
+    or_nan(call, count, rates);
   };
 }
 
-/// Calls `what` with the compiled model if `of` is one, and returns whether it is.
+/// Calls `what` with the compiled model. Throws a TypeError if `of` is none.
 template <class What>
-bool with_compiled(const py::object& of, const What& what) {
-  const auto is = [&]<class Model>(std::type_identity<Model>) {
-    if (!py::isinstance<Model>(of)) return false;
-    what(of.cast<const Model&>());
-    return true;
-  };
-  return is(std::type_identity<Chain>()) || is(std::type_identity<Galerkin>()) ||
-         is(std::type_identity<Scene>());
+void with_compiled(const py::object& of, const What& what) {
+  if (py::isinstance<Galerkin>(of)) return what(of.cast<const Galerkin&>());
+  what(of.cast<const Scene&>());
 }
 
-/// Rates [q', q''] of a model's states or, if these have one row more, the work done on them, also
-/// its rate, which is the power.
+/// Rates by a Python function; or of a model's states, [q', q''] or, if these have one row more,
+/// the work done on them, also its rate, which is the power.
 FlowRates flow_rates_of(const py::object& of, Index rows) {
+  if (PyCallable_Check(of.ptr())) return called_rates(of, rows);
   FlowRates rates;
-  const auto compiled = [&]<class Model>(const Model& model) {
+  with_compiled(of, [&]<class Model>(const Model& model) {
     const bool works = rows > 2 * model.dof();
-    rates = function_rates(model, works ? &Model::rhs_and_power : &Model::rhs);
-  };
-  return with_compiled(of, compiled) ? rates : called_rates(of, rows);
+    rates = function_rates(model, works ? &Model::rhs_and_power : &Model::rhs, rows);
+  });
+  return rates;
 }
 
 /// The supply at constant head that feeds the pipe of a compiled model.
 struct Supplied : Supply {
+  FlowRates steady;  // rates of [q, q', W] at a given flow, which do not depend on time
   std::function<void(const Batch&, double*)> axial;
   Index dof = 0;
 
   Supplied(const py::object& core, const Supply& supply) : Supply(supply) {
-    const auto take = [&]<class Model>(const Model& model) {
+    with_compiled(core, [&]<class Model>(const Model& model) {
       axial = [&model](const Batch& batch, double* out) { model.axial(batch, out); };
       dof = model.dof();
-    };
-    if (!with_compiled(core, take)) throw py::type_error("core must be a compiled model");
+      steady = function_rates(model, &Model::rhs_and_power, 2 * dof + 1);
+    });
   }
 
-  /// Rates of the states [q, q', W, u] (2 dof + 2, members), NaN where the flow turns back. of: the
-  /// rates of [q, q', W] at a given flow; base: the motion of the base, or empty.
-  void rates(const FlowRates& of, const Vector& t, const double* y, const Matrix& base,
-             double* out) const {
-    const Index members = t.size(), work = 2 * dof;
+  /// Rates of the states [q, q', W, u] (2 dof + 2, members), NaN where the flow turns back. base:
+  /// the motion of the base, or empty.
+  void rates(const double* y, Index members, const Matrix& base, double* out) const {
+    const Index work = 2 * dof;
     const Eigen::Map<const Matrix> states(y, work + 2, members);
     Eigen::Map<Matrix> found(out, work + 2, members);
     Flows flows;
@@ -174,7 +168,7 @@ struct Supplied : Supply {
         Vector::Ones(members).transpose();
     const Matrix twice = states.topRows(work + 1).replicate(1, 2);
     Matrix both(work + 1, 2 * members), moved(3 * dof, 2 * members);
-    of(t.replicate(2, 1), twice.data(), flows, both.data());
+    steady({}, twice.data(), flows, both.data());
     moved << twice.topRows(work), both.middleRows(dof, dof);
     Matrix along(2 + 4 * dof, 2 * members);
     axial(flows.of(moved.data()), along.data());
@@ -192,9 +186,8 @@ struct Supplied : Supply {
 Rates rates_of(const py::object& of, Index rows, const py::object& u, const Vector& rtol,
                const Supplied* supply) {
   if (supply == nullptr) return at_flows(flow_rates_of(of, rows), u, rtol);
-  return at_flows([supply, inner = flow_rates_of(of, rows - 1)](
-                      const Vector& t, const double* y, const Flows& flows,
-                      double* rates) { supply->rates(inner, t, y, flows.drive, rates); },
+  return at_flows([supply](const Vector& t, const double* y, const Flows& flows,
+                           double* rates) { supply->rates(y, t.size(), flows.drive, rates); },
                   u, rtol);
 }
 
@@ -207,24 +200,28 @@ DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows,
     const py::gil_scoped_acquire locked;
     const Numbers state(rows, y);
     const auto call = [&] {
-      return flow.driven() ? function(t, state, flow.u[0], Numbers(Drive::rows, flow.drive.data()))
-                           : function(t, state, flow.u[0]);
+      const Numbers found =
+          flow.driven() ? function(t, state, flow.u[0], Numbers(Drive::rows, flow.drive.data()))
+                        : function(t, state, flow.u[0]);
+      require_size("a Jacobian", found, rows * rows);
+      std::copy_n(found.data(), rows * rows, out);
     };
-    copy_answer(call, rows * rows, "a Jacobian must have a row a state", out);
+    or_nan(call, rows * rows, out);
   };
 }
 
 /// The systems of an implicit step with the derivative of a compiled model's rates.
 template <class Model>
 std::unique_ptr<ShiftedSystems> shifted_systems(const Model& model, const FlowAt& flow_at) {
-  if constexpr (std::is_same_v<Model, Galerkin>) {
-    const auto slopes = [&model, flow_at](double t, const double* y, Index member, double* out) {
-      model.jacobian(flow_at(t, member).of(y), out);
-    };
-    return std::make_unique<DenseSystems>(slopes, 2 * model.dof());
-  } else {
-    return std::make_unique<SceneSystems>(model, flow_at);
+  if constexpr (std::is_same_v<Model, Scene>) {
+    if (!model.has_customs()) return std::make_unique<SceneSystems>(model, flow_at);
   }
+  const Index rows = 2 * model.dof();
+  const auto slopes = [&model, flow_at, rows](double t, const double* y, Index member,
+                                              double* out) {
+    or_nan([&] { model.jacobian(flow_at(t, member).of(y), out); }, rows * rows, out);
+  };
+  return std::make_unique<DenseSystems>(slopes, rows);
 }
 
 /// Rates for the implicit integrator: of a compiled model those of [q, q'] by `rhs`, with the
@@ -243,12 +240,16 @@ ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian
       fed.power(batch, parts.data());
       Eigen::Map<Vector>(out, batch.members) = parts.colwise().sum();
     };
-    made = {at_flows(function_rates(model, &Model::rhs), u, rtol),
-            at_flows(function_rates(model, power), u, rtol), 2 * model.dof(),
+    const Index solved = 2 * model.dof();
+    made = {at_flows(function_rates(model, &Model::rhs, solved), u, rtol),
+            at_flows(function_rates(model, power, 1), u, rtol), solved,
             shifted_systems(model, flow_at)};
   };
+  if (supply == nullptr && !PyCallable_Check(of.ptr())) {
+    with_compiled(of, compiled);
+    return made;
+  }
   // At constant head the derivative is dense.
-  if (supply == nullptr && with_compiled(of, compiled)) return made;
   return {rates_of(of, rows, u, rtol, supply), nullptr, rows,
           std::make_unique<DenseSystems>(called_jacobian(jacobian, rows, flow_at), rows)};
 }
@@ -314,13 +315,12 @@ void define_motion(py::module_& m) {
            py::keep_alive<1, 2>())
       .def(
           "rates",
-          [](const Supplied& supply, const py::object& of, const Vector& t, const Matrix& y,
-             const Matrix& base) {
+          [](const Supplied& supply, const Matrix& y, const Matrix& base) {
             Matrix out(y.rows(), y.cols());
-            supply.rates(flow_rates_of(of, y.rows() - 1), t, y.data(), base, out.data());
+            supply.rates(y.data(), y.cols(), base, out.data());
             return out;
           },
-          "of"_a, "t"_a, "y"_a, "base"_a = Matrix());
+          "y"_a, "base"_a = Matrix());
   py::class_<Integrator>(m, "Integrator")
       .def(py::init(&integrator), "of"_a, "u"_a, "start"_a, "t0"_a, "rtol"_a, "atol"_a, "most"_a,
            "max_step"_a = std::numeric_limits<double>::infinity(), "jacobian"_a = py::none(),

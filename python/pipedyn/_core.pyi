@@ -118,24 +118,8 @@ class Segments:
 
 class Chain:
     def __init__(self, pipe: Pipe, segments: Segments) -> None: ...
-    def axial(
-        self, y: typing.Any, drive: typing.Any = None
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def energy(
-        self, y: typing.Any, drive: typing.Any = None, refuses: bool = True
-    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def bodies(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def guided(self, held: collections.abc.Sequence[bool]) -> Chain: ...
-    def jacobian(
-        self,
-        t: typing.Any,
-        y: typing.Any,
-        u: typing.Any,
-        drive: typing.Any = None,
-        refuses: bool = True,
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def joint_operators(
-        self, scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
-    ) -> Operators: ...
     def joint_times(
         self,
         x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
@@ -148,38 +132,10 @@ class Chain:
         by_damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         unsteady: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    def linearised(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
     def loads(
         self, stations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    def operators(
-        self,
-        angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
-        joints: bool = True,
-    ) -> Operators: ...
     def places(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    def power(
-        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
-    ) -> tuple[
-        float | numpy.typing.NDArray[numpy.float64],
-        float | numpy.typing.NDArray[numpy.float64],
-        float | numpy.typing.NDArray[numpy.float64],
-        float | numpy.typing.NDArray[numpy.float64],
-        float | numpy.typing.NDArray[numpy.float64],
-    ]: ...
-    def rhs(
-        self,
-        t: typing.Any,
-        y: typing.Any,
-        u: typing.Any,
-        drive: typing.Any = None,
-        refuses: bool = True,
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def rhs_and_power(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
     def joints(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
@@ -502,27 +458,25 @@ class Scene:
         self,
         pipe: Pipe,
         segments: Segments,
-        inertia: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        held: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
-        value: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        held: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = [],
+        value: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+        inertia: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
+        compliance: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+        customs: typing.Any = None,
     ) -> None: ...
     def angles(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
     def axial(
         self, y: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def bodies(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     def derivative(
-        self,
-        y: typing.Any,
-        u: typing.Any,
-        moments: typing.Any = None,
-        by_state: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
-        returns: bool = True,
-        drive: typing.Any = None,
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def energy(
         self, y: typing.Any, drive: typing.Any = None, refuses: bool = True
     ) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def free_accelerations(
+        self, theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     def from_angles(
         self, theta: typing.Any, omega: typing.Any
     ) -> numpy.typing.NDArray[numpy.float64]: ...
@@ -537,6 +491,11 @@ class Scene:
     def linearised(
         self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def operators(
+        self,
+        angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+        joints: bool = True,
+    ) -> Operators: ...
     def power(
         self, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> tuple[
@@ -560,7 +519,6 @@ class Scene:
         t: typing.Any,
         y: typing.Any,
         u: typing.Any,
-        moments: typing.Any = None,
         drive: typing.Any = None,
         refuses: bool = True,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
@@ -572,27 +530,13 @@ class Scene:
         drive: typing.Any = None,
         refuses: bool = True,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    @typing.overload
     def rhs_and_power(
         self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    @typing.overload
-    def rhs_and_power(
-        self,
-        t: typing.Any,
-        y: typing.Any,
-        u: typing.Any,
-        moments: typing.Any,
-        drive: typing.Any = None,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
     def chain(self) -> Chain: ...
     @property
-    def compliance(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
-    @property
     def coordinates(self) -> int: ...
-    @property
-    def weights(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
 class Member:
     @property
@@ -616,8 +560,6 @@ class Supply:
     ) -> None: ...
     def rates(
         self,
-        of: typing.Any,
-        t: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
         y: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
         base: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...

@@ -30,23 +30,6 @@ void require(const char* name, Index size, Index expected) {
 
 constexpr double no_flow = 0.0;
 
-/// Whether the last segment has too little inertia: a chain refuses it if its centre of mass is so
-/// near to its joint and its radius of gyration so small, in L, that its inertia is lost in the
-/// rounding of the other segments' inertia.
-bool lacks_own_inertia(const Chain& chain, const Vector& length) {
-  constexpr double least = 1e-8;
-  const Index last = chain.dof() - 1;
-  const Vector body = chain.bodies().row(last);
-  return body[1] * length[last] + body[2] < least;
-}
-
-/// The segments with an inertia added to the last one: its radius of gyration is its length.
-Segments lend_inertia(Segments segments) {
-  const Index last = segments.length.size() - 1;
-  segments.gyration_radius[last] = segments.length[last];
-  return segments;
-}
-
 /// Solves s mu = right for one member by symmetric elimination and replaces right by mu. Rows among
 /// the first `positive` without a pivot depend on others: they are returned, and their mu is 0. If
 /// a later row has no pivot, mu is NaN.
@@ -101,45 +84,34 @@ std::vector<Index> solve_member(Matrix& s, Matrix& right, Index positive) {
 
 }  // namespace
 
-Scene::Scene(const Pipe& pipe, const Segments& segments, const Matrix& inertia,
-             const std::vector<Index>& held, const Vector& value)
+Scene::Scene(const Pipe& pipe, const Segments& segments, const std::vector<Index>& held,
+             const Vector& value, const Matrix& inertia, const Vector& compliance,
+             CustomForces customs)
     : length_(segments.length),
       base_(segments.base),
-      lends_(lacks_own_inertia(Chain(pipe, segments), segments.length)),
-      chain_(pipe, lends_ ? lend_inertia(segments) : segments),
-      inertia_(chain_.without_forces()),
-      held_from_(inertia.rows()),
-      value_(value) {
-  const Index count = held_from_ + value.size() + (lends_ ? 1 : 0);
-  weights_ = Matrix::Zero(count, coordinates());
-  compliance_ = Vector::Zero(count);
-  compliance_.head(held_from_).setOnes();
-  if (held_from_ > 0) weights_.topRows(held_from_) = inertia;
-  Index row = held_from_;
-  for (const Index coordinate : held) weights_(row++, coordinate) = 1.0;
-  if (lends_) {  // w . q is a multiple of the last segment's angle, the sum of the joints' angles
-    const double last = length_[dof() - 1];
-    for (Index j = 0; j < dof(); ++j) weights_(row, 3 * j + 2) = std::sqrt(last * last * last);
-    compliance_[row] = -1.0;
-  }
+      customs_(std::move(customs)),
+      chain_(pipe, segments),
+      value_(value),
+      compliance_(Vector::Zero(value.size() + compliance.size())),
+      lent_((compliance.array() < 0.0).count()) {
+  const Index count = row_count();
+  if (count > 0 || customs_) inertia_ = chain_.without_forces();
+  compliance_.tail(compliance.size()) = compliance;
+  Matrix weights = Matrix::Zero(count, coordinates());
+  for (Index row = 0; row < value.size(); ++row) weights(row, held.at(row)) = 1.0;
+  if (compliance.size() > 0) weights.bottomRows(compliance.size()) = inertia;
   across_ = along_ = joints_ = Matrix::Zero(count, dof());
   // Sums of the weights of the nodes beyond, and weights of the joint beyond.
   Vector x = Vector::Zero(count), y = x, angle = x;
   for (Index j = dof() - 1; j >= 0; --j) {
-    x += weights_.col(3 * j);
-    y += weights_.col(3 * j + 1);
+    x += weights.col(3 * j);
+    y += weights.col(3 * j + 1);
     across_.col(j) = length_[j] * x;
     along_.col(j) = length_[j] * y;
-    joints_.col(j) = weights_.col(3 * j + 2) - angle;
-    angle = weights_.col(3 * j + 2);
+    joints_.col(j) = weights.col(3 * j + 2) - angle;
+    angle = weights.col(3 * j + 2);
   }
   origin_ = base_ * y;
-}
-
-Matrix Scene::bodies() const {
-  Matrix made = chain_.bodies();
-  if (lends_) made(dof() - 1, 2) = 0.0;
-  return made;
 }
 
 // --------------------------------------------------------------------------------- coordinates
@@ -176,7 +148,7 @@ Matrix Scene::angles(const Batch& states) const {
 }
 
 void Scene::set_rows(const Matrix& theta, Rows& rows) const {
-  const Index n = dof(), members = theta.cols(), count = compliance_.size();
+  const Index n = dof(), members = theta.cols(), count = row_count();
   turn(theta, rows.sine, rows.cosine);
   rows.by_angles.resize(n, count * members);
   rows.turning.resize(n, count * members);
@@ -197,16 +169,29 @@ void Scene::set_rows(const Matrix& theta, Rows& rows) const {
 
 // -------------------------------------------------------------------------------------- motion
 
+Matrix Scene::custom(const char* what, const Batch& batch) const {
+  const Eigen::Map<const Matrix> y(batch.y, 2 * dof(), batch.members);
+  return customs_(what, redundant(y.topRows(dof()), y.bottomRows(dof())));
+}
+
+Batch Scene::loaded(Batch batch, Matrix& moments) const {
+  if (customs_) {
+    moments = custom("moments", batch);
+    batch.moments = moments.data();
+  }
+  return batch;
+}
+
 std::vector<Index> Scene::enforce(const Matrix& theta, Rows& rows, double rate, const double* omega,
                                   double* acceleration, Index stride) const {
-  const Index n = dof(), members = theta.cols(), count = compliance_.size();
+  const Index n = dof(), members = theta.cols(), count = row_count();
   const Index columns = count * members;
   set_rows(theta, rows);
   rows.still.setZero(2 * n, columns);
   rows.still.topRows(n) = theta.replicate(1, count);
   rows.response.resize(2 * n, columns);
-  inertia_.rhs({rows.still.data(), &no_flow, columns, 0, rows.by_angles.data()},
-               rows.response.data());
+  inertia_->rhs({rows.still.data(), &no_flow, columns, 0, rows.by_angles.data()},
+                rows.response.data());
   using Rates = Eigen::Map<Matrix, 0, Eigen::OuterStride<>>;
   const Eigen::Map<const Matrix, 0, Eigen::OuterStride<>> w(omega, n, members, {stride});
   Rates rates(acceleration, n, members, {stride});
@@ -216,9 +201,9 @@ std::vector<Index> Scene::enforce(const Matrix& theta, Rows& rows, double rate, 
   rows.products.resize(count * count, members);
   rows.forces.resize(count, members);
   for (Index i = 0; i < count; ++i) {
-    const bool held = i >= held_from_ && i < held_from_ + value_.size();
+    const bool held = i < value_.size();
     const double k = held ? rate : 0.0;
-    const double place = held ? k * k * (value_[i - held_from_] - origin_[i]) : 0.0;
+    const double place = held ? k * k * (value_[i] - origin_[i]) : 0.0;
     const auto own = of(rows.by_angles, i), turning = of(rows.turning, i);
     const auto change =
         own * (rates.array() + 2.0 * k * w.array()) + turning * (w.array().square() - k * k);
@@ -235,7 +220,7 @@ std::vector<Index> Scene::enforce(const Matrix& theta, Rows& rows, double rate, 
   for (Index m = 0; m < members; ++m) {
     system = rows.products.col(m).reshaped<Eigen::RowMajor>(count, count);
     forces = rows.forces.col(m);
-    idle = solve_member(system, forces, count - (lends_ ? 1 : 0));
+    idle = solve_member(system, forces, count - lent_);
     rows.forces.col(m) = forces;
   }
   for (Index i = 0; i < count; ++i) {
@@ -245,7 +230,7 @@ std::vector<Index> Scene::enforce(const Matrix& theta, Rows& rows, double rate, 
 }
 
 void Scene::add_rows(const Batch& batch, double rate, double* rates) const {
-  const Index n = dof(), members = batch.members, count = compliance_.size();
+  const Index n = dof(), members = batch.members, count = row_count();
   if (count == 0) return;
   constexpr Index most = 64;  // columns of X at once: whole packs, and small enough for the cache
   const Index block = std::max<Index>(1, most / count), below = n * members;
@@ -259,42 +244,44 @@ void Scene::add_rows(const Batch& batch, double rate, double* rates) const {
 }
 
 void Scene::rhs(const Batch& batch, double* rates) const {
-  chain_.rhs(batch, rates);
+  Matrix moments;
+  chain_.rhs(loaded(batch, moments), rates);
   add_rows(batch, return_rate, rates);
 }
 
 void Scene::rhs_and_power(const Batch& batch, double* rates) const {
-  chain_.rhs_and_power(batch, rates);
+  Matrix moments;
+  chain_.rhs_and_power(loaded(batch, moments), rates);
+  if (customs_) {
+    Eigen::Map<Vector>(rates + 2 * dof() * batch.members, batch.members) +=
+        custom("work", batch).reshaped();
+  }
   add_rows(batch, return_rate, rates);
 }
 
 void Scene::redundant_rhs(const Batch& states, double* rates) const {
   const Index n = dof(), size = coordinates(), members = states.members;
   const Matrix y = angles(states);
-  Matrix turning(2 * n, members);
+  Matrix turning(2 * n, members), moments;
   Batch batch = states;
   batch.y = y.data();
-  chain_.rhs(batch, turning.data());
+  chain_.rhs(loaded(batch, moments), turning.data());
   add_rows(batch, 0.0, turning.data());
-  Matrix sine, cosine;
-  turn(y.topRows(n), sine, cosine);
+  // Along a segment, theta'^2 accelerates as theta'' does across it: turned by a right angle.
+  const Matrix across = redundant(y.topRows(n), turning.bottomRows(n));
+  const Matrix squares = redundant(y.topRows(n), y.bottomRows(n).cwiseAbs2());
   Eigen::Map<Matrix> out(rates, 2 * size, members);
   out.topRows(size) = Eigen::Map<const Matrix>(states.y, 2 * size, members).bottomRows(size);
-  for (Index k = 0; k < members; ++k) {
-    double x = 0.0, down = 0.0;
-    for (Index j = 0; j < n; ++j) {
-      const double l = length_[j], w = y(n + j, k), acceleration = turning(n + j, k);
-      x += l * (acceleration * cosine(j, k) - w * w * sine(j, k));
-      down -= l * (acceleration * sine(j, k) + w * w * cosine(j, k));
-      out(size + 3 * j, k) = x;
-      out(size + 3 * j + 1, k) = down;
-      out(size + 3 * j + 2, k) = acceleration - (j > 0 ? turning(n + j - 1, k) : 0.0);
-    }
+  out.bottomRows(size) = across.bottomRows(size);
+  for (Index x = size; x < 2 * size; x += 3) {
+    out.row(x) += squares.row(x + 1);
+    out.row(x + 1) -= squares.row(x);
   }
 }
 
 void Scene::energy(const Batch& batch, double* out) const {
   chain_.energy(batch, out);
+  if (customs_) Eigen::Map<Vector>(out, batch.members) += custom("energy", batch).reshaped();
   const Index n = dof();
   const Eigen::Map<const Matrix> y(batch.y, 2 * n, batch.members);
   if (compliance_.isZero(0.0)) return;
@@ -308,24 +295,34 @@ void Scene::energy(const Batch& batch, double* out) const {
   }
 }
 
+void Scene::power(const Batch& batch, double* out) const {
+  chain_.power(batch, out);
+  if (!customs_) return;
+  constexpr Index others = 3;
+  Eigen::Map<Matrix>(out, 5, batch.members).row(others) +=
+      custom("work", batch).reshaped().transpose();
+}
+
 Matrix Scene::solve(const Matrix& theta, const Matrix& moments) const {
   const Index n = dof(), columns = theta.cols();
   Matrix still = Matrix::Zero(2 * n, columns), found(2 * n, columns);
   still.topRows(n) = theta;
-  inertia_.rhs({still.data(), &no_flow, columns, 0, moments.data()}, found.data());
+  inertia_->rhs({still.data(), &no_flow, columns, 0, moments.data()}, found.data());
   return found.bottomRows(n);
 }
 
 // ---------------------------------------------------------------------------------- derivative
 
 Scene::Linear Scene::linearised(const Batch& one, double rate) const {
-  const Index n = dof(), count = compliance_.size();
+  const Index n = dof(), count = row_count();
   Linear made;
-  if (one.moments != nullptr) made.moments = Eigen::Map<const Vector>(one.moments, n);
+  Matrix moments;
+  const Batch all = loaded(one, moments);
+  if (customs_) made.moments = moments.col(0);
   if (count == 0) return made;
   const Eigen::Map<const Vector> theta(one.y, n), omega(one.y + n, n);
   Vector rates(2 * n);
-  chain_.rhs(one, rates.data());
+  chain_.rhs(all, rates.data());
   Rows rows;
   const std::vector<Index> idle = enforce(theta, rows, rate, omega.data(), rates.data() + n, 1);
   const auto acceleration = rates.tail(n);
@@ -341,7 +338,7 @@ Scene::Linear Scene::linearised(const Batch& one, double rate) const {
   Index z = 0;
   for (Index i = 0; i < count; ++i) {
     if (std::find(idle.begin(), idle.end(), i) != idle.end()) continue;
-    const double k = i >= held_from_ && i < held_from_ + value_.size() ? rate : 0.0;
+    const double k = i < value_.size() ? rate : 0.0;
     const Vector own = rows.by_angles.col(i), turning = rows.turning.col(i);
     const Vector curved = joints_.row(i).transpose() - own;
     made.r.row(z) = own;
@@ -356,18 +353,18 @@ Scene::Linear Scene::linearised(const Batch& one, double rate) const {
   return made;
 }
 
-void Scene::derivative(const Batch& batch, double rate, const Matrix& by_state, double* out) const {
+void Scene::derivative(const Batch& batch, double rate, double* out) const {
+  if (row_count() == 0 && !customs_) return chain_.jacobian(batch, out);
   const Index n = dof(), rows = 2 * n, members = batch.members;
   const auto column = [members](const double* of, Index size, Index k) -> Vector {
     return Eigen::Map<const Matrix>(of, size, members).col(k);
   };
   for (Index k = 0; k < members; ++k) {
     const Vector y = column(batch.y, rows, k);
-    Vector moments, drive;
-    if (batch.moments != nullptr) moments = column(batch.moments, n, k);
+    Vector drive;
     if (batch.drive != nullptr) drive = column(batch.drive, Drive::rows, k);
     const auto or_none = [](const Vector& of) { return of.size() > 0 ? of.data() : nullptr; };
-    Batch one{y.data(), batch.u + k * batch.u_step, 1, 0, or_none(moments)};
+    Batch one{y.data(), batch.u + k * batch.u_step, 1, 0};
     one.drive = or_none(drive);
     const Linear about = linearised(one, rate);
     one.moments = or_none(about.moments);
@@ -375,14 +372,14 @@ void Scene::derivative(const Batch& batch, double rate, const Matrix& by_state, 
     Eigen::Map<Matrix> whole(out + k * rows * rows, rows, rows);
     chain_.jacobian(one, whole.data());
     auto accelerations = whole.bottomRows(n);
-    if (by_state.size() > 0) accelerations += solve(y.head(n).replicate(1, rows), by_state);
-    if (compliance_.size() == 0) continue;
+    if (customs_) accelerations += solve(y.head(n).replicate(1, rows), custom("slopes", one));
+    if (row_count() == 0) continue;
     Matrix system = about.r * about.x;
     system.diagonal() += about.compliance;
     const Matrix free = accelerations;
     Matrix z = about.r * free;
     z += about.e;
-    solve_member(system, z, system.rows() - (lends_ ? 1 : 0));
+    solve_member(system, z, system.rows() - lent_);
     const Matrix held = about.x * z;
     accelerations -= held;
   }
@@ -399,11 +396,11 @@ double Scene::project_one(Vector& theta, Vector& omega) const {
   Rows rows;
   for (int step = 0; step < most_steps; ++step) {
     set_rows(theta, rows);
-    const auto by_angles = rows.by_angles.middleCols(held_from_, held);
+    const auto by_angles = rows.by_angles.leftCols(held);
     Matrix system = by_angles.transpose().lazyProduct(by_angles);
     Matrix lacking(held, 2);  // distance of each held coordinate from its value, and its rate
-    lacking << origin_.segment(held_from_, held) - value_ -
-                   rows.turning.middleCols(held_from_, held).colwise().sum().transpose(),
+    lacking << origin_.head(held) - value_ -
+                   rows.turning.leftCols(held).colwise().sum().transpose(),
         by_angles.transpose().lazyProduct(omega);
     const double missed = lacking.col(0).cwiseAbs().maxCoeff();
     if (missed < least_missed) {

@@ -18,8 +18,8 @@
 //   theta'' = M^-1 f + X mu,   X = M^-1 R^T,   (R theta')' + compliance mu = 0,
 //
 // where compliance is 0 for a row that is held and 1 for an inertia. If the last segment has only
-// the inertia of a row, M has no inverse; an inertia is then added to the segment, and a row with
-// compliance -1 subtracts it again.
+// the inertia of a row, M has no inverse; the caller then adds an inertia to the segment, and a row
+// with compliance -1 that subtracts it again.
 //
 // The states of an integrator may miss guides and pins by a distance g. It decays as in a
 // critically damped oscillator, with the return rate k:
@@ -39,31 +39,38 @@
 
 #pragma once
 
+#include <functional>
+#include <optional>
 #include <vector>
 
 #include "pipedyn/chain/chain.hpp"
 
 namespace pipedyn {
 
-/// A chain with guides, pins and further inertia. A state is [theta, theta'], or the redundant
-/// state [q, q']. Immutable; many threads may use one scene.
+/// What modules written in Python add at redundant states (6 n, members): their "moments" on the
+/// segments (n, members), the "slopes" of these by one state [theta, theta'] (n, 2 n), their
+/// potential "energy" (members), or the "work" in unit time of other forces (members).
+using CustomForces = std::function<Matrix(const char* what, const Matrix& states)>;
+
+/// A chain with guides, pins, further inertia and forces of modules written in Python. A state is
+/// [theta, theta'], or the redundant state [q, q']. Immutable; many threads may use one scene.
 class Scene {
  public:
-  /// inertia: rows of weights of the inertia besides the chain's (rows, 3 n). held: indices of the
-  /// coordinates x or y of nodes that guides or pins hold, each once; value: their values. Throws
-  /// std::invalid_argument if arrays of the segments differ in length.
-  Scene(const Pipe& pipe, const Segments& segments, const Matrix& inertia,
-        const std::vector<Index>& held, const Vector& value);
+  /// held: indices of the coordinates x or y of nodes that guides or pins hold, each once; value:
+  /// their values. inertia: rows of weights of the inertia besides the chain's (rows, 3 n);
+  /// compliance: of each row, 1, or -1 for rows at the end that subtract inertia. customs: empty if
+  /// no module is written in Python. Throws std::invalid_argument if arrays of the segments differ
+  /// in length.
+  Scene(const Pipe& pipe, const Segments& segments, const std::vector<Index>& held = {},
+        const Vector& value = {}, const Matrix& inertia = {}, const Vector& compliance = {},
+        CustomForces customs = {});
 
   const Chain& chain() const { return chain_; }
   Index dof() const { return length_.size(); }
   Index coordinates() const { return 3 * dof(); }
-  /// Weights of each row (rows, 3 n): first those of inertia, then held coordinates, then the row
-  /// that subtracts the added inertia.
-  const Matrix& weights() const { return weights_; }
-  const Vector& compliance() const { return compliance_; }
-  /// Chain::bodies without the added inertia.
-  Matrix bodies() const;
+  /// Number of rows: held coordinates, then inertia.
+  Index row_count() const { return compliance_.size(); }
+  bool has_customs() const { return static_cast<bool>(customs_); }
 
   /// Redundant states (6 n, k) for angles theta (n, k) and rates omega (n, k) of the segments.
   Matrix redundant(const Matrix& theta, const Matrix& omega) const;
@@ -93,17 +100,15 @@ class Scene {
   /// Linearisation about the state of the batch. rate: k; it is 0 for `redundant_rhs`.
   Linear linearised(const Batch& one, double rate) const;
   /// Jacobian of `rhs` for each member (members, 2 n, 2 n), row-major.
-  void jacobian(const Batch& batch, double* out) const {
-    derivative(batch, return_rate, Matrix(), out);
-  }
-  /// Jacobian as in `jacobian`, for any return rate. by_state: derivatives of the batch's moments
-  /// by the state (n, 2 n), for a single member; if empty, the moments are constant.
-  void derivative(const Batch& batch, double rate, const Matrix& by_state, double* out) const;
+  void jacobian(const Batch& batch, double* out) const { derivative(batch, return_rate, out); }
+  /// Jacobian as in `jacobian`, for any return rate.
+  void derivative(const Batch& batch, double rate, double* out) const;
 
   /// Energy of states [theta, theta'] (members,); 0 for the straight pipe at rest.
   void energy(const Batch& batch, double* out) const;
-  /// Powers of flow, joints, drag, terms and base, as in Chain::power.
-  void power(const Batch& batch, double* out) const { chain_.power(batch, out); }
+  /// Powers of flow, joints, drag, others (terms and modules written in Python) and base, as in
+  /// Chain::power.
+  void power(const Batch& batch, double* out) const;
   void axial(const Batch& batch, double* out) const { chain_.axial(batch, out); }
 
   /// Replaces angles and rates (n, k) by close ones that meet guides and pins, by Newton's method
@@ -120,12 +125,12 @@ class Scene {
  private:
   Vector length_;
   double base_;
-  bool lends_;
-  Chain chain_, inertia_;  // the second is without forces
-  Index held_from_;        // first row that is held
-  Vector value_;           // values of the held coordinates
-  Matrix weights_;
+  CustomForces customs_;
+  Chain chain_;
+  std::optional<Chain> inertia_;  // the chain without forces, if there are rows or customs
+  Vector value_;                  // values of the held coordinates
   Vector compliance_;
+  Index lent_;  // number of rows that subtract inertia, the last ones
   // Coefficients of w . q for each row: the constant from the base; the factors of sin theta_j and
   // cos theta_j; and those of theta_j, from the angles of the joints.
   Vector origin_;
@@ -141,6 +146,10 @@ class Scene {
     Matrix still, response;   // states at rest, and rates with X below (2 n, rows members)
     Matrix products, forces;  // R X + compliance, a member in a column; mu (rows, members)
   };
+  /// What modules written in Python add at states that begin with [theta, theta'].
+  Matrix custom(const char* what, const Batch& batch) const;
+  /// The batch with the moments of these modules, which `moments` keeps.
+  Batch loaded(Batch batch, Matrix& moments) const;
   /// Computes sine, cosine, by_angles and turning at the angles theta (n, members).
   void set_rows(const Matrix& theta, Rows& rows) const;
   /// Adds the effect of the forces along the rows to the chain's accelerations. omega and

@@ -7,16 +7,16 @@
 
 namespace pipedyn {
 
-SceneSystems::SceneSystems(const Chain& chain, FlowAt flow, Linearise linearise)
-    : chain_(chain),
+SceneSystems::SceneSystems(const Scene& scene, FlowAt flow)
+    : scene_(scene),
+      chain_(scene.chain()),
       flow_at_(std::move(flow)),
-      linearise_(std::move(linearise)),
-      factors_(static_cast<std::size_t>(chain.factor_numbers())) {}
+      factors_(static_cast<std::size_t>(chain_.factor_numbers())) {}
 
 void SceneSystems::linearise(double t, const double* y, Index member) {
   state_ = Eigen::Map<const Vector>(y, 2 * chain_.dof());
   flow_ = flow_at_(t, member);
-  about_ = linearise_(flow_.of(state_.data()));
+  about_ = scene_.linearised(flow_.of(state_.data()), Scene::return_rate);
 }
 
 SceneSystems::Shifted SceneSystems::product(const Matrix& rows, const double* x) {

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: MIT
 //
-// Solution of (mu - J) x = b for a chain or a scene, about states that meet guides and pins nearly.
-// S b is the solution for the chain with constant forces along the rows (chain/shifted.hpp), and R,
-// E and X are those of scene.hpp, where R and X apply to accelerations. Then
+// Solution of (mu - J) x = b for a scene without modules in Python, about states that meet guides
+// and pins nearly. S b is the solution for the chain with constant forces along the rows
+// (chain/shifted.hpp), and R, E and X are those of scene.hpp, where R and X apply to accelerations.
+// Then
 //
 //   x = S (b + X z),   ((mu R + E) S X + compliance) z = R b - (mu R + E) S b.
 //
 // Each right side costs one solve of the chain; each new mu costs one more for each entry of z. A
-// chain alone has no z.
+// scene without guides, pins and further inertia has no z.
 #pragma once
 
 #include "pipedyn/modular/scene.hpp"
@@ -15,15 +16,10 @@
 
 namespace pipedyn {
 
-/// The linear systems of implicit integrators for a chain or a scene.
+/// The linear systems of implicit integrators for a scene without modules in Python.
 class SceneSystems final : public ShiftedSystems {
  public:
-  SceneSystems(const Chain& chain, FlowAt flow)
-      : SceneSystems(chain, std::move(flow), [](const Batch&) { return Scene::Linear(); }) {}
-  SceneSystems(const Scene& scene, FlowAt flow)
-      : SceneSystems(scene.chain(), std::move(flow), [&scene](const Batch& one) {
-          return scene.linearised(one, Scene::return_rate);
-        }) {}
+  SceneSystems(const Scene& scene, FlowAt flow);
   void linearise(double t, const double* y, Index member) override;
   void factorise(const double* mu) override;
   void solve(double* b) override;
@@ -35,12 +31,9 @@ class SceneSystems final : public ShiftedSystems {
   using Shifted = Eigen::Array<double, Eigen::Dynamic, 2 * shifts, Eigen::RowMajor>;
   using Parts = Eigen::Array<double, 1, shifts>;
 
-  using Linearise = std::function<Scene::Linear(const Batch& one)>;
-  SceneSystems(const Chain& chain, FlowAt flow, Linearise linearise);
-
+  const Scene& scene_;
   const Chain& chain_;
   FlowAt flow_at_;
-  Linearise linearise_;
   Vector state_;
   Flows flow_;
   Scene::Linear about_;

@@ -155,11 +155,9 @@ CORE_MATRICES = tuple(field.name for field in fields(Operators)[:7])
 """Names of the matrices of `Operators` that the core computes, the same in the core."""
 
 
-def operators_from(core: _core.Operators, pipe: Pipe, scale: Array | None = None) -> Operators:
-    """`Operators` from the core's matrices, times scale (dof, dof), and the pipe's two factors."""
+def operators_from(core: _core.Operators, pipe: Pipe) -> Operators:
+    """`Operators` from the core's matrices and the pipe's two factors."""
     matrices = {name: getattr(core, name) for name in CORE_MATRICES}
-    if scale is not None:
-        matrices = {name: scale * matrix for name, matrix in matrices.items()}
     return Operators(**matrices, direction=pipe.direction, centrifugal=pipe.alpha)
 
 
@@ -393,35 +391,21 @@ class Model(OfPipe, ABC):
     @property
     @abstractmethod
     def core(self) -> Any:
-        """The compiled model, which has the linear operators about the straight pipe."""
+        """The compiled model.
 
-    @cached_property
-    def motion(self) -> Any:
-        """The compiled equations of motion.
-
-        `rhs_and_power` takes [p, p', work done], shape (2 integrated + 1,), or the same for k
-        states as columns; p are the coordinates that an integrator advances. `energy` and `power`
-        take states [q, q'].
+        Its equations of motion are for states [p, p'], shape (2 integrated,), or for k of them as
+        columns; p are the coordinates that an integrator advances. `rhs_and_power` takes [p, p',
+        work done].
         """
-        return self.core
 
     @property
-    def compiled(self) -> Any:
-        """The compiled equations of motion; None if a part of them is computed in Python."""
-        return self.motion
-
-    @property
-    def compiled_rates(self) -> Any:
-        """Right-hand side for the core's integrators: `compiled`, or a Python function.
-
-        The function takes times (k,), states as for `motion_rates` with k columns, flow speeds (k,)
-        and, if the speed varies or the base moves, the rows of the drive (ROWS, k).
-        """
-        return self.compiled or (lambda t, y, u, drive=None: self.motion_rates(y, u, drive, t[0]))
+    def calls_python(self) -> bool:
+        """Whether the compiled equations of motion call functions written in Python."""
+        return False
 
     @cached_property
     def equations(self) -> Any:
-        """The compiled equations of motion, if the pipe has any in time.
+        """The compiled model, if its pipe has equations of motion in time.
 
         Raises:
             ValueError: with hysteresis, which is defined for harmonic oscillations only.
@@ -431,7 +415,7 @@ class Model(OfPipe, ABC):
                 f"hysteresis must be 0 in motion, got {self._pipe.hysteresis:g}: a loss factor "
                 "has no equation of motion; instead take damping=pipe.equivalent_damping(frequency)"
             )
-        return self.motion
+        return self.core
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
         """Seven linear operators in q, each (dof, dof), about a configuration at rest.
@@ -459,19 +443,26 @@ class Model(OfPipe, ABC):
         at = self._reference if q is None else self._coordinates(q)
 
         def found(model: Self) -> Operators:
-            core = model.core.operators() if at is None else model.motion.operators(at)
+            core = model.core.operators() if at is None else model.core.operators(at)
             return operators_from(core, model.pipe)
 
         return self._with_loss(found)
 
     def _with_loss(self, of: Callable[[Self], Operators]) -> Operators:
         """The model's operators with hysteresis, mu dD/ddelta; damping D is linear in delta."""
-        found, pipe = of(self), self._pipe
-        if not pipe.hysteresis:
+        found = of(self)
+        if not self._pipe.hysteresis:
             return found
-        step = 1.0 if pipe.damping < 1.0 else -1.0  # a step that keeps delta in its range
-        moved = of(self.with_pipe(replace(pipe, damping=pipe.damping + step)))
-        return replace(found, loss=pipe.hysteresis * step * (moved.damping - found.damping))
+        moved, step = self._stepped("damping")
+        by_damping = step * (of(moved).damping - found.damping)
+        return replace(found, loss=self._pipe.hysteresis * by_damping)
+
+    def _stepped(self, number: str) -> tuple[Self, float]:
+        """The model with a number of its pipe changed by 1 or -1 within its range; the change."""
+        value = getattr(self._pipe, number)
+        step = 1.0 if value < 1.0 else -1.0
+        change: dict[str, Any] = {number: value + step}
+        return self.with_pipe(replace(self._pipe, **change)), step
 
     @abstractmethod
     def elastic_operators(self) -> Operators:
@@ -525,9 +516,12 @@ class Model(OfPipe, ABC):
             >>> chain.rhs(0.0, np.zeros((4, 256)), 4.0).shape
             (4, 256)
         """
-        if u_dot is None and base is None:
-            return self._steady_rhs(t, y, u)
-        return self.equations.rhs(t, y, u, drive=self._drive(y, u_dot, base))
+        return self._rhs(t, y, u, self._drive(y, u_dot, base))
+
+    @cached_property
+    def _rhs(self) -> Callable[..., Array]:
+        """The compiled `rhs`, kept as looking it up takes a tenth of a call."""
+        return self.equations.rhs
 
     def _drive(self, y: ArrayLike, u_dot: Any, base: Any) -> Array | None:
         """The drive in the core's form for states y, (ROWS,) or (ROWS, k); None without forcing.
@@ -595,21 +589,8 @@ class Model(OfPipe, ABC):
             NotResolved: as for `rhs`.
             ValueError: also for a chain with more than 4000 segments.
         """
-        if u_dot is None and base is None:
-            return self._steady_jacobian(t, y, u)
         self._check_dense()
-        return self.equations.jacobian(t, y, u, drive=self._drive(y, u_dot, base))
-
-    # These two functions are kept, as looking them up takes a tenth of a call.
-
-    @cached_property
-    def _steady_rhs(self) -> Callable[..., Array]:
-        return self.equations.rhs
-
-    @cached_property
-    def _steady_jacobian(self) -> Callable[..., Array]:
-        self._check_dense()
-        return self.equations.jacobian
+        return self.equations.jacobian(t, y, u, self._drive(y, u_dot, base))
 
     @property
     def integrated(self) -> int:
@@ -631,6 +612,10 @@ class Model(OfPipe, ABC):
     def from_user(self, q: Array, qdot: Array) -> Array:
         """States [p, p'], (S, 2 integrated), from users' q and qdot, (S, coordinates)."""
         return np.concatenate([q, qdot], axis=1)
+
+    def _advanced(self, y: Any) -> Any:
+        """States [p, p'] of an integrator, (2 integrated, ...), from users' states [q, q']."""
+        return y
 
     def resting(self) -> Array:
         """Coordinates p of the configuration at rest, shape (integrated,)."""
@@ -668,17 +653,13 @@ class Model(OfPipe, ABC):
         speed and the moving base, see `ROWS`, shape (ROWS,) or (ROWS, k).
         """
         if len(y) > 2 * self.integrated:
-            return np.asarray(self.motion.rhs_and_power(t, y, u, drive))
-        if self.compiled is not None:  # it advances [p, p'] itself and needs no work
-            return np.asarray(self.compiled.rhs(t, y, u, drive, refuses=False))
-        work = np.zeros((1, *y.shape[1:]))
-        rates: Array = self.motion.rhs_and_power(t, np.concatenate([y, work]), u, drive)
-        return rates[:-1]
+            return np.asarray(self.core.rhs_and_power(t, y, u, drive))
+        return np.asarray(self.core.rhs(t, y, u, drive, refuses=False))
 
     def motion_jacobian(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
         """Jacobian of the rates of [p, p'], (2 integrated, 2 integrated), or k of them."""
         self._check_dense()
-        return self.motion.jacobian(0.0, y, u, drive, refuses=False)
+        return np.asarray(self.core.jacobian(0.0, y, u, drive, refuses=False))
 
     def motion_linearised(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
         """Rates of [p, p'] for k columns, with derivatives with respect to speed and state.
@@ -686,14 +667,8 @@ class Model(OfPipe, ABC):
         The rows of the result, (k, 2 + 2 integrated, 2 integrated), are the rates, their derivative
         by the speed and the derivatives by [p, p'].
         """
-        if self.compiled is not None:
-            self._check_dense()
-            return np.asarray(self.compiled.linearised(0.0, y, u, drive))
-        step = np.where(np.asarray(u) > 0.0, 0.5 * np.asarray(u), 1.0)
-        rates, faster, fastest = (self.motion_rates(y, u + k * step, drive) for k in range(3))
-        by_speed = (4.0 * faster - fastest - 3.0 * rates) / (2.0 * step)  # exact to degree 2
-        slopes = self.motion_jacobian(y, u, drive)
-        return np.concatenate([rates.T[:, None], by_speed.T[:, None], slopes], axis=1)
+        self._check_dense()
+        return np.asarray(self.core.linearised(0.0, y, u, drive))
 
     def energy(self, y: ArrayLike, *, base: ArrayLike | None = None) -> float | Array:
         """Kinetic, elastic and gravitational energy in EI / L, 0 at rest on the straight pipe.
@@ -707,7 +682,7 @@ class Model(OfPipe, ABC):
             >>> round(float(chain.energy([0.1, 0.0, 0.0, 0.0])), 12)  # of springs 4 and 2
             0.03
         """
-        return self.motion.energy(y, drive=self._drive(y, None, base))
+        return self.core.energy(self._advanced(y), drive=self._drive(y, None, base))
 
     def power(
         self,
@@ -727,7 +702,8 @@ class Model(OfPipe, ABC):
             >>> chain.power([0.1, 0.1, 1.0, 1.0], 4.0)
             Power(flow=-1.788854, joints=0, drag=0, others=0)
         """
-        return Power(*self.equations.power(y, u, drive=self._drive(y, u_dot, base)))
+        drive = self._drive(y, u_dot, base)
+        return Power(*self.equations.power(self._advanced(y), u, drive=drive))
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         """Centreline (x, y), inextensible at any amplitude: x is transverse, y points downward.

@@ -34,14 +34,8 @@ SPRING_RULES: tuple[SpringRule, ...] = get_args(SpringRule)
 FIRST_BEAM_EIGENVALUE = 1.8751040687119611664**4
 """Square of a cantilever's first angular frequency: k^4 at the root of cos(k) cosh(k) = -1."""
 
-ARRAYS = {
-    "lengths": "_lengths",
-    "masses": "_masses",
-    "centres": "_centers",
-    "drag_points": "_drag_points",
-    "gyration_radii": "_gyration_radii",
-}
-"""Arrays with one number for each segment: constructor arguments and the attributes they set."""
+ARRAYS = ("lengths", "masses", "centres", "drag_points", "gyration_radii")
+"""Arguments of the constructor with one number for each segment."""
 
 NOT_HELD = np.zeros(0, dtype=np.intp)
 
@@ -52,22 +46,7 @@ SHORTEST_SEGMENT = 1e-7
 """Shortest segment: shorter ones, or a last one with less inertia, are lost in rounding."""
 
 
-@saved_as(
-    "Chain",
-    former={
-        "_pipe": "pipe",
-        "_reference": "reference",
-        "_lengths": "lengths",
-        "_base": "base",
-        "_masses": "masses",
-        "_centers": "centres",
-        "_drag_points": "drag_points",
-        "_gyration_radii": "gyration_radii",
-        "_rule": "rule",
-        "_joints": "joints",
-        "_approximates": "approximates",
-    },
-)
+@saved_as("Chain", former={"centers": "centres"})
 class Chain(SegmentModel):
     """A chain of n rigid segments, the lumped-parameter model of a pipe.
 
@@ -189,10 +168,10 @@ class Chain(SegmentModel):
             )
         mass, center, radius = self._pipe_inertia()
         self._masses = _given("masses", masses, mass, high=1e6, open_low=True)
-        self._centers = _given("centres", centres, center, high=1.0)
+        self._centres = _given("centres", centres, center, high=1.0)
         self._drag_points = _given("drag_points", drag_points, np.full(n, 0.5), high=1.0)
         self._gyration_radii = _given("gyration_radii", gyration_radii, radius, high=1e3)
-        arm = self._centers[-1] * self._lengths[-1] + self._gyration_radii[-1]
+        arm = self._centres[-1] * self._lengths[-1] + self._gyration_radii[-1]
         if arm < 0.1 * SHORTEST_SEGMENT:
             raise ValueError(
                 "centres and gyration_radii must not both be 0 at the last segment: "
@@ -211,7 +190,7 @@ class Chain(SegmentModel):
     def archived(self) -> dict[str, Any]:
         return {
             **super().archived(),
-            **{name: getattr(self, own) for name, own in ARRAYS.items()},
+            **{name: getattr(self, name) for name in ARRAYS},
             "base": self._base,
             "rule": self._rule,
             "joints": self._joints,
@@ -229,10 +208,10 @@ class Chain(SegmentModel):
         if kept.size not in (n, n + 1):
             raise ValueError(f"joints must have {n} or {n + 1} entries, got {kept.size}")
         made = cls(springs=kept[: n + fields["pipe"].end_directed], **fields)
-        for name, own in ARRAYS.items():
+        for name in ARRAYS:
             given = fields.get(name)
             if isinstance(given, np.ndarray) and given.dtype == np.float64:
-                setattr(made, own, _frozen(given))  # chains with other pipes share it
+                setattr(made, f"_{name}", _frozen(given))  # chains with other pipes share it
         made._joints = kept
         made._rule = None if rule is None else check.choice("rule", rule, SPRING_RULES)
         made._approximates = check.flag("approximates", approximates)
@@ -273,7 +252,7 @@ class Chain(SegmentModel):
         if rule in ("uniform", "midpoint"):
             return n * every
         cantilever = replace(self._pipe, terms=(), root="clamped", end="free", supports=())
-        bare, relative = _core.Chain(*self._segments(np.ones(n), cantilever)), every[:-1]
+        bare, relative = self._compiled(np.ones(n), cantilever).chain, every[:-1]
         lowest = _first_eigenvalue(self._pipe)
 
         def inertia(turns: Array) -> Array:
@@ -332,46 +311,27 @@ class Chain(SegmentModel):
             return NOT_HELD
         return held_ends(self._pipe, self._ends()[1:])
 
-    def _segments(self, springs: Array, pipe: Pipe) -> tuple[_core.Pipe, _core.Segments]:
-        """The compiled pipe and segments of a chain or scene with these joints' springs."""
-        return core_pipe(pipe), _core.Segments(
+    def _compiled(self, springs: Array, pipe: Pipe, held: Sequence[int] = ()) -> _core.Scene:
+        """The compiled segments with these springs of joints, the ends of those in `held` held."""
+        segments = _core.Segments(
             length=self._lengths,
-            center=self._centers,
+            center=self._centres,
             gyration_radius=self._gyration_radii,
             spring=springs,
             drag_point=self._drag_points,
             base=self._base,
             mass=self._masses,
         )
+        places = [3 * k for k in held]
+        return _core.Scene(core_pipe(pipe), segments, held=places, value=np.zeros(len(places)))
 
     @property
     def _own_joints(self) -> Array:
         return self._joints[: self.coordinates + self._pipe.end_directed]
 
     @cached_property
-    def core(self) -> _core.Chain:
-        """The compiled chain without the supports."""
-        return _core.Chain(*self._segments(self._own_joints, self._pipe))
-
-    @property
-    def _chain(self) -> _core.Chain:
-        return self.core
-
-    @cached_property
-    def motion(self) -> Any:
-        """The compiled chain, or the compiled scene if supports hold nodes."""
-        if not self._held.size:
-            return self.core
-        return _core.Scene(
-            *self._segments(self._own_joints, self._pipe),
-            inertia=np.zeros((0, 0)),
-            held=(3 * self._held).tolist(),
-            value=np.zeros(self._held.size),
-        )
-
-    @property
-    def _scene(self) -> _core.Scene | None:
-        return self.motion if self._held.size else None
+    def core(self) -> _core.Scene:
+        return self._compiled(self._own_joints, self._pipe, self._held.tolist())
 
     def _held_rows(self, theta: Array) -> Array:
         before = np.arange(theta.size)[:, None] <= self._held
@@ -380,11 +340,6 @@ class Chain(SegmentModel):
     def __repr__(self) -> str:
         rule = repr(self._rule) if self._rule else "array"
         return f"Chain({self._pipe!r}, n={self.coordinates}, springs={rule}{self._about_shown})"
-
-    @cached_property
-    def dof(self) -> int:
-        """Number of degrees of freedom: n less the number of nodes that supports hold."""
-        return self._lengths.size - self._held.size
 
     @property
     def coordinates(self) -> int:
@@ -396,7 +351,7 @@ class Chain(SegmentModel):
     base = stored("_base", "Length of the fixed part at the clamp.")
     lengths = stored("_lengths", "l_j, shape (n,).")
     masses = stored("_masses", "Of the segments, in the pipe's, shape (n,).")
-    centres = stored("_centers", "chi_j, shape (n,).")
+    centres = stored("_centres", "chi_j, shape (n,).")
     gyration_radii = stored("_gyration_radii", "eta_j, shape (n,).")
     drag_points = stored("_drag_points", "xi_j, shape (n,).")
 
@@ -415,7 +370,7 @@ class Chain(SegmentModel):
         return self._reference is None
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        return Model.operators(self, q) if self._scene is None else super().operators(q)
+        return super().operators(q) if self._held.size else Model.operators(self, q)
 
     def initial_state(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
         y = super().initial_state(q0, qdot0)
@@ -454,19 +409,6 @@ class Chain(SegmentModel):
         line = along(self._lengths * np.exp(1j * angles), self._base, self._lengths, s)
         return np.stack([line.imag, line.real + np.minimum(s, self._base)], axis=-1)
 
-    def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
-        lengths = self._lengths_to_tip
-        return np.stack([lengths @ np.sin(q), self._base + lengths @ np.cos(q)], axis=-1)
-
-    @cached_property
-    def _lengths_to_tip(self) -> Array:
-        """Lengths of the parts of the segments up to the point of `tips`, shape (n,)."""
-        place = self.pipe.watched
-        if place == 1.0:
-            return self._lengths
-        starts = self._base + np.cumsum(self._lengths) - self._lengths
-        return np.clip(place - starts, 0.0, self._lengths)
-
     @property
     def kinks_known(self) -> bool:
         return True
@@ -483,10 +425,6 @@ class Chain(SegmentModel):
             joints += drive[3] - 1j * drive[4]
         reach = (self._drag_points * self._lengths)[:, None]
         return np.concatenate([of_terms, (joints * tangents.conj()).real + reach * pdot])
-
-    def _across(self, p: Array, s: Array) -> Array:
-        steps = self._lengths[:, None] * np.sin(p)
-        return np.asarray(along(steps, self._base, self._lengths, s))
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         return self.admissible(self.sampled(angle))

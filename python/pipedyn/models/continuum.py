@@ -47,7 +47,7 @@ class Converged(Generic[Reply]):
     error: float
 
 
-@saved_as("Continuum", former={"_pipe": "pipe"})
+@saved_as("Continuum")
 class Continuum(OfPipe):
     """The continuous pipe (the partial differential equation), for linear questions.
 

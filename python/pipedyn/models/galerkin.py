@@ -78,16 +78,7 @@ def basis_joints(pipe: Pipe) -> Array:
     return np.array(ends[1:-1])
 
 
-@saved_as(
-    "Galerkin",
-    former={
-        "_pipe": "pipe",
-        "_reference": "reference",
-        "_size": "m",
-        "_basis": "basis",
-        "_more": "more",
-    },
-)
+@saved_as("Galerkin", former={"size": "m"})
 class Galerkin(Model):
     """A reduced model with m functions. Coordinates: their amplitudes q_i, shape (m,).
 
@@ -263,7 +254,7 @@ class Galerkin(Model):
         order = check.count("derivative", derivative, low=0, high=2)
         at, asked = arc_lengths(s)
         found = self._basis_at(at, order)
-        found = found if self._free.spread is None else found @ self._free.spread
+        found = found @ self._free.spread if self._held else found
         return found.reshape((*asked, self._size))
 
     def _basis_at(self, s: Array, derivative: int) -> Array:
@@ -287,7 +278,7 @@ class Galerkin(Model):
 
     @property
     def elastic_scale(self) -> Array:
-        """Amplitudes of one elastic coordinate: q_i, shape (m,), or if stiffness varies (m, m)."""
+        """Amplitudes q_i for a unit of each elastic coordinate, shape (m, m)."""
         return self.small_motions[1]
 
     @property
@@ -298,41 +289,44 @@ class Galerkin(Model):
     def _elastic(self) -> tuple[Array, Array]:
         free = self._free
         if self._pipe.stiffness is None:
-            return free.scale, free.share
-        by_core = np.diag(free.scale) if free.spread is None else free.spread * free.scale
+            return np.diag(free.scale), free.share
+        by_core = free.spread * free.scale
         by, share = orthonormal(by_core.T @ self.core.elastic() @ by_core, free.share)
         return free.scale[:, None] * by, share
 
     @cached_property
-    def small_motions(self) -> tuple[Array | None, Array]:
+    def small_motions(self) -> tuple[Array, Array]:
         """Matrices from model coordinates to the core's amplitudes, and from elastic to model ones.
 
         If the pipe is held across, its supports allow other directions about the configuration of
         `about` than about the straight pipe.
         """
-        rest, spread = self._reference, self._free.spread
-        if rest is None or spread is None:
-            return spread, self._elastic[0]
+        rest = self._reference
+        if rest is None or not self._held:
+            return self._free.spread, self._elastic[0]
         by = self._supports.allowed(rest)
         return by, np.linalg.inv(np.linalg.cholesky(by.T @ self.core.elastic() @ by)).T
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        found, by = super().operators(q), self.small_motions[0]
-        if by is None:
+        found = super().operators(q)
+        if not self._held:
             return found
-        if q is not None:
-            by = self._supports.allowed(self._coordinates(q))
+        by = self.small_motions[0] if q is None else self._supports.allowed(self._coordinates(q))
         return self._held_across(found, by, q is None and self._reference is None)
 
     def elastic_operators(self) -> Operators:
-        (spread, scale), rest = self.small_motions, self._reference
-        found = self.core.operators() if rest is None else self.motion.operators(rest)
-        if spread is not None:
-            by = spread * scale if scale.ndim == 1 else spread @ scale
-            return self._held_across(operators_from(found, self._pipe), by, rest is None)
-        if scale.ndim == 2:
-            return projected(operators_from(found, self._pipe), scale)
-        return operators_from(found, self._pipe, np.outer(scale, scale))
+        rest = self._reference
+        core = self.core.operators() if rest is None else self.core.operators(rest)
+        found = operators_from(core, self._pipe)
+        if self._held:
+            return self._held_across(found, self._amplitudes, rest is None)
+        return projected(found, self.elastic_scale)
+
+    @property
+    def _amplitudes(self) -> Array:
+        """Amplitudes of the core's functions for a unit of each elastic coordinate, (core's, m)."""
+        spread, scale = self.small_motions
+        return spread @ scale
 
     def _held_across(self, core: Operators, by: Array, straight: bool) -> Operators:
         """Operators in coordinates q, where the core's coordinates are `by` q."""
@@ -352,8 +346,7 @@ class Galerkin(Model):
         return self._supports.allowed(p) if self._held else super().free_directions(p)
 
     def by_coordinates(self) -> Array:
-        spread = self.small_motions[0]
-        return np.eye(self.dof) if spread is None else spread
+        return self.small_motions[0]
 
     def free_states(self, y: Array) -> Array:
         return self._supports.free_states(y) if self._held else super().free_states(y)
@@ -375,11 +368,10 @@ class Galerkin(Model):
 
     def _spread(self, name: str, given: ArrayLike) -> tuple[Array, bool]:
         """Amplitudes of the core's functions, and whether the argument has all of them."""
-        spread = self._free.spread
         rows = check.array(name, given, size=(self.dof, self.coordinates), **ANGLES)
-        if spread is None or rows.size == self.coordinates:
+        if rows.size == self.coordinates:
             return rows, True
-        return spread @ rows, False
+        return self._free.spread @ rows, False
 
     def _closed(self, name: str, q: Array, rates: Array) -> Array:
         """The nearby state [q, q'] that meets the supports."""
@@ -393,10 +385,7 @@ class Galerkin(Model):
         return rows if exact else self._closed("q", rows, np.zeros_like(rows))[: rows.size]
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
-        columns, scale = self._columns("z", z), self.elastic_scale
-        if scale.ndim == 2:
-            return np.tensordot(scale, columns, axes=1)
-        return (scale * columns.T).T
+        return np.tensordot(self.elastic_scale, self._columns("z", z), axes=1)
 
     def _centreline(self, q: ArrayLike, s: Array) -> Array:
         amplitudes = self._coordinates(q)
@@ -480,8 +469,7 @@ class Galerkin(Model):
         return np.asarray(fit @ self._angles(angle, nodes))
 
     def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
-        by = self.small_motions[0]
-        return columns if by is None or len(columns) == self.coordinates else by @ columns
+        return columns if len(columns) == self.coordinates else self.small_motions[0] @ columns
 
     def _deflected(self, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
         rest = self._reference
@@ -505,9 +493,7 @@ class PanelPencil(PartsPencil):
     @cached_property
     def spread(self) -> Array:
         """Matrix from elastic coordinates to root slope and curvatures, (core's, dof)."""
-        spread, scale = self.model.small_motions
-        by = scale if spread is None else spread * scale if scale.ndim == 1 else spread @ scale
-        return self.core.on_panels(np.diag(by) if by.ndim == 1 else by)
+        return self.core.on_panels(self.model._amplitudes)
 
     @cached_property
     def gathered(self) -> Array:

@@ -10,7 +10,6 @@ core adds it, and no product below contains it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cached_property, partial, partialmethod
 from typing import Any
 
@@ -103,11 +102,6 @@ class Pencil:
         return _core.Forms(*(complex(np.sum(y.conj() * product(x))) for product in of))
 
 
-def _step(value: float) -> float:
-    """Step of a number of the pipe that keeps it in its range."""
-    return 1.0 if value < 1.0 else -1.0
-
-
 class DensePencil(Pencil):
     """A pencil by dense matrices; O(dof^3)."""
 
@@ -126,23 +120,22 @@ class DensePencil(Pencil):
         exact = np.linalg.norm(self.matrices[3] - np.eye(self.dof), 2)
         return float(exact) if self.model.is_varied else 0.0
 
-    @cached_property
-    def _moved(self) -> DensePencil:
-        """The pencil at another gravity and damping; K and D are linear in these."""
-        more = self.pipe.damping + _step(self.pipe.damping)
-        heavier = self.pipe.gamma + _step(self.pipe.gamma)
-        return self.with_pipe(replace(self.pipe, gamma=heavier, damping=more))
-
     def with_pipe(self, pipe: Pipe) -> DensePencil:
         return DensePencil(self.model.with_pipe(pipe))
 
+    @cached_property
+    def _slopes(self) -> tuple[Array, Array]:
+        """dK/dgamma and dD/ddelta; K and D are linear in these."""
+        (heavier, more), (lossier, step) = map(self.model._stepped, ("gamma", "damping"))
+        _, _, damping, stiffness, _ = self.matrices
+        by_gravity = more * (heavier.elastic_operators().stiffness - stiffness)
+        return by_gravity, step * (lossier.elastic_operators().damping - damping)
+
     def gravity(self, x: Vectors) -> Vectors:
-        result: Vectors = _step(self.pipe.gamma) * (self._moved.stiffness(x) - self.stiffness(x))
-        return result
+        return self._slopes[0] @ x
 
     def by_damping(self, x: Vectors) -> Vectors:
-        result: Vectors = _step(self.pipe.damping) * (self._moved.damping(x) - self.damping(x))
-        return result
+        return self._slopes[1] @ x
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
         loss = np.zeros((0, 0))

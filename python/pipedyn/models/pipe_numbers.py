@@ -12,7 +12,6 @@ from typing import Any
 
 from pipedyn.models.pipe import OWN_NUMBERS, Pipe
 from pipedyn.models.supports import RootSpring
-from pipedyn.models.terms import Term
 from pipedyn.util import check
 from pipedyn.util.units import SPEED, Unit
 
@@ -26,12 +25,15 @@ class PipeNumber:
     term: int | None  # index among the terms
     rule: dict[str, Any]  # arguments of `check.real`
 
+    def holder(self, pipe: Pipe) -> Any:
+        """What has the number: the pipe, the spring at its root or one of its terms."""
+        if self.name == "root.stiffness":
+            return pipe.root
+        return pipe if self.term is None else pipe.terms[self.term]
+
     def of(self, pipe: Pipe) -> float:
         """The value of the number in a pipe."""
-        holder: Any = pipe if self.term is None else pipe.terms[self.term]
-        if self.name == "root.stiffness":
-            holder = pipe.root
-        return float(getattr(holder, self.attribute))
+        return float(getattr(self.holder(pipe), self.attribute))
 
     def changed(self, pipe: Pipe, value: float) -> Pipe:
         """A copy of the pipe with another value of the number."""
@@ -81,12 +83,9 @@ def unit_of_number(name: str, pipe: Pipe) -> Unit | None:
     if name in OWN_NUMBERS:
         return OWN_NUMBERS[name].unit
     number = pipe_numbers(pipe, motions=True).get(name)
-    holder: Any = pipe.root if name == "root.stiffness" else None
-    if number is not None and number.term is not None:
-        holder = pipe.terms[number.term]
-    if number is None or not isinstance(holder, Term | RootSpring):
+    if number is None:
         return None
-    (item,) = (item for item in fields(holder) if item.name == number.attribute)
+    (item,) = (one for one in fields(number.holder(pipe)) if one.name == number.attribute)
     mass, length, time = item.metadata["powers"]
     # `Scales` counts masses per length.
     powers = zip(("kg", "m", "s"), (mass, length - mass, time), strict=True)

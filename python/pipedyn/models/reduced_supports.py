@@ -111,8 +111,7 @@ class FreeFunctions:
         beam: whether the functions are beam modes.
 
     Attributes:
-        spread: amplitudes of the core's functions for each of the model's, (core's, model's), or
-            None if they are the same.
+        spread: amplitudes of the core's functions for each of the model's, (core's, model's).
         scale: amplitude for a unit of each elastic coordinate, (model's,).
         share: elastic stiffness in elastic coordinates, (model's,): 1, but less for a function that
             hardly bends.
@@ -122,7 +121,7 @@ class FreeFunctions:
         stiffness = core.elastic_stiffness()
         self.scale = 1.0 / np.sqrt(np.maximum(stiffness, 1.0))
         self.share = stiffness * self.scale**2
-        self.spread: Array | None = None
+        self.spread = np.eye(stiffness.size)
         self._core = core
         if not held:
             return

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
-from pipedyn.models.base import ANGLES, CORE_MATRICES, Model, Operators, operators_from
+from pipedyn.models.base import ANGLES, CORE_MATRICES, Model, Operators, operators_from, stored
 from pipedyn.models.pencil import DensePencil, PartsPencil, Pencil, Vectors, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments, reciprocal
@@ -70,8 +70,7 @@ class SmallMotions:
 
     def joint_angles(self, zeta: NDArray[Any]) -> NDArray[Any]:
         """Angles of the joints, shape (n, r), for elastic coordinates, shape (dof, r)."""
-        free = real_columns(self.elastic.spread, zeta) if self.rows.size else zeta
-        result: NDArray[Any] = self.scale[:, None] * free
+        result: NDArray[Any] = self.scale[:, None] * real_columns(self.elastic.spread, zeta)
         return result
 
 
@@ -83,16 +82,7 @@ class SegmentModel(Model):
 
     _base: float
     _lengths: Array
-
-    @property
-    @abstractmethod
-    def _chain(self) -> _core.Chain:
-        """The compiled chain without what holds its nodes."""
-
-    @property
-    @abstractmethod
-    def _scene(self) -> _core.Scene | None:
-        """The compiled scene that holds nodes, or None if the model has none."""
+    _chain = stored("core.chain", "The compiled chain without what holds its nodes.")
 
     @property
     @abstractmethod
@@ -118,11 +108,28 @@ class SegmentModel(Model):
 
     def _unheld(self, theta: Array) -> Operators:
         """Operators in the segments' angles, without what holds nodes or acts at the joints."""
-        return operators_from(self._chain.operators(theta, joints=False), self._pipe)
+        return operators_from(self.core.operators(theta, joints=False), self._pipe)
 
     def _rest_moments(self, theta: Array) -> Array:
-        """Moments on the segments at rest, see `rest_moments`."""
-        return rest_moments(self._chain, theta, self._lengths, self._pipe)
+        """Moments on the segments at rest where nothing holds nodes, shape (n, 3).
+
+        The first column has the moments without flow, the others the factors of a u^2 and of s u'.
+        """
+        still, pipe = self.core.free_accelerations(theta), self._pipe
+        if still.any():
+            still = self.core.operators(theta).mass @ still
+        end = (0.0 if pipe.end_directed else theta[-1]) + pipe.jet_angle
+        # The product of one direction exp(i theta) with another's conjugate gives the sine of their
+        # difference.
+        along_pipe = self._lengths * np.exp(1j * theta)
+        beyond = np.cumsum(along_pipe[::-1])[::-1] - along_pipe
+        push = -math.sqrt(pipe.beta) * (np.conj(along_pipe) * beyond).imag
+        return np.stack([still, self._lengths * np.sin(theta - end), push], axis=1)
+
+    @property
+    def dof(self) -> int:
+        """Number of degrees of freedom: n less the number of nodes that constraints hold."""
+        return self.integrated - self._held.size
 
     def _ends(self) -> Array:
         """Arc lengths where the segments begin and end, shape (n + 1,)."""
@@ -158,7 +165,12 @@ class SegmentModel(Model):
     @cached_property
     def linear(self) -> SmallMotions:
         """Small motions about the configuration that `about` chose, else the straight pipe."""
-        return self._small_motions(self.resting())
+        return self._small_motions(self.reference)
+
+    @property
+    def reference(self) -> Array:
+        """Angles of the configuration about which the model is linearised, shape (n,)."""
+        return self.resting()
 
     def _linear_at(self, q: ArrayLike | None) -> SmallMotions:
         """Small motions about q, or where the model is linearised; ValueError for too many dof."""
@@ -259,9 +271,7 @@ class SegmentModel(Model):
         columns, linear = self._columns("z", z), self.linear
         joints = linear.joint_angles(columns.reshape(self.dof, -1))
         angles = np.cumsum(joints, axis=0, out=joints)
-        if linear.rows.size:
-            angles = real_columns(linear.basis.gathered, angles)
-        return angles.reshape(columns.shape)
+        return real_columns(linear.basis.gathered, angles).reshape(columns.shape)
 
     def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
         if len(columns) == self.integrated:
@@ -273,6 +283,27 @@ class SegmentModel(Model):
             return turned(p, self._ends(), float(self._own_joints[0]), self._pipe, s)
         across = self._lengths * np.cos(self.linear.theta)
         return along((across * p.T).T, self._base, self._lengths, s)
+
+    def _segment_angles(self, q: NDArray[Any]) -> NDArray[Any]:
+        """Angles of the segments, (n, k), in configurations, (coordinates, k)."""
+        return q
+
+    def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
+        lengths, theta = self._lengths_to_tip, self._segment_angles(q)
+        return np.stack([lengths @ np.sin(theta), self._base + lengths @ np.cos(theta)], axis=-1)
+
+    @cached_property
+    def _lengths_to_tip(self) -> Array:
+        """Lengths of the parts of the segments up to the point of `tips`, shape (n,)."""
+        place = self.pipe.watched
+        if place == 1.0:
+            return self._lengths
+        starts = self._base + np.cumsum(self._lengths) - self._lengths
+        return np.clip(place - starts, 0.0, self._lengths)
+
+    def _across(self, p: Array, s: Array) -> Array:
+        steps = self._lengths[:, None] * np.sin(p)
+        return np.asarray(along(steps, self._base, self._lengths, s))
 
     # ------------------------------------------------------------------- what holds nodes in motion
 
@@ -288,12 +319,12 @@ class SegmentModel(Model):
         return np.asarray(vectors[:, 2 * by_angles.shape[1] :])
 
     def onto_constraints(self, p: Array, rates: Array) -> tuple[Array, Array]:
-        if self._scene is None:
+        if not self._held.size:
             return p, rates
         columns = (p.shape[0], -1)
-        *met, missed = self._scene.project(p.reshape(columns), rates.reshape(columns))
+        *met, missed = self.core.project(p.reshape(columns), rates.reshape(columns))
         for of in met:
-            of[:, missed > self._scene.met] = np.nan
+            of[:, missed > self.core.met] = np.nan
         return met[0].reshape(p.shape), met[1].reshape(rates.shape)
 
     def admissible(self, angles: ArrayLike) -> Array:
@@ -313,11 +344,9 @@ class SegmentModel(Model):
             ValueError, TypeError: for another shape, or numbers that are not finite.
         """
         theta = check.array("angles", angles, size=self.integrated, **ANGLES)
-        if self._scene is None:
-            return theta
         rest, held_by = self._held_at_rest
         shares = (0.0, 0.25, 0.5, 0.75, 1.0)
-        found, missed = closest(self._scene, (theta + share * (rest - theta) for share in shares))
+        found, missed = closest(self.core, (theta + share * (rest - theta) for share in shares))
         if missed > SAME:
             raise NotConverged(f"no angles close to those given meet {held_by}", found)
         return found
@@ -383,29 +412,6 @@ class ChainPencil(PartsPencil):
         scale = self.scale[:, None]
         rows = self.core.joint_times(scale * self.complement.spread(x), **part)
         return self.complement.gathered(scale * rows)
-
-
-def rest_moments(core: _core.Chain, theta: Array, lengths: Array, pipe: Pipe) -> Array:
-    """Moments on the segments of a chain at rest, shape (n, 3).
-
-    The first column has the moments without flow, the others the factors of a u^2 and of s u'.
-
-    Args:
-        core: the compiled chain.
-        theta: angles of the segments, shape (n,).
-        lengths: lengths of the segments, shape (n,).
-        pipe: the pipe.
-    """
-    still = core.rhs(0.0, np.append(theta, 0.0 * theta), 0.0, refuses=False)[theta.size :]
-    if still.any():
-        still = core.operators(theta).mass @ still
-    end = (0.0 if pipe.end_directed else theta[-1]) + pipe.jet_angle
-    # The product of one direction exp(i theta) with another's conjugate gives the sine of their
-    # difference.
-    turned = lengths * np.exp(1j * theta)
-    beyond = np.cumsum(turned[::-1])[::-1] - turned
-    push = -math.sqrt(pipe.beta) * (np.conj(turned) * beyond).imag
-    return np.stack([still, lengths * np.sin(theta - end), push], axis=1)
 
 
 def held_ends(pipe: Pipe, ends: Array) -> NDArray[np.intp]:

@@ -22,11 +22,10 @@ from pipedyn.models.base import (
 )
 from pipedyn.models.chain import LARGEST_CHAIN, Chain, SpringRule
 from pipedyn.models.pipe import Pipe, checked_pipe
-from pipedyn.models.segments import MET, SegmentModel, SmallMotions, along, rest_moments
+from pipedyn.models.segments import MET, SegmentModel, SmallMotions, along
 from pipedyn.models.terms import Term
 from pipedyn.modular.custom import CustomForces
-from pipedyn.modular.layout import CONSTRAINTS, MODULES, Layout
-from pipedyn.modular.motion import SceneMotion
+from pipedyn.modular.layout import CONSTRAINTS, LEAST_ARM, MODULES, Layout
 from pipedyn.modular.parts import (
     Clamp,
     Constraint,
@@ -121,7 +120,7 @@ class Assembly(SegmentModel):
                 f"modular.chain does, got none of segment {light[0]}"
             )
         straight = np.zeros(self.integrated)
-        self._customs = CustomForces(self._layout.customs, self._configuration(straight))
+        self._customs = CustomForces(self._layout)
         for custom in self._customs.each:
             custom.validate(self._configuration(self._layout.rest)[custom.index])
         self._check_pipe()
@@ -153,7 +152,9 @@ class Assembly(SegmentModel):
         """Raises ValueError if a direction that the constraints leave free has no inertia."""
         rest = self._configuration(self._layout.rest)
         still = self.core.redundant_rhs(0.0, np.append(rest, 0.0 * rest), 0.0, refuses=False)
-        if not np.isfinite(still).all():
+        _, centres, radii, _ = self._chain.bodies().T
+        light = self._layout.least_inertia(centres, radii) < LEAST_ARM
+        if light or not np.isfinite(still).all():
             raise ValueError(
                 f"phi_{self._layout.size} moves without inertia: give its segment a gyration "
                 "radius, or the pipe a point mass there"
@@ -162,16 +163,11 @@ class Assembly(SegmentModel):
     @cached_property
     def core(self) -> _core.Scene:
         """The compiled scene, in redundant coordinates and in the segments' angles."""
-        return self._layout.compiled(self._pipe)
-
-    @cached_property
-    def motion(self) -> SceneMotion:
-        """The equations of motion in the angles of the segments, as integrators take them."""
-        return SceneMotion(self._layout.acting(self._pipe), self._layout, self.core, self._customs)
+        return self._layout.compiled(self._pipe, self._customs or None)
 
     @property
-    def compiled(self) -> Any:
-        return None if self._customs else self.core  # Python computes custom modules
+    def calls_python(self) -> bool:
+        return bool(self._customs)
 
     def __repr__(self) -> str:
         layout = self._layout
@@ -189,12 +185,6 @@ class Assembly(SegmentModel):
     _base = stored("_layout.base", "Length of the fixed part at the clamp.")
     _lengths = stored("_layout.lengths", "Lengths of the segments, shape (n,).")
     _own_joints = stored("_layout.springs", "Stiffness of the joints, without a root's spring.")
-    _chain = stored("core.chain", "The compiled chain without what holds its nodes.")
-    _scene = stored("core", "The compiled scene.")
-
-    @property
-    def dof(self) -> int:
-        return self._layout.size - len(self._layout.independent)
 
     @property
     def coordinates(self) -> int:
@@ -268,9 +258,7 @@ class Assembly(SegmentModel):
             isinstance(part, Segment | InternalFlow | Drag) or _is_plain_spring(part)
             for part in self.modules
         )
-        # Only rows of inertia besides the segments' have a compliance that is not 0.
-        straight = self._reference is not None and not self._reference.any()
-        return plain and straight and not self.core.compliance.any()
+        return plain and self._reference is not None and not self._reference.any()
 
     # ------------------------------------------------------------------------------------ states
 
@@ -296,6 +284,10 @@ class Assembly(SegmentModel):
     def _configuration(self, theta: Array) -> Array:
         """Redundant coordinates, shape (3 n,), at angles of the segments, shape (n,)."""
         return self.core.from_angles(theta, np.zeros_like(theta))[: self.coordinates]
+
+    def _still(self, theta: Array) -> Array:
+        """The redundant state at rest, shape (6 n, 1), at angles of the segments, shape (n,)."""
+        return self.core.from_angles(theta[:, None], np.zeros((theta.size, 1)))
 
     def _misses(self, theta: Array) -> float:
         """Largest distance of the nodes at angles theta from guides and pins."""
@@ -379,13 +371,6 @@ class Assembly(SegmentModel):
 
     # ------------------------------------------------------------------------------ linear motion
 
-    @cached_property
-    def linear(self) -> SmallMotions:
-        """Small motions about the configuration that `about` chose, else the straight pipe."""
-        if not self.linear_cost:
-            self._check_dense()
-        return self._small_motions(self.reference)
-
     @property
     def reference(self) -> Array:
         """Angles of the configuration about which the scene is linearised, shape (n,).
@@ -410,7 +395,7 @@ class Assembly(SegmentModel):
 
     def _forces(self, linear: SmallMotions, u: float) -> Array:
         """Unbalanced force at rest, in elastic coordinates, (dof,); it is 0 at an equilibrium."""
-        factors = np.array([1.0, self.motion.pipe.alpha * u**2, 0.0])
+        factors = np.array([1.0, self._pipe.alpha * u**2, 0.0])
         moments = self._rest_moments(linear.theta) @ factors
         return linear.elastic.gathered(linear.elastic_loads(moments[:, None]))[:, 0]
 
@@ -423,10 +408,10 @@ class Assembly(SegmentModel):
         return self._layout.rows(theta)[:, self._layout.independent]
 
     def _rest_moments(self, theta: Array) -> Array:
-        found = rest_moments(self._chain, theta, self._lengths, self.motion.pipe)
-        found[:, 1] *= self._layout.has_flow
+        found = super()._rest_moments(theta)
+        found[:, 1:] *= self._layout.has_flow
         if self._customs:
-            found[:, 0] += self.motion.custom_moments(np.append(theta, 0.0 * theta))[0]
+            found[:, 0] += self._customs.moments(self._still(theta))[:, 0]
         return found
 
     def _unheld(self, theta: Array) -> Operators:
@@ -435,14 +420,12 @@ class Assembly(SegmentModel):
             found = replace(found, flux=0.0 * found.flux, centrifugal=0.0)
         if not self._customs:
             return found
-        compliance = self.core.compliance
-        inert = compliance != 0.0
-        rows = self._layout.moments(theta, self.core.weights[inert].T)
-        _, by_state = self.motion.custom_moments(np.append(theta, 0.0 * theta))
-        by_angles, by_rates = np.hsplit(by_state, 2)
+        layout = self._layout
+        rows = layout.moments(theta, layout.inertia.T)
+        by_angles, by_rates = np.hsplit(self._customs.slopes(self._still(theta)), 2)
         return replace(
             found,
-            mass=found.mass + (rows / compliance[inert]) @ rows.T,
+            mass=found.mass + (rows * layout.compliance) @ rows.T,
             damping=found.damping - by_rates,
             stiffness=found.stiffness - by_angles,
         )
@@ -480,14 +463,30 @@ class Assembly(SegmentModel):
         if state.shape != (2 * size,):
             raise ValueError(f"y must have shape ({2 * size},), got {state.shape}")
         angles, drive = self.core.angles(state), self._drive(state, u_dot, base)
-        ask = self.equations.accelerations_by_state
-        by_angles = resolved("jacobian", lambda: ask(angles, u, drive))
-        # A segment's angle is the sum of the joints' angles up to it; it depends on no other
-        # coordinate.
+        by_angles = resolved("jacobian", lambda: self._by_angles(angles, u, drive))
+        # A segment's angle is the sum of the joints' angles up to it; no other coordinate matters.
         by_joints = np.cumsum(by_angles.reshape(size, 2, -1)[:, :, ::-1], axis=2)[:, :, ::-1]
         whole = np.eye(2 * size, k=size)
         whole[size:, 2::3] = by_joints.reshape(size, -1)
         return whole
+
+    def _by_angles(self, y: Array, u: Any, drive: Array | None) -> Array:
+        """Derivative of the accelerations q'' in `rhs` by [theta, theta'], shape (3 n, 2 n)."""
+        n, (theta, omega) = self.integrated, np.split(y, 2)
+        free = self.equations.derivative(y, u, drive)[n:]
+        state = self.core.from_angles(theta, omega)
+        rates = self.core.redundant_rhs(0.0, state, u, drive, refuses=False)
+        turning = np.cumsum(rates[3 * n + 2 :: 3])
+        along_pipe, by_nodes = self._lengths * np.exp(1j * theta), self._layout.nodes_by_angles
+        found = by_nodes(1j * along_pipe) @ free
+        found[:, :n] -= by_nodes((turning + 1j * omega**2) * along_pipe)
+        found[:, n:] -= by_nodes(2.0 * omega * along_pipe)
+        found[2::3] = np.diff(free, axis=0, prepend=0.0)
+        return found
+
+    @cached_property
+    def _rhs(self) -> Callable[..., Array]:
+        return self.equations.redundant_rhs
 
     # ------------------------------------------------------------------------- what is integrated
 
@@ -505,8 +504,8 @@ class Assembly(SegmentModel):
     def resting(self) -> Array:
         return self._layout.rest if self._reference is None else self._reference
 
-    def motion_jacobian(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
-        return self.motion.jacobian(y, u, drive=drive)
+    def _advanced(self, y: Any) -> Any:
+        return self.core.angles(y)
 
     # ---------------------------------------------------------------------------------- geometry
 
@@ -519,14 +518,8 @@ class Assembly(SegmentModel):
         line[:, 1] += np.minimum(s, self._base)
         return line
 
-    def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
-        if self._pipe.watched == 1.0:
-            return np.array(q[-3:-1].T)
-        ends = self._layout.ends
-        k = int(np.searchsorted(ends, self._pipe.watched)) - 1
-        share = (self._pipe.watched - ends[k]) / (ends[k + 1] - ends[k])
-        left = q[3 * k - 3 : 3 * k - 1] if k else np.array([[0.0], [ends[0]]])
-        return np.array(((1.0 - share) * left + share * q[3 * k : 3 * k + 2]).T)
+    def _segment_angles(self, q: NDArray[Any]) -> NDArray[Any]:
+        return np.cumsum(q[2::3], axis=0)
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         """Redundant coordinates, (3 n,), with angles theta(s) at the segments' middles.
@@ -541,7 +534,7 @@ class Assembly(SegmentModel):
 
     def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
         if len(columns) == self.coordinates:
-            return np.cumsum(columns[2::3], axis=0)
+            return self._segment_angles(columns)
         return super()._moved(columns)
 
     # ----------------------------------------------------------------------------------- arguments

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.models.base import COMPLEX_STEP
+from pipedyn.modular.layout import Layout
 from pipedyn.modular.parts import Custom, UserLaw
 from pipedyn.util.check import Array
 
@@ -164,66 +166,84 @@ def _differences(function: UserLaw, at: Array, steps: Array) -> Array:
 
 
 class CustomForces:
-    """All custom modules of a scene, evaluated at one state or at k states.
+    """All custom modules of a scene, which the compiled scene calls.
+
+    Methods take redundant states [q, q'], a column for each, shape (6 n, k).
 
     Args:
-        modules: descriptions of the modules.
-        straight: redundant coordinates of the straight pipe, for which the energy is 0.
+        layout: the parts of the scene and their places.
     """
 
-    def __init__(self, modules: Sequence[Custom], straight: Array) -> None:
-        self.each = tuple(CustomForce(module) for module in modules)
-        self._straight = straight
+    def __init__(self, layout: Layout) -> None:
+        self.layout, self.each = layout, tuple(CustomForce(module) for module in layout.customs)
 
     def __bool__(self) -> bool:
         return bool(self.each)
 
-    def force(self, q: Array, qdot: Array) -> Array:
-        """Generalized forces, (3 n,) or (3 n, k), at coordinates and rates of the same shape."""
-        total = np.zeros(q.shape)
-        for column, place, rates in zip(*map(_columns, (total, q, qdot)), strict=True):
-            for custom in self.each:
-                column[custom.index] += custom.force(place[custom.index], rates[custom.index])
+    def moments(self, states: Array) -> Array:
+        """Moments of the modules on the segments, shape (n, k)."""
+        theta = np.cumsum(states[: len(states) // 2][2::3], axis=0)
+        return self.layout.moments(theta, self._forces(states))
+
+    def _forces(self, states: Array) -> Array:
+        """Generalized forces, shape (3 n, k)."""
+        places, moving = np.split(states, 2)
+        total = np.zeros(places.shape)
+        with np.errstate(all="ignore"):
+            for forces, q, rates in zip(total.T, places.T, moving.T, strict=True):
+                for custom in self.each:
+                    forces[custom.index] += custom.force(q[custom.index], rates[custom.index])
         return total
 
-    def slopes(self, q: Array, qdot: Array, q_by: Array, qdot_by: Array) -> Array:
-        """Derivatives of the forces at one state by r numbers, (3 n, r).
-
-        q_by and qdot_by are the derivatives of q and q' by these numbers, (3 n, r) each.
-        """
-        total = np.zeros(q_by.shape)
+    def slopes(self, states: Array) -> Array:
+        """Derivatives of `moments` by one state [theta, theta'], shape (n, 2 n)."""
+        layout, n = self.layout, self.layout.size
+        q, rates = np.split(states[:, 0], 2)
+        theta, omega = np.cumsum(q[2::3]), np.cumsum(rates[2::3])
+        along = layout.lengths * np.exp(1j * theta)
+        swinging, turning = map(layout.nodes_by_angles, (-omega * along, 1j * along))
+        turning[2::3] = np.eye(n) - np.eye(n, k=-1)
+        by_q, by_rates = np.hstack([turning, 0.0 * turning]), np.hstack([swinging, turning])
+        forces = np.zeros((3 * n, 2 * n))
         for custom in self.each:
             at = custom.index
-            total[at] += custom.by_q(q[at], qdot[at]) @ q_by[at]
-            total[at] += custom.by_qdot(q[at], qdot[at]) @ qdot_by[at]
-        return total
+            forces[at] += custom.by_q(q[at], rates[at]) @ by_q[at]
+            forces[at] += custom.by_qdot(q[at], rates[at]) @ by_rates[at]
+        change = layout.moments(theta, forces)
+        # Forces on nodes keep their direction, so that their moments change as the segments turn.
+        on_nodes = self._forces(states)
+        on_nodes[2::3] = 0.0
+        change[:, :n] += np.diag(layout.moments(theta + 0.5 * math.pi, on_nodes)[:, 0])
+        return change
 
     def resist(self, q: Array, qdot: Array) -> bool:
         """Whether a force depends on rates at one state."""
         return any(one.by_qdot(q[one.index], qdot[one.index]).any() for one in self.each)
 
-    def energy(self, q: Array) -> float | Array:
-        """Potential energy of all modules, a number or shape (k,); 0 on the straight pipe."""
-        return self._summed(CustomForce.energy, q) - self._straight_energy
+    def energy(self, states: Array) -> Array:
+        """Potential energy of all modules, shape (k,); 0 on the straight pipe."""
+        return self._summed(CustomForce.energy, states[: len(states) // 2]) - self._straight_energy
 
     @cached_property
-    def _straight_energy(self) -> Any:
-        """Potential energy that the user's functions give on the straight pipe."""
-        return self._summed(CustomForce.energy, self._straight)
+    def _straight_energy(self) -> Array:
+        """Potential energy that the user's functions give on the straight pipe, shape (1,)."""
+        straight = np.zeros((3 * self.layout.size, 1))
+        straight[1::3, 0] = np.cumsum(np.append(self.layout.base, self.layout.lengths))[1:]
+        return self._summed(CustomForce.energy, straight)
 
-    def work(self, q: Array, qdot: Array) -> float | Array:
-        """Power of the forces that do not come from a potential energy, a number or (k,)."""
-        return self._summed(CustomForce.work, q, qdot)
+    def work(self, states: Array) -> Array:
+        """Power of the forces that do not come from a potential energy, shape (k,)."""
+        return self._summed(CustomForce.work, *np.split(states, 2))
 
-    def _summed(self, function: Callable[..., float], *states: Array) -> Any:
-        """Sum of a function over the modules: a number at one state, shape (k,) at k states."""
-        sums = [
-            sum(function(custom, *(row[custom.index] for row in rows)) for custom in self.each)
-            for rows in zip(*map(_columns, states), strict=True)
-        ]
-        return float(sums[0]) if states[0].ndim == 1 else np.array(sums)
-
-
-def _columns(states: Array) -> Array:
-    """View of the columns of an array, (3 n,) or (3 n, k), as rows, (1, 3 n) or (k, 3 n)."""
-    return np.atleast_2d(states.T)
+    def _summed(self, function: Callable[..., float], *rows: Array) -> Array:
+        """Sum over the modules of a function of their coordinates or rates, (3 n, k): (k,)."""
+        with np.errstate(all="ignore"):
+            return np.array(
+                [
+                    sum(
+                        function(custom, *(row[custom.index] for row in state))
+                        for custom in self.each
+                    )
+                    for state in zip(*(of.T for of in rows), strict=True)
+                ]
+            )

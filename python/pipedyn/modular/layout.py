@@ -43,6 +43,10 @@ MODULES = (Segment, TorsionalSpring, InternalFlow, Drag, Custom)
 DEPENDENT = 1e-9
 """Relative size of a pivot, well above rounding, below which a guide or pin is dependent."""
 
+LEAST_ARM = 1e-8
+"""Least sum of the distances of a last segment's centre of mass and of its radius of gyration from
+its joint, in L: the rounding of the other segments' inertia hides less."""
+
 TAUT = 1e-5
 """Relative size of a pivot below which guides and pins are dependent because a span is taut.
 
@@ -102,7 +106,10 @@ class Layout:
         self.has_drag = bool(_of(modules, Drag))
         rows = [custom._inertia_rows(3 * self.size) for custom in self.customs]
         self.inertia = np.concatenate([np.zeros((0, 3 * self.size)), *rows])
-        """Rows W, shape (m, 3 n), of the mass W^T W of all custom modules."""
+        self.compliance = np.ones(len(self.inertia))
+        """Rows W, (m, 3 n), of inertia W^T W besides the segments'; -1 if a row subtracts it."""
+        if self.inertia.size and self.least_inertia(self.centres, self.gyration_radii) < LEAST_ARM:
+            self._lend_inertia()
         holding = self._found_holding()
         self.held, self.holding = np.array(list(holding), dtype=np.intp), list(holding.values())
         """Redundant coordinates that guides and pins hold, shape (c,), and the part for each."""
@@ -114,6 +121,21 @@ class Layout:
         self._refuse_taut()
         if self.independent.size == self.size:
             raise ValueError(f"{self.guides_text()} must leave something that moves, got nothing")
+
+    def least_inertia(self, centres: Array, gyration_radii: Array) -> float:
+        """Distance in L that says how much inertia the last segment has about its joint."""
+        return float(centres[-1] * self.lengths[-1] + gyration_radii[-1])
+
+    def _lend_inertia(self) -> None:
+        """Adds inertia to the last segment, which a further row subtracts again.
+
+        The recursion along the segments needs inertia of each segment's own.
+        """
+        self.gyration_radii[-1] = self.lengths[-1]
+        angle = np.zeros((1, 3 * self.size))
+        angle[0, 2::3] = math.sqrt(self.masses[-1]) * self.lengths[-1]
+        self.inertia = np.concatenate([self.inertia, angle])
+        self.compliance = np.append(self.compliance, -1.0)
 
     # -------------------------------------------------------------------------------- what is where
 
@@ -234,6 +256,16 @@ class Layout:
         moments[:-1] -= forces[5::3]
         return moments
 
+    def nodes_by_angles(self, steps: NDArray[np.complex128]) -> Array:
+        """Changes of the coordinates by n numbers, (3 n, n); 0 for the angles of the joints.
+
+        Number j changes the vector dy + i dx of segment j by steps_j, of steps (n,), and moves all
+        nodes from its end on.
+        """
+        found, moved = np.zeros((3 * self.size, self.size)), np.tri(self.size) * steps
+        found[::3], found[1::3] = moved.imag, moved.real
+        return found
+
     def rows(self, theta: Array) -> Array:
         """Derivative of the held coordinates by the segments' angles, transposed: shape (n, c)."""
         return self.moments(theta, self.unit_loads)
@@ -295,8 +327,8 @@ class Layout:
             damping[s.joint - 1] += pipe.damping * s.stiffness if s.damping is None else s.damping
         return damping
 
-    def compiled(self, pipe: Pipe) -> _core.Scene:
-        """The compiled scene on a pipe."""
+    def compiled(self, pipe: Pipe, customs: Any = None) -> _core.Scene:
+        """The compiled scene on a pipe, with the forces of custom modules, if any."""
         return _core.Scene(
             core_pipe(self.acting(pipe)),
             _core.Segments(
@@ -310,9 +342,11 @@ class Layout:
                 rest_moment=self.rest_moments,
                 mass=self.masses,
             ),
-            inertia=self.inertia,
             held=self.held.tolist(),
             value=self.held_values,
+            inertia=self.inertia,
+            compliance=self.compliance,
+            customs=customs,
         )
 
 

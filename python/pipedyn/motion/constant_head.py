@@ -49,11 +49,10 @@ class ConstantHead:
         numbers = (supply.head, supply.friction, supply.weight_in(pipe))
         return _core.Supply(self.model.core, *numbers, math.sqrt(pipe.beta), pipe.direction)
 
-    def rates(self, t: float, y: Array, drive: Array | None = None) -> Array:
+    def rates(self, y: Array, drive: Array | None = None) -> Array:
         """Rates of a state [p, p', W, u]; drive: the forcing without u', shape (ROWS,)."""
         base = np.zeros(ROWS) if drive is None else drive
-        at = (np.array([t]), y[:, None], base[:, None])
-        return np.asarray(self.core.rates(self.model.compiled_rates, *at)[:, 0])
+        return np.asarray(self.core.rates(y[:, None], base[:, None])[:, 0])
 
     def jacobian(self, y: Array, drive: Array | None = None) -> Array:
         """Derivative of the rates of one state [p, p', u] by that state.
@@ -64,7 +63,7 @@ class ConstantHead:
         model, pipe, supply = self.model, self.model.pipe, self.supply
         n, state = model.integrated, y[:-1]
         u = max(float(y[-1]), 0.0)  # an implicit step may try u < 0, which has no rates
-        change = float(self.rates(0.0, np.concatenate([state, [0.0, u]]), drive)[-1])
+        change = float(self.rates(np.concatenate([state, [0.0, u]]), drive)[-1])
         now = np.zeros(ROWS) if drive is None else drive.copy()
         now[0] = change
         rates, by_speed, *slopes = model.motion_linearised(state[:, None], u, now[:, None])[0]

@@ -132,7 +132,7 @@ class Task:
         """Rates of a state [p, p'], [p, p', W] or [p, p', W, u] at time t."""
         u, *drive = self.flow(t)
         if self.constant_head is not None:
-            return self.constant_head.rates(t, y, *drive)
+            return self.constant_head.rates(y, *drive)
         return self.model.motion_rates(y, u, drive[0] if drive else None, t)
 
     def jacobian(self, t: float, y: Array, u: float, drive: Array | None = None) -> Array:
@@ -182,10 +182,11 @@ class Monitor:
             raise Stopped(_spent(self.task.most))
         self.calls += 1
         try:
-            return self.task.rates(t, y)
+            found = self.task.rates(t, y)
         except ValueError:
-            self.overflowed = True
-            return np.full(y.shape, np.nan)
+            found = np.full(y.shape, np.nan)
+        self.overflowed |= not np.isfinite(found).all()
+        return found
 
     def jacobian(self, t: float, y: Array) -> Array:
         """Derivative of the rates by the state; the row of W is 0."""
@@ -330,7 +331,7 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
     rtol = np.array([task.rtol for task in tasks])
     atol = np.stack([np.broadcast_to(task.atol, len(start)) for task in tasks], axis=1)
     motion = _core.Integrator(
-        *(model.compiled_rates, u, start, first.t0, rtol, atol, first.most, first.max_step),
+        *(model.core, u, start, first.t0, rtol, atol, first.most, first.max_step),
         None if first.method == "dop853" else first.jacobian,
         None if first.constant_head is None else first.constant_head.core,
     )
@@ -407,7 +408,7 @@ def runs_unlocked(task: Task) -> bool:
     unlocked = task.drive is None or task.drive.numbers is not None
     if task.constant_head is not None and task.method == "radau":  # its Jacobian is in Python
         return False
-    return unlocked and task.model.compiled is not None and task.method in CORE
+    return unlocked and not task.model.calls_python and task.method in CORE
 
 
 def state_after(
@@ -497,8 +498,8 @@ def choose_method(model: Model, members: int = 1, dense: bool = False) -> str:
 
     `dense` means that implicit steps would factorise full Jacobians, as they do at constant head.
     """
-    reduced = isinstance(model.motion, _core.Galerkin)
-    if (dense or model.compiled is None) and model.integrated > LARGEST_IMPLICIT:
+    reduced = isinstance(model.core, _core.Galerkin)
+    if (dense or model.calls_python) and model.integrated > LARGEST_IMPLICIT:
         return "dop853"
     least = BATCH_DECAY if members >= BATCHED and not reduced else 0.0
     return "radau" if not least or decays_fast(model, least) else "dop853"

@@ -636,9 +636,10 @@ def assembled(
     states = np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
     moves = np.concatenate([values[:, 2:].T.reshape(3, 2, -1) for *_, values in driven], axis=2)
     drive = model._drive(states, None, None if tasks[0].base is None else moves)
-    energy = np.asarray(model.motion.energy(states, drive, refuses=False))
-    states[model.coordinates :] = 0.0  # the same configurations at rest
-    kinetic = energy - np.asarray(model.motion.energy(states, drive, refuses=False))
+    states = model._advanced(states)
+    energy = np.asarray(model.core.energy(states, drive, refuses=False))
+    states[size:] = 0.0  # the same configurations at rest
+    kinetic = energy - np.asarray(model.core.energy(states, drive, refuses=False))
     supplied = rows[:, 2 * size] if rows.shape[1] > 2 * size else np.full(len(rows), math.nan)
     motions, start = [], 0
     for task, (own, evaluations, why, values) in zip(tasks, driven, strict=True):

@@ -78,6 +78,11 @@ class _Entry:
     added: Collection[str]
     shapes: Mapping[str, str]
 
+    def field(self, name: str) -> str:
+        """Present name of a field; names of models' fields began with _ in older files."""
+        plain = name if dataclasses.is_dataclass(self.kind) else name.removeprefix("_")
+        return self.former.get(plain, plain)
+
 
 _BY_NAME: dict[str, _Entry] = {}
 _BY_CLASS: dict[type, _Entry] = {}
@@ -371,7 +376,7 @@ class _Reader:
                     return self._error(name, given)
             case [("class" | "parts", str(name)), ("fields", dict(fields))]:
                 entry = _entry(name, object)
-                values = {entry.former.get(k, k): self.decoded(v) for k, v in fields.items()}
+                values = {entry.field(k): self.decoded(v) for k, v in fields.items()}
                 self._work += _work(entry.kind, values)
                 if self._work > check.LONGEST:
                     raise ValueError(TOO_MUCH)
