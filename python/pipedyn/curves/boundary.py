@@ -8,6 +8,7 @@ close. Curves of the continuous pipe are solved for in larger bases until their 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import field
 from functools import cached_property
@@ -16,14 +17,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import Control, Point
+from pipedyn.continuation.arclength import Point
 from pipedyn.curves.boundary_curves import (
+    CurveStart,
     CurveTracer,
     TracedCurve,
     basis_plane,
-    converged_curves,
+    distance_in,
     first_plane,
+    larger_plane,
     line_starts,
+    not_followed,
 )
 from pipedyn.curves.in_plane import InPlane
 from pipedyn.curves.organising import (
@@ -45,9 +49,17 @@ from pipedyn.models.pipe_numbers import PipeNumber, checked_number
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import Result
 from pipedyn.util.threads import one_thread
+
+AGREED = 2e-10
+"""Distance between a point in two successive bases of the continuous pipe up to which it is
+converged, relative to its numbers or 1: convergence is exponential, so the error is smaller."""
+
+ROUNDED = 1e-6
+"""Distance between a point in two successive bases up to which it counts as converged if larger
+bases do not reduce the distance. The distance then is due to rounding, in pairs of high frequency
+whose growth hardly changes: at omega 900 with a growth of 1e-3 it is 1e-8."""
 
 LARGEST_MODEL = 500
 """Most degrees of freedom of a model, as dense matrices are factorised at every point."""
@@ -295,50 +307,43 @@ def bounded(
     only_stability: bool,
     names: tuple[str, str],
 ) -> Boundary:
-    """The boundaries in a checked window, with the other arguments of `boundary` checked, too."""
+    """The boundaries in a checked window, with the other arguments of `boundary` checked, too.
+
+    For the continuous pipe the basis grows until sampled points of the curves do not move any more,
+    or move by rounding only.
+
+    Raises:
+        NotConverged: if points of a curve still move in the largest basis.
+    """
     with one_thread(2 * getattr(model, "dof", 64)):
-        coarse = first_plane(model, window, u)
-        by_speed = coarse.speed_index is not None
-        starts, failures = line_starts(coarse, only_stability)
+        coarse = plane = first_plane(model, window, u)
+        starts, on_lines = line_starts(coarse, only_stability)
+        before, moved, larger = math.inf, 0.0, 0
+        while True:
+            smaller, failures = plane, on_lines.copy()
+            if isinstance(model, Continuum):
+                larger += 1
+                plane = larger_plane(model, smaller, larger, moved)
+            curves, found = _all_curves(plane, starts, only_stability, failures)
+            if plane is not smaller:
+                for curve in curves:
+                    curve.error = distance_in(smaller, curve)
+                before, moved = moved or math.inf, max((one.error for one in curves), default=0.0)
+            if moved <= AGREED or 0.3 * before <= moved <= ROUNDED:
+                break
+            starts = [curve.start() for curve in curves]
+        by_speed = plane.speed_index is not None
         middle = window.place(np.full(2, 0.5))
-        if coarse.conservative and not by_speed and coarse.static_stiffnesses(middle) is None:
+        if plane.conservative and not by_speed and plane.static_stiffnesses(middle) is None:
             failures.append(
                 "coupled-mode flutter, where two pairs of an undamped pipe meet on the axis, was "
                 "not looked for: it is found along the flow speed, which is held here; see "
                 "`crossings`"
             )
-
-        def wanted(problem: AxisProblem, z: Array) -> bool:
-            return not only_stability or others_unstable(coarse, problem, z) == 0
-
-        tracer, found = CurveTracer(coarse, starts, wanted), list[DoublePoint]()
-        while starts:
-            new, starts = tracer.trace(starts), []
-            for curve in new:
-                curve.counts, places = unstable_counts(coarse, curve), []
-                for place in double_points(coarse, curve):
-                    if isinstance(place, str):
-                        failures.append(place)
-                        continue
-                    where, one = place
-                    i = next((i for i, other in enumerate(found) if _equal(one, other)), len(found))
-                    if where is not None:
-                        places.append((*where, i))
-                    if i == len(found):
-                        found.append(one)
-                        starts += one.starts()
-                separate(coarse, curve, places)
-        failures += tracer.failures()
-        plane, traced = coarse, tracer.curves
-        points: list[OrganisingPoint | None]
-        if isinstance(model, Continuum):
-            plane, traced = converged_curves(model, coarse, tracer.curves)
-            points = [*_solved_again(found, plane, tracer.control, failures)]
-        else:
-            points = [one.point(plane) for one in found]
-        for curve in traced:
-            if plane is not coarse:  # the earlier counts are for fewer modes
-                curve.counts = unstable_counts(plane, curve)
+        unfinished = [*not_followed(plane, curves)]
+        failures += unfinished
+        points = [one.point(plane) for one in found]
+        for curve in curves:
             curve.values = np.full((len(curve.points), 2), np.nan)
             if criticality:
                 for k in np.flatnonzero(curve.counts == 0):
@@ -349,17 +354,16 @@ def bounded(
                     else:
                         curve.marks.append((change[0], len(points)))
                         points.append(change[1])
-    known = [(i, one) for i, one in enumerate(points) if one is not None]
-    known.sort(key=lambda of: (of[1].unstable, of[1].kind, of[1].x))
+    known = sorted(enumerate(points), key=lambda of: (of[1].unstable, of[1].kind, of[1].x))
     numbers = {i: number for number, (i, _) in enumerate(known)}
-    curves = [_boundary_curve(curve, numbers) for curve in traced]
+    results = [_boundary_curve(curve, numbers) for curve in curves]
     low, high = window.low, window.low + window.size
-    if not (coarse.conservative or only_stability or any(tracer.failures())):
-        failures += _disagreements(curves, coarse)
+    if not (plane.conservative or only_stability or unfinished):
+        failures += _disagreements(results, plane)
     return Boundary(
         names=names,
         ranges=((float(low[0]), float(high[0])), (float(low[1]), float(high[1]))),
-        curves=tuple(sorted(curves, key=lambda c: (c.kind != "flutter", -len(c)))),
+        curves=tuple(sorted(results, key=lambda c: (c.kind != "flutter", -len(c)))),
         points=tuple(one for _, one in known),
         u=u,
         model=model,
@@ -368,23 +372,35 @@ def bounded(
     )
 
 
-def _solved_again(
-    found: list[DoublePoint], plane: Plane, control: Control, failures: list[str]
-) -> Iterator[OrganisingPoint | None]:
-    """Organising points solved for in a larger basis.
+def _all_curves(
+    plane: Plane, starts: list[CurveStart], only_stability: bool, failures: list[str]
+) -> tuple[list[TracedCurve], list[DoublePoint]]:
+    """Curves from these starts and from the double points on curves, and these points.
 
-    A point that is not found there becomes None, and a sentence is added to `failures`.
+    Sentences about what failed are added to `failures`.
     """
-    for one in found:
-        try:
-            yield one.solved(plane, control).point(plane)
-        except NewtonFailed as error:
-            yield None
-            point = one.point(plane)
-            failures.append(
-                f"a point of kind {point.kind} near ({point.x:.6g}, {point.y:.6g}) was found in a "
-                f"small basis only, and is left out: {error}"
-            )
+
+    def wanted(problem: AxisProblem, z: Array) -> bool:
+        return not only_stability or others_unstable(plane, problem, z) == 0
+
+    tracer, found = CurveTracer(plane, starts, wanted), list[DoublePoint]()
+    while starts:
+        new, starts = tracer.trace(starts), []
+        for curve in new:
+            curve.counts, places = unstable_counts(plane, curve), []
+            for place in double_points(plane, curve):
+                if isinstance(place, str):
+                    failures.append(place)
+                    continue
+                where, one = place
+                i = next((i for i, other in enumerate(found) if _equal(one, other)), len(found))
+                if where is not None:
+                    places.append((*where, i))
+                if i == len(found):
+                    found.append(one)
+                    starts += one.starts()
+            separate(plane, curve, places)
+    return tracer.curves, found
 
 
 def _equal(one: DoublePoint, other: DoublePoint) -> bool:

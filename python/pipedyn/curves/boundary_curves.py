@@ -51,15 +51,6 @@ FIRST_CLIMB, MOST_CLIMBS = 0.04, 12
 """Limits of a path uphill to a closed curve: length of the first step, as a share of the window,
 and largest number of steps: paths that reach a curve take two to eight."""
 
-AGREED = 2e-10
-"""Distance between a point in two successive bases of the continuous pipe up to which it is
-converged, relative to its numbers or 1: convergence is exponential, so the error is smaller."""
-
-ROUNDED = 1e-6
-"""Distance between a point in two successive bases up to which it counts as converged if larger
-bases do not reduce the distance. The distance then is due to rounding, in pairs of high frequency
-whose growth hardly changes: at omega 900 with a growth of 1e-3 it is 1e-8."""
-
 
 @dataclass(frozen=True)
 class CurveStart:
@@ -105,16 +96,15 @@ class TracedCurve:
             self.problem.renew()
             yield Segment(self.problem, a, b)
 
-    def sample(self) -> TracedCurve:
-        """The curve with a few of its points only, including the first and the last."""
-        which = np.unique(
-            np.linspace(0, len(self.points) - 1, 3 + len(self.points) // 8, dtype=int)
-        )
-        return replace(self, points=[self.points[k] for k in which])
-
     def places(self) -> Array:
         """(x, y) of each point, shape (S, 2)."""
         return np.array([self.problem.place(point.z) for point in self.points])
+
+    def start(self) -> CurveStart:
+        """Start near the middle of the curve, from which it can be traced in another plane."""
+        point = self.points[len(self.points) // 2]
+        z = np.append(self.problem.unit * point.z[:-2], point.z[-2:])
+        return CurveStart(z, max((-1, -2), key=lambda i: abs(point.tangent[i])))
 
     def holds(self, z: Array) -> bool:
         """Whether a solution z of the same equations lies on the curve."""
@@ -184,19 +174,20 @@ class CurveTracer:
         )
         self.curves.append(TracedCurve(problem, points, (first, last)))
 
-    def failures(self) -> Iterator[str]:
-        """Sentences that say which curves were not followed to their ends."""
-        for curve in self.curves:
-            for end, point in zip(curve.ends, (curve.points[0], curve.points[-1]), strict=True):
-                if end in ("points", "not converged"):
-                    x, y = curve.problem.place(point.z)
-                    reason = "too many points" if end == "points" else "no next point was found"
-                    if self.plane.conservative_near(point.z[[-1, -2]], 2.0 * LONGEST_STEP):
-                        reason = "without damping and flow, as beyond, all roots lie on the axis"
-                    yield (
-                        f"a curve of {curve.problem.kind} was not followed beyond "
-                        f"({x:.6g}, {y:.6g}): {reason}"
-                    )
+
+def not_followed(plane: Plane, curves: list[TracedCurve]) -> Iterator[str]:
+    """Sentences that say which curves were not followed to their ends."""
+    for curve in curves:
+        for end, point in zip(curve.ends, (curve.points[0], curve.points[-1]), strict=True):
+            if end in ("points", "not converged"):
+                x, y = curve.problem.place(point.z)
+                reason = "too many points" if end == "points" else "no next point was found"
+                if plane.conservative_near(point.z[[-1, -2]], 2.0 * LONGEST_STEP):
+                    reason = "without damping and flow, as beyond, all roots lie on the axis"
+                yield (
+                    f"a curve of {curve.problem.kind} was not followed beyond "
+                    f"({x:.6g}, {y:.6g}): {reason}"
+                )
 
 
 def first_plane(model: AnyModel, window: Window, speed: float | None) -> Plane:
@@ -332,86 +323,46 @@ def climbed(plane: Plane, z: Array, root: complex, only_stability: bool) -> Curv
     return found[0] if found else None
 
 
-def converged_curves(
-    model: Continuum, plane: Plane, curves: list[TracedCurve]
-) -> tuple[Plane, list[TracedCurve]]:
-    """Curves of the continuous pipe in a basis that is large enough for all of them.
+def larger_plane(model: Continuum, plane: Plane, number: int, moved: float) -> Plane:
+    """The plane of the continuous pipe in a larger basis.
 
-    The basis grows until sampled points of each curve do not move any more, or move by rounding
-    only. A curve that does not exist in larger bases is left out.
+    Args:
+        model: the continuous pipe.
+        plane: the plane of the last basis.
+        number: number of the larger basis, from 1.
+        moved: distance by which a point of a curve moved in the last basis.
 
     Raises:
-        NotConverged: if points of a curve still move in the largest basis.
+        NotConverged: if no larger basis is allowed.
     """
-    inner = basis_joints(model.pipe).size
-    some: list[TracedCurve | None] = [curve.sample() for curve in curves]
-    moves = [math.inf] * len(curves)
-    more = 0
-    while True:
-        size, more = plane.dof, more + 1
-        size += max(8, inner + 1, size // 4)
-        plane = basis_plane(enriched(model.frozen(size), more), plane.window, plane.speed)
-        going = False
-        for i, one in enumerate(some):
-            if one is None:
-                continue
-            try:
-                moved = _solved_on(one, plane)
-            except NewtonFailed:
-                some[i] = None if more > 1 else one
-                going |= more == 1
-                continue
-            before, moves[i], some[i] = moves[i], _distance(one, moved), moved
-            going |= not (moves[i] <= AGREED or 0.3 * before <= moves[i] <= ROUNDED)
-        if not going:
-            break
-        if size >= LARGEST + FUNCTIONS_A_JOINT * inner:
-            raise NotConverged(
-                f"curves of the continuous pipe do not converge: a point still moves by "
-                f"{max(moves):.1e}"
-            )
-    every = list[TracedCurve]()
-    for curve, one, error in zip(curves, some, moves, strict=True):
-        if one is not None:
-            with suppress(NewtonFailed):
-                every.append(replace(_solved_on(curve, plane), error=error))
-    return plane, every
+    inner, size = basis_joints(model.pipe).size, plane.dof
+    if number > 1 and size >= LARGEST + FUNCTIONS_A_JOINT * inner:
+        raise NotConverged(
+            f"curves of the continuous pipe do not converge: a point still moves by {moved:.1e}"
+        )
+    size += max(8, inner + 1, size // 4)
+    return basis_plane(enriched(model.frozen(size), number), plane.window, plane.speed)
 
 
-def _distance(one: TracedCurve, other: TracedCurve) -> float:
-    """Largest difference between the points of two curves, relative to their numbers or 1."""
-    a, b = one.places(), other.places()
-    return float((np.abs(a - b) / np.maximum(1.0, np.abs(a))).max())
+def distance_in(plane: Plane, curve: TracedCurve) -> float:
+    """Largest distance of some points of a curve from the same points in another plane.
 
-
-def _solved_on(curve: TracedCurve, plane: Plane) -> TracedCurve:
-    """The curve, its points solved for in another plane, such as the plane of a larger basis."""
-    problem = curve.problem.on_other(plane)
-    last = len(curve.points) - 1
-    points: list[Point] = []
-    for k, point in enumerate(curve.points):
-        end = {0: curve.ends[0], last: curve.ends[1]}.get(k)
-        if end == "closed" and k == last:
-            points.append(points[0])
-            continue
-        edge = _edge(point.z) if end in ("range", "Bogdanov-Takens") else None
-        if edge is None:
-            points.append(problem.at(point, 0.0))
-        else:
-            z = problem.fixed(point.z, float(point.z[edge]), edge)
-            points.append(_on_edges(problem, problem.point(z, point.tangent)))
-    return replace(curve, problem=problem, points=points)
+    It is relative to their numbers or 1, and infinite if one of the points does not exist there.
+    """
+    problem, last = curve.problem.on_other(plane), len(curve.points) - 1
+    largest = 0.0
+    for k in np.unique(np.linspace(0, last, 3 + last // 8, dtype=int)):
+        point = curve.points[k]
+        try:
+            there = problem.place(problem.at(point, 0.0).z)
+        except NewtonFailed:
+            return math.inf
+        here = problem.place(point.z)
+        largest = max(largest, float((np.abs(here - there) / np.maximum(1.0, np.abs(here))).max()))
+    return largest
 
 
 def _on_edges(problem: AxisProblem, point: Point) -> Point:
     """The point, moved exactly onto an edge of the window if it lies there up to rounding."""
     within = problem.plane.window.on_edges(point.z[-2:])
     return replace(point, z=np.append(point.z[:-2], within))
-
-
-def _edge(z: Array) -> int | None:
-    """Index of the entry of z that is on the window's edge, or is a frequency of 0; else None."""
-    for index in (-1, -2):
-        if z[index] in (0.0, 1.0):
-            return index
-    return 0 if z.size == 3 and z[0] == 0.0 else None

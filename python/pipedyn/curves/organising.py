@@ -17,8 +17,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import Control, Segment
-from pipedyn.continuation.tracer import TestFunction
+from pipedyn.continuation.arclength import Control, Point, Segment
+from pipedyn.continuation.tracer import NamedZero, TestFunction
 from pipedyn.curves.boundary_curves import CurveStart, TracedCurve
 from pipedyn.equilibrium.axis_problems import (
     AxisProblem,
@@ -123,24 +123,8 @@ def other_roots(plane: Plane, problem: AxisProblem, z: Array) -> tuple[Complex, 
 
 
 def unstable_counts(plane: Plane, curve: TracedCurve) -> NDArray[np.int_]:
-    """Number of unstable roots other than those on the axis at each point of a curve, (S,).
-
-    If the curve has the numbers in a smaller basis, each run of points with equal numbers is
-    checked at its first, middle and last point, and at all its points if one number differs.
-    """
-
-    def number(k: int) -> int:
-        return others_unstable(plane, curve.problem, curve.points[k].z)
-
-    expected = curve.counts
-    if not expected.size:
-        counts = [number(k) for k in range(len(curve.points))]
-    else:
-        counts = []
-        for run in np.split(np.arange(expected.size), np.flatnonzero(np.diff(expected)) + 1):
-            some = {k: number(k) for k in (run[0], run[run.size // 2], run[-1])}
-            same = all(found == expected[run[0]] for found in some.values())
-            counts += [int(expected[k]) if same else number(k) for k in run]
+    """Number of unstable roots other than those on the axis at each point of a curve, (S,)."""
+    counts = [others_unstable(plane, curve.problem, point.z) for point in curve.points]
     if curve.problem.kind == "flutter" and not plane.conservative:
         # At an end without damping and flow all roots lie on the axis: the number right before the
         # end is taken.
@@ -446,55 +430,34 @@ def changes_of_criticality(
     The criticality is computed with `plane`, whose basis may be smaller than the basis of the
     curve, as differences lose digits in a larger basis.
     """
-    leading = curve.values[:, 1]
-    for k, segment in enumerate(curve.segments()):
-        if curve.counts[k : k + 2].any() or not leading[k] * leading[k + 1] < 0.0:
-            continue
-        test = _Criticality(segment, plane, leading[k : k + 2])
-        try:
-            # Rounding may lead to several zeros near a single one: the first is taken.
-            _, point = next(test.zeros(0.0, segment.length), (0.0, None))
-        except (NewtonFailed, ValueError) as error:
-            x, y = curve.problem.place(segment.begin.z)
-            yield (
-                f"a point of kind {test.kind} near ({x:.6g}, {y:.6g}), where the criticality "
-                f"changes, was not solved for: {error}"
-            )
-            continue
-        if point is not None:
-            yield k, point
+    leading, problem = curve.values[:, 1], curve.problem
+    kind: PointKind = "Bautin" if problem.kind == "flutter" else "degenerate pitchfork"
 
-
-class _Criticality(TestFunction[AxisProblem]):
-    """Coefficient that decides the criticality on a step of a curve.
-
-    `ends` has its values at the ends of the step, shape (2,).
-    """
-
-    def __init__(self, step: Segment[AxisProblem], plane: Plane, ends: Array) -> None:
-        known = {0.0: ends[:1], step.length: ends[1:]}
-        super().__init__(step, 1e-11 * step.length, known)
-        self.plane, self.largest = plane, float(np.abs(ends).max())
-        flutter = step.problem.kind == "flutter"
-        self.kind: PointKind = "Bautin" if flutter else "degenerate pitchfork"
-
-    def about(self, s: float) -> Array:
-        """The coefficient that decides the criticality, shape (1,)."""
-        found = coefficients(self.plane, self.step.problem, self.step.at(s).z)[1]
+    def decisive(point: Point) -> float:
+        found = coefficients(plane, problem, point.z)[1]
         if np.isnan(found):
             raise NewtonFailed("the criticality is not known all along the step")
-        return np.array([found])
+        return found
 
-    def found(self, before: float, beyond: float) -> OrganisingPoint | None:
-        """The point at which the coefficient is 0; None if the coefficient passes through infinity.
-
-        It passes through infinity where two pairs meet.
-        """
-        middle = 0.5 * (before + beyond)
-        z, problem = self.step.at(middle).z, self.step.problem
-        infinite = abs(float(self.at(middle)[0])) > 1e-3 * self.largest
-        if infinite or self.plane.conservative_near(z[[-1, -2]], AT_EDGE):
-            return None
-        x, y = problem.place(z)
-        omega = problem.frequency(z)
-        return OrganisingPoint(self.kind, float(x), float(y), (omega,) if omega else (), 0)
+    for k, segment in enumerate(curve.segments()):
+        ends = leading[k : k + 2]
+        if curve.counts[k : k + 2].any() or not ends[0] * ends[1] < 0.0:
+            continue
+        test = NamedZero(segment, 1e-11 * segment.length, kind, decisive)
+        try:
+            for before, beyond in test.changes(0.0, segment.length):
+                middle = segment.at(0.5 * (before + beyond))
+                # The coefficient passes through infinity where two pairs meet.
+                infinite = abs(decisive(middle)) > 1e-3 * np.abs(ends).max()
+                if infinite or plane.conservative_near(middle.z[[-1, -2]], AT_EDGE):
+                    continue
+                x, y = problem.place(middle.z)
+                omega = problem.frequency(middle.z)
+                yield k, OrganisingPoint(kind, float(x), float(y), (omega,) if omega else (), 0)
+                break  # rounding may lead to several zeros near a single one
+        except (NewtonFailed, ValueError) as error:
+            x, y = problem.place(segment.begin.z)
+            yield (
+                f"a point of kind {kind} near ({x:.6g}, {y:.6g}), where the criticality "
+                f"changes, was not solved for: {error}"
+            )

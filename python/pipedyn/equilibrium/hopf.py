@@ -57,8 +57,8 @@ from pipedyn.equilibrium.equilibria import BranchPoint, Statics
 from pipedyn.linear.critical_speed import critical_point
 from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.neutral import grows
-from pipedyn.linear.sensitivity import Crossing, of_each
-from pipedyn.linear.stability_curve import Failure, first_known, scales_of_each, swept
+from pipedyn.linear.sensitivity import Crossing
+from pipedyn.linear.stability_curve import Failure, SweptResult, swept
 from pipedyn.models.base import Model
 from pipedyn.models.drive import Supply
 from pipedyn.models.pipe import Pipe
@@ -72,7 +72,7 @@ from pipedyn.util.counters import factorised
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.later import futures, scipy
 from pipedyn.util.parallel import outcome_of
-from pipedyn.util.result import Result, TableResult
+from pipedyn.util.result import Result
 from pipedyn.util.threads import one_thread
 from pipedyn.util.units import LENGTH, SPEED
 
@@ -651,7 +651,7 @@ def _tip_of(motion: VectorField, rest: Array, mode: Complex) -> complex:
 
 
 @saved_as("CriticalityCurve", shapes={"S": "values onsets"})
-class CriticalityCurve(TableResult, units={"folds": SPEED}):
+class CriticalityCurve(SweptResult, units={"folds": SPEED}):
     """Onsets of flutter against a parameter.
 
     Attributes:
@@ -662,20 +662,16 @@ class CriticalityCurve(TableResult, units={"folds": SPEED}):
         pipes: the pipe at each value, None where there is no model.
     """
 
-    values: Array
+    _each, _word, _numbers = "onsets", "criticality", ("lyapunov",)
+
     onsets: tuple[Hopf | None, ...] = field(repr=False)
     failures: tuple[Failure, ...]
     pipes: tuple[Pipe | None, ...] = field(default=(), repr=False)
 
     @property
-    def speeds(self) -> Array:
-        """Flow speeds of the onsets, shape (S,); NaN where there is no onset."""
-        return of_each(self.onsets, "speed")
-
-    @property
     def laws(self) -> Array:
         """Amplitude laws, shape (S,), negative if subcritical; NaN where there is no onset."""
-        return of_each(self.onsets, "amplitude_law")
+        return self._of_each("amplitude_law")
 
     @property
     def subcritical(self) -> NDArray[np.bool_]:
@@ -690,7 +686,7 @@ class CriticalityCurve(TableResult, units={"folds": SPEED}):
         With drag an onset may be supercritical although its cycles turn back at this speed, beyond
         which flutter is large at once. Under weak drag this speed is hardly above the onset.
         """
-        return of_each(self.onsets, "fold")
+        return self._of_each("fold")
 
     @property
     def changes(self) -> Array:
@@ -706,24 +702,6 @@ class CriticalityCurve(TableResult, units={"folds": SPEED}):
     def _shown(self) -> list[tuple[str, Any]]:
         (values, *rest) = super()._shown()
         return [values, ("speeds", self.speeds), ("subcritical", self.subcritical), *rest]
-
-    def _columns(self) -> dict[str, Any]:
-        failed = {one.index: str(one.error) for one in self.failures}
-        return {
-            "value": self.values,
-            "speed": of_each(self.onsets, "speed"),
-            "frequency": of_each(self.onsets, "frequency"),
-            "criticality": [one.criticality if one is not None else "" for one in self.onsets],
-            "lyapunov": of_each(self.onsets, "lyapunov"),
-            "failure": [failed.get(index, "") for index in range(len(self.values))],
-        }
-
-    def _pipe(self) -> Any:
-        return first_known(self.pipes) or super()._pipe()
-
-    def _scales(self) -> Any:
-        """Scales of each point, as each point may have another pipe."""
-        return scales_of_each(self.pipes, self.onsets)
 
 
 def _onsets(models: Sequence[Model]) -> list[Hopf | Exception]:

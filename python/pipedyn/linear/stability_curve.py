@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import field
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,8 +55,67 @@ class Failure(Result):
     error: Exception
 
 
+class SweptResult(TableResult):
+    """Results at values of a parameter, of which some may have failed.
+
+    A subclass has the results in the field that `_each` names, `failures` and `pipes`.
+
+    Attributes:
+        values: values of the parameter, shape (S,).
+    """
+
+    _each: ClassVar[str]
+    _word: ClassVar[str]  # attribute of results that is a column of words
+    _numbers: ClassVar[tuple[str, ...]] = ()  # attributes that are further columns
+
+    values: Array
+
+    @property
+    def speeds(self) -> Array:
+        """Critical speeds, at which stability is lost, shape (S,); NaN if there is none."""
+        return self._of_each("speed")
+
+    def _of_each(self, name: str) -> Array:
+        """An attribute of the result at each value, shape (S,); NaN if there is none."""
+        return of_each(getattr(self, self._each), name)
+
+    def _columns(self) -> dict[str, Any]:
+        own: Any = self
+        failed = {one.index: str(one.error) for one in own.failures}
+        words = [getattr(one, self._word, "") for one in getattr(self, self._each)]
+        return {
+            "value": self.values,
+            "speed": self.speeds,
+            "frequency": self._of_each("frequency"),
+            self._word: words,
+            **{name: self._of_each(name) for name in self._numbers},
+            "failure": [failed.get(index, "") for index in range(len(self.values))],
+        }
+
+    def _known_pipes(self) -> list[Any]:
+        """The pipe at each value, None if it is not known.
+
+        For results that were saved without pipes (by version 0.2.0), their own pipes are used.
+        """
+        own: Any = self
+        results = getattr(self, self._each)
+        return list(own.pipes) or [None if one is None else one._pipe() for one in results]
+
+    def _pipe(self) -> Any:
+        return next((one for one in self._known_pipes() if one is not None), None)
+
+    def _scales(self) -> Any:
+        """SI scales at each point, as each may have a pipe of its own; None if no point has any."""
+        each = [getattr(one, "scales", None) for one in self._known_pipes()]
+        known = next((one for one in each if one is not None), None)
+        if known is None:
+            return None
+        missing = (math.nan,) * len(known)
+        return type(known)(*np.array([one or missing for one in each]).T)
+
+
 @saved_as("StabilityCurve", shapes={"S": "values critical crossings"})
-class StabilityCurve(TableResult, units=dict.fromkeys(("no_loss_up_to", "max_speed"), SPEED)):
+class StabilityCurve(SweptResult, units=dict.fromkeys(("no_loss_up_to", "max_speed"), SPEED)):
     """Critical speed, and every crossing, against a parameter.
 
     Attributes:
@@ -78,7 +137,8 @@ class StabilityCurve(TableResult, units=dict.fromkeys(("no_loss_up_to", "max_spe
         ['value', 'speed', 'frequency']
     """
 
-    values: Array
+    _each, _word = "critical", "kind"
+
     critical: tuple[CriticalSpeed | None, ...] = field(repr=False)
     crossings: tuple[tuple[Crossing, ...], ...] = field(repr=False)
     failures: tuple[Failure, ...]
@@ -103,54 +163,13 @@ class StabilityCurve(TableResult, units=dict.fromkeys(("no_loss_up_to", "max_spe
         return ends
 
     @property
-    def speeds(self) -> Array:
-        """Critical speeds, shape (S,), NaN if there is none."""
-        return of_each(self.critical, "speed")
-
-    @property
     def frequencies(self) -> Array:
         """Critical frequencies, shape (S,), NaN if there is none."""
-        return of_each(self.critical, "frequency")
+        return self._of_each("frequency")
 
     def _shown(self) -> list[tuple[str, Any]]:
         (values, *rest) = super()._shown()
         return [values, ("speeds", self.speeds), *rest]
-
-    def _columns(self) -> dict[str, Any]:
-        failed = {one.index: str(one.error) for one in self.failures}
-        return {
-            "value": self.values,
-            "speed": self.speeds,
-            "frequency": self.frequencies,
-            "kind": [one.kind if one is not None else "" for one in self.critical],
-            "failure": [failed.get(index, "") for index in range(len(self.values))],
-        }
-
-    def _pipe(self) -> Any:
-        return first_known(self.pipes) or super()._pipe()
-
-    def _scales(self) -> Any:
-        """SI scales at each point, as each point may have a pipe of its own."""
-        return scales_of_each(self.pipes, self.critical)
-
-
-def first_known(pipes: Iterable[Pipe | None]) -> Pipe | None:
-    """The first pipe of a sweep that is not None; None if there is none."""
-    return next((one for one in pipes if one is not None), None)
-
-
-def scales_of_each(pipes: Sequence[Pipe | None], results: Sequence[Any]) -> Any:
-    """SI values of the nondimensional units, each of shape (S,); None if no point has a pipe.
-
-    For results that were saved without pipes (by version 0.2.0), their own pipes are used.
-    """
-    known_pipes = pipes or [None if one is None else one._pipe() for one in results]
-    each = [getattr(one, "scales", None) for one in known_pipes]
-    known = next((one for one in each if one is not None), None)
-    if known is None:
-        return None
-    missing = (math.nan,) * len(known)
-    return type(known)(*np.array([one or missing for one in each]).T)
 
 
 def stability_curve(
