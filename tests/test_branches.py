@@ -163,7 +163,7 @@ def test_a_branch_goes_on_where_its_cycles_touch_a_stop_once_more(monkeypatch):
 
     A motion leads to the branch: the 49 branches of equilibria take much longer and are left out.
     """
-    monkeypatch.setattr(diagram, "equilibrium_branches", lambda *_: ((), set()))
+    monkeypatch.setattr(diagram, "equilibrium_branches", lambda *_: ())
     stop = pp.Stop(1.0, gap=0.05, stiffness=200.0)
     model = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.005, terms=(stop,)), 2)
     u = 5.08

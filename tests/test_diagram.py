@@ -193,6 +193,17 @@ def test_what_no_start_ends_on_is_found_from_a_branch_nearby():
     assert np.ptp(late) == pytest.approx(np.ptp(one.turnings), rel=1e-3)
 
 
+def test_motions_begin_beside_cycles_to_which_others_led_at_other_speeds():
+    """The cycle is found at a higher speed; the only other start leads to another equilibrium."""
+    model = pp.Chain(pp.Pipe(0.2129, -40.0, drag=0.5), 3)
+    asked = {"brute_force": 1, "exponents": False, "transient": 30.0, "duration": 10.0}
+    found = pp.bifurcation_diagram(model, np.linspace(4.097, 5.513, 5), **asked)
+    assert [branch.origin for branch in found.cycles] == ["motion"]
+    assert [(one.speed, one.ending) for one in found.motions if one.start == -1] == [
+        (found.speeds[1], "rest")
+    ]
+
+
 def test_settled_motions_end_early_where_they_would_have_ended(monkeypatch):
     model = pp.Galerkin(pp.Pipe(0.2), 4)
     speeds = np.array([4.0, 6.5, 8.0])

@@ -3,9 +3,8 @@
 
 There are no subcommands, since Python answers other questions about a model in as few words.
 
-Results are computed on a few threads. The figures and the table without the stability maps are
-written while the maps are still being computed. Results that cannot be computed are left out and
-named at the end on stderr, and the exit status is then 1.
+Results are computed on a few threads, and then written. Results that cannot be computed are left
+out and named at the end on stderr, and the exit status is then 1.
 """
 
 from __future__ import annotations
@@ -16,22 +15,19 @@ import os
 import signal
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn, TypeAlias
-
-import matplotlib
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from pipedyn import plot
 from pipedyn.models.chain import SPRING_RULES
 from pipedyn.models.galerkin import BASES
 from pipedyn.paper.analysis import HIGHEST_SPEED, LEAST_HIGHEST, Findings, Options, gather
 from pipedyn.paper.pipe_options import add_pipe_options, taken_pipe
-from pipedyn.paper.report import BEFORE_MAPS, HEADINGS, SI_HEADER, Draw, map_figure, report, table
+from pipedyn.paper.report import FIGURES, HEADINGS, SI_HEADER, Draw, report, table
 from pipedyn.util import check
 from pipedyn.util.files import replacing
 
@@ -157,15 +153,9 @@ def save_table(case: Options, findings: Findings, path: Path) -> None:
 
 
 def save_figure(draw: Draw, case: Options, findings: Findings, path: Path) -> None:
-    """Saves a figure. Bitmaps avoid `savefig`, which would draw the figure twice for its layout."""
+    """Saves a figure."""
     with plot.style():
-        figure = draw(case, findings)
-        if path.suffix == ".png":
-            figure.set_dpi(matplotlib.rcParams["savefig.dpi"])
-            canvas: Any = FigureCanvasAgg(figure)
-            canvas.print_png(path)
-        else:
-            figure.savefig(path)
+        draw(case, findings).savefig(path)
 
 
 def written(case: Options, findings: Findings, savers: dict[str, Saver]) -> list[Path]:
@@ -185,17 +175,13 @@ def written(case: Options, findings: Findings, savers: dict[str, Saver]) -> list
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command and returns its exit status."""
     case = _parsed(arguments)
-    # Nine tenths of the time are spent in the core, which releases the lock of the interpreter.
-    with _threads(case.workers) as executor:
-        stages = gather(case, executor)
-        findings = next(stages)
-        savers: dict[str, Saver] = {"critical-speeds.csv": save_table}
-        for name, draw in BEFORE_MAPS.items():
-            savers[f"{name}.{case.format}"] = partial(save_figure, draw)
-        paths = written(case, findings, savers)
-        next(stages)
-    savers = {f"stability-map.{case.format}": partial(save_figure, map_figure)}
-    paths += written(case, findings, savers)
+    # Nine tenths of the time are spent in the core, which releases the lock of the interpreter. The
+    # executor is not closed, so that Ctrl-C does not wait for its threads.
+    findings = gather(case, ThreadPoolExecutor(case.workers) if case.workers else None)
+    savers: dict[str, Saver] = {"critical-speeds.csv": save_table}
+    for name, draw in FIGURES.items():
+        savers[f"{name}.{case.format}"] = partial(save_figure, draw)
+    paths = written(case, findings, savers)
     try:
         print(report(case, findings))
         print("\nWritten: " + ", ".join(map(str, paths)), flush=True)
@@ -206,17 +192,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say(f"{missing} {findings.failures[0]}")
         return 1
     return 0
-
-
-@contextmanager
-def _threads(count: int) -> Iterator[ThreadPoolExecutor | None]:
-    """Gives an executor with `count` threads, or None for 0; exceptions do not wait for threads."""
-    executor = ThreadPoolExecutor(count) if count else None
-    try:
-        yield executor
-    finally:
-        if executor is not None:
-            executor.shutdown(wait=sys.exception() is None, cancel_futures=True)
 
 
 def _say(line: str) -> None:

@@ -70,8 +70,8 @@ are short."""
 
 SPARSE = 4
 """Number of speeds for each one at which motions are integrated first: cycles to which these
-motions lead are followed to the other speeds, where motions then end sooner. This number was
-chosen; others were not measured."""
+motions lead are followed to the other speeds, where motions then end sooner and also begin beside
+the nearest of them. This number was chosen; others were not measured."""
 
 NEAR_BRANCH = 0.1
 """Largest relative difference of speeds at which motions begin beside the nearest cycle of a branch
@@ -200,7 +200,7 @@ def bifurcation_diagram(
     )
     model, at, failed, shown = asked.model, asked.speeds, list[Failed](), asked.options.shown
     begun = clock()
-    branches, resting = equilibrium_branches(model, at, failed, shown)
+    branches = equilibrium_branches(model, at, failed, shown)
     if shown and watched():
         cost = _cost(asked, branches, clock() - begun)
         print(f"bifurcation diagram: {cost}", file=sys.stderr)
@@ -214,13 +214,16 @@ def bifurcation_diagram(
         cases = _cases(model, some, branches, found.branches, asked.starts)
         ended, reached = motions_at(model, cases, asked.options, failed)
         if asked.steps:
-            found.from_motions(reached)
+            for one in reached:  # cycles that motions led to may lie on no branch
+                if one.orbit is not None and one.attracts and one.orbit.u > 0.0:
+                    found.through(one.orbit.u, one.orbit)
         motions = (*motions, *ended)
     motions = tuple(sorted(motions, key=lambda one: (one.speed, one.start)))
     if asked.steps:
         for u in sorted(seeds(at)):
             passed = (b.speeds.min() <= u <= b.speeds.max() for b in found.branches)
-            if u > 0.0 and u not in resting and not any(passed):
+            rests = (bool(b.stable[b.speeds == u].any()) for b in branches)
+            if u > 0.0 and not any(rests) and not any(passed):
                 found.through(u, model.bent(slight_bend))
     failed.sort(key=lambda one: one[0])
     places = {u: place for place, u in enumerate(at.tolist())}
@@ -282,7 +285,7 @@ def diagram_cost(model: Model, speeds: ArrayLike, **options: Any) -> DiagramCost
     steps, count = of_motions.pop("cycles"), of_motions.pop("brute_force")
     asked = _asked(model, speeds, steps, count, MotionOptions.checked(**of_motions))
     begun = clock()
-    branches, _ = equilibrium_branches(asked.model, asked.speeds, [], False)
+    branches = equilibrium_branches(asked.model, asked.speeds, [], False)
     return _cost(asked, branches, clock() - begun)
 
 
@@ -388,22 +391,16 @@ def seeds(speeds: Array) -> list[float]:
 
 def equilibrium_branches(
     model: Model, speeds: Array, failed: list[Failed], shown: bool
-) -> tuple[tuple[EquilibriumBranch, ...], set[float]]:
-    """Branches through the equilibria at three of the speeds, each once.
-
-    The second result holds those of the three speeds at which an equilibrium is stable.
-    """
+) -> tuple[EquilibriumBranch, ...]:
+    """Branches through the equilibria at three of the speeds, each once."""
     ends = float(speeds[0]), float(speeds[-1])
     branches: list[EquilibriumBranch] = []
-    stable = set[float]()
     for u in track(seeds(speeds), len(seeds(speeds)), "equilibria", shown):
         try:
             found = searched(model, u, (), counted=False)
         except PipedynError as error:
             failed.append((u, error))
             continue
-        if found.stable.any():
-            stable.add(u)
         for q in found.q:
             # Branches have points at both ends and at the speed at which they began.
             passing = np.concatenate([q[None] + math.inf, *(b.q[b.speeds == u] for b in branches)])
@@ -413,7 +410,7 @@ def equilibrium_branches(
                 branches.append(equilibrium_branch(model, q, u, ends))
             except PipedynError as error:
                 failed.append((u, error))
-    return tuple(branches), stable
+    return tuple(branches)
 
 
 # ------------------------------------------------------------------------------------------ motions
@@ -576,9 +573,3 @@ class _Cycles:
             self.failed.append((u, NoCycle(report, u)))
         except PipedynError as error:
             self.failed.append((u, error))
-
-    def from_motions(self, reached: list[Solution]) -> None:
-        """Follows the branches through cycles that motions led to and that lie on no branch."""
-        for one in reached:
-            if one.orbit is not None and one.attracts and one.orbit.u > 0.0:
-                self.through(one.orbit.u, one.orbit)

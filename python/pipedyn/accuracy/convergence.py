@@ -144,21 +144,26 @@ class ConvergenceLaw(Result):
 
 def relative_errors(
     found: Iterable[CriticalSpeed], exact: CriticalSpeed
-) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Sizes, signed relative errors of the speed, and whether the kind is correct, (k,) each."""
+) -> tuple[Array, Array, NDArray[np.bool_], float]:
+    """Sizes, signed relative errors of the speed, and whether the kind is correct, (k,) each.
+
+    The last value is the part of the errors that comes from the solver: the sum of the relative
+    errors of the exact speed and of the least accurate result.
+    """
     results = sorted(found, key=lambda result: result.size)
     sizes = np.array([result.size for result in results], dtype=np.float64)
     speeds = np.array([result.speed for result in results])
     same_kind = np.array([result.kind == exact.kind for result in results], dtype=np.bool_)
+    own = exact.error + max((result.error for result in results), default=0.0)
+    own = float(np.finfo(float).eps) + (own / exact.speed if exact.speed > 0.0 else 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return sizes, (speeds - exact.speed) / exact.speed, same_kind
+        return sizes, (speeds - exact.speed) / exact.speed, same_kind, own
 
 
 def convergence_law(found: Sequence[CriticalSpeed], exact: CriticalSpeed) -> ConvergenceLaw:
     """The law of the errors of one family's critical speeds; errors near rounding are left out."""
-    sizes, errors, same_kind = relative_errors(found, exact)
-    good = same_kind & np.isfinite(errors)
-    good[good] &= np.abs(errors[good]) > 30.0 * own_error(found, exact)
+    sizes, errors, same_kind, own = relative_errors(found, exact)
+    good = same_kind & np.isfinite(errors) & (np.abs(errors) > 30.0 * own)
     return fitted_law(sizes[good], errors[good])
 
 
@@ -188,13 +193,6 @@ def fitted_law(sizes: Array, errors: Array) -> ConvergenceLaw:
     if (misfit < power_misfit or -power > 8.0) and exponential < -math.log(2.0):
         return ConvergenceLaw("exponential", math.exp(-exponential), math.nan, math.nan, sizes)
     return ConvergenceLaw("power", -power, math.nan, math.nan, sizes)
-
-
-def own_error(found: Iterable[CriticalSpeed], exact: CriticalSpeed) -> float:
-    """Sum of the relative solver errors of the exact speed and of the least accurate result."""
-    own = max((result.error for result in found), default=0.0)
-    eps = float(np.finfo(float).eps)
-    return (exact.error + own) / exact.speed + eps if exact.speed > 0.0 else eps
 
 
 def _straight_fit(x: Array, y: Array) -> tuple[float, float]:

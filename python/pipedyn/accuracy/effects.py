@@ -4,11 +4,10 @@
 from __future__ import annotations
 
 import math
-from collections import ChainMap
 from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import field, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -241,7 +240,7 @@ def relevant(
         speed = asked.steady_speed(pipe)
     words, full = _outcome(asked, pipe, tolerance)
     drives = _drives(asked, speed)
-    strengths = _strengths(pipe) | {name: strength for name, (strength, _) in drives.items()}
+    strengths = {name: strength for name, (strength, _) in (_effects(pipe) | drives).items()}
     if asked.name == "critical_speed":
         del strengths["flow"]
     if "constant head" in drives:  # the equation of the flow speed needs the mass of the fluid
@@ -254,8 +253,7 @@ def relevant(
             return Effect(name, "", "", None, 0.0, 0.0, math.nan, "absent")
         simpler = _without(pipe, names)
         growth = _growth_at(simpler, speed)
-        gone = [change for one, (_, change) in drives.items() if one in names]
-        left: Any = replace(asked, **ChainMap(*gone))  # type: ignore[type-var]
+        left: Any = replace(asked, **_changes(drives, names))  # type: ignore[type-var]
         try:
             without, found = _outcome(left, simpler, tolerance)
         except PipedynError as failure:
@@ -291,33 +289,39 @@ def relevant(
     )
 
 
-def _strengths(pipe: Pipe) -> dict[str, str]:
-    """Strengths of effects in words, by name; empty if the pipe lacks the effect."""
-    strengths = {}
+Effects: TypeAlias = dict[str, tuple[str, dict[str, Any]]]
+"""Effects by name: the strength in words, empty if the pipe lacks the effect, and the numbers of
+the pipe, or the conditions of the quantity, without it."""
+
+
+def _effects(pipe: Pipe) -> Effects:
+    """The effects of a pipe. Without several of its terms it has the others, see `_without`."""
+    found: Effects = {}
     for name, number in EFFECTS.items():
-        value, letter = float(getattr(pipe, number)), OWN_NUMBERS[number].letter
-        if value != ABSENT.get(name):
-            strengths[name] = f"{letter} = {value:.6g}" if value or name in ABSENT else ""
-    parts = [strengths[name] for name in ("Coriolis", "centrifugal") if strengths[name]]
-    strengths["flow"] = ", ".join(parts)
+        value, absent = float(getattr(pipe, number)), ABSENT.get(name)
+        if value != absent:
+            strength = f"{OWN_NUMBERS[number].letter} = {value:.6g}"
+            found[name] = strength if value or name in ABSENT else "", {number: absent or 0.0}
+    parts = [found[name][0] for name in ("Coriolis", "centrifugal")]
+    found["flow"] = ", ".join(filter(None, parts)), {"beta": 0.0, "alpha": 0.0}
     if isinstance(pipe.root, RootSpring):
-        strengths[repr(pipe.root)] = f"stiffness = {pipe.root.stiffness:.4g}"
+        found[repr(pipe.root)] = f"stiffness = {pipe.root.stiffness:.4g}", {"root": "clamped"}
     for term in pipe.terms:
         numbers = [f"{name} = {value:.4g}" for name, value in term.numbers.items() if value]
-        strengths[repr(term)] = ", ".join(numbers)
+        found[repr(term)] = ", ".join(numbers), {}
     for name, of in PROFILES.items():
         profile: Profile | None = getattr(pipe, of)
         if profile is not None:
             low, high = profile.bounds
-            strengths[name] = f"{of} {low:.4g} to {high:.4g}"
-    return strengths
+            found[name] = f"{of} {low:.4g} to {high:.4g}", {of: None}
+    return found
 
 
-def _drives(asked: Quantity, speed: float) -> dict[str, tuple[str, dict[str, Any]]]:
-    """Drives of a motion by name: the strength in words, and the conditions without the drive."""
+def _drives(asked: Quantity, speed: float) -> Effects:
+    """The effects of what drives a motion."""
+    drives: Effects = {}
     if not isinstance(asked, MotionOf):
-        return {}
-    drives: dict[str, tuple[str, dict[str, Any]]] = {}
+        return drives
     if isinstance(asked.u, Pulsation):
         strength = f"amplitude = {asked.u.amplitude:.4g}, frequency = {asked.u.frequency:.4g}"
         drives["pulsation"] = strength, {"u": speed}
@@ -333,18 +337,15 @@ def _droppable(names: Collection[str]) -> tuple[str, ...]:
     return tuple(name for name in names if name != "flow")
 
 
+def _changes(effects: Effects, names: Collection[str]) -> dict[str, Any]:
+    """What changes without some of the effects."""
+    return {k: v for name, (_, gone) in effects.items() if name in names for k, v in gone.items()}
+
+
 def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
     """The pipe with some of its effects switched off."""
-    gone: dict[str, Any] = {
-        number: ABSENT.get(name, 0.0) for name, number in EFFECTS.items() if name in names
-    }
-    if "flow" in names:
-        gone |= {"beta": 0.0, "alpha": 0.0}
-    if repr(pipe.root) in names:
-        gone["root"] = "clamped"
-    gone["terms"] = tuple(term for term in pipe.terms if repr(term) not in names)
-    gone |= {of: None for name, of in PROFILES.items() if name in names}
-    return replace(pipe, **gone)
+    terms = tuple(term for term in pipe.terms if repr(term) not in names)
+    return replace(pipe, terms=terms, **_changes(_effects(pipe), names))
 
 
 def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> tuple[str, Answer]:

@@ -7,9 +7,10 @@ Results that fail are left out and named; all others are kept.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,9 @@ REDUCED_SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 22, 32, 46)
 sqrt(2) and sizes up to 8 by 1, because the error of Legendre functions falls to rounding by m = 12.
 """
 
+
+MAP_GAMMAS = (-10.0, 0.0, 10.0, 100.0)
+"""Values of gamma for the maps, besides the pipe's own: standing, level and hanging pipes."""
 
 MAP_MODES = 9
 """Number of mass ratios of a map at which the report names the mode that loses stability."""
@@ -96,14 +100,9 @@ class Findings:
     failures: list[str] = field(default_factory=list)
 
 
-def gather(case: Options, executor: futures.Executor | None = None) -> Iterator[Findings]:
-    """Computes all results in the figures and the table, in an executor or in this thread.
-
-    The findings are yielded twice: first without the maps, while an executor still computes these,
-    and then complete.
-    """
-    exact = Continuum(case.pipe)
-    findings = Findings()
+def gather(case: Options, executor: futures.Executor | None = None) -> Findings:
+    """Computes all results in the figures and the table, in an executor or in this thread."""
+    exact, findings = Continuum(case.pipe), Findings()
 
     def recorded(name: str, answer: Any) -> tuple[Any, str]:
         """The answer of a job, or None with the reason; records failures by the name."""
@@ -115,60 +114,46 @@ def gather(case: Options, executor: futures.Executor | None = None) -> Iterator[
 
     found = outcome_of(partial(critical_speed, exact))
     findings.exact, findings.remark = recorded("critical speed, continuous pipe", found)
-    findings.highest = _highest(case, findings.exact)
+    wanted = 0.0 if findings.exact is None else math.ceil(1.5 * findings.exact.speed)
+    findings.highest = case.highest or float(min(max(wanted, LEAST_HIGHEST), HIGHEST_SPEED))
     speeds = np.linspace(0.0, findings.highest, case.speeds)
-    panels, families, gammas = _panel_models(case), _families(case), _gammas(case)
+    panels, families = _panel_models(case), _families(case)
+    own = case.pipe.gamma
+    every = [own, *sorted({*MAP_GAMMAS} - {own}, reverse=True)]
+    gammas = {f"stability map, gamma = {gamma}": gamma for gamma in every}
     top = map_top(findings.exact)
-    jobs: list[Job[Any]] = [
-        partial(root_loci, exact, speeds, BRANCHES),
-        partial(crossings, exact, findings.highest),
-        *(
-            partial(root_loci, model, speeds, min(BRANCHES, model.dof))
-            for row in panels
-            for _, model in row
-        ),
-        *(partial(critical_speed, model) for *_, model in families),
-        *(partial(mapped_stability, replace(case.pipe, gamma=gamma), top) for gamma in gammas),
-    ]
-    answers = parallel(jobs, executor, label="models", progress=case.progress)
-    findings.benchmark, _ = recorded("root loci, continuous pipe", next(answers))
-    findings.crossings, _ = recorded("crossings, continuous pipe", next(answers))
-    findings.panels = [
-        [(title, recorded(f"root loci, {title}", next(answers))[0]) for title, _ in row]
-        for row in panels
-    ]
+    jobs: dict[str, Job[Any]] = {
+        "root loci, continuous pipe": partial(root_loci, exact, speeds, BRANCHES),
+        "crossings, continuous pipe": partial(crossings, exact, findings.highest),
+    }
+    for title, model in chain.from_iterable(panels):
+        jobs[f"root loci, {title}"] = partial(root_loci, model, speeds, min(BRANCHES, model.dof))
     for kind, family, model in families:
-        name = f"critical speed, {kind}, {family}, {model.dof}"
-        findings.rows.append(Row(kind, family, model.dof, *recorded(name, next(answers))))
-    yield findings
-
-    for gamma in gammas:
-        name = f"stability map, gamma = {gamma}"
-        mapped, _ = recorded(name, next(answers))
+        jobs[f"critical speed, {kind}, {family}, {model.dof}"] = partial(critical_speed, model)
+    for name, gamma in gammas.items():
+        jobs[name] = partial(mapped_stability, replace(case.pipe, gamma=gamma), top)
+    outcomes = parallel([*jobs.values()], executor, label="models", progress=case.progress)
+    answers = {name: recorded(name, one) for name, one in zip(jobs, outcomes, strict=True)}
+    findings.benchmark, _ = answers["root loci, continuous pipe"]
+    findings.crossings, _ = answers["crossings, continuous pipe"]
+    findings.panels = [[(of, answers[f"root loci, {of}"][0]) for of, _ in row] for row in panels]
+    for kind, family, model in families:
+        answer = answers[f"critical speed, {kind}, {family}, {model.dof}"]
+        findings.rows.append(Row(kind, family, model.dof, *answer))
+    for name, gamma in gammas.items():
+        mapped, _ = answers[name]
         if mapped is None:
             continue
-        found, curve = mapped
-        findings.maps[gamma], findings.curves[gamma] = found, curve
-        findings.map_error = max([findings.map_error, *(one.error for one in found.curves)])
-        findings.failures += [f"{name}: {failure}" for failure in found.failures]
+        bounds, curve = mapped
+        findings.maps[gamma], findings.curves[gamma] = bounds, curve
+        findings.map_error = max([findings.map_error, *(one.error for one in bounds.curves)])
+        findings.failures += [f"{name}: {failure}" for failure in bounds.failures]
         findings.failures += [
             f"{name}, beta = {failure.value:g}: {_remark(failure.error)}"
             for failure in curve.failures
             if not isinstance(failure.error, NoCrossing)
         ]
-    yield findings
-
-
-def _highest(case: Options, critical: CriticalSpeed | None) -> float:
-    """Highest flow speed in figures 2 and 3."""
-    wanted = 0.0 if critical is None else math.ceil(1.5 * critical.speed)
-    return case.highest or float(min(max(wanted, LEAST_HIGHEST), HIGHEST_SPEED))
-
-
-def _gammas(case: Options) -> list[float]:
-    """Values of gamma for the maps: the pipe's own, and those of standing, level, hanging pipes."""
-    own = case.pipe.gamma
-    return [own, *sorted({-10.0, 0.0, 10.0, 100.0} - {own}, reverse=True)]
+    return findings
 
 
 def map_top(critical: CriticalSpeed | None) -> float:

@@ -92,12 +92,13 @@ def map_figure(case: Options, findings: Findings) -> plot.Figure:
 
 Draw: TypeAlias = Callable[[Options, Findings], plot.Figure]
 
-BEFORE_MAPS: dict[str, Draw] = {
+FIGURES: dict[str, Draw] = {
     "figure-2-root-loci": loci_figure,
     "figure-3-frequencies": frequency_figure,
     "convergence": convergence_figure,
+    "stability-map": map_figure,
 }
-"""Figures by file name that need no stability maps, whose computation takes longest."""
+"""Figures by file name."""
 
 
 def _panel_figure(
@@ -125,12 +126,6 @@ def _panel_figure(
             beyond = _beyond(ax, across, top)
             ax.text(0.97, 0.96, beyond, transform=ax.transAxes, ha="right", va="top", size=6.5)
         ax.label_outer()
-        # Axes without labels, and spines, are left out of the layout, as it spends most of its time
-        # on measuring artists.
-        ax.xaxis.set_in_layout(i == rows - 1)
-        ax.yaxis.set_in_layout(j == 0)
-        for spine in ax.spines.values():
-            spine.set_in_layout(False)
     named = "" if _view(case.pipe).si else "; all quantities nondimensional"
     figure.suptitle(f"{_pipe_title(case.pipe)}{named}", fontsize=9.0)
     shown = plot.colour_bar(bar, ax=axes)

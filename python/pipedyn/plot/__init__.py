@@ -40,8 +40,8 @@ from pipedyn.plot.common import colour_bar as colour_bar
 from pipedyn.plot.common import notice as notice
 from pipedyn.plot.common import panels as panels
 from pipedyn.plot.common import style as style
-from pipedyn.plot.cycle_boundary import cycle_boundary as cycle_boundary
 from pipedyn.plot.exploration import Exploration as Exploration
+from pipedyn.plot.exploration import explore as explore
 from pipedyn.plot.forced import forced_response as forced_response
 from pipedyn.plot.forced import frequency_response as frequency_response
 from pipedyn.plot.forced import parametric_regions as parametric_regions
@@ -53,8 +53,8 @@ from pipedyn.plot.motion import animate as animate
 from pipedyn.plot.motion import phase_portrait as phase_portrait
 from pipedyn.plot.motion import snapshots as snapshots
 from pipedyn.plot.motion import time_history as time_history
-from pipedyn.plot.sliders import explore as explore
 from pipedyn.plot.stability_map import boundary as boundary
+from pipedyn.plot.stability_map import cycle_boundary as cycle_boundary
 from pipedyn.plot.stability_map import stability_map as stability_map
 
 __all__ = sorted(

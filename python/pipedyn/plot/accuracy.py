@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, LogLocator, NullLocator, ScalarFormatter
 from numpy.typing import NDArray
 
-from pipedyn.accuracy.convergence import ConvergenceLaw, convergence_law, own_error, relative_errors
+from pipedyn.accuracy.convergence import ConvergenceLaw, convergence_law, relative_errors
 from pipedyn.accuracy.trade import COSTS, Trade, TradeRow
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.models.galerkin import BASES
@@ -90,32 +90,27 @@ def convergence(
         return common.notice("The critical speed is 0: there is nothing to converge to.", ax=ax)
     if not families:  # without a positive number logarithmic axes have no range
         return common.notice("No model has an answer to show.", ax=ax)
-    floor = max(own_error(found, exact) for found in families.values())
-    least, largest, others = 1.0, 2.0, False
+    floor = max(relative_errors(found, exact)[-1] for found in families.values())
+    every, others = [1.0, 2.0], False
     for name, found in families.items():
-        sizes, errors, same_kind = relative_errors(found, exact)
+        sizes, errors, same_kind, _ = relative_errors(found, exact)
         shown = np.maximum(np.abs(errors), floor)
         fitted = convergence_law(found, exact)
         kind = "reduced" if name in BASES else "chain"
         named = "rayleigh (the paper's)" if name == "rayleigh" else name
-        law = _law(fitted, "function" if name in BASES else "segment")
-        colour = _draw(ax, name, sizes, shown, same_kind, f"{kind}, {named}: {law}")
+        label = f"{kind}, {named}: {_law(name, fitted)}"
+        colour = _draw(ax, name, sizes, shown, same_kind, label)
         if fitted.law == "flat":
             limit, place = abs(fitted.limit), ax.get_yaxis_transform()
             ax.axhline(limit, color=colour, linewidth=0.7, zorder=0.8)
             ax.text(1.01, limit, _signed(fitted.limit), color=colour, va="center", transform=place)
-        least, largest = min([least, *shown]), max([largest, *shown])
-        others = others or not same_kind.all()
+        every, others = [*every, *shown], others or not same_kind.all()
     if others:
         ring = common.open_marker(4.5, "0.3", markerfacecolor="none")
         ax.plot([], [], label=f"open: no {exact.kind}, not fitted", **ring)
     ax.set_xscale("log", base=2)
-    ax.set_yscale("log")
-    if least <= floor:
-        _floor(ax, floor, "below the error of the reference")
     ax.xaxis.set_major_formatter(ScalarFormatter())
-    ax.grid(True, color="0.9", linewidth=0.5, zorder=0.2)
-    _decades(ax, least, largest, floor)
+    _finish(ax, min(every), max(every), floor, shaded=min(every) <= floor)
     return ax
 
 
@@ -151,8 +146,7 @@ def trade(
     for family, order in found.orders().items():
         x, y, resolved = _points(found.of(family), cost)
         if x.size:
-            per = "function" if family in BASES else "segment"
-            label = f"{family}: {_law(order, per, sign='-')}"
+            label = f"{family}: {_law(family, order, sign='-')}"
             colour = _draw(ax, family, x, y, resolved > 0.0, label)
             arrow = {"arrowstyle": "<|-", "color": colour, "lw": 0.8, "shrinkB": 3}
             for point in np.stack([x, y], axis=1)[resolved == 0.0]:
@@ -162,17 +156,13 @@ def trade(
         band: dict[str, Any] = {"color": "0.75", "linewidth": 6.0, "solid_capstyle": "round"}
         ax.plot(x, y, zorder=0.9, label="Pareto front", **band)
     ax.set_xscale("log")
-    ax.set_yscale("log")
-    floor = found.reference.error
-    _floor(ax, floor, "below the error of the reference")
     if costs.max() < 10.0 * costs.min():  # less than a decade may contain no round number
         middle = math.sqrt(costs.max() * costs.min())
         ax.set_xlim(middle / 4.0, middle * 4.0)
     ax.xaxis.set_major_locator(LogLocator(numticks=12))
     ax.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0), numticks=12))
     ax.tick_params(axis="x", which="minor", labelsize=6.0)
-    ax.grid(True, color="0.9", linewidth=0.5, zorder=0.1)
-    _decades(ax, float(errors.min()), float(errors.max()), floor)
+    _finish(ax, float(errors.min()), float(errors.max()), found.reference.error, shaded=True)
     return ax
 
 
@@ -191,12 +181,12 @@ def _draw(ax: Axes, family: str, x: Array, y: Array, filled: NDArray[np.bool_], 
     return str(look["color"])
 
 
-def _law(fitted: ConvergenceLaw, unit: str, sign: str = "+") -> str:
+def _law(family: str, fitted: ConvergenceLaw, sign: str = "+") -> str:
     """The law by which errors fall, in words for a legend; with sign "-" plus signs are omitted."""
     if fitted.law == "power":
         return f"order {fitted.rate:.2f}"
     if fitted.law == "exponential":
-        return f"factor {fitted.rate:.2g} per {unit}"
+        return f"factor {fitted.rate:.2g} per {'function' if family in BASES else 'segment'}"
     if fitted.law == "flat":
         return f"tends to {_signed(fitted.limit, sign)}"
     return "no clear order"
@@ -207,11 +197,6 @@ def _signed(part: float, sign: str = "+") -> str:
     return f"{100.0 * part:{sign}.2f} %".replace("-", "\u2212")
 
 
-def _floor(ax: Axes, high: float, label: str) -> None:
-    """Draws a grey band over the errors that are too small to be measured."""
-    ax.axhspan(1e-300, high, facecolor="0.93", edgecolor="0.7", zorder=0.2, label=label)
-
-
 def _points(rows: Sequence[TradeRow], cost: str) -> Array:
     """Costs, errors, and whether errors are resolved, of rows that log axes can show, (3, k)."""
     values = [(getattr(row, cost), row.error, row.resolved) for row in rows]
@@ -220,15 +205,24 @@ def _points(rows: Sequence[TradeRow], cost: str) -> Array:
     return np.asarray(table[shown].T)
 
 
-def _decades(ax: Axes, low: float, high: float, floor: float) -> None:
-    """Sets range and ticks of the axis of errors, which includes a near floor; adds the legend."""
+def _finish(ax: Axes, low: float, high: float, floor: float, *, shaded: bool) -> None:
+    """Makes the axis of errors logarithmic and adds grid and legend.
+
+    The axis shows errors from `low` to `high`, and the error of the reference, `floor`, if it is
+    near. A grey band shows the errors that are too small to be measured, if it is asked for.
+    """
+    if shaded:
+        grey: dict[str, Any] = {"facecolor": "0.93", "edgecolor": "0.7", "zorder": 0.2}
+        ax.axhspan(1e-300, floor, label="below the error of the reference", **grey)
     low = min(low, 0.5 * floor) if floor > 0.1 * low else low
     room = 1.2 * (high / low) ** 0.03
     low, high = low / room, high * room
     decades = np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    ax.set_yscale("log")
     ax.yaxis.set_major_locator(
         FixedLocator((10.0**decades)[:: -math.ceil(decades.size / 12)].tolist())
     )
     ax.yaxis.set_minor_locator(NullLocator())
     ax.set_ylim(low, high)
+    ax.grid(True, color="0.9", linewidth=0.5, zorder=0.1)
     common.legend_below(ax)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import cycle
 from typing import Any, Literal
 
@@ -136,10 +137,9 @@ def poincare_section(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    some, model, names = _shown_basins(found, units)
+    some, model, view, names = _shown_basins(found, units)
     index, across = of_coordinate(coordinate, model.coordinates)
     last = model.coordinates - 1 if index is None else index
-    view = View(units, model.pipe)
     driven = any(basin.motion.base or not isinstance(basin.motion.u, float) for basin in some)
     place = "once a period" if driven else "at a maximum of the free end"
     shown = rate(last, "", f" {place}")
@@ -192,8 +192,7 @@ def spectrum(
     Raises:
         TypeError: for bad arguments.
     """
-    some, model, names = _shown_basins(found, units)
-    view = View(units, model.pipe)
+    some, _, view, names = _shown_basins(found, units)
     ax = view.axes(ax, (6.4, 3.6), OMEGA, AMPLITUDE)
     highest, last = 0.0, 0.0
     for basin, name, style in zip(some, names, cycle(common.CURVE_STYLES), strict=False):
@@ -267,15 +266,16 @@ def films(
     return made
 
 
-def _shown_basins(found: Any, units: Units) -> tuple[list[Basin], Any, list[str]]:
-    """Basins in the argument `found`, their model, and the names of the basins."""
+def _shown_basins(found: Any, units: Units) -> tuple[Sequence[Basin], Any, View, list[str]]:
+    """Basins in the argument `found`, their model, the units, and the names of the basins."""
     if isinstance(found, Basin):
-        view = View(units, found.motion.model.pipe)
-        return [found], found.motion.model, [_kind(found, view)]
+        model = found.motion.model
+        view = View(units, model.pipe)
+        return [found], model, view, [_kind(found, view)]
     check.instance("found", found, Attractors)
     view = View(units, found.model.pipe)
     names = [_name(found, k, view) for k in range(len(found))]
-    return list(found.basins), found.model, names
+    return found.basins, found.model, view, names
 
 
 def _kind(basin: Basin, view: View) -> str:

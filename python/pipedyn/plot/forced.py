@@ -155,13 +155,12 @@ def parametric_regions(
             outline = smooth(*around)
             ax.fill(*outline.T, **fill)
             ax.plot(*outline.T, **line)
+            ring = common.open_marker(4.5, edge=look["color"], zorder=4.0, clip_on=False)
+            ax.plot([per * region.threshold_frequency], [region.threshold], **ring)
         else:
             ax.fill_betweenx(amplitude, *edges.T, **fill)
             for side in edges.T:
                 ax.plot(*smooth(side, amplitude).T, **line)
-        if math.isfinite(region.threshold):
-            ring = common.open_marker(4.5, edge=look["color"], zorder=4.0, clip_on=False)
-            ax.plot([per * region.threshold_frequency], [region.threshold], **ring)
     ax.set_ylim(bottom=0.0)
     common.legend_below(ax)
     view.second_axes(ax, pulsation)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Pictures of stability boundaries in the plane of two numbers, of one pipe or of several."""
+"""Pictures of the plane of two numbers: stability boundaries of pipes, and events of cycles."""
 
 from __future__ import annotations
 
@@ -16,10 +16,12 @@ from matplotlib.patheffects import withTickedStroke
 from numpy.typing import NDArray
 
 from pipedyn.curves.boundary import Boundary, BoundaryCurve
+from pipedyn.curves.cycle_boundary import CycleBoundary
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.linear.stability_curve import StabilityCurve
 from pipedyn.models.pipe import Pipe
 from pipedyn.plot import common
+from pipedyn.plot.bifurcation import A_STEP, draw_pieces, smooth
 from pipedyn.plot.units import FLOW_SPEED, OF_A_NUMBER, Measure, PlaneView, Units, View, of_number
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -34,15 +36,11 @@ ORGANISING_MARKERS = {
     "degenerate pitchfork": "v",
 }
 
-LOOKS: dict[tuple[str, str], dict[str, Any]] = {
-    ("flutter", "supercritical"): {"color": common.BLACK, "linewidth": 1.6},
-    ("flutter", "subcritical"): {"color": common.VERMILION, "linewidth": 1.6},
-    ("flutter", ""): {"color": common.BLACK, "linewidth": 0.7},
-    ("divergence", "supercritical"): {"color": common.BLUE, "linewidth": 1.6},
-    ("divergence", "subcritical"): {"color": common.PURPLE, "linewidth": 1.6},
-    ("divergence", ""): {"color": common.BLUE, "linewidth": 0.7},
+KIND_COLOURS = {
+    "flutter": (common.BLACK, common.VERMILION),
+    "divergence": (common.BLUE, common.PURPLE),
 }
-DASHES = {"supercritical": "-", "subcritical": (0, (4, 1.5)), "": "-"}
+"""Colours of curves, and of their subcritical parts, which are dashed."""
 
 OTHERS_UNSTABLE = "other roots unstable"
 
@@ -90,11 +88,12 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
         places, of, _ = _dense(curve, found)
         kinds, others = curve.criticality[of], curve.unstable[of] > 0
         for first, last in common.runs(np.char.add(kinds, others.astype(str))):
-            look = curve.kind, str(kinds[first])
-            beside = OTHERS_UNSTABLE if others[first] and not look[1] else ""
-            label = ", ".join(word for word in (*look, beside) if word)
-            part = plane.at(*places[first : last + 1].T)
-            ax.plot(*part, linestyle=DASHES[look[1]], label=label, **LOOKS[look])
+            kind, subcritical = str(kinds[first]), bool(kinds[first] == "subcritical")
+            beside = OTHERS_UNSTABLE if others[first] and not kind else ""
+            label = ", ".join(word for word in (curve.kind, kind, beside) if word)
+            look: dict[str, Any] = {"color": KIND_COLOURS[curve.kind][subcritical], "label": label}
+            look |= {"linestyle": (0, (4, 1.5)) if subcritical else "-"}
+            ax.plot(*plane.at(*places[first : last + 1].T), linewidth=1.6 if kind else 0.7, **look)
     for point in found.points:
         mark = common.open_marker(5.5, marker=ORGANISING_MARKERS[point.kind], zorder=4.0)
         ax.plot(*plane.at(point.x, point.y), label=point.kind, **mark)
@@ -247,24 +246,21 @@ def stability_map(
     check.instance("marked", marked, CriticalSpeed | None, "of type CriticalSpeed")
     check.instance("parameter", parameter, str | None, "of type str")
     name = next(iter(names), None)
-    pipes = [_pipe(one) for one in boundaries.values()]
-    every = [*pipes, None if marked is None else marked.pipe]
-    known = next((pipe for pipe in every if pipe is not None), None)
+    pipes = [*map(_pipe, boundaries.values()), None if marked is None else marked.pipe]
+    known = next((pipe for pipe in pipes if pipe is not None), None)
     view = View(units, known)
     shown = Measure(parameter or _parameter(boundaries))
     if name is not None and known is not None:
         shown = of_number(name, known)
     ax = view.axes(ax, (6.4, 4.8), shown, FLOW_SPEED)
-    drawn, failed, divergences = False, list[float](), list[tuple[Array, bool, bool, Any]]()
-    states, searched, reach = set[str](), list[float](), 0.0
-    for (label, found), pipe, look in zip(
-        boundaries.items(), pipes, cycle(common.CURVE_STYLES), strict=False
-    ):
-        own = View(units, pipe or known)
-        one = np.array([own.one(shown), own.one(FLOW_SPEED)])
+    failed, divergences = list[float](), list[tuple[Array, bool, bool, Any]]()
+    undrawn, searched, reach = list[str](), list[float](), 0.0  # undrawn: why nothing is drawn
+    for (label, found), look in zip(boundaries.items(), cycle(common.CURVE_STYLES), strict=False):
         if isinstance(found, StabilityCurve):
+            own = View(units, _pipe(found) or known)
             points = {"linestyle": "none", "marker": "o", "markersize": 3.5}
-            x, speeds = one[0] * found.values, found.in_si().speeds if own.si else found.speeds
+            x, speeds = found.values, found.in_si().speeds if own.si else found.speeds
+            x = own.one(shown) * x
             searched += x.tolist()
             ax.plot(x, speeds, label=label, **(look | points))
             points |= {"marker": TICKUP, "markersize": 7.0, "label": "_unstable side"}
@@ -276,22 +272,20 @@ def stability_map(
                 points |= {"label": f"{label}: no loss of stability up to {own.speed(end)}"}
                 points |= {"transform": ax.get_xaxis_transform()}
                 ax.plot(x[stays], np.full(stays.sum(), 0.98), **(look | points))
-            states.add("not computed")
             failed += [x[one.index] for one in found.failures if not stays[one.index]]
-            drawn = drawn or bool(np.isfinite(speeds).any() or stays.any())
+            undrawn += [] if np.isfinite(speeds).any() or stays.any() else ["not computed"]
             continue
         plane = PlaneView(units, found.model.pipe, found.names)
         parts = [part for curve in found.curves for part in parts_of_stability(curve, found)]
-        drawn = drawn or bool(parts)
         (left, right), (_, end) = plane.limits(found.ranges)
         searched, reach = [*searched, float(left), float(right)], max(reach, float(end))
         note = ""
         if not parts:
-            states.add(_stability(found))
+            undrawn.append(_stability(found))
             # The SI unit of speed depends on the mass ratio, so the range is nondimensional.
-            said = View("nondimensional", None) if name == "beta" else own
+            said = View("nondimensional", None) if name == "beta" else plane
             low, high = (said.speed(float(end)) for end in found.ranges[1])
-            note = f": {_stability(found)} from {low} to {high}"
+            note = f": {undrawn[-1]} from {low} to {high}"
         if found.failures:
             note += f" ({check.how_many(len(found.failures), 'curve')} with failures)"
         ax.plot([], [], linewidth=1.5, label=f"{label}{note}", **look)
@@ -305,8 +299,8 @@ def stability_map(
                 divergences.append((at[middle - 1 : middle + 1], left, gamma < 0.0, look["color"]))
     common.mark_failed(ax, failed)
     if marked is not None and name in (None, "beta"):
-        own, words = View(units, marked.pipe), rf"$\beta = {marked.pipe.beta:g}$"
-        words, speed = rf"{words}, $\gamma = {marked.pipe.gamma:g}$", own.speed(marked.speed, 4)
+        own, speed = View(units, marked.pipe), View(units, marked.pipe).speed(marked.speed, 4)
+        words = rf"$\beta = {marked.pipe.beta:g}$, $\gamma = {marked.pipe.gamma:g}$"
         height, label = own.one(FLOW_SPEED) * marked.speed, f"{words}: {speed}"
         look = {"markerfacecolor": "none", "markeredgewidth": 1.2, "zorder": 4.0, "clip_on": False}
         if marked.unstable_before:
@@ -317,6 +311,7 @@ def stability_map(
                 look |= {"marker": "^", "transform": ax.get_xaxis_transform()}
             ax.plot(marked.pipe.beta, height, label=label, **common.open_marker(7.0, **look))
             searched += [marked.pipe.beta] if searched else []
+    drawn = len(undrawn) < len(boundaries)
     end = 1.1 * ax.dataLim.y1 if drawn else reach
     if highest is not None:
         end = view.one(FLOW_SPEED) * highest
@@ -333,8 +328,8 @@ def stability_map(
     if name == "beta" and view.si:
         _unsearched(ax, [one for one in boundaries.values() if isinstance(one, Boundary)])
     if not drawn:
-        ax.text(0.5, 0.5, _why_nothing(states), transform=ax.transAxes, ha="center", wrap=True)
-    elif boundaries:
+        ax.text(0.5, 0.5, _why_nothing({*undrawn}), transform=ax.transAxes, ha="center", wrap=True)
+    else:
         ticks = withTickedStroke(angle=-90.0, **TICKS)
         ax.plot([], [], color="0.3", path_effects=[ticks], label="ticks: unstable side")
     common.legend_below(ax)
@@ -445,3 +440,111 @@ def parts_of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[
     for first, last in common.runs(pieces):
         if pieces[first]:
             yield places[first : last + 1], curve.kind, bool(curve.change[of[first]] > 0)
+
+
+# ------------------------------------------------------------------------------ events of cycles
+
+
+EVENT_COLOURS = {
+    "fold": common.VERMILION,
+    "pitchfork": common.GREEN,
+    "period doubling": common.PURPLE,
+    "torus": common.BLUE,
+}
+
+POINT_MARKS = ("o", "v", "D", "s", "^", "p", "h", "P", "X", "*")
+"""Markers of named points; each kind of point in a picture gets one."""
+
+
+def cycle_boundary(
+    found: CycleBoundary, *, units: Units = "nondimensional", ax: Axes | None = None
+) -> Axes:
+    """Curves of events of cycles in the plane of two numbers, and regions of rest beside flutter.
+
+    Curves are solid if a stable cycle meets them, and dashed if all cycles nearby are unstable. The
+    straight pipe becomes unstable at black curves. The shaded region lies between a fold from which
+    stable cycles lead to higher speeds and the next higher speed at which the straight pipe loses
+    stability. In this region both rest and large flutter are stable, and a push of the pipe decides
+    between them. Markers are named points.
+
+    Args:
+        found: the result of `pipedyn.cycle_boundary`.
+        units: "nondimensional", or "si" if the pipe has scales.
+        ax: Axes to draw on; new ones if not given.
+
+    Example:
+        >>> (branch,) = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.05), 2), [3.0, 3.3]).cycles
+        >>> folds = [event for event in branch.events if event.kind == "fold"]
+        >>> window = {"beta": (0.04, 0.1), "u": (2.0, 5.0)}
+        >>> ax = plot.cycle_boundary(pp.cycle_boundary(branch, folds, "beta", "u", window))
+
+    Raises:
+        TypeError: for bad arguments.
+    """
+    check.instance("found", found, CycleBoundary)
+    plane = PlaneView(units, found.model.pipe, found.names)
+    ax = plane.axes(ax, (6.4, 4.8), *plane.quantities)
+    across = found.names[0] == "u"  # the flow speed is on the x axis
+    for curve in found.curves:
+        # A curve in the plane may have a cusp, where frequency and amplitude go on smoothly.
+        x, y, *_ = smooth(curve.x, curve.y, curve.frequency, curve.amplitude).T
+        steady = np.maximum(curve.unstable[:-1], curve.unstable[1:]) == 0
+        labels = {"stable": f"{curve.kind} of a stable cycle"}
+        labels["unstable"] = f"{curve.kind} of unstable cycles"
+        draw_pieces(ax, plane.at(x, y).T, steady, EVENT_COLOURS[curve.kind], labels)
+        if found.onsets is None or curve.kind != "fold":
+            continue
+        second, speed = (y, x) if across else (x, y)
+        onset = np.interp(np.arange(len(x)) / A_STEP, np.arange(curve.onset.size), curve.onset)
+        shade = ax.fill_betweenx if across else ax.fill_between
+        place = np.arange(len(x) - 1) // A_STEP
+        opens = np.where(curve.opens[:-1] != 0, curve.opens[:-1], curve.opens[1:])
+        both = np.append(((opens > 0) & steady)[place], False)
+        both[1:] |= both[:-1]
+        until = _stable_until(found.onsets, second, speed, across)
+        both &= np.isfinite(until) & ~(speed >= onset)
+        if both.any():
+            look: dict[str, Any] = {"color": common.ORANGE, "alpha": 0.25, "linewidth": 0.0}
+            look |= {"zorder": 0.5, "label": "rest and flutter both stable"}
+            along, bottom = plane.at(x, y)[:: -1 if across else 1]
+            top = plane.at(until, y)[0] if across else plane.at(x, until)[1]
+            shade(along, bottom, top, where=both, **look)
+    black: dict[str, Any] = {"color": common.BLACK, "linewidth": 1.4, "zorder": 2.5}
+    if found.onsets is not None:
+        for bound in found.onsets.curves:
+            for places, *_ in parts_of_stability(bound, found.onsets):
+                ax.plot(*plane.at(*places.T), label="the straight pipe becomes unstable", **black)
+    kinds = dict.fromkeys(point.kind for point in found.points)
+    for kind, marker in zip(kinds, cycle(POINT_MARKS), strict=False):
+        same = [point for point in found.points if point.kind == kind]
+        look = common.open_marker(5.5, marker=marker, zorder=4.0)
+        at = plane.at([p.x for p in same], [p.y for p in same])
+        ax.plot(*at, clip_on=False, label=kind, **look)
+    xlim, ylim = plane.limits(found.ranges)
+    ax.set(xlim=xlim, ylim=ylim)
+    common.legend_below(ax)
+    plane.second_axes(ax, *plane.quantities)
+    return ax
+
+
+def _stable_until(onsets: Boundary, second: Array, speed: Array, across: bool) -> Array:
+    """Next higher speeds at which the straight pipe loses stability, at values of the other number.
+
+    The speeds lie on the lowest bound of stability above the given speeds. They are NaN if the pipe
+    is stable above that bound and hence unstable at the given speed.
+    """
+    near = 1e-9 * float(np.ptp(onsets.ranges[1 if across else 0]))  # allows for rounding at edges
+    lowest, stable = np.full(speed.size, np.inf), np.zeros(speed.size, dtype=np.bool_)
+    for bound in onsets.curves:
+        for places, _, left in parts_of_stability(bound, onsets):
+            at, speeds = places.T[:: -1 if across else 1]
+            for i in np.flatnonzero(np.diff(at)).tolist():
+                low, high = sorted((at[i], at[i + 1]))
+                inside = np.flatnonzero((second >= low - near) & (second <= high + near))
+                share = (second[inside] - at[i]) / (at[i + 1] - at[i])
+                height = speeds[i] + share * (speeds[i + 1] - speeds[i])
+                first = (height > speed[inside]) & (height < lowest[inside])
+                lowest[inside[first]] = height[first]
+                # An unstable side on the left lies above a piece to larger values.
+                stable[inside[first]] = (left == (at[i + 1] > at[i])) != across
+    return np.where(stable, lowest, np.nan)

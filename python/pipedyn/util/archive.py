@@ -199,20 +199,20 @@ class _Writer:
 
     def encoded(self, value: Any, where: str) -> Any:
         """The JSON form of a value; `where` says in errors which value cannot be saved."""
-        if value is None or isinstance(value, bool | str):
-            return value
         if isinstance(value, np.generic):
-            return self.encoded(value.item(), where)
-        if isinstance(value, int):
+            value = value.item()
+        if value is None or isinstance(value, bool | int | str):
             return value
         if isinstance(value, float):
             return value if math.isfinite(value) else {"number": repr(value)}
         if isinstance(value, complex):
             return {"complex": [self.encoded(x, where) for x in (value.real, value.imag)]}
-        if isinstance(value, list):
-            return [self.encoded(one, f"{where}[{i}]") for i, one in enumerate(value)]
-        if isinstance(value, tuple):
-            return self._tuple(value, where)
+        if isinstance(value, list | tuple):
+            parts = [self.encoded(one, f"{where}[{i}]") for i, one in enumerate(value)]
+            if isinstance(value, list):
+                return parts
+            entry = _BY_CLASS.get(type(value))
+            return {"tuple": parts} if entry is None else {"named": entry.name, "parts": parts}
         if isinstance(value, dict):
             pairs = [
                 [self.encoded(key, where), self.encoded(one, f"{where}[{key!r}]")]
@@ -224,11 +224,6 @@ class _Writer:
             self._places[id(value)] = len(self.objects), value
             self.objects.append(made)
         return {"object": self._places[id(value)][0]}
-
-    def _tuple(self, value: tuple[Any, ...], where: str) -> dict[str, Any]:
-        parts = [self.encoded(one, f"{where}[{i}]") for i, one in enumerate(value)]
-        entry = _BY_CLASS.get(type(value))
-        return {"tuple": parts} if entry is None else {"named": entry.name, "parts": parts}
 
     def _object(self, value: Any, where: str) -> dict[str, Any]:
         if isinstance(value, np.ndarray):

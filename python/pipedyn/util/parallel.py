@@ -67,33 +67,26 @@ def parallel(
     Without an executor, each job runs when the caller takes its value. An executor gets all jobs at
     once; if the caller stops early, jobs that have not begun are cancelled.
     """
-    submitted: list[futures.Future[Returned]] = []
+    submitted: list[futures.Future[Returned] | Exception] = []
     calls: Iterable[Job[Returned]] = jobs
     try:
         if executor is not None:
-            submitted.extend(_submitted(executor, job) for job in jobs)
-            calls = [partial(_result, future) for future in submitted]
+            submitted.extend(outcome_of(partial(executor.submit, job)) for job in jobs)
+            calls = [partial(_result, one) for one in submitted]
         for call in track(calls, len(jobs), label, progress):
             yield outcome_of(call)
     finally:
-        for future in submitted:
-            future.cancel()
+        for one in submitted:
+            if not isinstance(one, Exception):
+                one.cancel()
 
 
-def _submitted(executor: futures.Executor, job: Job[Returned]) -> futures.Future[Returned]:
-    """The future of a job; if the executor refuses the job, a future that has failed already."""
+def _result(submitted: futures.Future[Returned] | Exception) -> Returned:
+    """The value that a job returned; raises its exception, or that with which it was refused."""
+    if isinstance(submitted, Exception):
+        raise submitted
     try:
-        return executor.submit(job)
-    except Exception as error:
-        refused: futures.Future[Returned] = futures.Future()
-        refused.set_exception(error)
-        return refused
-
-
-def _result(future: futures.Future[Returned]) -> Returned:
-    """The value that a future's job returned; raises the job's exception, with a message."""
-    try:
-        return future.result()
+        return submitted.result()
     except futures.CancelledError as error:
         error.args = error.args or ("the executor cancelled the job before it began",)
         raise
