@@ -141,11 +141,11 @@ inline DualLanes less_product(const DualLanes& x, const DualLanes& a, const Dual
           less_product(less_product(x.slope, a.slope, b.value), a.value, b.slope)};
 }
 
-/// Factor by which another entry must be larger to be the pivot instead, in the window of a panel.
+/// Factor by which another entry must be larger to be the pivot instead, far from panels' borders.
 /// Growth is bounded as it is if the largest entry is the pivot, and fewer rows are exchanged
 /// (Duff, Erisman and Reid 1986, ch. 5). Where panels join, the largest entry is taken: otherwise
 /// vectors lose four digits with three panels.
-constexpr double window_threshold = 10.0;
+constexpr double inner_threshold = 10.0;
 
 /// Exchanges two numbers in the lanes of a mask.
 template <class Number>
@@ -153,50 +153,6 @@ void exchange(const Bits& mask, Number& a, Number& b) {
   const Number before = a;
   a = chosen(mask, b, before);
   b = chosen(mask, before, b);
-}
-
-/// Whether a choice of pivot rows exchanges any row with the first.
-inline bool moves(const Pack& place) { return any(~equal(place, 0.0)); }
-
-/// Rows of equations in which a column is eliminated.
-template <class Number>
-struct Rows {
-  Number* const* at;
-  Number* const* loads;  // one more number in each row, or null
-
-  Number* operator[](Count r) const { return at[r]; }
-
-  /// Number of the row that becomes the first in each lane: the one with the largest entry of the
-  /// column, if this is more than threshold times the entry of the first row.
-  Pack choice(Count count, Count column, double threshold) const {
-    Pack largest = threshold * size_of(at[0][column]), place{};
-    for (Count r = 1; r < count; ++r) {
-      const Pack size = size_of(at[r][column]);
-      place = size > largest ? all<Pack>(static_cast<double>(r)) : place;
-      largest = size > largest ? size : largest;
-    }
-    return place;
-  }
-
-  /// Exchanges the first row with the chosen one in each lane, from a column to `last`.
-  void exchange_rows(const Pack& place, Count count, Count column, Count last,
-                     PivotSums& found) const {
-    for (Count r = 1; r < count; ++r) {
-      const Bits mask = equal(place, static_cast<double>(r));
-      if (!any(mask)) continue;
-      for (Count c = column; c <= last; ++c) exchange(mask, at[0][c], at[r][c]);
-      if (loads != nullptr) exchange(mask, *loads[0], *loads[r]);
-      found.turn(mask);
-    }
-  }
-};
-
-/// Reverses the exchange of the first row with the chosen one.
-inline void put_back(const Pack& place, Lanes* rows, Count count) {
-  if (!moves(place)) return;
-  for (Count r = 1; r < count; ++r) {
-    exchange(equal(place, static_cast<double>(r)), rows[0], rows[r]);
-  }
 }
 
 /// Whether any entry of what acts at a station is not 0.
@@ -218,21 +174,20 @@ inline bool acts_on(const PencilEntry (&station)[2][2]) {
 struct Front {
   Count size, band;
   bool joined;  // whether forces act at the end
-  Count many;   // number of functions eliminated in a moving window of rows; the others follow in a
-                // table, together with the carried equations
+  Count inner;  // number of functions that are far from the border of the panel
   Count force;  // unknown of the force at the end; the moment follows
-  Count pivots, theta, functions, rows;  // theta: its unknown; functions, rows: of equations
+  Count pivots, columns, theta, functions, rows;  // theta: its unknown; functions: their equations
 
   Front(const EliminationModel& model, Count p) : band(model.band) {
     const EliminationPanel& panel = model.panels[p];
     const bool last = p + 1 == model.count, turned = p == 0 && model.turns;
     size = panel.size;
     joined = !last || panel.held || panel.directed || acts_on(panel.station);
-    many = size - band - (joined ? moving : 2);
-    if (many < 0) many = 0;
+    inner = size - band - (joined ? moving : 2);
     force = size - 2;
     pivots = force + (joined ? 2 : 0) + turned;
     theta = turned ? pivots - 1 : pivots + 1;
+    columns = pivots + border;
     functions = p > 0 ? size : size - 2 + turned;
     rows = pivots + (p > 0 ? 2 : 0);
   }
@@ -242,9 +197,9 @@ struct Front {
     if (function >= 2) return size - 1 - function;
     return function == 1 ? theta : pivots;
   }
-  /// Unknown of entry c of a stored pivot row: in the window entries go by functions.
-  Count unknown_in_row(Count pivot, Count c) const {
-    return pivot < many ? unknown(size - 1 - pivot - c) : pivot + c;
+  /// Last unknown in the row of a pivot whose functions reach this far beyond that of the pivot.
+  Count last(Count pivot, Count reach) const {
+    return pivot + reach < force ? pivot + reach : columns - 1;
   }
   /// Number of equations from that of a pivot on that may have an entry in its column. Carried
   /// equations contain the functions that move the end.
@@ -253,59 +208,15 @@ struct Front {
     return pivot + band < functions ? band + 1 : functions - pivot;
   }
 
-  /// Largest numbers of rows and columns of the table, and number of columns of a row of the
-  /// window: its own, and those beyond that exchanged rows have.
-  static Count table_rows(Count band) { return band + moving + 2; }
-  static Count table_columns(Count band) { return band + moving + 1 + border; }
-  static Count window_columns(Count band) { return 3 * band + 1; }
-};
-
-/// Stored data of a pivot, one after the other: the entries of its row and the load; the factors by
-/// which the row is multiplied and subtracted from each row below; the row that was exchanged with
-/// the first, with the index of the last entry; the value that belongs to the pivot in the solution
-/// of the transposed equations.
-struct KeptPivot {
-  Lanes* row;
-  Count columns, rows;
-
-  KeptPivot(Lanes* of_panel, Count pivot, Count band)
-      : row(of_panel + pivot * numbers(band)),
-        columns(row_length(band)),
-        rows(Front::table_rows(band)) {}
-
-  Lanes& load() const { return row[columns]; }
-  Lanes* factors() const { return row + columns + 1; }
-  Pack& place() const { return row[columns + 1 + rows].re; }
-  Count last() const {
-    double number;
-    std::memcpy(&number, &row[columns + 1 + rows].im, sizeof number);
-    return static_cast<Count>(number);
-  }
-  void set_last(Count entry) const {
-    row[columns + 1 + rows].im = all<Pack>(static_cast<double>(entry));
-  }
-  Lanes& left() const { return row[columns + 2 + rows]; }
-  static Count row_length(Count band) {
-    const Count in_window = 2 * band + 1, in_table = Front::table_columns(band);
-    return in_window > in_table ? in_window : in_table;
-  }
-  static Count numbers(Count band) { return row_length(band) + Front::table_rows(band) + 3; }
-};
-
-/// Stored data of the elimination of one of the two equations at a joint that is held.
-struct KeptHold {
-  Lanes row[5], factor, left;
-  Pack place, share;  // share: factor that scales the other equation afterwards
-};
-
-/// Stored data of the elimination of a panel: its pivots; the conditions that hold its end; the
-/// coefficients of displacement and slope in the two equations at its end, and the factors by which
-/// these are scaled.
-struct KeptPanel {
-  Lanes* pivots;
-  KeptHold holds[2];
-  Lanes ends[2][2];
-  Pack shares[2];
+  /// Largest number of unknowns of a panel besides its functions.
+  static constexpr Count others = 1 + border;
+  /// Largest number of equations in which a column is eliminated, and of unknowns in one of them.
+  static constexpr Count most_rows(Count band) { return band + 2; }
+  static constexpr Count row_length(Count band) { return 3 * band + 3 + others; }
+  /// The first unknown in an equation that is stored.
+  Count first(Count equation) const { return equation > band + 1 ? equation - band - 1 : 0; }
+  /// Number of numbers stored for each pivot: the load, and the entries of its row.
+  static Count kept(Count band) { return 2 * band + 3 + others; }
 };
 
 /// Loads on the equations, irregular so that they excite every motion.
@@ -318,26 +229,15 @@ struct LoadSequence {
   }
 };
 
-/// Converts the coefficients of displacement, slope, force and moment beyond the end of a panel,
-/// such as those of an equation, to the coefficients inside the panel: across what acts there, and
-/// in the units of the panel.
-template <class Number>
-void into_panel(const EliminationPanel& panel, double length_beyond, const EntryPowers& lambda,
-                Number* row) {
-  const double ratio = panel.length / length_beyond;
-  row[0] = ratio * row[0];
-  row[2] = (1.0 / (ratio * ratio)) * row[2];
-  row[3] = (1.0 / ratio) * row[3];
-  for (Count c = 0; c < 2; ++c) {
-    for (Count k = 0; k < 2; ++k) {
-      row[c] = row[c] - row[2 + k] * entry<Number>(panel.station[k][c], lambda);
-    }
-  }
+/// Entries of P or of P^T for functions i and j of a panel, and of what acts at its end.
+inline const PencilEntry& inside(const EliminationModel& model, const EliminationPanel& panel,
+                                 Count i, Count j) {
+  const Count row = model.transposed ? j : i, column = model.transposed ? i : j;
+  return panel.entries[row * (2 * model.band + 1) + column - row + model.band];
 }
-
-/// Length of the panel beyond the end of panel p; for the last panel its own length.
-inline double length_beyond(const EliminationModel& model, Count p) {
-  return model.panels[p + 1 < model.count ? p + 1 : p].length;
+inline const PencilEntry& at_end(const EliminationModel& model, const EliminationPanel& panel,
+                                 Count i, Count j) {
+  return model.transposed ? panel.station[j][i] : panel.station[i][j];
 }
 
 /// The elimination for one lambda in each lane.
@@ -348,225 +248,195 @@ struct Elimination {
 
   const EliminationModel& model;
   EntryPowers lambda;
-  PivotSums found;
-  Number *window, *table;        // scratch
-  Number carried[2][4 + loads];  // equations at a joint, in units of the panel before it
+  Number* table;  // scratch
+  PivotSums found = {};
+  Number carried[2][border + loads] = {};  // equations at a joint, in units of the panel before it
   LoadSequence load = {};
+  Number* rows[Front::most_rows(widest)];    // each points to where its first unknown would stand
+  Number charges[Front::most_rows(widest)];  // loads of these rows
+  Count live = 0, place = 0;                 // number of rows that are set; place of the next one
 
-  /// Entry of P for functions i and j of a panel.
-  Number at(const EliminationPanel& panel, Count i, Count j) const {
-    return entry<Number>(panel.entries[i * (2 * model.band + 1) + j - i + model.band], lambda);
-  }
-
-  /// Sets the equations at the free end: beyond it nothing resists, Q = M = 0.
-  void start() {
-    for (auto& row : carried) {
-      for (Number& one : row) one = Number{};
-    }
+  /// Eliminates all panels. kept: where the pivots of each panel are stored, for vectors.
+  void run(Lanes* const* kept) {
+    // Beyond a free end nothing resists, Q = M = 0.
     carried[0][2] = carried[1][3] = number<Number>(1.0);
+    for (Count p = model.count - 1; p >= 0; --p) pass(p, loads > 0 ? kept[p] : nullptr);
   }
 
-  /// Converts the carried equations to the units of the panel that ends at the joint, across what
-  /// acts there, and applies the conditions that hold the end. kept: where the elimination is
-  /// stored, or null.
-  void join(Count p, KeptPanel* kept) {
-    const EliminationPanel& panel = model.panels[p];
-    for (Count r = 0; r < 2; ++r) {
-      const Pack share = scale(r);
-      if constexpr (loads > 0) kept->shares[r] = share;
-      into_panel(panel, length_beyond(model, p), lambda, carried[r]);
-    }
-    if (panel.held) hold(0, kept);
-    if (panel.directed) hold(1, kept);
-    if constexpr (loads > 0) {
-      for (Count r = 0; r < 2; ++r) {
-        for (Count c = 0; c < 2; ++c) kept->ends[r][c] = carried[r][c];
-      }
-    }
-  }
-
-  /// Makes w or theta (condition 0 or 1) 0 and eliminates Q or M, which is arbitrary.
-  void hold(Count condition, KeptPanel* kept) {
-    const Count force = 2 + condition;
-    Number *const both[2] = {carried[0], carried[1]}, *const charges[2] = {both[0] + 4,
-                                                                           both[1] + 4};
-    const Rows<Number> rows{both, loads > 0 ? charges : nullptr};
-    const Pack place = rows.choice(2, force, 1.0);
-    rows.exchange_rows(place, 2, 0, 3, found);
-    const Number share = inverse(carried[0][force]), factor = carried[1][force] * share;
-    found.add(carried[0][force], share);
-    for (Count c = 0; c < 4 + loads; ++c) {
-      if constexpr (loads > 0) kept->holds[condition].row[c] = carried[0][c];
-      carried[0][c] = carried[1][c] - factor * carried[0][c];
-      carried[1][c] = Number{};
-    }
-    carried[0][condition] = carried[0][force] = Number{};
-    carried[1][condition] = number<Number>(1.0);
-    const Pack scaled = scale(0);
-    if constexpr (loads > 0) {
-      kept->holds[condition].factor = factor;
-      kept->holds[condition].place = place;
-      kept->holds[condition].share = scaled;
-    }
-  }
-
-  /// Scales an equation so that its largest entry is 1; returns the factor.
-  Pack scale(Count r) {
-    Pack largest = size_of(carried[r][0]);
-    for (Count c = 1; c < 4; ++c) {
-      const Pack size = size_of(carried[r][c]);
+  /// Scales a carried equation so that its largest entry is 1.
+  void scale(Number (&row)[border + loads]) {
+    Pack largest = size_of(row[0]);
+    for (Count c = 1; c < border; ++c) {
+      const Pack size = size_of(row[c]);
       largest = size > largest ? size : largest;
     }
     largest = largest > 0.0 ? largest : all<Pack>(1.0);
-    const Pack share = 1.0 / largest;
-    for (Number& one : carried[r]) one = one * number<Number>(share);
+    for (Number& one : row) one = one * number<Number>(1.0 / largest);
     if (found.product != nullptr) found.product->multiply(largest);
-    return share;
   }
 
-  /// Eliminates a column from the rows below the first, whose entries end with `last`. place: the
-  /// row that was exchanged with the first; kept: where the pivot is stored, if there are loads.
-  void eliminate(const Rows<Number>& rows, Count count, Count column, Count last, const Pack& place,
-                 const KeptPivot* kept) {
+  /// Converts the carried equations to the units of the panel that ends at the joint, across what
+  /// acts there, and applies the conditions that hold the end. kept: where the equation is stored
+  /// that gives the force beyond a support.
+  void join(Count p, Lanes* kept) {
+    const EliminationPanel& panel = model.panels[p];
+    const double ratio = p + 1 < model.count ? panel.length / model.panels[p + 1].length : 1.0;
+    for (auto& row : carried) {
+      scale(row);
+      row[0] = ratio * row[0];
+      row[2] = (1.0 / (ratio * ratio)) * row[2];
+      row[3] = (1.0 / ratio) * row[3];
+      for (Count c = 0; c < 2; ++c) {
+        for (Count k = 0; k < 2; ++k) {
+          row[c] = row[c] - row[2 + k] * entry<Number>(at_end(model, panel, k, c), lambda);
+        }
+      }
+    }
+    if (panel.held) hold(0, kept);
+    if (panel.directed) hold(1, kept);
+  }
+
+  /// Makes w or theta (condition 0 or 1) 0 and eliminates Q or M, which is arbitrary.
+  void hold(Count condition, Lanes* kept) {
+    const Count force = 2 + condition;
+    auto& [first, second] = carried;
+    const Bits swapped =
+        equal(size_of(second[force]) > size_of(first[force]) ? all<Pack>(1.0) : Pack{}, 1.0);
+    for (Count c = 0; c < border + loads; ++c) exchange(swapped, first[c], second[c]);
+    found.turn(swapped);
+    const Number share = inverse(first[force]), factor = second[force] * share;
+    found.add(first[force], share);
+    for (Count c = 0; c < border + loads; ++c) {
+      if constexpr (loads > 0) kept[c] = first[c];
+      first[c] = second[c] - factor * first[c];
+      second[c] = Number{};
+    }
+    first[condition] = first[force] = Number{};
+    second[condition] = number<Number>(1.0);
+    scale(first);
+  }
+
+  /// Sets the entries of one more row, and its load, from the first pivot on that is eliminated
+  /// from it. Those of an equation are stored from its `first` unknown on.
+  void set_row(Count p, const Front& front, Count pivot) {
+    const Count band = model.band, equation = pivot + live, last = front.last(equation, 2 * band);
+    const Count length = Front::row_length(band), whole = Front::most_rows(band) * length;
+    Number* const row = rows[live] = table + place - front.first(equation);
+    place = place + 2 * length <= whole ? place + length : 0;
+    Number& charge = charges[live++];
+    // Far from the border all entries but the last `band` are set below.
+    const bool far = equation + band < front.force;
+    for (Count c = far ? equation + band + 1 : pivot; c <= last; ++c) row[c] = Number{};
+    const Count carries = equation - front.functions;
+    if (carries >= 0) {
+      const Number* const by = carried[carries];
+      for (Count c = 0; c < moving && c < front.size; ++c) {
+        row[front.unknown(c)] = end_shape[c] * by[0] + end_slope[c] * by[1];
+      }
+      for (Count k = 0; k < 2; ++k) row[front.force + k] = by[2 + k];
+      if constexpr (loads > 0) charge = by[border];
+    } else {
+      const EliminationPanel& panel = model.panels[p];
+      const Count own = front.size - 1 - equation;
+      const Count low = own > band ? own - band : 0;
+      const Count high = own + band < front.size ? own + band : front.size - 1;
+      const PencilEntry* of = &inside(model, panel, own, low);
+      for (Count c = low; c <= high; ++c, of += model.transposed ? 2 * band : 1) {
+        row[front.unknown(c)] = entry<Number>(*of, lambda);
+      }
+      if (own < moving && front.joined) {
+        row[front.force] = number<Number>(end_shape[own]);
+        row[front.force + 1] = number<Number>(end_slope[own]);
+      }
+      if (own < 2 && p > 0) row[front.pivots + 2 + own] = number<Number>(-1.0);
+      if (own == 1 && p == 0) {
+        Number& turned = row[front.theta];
+        turned = turned + number<Number>(model.root * panel.length);
+      }
+      if constexpr (loads > 0) charge = number<Number>(load.next());
+    }
+  }
+
+  /// Exchanges the first row in each lane with the one with the largest entry of the column, if
+  /// this is more than threshold times the entry of the first row, up to column `last`. Returns
+  /// whether any rows are exchanged.
+  bool exchange_rows(Count column, Count last, double threshold) {
+    Pack largest = threshold * size_of(rows[0][column]), place{};
+    for (Count r = 1; r < live; ++r) {
+      const Pack size = size_of(rows[r][column]);
+      place = size > largest ? all<Pack>(static_cast<double>(r)) : place;
+      largest = size > largest ? size : largest;
+    }
+    if (!any(~equal(place, 0.0))) return false;
+    for (Count r = 1; r < live; ++r) {
+      const Bits mask = equal(place, static_cast<double>(r));
+      if (!any(mask)) continue;
+      for (Count c = column; c <= last; ++c) exchange(mask, rows[0][c], rows[r][c]);
+      if constexpr (loads > 0) exchange(mask, charges[0], charges[r]);
+      found.turn(mask);
+    }
+    return true;
+  }
+
+  /// Eliminates a column from the rows below the first, whose entries end with `last`.
+  void eliminate(Count column, Count last) {
     const Number* const pivot = rows[0];
     const Number share = inverse(pivot[column]);
     found.add(pivot[column], share);
-    for (Count r = 1; r < count; ++r) {
+    for (Count r = 1; r < live; ++r) {
       Number* const row = rows[r];
       const Number factor = row[column] * share;
       for (Count c = column + 1; c <= last; ++c) row[c] = less_product(row[c], factor, pivot[c]);
-      if constexpr (loads > 0) {
-        *rows.loads[r] = less_product(*rows.loads[r], factor, *rows.loads[0]);
-        kept->factors()[r - 1] = factor;
-      }
-    }
-    if constexpr (loads > 0) {
-      for (Count c = column; c <= last; ++c) kept->row[c - column] = pivot[c];
-      kept->load() = *rows.loads[0];
-      kept->place() = place;
-      kept->set_last(last - column);
+      if constexpr (loads > 0) charges[r] = less_product(charges[r], factor, charges[0]);
     }
   }
 
-  /// Eliminates the functions of a panel. kept: where the elimination is stored, or null.
-  void pass(Count p, KeptPanel* kept) {
-    const EliminationPanel& panel = model.panels[p];
+  /// Eliminates the functions of a panel.
+  void pass(Count p, Lanes* kept) {
     const Front front(model, p);
-    if (front.joined) join(p, kept);
-    const Count band = model.band, size = panel.size, many = front.many;
-    const auto pivot_of = [&](Count pivot) {
-      return KeptPivot(loads > 0 ? kept->pivots : nullptr, pivot, band);
-    };
-    // Row i of P starts with column i + band and goes down; `rows` point to the column of the
-    // pivot.
-    const Count stride = Front::window_columns(band);
-    Number *begins[widest + 1], *rows[widest + 1], *charges[widest + 1];
-    const auto fill = [&](Count place, Count i) {
-      Number* const to = begins[place];
-      const Count high = i + band < size ? i + band : size - 1, low = i > band ? i - band : 0;
-      for (Count j = high; j >= low; --j) to[i + band - j] = at(panel, i, j);
-      for (Count c = i + band - low + 1; c < stride; ++c) to[c] = Number{};
-      for (Count c = 0; c < loads; ++c) to[stride + c] = number<Number>(load.next());
-    };
-    const auto take_from_pivot = [&] {
-      for (Count r = 0; r <= band; ++r) {
-        rows[r] = begins[r] + band - r;
-        charges[r] = begins[r] + stride;
+    if (front.joined) join(p, loads > 0 ? kept + front.pivots * Front::kept(model.band) : nullptr);
+    Count reach = model.band;  // how far the functions in the row of a pivot are from its own
+    live = 0;
+    for (Count pivot = 0; pivot < front.pivots; ++pivot) {
+      for (const Count count = front.below(pivot); live < count;) set_row(p, front, pivot);
+      const Count farthest = front.last(pivot, 2 * model.band);
+      const double threshold = pivot < front.inner ? inner_threshold : 1.0;
+      if (exchange_rows(pivot, farthest, threshold)) reach = 2 * model.band;
+      eliminate(pivot, front.last(pivot, reach));
+      if constexpr (loads > 0) {
+        Lanes* const row = kept + pivot * Front::kept(model.band);
+        row[0] = charges[0];
+        for (Count c = pivot; c <= farthest; ++c) row[1 + c - pivot] = rows[0][c];
       }
-    };
-    Count top = size - 1, reach = band;  // function of the pivot; last entry that rows may have
-    for (Count r = 0; many > 0 && r <= band; ++r) {
-      begins[r] = window + r * (stride + loads);
-      fill(r, top - r);
-    }
-    for (Count pivot = 0; pivot < many; ++pivot) {
-      take_from_pivot();
-      const Rows<Number> candidates{rows, loads > 0 ? charges : nullptr};
-      const Pack place = candidates.choice(band + 1, 0, window_threshold);
-      if (moves(place)) {
-        reach = 2 * band;
-        candidates.exchange_rows(place, band + 1, 0, reach, found);
-      }
-      const KeptPivot to = pivot_of(pivot);
-      eliminate(candidates, band + 1, 0, reach < top ? reach : top, place, &to);
-      if (reach > band) --reach;
-      Number* const free = begins[0];
-      for (Count r = 0; r < band; ++r) begins[r] = begins[r + 1];
-      begins[band] = free;
-      --top;
-      if (pivot + 1 < many) fill(band, top - band);
-    }
-    const Count filled = many > 0 ? band : 0;
-    if (filled > 0) take_from_pivot();
-    const Count loaded = front.pivots + border - many, functions = front.functions - many;
-    const auto place_of = [&](Count function) { return front.unknown(function) - many; };
-    Number *table_rows[widest + moving + 2], *table_charges[widest + moving + 2];
-    for (Count r = 0; r < front.rows - many; ++r) {
-      Number* const row = table_rows[r] = table + r * (loaded + loads);
-      table_charges[r] = row + loaded;
-      for (Count c = 0; c < loaded + loads; ++c) row[c] = Number{};
-      if (r < filled) {
-        for (Count c = 0; c <= 2 * band && c <= top; ++c) row[place_of(top - c)] = rows[r][c];
-        for (Count c = 0; c < loads; ++c) row[loaded + c] = charges[r][c];
-      } else if (r < functions) {
-        const Count own = top - r;
-        const Count low = own > band ? own - band : 0, high = own + band < top ? own + band : top;
-        for (Count c = low; c <= high; ++c) row[place_of(c)] = at(panel, own, c);
-        if (own < moving && front.joined) {
-          row[front.force - many] = number<Number>(end_shape[own]);
-          row[front.force + 1 - many] = number<Number>(end_slope[own]);
-        }
-        if (own < 2 && p > 0) row[front.pivots + 2 + own - many] = number<Number>(-1.0);
-        if (own == 1 && p == 0) {
-          Number& turned = row[place_of(1)];
-          turned = turned + number<Number>(model.root * panel.length);
-        }
-        for (Count c = 0; c < loads; ++c) row[loaded + c] = number<Number>(load.next());
-      } else {
-        const Number* const by = carried[r - functions];
-        for (Count c = 0; c < moving && c <= top; ++c) {
-          row[place_of(c)] = end_shape[c] * by[0] + end_slope[c] * by[1];
-        }
-        for (Count k = 0; k < 2; ++k) row[front.force + k - many] = by[2 + k];
-        for (Count c = 0; c < loads; ++c) row[loaded + c] = by[4 + c];
+      if (reach > model.band) --reach;
+      --live;
+      for (Count r = 0; r < live; ++r) {
+        rows[r] = rows[r + 1];
+        if constexpr (loads > 0) charges[r] = charges[r + 1];
       }
     }
-    for (Count pivot = many; pivot < front.pivots; ++pivot) {
-      const Count column = pivot - many, count = front.below(pivot);
-      const Rows<Number> candidates{table_rows + column,
-                                    loads > 0 ? table_charges + column : nullptr};
-      const Pack place = candidates.choice(count, column, 1.0);
-      if (moves(place)) candidates.exchange_rows(place, count, column, loaded - 1, found);
-      const KeptPivot to = pivot_of(pivot);
-      eliminate(candidates, count, column, loaded - 1, place, &to);
-    }
-    for (Count r = 0; r < 2 && p > 0; ++r) {
-      const Number* const rest = table_rows[front.pivots - many + r] + front.pivots - many;
-      for (Count c = 0; c < 4 + loads; ++c) carried[r][c] = rest[c];
+    for (Count r = 0; r < live; ++r) {
+      for (Count c = 0; c < border; ++c) carried[r][c] = rows[r][front.pivots + c];
+      if constexpr (loads > 0) carried[r][border] = charges[r];
     }
   }
 };
 
+/// Scratch memory for the rows of an elimination.
+template <class Number>
+Number* take_table(Layout& layout, const EliminationModel& model) {
+  return layout.take<Number>(Front::most_rows(model.band) * Front::row_length(model.band));
+}
+
 void log_derivative(const EliminationModel& model, const Points& points, double* out,
                     double* signs) {
-  struct Scratch {
-    DualLanes *window, *table;
-  };
-  const auto [window, table] = laid_out([&](Layout& layout) {
-    return Scratch{
-        layout.take<DualLanes>((model.band + 1) * Front::window_columns(model.band)),
-        layout.take<DualLanes>(Front::table_rows(model.band) * Front::table_columns(model.band))};
-  });
+  DualLanes* const table =
+      laid_out([&](Layout& layout) { return take_table<DualLanes>(layout, model); });
   for (Count first = 0; first < points.count; first += width) {
     Product product;
-    Elimination<DualLanes> elimination{model,
-                                       EntryPowers(taken(points, first)),
-                                       {{}, signs != nullptr ? &product : nullptr},
-                                       window,
-                                       table,
-                                       {}};
-    elimination.start();
-    for (Count p = model.count - 1; p >= 0; --p) elimination.pass(p, nullptr);
+    Elimination<DualLanes> elimination{model, EntryPowers(taken(points, first)), table};
+    if (signs != nullptr) elimination.found.product = &product;
+    elimination.run(nullptr);
     const Lanes others = poles(points, elimination.lambda.one);
     put(out, points, first, elimination.found.slope - others);
     if (signs == nullptr) continue;
@@ -583,8 +453,8 @@ struct PanelMotion {
 };
 
 struct VectorScratch {
-  Lanes *window, *table, *columns;  // columns: for the unknowns or the equations of a panel
-  KeptPanel* kept;
+  Lanes *table, *columns;  // columns: for the unknowns of a panel
+  Lanes** kept;            // rows of the pivots of each panel
   PanelMotion *right, *left;
 };
 
@@ -599,30 +469,28 @@ inline void set_end(const EliminationPanel& panel, const Lanes* amplitudes, Lane
   if (panel.directed) end[1] = Lanes{};
 }
 
-/// The factor by which loads are scaled so that all numbers of a solution are finite, if `last` is
-/// the number that is found first.
-inline Lanes size_for(const Lanes& last) { return {1.0 / (1.0 + size_of(last)), Pack{}}; }
-
-/// Solves U z = L^-1 loads for the right null vector, where P = L U up to exchanges of rows.
-void solve_right(const EliminationModel& model, const EntryPowers& lambda,
-                 const VectorScratch& scratch) {
-  const KeptPivot deciding(scratch.kept[0].pivots, Front(model, 0).pivots - 1, model.band);
-  const Lanes size = size_for(deciding.load() * inverse(not_zero(deciding.row[0])));
+/// Computes the null vector of P, or of P^T if the model is transposed, as motions of the panels.
+void null_vector(const EliminationModel& model, const EntryPowers& lambda,
+                 const VectorScratch& scratch, PanelMotion* motions) {
+  Elimination<Lanes>{model, lambda, scratch.table}.run(scratch.kept);
+  const Count band = model.band;
+  // Loads are scaled so that all numbers are finite: the last pivot is nearly 0.
+  const Lanes* const deciding = scratch.kept[0] + (Front(model, 0).pivots - 1) * Front::kept(band);
+  const Lanes size{1.0 / (1.0 + size_of(deciding[0] * inverse(not_zero(deciding[1])))), Pack{}};
   Lanes start[border] = {};  // w, theta, Q and M at the panel's start
   Lanes* const x = scratch.columns;
   for (Count p = 0; p < model.count; ++p) {
     const EliminationPanel& panel = model.panels[p];
     const Front front(model, p);
-    PanelMotion& motion = scratch.right[p];
+    PanelMotion& motion = motions[p];
     for (Count k = 0; k < border; ++k) x[front.pivots + k] = start[k];
     for (Count own = front.pivots - 1; own >= 0; --own) {
-      const KeptPivot pivot(scratch.kept[p].pivots, own, model.band);
-      Lanes sum = pivot.load() * size;
-      const Count last = pivot.last();
-      for (Count c = 1; c <= last; ++c) {
-        sum = less_product(sum, pivot.row[c], x[front.unknown_in_row(own, c)]);
+      const Lanes* const row = scratch.kept[p] + own * Front::kept(band);
+      Lanes sum = row[0] * size;
+      for (Count c = own + 1; c <= front.last(own, 2 * band); ++c) {
+        sum = less_product(sum, row[1 + c - own], x[c]);
       }
-      x[own] = sum * inverse(not_zero(pivot.row[0]));
+      x[own] = sum * inverse(not_zero(row[1]));
     }
     for (Count k = 0; k < panel.size; ++k) motion.amplitudes[k] = x[front.unknown(k)];
     for (Count k = 0; k < 2; ++k) {
@@ -635,13 +503,13 @@ void solve_right(const EliminationModel& model, const EntryPowers& lambda,
     Lanes end[2], loads[2] = {motion.end_loads[0], motion.end_loads[1]};
     set_end(panel, motion.amplitudes, end);
     if (panel.held) {  // at a support the force of the panel includes its reaction
-      const Lanes* const row = scratch.kept[p].holds[0].row;
+      const Lanes* const row = scratch.kept[p] + front.pivots * Front::kept(band);
       const Lanes sum = row[1] * end[1] + row[3] * loads[1];
       loads[0] = (row[4] * size - sum) * inverse(not_zero(row[2]));
     }
     for (Count k = 0; k < 2; ++k) {
       for (Count c = 0; c < 2; ++c) {
-        loads[k] = loads[k] - entry<Lanes>(panel.station[k][c], lambda) * end[c];
+        loads[k] = loads[k] - entry<Lanes>(at_end(model, panel, k, c), lambda) * end[c];
       }
     }
     start[0] = ratio * end[0];
@@ -649,100 +517,6 @@ void solve_right(const EliminationModel& model, const EntryPowers& lambda,
     start[2] = (1.0 / (ratio * ratio)) * loads[0];
     start[3] = (1.0 / ratio) * loads[1];
   }
-}
-
-/// Solves U^T s = loads, with one load on the column of each function, in the order of the pivots.
-/// Returns a factor by which the solution is to be multiplied so that later numbers are finite.
-Lanes solve_transposed(const EliminationModel& model, const EntryPowers& lambda,
-                       const VectorScratch& scratch) {
-  LoadSequence load;
-  Lanes start[border] = {}, last;  // start: what remains in the columns of w, theta, Q and M
-  Lanes* const rest = scratch.columns;
-  for (Count p = model.count - 1; p >= 0; --p) {
-    const EliminationPanel& panel = model.panels[p];
-    const Front front(model, p);
-    into_panel(panel, length_beyond(model, p), lambda, start);
-    for (Count condition = 0; condition < 2; ++condition) {
-      if (!(condition == 0 ? panel.held : panel.directed)) continue;
-      KeptHold& hold = scratch.kept[p].holds[condition];
-      const Count force = 2 + condition;
-      hold.left = start[force] * inverse(not_zero(hold.row[force]));
-      for (Count c = 0; c < 4; ++c) start[c] = start[c] - hold.row[c] * hold.left;
-      start[condition] = start[force] = Lanes{};
-    }
-    for (Count k = 0; k < front.pivots + border; ++k) rest[k] = Lanes{};
-    for (Count k = panel.size - 1; k >= 0; --k) {
-      Lanes& of = rest[front.unknown(k)];
-      of = {all<Pack>(load.next()), Pack{}};
-      if (k < moving) of = of + end_shape[k] * start[0] + end_slope[k] * start[1];
-    }
-    for (Count k = 0; k < 2 && front.joined; ++k) rest[front.force + k] = start[2 + k];
-    for (Count own = 0; own < front.pivots; ++own) {
-      const KeptPivot pivot(scratch.kept[p].pivots, own, model.band);
-      last = pivot.left() = rest[own] * inverse(not_zero(pivot.row[0]));
-      const Count end = pivot.last();
-      for (Count c = 1; c <= end; ++c) {
-        Lanes& of = rest[front.unknown_in_row(own, c)];
-        of = less_product(of, pivot.row[c], last);
-      }
-    }
-    for (Count k = 0; k < border; ++k) start[k] = rest[front.pivots + k];
-  }
-  return size_for(last);
-}
-
-/// Solves L^T y = s for the left null vector, from the root on; y are the factors of the equations.
-void solve_left(const EliminationModel& model, const EntryPowers& lambda,
-                const VectorScratch& scratch) {
-  const Lanes size = solve_transposed(model, lambda, scratch);
-  Lanes both[2];  // factors of the two equations that are carried
-  Lanes* const y = scratch.columns;
-  for (Count p = 0; p < model.count; ++p) {
-    const EliminationPanel& panel = model.panels[p];
-    const Front front(model, p);
-    const KeptPanel& kept = scratch.kept[p];
-    PanelMotion& motion = scratch.left[p];
-    for (Count r = front.pivots; r < front.rows; ++r) y[r] = both[r - front.pivots];
-    for (Count own = front.pivots - 1; own >= 0; --own) {
-      const KeptPivot pivot(kept.pivots, own, model.band);
-      const Count count = front.below(own);
-      y[own] = pivot.left() * size;
-      for (Count r = 1; r < count; ++r) {
-        y[own] = less_product(y[own], pivot.factors()[r - 1], y[own + r]);
-      }
-      put_back(pivot.place(), y + own, count);
-    }
-    for (Count k = 0; k < panel.size; ++k) {
-      const Count row = panel.size - 1 - k;
-      motion.amplitudes[k] = row < front.functions ? panel.length * y[row] : Lanes{};
-    }
-    for (Lanes& one : motion.end_loads) one = Lanes{};
-    if (!front.joined) break;
-    for (Count r = 0; r < 2; ++r) {
-      both[r] = y[front.functions + r];
-      for (Count k = 0; k < 2; ++k) {
-        motion.end_loads[k] += panel.length * (both[r] * kept.ends[r][k]);
-      }
-    }
-    for (Count condition = 1; condition >= 0; --condition) {
-      if (!(condition == 0 ? panel.held : panel.directed)) continue;
-      const KeptHold& hold = kept.holds[condition];
-      both[1] = Lanes{hold.share, Pack{}} * both[0];
-      both[0] = hold.left * size - hold.factor * both[1];
-      put_back(hold.place, both, 2);
-    }
-    for (Count r = 0; r < 2; ++r) both[r] = Lanes{kept.shares[r], Pack{}} * both[r];
-  }
-}
-
-/// Computes the null vectors of P and of P^T.
-void null_vectors(const EliminationModel& model, const EntryPowers& lambda,
-                  const VectorScratch& scratch) {
-  Elimination<Lanes> elimination{model, lambda, {}, scratch.window, scratch.table, {}};
-  elimination.start();
-  for (Count p = model.count - 1; p >= 0; --p) elimination.pass(p, &scratch.kept[p]);
-  solve_right(model, lambda, scratch);
-  solve_left(model, lambda, scratch);
 }
 
 /// Products of a row of P and of its derivatives with a vector.
@@ -791,29 +565,31 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
   };
   const Storage scratch = laid_out([&](Layout& layout) {
     Storage made{};
-    made.of.window = layout.take<Lanes>((band + 1) * (Front::window_columns(band) + 1));
-    made.of.table = layout.take<Lanes>(Front::table_rows(band) * (Front::table_columns(band) + 1));
-    made.of.columns = layout.take<Lanes>(largest + 1 + border);
-    made.of.kept = layout.take<KeptPanel>(model.count);
+    made.of.table = take_table<Lanes>(layout, model);
+    made.of.columns = layout.take<Lanes>(largest + Front::others);
+    made.of.kept = layout.take<Lanes*>(model.count);
     made.of.right = layout.take<PanelMotion>(model.count);
     made.of.left = layout.take<PanelMotion>(model.count);
-    made.pivots = layout.take<Lanes>((numbers + model.count) * KeptPivot::numbers(band));
+    made.pivots = layout.take<Lanes>((numbers + 2 * model.count) * Front::kept(band));
     made.right = layout.take<Lanes>(numbers);
     made.left = layout.take<Lanes>(numbers);
     return made;
   });
+  EliminationModel transposed = model;
+  transposed.transposed = true;
   Lanes *stored = scratch.pivots, *x = scratch.right, *y = scratch.left;
   for (Count p = 0; p < model.count; ++p) {
-    scratch.of.kept[p] = {stored, {}, {}, {}};
+    scratch.of.kept[p] = stored;
     scratch.of.right[p] = {x, {}, {}};
     scratch.of.left[p] = {y, {}, {}};
-    stored += (model.panels[p].size + 1) * KeptPivot::numbers(band);
+    stored += (model.panels[p].size + 2) * Front::kept(band);
     x += model.panels[p].size;
     y += model.panels[p].size;
   }
   for (Count first = 0; first < points.count; first += width) {
     const EntryPowers lambda(taken(points, first));
-    null_vectors(model, lambda, scratch.of);
+    null_vector(model, lambda, scratch.of, scratch.of.right);
+    null_vector(transposed, lambda, scratch.of, scratch.of.left);
     PairSums sum;
     Count coordinate = 0;
     const auto coordinates = [&](const Lanes& right, const Lanes& left, double scale) {

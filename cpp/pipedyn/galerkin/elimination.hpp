@@ -24,9 +24,8 @@
 // A right null vector is the first step of inverse iteration (Golub and Van Loan 2013, sec. 7.6):
 // the response to irregular loads of the order of 1, one on each function. The loads are eliminated
 // as one more column. If they were put on the rows of the pivots instead, a mode that is large only
-// far from the root, such as that of the last of many spans, would hardly be excited. The null
-// vector of P^T is the first step with irregular loads on the functions, by the same factors:
-// P = L U up to exchanges of rows, so U^T is solved from the tip to the root and L^T back.
+// far from the root, such as that of the last of many spans, would hardly be excited. A left null
+// vector is the right null vector of P^T, whose panels and stations are those of P, transposed.
 #pragma once
 
 #include <cstddef>
@@ -57,6 +56,7 @@ struct EliminationModel {
   std::ptrdiff_t count, band, dof;  // dof: curvatures of all panels, theta if the root turns
   bool turns;                       // whether the root turns
   double root;                      // stiffness of the spring at the root
+  bool transposed = false;          // whether P^T is meant
 };
 
 struct EliminationKernel {
