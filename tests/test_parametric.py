@@ -246,6 +246,17 @@ def test_thin_regions_of_conservative_pipes_have_both_edges(
         assert growing(model, pp.Pulsation(mean, amplitude, 1.0), edge + inward) > 1e-6
 
 
+def test_a_wide_combination_region_of_a_conservative_pipe_has_both_edges():
+    """Its edges are not alike, and the saddle between them is not in their middle."""
+    model = pp.Galerkin(pp.Pipe(0.54, root="pinned", end="pinned"), 5, "legendre")
+    (found,) = pp.parametric_regions(model, 1.7, 0.5, (46.0, 47.0))
+    assert found.kind == "combination"
+    np.testing.assert_allclose(found.edges, [[43.464884, 48.543355]], atol=1e-6)
+    for edge, inward in zip(found.edges[0], (1e-4, -1e-4), strict=True):
+        assert growing(model, pp.Pulsation(1.7, 0.5, 1.0), edge - inward) < 1e-7
+        assert growing(model, pp.Pulsation(1.7, 0.5, 1.0), edge + inward) > 1e-4
+
+
 @pytest.mark.slow
 def test_edges_of_a_large_model_follow_from_its_lowest_modes():
     """Multipliers are those of all its degrees of freedom."""

@@ -26,6 +26,10 @@ of a thin region turn back there within a much shorter length."""
 LOWEST_AMPLITUDE = 1e-6
 """Least amplitude of a region, relative to the largest amplitude, below which it counts as 0."""
 
+THIN = 1e-3
+"""Width of a region, relative to its frequency, below which its edges are found again from outside
+of it, or from the saddle between them."""
+
 SAMPLED = 5
 """Number of amplitudes at which regions are looked for; edges are followed to the others."""
 
@@ -424,7 +428,9 @@ def again(hill: Hill, old: RegionEdges, amplitudes: Array, low: float) -> Region
             continue
         turns = old.nus[index] / ends
         on_axis = (turns == 0.0) | (turns == 0.5)
-        if meets and not on_axis.any():
+        thin = ends[1] - ends[0] < THIN * ends[0]
+        # The middle of a wide region may be far from the saddle, which then is not found again.
+        if meets and thin and not on_axis.any():
             with suppress(NewtonFailed):
                 middle, nu = ends.mean(), old.nus[index].mean()
                 centre = search.edge(old.kind, middle, True)
@@ -432,7 +438,7 @@ def again(hill: Hill, old: RegionEdges, amplitudes: Array, low: float) -> Region
                 continue
         for side, way in enumerate((-1.0, 1.0)):
             frequency, nu = float(ends[side]), float(old.nus[index, side])
-            shift = OUTWARD if ends[1] - ends[0] < 1e-3 * frequency else 0.0
+            shift = OUTWARD if thin else 0.0
             kind = ("subharmonic" if nu > 0.0 else "harmonic") if on_axis[side] else old.kind
             edge = search.edge(kind, frequency)
             z = edge.started(frequency * (1.0 + way * shift), nu, amplitude)
