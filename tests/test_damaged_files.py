@@ -76,12 +76,6 @@ def changed(where, change):
         (
             "chain",
             "Chain._lengths",
-            lambda a: np.full(4, 0.9),
-            r"sum\(lengths\) must be 1, got 3.6",
-        ),
-        (
-            "chain",
-            "Chain._lengths",
             lambda a: np.full(3, 0.9),
             r"sum\(lengths\) must be 1, got 2.7",
         ),
