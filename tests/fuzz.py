@@ -663,7 +663,7 @@ def _chains() -> Iterator[Target]:
     rules = one_of("consistent", "uniform", "frequency", "rayleigh")
     kinds = {
         "pipe": OTHERS,
-        "n": Kind(one_of(3), count(1, 5, 10**6 + 1).bad),
+        "n": Kind(one_of(3), any_of(*NOTHINGS, *WORDS, one_of(0, -1, 2.0))),
         "springs": Kind(any_of(springs.good, rules), springs.bad),
         "lengths": optional(thirds),
         "centres": fractions,
@@ -671,14 +671,13 @@ def _chains() -> Iterator[Target]:
         "drag_points": fractions,
         "base": Kind(one_of(0.0, 0), real((0.0, 0.1), -0.1, 1.0).bad),
     }
-    without = {**kinds, "n": Kind(one_of(3), any_of(*NOTHINGS, *WORDS, one_of(0, -1, 2.0)))}
-    yield target(pp.Chain, **without)
+    yield target(pp.Chain, **kinds)
     four = array(4, (0.0, 9.0), (-1.0, 1e300))  # an end that is clamped or guided has a joint, too
-    held = {**without, "pipe": of(HINGED, GUIDED), "springs": Kind(rules, four.bad)}
+    held = {**kinds, "pipe": of(HINGED, GUIDED), "springs": Kind(rules, four.bad)}
     held["base"] = Kind(one_of(0.0), kinds["base"].bad)
     for make in (pp.Chain, modular.chain):
         yield target(make, "[held]", **held)
-    yield target(modular.chain, **without)
+    yield target(modular.chain, **kinds)
     yield target(
         pp.Galerkin,
         pipe=PIPES,
