@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The chain's nonlinear motion: right-hand side, derivative, energy and power."""
+"""The chain's nonlinear motion: right-hand side, derivative and vector levels."""
 
 import math
 import os
@@ -123,9 +123,6 @@ def test_jacobian_is_the_derivative(n, flow, level, at_level):
             y = states(n, 1, seed=7)[:, 0]
             found = chain.jacobian(0.0, y, u)
             assert worst(found, dense_jacobian(chain, y, u)) < 1e-14 * (10 + n**2)
-
-
-# ------------------------------------------------------------------------------- energy and power
 
 
 # --------------------------------------------------------------------------------- vector levels

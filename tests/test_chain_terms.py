@@ -12,14 +12,7 @@ from independent import chain_crossing, unstable_count
 from test_chain_motion import TERMS as ALL
 
 import pipedyn as pp
-from pipedyn import _core
 from pipedyn.models.pencil import DensePencil
-
-LEVELS = _core.vector_levels()
-
-
-# -------------------------------------------------------------------------------------- motion
-
 
 # ------------------------------------------------------------------------------------- places
 
@@ -97,6 +90,3 @@ def test_a_root_stands_at_zero_unless_a_spring_holds_what_is_beyond_the_free_joi
             unstable_count(chain, crossing.speed * part, 1e-4) for part in (0.999, 1.001)
         )
         assert (below, above) == (crossing.unstable_before, crossing.unstable_after)
-
-
-# --------------------------------------------------------------------------- the pipe they tend to
