@@ -207,9 +207,9 @@ def test_constraints_change_as_their_derivatives_say(n):
     np.testing.assert_allclose(wanted, -by_time[:, 0], atol=1e-8)
 
 
-def light(n, *more):
-    """The last segment has no inertia but that of a term at its end."""
-    segments = [md.Segment(1.0 / n, 0.5, 0.07)] * (n - 1) + [md.Segment(1.0 / n, 0.0, 0.0)]
+def light(n, *more, radius=0.0):
+    """The last segment has no inertia but that of a term at its end, or a small radius as well."""
+    segments = [md.Segment(1.0 / n, 0.5, 0.07)] * (n - 1) + [md.Segment(1.0 / n, 0.0, radius)]
     springs = [md.TorsionalSpring(j, 1.0 * n) for j in range(1, n + 1)]
     ties = [md.Clamp(), *(md.Joint(j) for j in range(2, n + 1))]
     pipe = replace(PIPE, terms=[pp.PointMass(at=1.0, mass=0.3)])
