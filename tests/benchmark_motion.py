@@ -14,7 +14,14 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from independent import dense_jacobian, dense_rates, derivative_along, exact_rates
+from independent import (
+    bent_state,
+    dense_jacobian,
+    dense_rates,
+    derivative_along,
+    exact_rates,
+    worst,
+)
 from measuring import check, cost_of, ended, machine
 
 import pipedyn as pp
@@ -23,11 +30,6 @@ from pipedyn.models.base import core_pipe
 
 SPEED, MEMBERS = 6.0, 256
 PIPE = pp.Pipe(beta=0.2, gamma=2.0, drag=1.0, damping=1e-3)
-
-
-def worst(found: np.ndarray, exact: np.ndarray) -> float:
-    """Largest error relative to the largest entry."""
-    return float(np.abs(found - exact).max() / np.abs(exact).max())
 
 
 def state(n: int, members: int = 0) -> np.ndarray:
@@ -44,15 +46,6 @@ def state(n: int, members: int = 0) -> np.ndarray:
 def exact_accelerations(chain: pp.Chain, y: np.ndarray, u: float) -> np.ndarray:
     """theta'' in 30 digits."""
     return np.array(exact_rates(chain, y, u, 30)[chain.dof :], float)
-
-
-# -------------------------------------------------------------------------------------------- peers
-
-
-def plain_accelerations(n: int, y: np.ndarray) -> np.ndarray:
-    """Of the bars on hinges without springs, with gravity alone."""
-    chain = pp.Chain(pp.Pipe(0.0, gamma=PIPE.gamma), n, springs=np.zeros(n))
-    return exact_accelerations(chain, y, 0.0)
 
 
 def pinocchio_chain(n: int) -> tuple[Callable[[], object], Callable[[], object], float]:
@@ -72,11 +65,12 @@ def pinocchio_chain(n: int) -> tuple[Callable[[], object], Callable[[], object],
     data, y = model.createData(), state(n)
     q, v = np.diff(y[:n], prepend=0.0), np.diff(y[n:], prepend=0.0)
     torque = np.zeros(n)
+    hinged = pp.Chain(pp.Pipe(0.0, gamma=PIPE.gamma), n, springs=np.zeros(n))
     found = np.cumsum(pinocchio.aba(model, data, q, v, torque))
     return (
         lambda: pinocchio.aba(model, data, q, v, torque),
         lambda: pinocchio.computeABADerivatives(model, data, q, v, torque),
-        worst(found, plain_accelerations(n, y)),
+        worst(found, exact_accelerations(hinged, y, 0.0)),
     )
 
 
@@ -144,16 +138,6 @@ REDUCED = pp.Pipe(beta=0.2, gamma=2.0, damping=1e-3)
 REDUCED_DRAG = pp.Pipe(beta=0.2, gamma=2.0, drag=1.0, damping=1e-3)
 
 
-def reduced_state(model: pp.Galerkin, rng: np.random.Generator) -> np.ndarray:
-    """Angles of up to one radian, falling like i^-2 in the functions, rates 14 times that."""
-    slopes = model.functions(np.linspace(0.0, 1.0, 200), 1)
-    order = np.arange(1.0, model.dof + 1.0)
-    q, rate = rng.normal(size=(2, model.dof)) / (np.abs(slopes).max(axis=0) * order**2)
-    q /= np.abs(slopes @ q).max()
-    rate *= 14.0 / np.abs(slopes @ rate).max()
-    return np.concatenate([q, rate])
-
-
 def reduced_model(pipe: pp.Pipe, basis: str, m: int) -> list[tuple[float, float]]:
     """Errors of rhs, a batch and the Jacobian, each with the cost of a state, s.
 
@@ -161,7 +145,7 @@ def reduced_model(pipe: pp.Pipe, basis: str, m: int) -> list[tuple[float, float]
     whose steps move the kinks of drag's integrand.
     """
     model, rng = pp.Galerkin(pipe, m, basis), np.random.default_rng(m)
-    many = np.stack([reduced_state(model, rng) for _ in range(MEMBERS)], axis=1)
+    many = np.stack([bent_state(model, rng, 1.0) for _ in range(MEMBERS)], axis=1)
     y, speeds = many[:, 0].copy(), np.linspace(3.0, 7.0, MEMBERS)
     finer = _core.Galerkin(
         core_pipe(pipe), basis == "legendre", m, least_nodes=3 * model.core.nodes(y[:m])

@@ -23,11 +23,6 @@ import pipedyn as pp
 from pipedyn import modular as md
 from pipedyn.motion.integrator import choose_method, fastest_rates
 
-
-def bow(s: np.ndarray) -> np.ndarray:
-    return 0.3 * s
-
-
 TOLERANCES = 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9
 
 

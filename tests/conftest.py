@@ -3,6 +3,7 @@
 
 import gc
 import os
+import signal
 import sys
 
 # Before numpy is imported: its matrices here are small, and threads only get in each other's way.
@@ -25,6 +26,29 @@ def at_level():
     before = _core.vector_level()
     yield _core.set_vector_level
     _core.set_vector_level(before)
+
+
+@pytest.fixture
+def interrupted_after():
+    """Sees that a call that would take hours is interrupted after so many seconds."""
+    if not hasattr(signal, "setitimer"):
+        pytest.skip("no timer on this system")
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    def interrupted(seconds, call):
+        before = signal.signal(signal.SIGALRM, interrupt)
+        signal.setitimer(signal.ITIMER_REAL, seconds)
+        try:
+            with pytest.raises(KeyboardInterrupt) as caught:
+                call()
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, before)
+        return caught
+
+    return interrupted
 
 
 @pytest.fixture

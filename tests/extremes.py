@@ -295,32 +295,27 @@ def highest_eigenvalues(quick: bool) -> Iterator[Row]:
     """The fastest mode of all: what explicit integrators follow, and where rounding bites first."""
     pipe = pp.Pipe(0.2)
 
-    def measured(found: pp.Modes, exact: float) -> Outcome:
-        value = abs(found.eigenvalues[-1])
-        return Outcome(f"{value:.6g}i", abs(value / exact - 1.0), found.errors[-1] / exact)
+    def highest(model: pp.Galerkin, exact: float, reference: str) -> Row:
+        def measured(found: pp.Modes) -> Outcome:
+            value = abs(found.eigenvalues[-1])
+            return Outcome(f"{value:.6g}i", abs(value / exact - 1.0), found.errors[-1] / exact)
+
+        return row(
+            *("highest eigenvalue", named(model), "u=0", reference),
+            lambda: checked_modes(model, 0.0),
+            measured,
+        )
 
     for m in (10, 50, 100) if quick else (10, 50, 100, 200):
         model = pp.Galerkin(pipe, m, "legendre")
-        exact = legendre_highest(m)
-        text = "mpmath: inverse iteration"
-        yield row(
-            *("highest eigenvalue", named(model), "u=0", text),
-            lambda model=model: checked_modes(model, 0.0),
-            lambda found, exact=exact: measured(found, exact),
-        )
+        yield highest(model, legendre_highest(m), "mpmath: inverse iteration")
     yield row(
         *("all eigenvalues", "legendre m=200", "u=6", "residuals"),
         lambda: checked_modes(pp.Galerkin(pipe, 200, "legendre"), 6.0),
         lambda found: Outcome("", float(found.residuals.max()), largest_claim(found)),
     )
     for m in (10, 100, *((1000,) if not quick else ())):
-        exact = cantilever_frequency(m)
-        model = pp.Galerkin(pipe, m)
-        yield row(
-            *("highest eigenvalue", named(model), "u=0", "cos k cosh k = -1"),
-            lambda model=model: checked_modes(model, 0.0),
-            lambda found, exact=exact: measured(found, exact),
-        )
+        yield highest(pp.Galerkin(pipe, m), cantilever_frequency(m), "cos k cosh k = -1")
     for n in (10, 60) if quick else (10, 60, 200):
         yield eigenvalue_row(pp.Chain(pipe, n), 6.0, "u=6", [n // 2, n - 1], None)
     for n in (2, 6) if quick else (2, 6, 40):
@@ -457,6 +452,17 @@ def rates(quick: bool) -> Iterator[Row]:
         size = np.abs(exact).max()
         return Outcome(f"largest {size:.2g}", float(np.abs(found - exact).max() / size))
 
+    def coiled(basis: str, m: int, turns: int, falling: np.ndarray, limit: float) -> Row:
+        model = pp.Galerkin(pp.Pipe(0.2, 10.0, damping=0.01), m, basis)
+        coil = model.bent(lambda s: 2.0 * np.pi * turns * s)
+        y = np.concatenate([coil, np.random.default_rng(4).standard_normal(m) / falling])
+        return row(
+            *("rhs", named(model), f"coiled, {turns} turns", "fine quadrature"),
+            lambda: model.rhs(0.0, y, 6.0),
+            lambda r: off(r, pipe_rates(model, y, 6.0, 500)),
+            limit,
+        )
+
     pipe = pp.Pipe(0.2)
     chains = {
         "u=100": (pp.Chain(pipe, 6), 100.0),
@@ -488,15 +494,7 @@ def rates(quick: bool) -> Iterator[Row]:
             )
     for basis in ("beam", "legendre"):
         for turns in (3, 30):
-            model = pp.Galerkin(pp.Pipe(0.2, 10.0, damping=0.01), 8, basis)
-            coil = model.bent(lambda s, turns=turns: 2.0 * np.pi * turns * s)
-            y = np.concatenate([coil, np.random.default_rng(4).standard_normal(8)])
-            yield row(
-                *("rhs", named(model), f"coiled, {turns} turns", "fine quadrature"),
-                lambda model=model, y=y: model.rhs(0.0, y, 6.0),
-                lambda r, model=model, y=y: off(r, pipe_rates(model, y, 6.0, 500)),
-                1e-9,
-            )
+            yield coiled(basis, 8, turns, np.ones(8), 1e-9)
     long = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.01), 1000)
     y = np.random.default_rng(3).standard_normal(2000) * np.repeat([1.0, 10.0], 1000)
     yield row(
@@ -505,15 +503,7 @@ def rates(quick: bool) -> Iterator[Row]:
         lambda r: off(r, dense_rates(long, y, 6.0)),
     )
     for basis, m, limit in (("beam", 60, 1e-10), ("legendre", 30, 1e-8)):
-        model = pp.Galerkin(pp.Pipe(0.2, 10.0, damping=0.01), m, basis)
-        rates = np.random.default_rng(4).standard_normal(m) / np.arange(1, m + 1) ** 2
-        y = np.concatenate([model.bent(lambda s: 6.0 * np.pi * s), rates])
-        yield row(
-            *("rhs", named(model), "coiled, 3 turns", "fine quadrature"),
-            lambda model=model, y=y: model.rhs(0.0, y, 6.0),
-            lambda r, model=model, y=y: off(r, pipe_rates(model, y, 6.0, 500)),
-            limit,
-        )
+        yield coiled(basis, m, 3, np.arange(1.0, m + 1.0) ** 2, limit)
 
 
 def motions(quick: bool) -> Iterator[Row]:

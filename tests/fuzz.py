@@ -22,6 +22,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from decimal import Decimal
 from fractions import Fraction
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from random import Random
@@ -382,20 +383,8 @@ KEPT = Path(tempfile.mkdtemp()) / "kept.npz"
 CRITICAL.save(KEPT)
 REGIONS = pp.parametric_regions(pp.Chain(pp.Pipe(0.1, 3.0), 2), 3.0, [0.3, 0.6], (5.0, 60.0))
 OBJECTS = (PIPE, CHAIN, BEAM, EXACT, SCENE, CRITICAL, CROSSING, HOPF, CYCLE, MOTION, ENSEMBLE)
-OBJECTS += (
-    DIAGRAM,
-    ENDS,
-    BRANCH,
-    BRANCH.events[0],
-    TRADE,
-    LOCI,
-    MODES,
-    BOUNDARY,
-    FIGURE,
-    AX,
-    MASS,
-    modular.Clamp(),
-)
+OBJECTS += (DIAGRAM, ENDS, BRANCH, BRANCH.events[0], TRADE, LOCI, MODES, BOUNDARY, FIGURE, AX)
+OBJECTS += (MASS, modular.Clamp())
 
 NUMBER = real((0.0, 1.0))
 SHARE = real((0.01, 0.99), below=-0.1, above=1.1)
@@ -495,9 +484,9 @@ SHAKERS = Kind(
 )
 
 
-def start(size: int) -> Kind:
+def start(size: int, any_size: bool = False) -> Kind:
     """Coordinates at rest or an angle theta(s)."""
-    rows = array(size, (-0.1, 0.1), (1e7,))
+    rows = array(size, (-0.1, 0.1), (1e7,), any_size=any_size)
     return Kind(any_of(rows.good, one_of(bend)), any_of(rows.bad, FUNCTION.bad))
 
 
@@ -615,33 +604,19 @@ def _pipes() -> Iterator[Target]:
             stiffness_profile=ALONG,
             **own,
         )
-    yield target(
-        lambda mass_profile: pp.Pipe.from_si(**SI, mass_profile=mass_profile),
-        "Pipe.from_si[mass_profile]",
-        mass_profile=ALONG,
-    )
-    yield target(
-        lambda nozzle_ratio: pp.Pipe.from_si(**SI, nozzle_ratio=nozzle_ratio),
-        "Pipe.from_si[nozzle]",
-        nozzle_ratio=Kind(positive.good, _not(None, positive.bad)),
-    )
+    from_si = partial(pp.Pipe.from_si, **SI)
+    yield target(from_si, "Pipe.from_si[mass_profile]", mass_profile=ALONG)
+    ratio = Kind(positive.good, _not(None, positive.bad))
+    yield target(from_si, "Pipe.from_si[nozzle]", nozzle_ratio=ratio)
     rows = array(4)
     odd = any_of(
         *NOTHINGS, *WORDS, *LOGICAL, *NOT_FINITE, one_of([1.0, NAN], [True], [[1], [1, 2]])
     )
-    for method, name in (
-        *(("speed_si", "u"), ("speed_from_si", "V"), ("time_si", "tau"), ("time_from_si", "t")),
-        *(
-            ("frequency_si", "omega"),
-            ("frequency_from_si", "omega_si"),
-            ("length_si", "s"),
-            ("length_from_si", "x"),
-        ),
-    ):
-        yield target(
-            getattr(MEASURED, method),
-            **{name: Kind(any_of(rows.good, NUMBER.good), odd)},
-        )
+    for quantity in ("speed", "time", "frequency", "length"):
+        for way in ("si", "from_si"):
+            converted = getattr(MEASURED, f"{quantity}_{way}")
+            (name,) = inspect.signature(converted).parameters
+            yield target(converted, **{name: Kind(any_of(rows.good, NUMBER.good), odd)})
     size = real((0.1, 2.0), 0.0)
     yield target(MEASURED.equivalent_damping, frequency=size)
     yield target(
@@ -688,7 +663,7 @@ def _chains() -> Iterator[Target]:
     rules = one_of("consistent", "uniform", "frequency", "rayleigh")
     kinds = {
         "pipe": OTHERS,
-        "n": Kind(one_of(3), count(1, 5, 10**6 + 1).bad),
+        "n": Kind(one_of(3), any_of(*NOTHINGS, *WORDS, one_of(0, -1, 2.0))),
         "springs": Kind(any_of(springs.good, rules), springs.bad),
         "lengths": optional(thirds),
         "centres": fractions,
@@ -696,14 +671,13 @@ def _chains() -> Iterator[Target]:
         "drag_points": fractions,
         "base": Kind(one_of(0.0, 0), real((0.0, 0.1), -0.1, 1.0).bad),
     }
-    without = {**kinds, "n": Kind(one_of(3), any_of(*NOTHINGS, *WORDS, one_of(0, -1, 2.0)))}
-    yield target(pp.Chain, **without)
+    yield target(pp.Chain, **kinds)
     four = array(4, (0.0, 9.0), (-1.0, 1e300))  # an end that is clamped or guided has a joint, too
-    held = {**without, "pipe": of(HINGED, GUIDED), "springs": Kind(rules, four.bad)}
+    held = {**kinds, "pipe": of(HINGED, GUIDED), "springs": Kind(rules, four.bad)}
     held["base"] = Kind(one_of(0.0), kinds["base"].bad)
     for make in (pp.Chain, modular.chain):
         yield target(make, "[held]", **held)
-    yield target(modular.chain, **without)
+    yield target(modular.chain, **kinds)
     yield target(
         pp.Galerkin,
         pipe=PIPES,
@@ -733,47 +707,33 @@ def _models() -> Iterator[Target]:
         n = model.coordinates
         closed = n != model.dof
         resting = np.array(model.bent(lambda s: 0.0 * s))
-        q = array(
-            n,
-            (-0.5, 0.5),
-            (1e7,),
-            fair=one_of(resting, resting.tolist()) if n != model.dof else None,
-        )
-        if (
-            n != model.dof
-        ):  # redundant coordinates may be given as angles, but guides are met by few
+        fair = one_of(resting, resting.tolist()) if closed else None
+        q = array(n, (-0.5, 0.5), (1e7,), fair=fair)
+        if closed:  # redundant coordinates may be given as angles, but guides are met by few
             q = Kind(q.good, any_of(NONE, *NOTHINGS, *WORDS, q.bad))
-        rates = array(
-            2 * n,
-            (-0.3, 0.3),
-            (),
-            fair=one_of(np.append(resting, 0.0 * resting)) if closed else None,
-        )
+        still = one_of(np.append(resting, 0.0 * resting)) if closed else None
+        rates = array(2 * n, (-0.3, 0.3), fair=still)
         batch = array((2 * n, 2), (-0.3, 0.3))
         y = Kind(any_of(rates.good, *([] if closed else [batch.good])), rates.bad)
         columns = array((n, 2), (-0.5, 0.5))
         small = Kind(
             any_of(array(model.dof).good, array((model.dof, 3)).good),
-            array(model.dof, any_size=model.dof != model.coordinates).bad,
+            array(model.dof, any_size=closed).bad,
         )
         complexes = Kind(small.good, _no_complex(small.bad))
-        yield target(lambda y, u, m=model: m.rhs(0.0, y, u), f"{cls}.rhs{tag}", y=y, u=U)
-        yield target(
-            lambda y, u, m=model: m.jacobian(0.0, y, u), f"{cls}.jacobian{tag}", y=rates, u=U
-        )
-        yield target(model.energy, tag, y=y)
-        yield target(model.power, tag, y=y, u=U)
         driven = {
             **{"y": rates, "u": U, "u_dot": optional(real((-9.0, 9.0)))},
             "base": optional(array((3, 2))),
         }
-        for ask in (model.rhs, model.jacobian):
-            yield target(
-                lambda ask=ask, **given: ask(0.0, **given), f"{cls}.{ask.__name__}{tag}", **driven
-            )
+        for ask, states_of in ((model.rhs, y), (model.jacobian, rates)):
+            asked, title = partial(ask, 0.0), f"{cls}.{ask.__name__}{tag}"
+            yield target(asked, title, y=states_of, u=U)
+            yield target(asked, title, **driven)
+        yield target(model.energy, tag, y=y)
+        yield target(model.power, tag, y=y, u=U)
         yield target(model.power, tag, **driven)
         # Small changes of a held pipe, (dof,), are taken as well as coordinates.
-        either = q if model.dof == model.coordinates else Kind(q.good, any_of(*NOTHINGS, *WORDS))
+        either = q if not closed else Kind(q.good, any_of(*NOTHINGS, *WORDS))
         yield target(model.shape, tag, q=either)
         yield target(model.tip, tag, q=either)
         yield target(model.tips, tag, q=columns)
@@ -890,30 +850,16 @@ def _scenes() -> Iterator[Target]:
         ),
         name=Kind(one_of("mine"), any_of(NONE, *NOTHINGS, listed("", "\t", 3, NAN, []))),
     )
-    wrong = Kind(
-        one_of(lambda q: 0.5 * q @ q),
-        one_of(
-            *(lambda q, v=v: v for v in (NAN, "a", None, [1.0, 2.0], {}, 1e400, 1j, np.ones(9)))
-        ),
-    )
-    yield target(
-        lambda energy: SCENE.plus(modular.Custom(nodes=(2,), energy=energy, name="mine")),
-        "modular.Assembly[energy]",
-        called={"energy": "mine"},
-        energy=wrong,
-    )
-    force = Kind(
-        one_of(lambda q, qdot: -qdot),
-        one_of(
-            *(lambda q, qdot, v=v: v for v in (NAN, "a", None, [1.0], {}, [NAN, 0.0], np.ones(9)))
-        ),
-    )
-    yield target(
-        lambda force: SCENE.plus(modular.Custom(nodes=(2,), force=force, name="mine")),
-        "modular.Assembly[force]",
-        called={"force": "mine"},
-        force=force,
-    )
+    for role, good, values in (
+        ("energy", lambda q: 0.5 * q @ q, (NAN, "a", None, [1.0, 2.0], {}, 1e400, 1j, np.ones(9))),
+        ("force", lambda q, qdot: -qdot, (NAN, "a", None, [1.0], {}, [NAN, 0.0], np.ones(9))),
+    ):
+        yield target(
+            lambda **own: SCENE.plus(modular.Custom(nodes=(2,), name="mine", **own)),
+            f"modular.Assembly[{role}]",
+            called={role: "mine"},
+            **{role: Kind(one_of(good), one_of(*(lambda *_, v=v: v for v in values)))},
+        )
     yield target(
         modular.Assembly,
         called={
@@ -1055,15 +1001,8 @@ def _comparisons() -> Iterator[Target]:
     repeats = count(1, 2, 1001)
     junk = any_of(*NOTHINGS, *WORDS, listed(3, [3], [], [None], ["beam", "rod"], {"beam": 3}))
     among = Kind(one_of(["midpoint", "legendre"], "legendre", ("beam", "midpoint pair")), junk)
-    several = one_of(
-        *(
-            [3, 6],
-            4,
-            np.array([4, 5], dtype=np.uint8),
-            {"legendre": [5, 6], "midpoint": 4},
-            range(2, 5),
-        )
-    )
+    sizes = [3, 6], 4, np.array([4, 5], dtype=np.uint8), {"legendre": [5, 6], "midpoint": 4}
+    several = one_of(*sizes, range(2, 5))
     no_sizes = listed(
         *([], [0], [3, 3], [5, 3], [2.5], "a", NAN, [NAN], [True], -1, 10**30, [[3, 4]]),
         *({3: [3]}, {"rod": [3]}, {"legendre": [0]}, {"beam": "a"}, {"beam": []}, {"beam": [NAN]}),
@@ -1160,9 +1099,9 @@ def _motions() -> Iterator[Target]:
     for name, model in MODELS.items():
         n = model.integrated
         held = model.dof != n  # few states meet supports, and small changes, (dof,), are taken too
-        rows, rates = start(n), array(n, (-0.1, 0.1), (1e7,), any_size=held)
+        rows, rates = start(n, held), array(n, (-0.1, 0.1), (1e7,), any_size=held)
         if held:
-            rows = Kind(one_of(bend, np.zeros(n)), rows.bad)
+            rows = Kind(one_of(bend, np.zeros(n)), any_of(rows.bad, listed(np.zeros(n + 1))))
             rates = Kind(one_of(np.zeros(n), [0.0] * n), rates.bad)
         rates = optional(rates)
         yield target(
@@ -1188,18 +1127,11 @@ def _motions() -> Iterator[Target]:
         "callback": Kind(one_of(None, lambda t, q, qdot: None), any_of(*WORDS, listed(3, [], NAN))),
         "max_step": Kind(real((0.1, 1.0)).good, listed(0.0, -1.0, NAN, "long")),
     }
-    yield target(
-        lambda **given: pp.simulate(CHAIN, 1.0, 0.1, bend, samples=3, **given),
-        "simulate[watched]",
-        **watched,
-    )
+    short = partial(pp.simulate, CHAIN, 1.0, 0.1, bend, samples=3)
+    yield target(short, "simulate[watched]", **watched)
     for tag, model in (("chain", CHAIN), ("supported", pp.Galerkin(HINGED, 3))):
-        yield target(
-            lambda m=model, **given: pp.simulate(m, duration=0.1, q0=bend, samples=3, **given),
-            f"simulate[{tag}, driven]",
-            u=FLOWS,
-            base=SHAKERS,
-        )
+        driven = partial(pp.simulate, model, duration=0.1, q0=bend, samples=3)
+        yield target(driven, f"simulate[{tag}, driven]", u=FLOWS, base=SHAKERS)
     speeds = array(2, (0.0, 3.0), (-1.0, 1e9), any_size=True)
     yield target(
         lambda **given: pp.simulate_many(

@@ -127,21 +127,25 @@ def lagrangian_accelerations(states, *numbers, **more):
     return result
 
 
-def any_chain(n, *seed, **pipe):
-    """A chain with nothing equal or homogeneous, one joint without its spring, and a base."""
+def any_segments(n, *seed):
+    """Segments of a chain with nothing equal or homogeneous, and a base, by `Chain`'s names."""
     rng = np.random.default_rng([n, *seed])
     lengths = rng.uniform(0.4, 1.6, n)
-    springs = rng.uniform(0.5, 2.0, n) * n
-    springs[n // 2] = 0.0
-    return pp.Chain(
-        pp.Pipe(0.3, **pipe),
-        lengths=0.9 * lengths / lengths.sum(),
-        springs=springs,
-        centres=rng.uniform(0.2, 0.8, n),
-        gyration_radii=rng.uniform(0.1, 0.5, n) / n,
-        drag_points=rng.uniform(0.0, 1.0, n),
-        base=0.1,
-    )
+    return {
+        "lengths": 0.9 * lengths / lengths.sum(),
+        "springs": rng.uniform(0.5, 2.0, n) * n,
+        "centres": rng.uniform(0.2, 0.8, n),
+        "gyration_radii": rng.uniform(0.1, 0.5, n) / n,
+        "drag_points": rng.uniform(0.0, 1.0, n),
+        "base": 0.1,
+    }
+
+
+def any_chain(n, *seed, **pipe):
+    """A chain of these, one joint without its spring."""
+    segments = any_segments(n, *seed)
+    segments["springs"][n // 2] = 0.0
+    return pp.Chain(pp.Pipe(0.3, **pipe), **segments)
 
 
 def gauss(count):
@@ -345,6 +349,11 @@ def companion_eigenvalues(mass, damping, stiffness):
 def unstable_count(model, u, threshold=1e-7):
     """Number of eigenvalues of a small model with a positive real part, from its matrices."""
     return int(np.sum(companion_eigenvalues(*model.operators().at(u)).real > threshold))
+
+
+def worst(found, exact):
+    """Largest error relative to the largest entry."""
+    return np.abs(found - exact).max() / np.abs(exact).max()
 
 
 def distances(found, reference):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The chain's nonlinear motion: right-hand side, derivative, energy and power."""
+"""The chain's nonlinear motion: right-hand side, derivative and vector levels."""
 
 import math
 import os
@@ -9,7 +9,8 @@ import sys
 import mpmath
 import numpy as np
 import pytest
-from independent import any_chain, dense_jacobian, dense_rates, lagrangian_accelerations
+from independent import any_chain, dense_jacobian, dense_rates, lagrangian_accelerations, worst
+from test_chain import UNEQUAL
 
 import pipedyn as pp
 from pipedyn import _core
@@ -40,22 +41,13 @@ def states(n, count, seed=1, size=2.0):
     return size * np.random.default_rng([n, count, seed]).normal(size=(2 * n, count))
 
 
-def worst(found, expected):
-    return np.abs(found - expected).max() / np.abs(expected).max()
-
-
 # ------------------------------------------------------------------------------ equations of motion
 
 
 @flows
 def test_chain_moves_as_the_papers_lagrangian_says(flow):
     """Three unequal segments, base and all effects, at large states, derived by differences."""
-    arrays = {
-        "lengths": [0.45, 0.3, 0.15],
-        "centres": [0.4, 0.65, 0.55],
-        "gyration_radii": [0.11, 0.2, 0.05],
-        "springs": [3.0, 2.0, 5.0],
-    }
+    arrays = UNEQUAL | {"lengths": [0.45, 0.3, 0.15]}
     points = [0.8, 0.25, 0.6]
     pipe = pp.Pipe(0.3, gamma=2.5, drag=1.25, damping=0.01, **flow)
     chain = pp.Chain(pipe, **arrays, drag_points=points, base=0.1)
@@ -131,9 +123,6 @@ def test_jacobian_is_the_derivative(n, flow, level, at_level):
             y = states(n, 1, seed=7)[:, 0]
             found = chain.jacobian(0.0, y, u)
             assert worst(found, dense_jacobian(chain, y, u)) < 1e-14 * (10 + n**2)
-
-
-# ------------------------------------------------------------------------------- energy and power
 
 
 # --------------------------------------------------------------------------------- vector levels

@@ -8,28 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from independent import (
-    chain_crossing,
-    chain_newton_step,
-    unstable_count,
-)
+from independent import chain_crossing, unstable_count
+from test_chain_motion import TERMS as ALL
 
 import pipedyn as pp
-from pipedyn import _core
 from pipedyn.models.pencil import DensePencil
-
-ALL = (
-    pp.PointMass(0.37, 0.4),
-    pp.Spring(0.52, 30.0),
-    pp.PointMass(1.0, 0.2),
-    pp.Spring(0.9, 20.0),
-    pp.PointMass(0.41, 0.1),
-)
-LEVELS = _core.vector_levels()
-
-
-# -------------------------------------------------------------------------------------- motion
-
 
 # ------------------------------------------------------------------------------------- places
 
@@ -71,33 +54,6 @@ def test_products_are_those_of_the_matrices(n):
         np.testing.assert_allclose(found, expected, atol=1e-13 * (1.0 + np.abs(expected).max()))
 
 
-STIFF = {  # with the error that is met; the elastic stiffness is small against a stiff spring's
-    "unequal": (pp.Chain(pp.Pipe(0.2, terms=ALL), lengths=[0.5, 1e-6, 1e-6, 0.5 - 2e-6]), 1e-10),
-    "mass on a short one": (
-        pp.Chain(
-            pp.Pipe(0.2, 2.0, terms=(pp.PointMass(0.6, 0.3), pp.Spring(0.6, 50.0))),
-            lengths=[0.6 - 5e-7, 1e-6, 0.4 - 5e-7],
-        ),
-        1e-10,
-    ),
-    "stiff spring": (pp.Chain(pp.Pipe(0.2, terms=(pp.Spring(0.63, 1e9),)), 5), 1e-7),
-    "heavy mass": (
-        pp.Chain(pp.Pipe(0.2, terms=(pp.PointMass(1.0, 1e3),)), lengths=[0.5, 1e-4, 0.5 - 1e-4]),
-        1e-10,
-    ),
-}
-
-
-@pytest.mark.parametrize(("chain", "claim"), STIFF.values(), ids=STIFF)
-def test_every_root_of_a_stiff_chain_is_known_as_well_as_said(chain, claim):
-    found = pp.modes(chain, 3.0)
-    assert found.converged.all()
-    sizes = np.abs(found.eigenvalues)
-    true = np.array([abs(chain_newton_step(chain, z, 3.0, 300)) for z in found.eigenvalues])
-    assert (true <= found.errors + 2e-15 * sizes).all()
-    assert (found.errors <= claim * np.maximum(sizes, 1.0)).all()
-
-
 @pytest.mark.parametrize("n", [6, 90])
 def test_crossings_are_exact(n):
     chain = pp.Chain(pp.Pipe(0.2, 3.0, damping=0.01, terms=ALL), n)
@@ -134,6 +90,3 @@ def test_a_root_stands_at_zero_unless_a_spring_holds_what_is_beyond_the_free_joi
             unstable_count(chain, crossing.speed * part, 1e-4) for part in (0.999, 1.001)
         )
         assert (below, above) == (crossing.unstable_before, crossing.unstable_after)
-
-
-# --------------------------------------------------------------------------- the pipe they tend to

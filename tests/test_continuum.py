@@ -10,12 +10,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from independent import (
-    collocation_eigenvalues,
-    distances,
-    series_crossing,
-    series_newton_step,
-)
+from independent import collocation_eigenvalues, distances, series_crossing, series_newton_step
 from scipy.optimize import brentq
 
 import pipedyn as pp

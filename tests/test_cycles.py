@@ -489,7 +489,7 @@ def test_the_error_of_multipliers_is_never_below_rounding(known):
         assert cycle.multiplier_error >= cycle.multipliers.size * np.finfo(float).eps
 
 
-def test_where_there_is_no_cycle_an_exception_says_why(known):
+def test_where_there_is_no_cycle_an_exception_says_why():
     with pytest.raises(pp.NoCycle, match=r"rests stably at u = 5\.3: flutter sets in") as caught:
         pp.limit_cycle(ROM, 5.3)
     assert caught.value.u == 5.3

@@ -7,27 +7,20 @@ import re
 import numpy as np
 import pytest
 import scipy.stats
+from test_known_solutions import motions
 
 import pipedyn as pp
 from pipedyn import diagram as module
 from pipedyn.attraction import motion_ends as engine
-from pipedyn.attraction.motion_ends import Case, motion_ends, spread_alike
+from pipedyn.attraction.motion_ends import spread_alike
 from pipedyn.attraction.motion_options import MotionOptions
 from pipedyn.attraction.records import Stretch
 from pipedyn.motion.sampling import turning_points
 from pipedyn.motion.simulate import initial_bends
-from pipedyn.motion.vector_field import Excitation
 from pipedyn.util.counters import counted
 
 TWO = pp.Chain(pp.Pipe(0.2, -20.0), 2)
 SPEEDS = np.array([0.5, 1.0, 2.0, 3.0, 3.5, 5.0])
-
-
-def motions(model, speeds, starts, options):
-    """Ends of motions from starts at speeds where nothing is known."""
-    cases = [Case(model, Excitation(u), starts=dict(enumerate(starts))) for u in speeds]
-    ends, _ = motion_ends(model, cases, options)
-    return [end for answers in ends for _, end in answers.values()]
 
 
 @pytest.fixture(scope="module")

@@ -18,30 +18,11 @@ MADE_BY_USERS |= set(pp.Term.__subclasses__())
 MADE_BY_USERS |= {getattr(modular, name) for name in modular.__all__}
 MADE_BY_USERS -= {modular.Module, modular.Constraint}
 
-CALLED_WITH_CHECKED = {
-    *(
-        "braced",
-        "motion_jacobian",
-        "motion_linearised",
-        "motion_rates",
-        "from_user",
-        "initial_state",
-        "require_equilibrium",
-        "to_user",
-    )
-}
-CALLED_WITH_CHECKED |= {"free_directions", "kinks", "largest_angle", "pencil"}
-CALLED_WITH_CHECKED |= {"unbalanced", "basis", "admissible", "free_states"}
-CALLED_WITH_CHECKED |= {
-    "law_numbers",
-    "onto_constraints",
-    "sampled",
-    "acceleration",
-    "along",
-    "rate",
-    "velocity",
-    "weight_in",
-}
+CALLED_WITH_CHECKED = {"acceleration", "admissible", "along", "basis", "free_directions"}
+CALLED_WITH_CHECKED |= {"free_states", "from_user", "initial_state", "kinks", "largest_angle"}
+CALLED_WITH_CHECKED |= {"law_numbers", "motion_jacobian", "motion_linearised", "motion_rates"}
+CALLED_WITH_CHECKED |= {"onto_constraints", "rate", "require_equilibrium", "sampled", "to_user"}
+CALLED_WITH_CHECKED |= {"unbalanced", "velocity", "weight_in"}
 """Methods that integrators and searches call, with what they have checked."""
 
 
@@ -53,10 +34,8 @@ def fuzz():
 
 def public_calls():
     """Names of all functions, constructors and methods that users give arguments to."""
-    for module, prefix in (
-        *((pp, ""), (pp.continuation, "continuation.")),
-        *((modular, "modular."), (plot, "plot.")),
-    ):
+    modules = {"": pp, "continuation.": pp.continuation, "modular.": modular, "plot.": plot}
+    for prefix, module in modules.items():
         for name in module.__all__:
             item = getattr(module, name)
             if not getattr(item, "__module__", "").startswith("pipedyn"):

@@ -7,12 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from independent import (
-    chain_crossing,
-    chain_newton_step,
-    companion_eigenvalues,
-    series_newton_step,
-)
+from independent import chain_crossing, chain_newton_step, companion_eigenvalues, series_newton_step
 from test_pipe import HOSE
 
 import pipedyn as pp

@@ -3,9 +3,7 @@
 
 import numpy as np
 import pytest
-from independent import (
-    quadratic_eigenvalues,
-)
+from independent import quadratic_eigenvalues
 
 import pipedyn as pp
 

@@ -3,12 +3,7 @@
 
 import numpy as np
 import pytest
-from independent import (
-    chain_newton_step,
-    companion_eigenvalues,
-    distances,
-    series_newton_step,
-)
+from independent import chain_newton_step, companion_eigenvalues, distances, series_newton_step
 from scipy.optimize import linear_sum_assignment
 
 import pipedyn as pp

@@ -10,8 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import redundant
-from numpy.typing import NDArray
-from test_modular_core import light, rich
+from test_modular_core import light, rich, state
 from test_motion import TAPERED
 
 import pipedyn as pp
@@ -81,14 +80,6 @@ SCENES: dict[str, Callable[[], md.Assembly]] = {
 }
 
 
-def state_of(scene: md.Assembly, seed: int = 1, size: float = 0.5) -> NDArray[np.float64]:
-    """A state that meets the constraints of a scene, far from rest."""
-    rng = np.random.default_rng(seed)
-    start = scene.resting() + size * rng.normal(size=scene.integrated)
-    theta, omega = scene.onto_constraints(start, 3.0 * rng.normal(size=scene.integrated))
-    return scene.state(theta, omega)
-
-
 # ----------------------------------------------------------------------------------- accelerations
 
 
@@ -97,7 +88,7 @@ def test_the_recursion_gives_the_accelerations_of_the_one_shot_null_space(name: 
     scene = SCENES[name]()
     n = scene.coordinates
     for seed in range(3):
-        y, u = state_of(scene, seed), 2.0 + seed
+        y, u = state(scene, seed=seed), 2.0 + seed
         rates, expected = scene.rhs(0.0, y, u), redundant.accelerations(scene, y, u)
         np.testing.assert_array_equal(rates[:n], y[n:])
         scale = np.abs(rates).max()
@@ -107,7 +98,7 @@ def test_the_recursion_gives_the_accelerations_of_the_one_shot_null_space(name: 
 def test_redundant_constraints_change_nothing() -> None:
     plain = md.chain(EJECTING, 6).plus(md.Guide(4))
     again = plain.plus(md.Guide(4), md.Joint(2), md.Clamp(), md.Joint(6))
-    y = state_of(plain)
+    y = state(plain)
     assert again.dof == plain.dof == 5
     expected = plain.rhs(0.0, y, 2.0)
     np.testing.assert_allclose(again.rhs(0.0, y, 2.0), expected, rtol=1e-11, atol=1e-11)
@@ -179,7 +170,7 @@ def test_the_plain_chain_has_the_operators_of_chain(
 def test_a_term_on_the_fixed_base_does_nothing() -> None:
     plain = md.chain(EJECTING, **UNEQUAL)
     held = plain.plus(pp.PointMass(0.05, 10.0), pp.Spring(plain.constraints[0].base, 1e4))
-    y = state_of(plain)
+    y = state(plain)
     np.testing.assert_array_equal(held.rhs(0.0, y, 3.0), plain.rhs(0.0, y, 3.0))
     assert held.energy(y) == plain.energy(y)
 
@@ -190,7 +181,7 @@ def test_a_term_on_the_fixed_base_does_nothing() -> None:
 @pytest.mark.parametrize("name", SCENES)
 def test_the_jacobian_is_the_derivative_of_the_rates(name: str) -> None:
     scene = SCENES[name]()
-    y, u = state_of(scene, 4), 3.0
+    y, u = state(scene, seed=4), 3.0
     jacobian = scene.jacobian(0.0, y, u)
     step = 1e-5
     near = [scene.rhs(0.0, y[:, None] + h * step * np.eye(y.size), u) for h in (-2, -1, 1, 2)]
@@ -201,7 +192,7 @@ def test_the_jacobian_is_the_derivative_of_the_rates(name: str) -> None:
 @pytest.mark.parametrize("name", SCENES)
 def test_energy_changes_by_the_power_of_the_parts(name: str) -> None:
     scene = SCENES[name]()
-    y, u = state_of(scene, 6), 4.0
+    y, u = state(scene, seed=6), 4.0
     rate = scene.rhs(0.0, y, u)
     h = 1e-5
     points = np.stack([y + k * h * rate for k in (-2, -1, 1, 2)], axis=1)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import redundant
+from independent import any_segments, worst
 
 import pipedyn as pp
 from pipedyn import _core
@@ -20,17 +21,7 @@ ASPIRATING = pp.Pipe(0.3, 4.0, "aspirating", 0.7, drag=1.5, damping=0.01)
 
 def unequal(n, pipe=PIPE, seed=0, **given):
     """A chain with nothing equal or homogeneous, from parts."""
-    rng = np.random.default_rng([n, seed])
-    lengths = rng.uniform(0.4, 1.6, n)
-    arguments = {
-        "lengths": 0.9 * lengths / lengths.sum(),
-        "springs": rng.uniform(0.5, 2.0, n) * n,
-        "centres": rng.uniform(0.2, 0.8, n),
-        "gyration_radii": rng.uniform(0.1, 0.5, n) / n,
-        "drag_points": rng.uniform(0.0, 1.0, n),
-        "base": 0.1,
-    }
-    return md.chain(pipe, **arguments | given)
+    return md.chain(pipe, **any_segments(n, seed) | given)
 
 
 def rich(n, pipe=PIPE, seed=0):
@@ -54,10 +45,6 @@ def state(scene, size=1.0, seed=1):
     rng = np.random.default_rng([scene.integrated, seed])
     start = scene.admissible(scene.resting() + size * rng.normal(size=scene.integrated))
     return scene.state(*scene.onto_constraints(start, size * rng.normal(size=scene.integrated)))
-
-
-def worst(found, expected):
-    return np.abs(found - expected).max() / np.abs(expected).max()
 
 
 def differences(function, x, step=1e-5):
@@ -220,9 +207,9 @@ def test_constraints_change_as_their_derivatives_say(n):
     np.testing.assert_allclose(wanted, -by_time[:, 0], atol=1e-8)
 
 
-def light(n, *more):
-    """The last segment has no inertia but that of a term at its end."""
-    segments = [md.Segment(1.0 / n, 0.5, 0.07)] * (n - 1) + [md.Segment(1.0 / n, 0.0, 0.0)]
+def light(n, *more, radius=0.0):
+    """The last segment has no inertia but that of a term at its end, or a small radius as well."""
+    segments = [md.Segment(1.0 / n, 0.5, 0.07)] * (n - 1) + [md.Segment(1.0 / n, 0.0, radius)]
     springs = [md.TorsionalSpring(j, 1.0 * n) for j in range(1, n + 1)]
     ties = [md.Clamp(), *(md.Joint(j) for j in range(2, n + 1))]
     pipe = replace(PIPE, terms=[pp.PointMass(at=1.0, mass=0.3)])

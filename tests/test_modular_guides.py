@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from test_modular_core import light
 
 import pipedyn as pp
 from pipedyn import modular as md
@@ -139,16 +140,9 @@ def test_root_loci_are_those_of_the_matrices(
 @pytest.mark.parametrize("nodes", [(), (4,), (2,)])
 def test_a_last_segment_may_have_the_inertia_of_a_term_alone(nodes: tuple[int, ...]) -> None:
     """The answer is that of a segment with next to no inertia of its own."""
-
-    def found(gyration_radius: float) -> np.ndarray:
-        segments = [md.Segment(0.25, 0.5, 0.07)] * 3 + [md.Segment(0.25, 0.0, gyration_radius)]
-        springs = [md.TorsionalSpring(j, 4.0) for j in range(1, 5)]
-        ties = [md.Clamp(), *(md.Joint(j) for j in (2, 3, 4)), *map(md.Guide, nodes)]
-        pipe = pp.Pipe(0.2, terms=[pp.PointMass(at=1.0, mass=0.3)])
-        scene = md.Assembly(pipe, [*segments, *springs, md.InternalFlow()], ties)
-        return pp.eigenvalues(scene, 2.0, 2)
-
-    np.testing.assert_allclose(found(0.0), found(1e-6), rtol=1e-8)
+    scenes = (light(4, *map(md.Guide, nodes), radius=radius) for radius in (0.0, 1e-6))
+    found, expected = (pp.eigenvalues(scene, 2.0, 2) for scene in scenes)
+    np.testing.assert_allclose(found, expected, rtol=1e-8)
 
 
 @pytest.mark.parametrize("mass", [0.1, 0.25, 0.6])

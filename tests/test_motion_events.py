@@ -7,7 +7,6 @@ Independent routes: elliptic integrals of the pendulum, and scipy's `solve_ivp` 
 import math
 import os
 import pickle
-import signal
 import sys
 import threading
 
@@ -317,26 +316,9 @@ def test_a_callback_sees_the_motion_and_ends_it(method):
 # ------------------------------------------------------------------- interruptions and ensembles
 
 
-def interrupted_after(seconds, call):
-    """What a call that would take hours raises when a signal comes."""
-
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGALRM, interrupt)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            call()
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
-
-
-@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timer on this system")
 @pytest.mark.parametrize("method", CORE)
 @pytest.mark.parametrize("events", [(), tip_angle])
-def test_a_motion_is_interrupted_as_python_is(method, events):
+def test_a_motion_is_interrupted_as_python_is(method, events, interrupted_after):
     interrupted_after(
         0.1,
         lambda: pp.simulate(
@@ -345,8 +327,7 @@ def test_a_motion_is_interrupted_as_python_is(method, events):
     )
 
 
-@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timer on this system")
-def test_an_ensemble_is_interrupted_with_all_its_threads():
+def test_an_ensemble_is_interrupted_with_all_its_threads(interrupted_after):
     threads = threading.active_count()
     interrupted_after(
         0.2,

@@ -11,12 +11,7 @@ import pytest
 from campaign_elements import elements
 from independent import derivative_along, panels, second_derivative_along
 from scipy.integrate import quad
-from test_terms import (
-    MODELS,
-    jacobian_by_differences,
-    sizes_of,
-    state_of,
-)
+from test_terms import MODELS, jacobian_by_differences, sizes_of, state_of
 
 import pipedyn as pp
 

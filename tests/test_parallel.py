@@ -132,7 +132,7 @@ def shut_down(pool):
     ],
 )
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_a_pool_that_cannot_work_answers_with_the_reason(make, kind, said, caplog):
+def test_a_pool_that_cannot_work_answers_with_the_reason(make, kind, said):
     with make() as pool:
         outcomes = list(parallel(JOBS, pool))
     assert [type(outcome) for outcome in outcomes] == [kind] * 4

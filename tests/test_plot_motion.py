@@ -4,7 +4,7 @@
 import dataclasses
 import math
 import re
-from functools import cached_property, partial
+from functools import cache, partial
 
 import matplotlib
 import numpy as np
@@ -34,43 +34,22 @@ PIPES = {
 }
 
 
-class Motions:
+MOTIONS = {
+    "cycle": partial(pp.simulate, CHAIN, 6.0, 30.0, bend, samples=1201, rtol=1e-8),
+    "fine": partial(pp.simulate, CHAIN, 6.0, 30.0, bend, samples=12001, rtol=1e-8),
+    "decay": partial(pp.simulate, CHAIN, 2.0, 10.0, bend, samples=4001),
+    "coarse": partial(pp.simulate, CHAIN, 6.0, 30.0, bend, samples=201),
+    "rest": partial(pp.simulate, CHAIN, 1.0, 1.0, np.zeros(6), samples=11),
+    "reduced": partial(pp.simulate, pp.Galerkin(pp.Pipe(0.2), 6), 6.5, 20.0, bend, samples=1601),
+    "short": partial(pp.simulate, CHAIN, 1.0, 1.0, bend, samples=2),
+    "many": partial(pp.simulate_many, CHAIN, [5.5, 6.0], 5.0, bend, samples=401),
+}
+
+
+@cache
+def run(name):
     """What the pictures show, each computed when it is first asked for."""
-
-    @cached_property
-    def cycle(self):
-        return pp.simulate(CHAIN, 6.0, 30.0, bend, samples=1201, rtol=1e-8)
-
-    @cached_property
-    def fine(self):
-        return pp.simulate(CHAIN, 6.0, 30.0, bend, samples=12001, rtol=1e-8)
-
-    @cached_property
-    def decay(self):
-        return pp.simulate(CHAIN, 2.0, 10.0, bend, samples=4001)
-
-    @cached_property
-    def coarse(self):
-        return pp.simulate(CHAIN, 6.0, 30.0, bend, samples=201)
-
-    @cached_property
-    def rest(self):
-        return pp.simulate(CHAIN, 1.0, 1.0, np.zeros(6), samples=11)
-
-    @cached_property
-    def reduced(self):
-        return pp.simulate(pp.Galerkin(pp.Pipe(0.2), 6), 6.5, 20.0, bend, samples=1601)
-
-    @cached_property
-    def short(self):
-        return pp.simulate(CHAIN, 1.0, 1.0, bend, samples=2)
-
-    @cached_property
-    def many(self):
-        return pp.simulate_many(CHAIN, [5.5, 6.0], 5.0, bend, samples=401)
-
-
-MOTIONS = Motions()
+    return MOTIONS[name]()
 
 
 axes = partial(of_layout, "constrained")
@@ -116,7 +95,7 @@ NO_FILM = "path must end with .gif, .mp4 or .html and lie in a folder"
 )
 def test_a_picture_of_motion_refuses_what_it_cannot_show_by_name(draw, motion, asked, message):
     def named(one):
-        return getattr(MOTIONS, one) if isinstance(one, str) else one
+        return run(one) if isinstance(one, str) else one
 
     shown = [named(one) for one in motion] if isinstance(motion, list) else named(motion)
     with pytest.raises((ValueError, TypeError)) as caught:
@@ -127,9 +106,9 @@ def test_a_picture_of_motion_refuses_what_it_cannot_show_by_name(draw, motion, a
 
 
 def test_samples_once_a_cycle_are_no_pipe_at_rest():
-    start, end = last_cycle(MOTIONS.fine)
-    state = coordinates_at(MOTIONS.fine, np.array([start]))[0]
-    rates = (coordinates_at(MOTIONS.fine, np.array([start + 1e-4]))[0] - state) / 1e-4
+    start, end = last_cycle(run("fine"))
+    state = coordinates_at(run("fine"), np.array([start]))[0]
+    rates = (coordinates_at(run("fine"), np.array([start + 1e-4]))[0] - state) / 1e-4
     motion = pp.simulate(CHAIN, 6.0, 10 * (end - start), state, rates, samples=11, rtol=1e-8)
     assert np.ptp(motion.tip[:, 0]) < 0.01
     for draw in plot.time_history, plot.phase_portrait:
@@ -145,8 +124,8 @@ def test_the_tip_moves_as_its_velocity_says():
         moved = model.tips(q + step * qdot) - model.tips(q - step * qdot)
         np.testing.assert_allclose(model.tip_velocities(q, qdot), moved / (2 * step), atol=2e-8)
     np.testing.assert_allclose(
-        MOTIONS.cycle.tip_velocity,
-        CHAIN.tip_velocities(MOTIONS.cycle.q.T, MOTIONS.cycle.qdot.T),
+        run("cycle").tip_velocity,
+        CHAIN.tip_velocities(run("cycle").q.T, run("cycle").qdot.T),
         rtol=0,
         atol=0,
     )
@@ -167,23 +146,23 @@ def test_the_velocity_of_the_tip_refuses_what_is_no_state(model, q, qdot, messag
 
 
 def test_between_samples_lies_the_motion_itself():
-    tip = tip_path_of(MOTIONS.cycle)
-    np.testing.assert_allclose(tip(MOTIONS.fine.t), MOTIONS.fine.tip, atol=5e-4)
+    tip = tip_path_of(run("cycle"))
+    np.testing.assert_allclose(tip(run("fine").t), run("fine").tip, atol=5e-4)
     np.testing.assert_allclose(
-        coordinates_at(MOTIONS.cycle, MOTIONS.fine.t), MOTIONS.fine.q, atol=3e-3
+        coordinates_at(run("cycle"), run("fine").t), run("fine").q, atol=3e-3
     )
     np.testing.assert_array_equal(
-        coordinates_at(MOTIONS.cycle, MOTIONS.cycle.t[100:200]), MOTIONS.cycle.q[100:200]
+        coordinates_at(run("cycle"), run("cycle").t[100:200]), run("cycle").q[100:200]
     )
 
 
 def test_the_last_cycle_is_a_period_of_the_settled_motion():
-    start, end = last_cycle(MOTIONS.cycle)
-    x = MOTIONS.fine.tip[:, 0]
-    middles = MOTIONS.fine.t[1:][(x[:-1] < 0.0) & (x[1:] >= 0.0)]
+    start, end = last_cycle(run("cycle"))
+    x = run("fine").tip[:, 0]
+    middles = run("fine").t[1:][(x[:-1] < 0.0) & (x[1:] >= 0.0)]
     assert end - start == pytest.approx(np.diff(middles[-10:]).mean(), rel=1e-3)
     assert 30.0 - end < end - start
-    assert last_cycle(MOTIONS.rest) is None
+    assert last_cycle(run("rest")) is None
 
 
 def test_a_cycle_with_three_crossings_is_shown_whole():
@@ -237,7 +216,7 @@ def test_the_arrow_of_an_inclined_nozzle_is_its_jet():
 
 
 def test_snapshots_are_the_pipe_at_equal_steps_the_latest_darkest():
-    ax = plot.snapshots(MOTIONS.decay, (2.0, 4.0), 5, ax=axes())
+    ax = plot.snapshots(run("decay"), (2.0, 4.0), 5, ax=axes())
     (shapes,) = (c for c in ax.collections if isinstance(c, LineCollection))
     ax.figure.canvas.draw()
     np.testing.assert_allclose(shapes.get_array(), [2.0, 2.5, 3.0, 3.5, 4.0])
@@ -245,18 +224,18 @@ def test_snapshots_are_the_pipe_at_equal_steps_the_latest_darkest():
     assert np.all(np.diff(grey) < -0.05)
     assert grey[0] < 0.9
     for t, line in zip(shapes.get_array(), shapes.get_segments(), strict=True):
-        i = int(np.argmin(np.abs(MOTIONS.decay.t - t)))
+        i = int(np.argmin(np.abs(run("decay").t - t)))
         s = np.linspace(0.0, 1.0, len(line))
-        np.testing.assert_allclose(line, CHAIN.shape(MOTIONS.decay.q[i], s), atol=1e-12)
+        np.testing.assert_allclose(line, CHAIN.shape(run("decay").q[i], s), atol=1e-12)
     bar = plot.colour_bar(plot.TIME_LABEL, ax=ax)
     assert ax.figure.axes == [ax, bar]
 
 
 def test_a_cycle_without_count_or_span_is_shown_to_its_end():
-    start, end = last_cycle(MOTIONS.cycle)
-    (shapes,) = plot.snapshots(MOTIONS.cycle, ax=axes()).collections
+    start, end = last_cycle(run("cycle"))
+    (shapes,) = plot.snapshots(run("cycle"), ax=axes()).collections
     np.testing.assert_allclose(shapes.get_array(), np.linspace(start, end, 17)[1:])
-    (shapes,) = plot.snapshots(MOTIONS.rest, ax=axes()).collections
+    (shapes,) = plot.snapshots(run("rest"), ax=axes()).collections
     np.testing.assert_allclose(shapes.get_array(), np.linspace(0.0, 1.0, 16))
 
 
@@ -264,7 +243,7 @@ def test_a_cycle_without_count_or_span_is_shown_to_its_end():
 @pytest.mark.parametrize("draw", [plot.snapshots, plot.time_history, plot.phase_portrait])
 def test_nothing_of_a_picture_of_motion_is_cut_off(draw, name):
     with plot.style():
-        ax = draw(getattr(MOTIONS, name), ax=axes())
+        ax = draw(run(name), ax=axes())
         ax.figure.canvas.draw()
     whole, inside = ax.figure.bbox, ax.get_window_extent()
     for text in ax.title, ax.xaxis.label, ax.yaxis.label:
@@ -279,14 +258,14 @@ def test_nothing_of_a_picture_of_motion_is_cut_off(draw, name):
 
 
 def test_histories_and_portraits_show_every_motion_under_its_speed():
-    ax = plot.time_history(MOTIONS.many, ax=axes())
+    ax = plot.time_history(run("many"), ax=axes())
     assert legend_of(ax) == ["$u = 5.5$", "$u = 6$"]
     curves = [line for line in ax.lines if line.get_label().startswith("$u")]
-    for curve, motion in zip(curves, MOTIONS.many.motions, strict=True):
+    for curve, motion in zip(curves, run("many").motions, strict=True):
         shown = np.interp(motion.t, *curve.get_data())
         np.testing.assert_allclose(shown, motion.tip[:, 0], atol=1e-12)
     assert curves[0].get_linestyle() != curves[1].get_linestyle()
-    ax = plot.time_history([MOTIONS.cycle, MOTIONS.fine], ax=axes())
+    ax = plot.time_history([run("cycle"), run("fine")], ax=axes())
     assert legend_of(ax) == ["0: $u = 6$, Chain, 6 d.o.f.", "1: $u = 6$, Chain, 6 d.o.f."]
 
 
@@ -313,9 +292,9 @@ def test_the_only_member_that_did_not_fail_is_shown_as_one_motion():
 
 
 def test_a_portrait_of_a_coordinate_shows_it_against_its_rate():
-    ax = plot.phase_portrait(MOTIONS.decay, 2, ax=axes())
+    ax = plot.phase_portrait(run("decay"), 2, ax=axes())
     shown = np.concatenate([np.column_stack(line.get_data()) for line in ax.lines[:3]])
-    states = np.column_stack([MOTIONS.decay.q[:, 2], MOTIONS.decay.qdot[:, 2]])
+    states = np.column_stack([run("decay").q[:, 2], run("decay").qdot[:, 2]])
     begin = np.abs(shown[:, None] - states[None, ::400]).max(axis=-1).min(axis=0)
     assert begin.max() < 1e-3
     assert "q_{2}" in ax.get_xlabel()
@@ -324,7 +303,7 @@ def test_a_portrait_of_a_coordinate_shows_it_against_its_rate():
 def test_an_animation_has_its_frames_at_equal_times_and_can_be_read(tmp_path):
     path = tmp_path / "pipe.gif"
     ax = small_axes()
-    animation = plot.animate(MOTIONS.cycle, path, fps=10, span=(20.0, 20.5), speed=0.5, ax=ax)
+    animation = plot.animate(run("cycle"), path, fps=10, span=(20.0, 20.5), speed=0.5, ax=ax)
     assert isinstance(animation, FuncAnimation)
     with Image.open(path) as image:
         assert image.format == "GIF"
@@ -333,7 +312,7 @@ def test_an_animation_has_its_frames_at_equal_times_and_can_be_read(tmp_path):
     (pipe,) = by_gid(ax, "pipe")
     animation._draw_frame(9)
     s = np.linspace(0.0, 1.0, pipe.get_xdata().size)
-    shape = CHAIN.shape(coordinates_at(MOTIONS.cycle, np.array([20.5]))[0], s)
+    shape = CHAIN.shape(coordinates_at(run("cycle"), np.array([20.5]))[0], s)
     np.testing.assert_allclose(np.column_stack(pipe.get_data()), shape, atol=1e-12)
     (trace,) = by_gid(ax, "trace")
     np.testing.assert_allclose(np.column_stack(trace.get_data())[-1], shape[-1], atol=1e-12)
@@ -342,7 +321,7 @@ def test_an_animation_has_its_frames_at_equal_times_and_can_be_read(tmp_path):
 def test_an_animation_of_a_cycle_closes_and_plays_without_a_network(tmp_path):
     path = tmp_path / "pipe.html"
     with matplotlib.rc_context({"animation.embed_limit": 1e-6}):
-        animation = plot.animate(MOTIONS.cycle, path, fps=4)
+        animation = plot.animate(run("cycle"), path, fps=4)
     assert repr(animation) == "Film(10 frames, 4 a second, 2.5 s)"
     page = path.read_text(encoding="utf-8")
     assert page.startswith("<!DOCTYPE html>")
@@ -359,7 +338,7 @@ def test_an_animation_of_a_cycle_closes_and_plays_without_a_network(tmp_path):
 
 
 def test_the_reduced_model_is_animated_like_the_chain():
-    film = plot.animate(MOTIONS.reduced, fps=4, ax=small_axes())
+    film = plot.animate(run("reduced"), fps=4, ax=small_axes())
     film._init_draw()
     (pipe,) = by_gid(film._fig.axes[0], "pipe")
     steps = np.diff(np.column_stack(pipe.get_data()), axis=0)
@@ -367,12 +346,9 @@ def test_the_reduced_model_is_animated_like_the_chain():
 
 
 def test_a_motion_that_stopped_is_shown_as_far_as_it_went():
-    part = dataclasses.replace(
-        MOTIONS.cycle,
-        **{
-            name: getattr(MOTIONS.cycle, name)[:301] for name in ("t", "q", "qdot", "tip", "energy")
-        },
-    )
+    whole = run("cycle")
+    names = ("t", "q", "qdot", "tip", "energy")
+    part = dataclasses.replace(whole, **{name: getattr(whole, name)[:301] for name in names})
     ax = plot.time_history(part, ax=axes())
     assert ax.get_xlim() == pytest.approx((0.0, 7.5))
 
@@ -438,10 +414,10 @@ def test_a_film_is_an_mp4_where_ffmpeg_is(tmp_path, monkeypatch):
     program.chmod(0o755)
     path = tmp_path / "pipe.mp4"
     monkeypatch.setitem(matplotlib.rcParams, "animation.ffmpeg_path", str(program))
-    film = plot.animate(MOTIONS.cycle, path, fps=4, ax=small_axes())
+    film = plot.animate(run("cycle"), path, fps=4, ax=small_axes())
     assert path.stat().st_size == 10 * 100 * 114 * 4  # RGBA; heights of H.264 are even
     monkeypatch.setitem(matplotlib.rcParams, "animation.ffmpeg_path", str(tmp_path / "none"))
-    for save in (film.save, lambda path: plot.animate(MOTIONS.cycle, path, ax=small_axes())):
+    for save in (film.save, lambda path: plot.animate(run("cycle"), path, ax=small_axes())):
         with pytest.raises(ValueError, match=r"path must end with \.gif or \.html, since ffmpeg"):
             save(path)
 

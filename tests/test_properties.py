@@ -98,7 +98,7 @@ def reduced(pipe):
 
 
 @st.composite
-def scenes(draw, pipe, guided=False):
+def scenes(draw, pipe):
     """Chains from parts, with further parts."""
     n = draw(st.integers(2, 5))
     scene = modular.chain(draw(pipe), n, springs=draw(st.sampled_from(RULES)))
@@ -116,8 +116,7 @@ def scenes(draw, pipe, guided=False):
             max_size=2,
         )
     )
-    ties = [modular.Guide(n)] if guided and draw(st.booleans()) else []
-    return scene.plus(*more, *ties)
+    return scene.plus(*more)
 
 
 def models(pipe, wild=True):

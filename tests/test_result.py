@@ -12,7 +12,6 @@ from scipy.interpolate import CubicSpline
 import pipedyn as pp
 from pipedyn.util.result import Result, TableResult
 
-PIPE = pp.Pipe(0.2, 10.0, damping=1e-3)
 SPEEDS = np.linspace(0.0, 2.0, 3)
 
 

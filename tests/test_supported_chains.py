@@ -98,9 +98,6 @@ def test_damping_in_series_with_a_root_spring_is_that_of_the_material_to_first_o
     assert off[0] / off[1] == pytest.approx(4.0, rel=0.05)
 
 
-# ------------------------------------------------------------------------- supports and held ends
-
-
 # ------------------------------------------------------------------------------------------ scenes
 
 

@@ -7,13 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from independent import (
-    bent_state,
-    panels,
-    series_crossing,
-    series_newton_step,
-    tells_its_distance,
-)
+from independent import bent_state, panels, series_crossing, series_newton_step, tells_its_distance
 from scipy.linalg import eigh
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
