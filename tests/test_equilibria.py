@@ -514,6 +514,17 @@ def test_a_pinned_pipe_under_a_dead_load_is_found_buckled_and_upside_down(load, 
     np.testing.assert_allclose(np.sort(sizes), exact, atol=0.2 if m == 4 else 0.01)
 
 
+def test_a_fold_is_listed_once_though_its_tangents_err():
+    """Two segments on a cubic spring: the slope dp/ds changed its sign five times at one fold."""
+    chain = pp.Chain(pp.Pipe(0.231, 49.16, terms=(pp.CubicSpring(0.7, 100.0),)), 2)
+    start = [3.812138545264322, 2.899547082568178]
+    branch = pp.equilibrium_branch(chain, start, 4.0, (2.0, 20.0))
+    folds = [point.speed for point in branch.points if point.kind == "fold"]
+    assert folds == pytest.approx([6.62727192, 15.30732210, 2.87565043], rel=1e-8)
+    turned = np.flatnonzero(np.diff(np.sign(np.diff(branch.speeds))))
+    np.testing.assert_allclose(branch.speeds[turned + 1], folds, rtol=1e-3)
+
+
 def test_chains_are_their_own_models():
     """Each solution of a chain is a rest of a chain; but no law holds beyond its range."""
     found = pp.equilibria(pp.Chain(pp.Pipe(0.2, -60.0), 3), 2.0)

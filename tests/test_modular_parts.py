@@ -116,6 +116,21 @@ def test_a_module_without_a_force_ends_the_motion_and_leaves_its_beginning(metho
     assert 0.05 < np.abs(caught.value.motion.tip[:, 0]).max() < 0.2
 
 
+def test_what_a_force_of_ones_own_raises_is_seen() -> None:
+    """Without a derivative of its own the force is called with complex arrays, but not at first."""
+    broken = False
+
+    def force(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        if broken and np.abs(q[0]) > 0.03:
+            raise TypeError("mine")
+        return -3.0 * q
+
+    scene = md.chain(PIPE, 3).plus(md.Custom(nodes=(2,), force=force))
+    broken = True
+    with pytest.raises(TypeError, match="^mine$"):
+        scene.equilibrium([0.1, 0.1, 0.1], 3.0)
+
+
 def test_a_magnet_bends_the_hose() -> None:
     """The straight pipe is no equilibrium, another is found."""
 

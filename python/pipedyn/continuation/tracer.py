@@ -32,6 +32,10 @@ FLAT = 0.3
 slope between them, there may be two folds on the step: the error of the cubic's slope is less than
 this share, as tangents turn by `Control.turn` at most."""
 
+ONE_FOLD = 1e-3
+"""Share of a step within which changes of the sign of dp/ds cancel in pairs: next to a fold, errors
+of tangents may change it several times."""
+
 BranchEnd = Literal["range", "closed", "points", "not converged"]
 """Why a branch ends: it reaches a limit, it returns to its beginning, it has the largest number of
 points asked for, or no next point was found."""
@@ -163,7 +167,13 @@ class Fold(NamedZero[Equations]):
             flattest = first + share * (last - first - bend * (1.0 - share))
             if 0.0 < share < 1.0 and flattest / max(first, last, key=abs) < FLAT:
                 ends.insert(1, share * length)
-        return [beyond for pair in pairwise(ends) for beyond, _ in self.zeros(*pair)]
+        found = list[float]()
+        for s in (beyond for pair in pairwise(ends) for beyond, _ in self.zeros(*pair)):
+            if found and s - found[-1] < ONE_FOLD * length:
+                found.pop()
+            else:
+                found.append(s)
+        return found
 
 
 def between_folds(step: Segment[Equations], rtol: float) -> list[Segment[Equations]]:

@@ -198,6 +198,7 @@ class CustomForces:
     def slopes(self, states: Array) -> Array:
         """Derivatives of `moments` by one state [theta, theta'], shape (n, 2 n)."""
         layout, n = self.layout, self.layout.size
+        on_nodes = self._forces(states)  # first, so that what a user's function raises is seen
         q, rates = np.split(states[:, 0], 2)
         theta, omega = np.cumsum(q[2::3]), np.cumsum(rates[2::3])
         along = layout.lengths * np.exp(1j * theta)
@@ -211,7 +212,6 @@ class CustomForces:
             forces[at] += custom.by_qdot(q[at], rates[at]) @ by_rates[at]
         change = layout.moments(theta, forces)
         # Forces on nodes keep their direction, so that their moments change as the segments turn.
-        on_nodes = self._forces(states)
         on_nodes[2::3] = 0.0
         change[:, :n] += np.diag(layout.moments(theta + 0.5 * math.pi, on_nodes)[:, 0])
         return change

@@ -129,7 +129,7 @@ class Result(Saved):
             (6.612, 2.006)
         """
         made = SI(self, self._known_scales(pipe))
-        if not made._shown():
+        if made._is_empty():
             raise ValueError(
                 f"{type(self).__name__} has no numbers to convert: they have no unit, are in SI "
                 "units already, or have units that depend on more than the pipe"
@@ -370,12 +370,18 @@ class SI:
     def __dir__(self) -> list[str]:
         return ["units", *self.units, *(name for name, _ in _results_within(self._result))]
 
+    def _is_empty(self) -> bool:
+        if any(self._unit(name) is not None for name in _names_of_numbers(self._result)):
+            return False
+        within = _results_within(self._result)
+        return all(self._within(name, first)._is_empty() for name, first in within)
+
     def _shown(self) -> list[str]:
         """Numbers with their units, then results in fields, in full if there are no numbers."""
         numbers = [f"{name}={self._text(name)}" for name in self.units]
         within = []
         for name, first in _results_within(self._result):
-            if not self._within(name, first)._shown():
+            if self._within(name, first)._is_empty():
                 continue
             value = getattr(self._result, name)
             short = _short(value) if value is not first else f"<{type(value).__name__}>"
