@@ -127,7 +127,7 @@ def test_what_a_force_of_ones_own_raises_is_seen() -> None:
 
     scene = md.chain(PIPE, 3).plus(md.Custom(nodes=(2,), force=force))
     broken = True
-    with pytest.raises(TypeError, match="^mine$"):
+    with pytest.raises(TypeError, match=r"^mine$"):
         scene.equilibrium([0.1, 0.1, 0.1], 3.0)
 
 
