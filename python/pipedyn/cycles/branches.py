@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from pipedyn.continuation.arclength import Point
 from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
 from pipedyn.cycles.limit_cycle import (
+    ON_BRANCH,
     LimitCycle,
     NoCycle,
     amplitude_of,
@@ -547,7 +548,7 @@ class _Follower(Tracer[OrbitProblem]):
             ends = {0.0: log_moduli(first.multipliers), length: log_moduli(last.multipliers)}
 
             def growth(point: Point) -> Array:
-                return log_moduli(self._cycle(step.problem.orbit(point.z)).multipliers)
+                return self._log_moduli(step.problem.orbit(point.z))
 
             test = TestFunction(step, 3e-5 * length, growth, "", ends, NEAR_FOLD)
             # The error of a fold's speed is the square of that of its location in arc length.
@@ -582,6 +583,14 @@ class _Follower(Tracer[OrbitProblem]):
     def _cycle(self, orbit: PeriodicOrbit) -> LimitCycle:
         """The cycle of an orbit on the branch."""
         return on_branch(self.motion, orbit, FINE.defect, SAMPLES_A_CYCLE, self.how)
+
+    def _log_moduli(self, orbit: PeriodicOrbit) -> Array:
+        """Logarithms of the moduli of all nontrivial multipliers, in falling order."""
+        if not self.motion.model.pipe.has_kinks:  # no other property of the cycle is asked for
+            found, _, error = orbit_multipliers(self.motion, orbit, ON_BRANCH)
+            if error <= ON_BRANCH:
+                return log_moduli(found)
+        return log_moduli(self._cycle(orbit).multipliers)
 
     def _take(self, found: Iterable[CycleOnStep]) -> None:
         """Keeps events on a step, and cycles known well enough, in order along the branch."""
