@@ -586,7 +586,9 @@ class _Follower(Tracer[OrbitProblem]):
 
     def _log_moduli(self, orbit: PeriodicOrbit) -> Array:
         """Logarithms of the moduli of all nontrivial multipliers, in falling order."""
-        if not self.motion.model.pipe.has_kinks:  # no other property of the cycle is asked for
+        # `_cycle` may refine the mesh: with its multipliers, a pitchfork at which a branch begins
+        # was not found near an infinite period.
+        if not self.motion.model.pipe.has_kinks:
             found, _, error = orbit_multipliers(self.motion, orbit, ON_BRANCH)
             if error <= ON_BRANCH:
                 return log_moduli(found)
