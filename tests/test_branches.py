@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 import pipedyn as pp
 from pipedyn import diagram
-from pipedyn.continuation.tracer import Fold
+from pipedyn.continuation.tracer import folds
 from pipedyn.cycles import branches as module
 from pipedyn.orbits.floquet import crossing_event, log_moduli, nontrivial
 
@@ -306,7 +306,7 @@ class Bends:
     ],
 )
 def test_a_step_may_hold_no_fold_or_one_or_two(step, expected):
-    assert Fold(step, 1e-5).lengths() == pytest.approx(expected, abs=1e-4)
+    assert [s for _, s in folds(step, 1e-5)] == pytest.approx(expected, abs=1e-4)
 
 
 # ------------------------------------------------------------------------ cycles that leave cycles

@@ -43,22 +43,12 @@ def test_a_closed_curve_is_followed_once_around_both_folds(step, p0):
     turns = []
     for a, b in pairwise(points):
         segment = Segment(circle, a, b)
-        turns += [segment.at(s).p for s, _ in special_points(segment, 1e-9, ())]
+        turns += [segment.at(s).p for *_, s in special_points(segment, 1e-9, ())]
         assert b.x**2 + b.p**2 == pytest.approx(np.ones(2), abs=1e-12)
         assert circle.length(b.tangent) == pytest.approx(1.0, abs=1e-14)
         # With this metric the curve is the unit circle: its tangent is across the radius.
         assert circle.product(b.tangent, b.z) == pytest.approx(0.0, abs=1e-12)
     assert turns == pytest.approx([1.0, -1.0], abs=1e-12)
-
-
-class ValuePassed(Function):
-    """The parameter passes 0.123."""
-
-    def about(self, s):
-        return np.array([self.step.at(s).p - 0.123])
-
-    def found(self, before, beyond):
-        return before, beyond
 
 
 def test_a_segment_is_solved_for_at_a_length_and_at_a_parameter(circle):
@@ -68,7 +58,9 @@ def test_a_segment_is_solved_for_at_a_length_and_at_a_parameter(circle):
     found = segment.where(0.15)
     assert found[:-1] == pytest.approx(np.full(2, np.sqrt(1.0 - 0.15**2)), abs=1e-12)
     assert found[-1] == 0.15
-    ((_, (before, beyond)),) = special_points(segment, 0.0, [ValuePassed(segment, 1e-10)])
+    passing = Function(segment, 1e-10, lambda point: point.p - 0.123, "passed")
+    ((name, before, beyond),) = special_points(segment, 0.0, [passing])
+    assert name == "passed"
     assert (before, beyond) == pytest.approx((0.123, 0.123), abs=1e-9)
     assert segment.at(before).p <= 0.123 < segment.at(beyond).p
     # The cubic through the ends misses by the fourth power of the length.

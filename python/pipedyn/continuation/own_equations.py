@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipedyn.continuation.arclength import Continuation, Control, DenseProblem, Point, Segment
-from pipedyn.continuation.tracer import BranchEnd, Fold, NamedZero, Tracer, reason_of
+from pipedyn.continuation.tracer import BranchEnd, TestFunction, Tracer, folds, reason_of
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -182,7 +182,7 @@ def follow(
     for i, (a, b) in enumerate(pairwise(solutions)):
         segment, found = Segment(solver, a, b), list[tuple[float, str]]()
         try:
-            found += [(s, "fold") for s in Fold(segment, 1e-10).lengths()]
+            found += [(s, "fold") for _, s in folds(segment, 1e-10)]
         except Exception as error:  # whatever the user's functions raise
             failures.append(
                 f"a fold between {_spelled(a.z)} and {_spelled(b.z)} is not known: "
@@ -413,10 +413,10 @@ def _zeros_of_test(
             raise NewtonFailed(f"it gives {found:g} at {_spelled(point.z)}")
         return found
 
-    sign = NamedZero(step, 1e-13 * step.length, str(name), value)
+    sign = TestFunction(step, 1e-13 * step.length, value)
     first, last = float(sign.at(0.0)[0]), float(sign.at(step.length)[0])
     if first * last < 0.0:
-        yield from sign.zeros(0.0, step.length)
+        yield from ((s, str(name)) for _, s in sign.changes(0.0, step.length))
         return
     rounding = 1e-13 * max(abs(first), abs(last))
     if near[0] and abs(first) <= rounding and last != first:

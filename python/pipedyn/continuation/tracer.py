@@ -12,15 +12,15 @@ Source: for test functions Kuznetsov, Elements of Applied Bifurcation Theory, ch
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, Generic, Literal, cast
 
 import numpy as np
 from numpy.linalg import LinAlgError
+from numpy.typing import ArrayLike
 
 from pipedyn.continuation.arclength import Equations, Point, Segment
 from pipedyn.util.check import Array
@@ -44,43 +44,34 @@ points asked for, or no next point was found."""
 # ------------------------------------------------------------------------------ special points
 
 
-class TestFunction(ABC, Generic[Equations]):
+@dataclass
+class TestFunction:
     """A function along a step of a branch, whose zeros are special points.
 
-    The function may have several values, in falling order: a special point lies where the number of
-    positive values changes.
+    The function may have several values: a special point lies where the number of positive values
+    changes.
 
-    Args:
+    Attributes:
         step: the step.
         tolerance: arc length to which zeros are located.
-        known: results of `about` that are known already, by arc length.
+        values: function of a point of the branch: a number, or numbers in falling order, (k,).
+        name: name of the special points.
+        known: values that are known already, by arc length.
+        beside_folds: share of the step on either side of a fold in which zeros are not looked for.
     """
 
-    beside_folds = 0.0
-    """Share of the step on either side of a fold in which zeros are not looked for."""
-
-    def __init__(
-        self, step: Segment[Equations], tolerance: float, known: Mapping[float, Any] | None = None
-    ) -> None:
-        self.step, self.tolerance, self._known = step, tolerance, dict(known or {})
-
-    @abstractmethod
-    def about(self, s: float) -> Any:
-        """Data at an arc length from which `at` takes the values; by default the values."""
-
-    @abstractmethod
-    def found(self, before: float, beyond: float) -> Any:
-        """The special point at a zero between two arc lengths; None if it is not to be recorded."""
-
-    def known(self, s: float) -> Any:
-        """The result of `about` at an arc length, which is computed once."""
-        if s not in self._known:
-            self._known[s] = self.about(s)
-        return self._known[s]
+    step: Segment[Any]
+    tolerance: float
+    values: Callable[[Point], ArrayLike]
+    name: str = ""
+    known: dict[float, Array] = field(default_factory=dict)
+    beside_folds: float = 0.0
 
     def at(self, s: float) -> Array:
-        """Values, in falling order, at an arc length from the beginning of the step."""
-        return np.asarray(self.known(s))
+        """Values at an arc length from the beginning of the step, computed once, shape (k,)."""
+        if s not in self.known:
+            self.known[s] = np.atleast_1d(self.values(self.step.at(s)))
+        return self.known[s]
 
     def positive(self, s: float) -> int:
         """Number of positive values at an arc length."""
@@ -106,74 +97,33 @@ class TestFunction(ABC, Generic[Equations]):
             yield max(low, root - width), min(root + width, high)
             low = min(root + width, high)
 
-    def zeros(self, low: float, high: float) -> Iterator[tuple[float, Any]]:
-        """Special points between two arc lengths, each after the arc length right beyond it."""
-        for before, beyond in self.changes(low, high):
-            if (found := self.found(before, beyond)) is not None:
-                yield beyond, found
 
+def folds(step: Segment[Equations], rtol: float) -> list[tuple[float, float]]:
+    """Arc lengths right before and right beyond each fold on a step, which has two folds at most.
 
-class NamedZero(TestFunction[Equations]):
-    """A zero of a number along a step, which is recorded by its name.
-
-    Args:
-        step: the step.
-        tolerance: arc length to which zeros are located.
-        name: the name.
-        value: the number at a point of the branch.
+    Folds are located to `rtol` times the length of the step: the slope dp/ds of the parameter
+    passes 0 there.
     """
-
-    def __init__(
-        self,
-        step: Segment[Equations],
-        tolerance: float,
-        name: str,
-        value: Callable[[Point], float],
-    ) -> None:
-        super().__init__(step, tolerance)
-        self.name, self.value = name, value
-
-    def about(self, s: float) -> Array:
-        """The number at an arc length, shape (1,)."""
-        return np.array([self.value(self.step.at(s))])
-
-    def found(self, before: float, beyond: float) -> str:
-        """The name of the special point."""
-        return self.name
-
-
-class Fold(NamedZero[Equations]):
-    """The slope dp/ds of the parameter along a step, which passes 0 at a fold.
-
-    Args:
-        step: the step, which has two folds at most.
-        rtol: share of the step's length to which folds are located.
-    """
-
-    def __init__(self, step: Segment[Equations], rtol: float) -> None:
-        super().__init__(step, rtol * step.length, "fold", lambda point: point.tangent[-1])
-
-    def lengths(self) -> list[float]:
-        """Arc lengths of the folds."""
-        first, last = self.step.slopes
-        length = self.step.length
-        ends = [0.0, length]
-        if first * last > 0.0:
-            # A cubic has the parameter's values and slopes at the ends. Its slope is smallest at
-            # `share` of the step.
-            mean = (self.step.end.p - self.step.begin.p) / length
-            bend = 6.0 * (0.5 * (first + last) - mean)
-            share = 0.5 - 0.5 * (last - first) / bend if bend else 0.0
-            flattest = first + share * (last - first - bend * (1.0 - share))
-            if 0.0 < share < 1.0 and flattest / max(first, last, key=abs) < FLAT:
-                ends.insert(1, share * length)
-        found = list[float]()
-        for s in (beyond for pair in pairwise(ends) for beyond, _ in self.zeros(*pair)):
-            if found and s - found[-1] < ONE_FOLD * length:
-                found.pop()
-            else:
-                found.append(s)
-        return found
+    first, last = step.slopes
+    length = step.length
+    ends = [0.0, length]
+    if first * last > 0.0:
+        # A cubic has the parameter's values and slopes at the ends. Its slope is smallest at
+        # `share` of the step.
+        mean = (step.end.p - step.begin.p) / length
+        bend = 6.0 * (0.5 * (first + last) - mean)
+        share = 0.5 - 0.5 * (last - first) / bend if bend else 0.0
+        flattest = first + share * (last - first - bend * (1.0 - share))
+        if 0.0 < share < 1.0 and flattest / max(first, last, key=abs) < FLAT:
+            ends.insert(1, share * length)
+    slope = TestFunction(step, rtol * length, lambda point: point.tangent[-1])
+    found = list[tuple[float, float]]()
+    for before, beyond in (each for pair in pairwise(ends) for each in slope.changes(*pair)):
+        if found and before - found[-1][1] < ONE_FOLD * length:
+            found.pop()
+        else:
+            found.append((before, beyond))
+    return found
 
 
 def between_folds(step: Segment[Equations], rtol: float) -> list[Segment[Equations]]:
@@ -181,16 +131,16 @@ def between_folds(step: Segment[Equations], rtol: float) -> list[Segment[Equatio
 
     Folds are located to `rtol` times the length of the step.
     """
-    return step.parts(Fold(step, rtol).lengths())
+    return step.parts([beyond for _, beyond in folds(step, rtol)])
 
 
 def special_points(
     step: Segment[Equations],
     fold_rtol: float,
-    tests: Iterable[TestFunction[Equations]],
+    tests: Iterable[TestFunction],
     until: float | None = None,
-) -> list[tuple[float, Any]]:
-    """Special points on a step in order, each after the arc length right beyond it.
+) -> list[tuple[str, float, float]]:
+    """Special points on a step in order: name, and arc lengths right before and right beyond it.
 
     Args:
         step: the step.
@@ -200,15 +150,15 @@ def special_points(
         until: arc length up to which zeros of tests are looked for; the whole step if not given.
     """
     length = step.length if until is None else until
-    turns = Fold(step, fold_rtol).lengths() if fold_rtol else []
-    found: list[tuple[float, Any]] = [(s, "fold") for s in turns]
+    found = [("fold", *pair) for pair in folds(step, fold_rtol)] if fold_rtol else []
+    turns = [beyond for *_, beyond in found]
     for test in tests:
         near = test.beside_folds * step.length
         ends = [0.0, *(s + side for s in turns if near for side in (-near, near)), length]
         for low, high in zip(ends[::2], ends[1::2], strict=True):
             if low < high:
-                found += test.zeros(low, high)
-    return sorted(found, key=lambda one: one[0])
+                found += [(test.name, *pair) for pair in test.changes(low, high)]
+    return sorted(found, key=lambda one: one[2])
 
 
 # --------------------------------------------------------------------------- along the branch

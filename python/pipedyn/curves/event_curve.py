@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import Point, Segment
-from pipedyn.continuation.tracer import NamedZero, TestFunction, Tracer, special_points
+from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
 from pipedyn.curves.event_onset import Onset
 from pipedyn.curves.event_plane import EVENTS, EventPlane, Followed
 from pipedyn.curves.event_problem import EventProblem, event_angle
@@ -146,40 +146,6 @@ class _Cycle:
 def _growth_of_others(rest: Complex) -> Array:
     """Logarithms of multipliers' moduli relative to 1 + `UNIT`, in falling order."""
     return np.sort(np.log(np.maximum(np.abs(rest), 1e-300) / (1.0 + UNIT)))[::-1]
-
-
-class _OtherMultipliers(TestFunction[EventProblem]):
-    """Test function for multipliers other than those of the event on a step of its curve."""
-
-    def __init__(
-        self, step: EventStep, follower: EventFollower, begin: _Cycle, end: _Cycle
-    ) -> None:
-        super().__init__(step, 1e-6 * step.length, {0.0: begin.rest, step.length: end.rest})
-        self.follower, self.mirrored = follower, end.orbit.symmetric
-
-    def about(self, s: float) -> Complex:
-        """The other multipliers, or their roots over half a period."""
-        point = self.step.at(s)
-        motion = self.follower.plane.at(point.p)
-        return self.follower.rest(motion, self.step.problem.orbit(point.z), point.z)
-
-    def at(self, s: float) -> Array:
-        """Logarithms of the multipliers' moduli, as `_growth_of_others` gives them."""
-        return _growth_of_others(self.known(s))
-
-    def found(self, before: float, beyond: float) -> str:
-        """Name of the point at which two events happen at once."""
-        own, values = self.follower.kind, self.known(beyond)
-        second: str = crossing_event(values, self.mirrored)[0]
-        # Where three multipliers meet, errors move them by the cube root of their size.
-        nearest = complex(values[int(np.argmin(np.abs(np.log(np.abs(values)))))])
-        root = -1.0 if own in ("pitchfork", "period doubling") else 1.0
-        if own != "torus" and abs(nearest - root) < 0.1:
-            second = own
-        if second != own:
-            return "-".join(sorted((own, second), key=list[str](EVENTS).index))
-        same = {"fold": "1:1 resonance", "torus": "double torus"}
-        return same.get(own, "1:2 resonance")
 
 
 class EventFollower(Tracer[EventProblem]):
@@ -423,7 +389,7 @@ class EventFollower(Tracer[EventProblem]):
 
     def _passed(self, step: EventStep, before: _Cycle, after: _Cycle) -> Iterator[_Cycle]:
         """Points of the curve at named points that a step passes; the named points are kept."""
-        tests = list[TestFunction[EventProblem]]()
+        tests = list[TestFunction]()
         if self.kind == "torus":
             # The angle passes 120 or 90 degrees, or minus that.
             for name, cosine in (("1:3 resonance", -0.5), ("1:4 resonance", 0.0)):
@@ -431,17 +397,38 @@ class EventFollower(Tracer[EventProblem]):
                 def apart(point: Point, cosine: float = cosine) -> float:
                     return math.cos(point.z[-2]) - cosine
 
-                tests.append(NamedZero(step, 1e-8 * step.length, name, apart))
+                tests.append(TestFunction(step, 1e-8 * step.length, apart, name))
         if before.unstable != after.unstable:
-            tests.append(_OtherMultipliers(step, self, before, after))
+            ends = {0.0: before.rest, step.length: after.rest}
+            known = {s: _growth_of_others(rest) for s, rest in ends.items()}
+
+            def growth(point: Point) -> Array:
+                motion, orbit = self.plane.at(point.p), step.problem.orbit(point.z)
+                return _growth_of_others(self.rest(motion, orbit, point.z))
+
+            tests.append(TestFunction(step, 1e-6 * step.length, growth, known=known))
         # At a cusp both parameters turn back.
         cusps = self.kind == "fold" and before.opens * after.opens < 0
-        for s, found in special_points(step, 1e-6 if cusps else 0.0, tests):
-            name = "cusp" if found == "fold" else found
+        for found, _, s in special_points(step, 1e-6 if cusps else 0.0, tests):
             place = self.place(step.problem, step.at(s))
+            name = "cusp" if found == "fold" else found or self._two_events(place)
             self.points.append(self._named(name, place))
             opens = 0 if name == "cusp" else place.opens
             yield replace(place, opens=opens, unstable=min(before.unstable, after.unstable))
+
+    def _two_events(self, place: _Cycle) -> str:
+        """Name of a point at which two events happen at once."""
+        own, values = self.kind, place.rest
+        second: str = crossing_event(values, place.orbit.symmetric)[0]
+        # Where three multipliers meet, errors move them by the cube root of their size.
+        nearest = complex(values[int(np.argmin(np.abs(np.log(np.abs(values)))))])
+        root = -1.0 if own in ("pitchfork", "period doubling") else 1.0
+        if own != "torus" and abs(nearest - root) < 0.1:
+            second = own
+        if second != own:
+            return "-".join(sorted((own, second), key=list[str](EVENTS).index))
+        same = {"fold": "1:1 resonance", "torus": "double torus"}
+        return same.get(own, "1:2 resonance")
 
     def _named(self, name: str, place: _Cycle) -> CyclePoint:
         x, y = self.plane.places(place.second, place.own)

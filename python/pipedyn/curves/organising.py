@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import Control, Point, Segment
-from pipedyn.continuation.tracer import NamedZero, TestFunction
+from pipedyn.continuation.tracer import TestFunction
 from pipedyn.curves.boundary_curves import CurveStart, TracedCurve
 from pipedyn.equilibrium.axis_problems import (
     AxisProblem,
@@ -242,7 +242,7 @@ def double_points(
         if before == after:
             continue
         try:
-            for s, guess in _OtherRoots(segment, plane).zeros(0.0, segment.length):
+            for s, guess in _approximate_points(segment, plane):
                 one = guess.solved(plane, curve.problem.control)
                 if one.modes == 2 or not plane.conservative_near(one.at[::-1], AT_EDGE):
                     yield (k, s), one
@@ -287,37 +287,32 @@ def _beside(plane: Plane, problem: AxisProblem, z: Array) -> Array:
     return np.delete(values, np.argmin(np.abs(values)))
 
 
-class _OtherRoots(TestFunction[AxisProblem]):
-    """Test function: growth of roots other than those on the axis, on a step of a curve."""
+def _approximate_points(
+    step: Segment[AxisProblem], plane: Plane
+) -> Iterator[tuple[float, DoublePoint]]:
+    """Approximate double points on a step of a curve, each after the arc length beyond it."""
+    problem = step.problem
 
-    def __init__(self, step: Segment[AxisProblem], plane: Plane) -> None:
-        super().__init__(step, BRACKET * step.length)
-        self.plane = plane
-
-    def about(self, s: float) -> tuple[Complex, Array]:
-        """The other roots and their growth, as `other_roots` gives them."""
-        return other_roots(self.plane, self.step.problem, self.step.at(s).z)
-
-    def at(self, s: float) -> Array:
+    def growth(point: Point) -> Array:
         """Growth of the other roots; in a conservative pipe minus the other stiffnesses."""
-        if self.plane.conservative:
-            return -_beside(self.plane, self.step.problem, self.step.at(s).z)
-        return np.asarray(self.known(s)[1])
+        if plane.conservative:
+            return -_beside(plane, problem, point.z)
+        return other_roots(plane, problem, point.z)[1]
 
-    def found(self, before: float, beyond: float) -> DoublePoint | None:
-        """Approximate double point, at which another root is on the axis too."""
-        plane, problem = self.plane, self.step.problem
-        z = self.step.at(beyond).z
+    test = TestFunction(step, BRACKET * step.length, growth)
+    for before, beyond in test.changes(0.0, step.length):
+        z = step.at(beyond).z
         if plane.conservative_near(z[[-1, -2]], AT_EDGE) and not plane.conservative:
-            return None
-        found, grown = self.known(beyond)
-        least = min(_unstable(self.known(before)[1]), _unstable(grown))
+            continue
+        found, grown = other_roots(plane, problem, z)
+        least = min(_unstable(grown), _unstable(other_roots(plane, problem, step.at(before).z)[1]))
         # If two eigenvalues of a symmetric K pass 0 at once, K lacks two ranks.
         if plane.conservative or (problem.kind == "divergence" and _lacks_two_ranks(plane, z)):
-            return DoublePoint((0.0, 0.0), z[-2:], least, modes=2)
-        passing = abs(float(found[np.argmin(np.abs(self.at(beyond)))].imag))
+            yield beyond, DoublePoint((0.0, 0.0), z[-2:], least, modes=2)
+            continue
+        passing = abs(float(found[np.argmin(np.abs(grown))].imag))
         low, high = sorted((passing if passing > STATIC else 0.0, problem.frequency(z)))
-        return DoublePoint((low, high), z[-2:], least)
+        yield beyond, DoublePoint((low, high), z[-2:], least)
 
 
 def _lacks_two_ranks(plane: Plane, z: Array) -> bool:
@@ -443,7 +438,7 @@ def changes_of_criticality(
         ends = leading[k : k + 2]
         if curve.counts[k : k + 2].any() or not ends[0] * ends[1] < 0.0:
             continue
-        test = NamedZero(segment, 1e-11 * segment.length, kind, decisive)
+        test = TestFunction(segment, 1e-11 * segment.length, decisive)
         try:
             for before, beyond in test.changes(0.0, segment.length):
                 middle = segment.at(0.5 * (before + beyond))

@@ -18,6 +18,7 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from pipedyn.continuation.arclength import Point
 from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
 from pipedyn.cycles.limit_cycle import (
     ON_BRANCH,
@@ -350,54 +351,6 @@ CycleOnStep = tuple[float, LimitCycle, CycleEvent | None]
 """A cycle on a step: arc length from the beginning of the step, cycle, and event there, if any."""
 
 
-class _PassingOfCycles(TestFunction[OrbitProblem]):
-    """Test functions for the multipliers of the cycles on a step, between folds.
-
-    Their values are the logarithms of the moduli, in descending order.
-
-    Args:
-        step: the step.
-        motion: the equations of motion.
-        how: how the cycles are found, in words.
-        first: the cycle at the beginning, if it is known.
-    """
-
-    beside_folds = NEAR_FOLD
-
-    def __init__(self, step: Step, motion: VectorField, how: str, first: LimitCycle | None) -> None:
-        super().__init__(step, 3e-5 * step.length)
-        self.motion, self.how = motion, how
-        self._cycles = {} if first is None else {0.0: first}
-
-    def cycle(self, s: float) -> LimitCycle:
-        """The cycle at an arc length."""
-        if s not in self._cycles:
-            self._cycles[s] = on_branch(
-                self.motion, orbit_at(self.step, s), FINE.defect, SAMPLES_A_CYCLE, self.how
-            )
-        return self._cycles[s]
-
-    def about(self, s: float) -> Array:
-        """Logarithms of the moduli of all nontrivial multipliers."""
-        if 0.0 < s < self.step.length and not self.motion.model.pipe.has_kinks:
-            # Within a step no other property of the cycle is asked for.
-            found, _, error = orbit_multipliers(self.motion, orbit_at(self.step, s), ON_BRANCH)
-            if error <= ON_BRANCH:
-                return log_moduli(found)
-        return log_moduli(self.cycle(s).multipliers)
-
-    def found(self, before: float, beyond: float) -> tuple[CycleEvent, bool] | None:
-        """The event, and whether a cycle beside it is stable; folds are found by the tangent."""
-        first, last = self.step.at(before).p, self.cycle(beyond)
-        _, roots, _ = orbit_multipliers(self.motion, last.orbit)
-        kind, multiplier = crossing_event(nontrivial(roots), last.symmetric)
-        if kind == "fold":
-            return None
-        speed, error = 0.5 * (first + last.u), 0.5 * abs(first - last.u)
-        stable = last.stable or not self.positive(before)
-        return CycleEvent(kind, speed, error, multiplier, last.amplitude), stable
-
-
 class _Follower(Tracer[OrbitProblem]):
     """A branch being followed, one way from a start, and from an event if it begins at one."""
 
@@ -586,22 +539,36 @@ class _Follower(Tracer[OrbitProblem]):
 
     def _noted(self, step: Step) -> LimitCycle:
         """Keeps the cycles and events on a step; returns the cycle at its end."""
-        first, length = self.last, step.length
-        on = _PassingOfCycles(step, self.motion, self.how, first)
-        found: list[CycleOnStep] = [] if first is not None else [(0.0, on.cycle(0.0), None)]
-        found.append((length, on.cycle(length), None))
-        if max(on.cycle(s).multiplier_error for s in (0.0, length)) <= LARGEST_ERROR:
+        length = step.length
+        first = self._cycle(orbit_at(step, 0.0)) if self.last is None else self.last
+        last = self._cycle(orbit_at(step, length))
+        found: list[CycleOnStep] = [(0.0, first, None)] if self.last is None else []
+        found.append((length, last, None))
+        if max(first.multiplier_error, last.multiplier_error) <= LARGEST_ERROR:
+            ends = {0.0: log_moduli(first.multipliers), length: log_moduli(last.multipliers)}
+
+            def growth(point: Point) -> Array:
+                return self._log_moduli(step.problem.orbit(point.z))
+
+            test = TestFunction(step, 3e-5 * length, growth, "", ends, NEAR_FOLD)
             # The error of a fold's speed is the square of that of its location in arc length.
             turns = list[float]()
-            for s, special in special_points(step, 1e-5, [on]):
-                cycle = on.cycle(s)
-                if special == "fold":
+            for name, before, s in special_points(step, 1e-5, [test]):
+                cycle = self._cycle(orbit_at(step, s))
+                if name == "fold":
                     turns.append(s)
                     error = max(abs(step.at(s + 1e-3 * length).p - cycle.u), 1e-9)
                     event = CycleEvent("fold", cycle.u, error, 1.0 + 0j, cycle.amplitude)
                 else:
-                    event, stable = special
+                    _, roots, _ = orbit_multipliers(self.motion, cycle.orbit)
+                    kind, multiplier = crossing_event(nontrivial(roots), cycle.symmetric)
+                    if kind == "fold":  # folds are found by the tangent
+                        continue
+                    low, high = step.at(before).p, cycle.u
+                    speed, error = 0.5 * (low + high), 0.5 * abs(low - high)
+                    event = CycleEvent(kind, speed, error, multiplier, cycle.amplitude)
                     if event.kind != "torus" and self.options.holds(event.speed):
+                        stable = cycle.stable or not test.positive(before)
                         self.forks.append((event, cycle.orbit, stable))
                 found.append((s, cycle, event))
             for part in step.parts(turns):
@@ -611,7 +578,21 @@ class _Follower(Tracer[OrbitProblem]):
             self.repeats = True
             found = [one for one in found if one[0] < min(repeated)]
         self._take(found)
-        return on.cycle(length)
+        return last
+
+    def _cycle(self, orbit: PeriodicOrbit) -> LimitCycle:
+        """The cycle of an orbit on the branch."""
+        return on_branch(self.motion, orbit, FINE.defect, SAMPLES_A_CYCLE, self.how)
+
+    def _log_moduli(self, orbit: PeriodicOrbit) -> Array:
+        """Logarithms of the moduli of all nontrivial multipliers, in falling order."""
+        # `_cycle` may refine the mesh: with its multipliers, a pitchfork at which a branch begins
+        # was not found near an infinite period.
+        if not self.motion.model.pipe.has_kinks:
+            found, _, error = orbit_multipliers(self.motion, orbit, ON_BRANCH)
+            if error <= ON_BRANCH:
+                return log_moduli(found)
+        return log_moduli(self._cycle(orbit).multipliers)
 
     def _take(self, found: Iterable[CycleOnStep]) -> None:
         """Keeps events on a step, and cycles known well enough, in order along the branch."""

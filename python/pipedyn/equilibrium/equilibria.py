@@ -892,27 +892,6 @@ def equilibrium_branch(
     )
 
 
-class _GrowthOnStep(TestFunction[DenseProblem]):
-    """The growth of small motions about equilibria on a step, up to an arc length."""
-
-    def __init__(
-        self, step: Segment[DenseProblem], statics: Statics, until: float, first: Array
-    ) -> None:
-        super().__init__(step, 1e-10 * (1.0 + until), {0.0: first})
-        self.statics = statics
-
-    def about(self, s: float) -> Array:
-        """The growth of small motions, as `Statics.growth` gives it."""
-        point = self.step.at(s)
-        return self.statics.growth(point.x, abs(point.p))
-
-    def found(self, before: float, beyond: float) -> Change:
-        """Kind of the change: "hopf" if the number of unstable eigenvalues changes by two."""
-        if (self.positive(beyond) - self.positive(before)) % 2 == 0:
-            return "hopf"
-        return "pitchfork" if self.statics.straight(self.step.at(beyond).x) else "branch point"
-
-
 class _EquilibriumTracer(Tracer[DenseProblem]):
     """Tracer of a branch of equilibria, one way from one of its points.
 
@@ -924,7 +903,7 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
     ) -> None:
         super().__init__([(-1, *speeds)], MOST_POINTS // 2)
         self.statics, self.longest = statics, longest
-        self.points, self.growth = [start], [statics.growth(start.x, abs(start.p))]
+        self.points, self.growth = [start], [self._growth(start)]
         self.changes: list[BranchPoint] = []
 
     def followed(self, branch: DenseProblem) -> str:
@@ -952,10 +931,16 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
             meeting = self._pitchfork(a.p)
         if meeting is not None:
             until = 0.0 if landed else 0.98 * ds * sizes[0] / sum(sizes)
-        growth = _GrowthOnStep(step, statics, until, self.growth[-1])
+        known = {0.0: self.growth[-1]}
+        growth = TestFunction(step, 1e-10 * (1.0 + until), self._growth, known=known)
         found = special_points(step, 1e-12 if meeting is None else 0.0, [growth], until)
-        turns = [s for s, kind in found if kind == "fold"]
-        for s, kind in found:
+        turns = [s for name, _, s in found if name == "fold"]
+        for name, before, s in found:
+            kind: Change = "pitchfork" if statics.straight(step.at(s).x) else "branch point"
+            if name == "fold":
+                kind = "fold"
+            elif (growth.positive(s) - growth.positive(before)) % 2 == 0:
+                kind = "hopf"
             if kind in ("fold", "hopf") or all(abs(s - turn) > 1e-3 * ds for turn in turns):
                 self.changes.append(self._point(kind, step.at(s)))
         self.growth.append(growth.at(until))
@@ -966,6 +951,10 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
         if meeting is not None:
             return "pitchfork"
         return "far" if float(np.abs(b.x).max()) > TEN_TURNS else None
+
+    def _growth(self, point: Point) -> Array:
+        """The growth of small motions about an equilibrium, as `Statics.growth` gives it."""
+        return self.statics.growth(point.x, abs(point.p))
 
     def _pitchfork(self, u: float) -> float | None:
         """Speed of the pitchfork of the straight pipe nearest to u, or None if none is near.

@@ -536,46 +536,45 @@ def _point_of_orbit(motion: ForcedField, orbit: PeriodicOrbit) -> _ForcedPoint:
     return _ForcedPoint(motion.order * orbit.frequency, amplitude, largest, stable)
 
 
-class _PassingOfMotions(TestFunction[OrbitProblem]):
-    """Test functions for the multipliers of the forced motions on a step."""
+def _events_on(step: Step, motion: ForcedField) -> Iterator[tuple[float, EventKind]]:
+    """Events of the motions on a step, each after the arc length right beyond it.
 
-    beside_folds = NEAR_FOLD
+    Without damping other multipliers lie on the unit circle, and one that leaves it gradually as
+    the amplitude grows makes no event. Folds are found by the tangent.
+    """
 
-    def __init__(self, step: Step, motion: ForcedField) -> None:
-        super().__init__(step, 1e-3 * step.length)
-        self.motion = motion
-        self.around = max(self.known(s)[2] for s in (0.0, step.length))
-
-    def about(self, s: float) -> tuple[Array, Complex, float]:
+    def about(point: Point) -> tuple[Array, Complex, float]:
         """Logarithms of the multipliers' moduli, descending, the roots and the circle margin.
 
         The roots, in the same order, are those that `orbit_multipliers` describes; the margin is
         that of `circle_margin`.
         """
-        values, roots, error = orbit_multipliers(self.motion, orbit_at(self.step, s))
+        values, roots, error = orbit_multipliers(motion, step.problem.orbit(point.z))
         order = np.argsort(-np.abs(values), kind="stable")
         sizes = np.log(np.maximum(np.abs(values[order]), 1e-300))
         return sizes, roots[order], circle_margin(error)
 
-    def at(self, s: float) -> Array:
-        """Logarithms of the moduli, less the margin for errors of a modulus 1."""
-        return np.asarray(self.known(s)[0] - self.around)
+    (first, _, before), (last, _, after) = map(about, (step.begin, step.end))
+    around = max(before, after)
+    known = {0.0: first - around, step.length: last - around}
 
-    def found(self, before: float, beyond: float) -> EventKind | None:
-        """The kind of the event of the multiplier that passes, the smallest of those outside.
+    def growth(point: Point) -> Array:
+        return np.asarray(about(point)[0] - around)
 
-        Without damping other multipliers lie on the circle, and one that leaves it gradually as the
-        amplitude grows makes no event. Folds are found by the tangent.
-        """
-        outside = max(before, beyond, key=self.positive)
-        passing = self.positive(outside) - 1
-        ends = (0.0, self.step.length)
-        neutral = any(abs(self.known(s)[0][passing]) <= self.around for s in ends)
-        if neutral and self.at(outside)[passing] < self.around:
-            return None
-        root = self.known(outside)[1][[passing]]
-        kind, _ = crossing_event(root, orbit_at(self.step, outside).symmetric)
-        return None if kind == "fold" else kind
+    test = TestFunction(step, 1e-3 * step.length, growth, "", known, NEAR_FOLD)
+    for name, low, high in special_points(step, 1e-4, [test]):
+        if name == "fold":
+            yield high, "fold"
+            continue
+        outside = max(low, high, key=test.positive)
+        passing = test.positive(outside) - 1
+        neutral = min(abs(first[passing]), abs(last[passing])) <= around
+        if neutral and test.at(outside)[passing] < around:
+            continue
+        root = about(step.at(outside))[1][[passing]]
+        kind, _ = crossing_event(root, orbit_at(step, outside).symmetric)
+        if kind != "fold":
+            yield high, kind
 
 
 class _ForcedTracer(Tracer[OrbitProblem]):
@@ -647,7 +646,7 @@ class _ForcedTracer(Tracer[OrbitProblem]):
                 )
             step = met.whole
         if self.steps or not self.from_rest:
-            for s, kind in special_points(step, 1e-4, [_PassingOfMotions(step, self.motion)]):
+            for s, kind in _events_on(step, self.motion):
                 event = self._event(kind, orbit_at(step, s))
                 self.points.append(_ForcedPoint(event.frequency, event.amplitude))
         self.steps.append(step)
