@@ -15,7 +15,7 @@ using pipedyn::ImpedanceSegment;
 using pipedyn::PairsAsked;
 using pipedyn::Points;
 
-/// lambda and its products in the coefficients, or their absolute values.
+/// lambda and its products in the coefficients; their absolute values, or derivatives by lambda.
 template <class Number>
 struct Powers {
   Number one, square;  // lambda, lambda^2
@@ -28,27 +28,29 @@ struct Coefficients {
   Number elastic, force, across, turned, moment;  // e k, z, f, t, g
 };
 
-/// Coefficients of a segment; or, from absolute values of the powers, sums of the absolute values
-/// of the numbers whose sums are the coefficients.
-template <class Number>
+/// Coefficients of a segment, or their derivatives from those of the powers; or, from absolute
+/// values of the powers, sums of the absolute values of the numbers whose sums are the
+/// coefficients.
+template <bool derivatives = false, class Number>
 inline Coefficients<Number> coefficients(const ImpedanceSegment& at, const Powers<Number>& by) {
   constexpr bool sizes = std::is_same_v<Number, Pack>;
+  const auto fixed = [](double x) { return derivatives ? 0.0 : x; };
   const auto of = [](double x) { return sizes ? std::fabs(x) : x; };
   const double l = at.length;
-  Coefficients<Number> sum{at.joint.damping * by.one + at.joint.stiffness,
+  Coefficients<Number> sum{at.joint.damping * by.one + fixed(at.joint.stiffness),
                            at.force.mass * by.square, at.across.mass * by.square,
                            at.turned.mass * by.square + (2.0 * l) * by.coriolis,
                            at.moment.mass * by.square + (l * l) * by.coriolis +
-                               (sizes ? at.moment_size : at.moment.stiffness)};
+                               fixed(sizes ? at.moment_size : at.moment.stiffness)};
   if (at.loaded) {
-    sum.force = sum.force + (of(at.force.damping) * by.one + of(at.force.stiffness));
-    sum.across = sum.across + (of(at.across.damping) * by.one + of(at.across.stiffness));
-    sum.turned = sum.turned + (of(at.turned.damping) * by.one + of(at.turned.stiffness));
+    sum.force = sum.force + (of(at.force.damping) * by.one + fixed(of(at.force.stiffness)));
+    sum.across = sum.across + (of(at.across.damping) * by.one + fixed(of(at.across.stiffness)));
+    sum.turned = sum.turned + (of(at.turned.damping) * by.one + fixed(of(at.turned.stiffness)));
     sum.moment = sum.moment + of(at.moment.damping) * by.one;
   }
   if constexpr (sizes) {
     sum.elastic += at.joint_hysteresis;
-  } else {
+  } else if constexpr (!derivatives) {
     sum.elastic.im += at.joint_hysteresis;
     sum.moment.im += at.moment_hysteresis;
   }
@@ -72,21 +74,7 @@ struct Problem {
     return {size, size * size, std::fabs(flow) * size};
   }
 
-  /// Derivatives of a segment's coefficients by lambda.
-  Coefficients<Lanes> by_lambda(const ImpedanceSegment& at) const {
-    const double l = at.length;
-    const Lanes twice = 2.0 * powers.one;
-    Coefficients<Lanes> sum{Lanes{} + at.joint.damping, at.force.mass * twice,
-                            at.across.mass * twice, at.turned.mass * twice + 2.0 * l * flow,
-                            at.moment.mass * twice + l * l * flow};
-    if (at.loaded) {
-      sum.force = sum.force + at.force.damping;
-      sum.across = sum.across + at.across.damping;
-      sum.turned = sum.turned + at.turned.damping;
-      sum.moment = sum.moment + at.moment.damping;
-    }
-    return sum;
-  }
+  Powers<Lanes> by_lambda() const { return {Lanes{} + 1.0, 2.0 * powers.one, Lanes{} + flow}; }
 };
 
 /// Reaction of the segments beyond the end of a segment to its motion: A, B, C, D of impedance.hpp.
@@ -142,7 +130,7 @@ void log_derivative(const ImpedanceModel& model, const Points& points, double* o
       const ImpedanceSegment& segment = model.segments[j];
       if (!segment.repeats) {
         own = coefficients(segment, problem.powers);
-        change = problem.by_lambda(segment);
+        change = coefficients<true>(segment, problem.by_lambda());
       }
       if (segment.held) {  // the pivot of a held segment is constant
         by = before_held(segment.length, by, change, 0.0);

@@ -108,32 +108,23 @@ BeamModes::BeamModes(Index count, double root, End end) : stiffness_(count) {
       slow_parts_[2] = -sum(1.0, 2) / krylov(3, stiffness_[0], 1.0, 2);
       stiffness_[0] -= 3.0 * sum(1.0, 3);
     }
-    const Quadrature rule(12);
-    double mass = 0.0;
-    for (Index p = 0; p < rule.size(); ++p) {
-      mass += rule.weight[p] * std::pow(sum(rule.node[p], 0), 2);
-    }
-    slow_parts_ /= std::sqrt(mass);
   }
   for (Index i = slow_ ? 1 : 0; i < count; ++i) {
     const double kappa = wave_number(i, root, end);
     const Trial found = trial(kappa, root, end);
-    const double a = found.cosine, c = std::cos(kappa), s = std::sin(kappa);
-    const double near = found.from_root, far = found.from_end, decay = std::exp(-kappa);
-    const double at_root[] = {a + near + far * decay, 1.0 - near + far * decay,
-                              -a + near + far * decay, -1.0 - near + far * decay};
-    const double at_end[] = {a * c + s + near * decay + far, c - a * s - near * decay + far,
-                             -a * c - s + near * decay + far, a * s - c - near * decay + far};
-    const auto inner = [kappa](const double (&w)[4]) {
-      return (3.0 * w[0] * w[3] - w[1] * w[2]) / kappa;
-    };
-    const double mass = 0.25 * (at_end[0] * at_end[0] - 2.0 * at_end[1] * at_end[3] +
-                                at_end[2] * at_end[2] + inner(at_end) - inner(at_root));
-    const double size = 1.0 / std::sqrt(mass);
-    // The first coefficient is chosen so that the sum in `evaluate` is exactly 0 at the root.
-    const double from_root = size * near, from_end = size * far;
-    waves_.push_back({kappa, -(from_end * decay + from_root), size, from_root, from_end});
+    waves_.push_back({kappa, found.cosine, 1.0, found.from_root, found.from_end});
     stiffness_[i] = std::pow(kappa, 4);
+  }
+  const Quadrature rule(2 * count + 30);
+  const Vector mass = evaluate(rule.node, 0).cwiseAbs2().transpose() * rule.weight;
+  if (slow_) slow_parts_ /= std::sqrt(mass[0]);
+  for (Index i = slow_ ? 1 : 0; i < count; ++i) {
+    Waves& of = waves_[static_cast<std::size_t>(slow_ ? i - 1 : i)];
+    of.sine = 1.0 / std::sqrt(mass[i]);
+    of.from_root *= of.sine;
+    of.from_end *= of.sine;
+    // This coefficient is chosen so that the sum in `evaluate` is exactly 0 at the root.
+    of.cosine = -(of.from_end * std::exp(-of.kappa) + of.from_root);
   }
 }
 
