@@ -15,8 +15,14 @@ import numpy as np
 from pipedyn import _core
 from pipedyn.linear.eigenproblem import Eigenproblem, eigenproblem
 from pipedyn.linear.modes import LARGEST_FULL, ModeShape, largest_speed, neutral_shape
-from pipedyn.linear.sensitivity import Crossing, Crossings, crossings_of
-from pipedyn.linear.weak_damping import extrapolated, is_weakly_damped, strengthened
+from pipedyn.linear.sensitivity import (
+    Crossing,
+    Crossings,
+    crossings_of,
+    extrapolated,
+    is_weakly_damped,
+    strengthened,
+)
 from pipedyn.models.base import Model
 from pipedyn.models.continuum import (
     AnyModel,
