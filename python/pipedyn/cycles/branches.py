@@ -30,7 +30,6 @@ from pipedyn.cycles.limit_cycle import (
 from pipedyn.equilibrium.equilibria import BranchPoint, EquilibriumBranch
 from pipedyn.equilibrium.hopf import HopfPoint, hopf_point
 from pipedyn.linear.critical_speed import crossings
-from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.base import BALANCED, Model
 from pipedyn.motion.vector_field import VectorField
@@ -60,7 +59,7 @@ from pipedyn.orbits.orbit_continuation import (
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import track

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import Control, DenseProblem, Point, Segment
 from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
-from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.neutral import beyond_rounding, eigenvalues_of, grows
 from pipedyn.models.base import BALANCED, Model, Operators
 from pipedyn.models.drive import LARGEST_SPEED, require_steady, steady_speed
@@ -29,7 +28,7 @@ from pipedyn.motion.simulate import Start, checked_model_in_motion, modal_bend
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed, newton

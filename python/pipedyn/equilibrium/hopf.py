@@ -55,7 +55,6 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn.equilibrium.axis_problems import gyroscopic_mass
 from pipedyn.equilibrium.equilibria import BranchPoint, Statics
 from pipedyn.linear.critical_speed import critical_point
-from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.neutral import grows
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.linear.stability_curve import Failure, SweptResult, swept
@@ -67,7 +66,7 @@ from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.later import futures, scipy

@@ -24,7 +24,6 @@ from pipedyn.continuation.tracer import TestFunction, Tracer, between_folds, spe
 from pipedyn.cycles.limit_cycle import amplitude_of, as_symmetric, one_period, refined_until
 from pipedyn.forced.parametric_search import regions
 from pipedyn.forced.pulsating import Hill, PulsatingPipe, require_motion
-from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.frequency_response import base_solution, checked_range
 from pipedyn.linear.modes import largest_speed
 from pipedyn.linear.stability_curve import Failure
@@ -55,7 +54,7 @@ from pipedyn.orbits.periodic_orbit import (
 )
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import counted
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed

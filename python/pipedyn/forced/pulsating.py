@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.linear.eigenproblem import Complex, eigenproblem
+from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.linear.modes import largest_speed
 from pipedyn.models.base import Model, Operators
 from pipedyn.models.continuum import (
@@ -37,7 +37,7 @@ from pipedyn.orbits.floquet import UNIT, by_series
 from pipedyn.orbits.periodic_orbit import STAGE_NODES
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import TableResult
