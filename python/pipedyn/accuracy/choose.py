@@ -53,8 +53,7 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.counters import clock, counted, limited
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.parallel import track
-from pipedyn.util.result import Result, TableResult
-from pipedyn.util.table import Table
+from pipedyn.util.result import Result, Table, TableResult
 
 LONGEST_ANSWER = 10.0
 """Time in seconds after which a measurement is not repeated; if no sizes were given, an answer that

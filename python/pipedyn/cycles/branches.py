@@ -63,9 +63,8 @@ from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import track
-from pipedyn.util.result import Result, TableResult
+from pipedyn.util.result import SPEED, Result, TableResult
 from pipedyn.util.threads import one_thread
-from pipedyn.util.units import SPEED
 
 Failed = tuple[float, Exception]
 """A flow speed and the exception that was raised there."""

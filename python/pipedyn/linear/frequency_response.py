@@ -40,9 +40,8 @@ from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.later import scipy
-from pipedyn.util.result import Result, TableResult
+from pipedyn.util.result import FREQUENCY, Result, TableResult
 from pipedyn.util.threads import one_thread
-from pipedyn.util.units import FREQUENCY
 
 Input: TypeAlias = "str | tuple[str, float]"
 """An input, the load or motion that drives the pipe: "base", ("force", s) or ("moment", s)."""

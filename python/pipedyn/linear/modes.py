@@ -31,9 +31,8 @@ from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.parallel import track
-from pipedyn.util.result import Result, TableResult
+from pipedyn.util.result import RATE, Result, TableResult
 from pipedyn.util.threads import one_thread
-from pipedyn.util.units import RATE
 
 LARGEST_FULL = _core.dense_limit
 """Largest number of degrees of freedom at which all eigenvalues are computed at once."""

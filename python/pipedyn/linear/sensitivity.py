@@ -28,8 +28,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged
-from pipedyn.util.result import Result, ResultSequence
-from pipedyn.util.units import FREQUENCY, SPEED, Unit
+from pipedyn.util.result import FREQUENCY, SPEED, Result, ResultSequence, Unit
 
 CrossingKind = Literal["flutter", "divergence"]
 
