@@ -62,9 +62,8 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.parallel import track
+from pipedyn.util.parallel import one_thread, track
 from pipedyn.util.result import SPEED, Result, TableResult
-from pipedyn.util.threads import one_thread
 
 Failed = tuple[float, Exception]
 """A flow speed and the exception that was raised there."""

@@ -53,8 +53,8 @@ from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import counted
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import TableResult
-from pipedyn.util.threads import one_thread
 
 SEARCHED, SEEN = 60.0, 20.0
 """Time in T for which a motion is integrated in search of a cycle, and time for which it is then

@@ -32,8 +32,8 @@ from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed, newton
+from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import RATE, Result, TableResult, numbered
-from pipedyn.util.threads import one_thread
 
 EQUILIBRIA_DOF = 500
 """Most degrees of freedom in which equilibria are searched. A search in a chain takes 0.4 s with

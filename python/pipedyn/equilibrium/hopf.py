@@ -70,9 +70,8 @@ from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.later import futures, scipy
-from pipedyn.util.parallel import outcome_of
+from pipedyn.util.parallel import one_thread, outcome_of
 from pipedyn.util.result import LENGTH, SPEED, Result
-from pipedyn.util.threads import one_thread
 
 LEVELS, FIRST_STEP = 6, 0.2
 """Number of steps of the differences, each half of the last, and the largest angle, in rad, by

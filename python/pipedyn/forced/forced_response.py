@@ -58,9 +58,8 @@ from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import counted
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.parallel import track
+from pipedyn.util.parallel import one_thread, track
 from pipedyn.util.result import Result, TableResult, joined
-from pipedyn.util.threads import one_thread
 
 FORCED_DOF = 60
 """Largest number of degrees of freedom: with 20 of them a motion takes some 0.1 s, and a branch has

@@ -40,8 +40,8 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import RATE, TableResult
-from pipedyn.util.threads import one_thread
 
 FLOQUET_DOF = 100
 """Largest number of degrees of freedom for `floquet`: matrices have 200 rows, and it takes a second

@@ -38,9 +38,8 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.errors import NotConverged, PipedynError
-from pipedyn.util.parallel import Job, Returned, outcome_of
+from pipedyn.util.parallel import Job, Returned, one_thread, outcome_of
 from pipedyn.util.result import SPEED
-from pipedyn.util.threads import one_thread
 
 LONG_MODEL = 4
 """Number of degrees of freedom for each tracked mode, and for each unit of flow speed, from which

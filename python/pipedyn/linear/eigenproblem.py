@@ -25,7 +25,7 @@ from pipedyn.models.base import Model
 from pipedyn.models.pencil import Pencil, Vectors
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
-from pipedyn.util.threads import one_thread
+from pipedyn.util.parallel import one_thread
 
 
 class Eigenproblem:

@@ -40,8 +40,8 @@ from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.later import scipy
+from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import FREQUENCY, Result, TableResult
-from pipedyn.util.threads import one_thread
 
 Input: TypeAlias = "str | tuple[str, float]"
 """An input, the load or motion that drives the pipe: "base", ("force", s) or ("moment", s)."""

@@ -32,8 +32,8 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.later import scipy
+from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import TableResult
-from pipedyn.util.threads import one_thread
 
 MeasuredQuantity = Literal[
     "frequency", "decay_rate", "decrement", "critical_speed", "critical_frequency"

@@ -30,9 +30,8 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
 from pipedyn.util.errors import NotConverged
-from pipedyn.util.parallel import track
+from pipedyn.util.parallel import one_thread, track
 from pipedyn.util.result import RATE, Result, TableResult
-from pipedyn.util.threads import one_thread
 
 LARGEST_FULL = _core.dense_limit
 """Largest number of degrees of freedom at which all eigenvalues are computed at once."""
