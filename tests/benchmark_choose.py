@@ -22,10 +22,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import pipedyn as pp
-from pipedyn.accuracy.choose import CANDIDATES
+from pipedyn.accuracy.choose import CANDIDATES, measured
 from pipedyn.accuracy.convergence import FAMILIES, RULES
 from pipedyn.accuracy.quantities import Answer
-from pipedyn.accuracy.trade import measured
 from pipedyn.util.counters import clock
 
 HAND = (2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 40, 64, 100, 200)

@@ -38,8 +38,7 @@ from matplotlib.figure import Figure
 
 import pipedyn as pp
 from pipedyn import modular, plot
-from pipedyn.accuracy.choose import choose
-from pipedyn.accuracy.trade import Trade, TradeRow, trade
+from pipedyn.accuracy.choose import Trade, TradeRow, choose, trade
 from pipedyn.motion.integrator import METHODS
 from pipedyn.util.counters import TookTooLong
 

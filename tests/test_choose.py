@@ -12,10 +12,9 @@ import pytest
 from independent import beck_speed, series_crossing, series_newton_step
 
 import pipedyn as pp
-from pipedyn.accuracy.choose import CANDIDATES
+from pipedyn.accuracy.choose import CANDIDATES, measured
 from pipedyn.accuracy.convergence import FAMILIES
 from pipedyn.accuracy.quantities import BEFORE_CLUSTER, Answer, checked_quantity
-from pipedyn.accuracy.trade import measured
 
 PIPE = pp.Pipe(0.2)
 DAMPED = pp.Pipe(0.2, damping=1e-3)
@@ -235,7 +234,7 @@ def test_what_is_said_of_the_other_chains_is_so(monkeypatch):
 
     No model is given up for its time, which a busy machine would make of any.
     """
-    monkeypatch.setattr("pipedyn.accuracy.trade.limited", lambda seconds: nullcontext())
+    monkeypatch.setattr("pipedyn.accuracy.choose.limited", lambda seconds: nullcontext())
     choice = pp.choose(HOSE, "critical_speed", 0.01, among="chain")
     assert onset_error(HOSE, choice.family, choice.size) <= choice.error <= 0.01
     assert onset_error(HOSE, choice.family, choice.size - 1) > 0.01

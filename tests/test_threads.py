@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import pipedyn as pp
 from pipedyn import _core
-from pipedyn.util import threads
+from pipedyn.util import parallel as threads
 
 
 def blas_threads() -> set[int]:
@@ -102,7 +102,7 @@ def test_scipy_s_library_is_limited_though_the_package_imports_it_late():
     program = """
 from threadpoolctl import threadpool_info
 import pipedyn as pp
-from pipedyn.util import threads
+from pipedyn.util import parallel as threads
 with threads.one_thread(10):
     pp.critical_speed(pp.Galerkin(pp.Pipe(0.2), 3))
     print(*{found["num_threads"] for found in threadpool_info() if found["user_api"] == "blas"})

@@ -16,6 +16,7 @@ from scipy.integrate import solve_ivp
 
 import pipedyn as pp
 from pipedyn import plot
+from pipedyn.accuracy.choose import measured
 from pipedyn.accuracy.convergence import FAMILIES
 from pipedyn.accuracy.quantities import (
     CriticalSpeedOf,
@@ -24,7 +25,6 @@ from pipedyn.accuracy.quantities import (
     MotionOf,
     RootLociOver,
 )
-from pipedyn.accuracy.trade import measured
 from pipedyn.orbits.periodic_orbit import ORBIT_STAGES
 from pipedyn.util.counters import TookTooLong, counted, limited
 

@@ -8,13 +8,13 @@ from pipedyn import continuation as continuation
 from pipedyn import modular as modular
 from pipedyn.accuracy.choose import Choice as Choice
 from pipedyn.accuracy.choose import NoModel as NoModel
+from pipedyn.accuracy.choose import Trade as Trade
+from pipedyn.accuracy.choose import TradeRow as TradeRow
 from pipedyn.accuracy.choose import choose as choose
+from pipedyn.accuracy.choose import trade as trade
 from pipedyn.accuracy.effects import Effect as Effect
 from pipedyn.accuracy.effects import Relevance as Relevance
 from pipedyn.accuracy.effects import relevant as relevant
-from pipedyn.accuracy.trade import Trade as Trade
-from pipedyn.accuracy.trade import TradeRow as TradeRow
-from pipedyn.accuracy.trade import trade as trade
 from pipedyn.attraction.attractor import Attractor as Attractor
 from pipedyn.attraction.attractors import Attractors as Attractors
 from pipedyn.attraction.attractors import Basin as Basin

@@ -57,9 +57,8 @@ from pipedyn.util.counters import clock, counted
 from pipedyn.util.errors import PipedynError
 from pipedyn.util.later import futures
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.parallel import parallel, track, watched
+from pipedyn.util.parallel import one_thread, parallel, track, watched
 from pipedyn.util.result import Result, TableResult, joined
-from pipedyn.util.threads import one_thread
 
 MOST_MOTIONS = 100_000
 """Largest number of motions of one call: an hour at 30 ms each."""

@@ -34,9 +34,7 @@ from pipedyn.models.supports import RootSpring
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.errors import PipedynError
-from pipedyn.util.result import Result, TableResult
-from pipedyn.util.table import Table
-from pipedyn.util.units import RATE
+from pipedyn.util.result import RATE, Result, Table, TableResult
 
 LIMIT_BETA = 1e-9
 """Value of beta for the limit beta -> 0; its critical speed differs from the limit by 1.1 beta."""

@@ -9,8 +9,7 @@ from typing import Literal
 from pipedyn.motion.lyapunov import LyapunovExponent
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.result import Result
-from pipedyn.util.units import LENGTH
+from pipedyn.util.result import LENGTH, Result
 
 Ending = Literal[
     "rest", "periodic", "quasi-periodic", "chaotic", "irregular", "unsettled", "failed"

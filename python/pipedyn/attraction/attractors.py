@@ -38,8 +38,7 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.later import futures
-from pipedyn.util.result import Result, TableResult
-from pipedyn.util.units import LENGTH, RATE
+from pipedyn.util.result import LENGTH, RATE, Result, TableResult
 
 PILOTS, GROUP = BATCH, 128
 """Number of starts that are followed first, in one batch, and of those that afterwards share what

@@ -60,8 +60,7 @@ from pipedyn.motion.simulate import (
 from pipedyn.motion.vector_field import Excitation
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.parallel import parallel
-from pipedyn.util.threads import one_thread
+from pipedyn.util.parallel import one_thread, parallel
 
 MotionEnd = tuple[int, Attractor | Exception]
 """End of a motion: the number of a solution of its case, NOWHERE or STOPPED, and the attractor or

@@ -23,11 +23,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.linear.eigenproblem import Complex
 from pipedyn.models.base import Model
 from pipedyn.motion.integrator import Observer, Outcome, Task, integrate
 from pipedyn.orbits.floquet_coordinates import FloquetCoordinates
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.later import scipy
 
 NOWHERE, STOPPED = -1, -2

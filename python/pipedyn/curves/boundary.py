@@ -49,8 +49,8 @@ from pipedyn.models.pipe_numbers import PipeNumber, checked_number
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import Result
-from pipedyn.util.threads import one_thread
 
 AGREED = 2e-10
 """Distance between a point in two successive bases of the continuous pipe up to which it is

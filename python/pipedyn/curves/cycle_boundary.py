@@ -32,7 +32,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.threads import one_thread
+from pipedyn.util.parallel import one_thread
 
 
 @saved_as("CycleBoundary")

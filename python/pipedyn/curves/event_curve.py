@@ -16,13 +16,12 @@ from pipedyn.curves.event_onset import Onset
 from pipedyn.curves.event_plane import EVENTS, EventPlane, Followed
 from pipedyn.curves.event_problem import EventProblem, event_angle
 from pipedyn.cycles.limit_cycle import amplitude_of
-from pipedyn.linear.eigenproblem import Complex
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.floquet import UNIT, crossing_event, nontrivial, orbit_multipliers
 from pipedyn.orbits.orbit_continuation import FINE, breaking_part, onward
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit, resolved_orbit
 from pipedyn.util.archive import saved_as
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import track
 from pipedyn.util.result import Result

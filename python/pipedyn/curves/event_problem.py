@@ -32,10 +32,9 @@ import numpy as np
 
 from pipedyn.continuation.arclength import Control, Solver
 from pipedyn.curves.event_plane import EventPlane, Followed
-from pipedyn.linear.eigenproblem import Complex
 from pipedyn.orbits.collocation import Linearised, OrbitProblem
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
 from pipedyn.util.newton import NewtonFailed
 

@@ -7,8 +7,7 @@ from typing import Any, ClassVar
 
 from pipedyn.models.pipe_numbers import unit_of_number
 from pipedyn.models.scales import scales_at
-from pipedyn.util.result import Result, TableResult, joined
-from pipedyn.util.units import Unit
+from pipedyn.util.result import Result, TableResult, Unit, joined
 
 
 class InPlane(TableResult):

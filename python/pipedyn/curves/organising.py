@@ -27,11 +27,10 @@ from pipedyn.equilibrium.axis_problems import (
     FlutterProblem,
 )
 from pipedyn.equilibrium.hopf import NoHopf, onset_coefficients, static_cubic
-from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.neutral import beyond_rounding
 from pipedyn.linear.plane import Plane
 from pipedyn.util.archive import saved_as
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed, newton
 from pipedyn.util.result import Result

@@ -31,7 +31,6 @@ from pipedyn.cycles.limit_cycle import (
 from pipedyn.equilibrium.equilibria import BranchPoint, EquilibriumBranch
 from pipedyn.equilibrium.hopf import HopfPoint, hopf_point
 from pipedyn.linear.critical_speed import crossings
-from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.base import BALANCED, Model
 from pipedyn.motion.vector_field import VectorField
@@ -61,13 +60,11 @@ from pipedyn.orbits.orbit_continuation import (
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.parallel import track
-from pipedyn.util.result import Result, TableResult
-from pipedyn.util.threads import one_thread
-from pipedyn.util.units import SPEED
+from pipedyn.util.parallel import one_thread, track
+from pipedyn.util.result import SPEED, Result, TableResult
 
 Failed = tuple[float, Exception]
 """A flow speed and the exception that was raised there."""

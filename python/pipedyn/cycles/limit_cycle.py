@@ -29,7 +29,6 @@ from pipedyn.attraction.records import Stretch
 from pipedyn.attraction.regions import NOWHERE
 from pipedyn.equilibrium.hopf import Hopf, hopf, hopf_point
 from pipedyn.linear.critical_speed import crossings
-from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.base import Model
 from pipedyn.models.drive import steady_speed
@@ -50,12 +49,12 @@ from pipedyn.orbits.orbit_continuation import COARSE, breaking_part, continued, 
 from pipedyn.orbits.periodic_orbit import ORBIT_STAGES, PeriodicOrbit, refined
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import counted
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import TableResult
-from pipedyn.util.threads import one_thread
 
 SEARCHED, SEEN = 60.0, 20.0
 """Time in T for which a motion is integrated in search of a cycle, and time for which it is then

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import Control, DenseProblem, Point, Segment
 from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
-from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.neutral import beyond_rounding, eigenvalues_of, grows
 from pipedyn.models.base import BALANCED, Model, Operators
 from pipedyn.models.drive import LARGEST_SPEED, require_steady, steady_speed
@@ -29,13 +28,12 @@ from pipedyn.motion.simulate import Start, checked_model_in_motion, modal_bend
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed, newton
-from pipedyn.util.result import Result, TableResult, numbered
-from pipedyn.util.threads import one_thread
-from pipedyn.util.units import RATE
+from pipedyn.util.parallel import one_thread
+from pipedyn.util.result import RATE, Result, TableResult, numbered
 
 EQUILIBRIA_DOF = 500
 """Most degrees of freedom in which equilibria are searched. A search in a chain takes 0.4 s with

@@ -55,7 +55,6 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn.equilibrium.axis_problems import gyroscopic_mass
 from pipedyn.equilibrium.equilibria import BranchPoint, Statics
 from pipedyn.linear.critical_speed import critical_point
-from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.neutral import grows
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.linear.stability_curve import Failure, SweptResult, swept
@@ -67,14 +66,12 @@ from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.later import futures, scipy
-from pipedyn.util.parallel import outcome_of
-from pipedyn.util.result import Result
-from pipedyn.util.threads import one_thread
-from pipedyn.util.units import LENGTH, SPEED
+from pipedyn.util.parallel import one_thread, outcome_of
+from pipedyn.util.result import LENGTH, SPEED, Result
 
 LEVELS, FIRST_STEP = 6, 0.2
 """Number of steps of the differences, each half of the last, and the largest angle, in rad, by

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.forced.pulsating import Hill
-from pipedyn.linear.eigenproblem import Complex
 from pipedyn.orbits.magnus import exponentials
+from pipedyn.util.check import Complex
 
 GROWS, GROWS_SHARP = 1e-5, 1e-7
 """Excess of a multiplier's modulus over 1 beyond which its motion counts as growing, in damped

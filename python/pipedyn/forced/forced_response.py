@@ -24,7 +24,6 @@ from pipedyn.continuation.tracer import TestFunction, Tracer, between_folds, spe
 from pipedyn.cycles.limit_cycle import amplitude_of, as_symmetric, one_period, refined_until
 from pipedyn.forced.parametric_search import regions
 from pipedyn.forced.pulsating import Hill, PulsatingPipe, require_motion
-from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.frequency_response import base_solution, checked_range
 from pipedyn.linear.modes import largest_speed
 from pipedyn.linear.stability_curve import Failure
@@ -55,13 +54,12 @@ from pipedyn.orbits.periodic_orbit import (
 )
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import counted
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.parallel import track
+from pipedyn.util.parallel import one_thread, track
 from pipedyn.util.result import Result, TableResult, joined
-from pipedyn.util.threads import one_thread
 
 FORCED_DOF = 60
 """Largest number of degrees of freedom: with 20 of them a motion takes some 0.1 s, and a branch has

@@ -19,8 +19,7 @@ import numpy as np
 
 from pipedyn.continuation.arclength import Control, DenseProblem, Point, Segment
 from pipedyn.forced.pulsating import Hill
-from pipedyn.linear.eigenproblem import Complex
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed, newton

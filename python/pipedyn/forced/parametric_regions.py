@@ -35,9 +35,8 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.result import ResultSequence, TableResult, joined
-from pipedyn.util.threads import one_thread
-from pipedyn.util.units import FREQUENCY, SPEED
+from pipedyn.util.parallel import one_thread
+from pipedyn.util.result import FREQUENCY, SPEED, ResultSequence, TableResult, joined
 
 TRUNCATIONS = (12, 16, 22, 30, 40)
 """Numbers of functions or modes that are tried, one after the other, until edges converge."""

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.linear.eigenproblem import Complex, eigenproblem
+from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.linear.modes import largest_speed
 from pipedyn.models.base import Model, Operators
 from pipedyn.models.continuum import (
@@ -37,12 +37,11 @@ from pipedyn.orbits.floquet import UNIT, by_series
 from pipedyn.orbits.periodic_orbit import STAGE_NODES
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.result import TableResult
-from pipedyn.util.threads import one_thread
-from pipedyn.util.units import RATE
+from pipedyn.util.parallel import one_thread
+from pipedyn.util.result import RATE, TableResult
 
 FLOQUET_DOF = 100
 """Largest number of degrees of freedom for `floquet`: matrices have 200 rows, and it takes a second

@@ -15,8 +15,14 @@ import numpy as np
 from pipedyn import _core
 from pipedyn.linear.eigenproblem import Eigenproblem, eigenproblem
 from pipedyn.linear.modes import LARGEST_FULL, ModeShape, largest_speed, neutral_shape
-from pipedyn.linear.sensitivity import Crossing, Crossings, crossings_of
-from pipedyn.linear.weak_damping import extrapolated, is_weakly_damped, strengthened
+from pipedyn.linear.sensitivity import (
+    Crossing,
+    Crossings,
+    crossings_of,
+    extrapolated,
+    is_weakly_damped,
+    strengthened,
+)
 from pipedyn.models.base import Model
 from pipedyn.models.continuum import (
     AnyModel,
@@ -32,9 +38,8 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
 from pipedyn.util.errors import NotConverged, PipedynError
-from pipedyn.util.parallel import Job, Returned, outcome_of
-from pipedyn.util.threads import one_thread
-from pipedyn.util.units import SPEED
+from pipedyn.util.parallel import Job, Returned, one_thread, outcome_of
+from pipedyn.util.result import SPEED
 
 LONG_MODEL = 4
 """Number of degrees of freedom for each tracked mode, and for each unit of flow speed, from which

@@ -23,11 +23,9 @@ from numpy.typing import NDArray
 from pipedyn import _core
 from pipedyn.models.base import Model
 from pipedyn.models.pencil import Pencil, Vectors
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
-from pipedyn.util.threads import one_thread
-
-Complex = NDArray[np.complex128]
+from pipedyn.util.parallel import one_thread
 
 
 class Eigenproblem:

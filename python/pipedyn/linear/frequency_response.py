@@ -20,7 +20,6 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.modes import largest_speed, roots_and_shapes
 from pipedyn.linear.neutral import grows, growth
 from pipedyn.models.base import DENSE_LIMIT, ROWS, Model
@@ -37,13 +36,12 @@ from pipedyn.models.drive import steady_speed
 from pipedyn.models.terms import PointMass
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.later import scipy
-from pipedyn.util.result import Result, TableResult
-from pipedyn.util.threads import one_thread
-from pipedyn.util.units import FREQUENCY
+from pipedyn.util.parallel import one_thread
+from pipedyn.util.result import FREQUENCY, Result, TableResult
 
 Input: TypeAlias = "str | tuple[str, float]"
 """An input, the load or motion that drives the pipe: "base", ("force", s) or ("moment", s)."""

@@ -18,7 +18,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from pipedyn.linear.critical_speed import CriticalSpeed, critical_speed
-from pipedyn.linear.eigenproblem import Complex, eigenproblem
+from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.linear.modes import root_loci
 from pipedyn.models.base import Model
 from pipedyn.models.continuum import Continuum
@@ -29,11 +29,11 @@ from pipedyn.models.supports import RootSpring
 from pipedyn.models.terms import converted
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.later import scipy
+from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import TableResult
-from pipedyn.util.threads import one_thread
 
 MeasuredQuantity = Literal[
     "frequency", "decay_rate", "decrement", "critical_speed", "critical_frequency"

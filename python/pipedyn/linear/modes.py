@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
-from pipedyn.linear.eigenproblem import Complex, eigenproblem
+from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.models.base import DENSE_LIMIT, Model
 from pipedyn.models.continuum import (
     TOLERANCE,
@@ -27,13 +27,11 @@ from pipedyn.models.drive import LARGEST_SPEED, require_steady, steady_speed
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
 from pipedyn.util.errors import NotConverged
-from pipedyn.util.parallel import track
-from pipedyn.util.result import Result, TableResult
-from pipedyn.util.threads import one_thread
-from pipedyn.util.units import RATE
+from pipedyn.util.parallel import one_thread, track
+from pipedyn.util.result import RATE, Result, TableResult
 
 LARGEST_FULL = _core.dense_limit
 """Largest number of degrees of freedom at which all eigenvalues are computed at once."""

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn import _core
-from pipedyn.linear.eigenproblem import Complex
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
 
 SHIFT: float = _core.SHIFT

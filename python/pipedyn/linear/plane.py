@@ -22,13 +22,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.neutral import SHIFT, companion, eigenvalues_of, grows, shifted
 from pipedyn.models.base import COMPLEX_STEP, Model, Operators
 from pipedyn.models.chain import Chain
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe_numbers import PipeNumber
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
 
 AFFINE = 1e-12

@@ -29,8 +29,7 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.later import futures
 from pipedyn.util.parallel import Returned, outcome_of, parallel
-from pipedyn.util.result import Result, TableResult
-from pipedyn.util.units import SPEED
+from pipedyn.util.result import SPEED, Result, TableResult
 
 LARGEST_BATCH = 256
 """Largest number of models in one call: 256 of 40 segments take 0.3 s; from 16 on calls cost

@@ -22,8 +22,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import Saved, saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.errors import resolved
-from pipedyn.util.result import Result
-from pipedyn.util.units import POWER
+from pipedyn.util.result import POWER, Result
 
 BALANCED = 1e-8
 """Largest residual force of an equilibrium, in units of 1 + |gamma| + a u^2: in 11 searches with

@@ -35,7 +35,7 @@ from pipedyn.models.terms import (
 )
 from pipedyn.util import check
 from pipedyn.util.archive import Saved, saved_as
-from pipedyn.util.units import TIME, Unit
+from pipedyn.util.result import TIME, Unit
 
 Flow = Literal["ejecting", "aspirating"]
 FLOWS = ("ejecting", "aspirating")

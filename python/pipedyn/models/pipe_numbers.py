@@ -13,7 +13,7 @@ from typing import Any
 from pipedyn.models.pipe import OWN_NUMBERS, Pipe
 from pipedyn.models.supports import RootSpring
 from pipedyn.util import check
-from pipedyn.util.units import SPEED, Unit
+from pipedyn.util.result import SPEED, Unit
 
 
 @dataclass(frozen=True)

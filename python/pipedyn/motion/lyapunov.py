@@ -40,8 +40,7 @@ from pipedyn.util.counters import evaluated
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.later import scipy
 from pipedyn.util.parallel import track
-from pipedyn.util.result import TableResult
-from pipedyn.util.units import RATE
+from pipedyn.util.result import RATE, TableResult
 
 Rates = Callable[[Array], Array]
 """A function of a state y, shape (n,), that returns y' or its Jacobian."""

@@ -57,8 +57,7 @@ from pipedyn.util.counters import TookTooLong
 from pipedyn.util.errors import PipedynError
 from pipedyn.util.later import futures
 from pipedyn.util.parallel import Returned, parallel
-from pipedyn.util.result import Result, TableResult, joined, states_over_time
-from pipedyn.util.units import Unit
+from pipedyn.util.result import Result, TableResult, Unit, joined, states_over_time
 
 Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
 """The angle theta(s) of the bent pipe, or coordinates; some functions also take states."""

@@ -18,12 +18,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.linear.eigenproblem import Complex
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import collocation_maps, stage_derivatives, state_units, through
 from pipedyn.orbits.magnus import interval_maps
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit, interpolated, refined
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
 from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed

@@ -14,12 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipedyn.linear.eigenproblem import Complex
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import interval_derivatives
 from pipedyn.orbits.floquet import parts_for
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit, divided, integrals
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
 
 POINTS = 256

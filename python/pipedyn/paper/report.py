@@ -23,7 +23,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.paper.analysis import CHAIN_SIZES, REDUCED_SIZES, Findings, Options, Row, map_top
 from pipedyn.plot.linear import DOT, ONSET
 from pipedyn.plot.units import FLOW_SPEED, GROWTH, ROOT_FREQUENCY, Units, View
-from pipedyn.util.table import Table
+from pipedyn.util.result import Table
 
 
 def loci_figure(case: Options, findings: Findings) -> plot.Figure:

@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, LogLocator, NullLocator, ScalarFormatter
 from numpy.typing import NDArray
 
+from pipedyn.accuracy.choose import COSTS, Trade, TradeRow
 from pipedyn.accuracy.convergence import ConvergenceLaw, convergence_law, relative_errors
-from pipedyn.accuracy.trade import COSTS, Trade, TradeRow
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.models.galerkin import BASES
 from pipedyn.plot import common

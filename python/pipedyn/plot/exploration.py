@@ -35,7 +35,6 @@ from pipedyn.linear.critical_speed import (
     stability_losses,
     stable_speeds,
 )
-from pipedyn.linear.eigenproblem import Complex
 from pipedyn.linear.modes import ModeShape, RootLoci, modes, root_loci
 from pipedyn.linear.neutral import grows, growth
 from pipedyn.linear.stability_curve import StabilityCurve, stability_curve
@@ -48,7 +47,7 @@ from pipedyn.plot.motion import clamp_and_gravity, flow_ends
 from pipedyn.plot.stability_map import STABLE
 from pipedyn.plot.units import Measure, PlaneView, Units, View
 from pipedyn.util import check
-from pipedyn.util.check import Array
+from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import PipedynError
 
 MOST_SEGMENTS = 20

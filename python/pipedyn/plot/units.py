@@ -16,10 +16,10 @@ from pipedyn.models.pipe_numbers import unit_of_number
 from pipedyn.models.scales import scales_at
 from pipedyn.plot import common
 from pipedyn.util import check
-from pipedyn.util import units as si
+from pipedyn.util import result as si
 from pipedyn.util.check import Array
+from pipedyn.util.result import Unit
 from pipedyn.util.result import Units as Units
-from pipedyn.util.units import Unit
 
 
 @dataclass(frozen=True)

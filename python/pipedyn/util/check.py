@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pipedyn.util.later import difflib
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 Word = TypeVar("Word", bound=str)
 

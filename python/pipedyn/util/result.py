@@ -7,19 +7,100 @@ import csv
 import dataclasses
 import inspect
 import io
+import math
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, ClassVar, Literal, Self, TypeVar, cast, dataclass_transform, overload
+from typing import (
+    Any,
+    ClassVar,
+    Literal,
+    NamedTuple,
+    Self,
+    TypeVar,
+    cast,
+    dataclass_transform,
+    overload,
+)
 
 import numpy as np
 
 from pipedyn.util import check
 from pipedyn.util.archive import Saved
 from pipedyn.util.files import replacing
-from pipedyn.util.table import Table
-from pipedyn.util.units import UNIT_OF, Unit
+from pipedyn.util.later import html
+
+
+class Unit(NamedTuple):
+    """An SI unit and a function that gives the value of a nondimensional 1 from `Scales`."""
+
+    name: str
+    scale: Callable[[Any], Any]
+
+
+SPEED = Unit("m/s", lambda scales: scales.speed)
+FREQUENCY = Unit("Hz", lambda scales: 1.0 / (2.0 * math.pi * scales.time))
+"""Unit of angular frequencies, which are shown as frequencies in Hz."""
+TIME = Unit("s", lambda scales: scales.time)
+RATE = Unit("1/s", lambda scales: 1.0 / scales.time)
+LENGTH = Unit("m", lambda scales: scales.length)
+VELOCITY = Unit("m/s", lambda scales: scales.length / scales.time)
+"""Unit of velocities of points of the pipe; the unit of flow speeds is `SPEED`."""
+POWER = Unit("W", lambda scales: scales.mass * scales.length**3 / scales.time**3)
+ENERGY = Unit("J", lambda scales: scales.mass * scales.length**3 / scales.time**2)
+
+UNIT_OF: MappingProxyType[str, Unit] = MappingProxyType(
+    {
+        **dict.fromkeys(("speed", "speeds", "flow_speed", "u"), SPEED),
+        **dict.fromkeys(("frequency", "frequencies", "threshold_frequency"), FREQUENCY),
+        **dict.fromkeys(("t", "period", "duration"), TIME),
+        **dict.fromkeys(("eigenvalue", "eigenvalues", "partners", "poles"), RATE),
+        **dict.fromkeys(("growth_rate", "qdot"), RATE),
+        **dict.fromkeys(("tip", "tips", "amplitude", "amplitudes", "highest"), LENGTH),
+        "energy": ENERGY,
+        "tip_velocity": VELOCITY,
+    }
+)
+"""Units of numbers and arrays in results and of columns of tables, by name. A class of results may
+state other units."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table with a title, and notes below; `numbers` aligns all columns but the first right."""
+
+    title: str
+    headings: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+    numbers: bool = False
+    notes: Sequence[str] = ()
+
+    def text(self) -> str:
+        """The table as lines of text for a terminal."""
+        widths = [max(map(len, column)) for column in zip(self.headings, *self.rows, strict=True)]
+        set_flush = str.rjust if self.numbers else str.ljust
+        lines = []
+        for cells in (self.headings, *self.rows):
+            others = map(set_flush, cells[1:], widths[1:])
+            lines.append("  ".join([cells[0].ljust(widths[0]), *others]).rstrip())
+        return "\n".join([self.title, *lines, *self.notes])
+
+    def html(self) -> str:
+        """The table as HTML for a notebook."""
+        title = html.escape(self.title).replace("\n", "<br>")
+        body = "".join(_line(cells, "td") for cells in self.rows)
+        notes = "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)
+        return (
+            f"<table><caption>{title}</caption><thead>{_line(self.headings, 'th')}</thead>"
+            f"<tbody>{body}</tbody></table>{notes}"
+        )
+
+
+def _line(cells: tuple[str, ...], tag: str) -> str:
+    return f"<tr>{''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in cells)}</tr>"
+
 
 Units = Literal["nondimensional", "si"]
 
