@@ -502,7 +502,7 @@ def test_hardly_any_damping_of_an_aspirating_pipe_is_outdone_by_hardly_any_flow(
 
 
 def test_a_pair_that_turns_real_and_passes_zero_in_one_step_diverges():
-    """The mode is one that the model does not resolve: it was flutter and divergence at once."""
+    """Of a mode beyond those tracked with certainty: it was flutter and divergence at one speed."""
     terms = (
         pp.Spring(at=0.458169555812, stiffness=506.95),
         pp.Damper(at=0.868, coefficient=0.3388),

@@ -164,8 +164,8 @@ void define_linear(py::module_& m) {
       .def_readonly("errors", &RootLoci::errors);
 
   py::class_<Range>(m, "Range")
-      .def(py::init<double, double, Index, Index, Index, bool>(), "max_speed"_a, "scale"_a,
-           "count"_a, "tracked"_a, "resolved"_a, "until_unstable"_a);
+      .def(py::init<double, double, Index, Index, Index, Index, bool>(), "max_speed"_a, "scale"_a,
+           "count"_a, "tracked"_a, "resolved"_a, "certain"_a, "until_unstable"_a);
 
   py::class_<Spectrum, std::shared_ptr<Spectrum>>(m, "Spectrum")
       .def(

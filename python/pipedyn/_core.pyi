@@ -310,6 +310,7 @@ class Range:
         count: typing.SupportsInt | typing.SupportsIndex,
         tracked: typing.SupportsInt | typing.SupportsIndex,
         resolved: typing.SupportsInt | typing.SupportsIndex,
+        certain: typing.SupportsInt | typing.SupportsIndex,
         until_unstable: bool,
     ) -> None: ...
 

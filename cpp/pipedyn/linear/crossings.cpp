@@ -79,7 +79,7 @@ class Search {
       unstable_ = states(*first, every, Flags(every.size(), 0));
       static_count_ = static_count(*first);
       sweep_.unstable_at_rest = unstable_count_ = count_unstable(*first) + static_count_;
-      every.resize(std::min(first->size(), (traits_.squared ? 1 : 2) * range_.tracked));
+      every.resize(std::min(first->size(), (traits_.squared ? 1 : 2) * range_.certain));
       const auto sure = [this](const Step& step) {
         scanned_ = scan(step);
         return scanned_.clear;
@@ -433,11 +433,15 @@ class Search {
       const Index j = step.onto[i];
       if (modes_[i] < 1 || modes_[i] > range_.resolved || j < 0) continue;
       const Complex start = step.start(i), end = step.end(i);
+      const auto heavily_damped = [this](Complex value) {
+        return !traits_.squared && value.real() < -heavy_damping * magnitude(value);
+      };
       const bool stays =
           start == 0.0 || !traits_.is_hysteretic() || traits_.counts(start) == traits_.counts(end);
       if (stays && (start == 0.0 ? end : start).imag() < 0.0) continue;
       // A growing root that passes the real axis becomes a root of the pipe, or ceases to be one.
       if (!stays && (found.after[i] || unstable_[i])) found.clear = false;
+      if (modes_[i] > range_.certain && heavily_damped(start) && heavily_damped(end)) continue;
       found.roots.push_back(i);
       const bool real = start.imag() == 0.0 && end.imag() == 0.0;
       if (left.u == 0.0 && (traits_.squared || step.meets[i] < 0)) {

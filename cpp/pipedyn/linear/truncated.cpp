@@ -12,11 +12,6 @@ namespace {
 /// at which the side of the axis is trusted.
 constexpr double largest_shift = 0.05, largest_share = 0.5;
 
-/// Roots with Re lambda < -0.3 |lambda| are far from the axis. With 16 Legendre functions roots
-/// that need no refinement have a share of 0.56 or more at damping 1e-3, and roots without damping
-/// 0.03 at most.
-constexpr double heavy_damping = 0.3;
-
 /// Distance from a crossing within which that of the larger model is looked for, relative to 1 + u.
 constexpr double near_by = 1e-3;
 

@@ -610,6 +610,7 @@ class _Search:
             count=self.count,
             tracked=self.tracked,
             resolved=self._looked_at,
+            certain=min(self.tracked, self.model.resolved_modes),
             until_unstable=self.until_unstable,
         )
 
