@@ -10,49 +10,12 @@ Source: Orsino and Di Giulio, eqs. (2)-(6) and (9)-(11); Orsino (2016).
 """
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import scipy.linalg
 
 from pipedyn import modular as md
 from pipedyn.models.base import ROWS
-
-# Load and couple (f_x, f_y, c) of each law, per length if it acts all along, at places (x, y) with
-# the velocity (vx, vy), where the tangent (sine, cosine) has the angle theta and the rate omega.
-LAWS = {
-    "point_mass": lambda at, mass, inertia: (0.0, 0.0, 0.0),
-    "spring": lambda at, k: (-k * at.x, 0.0, 0.0),
-    "foundation": lambda at, k: (-k * at.x, 0.0, 0.0),
-    "cubic_spring": lambda at, k: (-k * at.x**3, 0.0, 0.0),
-    "stop": lambda at, g, k: (k * (np.clip(at.x, -g, g) - at.x), 0.0, 0.0),
-    "damper": lambda at, c: (-c * at.vx, 0.0, 0.0),
-    "viscosity": lambda at, c: (-c * at.normal * at.cosine, c * at.normal * at.sine, 0.0),
-    "added_mass": lambda at, chi: (
-        chi * at.omega * (at.forward * at.cosine + at.normal * at.sine),
-        chi * at.omega * (at.normal * at.cosine - at.forward * at.sine),
-        -chi * at.normal * at.forward,
-    ),
-    "tension": lambda at, force: (0.0, force, 0.0),
-    "stretching": lambda at, k, c: (0.0, k * (1.0 - at.y) - c * at.vy, 0.0),
-    "rotational_spring": lambda at, k: (0.0, 0.0, -k * at.theta),
-    "rotational_damper": lambda at, c: (0.0, 0.0, -c * at.omega),
-}
-
-
-def places_of(term, layout):
-    """Segment, share of its length and weight of each place where a term acts, (k,) each.
-
-    A term all along the pipe acts at two Gauss points of each segment, and none acts on the base.
-    """
-    ends, n = layout.base + np.cumsum(layout.lengths), layout.lengths.size
-    if term.place is None:
-        gauss = 0.5 - math.sqrt(1.0 / 12.0)
-        shares = np.repeat([gauss, 1.0 - gauss], n)
-        return np.tile(np.arange(n), 2), shares, np.tile(0.5 * layout.lengths, 2)
-    at = np.full(1 if term.place > layout.base else 0, term.place)
-    segment = np.minimum(np.searchsorted(ends, at - 1e-12), n - 1)
-    return segment, 1.0 - (ends[segment] - at) / layout.lengths[segment], np.ones(at.size)
 
 
 def across(along):
@@ -123,22 +86,19 @@ def forces(scene, y, u, drive=None):
     add(layout.drag_points, normal * (-pipe.drag * lengths * np.abs(v) * v)[:, None], every)
     add(middle, normal * (-across_alone * (normal @ acceleration))[:, None], every)
 
-    for term in pipe.terms:
-        segment, share, weight = places_of(term, layout)
-        tangent, size = along[segment], np.hypot(*along[segment].T)[:, None]
-        (sine, cosine), at = (tangent / size).T, SimpleNamespace(theta=np.cumsum(q[2::3])[segment])
-        at.sine, at.cosine = sine, cosine
-        at.x, at.y = (between(nodes, share, segment) + place).T
-        at.vx, at.vy = (between(velocities, share, segment) + speed).T
-        at.normal, at.forward = cosine * at.vx - sine * at.vy, sine * at.vx + cosine * at.vy
-        swing = across(tangent) / size**2 * np.diff(velocities, axis=0)[segment]
-        at.omega = np.sum(swing, axis=1)
-        law = LAWS[term.law](at, *term.law_numbers(pipe.damping))
-        loads = np.column_stack([weight * component for component in law])
-        add(share, loads[:, :2], segment)
-        couple = (normal / lengths[:, None])[segment] * loads[:, 2:]  # opposite forces on the nodes
-        np.add.at(on_nodes, segment, -couple)
-        np.add.at(on_nodes, segment + 1, couple)
+    segment, arm, weight = chain.places().T
+    segment = segment.astype(np.intp)
+    share, tangent = arm / lengths[segment], along[segment]
+    size = np.hypot(*tangent.T)[:, None]
+    turning = np.sum(across(tangent) / size**2 * np.diff(velocities, axis=0)[segment], axis=1)
+    where, moving = (between(of, share, segment) for of in (nodes, velocities))
+    angle = np.cumsum(q[2::3])[segment]
+    stations = np.column_stack([where + place, angle, tangent / size, moving + speed, turning])
+    loads = weight[:, None] * chain.loads(stations)
+    add(share, loads[:, :2], segment)
+    couple = (normal / lengths[:, None])[segment] * loads[:, 2:]  # two opposite forces on the nodes
+    np.add.at(on_nodes, segment, -couple)
+    np.add.at(on_nodes, segment + 1, couple)
 
     on_nodes[:-1] -= fluid * u * velocities[1:]
     on_nodes[1:] += fluid * u * velocities[:-1]

@@ -242,7 +242,7 @@ def test_the_motion_jacobian_is_exact_where_guides_are_missed_too(name):
     y, u, h = np.concatenate(off_constraints(scene)), 3.0, 2e-3
 
     def rates(z):
-        return scene.core.rhs(0.0, np.append(z, 0.0), u, power=True)[:-1]
+        return scene.core.rhs_and_power(0.0, np.append(z, 0.0), u)[:-1]
 
     weights = zip((1, 2, 3), (45.0, -9.0, 1.0), strict=True)
     found = sum(w / 60.0 * k * differences(rates, y, k * h) * 2.0 for k, w in weights)
@@ -256,8 +256,7 @@ def test_what_states_miss_guides_by_decays_at_the_return_rate(name):
     scene = RETURNING[name]()
     n, rate, held = scene.integrated, scene.core.return_rate, scene._layout.held
     theta, omega = off_constraints(scene)
-    y = np.concatenate([theta, omega, [0.0]])
-    rates = scene.core.rhs(0.0, y, 3.0, power=True)[:-1]
+    rates = scene.core.rhs_and_power(0.0, np.concatenate([theta, omega, [0.0]]), 3.0)[:-1]
     np.testing.assert_array_equal(rates[:n], omega)
 
     def off(h):
@@ -335,3 +334,5 @@ def test_wrong_sizes_are_refused():
         core.project(np.zeros((3, 1)), np.zeros((2, 1)))
     with pytest.raises(ValueError, match=r"y must have shape \(4,\)"):
         core.redundant(np.zeros(5))
+    with pytest.raises(ValueError, match="one row of 8 numbers a place"):
+        core.chain.loads(np.zeros((1, 7)))

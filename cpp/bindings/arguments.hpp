@@ -310,8 +310,7 @@ using Parts =
 
 /// Defines the equations of motion for states [p, p'] with 2 dof rows. work_of: amount of work for
 /// one state, as for `UnlockedFor`. Results that the model does not resolve raise NotResolved if
-/// `refuses`, and are NaN otherwise, as integrators and searches take them. With `power`, rates are
-/// those of [p, p', W], where W' is the power.
+/// `refuses`, and are NaN otherwise, as integrators and searches take them.
 template <class Model, py::ssize_t (*work_of)(const Model&)>
 void define_equations(py::class_<Model>& model) {
   using namespace py::literals;
@@ -336,12 +335,19 @@ void define_equations(py::class_<Model>& model) {
       .def(
           "rhs",
           [ask](const Model& of, const object&, const object& y, const object& u,
-                const object& driven, bool refused, bool power) {
-            const py::ssize_t rows = 2 * of.dof() + (power ? 1 : 0);
-            return ask(of, y, u, driven, rows, rows, power ? &Model::rhs_and_power : &Model::rhs,
-                       refused ? "rhs" : nullptr);
+                const object& driven, bool refused) {
+            const py::ssize_t rows = 2 * of.dof();
+            return ask(of, y, u, driven, rows, rows, &Model::rhs, refused ? "rhs" : nullptr);
           },
-          "t"_a, "y"_a, "u"_a, drive, refuses, "power"_a = false)
+          "t"_a, "y"_a, "u"_a, drive, refuses)
+      .def(
+          "rhs_and_power",
+          [ask](const Model& of, const object&, const object& y, const object& u,
+                const object& driven) {
+            const py::ssize_t rows = 2 * of.dof() + 1;
+            return ask(of, y, u, driven, rows, rows, &Model::rhs_and_power);
+          },
+          "t"_a, "y"_a, "u"_a, drive)
       .def(
           "jacobian",
           [ask](const Model& of, const object&, const object& y, const object& u,

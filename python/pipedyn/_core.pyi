@@ -43,6 +43,7 @@ __all__: list[str] = [
     "orbit_states",
     "rounding",
     "set_vector_level",
+    "sincos",
     "vector_level",
     "vector_levels",
 ]
@@ -131,6 +132,10 @@ class Chain:
         by_damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         unsteady: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def loads(
+        self, stations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def places(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     @property
     def joints(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 
@@ -195,7 +200,9 @@ class Galerkin:
         u: typing.Any,
         drive: typing.Any = None,
         refuses: bool = True,
-        power: bool = False,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def rhs_and_power(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def tips(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
@@ -520,7 +527,9 @@ class Scene:
         u: typing.Any,
         drive: typing.Any = None,
         refuses: bool = True,
-        power: bool = False,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def rhs_and_power(
+        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
     def chain(self) -> Chain: ...
@@ -623,6 +632,9 @@ def rounding(
     values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
 def set_vector_level(name: str) -> None: ...
+def sincos(
+    x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
 def vector_level() -> str: ...
 def vector_levels() -> list[str]: ...
 

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <stdexcept>
 #include <string>
+#include <tuple>
 #include <utility>
 
 #include "pipedyn/chain/stations.hpp"
@@ -63,46 +64,42 @@ std::vector<LoadMoments<double>> loads_at(const MotionModel& model, const Vector
   return sums;
 }
 
-/// Derivatives of the inertia and loads of a segment at rest, without those of the flow, by the
-/// displacement of its joint and by its angle, for a sum of the operators.
-struct Resistance {
+/// Derivatives of the loads on a segment at rest by the displacement of its joint and by its angle,
+/// or by the rates of both.
+struct LoadSlopes {
   double force[2][2];    // force by displacement
   Plane<double> turned;  // force by angle
   Plane<double> moment;  // moment about the joint by displacement
-  double own;            // moment about the joint by angle
+  double turned_moment;  // moment about the joint by angle
 
-  /// sums: loads of the segment, or null; across: the segment's normal.
-  Resistance(const Link& link, const LoadMoments<double>* sums, const LinearPart& part,
+  LoadSlopes(const LoadMoments<double>& sums, Variable place, Variable angle,
              const Plane<double>& across) {
-    const double mass = part.mass * link.mass;
-    const Plane<double> added = scaled(part.mass * link.added, across);
-    force[0][0] = mass + added.x * across.x;
-    force[0][1] = added.x * across.y;
-    force[1][0] = added.y * across.x;
-    force[1][1] = mass + added.y * across.y;
-    turned = moment = scaled(part.mass * link.first_moment, across);
-    own = part.mass * link.inertia;
-    if (sums == nullptr) return;
-    const auto& of = sums->slopes;
-    add(of, by_position, by_angle, part.stiffness, across);
-    add(of, by_velocity, by_rate, part.damping, across);
-  }
-
- private:
-  void add(const Slopes<double> (&of)[3], Variable place, Variable angle, double factor,
-           const Plane<double>& across) {
-    if (factor == 0.0) return;
+    const Slopes<double>(&of)[3] = sums.slopes;
     for (int i = 0; i < 2; ++i) {
-      for (int k = 0; k < 2; ++k) force[i][k] -= factor * of[0].by[i][place + k];
+      for (int k = 0; k < 2; ++k) force[i][k] = of[0].by[i][place + k];
     }
-    const Plane<double> by_turn = plus(force_by(of[1], place, across), force_by(of[0], angle));
+    turned = plus(force_by(of[1], place, across), force_by(of[0], angle));
+    moment = plus(work_by(of[1], place, across), couple_by(of[0], place));
     const Plane<double> lifted = plus(force_by(of[2], place, across), force_by(of[1], angle));
-    turned = plus(turned, scaled(-factor, by_turn));
-    moment =
-        plus(moment, scaled(-factor, plus(work_by(of[1], place, across), couple_by(of[0], place))));
-    own -= factor * (dot(across, plus(lifted, couple_by(of[1], place))) + of[0].by[2][angle]);
+    turned_moment = dot(across, plus(lifted, couple_by(of[1], place))) + of[0].by[2][angle];
   }
 };
+
+/// The seven operators from part(LinearPart), the matrix of a sum of their parts. direction: the
+/// sign of the flow.
+template <class Part>
+Operators operators_by(const Part& part, Index dof, double direction) {
+  Operators ops(dof);
+  ops.mass = part({.mass = 1.0});
+  ops.damping = part({.damping = 1.0});
+  ops.stiffness = part({.stiffness = 1.0});
+  ops.flux = part({.flux = 1.0});
+  ops.unsteady = direction * part({.unsteady = 1.0});
+  const Matrix velocity = direction * part({.velocity = 1.0});
+  ops.gyroscopic = 0.5 * (velocity - velocity.transpose());
+  ops.end_flux = velocity - ops.gyroscopic;
+  return ops;
+}
 
 }  // namespace
 
@@ -201,19 +198,12 @@ void Chain::linearise() {
   for (Index j = n - 1; j >= 0; --j) {
     const Link& link = this->link(j);
     ImpedanceSegment& made = impedances_[static_cast<std::size_t>(j)];
-    const LoadMoments<double>* const of =
-        sums.empty() ? nullptr : &sums[static_cast<std::size_t>(j)];
-    const auto part = [&](const LinearPart& asked) {
-      return Resistance(link, of, asked, {1.0, 0.0});
-    };
-    const Resistance still = part({.stiffness = 1.0}), moving = part({.damping = 1.0});
-    const Resistance heavy = part({.mass = 1.0});
     made = {.length = link.length,
             .joint = {link.spring, link.damping, 0.0},
-            .force = {still.force[0][0], moving.force[0][0], heavy.force[0][0]},
-            .across = {still.moment.x, moving.moment.x, heavy.moment.x},
-            .turned = {still.turned.x, moving.turned.x, heavy.turned.x},
-            .moment = {link.weight + still.own, moving.own, heavy.own},
+            .force = {0.0, 0.0, link.mass + link.added},
+            .across = {0.0, 0.0, link.first_moment},
+            .turned = {0.0, 0.0, link.first_moment},
+            .moment = {link.weight, 0.0, link.inertia},
             .joint_hysteresis = pipe_.hysteresis * damped_springs_[j],
             .moment_hysteresis = 0.0,
             .moment_size = std::abs(link.weight),
@@ -227,10 +217,20 @@ void Chain::linearise() {
       made.moment_size += end_spring_ + made.moment_hysteresis;
       made.loaded = end_damping_ != 0.0 || made.moment_hysteresis != 0.0;
     }
-    if (of == nullptr) continue;
-    const double pulled = link.length * tension + of->load[1][1];
-    tension += of->load[0][1];
-    made.moment_size += std::abs(still.own) + std::abs(pulled);
+    if (sums.empty()) continue;
+    const LoadMoments<double>& of = sums[static_cast<std::size_t>(j)];
+    const double pulled = link.length * tension + of.load[1][1];
+    tension += of.load[0][1];
+    const auto add = [&](const LoadSlopes& slopes, double ImpedanceParts::* to) {
+      made.force.*to -= slopes.force[0][0];
+      made.across.*to -= slopes.moment.x;
+      made.turned.*to -= slopes.turned.x;
+      made.moment.*to -= slopes.turned_moment;
+    };
+    const LoadSlopes bent(of, by_position, by_angle, {1.0, 0.0});
+    add(bent, &ImpedanceParts::stiffness);
+    add(LoadSlopes(of, by_velocity, by_rate, {1.0, 0.0}), &ImpedanceParts::damping);
+    made.moment_size += std::abs(bent.turned_moment) + std::abs(pulled);
     made.moment.stiffness += pulled;
     made.loaded = made.loaded || made.moment.damping != 0.0;
     for (const ImpedanceParts* const part : {&made.force, &made.across, &made.turned}) {
@@ -352,16 +352,16 @@ Operators Chain::operators(const Vector& angles, bool joints) const {
     found.diagonal(-1) -= beyond;
     return found;
   };
-  Operators ops(n);
-  ops.mass = part({.mass = 1.0});
-  ops.damping = part({.damping = 1.0});
-  ops.stiffness = part({.stiffness = 1.0});
-  ops.flux = part({.flux = 1.0});
-  ops.unsteady = pipe_.direction() * part({.unsteady = 1.0});
-  const Matrix velocity = pipe_.direction() * part({.velocity = 1.0});
-  ops.gyroscopic = 0.5 * (velocity - velocity.transpose());
-  ops.end_flux = velocity - ops.gyroscopic;
-  return ops;
+  return operators_by(part, n, pipe_.direction());
+}
+
+Operators Chain::joint_operators(const Vector& scale) const {
+  require_rows(scale.size(), dof());
+  const Matrix columns = scale.asDiagonal();
+  const auto part = [&](const LinearPart& of) -> Matrix {
+    return scale.asDiagonal() * joint_times(columns, of);
+  };
+  return operators_by(part, dof(), pipe_.direction());
 }
 
 Matrix Chain::joint_times(const Matrix& x, const LinearPart& part) const {
@@ -389,17 +389,33 @@ Matrix Chain::moments(const Matrix& x, const LinearPart& part, const Vector& ang
   const double entry = part.velocity * pipe_.entry();
   const auto along = [&](double angle) { return Plane<double>{std::sin(angle), std::cos(angle)}; };
   const auto across = [](const Plane<double>& t) { return Plane<double>{t.y, -t.x}; };
+  // The variables on which loads depend, and the factors of their derivatives.
+  const std::tuple<Variable, Variable, double> variables[] = {
+      {by_position, by_angle, part.stiffness}, {by_velocity, by_rate, part.damping}};
   Matrix out(n, columns), force_x(n, columns), force_y(n, columns);
   using Row = Eigen::RowVectorXd;
   Row place_x = Row::Zero(columns), place_y = place_x;  // displacement of the joint
   for (Index j = 0; j < n; ++j) {
     const Link& link = this->link(j);
-    const double l = link.length;
-    const Plane<double> n_j = across(along(angles[j]));
-    const LoadMoments<double>* const of = loaded ? &sums[static_cast<std::size_t>(j)] : nullptr;
-    const auto [force, by_turn, moment, inertia] = Resistance(link, of, part, n_j);
-    const Plane<double> turned = plus(by_turn, scaled(l * (2.0 * coriolis + push), n_j));
-    const double own = inertia + l * l * coriolis;
+    const double l = link.length, mass = part.mass * link.mass;
+    const double lever = part.mass * link.first_moment;
+    const Plane<double> n_j = across(along(angles[j])), added = scaled(part.mass * link.added, n_j);
+    // Derivatives of the force on the segment, and of its moment, by place and angle.
+    double force[2][2] = {{mass + added.x * n_j.x, added.x * n_j.y},
+                          {added.y * n_j.x, mass + added.y * n_j.y}};
+    Plane<double> turned = scaled(lever + l * (2.0 * coriolis + push), n_j);
+    Plane<double> moment = scaled(lever, n_j);
+    double own = part.mass * link.inertia + l * l * coriolis;
+    for (const auto& [place, angle, factor] : variables) {
+      if (!loaded || factor == 0.0) continue;
+      const LoadSlopes slopes(sums[static_cast<std::size_t>(j)], place, angle, n_j);
+      turned = plus(turned, scaled(-factor, slopes.turned));
+      moment = plus(moment, scaled(-factor, slopes.moment));
+      own -= factor * slopes.turned_moment;
+      for (int i = 0; i < 2; ++i) {
+        for (int k = 0; k < 2; ++k) force[i][k] -= factor * slopes.force[i][k];
+      }
+    }
     force_x.row(j) = force[0][0] * place_x + force[0][1] * place_y + turned.x * x.row(j);
     force_y.row(j) = force[1][0] * place_x + force[1][1] * place_y + turned.y * x.row(j);
     out.row(j) = moment.x * place_x + moment.y * place_y + own * x.row(j);
@@ -473,6 +489,31 @@ Matrix Chain::joints() const {
   Matrix out = Matrix::Zero(n + (pipe_.is_guided() ? 1 : 0), 3);
   out.topRows(n) << segments_.spring, segments_.damping, segments_.rest_moment;
   if (out.rows() > n) out.row(n) << end_spring_, end_damping_, 0.0;
+  return out;
+}
+
+Matrix Chain::places() const {
+  Matrix out(static_cast<Index>(loads_.size()), 3);
+  for (Index i = 0; i < out.rows(); ++i) {
+    const SegmentTerm& place = loads_[static_cast<std::size_t>(i)];
+    out.row(i) << static_cast<double>(place.segment), place.arm, place.weight;
+  }
+  return out;
+}
+
+Matrix Chain::loads(const Matrix& stations) const {
+  if (stations.rows() != static_cast<Index>(loads_.size()) || stations.cols() != 8) {
+    throw std::invalid_argument("stations must have one row of 8 numbers a place");
+  }
+  Matrix out(stations.rows(), 3);
+  for (Index i = 0; i < out.rows(); ++i) {
+    const auto row = stations.row(i);
+    const Station<double> at{row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7]};
+    Laws::with(loads_[static_cast<std::size_t>(i)].term, [&](const auto& law) {
+      const Acting<double> load(law.load(at));
+      out.row(i) << load.x, load.y, load.couple;
+    });
+  }
   return out;
 }
 

@@ -104,6 +104,10 @@ class Chain {
   /// std::invalid_argument unless there is one angle a segment.
   Operators operators(const Vector& angles = Vector(), bool joints = true) const;
 
+  /// Operators in the joint angles divided by scale, z with phi = scale * z, in O(n^2). Throws
+  /// std::invalid_argument unless scale has one entry a segment.
+  Operators joint_operators(const Vector& scale) const;
+
   /// Product of x with a sum of the operators in the joint angles, whose factors part gives, in
   /// O(n) a column; x and the result have shape (n, k). Throws std::invalid_argument unless x has
   /// one row a segment.
@@ -134,6 +138,14 @@ class Chain {
   /// A chain that approximates this one: neighbouring segments are joined, so that about `segments`
   /// remain, and more where ends are held.
   Chain coarser(Index segments) const;
+
+  /// The places of the terms' loads, a row for each (k, 3): number of the segment, from 0, arm from
+  /// its joint, and weight, by which the load is multiplied.
+  Matrix places() const;
+  /// The loads of the terms' laws at the places (k, 3): x, y and couple, without the weights.
+  /// stations: motion of each place (k, 8), with the columns of Station. Throws
+  /// std::invalid_argument unless there is a station for each place.
+  Matrix loads(const Matrix& stations) const;
 
   // Motion, computed with the vector instructions of the processor (levels.hpp). A state y =
   // [theta, theta'] has 2 n entries; each column of a batch is a state. The caller provides arrays

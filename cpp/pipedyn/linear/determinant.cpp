@@ -33,26 +33,8 @@ Reals parts_beside_zero(const Values& values) {
   return parts;
 }
 
-/// The real parts of the columns of x, followed by the imaginary parts.
-Matrix real_columns(const ComplexTable& x) {
-  Matrix parts(x.rows(), 2 * x.cols());
-  parts << x.real(), x.imag();
-  return parts;
-}
-
-/// Products conj(y_j) z_j of two complex columns, each given by its real and imaginary part (n, 2).
-ComplexVector conjugate_products(const Matrix& y, const Matrix& z) {
-  const auto a = y.col(0).array(), b = y.col(1).array();
-  const auto c = z.col(0).array(), d = z.col(1).array();
-  ComplexVector products(y.rows());
-  products.real() = (a * c + b * d).matrix();
-  products.imag() = (a * d - b * c).matrix();
-  return products;
-}
-
-}  // namespace
-
-Values Determinant::log_derivatives(double u, const Values& at, const Values& known) const {
+Values log_derivatives_by(const std::function<void(const Points&, double* out)>& evaluate, double u,
+                          const Values& at, const Values& known) {
   const Index count = at.size();
   const Reals parts = parts_of(at), roots = parts_of(known);
   Reals out(2 * count);
@@ -65,17 +47,21 @@ Values Determinant::log_derivatives(double u, const Values& at, const Values& kn
   return result;
 }
 
-Pairs Determinant::pairs(double u, const Values& values, bool vectors, bool own,
-                         bool loaded) const {
-  const Index count = values.size(), n = vectors ? size() : 0;
+/// Pairs made of what `evaluate` computes for roots, with vectors in n coordinates. elastic: takes
+/// right or left vectors to elastic coordinates.
+Pairs pairs_by(const std::function<void(const Points&, const PairsAsked&)>& evaluate,
+               const std::function<ComplexTable(const ComplexTable&)>& elastic, double u,
+               const Values& values, Index n, bool vectors, bool own, bool loaded) {
+  const Index count = values.size();
+  n = vectors ? n : 0;
   const Reals parts = parts_beside_zero(values);
   Eigen::ArrayXXd out(count, 11);
   std::vector<double> columns(4 * n * count);
   const auto part = [&](Index k) { return out.col(k).data(); };
   double *const right = vectors ? columns.data() : nullptr, *const left = right + 2 * n * count;
-  evaluate_pairs(Points{u, count, parts.data(), parts.data() + count},
-                 PairsAsked{part(0), part(2), part(4), own ? part(6) : nullptr, part(8), part(9),
-                            part(10), right, vectors ? left : nullptr, loaded});
+  evaluate(Points{u, count, parts.data(), parts.data() + count},
+           PairsAsked{part(0), part(2), part(4), own ? part(6) : nullptr, part(8), part(9),
+                      part(10), right, vectors ? left : nullptr, loaded});
   Pairs found{values,        ComplexTable(n, count), ComplexTable(n, count),
               Reals(count),  Reals(count),           Values(count),
               Values(count), Values(count),          Values(count)};
@@ -87,8 +73,8 @@ Pairs Determinant::pairs(double u, const Values& values, bool vectors, bool own,
     }
   }
   if (vectors) {
-    found.right = gathered(found.right);
-    found.left = gathered(found.left);
+    found.right = elastic(found.right);
+    found.left = elastic(found.left);
   }
   for (Index i = 0; i < count; ++i) {
     const double length = vectors ? found.right.col(i).norm() : 1.0;
@@ -113,19 +99,24 @@ Pairs Determinant::pairs(double u, const Values& values, bool vectors, bool own,
   return found;
 }
 
-Pencil Determinant::matrices(double stiffness_size) const {
-  const LinearPart parts[] = {{.mass = 1.0},    {.velocity = 1.0},
-                              {.damping = 1.0}, {.stiffness = 1.0},
-                              {.flux = 1.0},    {.by_damping = pipe().hysteresis}};
-  DenseOperator::Matrices made;
-  std::array<double, 6> lost{};
-  for (std::size_t k = 0; k < (has_loss() ? 6 : 5); ++k) {
-    auto [part, size] = projected(parts[k]);
-    made[k] = std::move(part);
-    lost[k] = 4.0 * eps * static_cast<double>(held()) * size;
-  }
-  return {lapack, std::move(made), thrust(), stiffness_size, lost, entry_error()};
+/// The real parts of the columns of x, followed by the imaginary parts.
+Matrix real_columns(const ComplexTable& x) {
+  Matrix parts(x.rows(), 2 * x.cols());
+  parts << x.real(), x.imag();
+  return parts;
 }
+
+/// Products conj(y_j) z_j of two complex columns, each given by its real and imaginary part (n, 2).
+ComplexVector conjugate_products(const Matrix& y, const Matrix& z) {
+  const auto a = y.col(0).array(), b = y.col(1).array();
+  const auto c = z.col(0).array(), d = z.col(1).array();
+  ComplexVector products(y.rows());
+  products.real() = (a * c + b * d).matrix();
+  products.imag() = (a * d - b * c).matrix();
+  return products;
+}
+
+}  // namespace
 
 Forms Determinant::forms(const Pair& pair) const {
   const Matrix x = spread(real_columns(ComplexTable(pair.right)));
@@ -244,24 +235,46 @@ std::unique_ptr<Determinant> ChainDeterminant::coarser(Index size) const {
                                             scale);
 }
 
-void ChainDeterminant::evaluate(const Points& points, double* out) const {
-  motion_kernel().impedance->log_derivative(chain_->impedance(), points, out);
+Values ChainDeterminant::log_derivatives(double u, const Values& at, const Values& known) const {
+  return log_derivatives_by(
+      [&](const Points& points, double* out) {
+        motion_kernel().impedance->log_derivative(chain_->impedance(), points, out);
+      },
+      u, at, known);
 }
 
-void ChainDeterminant::evaluate_pairs(const Points& points, const PairsAsked& out) const {
-  motion_kernel().impedance->pairs(chain_->impedance(), points, out);
+Pairs ChainDeterminant::pairs(double u, const Values& values, bool vectors, bool own,
+                              bool loaded) const {
+  return pairs_by(
+      [&](const Points& points, const PairsAsked& asked) {
+        motion_kernel().impedance->pairs(chain_->impedance(), points, asked);
+      },
+      [&](const ComplexTable& angles) -> ComplexTable {
+        return complement_->gathered(ComplexTable(scale_.cwiseInverse().asDiagonal() * angles));
+      },
+      u, values, chain_->dof(), vectors, own, loaded);
 }
 
-ComplexTable ChainDeterminant::gathered(const ComplexTable& angles) const {
-  return complement_->gathered(ComplexTable(scale_.cwiseInverse().asDiagonal() * angles));
-}
-
-std::pair<Matrix, double> ChainDeterminant::projected(const LinearPart& part) const {
-  const Matrix columns = scale_.asDiagonal();
-  Matrix found = scale_.asDiagonal() * times(columns, part);
-  const double size = found.norm();
-  found = complement_->gathered(std::move(found)).transpose();
-  return {complement_->gathered(std::move(found)).transpose(), size};
+Pencil ChainDeterminant::matrices(double stiffness_size) const {
+  Operators ops = chain_->joint_operators(scale_);
+  const double sign = chain_->pipe().direction();
+  DenseOperator::Matrices made{std::move(ops.mass), sign * (ops.gyroscopic + ops.end_flux),
+                               std::move(ops.damping), std::move(ops.stiffness),
+                               std::move(ops.flux)};
+  if (has_loss()) {
+    const Matrix columns = scale_.asDiagonal();
+    made[5] =
+        chain_->pipe().hysteresis * (columns * chain_->joint_times(columns, {.by_damping = 1.0}));
+  }
+  std::array<double, 6> lost{};
+  for (std::size_t k = 0; held() > 0 && k < made.size(); ++k) {
+    Matrix& of = made[k];
+    if (of.size() == 0) continue;
+    lost[k] = 4.0 * eps * static_cast<double>(held()) * of.norm();
+    const Matrix columns = complement_->gathered(of).transpose();
+    of = complement_->gathered(columns).transpose();
+  }
+  return {lapack, std::move(made), chain_->pipe().end_coefficient, stiffness_size, lost};
 }
 
 Values ChainDeterminant::static_slopes(const Values& u) const {
@@ -314,32 +327,45 @@ const PanelPencil::At& PanelDeterminant::at(double u) const {
   return latest_;
 }
 
-void PanelDeterminant::evaluate(const Points& points, double* out) const {
-  motion_kernel().elimination->log_derivative(at(points.u).model, points, out, nullptr);
+Values PanelDeterminant::log_derivatives(double u, const Values& at, const Values& known) const {
+  return log_derivatives_by(
+      [&](const Points& points, double* out) {
+        motion_kernel().elimination->log_derivative(this->at(u).model, points, out, nullptr);
+      },
+      u, at, known);
 }
 
-void PanelDeterminant::evaluate_pairs(const Points& points, const PairsAsked& out) const {
-  motion_kernel().elimination->pairs(at(points.u).model, points, out);
+Pairs PanelDeterminant::pairs(double u, const Values& values, bool vectors, bool own,
+                              bool loaded) const {
+  return pairs_by(
+      [&](const Points& points, const PairsAsked& asked) {
+        motion_kernel().elimination->pairs(at(u).model, points, asked);
+      },
+      [&](const ComplexTable& x) -> ComplexTable {
+        ComplexTable found(gathered_.rows(), x.cols());
+        found.real() = gathered_ * x.real();
+        found.imag() = gathered_ * x.imag();
+        return found;
+      },
+      u, values, size(), vectors, own, loaded);
 }
 
-ComplexTable PanelDeterminant::gathered(const ComplexTable& x) const {
-  ComplexTable found(gathered_.rows(), x.cols());
-  found.real() = gathered_ * x.real();
-  found.imag() = gathered_ * x.imag();
-  return found;
-}
-
-std::pair<Matrix, double> PanelDeterminant::projected(const LinearPart& part) const {
-  Matrix found = spread_.transpose() * times(Matrix(spread_), part);
-  const double size = found.norm();
-  return {std::move(found), size};
-}
-
-double PanelDeterminant::entry_error() const {
+Pencil PanelDeterminant::matrices(double stiffness_size) const {
+  const auto part = [&](const LinearPart& of) -> Matrix {
+    return spread_.transpose() * times(Matrix(spread_), of);
+  };
+  DenseOperator::Matrices made{part({.mass = 1.0}), part({.velocity = 1.0}), part({.damping = 1.0}),
+                               part({.stiffness = 1.0}), part({.flux = 1.0})};
+  if (has_loss()) made[5] = pencil_->pipe().hysteresis * part({.by_damping = 1.0});
+  std::array<double, 6> lost{};
+  for (std::size_t k = 0; held() > 0 && k < made.size(); ++k) {
+    lost[k] = 4.0 * eps * static_cast<double>(held()) * made[k].norm();
+  }
   // Each entry is a sum over the nonzero entries of a column of `spread`.
   std::vector<Index> entries(spread_.cols(), 0);
   for (Index k = 0; k < spread_.nonZeros(); ++k) ++entries[spread_.innerIndexPtr()[k]];
-  return static_cast<double>(*std::ranges::max_element(entries)) * eps;
+  const double summed = static_cast<double>(*std::ranges::max_element(entries));
+  return {lapack, std::move(made), thrust(), stiffness_size, lost, summed * eps};
 }
 
 std::optional<Works> PanelDeterminant::works(double u, const Reals& frequencies,
@@ -353,15 +379,12 @@ const EliminationModel& PanelDeterminant::stiffness() const {
 }
 
 Values PanelDeterminant::static_slopes(const Values& u) const {
-  const Index count = u.size();
-  const Reals squares = parts_of(u.square());
-  Reals slopes(2 * count);
-  motion_kernel().elimination->log_derivative(
-      stiffness(), {0.0, count, squares.data(), squares.data() + count}, slopes.data(), nullptr);
-  Values result(count);
-  result.real() = slopes.head(count);
-  result.imag() = slopes.tail(count);
-  return 2.0 * u * result;
+  return 2.0 * u *
+         log_derivatives_by(
+             [&](const Points& points, double* out) {
+               motion_kernel().elimination->log_derivative(stiffness(), points, out, nullptr);
+             },
+             0.0, u.square(), {});
 }
 
 StaticDeterminants PanelDeterminant::static_determinants(const Reals& u) const {
@@ -374,7 +397,8 @@ StaticDeterminants PanelDeterminant::static_determinants(const Reals& u) const {
 }
 
 int PanelDeterminant::negative_at_rest() const {
-  return negative_eigenvalues(lapack, projected({.stiffness = 1.0}).first);
+  return negative_eigenvalues(lapack,
+                              spread_.transpose() * times(Matrix(spread_), {.stiffness = 1.0}));
 }
 
 }  // namespace pipedyn

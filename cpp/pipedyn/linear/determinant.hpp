@@ -43,14 +43,14 @@ class Determinant {
 
   /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k) over the known roots, without known
   /// roots at lambda itself.
-  Values log_derivatives(double u, const Values& at, const Values& known) const;
+  virtual Values log_derivatives(double u, const Values& at, const Values& known) const = 0;
   /// Errors, slopes and corrections of roots from their vectors, and unit vectors if they are asked
   /// for. own: whether by_right is needed; loaded: see `PairsAsked`.
-  Pairs pairs(double u, const Values& values, bool vectors, bool own, bool loaded) const;
+  virtual Pairs pairs(double u, const Values& values, bool vectors, bool own,
+                      bool loaded) const = 0;
   /// The matrices of P in elastic coordinates. stiffness_size: size of K at rest.
-  Pencil matrices(double stiffness_size) const;
-  virtual const Pipe& pipe() const = 0;
-  bool has_loss() const { return pipe().hysteresis > 0.0; }
+  virtual Pencil matrices(double stiffness_size) const = 0;
+  virtual bool has_loss() const = 0;
   /// Whether elimination pivots: vectors are then as accurate where a part of the pipe is singular
   /// by itself.
   virtual bool is_pivoted() const = 0;
@@ -68,7 +68,7 @@ class Determinant {
   std::pair<Reals, Reals> energies(double u, const ComplexTable& x) const;
 
   /// a, the factor of u^2 in K(u).
-  double thrust() const { return pipe().end_coefficient; }
+  virtual double thrust() const = 0;
   /// Derivative by the speed of the logarithm of det K(u), at complex speeds.
   virtual Values static_slopes(const Values& u) const = 0;
   /// det K(u), or det P(beside_zero, u) where joints turn freely.
@@ -83,16 +83,6 @@ class Determinant {
   /// products.
   virtual Matrix spread(const Matrix& x) const = 0;
   virtual Matrix times(const Matrix& x, const LinearPart& part) const = 0;
-  /// A sum of the operators in elastic coordinates, (dof, dof), and the norm relative to which the
-  /// projection rounds it.
-  virtual std::pair<Matrix, double> projected(const LinearPart& part) const = 0;
-  /// Takes vectors in the coordinates of `evaluate_pairs`, (size, r), to elastic coordinates.
-  virtual ComplexTable gathered(const ComplexTable& x) const = 0;
-  /// Error by rounding of an entry of a projected matrix, relative to the entry.
-  virtual double entry_error() const = 0;
-  /// Calls the kernel that computes `log_derivatives`, or `pairs`.
-  virtual void evaluate(const Points& points, double* out) const = 0;
-  virtual void evaluate_pairs(const Points& points, const PairsAsked& out) const = 0;
   /// Whether the coordinates of `times` are joint angles, where each joint has a spring of its own.
   virtual bool has_joints() const = 0;
 };
@@ -112,9 +102,13 @@ class ChainDeterminant : public Determinant {
   Index held() const override { return chain_->dof() - complement_->dof(); }
   Index enough_for(Index roots) const override;
   std::unique_ptr<Determinant> coarser(Index size) const override;
-  const Pipe& pipe() const override { return chain_->pipe(); }
+  Values log_derivatives(double u, const Values& at, const Values& known) const override;
+  Pairs pairs(double u, const Values& values, bool vectors, bool own, bool loaded) const override;
+  Pencil matrices(double stiffness_size) const override;
   bool is_pivoted() const override { return false; }
+  bool has_loss() const override { return chain_->pipe().hysteresis > 0.0; }
   bool turns_freely() const override { return chain_->springs().minCoeff() <= 0.0; }
+  double thrust() const override { return chain_->impedance().thrust; }
   Values static_slopes(const Values& u) const override;
   StaticDeterminants static_determinants(const Reals& u) const override;
   int negative_at_rest() const override;
@@ -126,11 +120,6 @@ class ChainDeterminant : public Determinant {
   Matrix times(const Matrix& x, const LinearPart& part) const override {
     return chain_->joint_times(x, part);
   }
-  std::pair<Matrix, double> projected(const LinearPart& part) const override;
-  ComplexTable gathered(const ComplexTable& x) const override;
-  double entry_error() const override { return eps; }
-  void evaluate(const Points& points, double* out) const override;
-  void evaluate_pairs(const Points& points, const PairsAsked& out) const override;
   bool has_joints() const override { return true; }
 
  private:
@@ -154,9 +143,13 @@ class PanelDeterminant : public Determinant {
   Index held() const override { return pencil_->conditions(); }
   Index enough_for(Index roots) const override;
   std::unique_ptr<Determinant> coarser(Index size) const override;
-  const Pipe& pipe() const override { return pencil_->pipe(); }
+  Values log_derivatives(double u, const Values& at, const Values& known) const override;
+  Pairs pairs(double u, const Values& values, bool vectors, bool own, bool loaded) const override;
+  Pencil matrices(double stiffness_size) const override;
   bool is_pivoted() const override { return true; }
-  bool turns_freely() const override { return pipe().root == 0.0; }
+  bool has_loss() const override { return pencil_->pipe().hysteresis > 0.0; }
+  bool turns_freely() const override { return pencil_->pipe().root == 0.0; }
+  double thrust() const override { return pencil_->pipe().end_coefficient; }
   Values static_slopes(const Values& u) const override;
   StaticDeterminants static_determinants(const Reals& u) const override;
   int negative_at_rest() const override;
@@ -168,11 +161,6 @@ class PanelDeterminant : public Determinant {
   Matrix times(const Matrix& x, const LinearPart& part) const override {
     return pencil_->times(x, part);
   }
-  std::pair<Matrix, double> projected(const LinearPart& part) const override;
-  ComplexTable gathered(const ComplexTable& x) const override;
-  double entry_error() const override;
-  void evaluate(const Points& points, double* out) const override;
-  void evaluate_pairs(const Points& points, const PairsAsked& out) const override;
   bool has_joints() const override { return false; }
 
  private:

@@ -393,8 +393,8 @@ class Model(OfPipe, ABC):
         """The compiled model.
 
         Its equations of motion are for states [p, p'], shape (2 integrated,), or for k of them as
-        columns; p are the coordinates that an integrator advances. With `power`, `rhs` takes
-        [p, p', work done].
+        columns; p are the coordinates that an integrator advances. `rhs_and_power` takes [p, p',
+        work done].
         """
 
     @property
@@ -651,8 +651,9 @@ class Model(OfPipe, ABC):
         They are NaN where the model does not resolve the state. drive: rows of the varying flow
         speed and the moving base, see `ROWS`, shape (ROWS,) or (ROWS, k).
         """
-        power = len(y) > 2 * self.integrated
-        return np.asarray(self.core.rhs(t, y, u, drive, refuses=False, power=power))
+        if len(y) > 2 * self.integrated:
+            return np.asarray(self.core.rhs_and_power(t, y, u, drive))
+        return np.asarray(self.core.rhs(t, y, u, drive, refuses=False))
 
     def motion_jacobian(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
         """Jacobian of the rates of [p, p'], (2 integrated, 2 integrated), or k of them."""
