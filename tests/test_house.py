@@ -18,8 +18,8 @@ LIMITS = {
     "modules in a folder": 16,
     "names with more than one meaning": 10,
     "docstrings that begin with a leaning word": 0,
-    "lines of Python": 22493,
-    "lines of C++": 14067,
+    "lines of Python": 22065,
+    "lines of C++": 13585,
 }
 
 ROOT = Path(__file__).parents[1]
