@@ -18,7 +18,7 @@ LIMITS = {
     "modules in a folder": 16,
     "names with more than one meaning": 10,
     "docstrings that begin with a leaning word": 0,
-    "lines of Python": 22065,
+    "lines of Python": 22066,
     "lines of C++": 13585,
 }
 

@@ -126,10 +126,11 @@ class DensePencil(Pencil):
     @cached_property
     def _slopes(self) -> tuple[Array, Array]:
         """dK/dgamma and dD/ddelta; K and D are linear in these."""
-        (heavier, more), (lossier, step) = map(self.model._stepped, ("gamma", "damping"))
+        heavier, more = self.model._stepped("gamma")
+        moved, step = heavier._stepped("damping")
+        ops = moved.elastic_operators()  # K does not depend on delta, nor D on gamma
         _, _, damping, stiffness, _ = self.matrices
-        by_gravity = more * (heavier.elastic_operators().stiffness - stiffness)
-        return by_gravity, step * (lossier.elastic_operators().damping - damping)
+        return more * (ops.stiffness - stiffness), step * (ops.damping - damping)
 
     def gravity(self, x: Vectors) -> Vectors:
         return self._slopes[0] @ x
