@@ -544,8 +544,8 @@ class _Search:
         # also examines roots beyond the tracked ones.
         delta = model.pipe.damping
         before = math.floor(math.sqrt(0.9 / delta) / math.pi) - 4 if delta else self.tracked
-        safe = not fed or self._are_enough(before, modes)
-        if safe and max_speed / math.pi + 1.0 <= before < self.count // 2:
+        fewer = max_speed / math.pi + 1.0 <= before < self.count // 2
+        if fewer and (not fed or self._are_enough(before, modes)):
             self._track(min(before, self.tracked), beyond=1)
 
     def _track_reached(self, resolved: int, modes: Array | None) -> None:
@@ -570,12 +570,13 @@ class _Search:
 
         In a pipe whose end is held across, only modes without stiffness grow. With a free end, the
         outflow must damp each higher mode at least a third as much as the mode that it damps most.
-        With a mass at the end, every mode can grow, and so can it with fluid that is drawn in: then
-        damping must take from each higher mode three times what the fastest flow feeds it.
+        In a uniform cantilever it damps all modes equally; with a mass at the end, every mode can
+        grow. Fluid that is drawn in can make every mode grow as well: then damping must take from
+        each higher mode three times the power that the fastest flow supplies to it.
         """
         pipe, pencil = self.model.pipe, self.problem.pencil
         if pipe.end_held or (pipe.flow == "ejecting" and pipe.bare):
-            return True  # slow flow damps all modes of a uniform cantilever equally
+            return True
         if modes is None:
             return False
         flow, damping, mass = (

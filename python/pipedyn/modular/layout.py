@@ -107,7 +107,8 @@ class Layout:
         rows = [custom._inertia_rows(3 * self.size) for custom in self.customs]
         self.inertia = np.concatenate([np.zeros((0, 3 * self.size)), *rows])
         self.compliance = np.ones(len(self.inertia))
-        """Rows W, (m, 3 n), of inertia W^T W besides the segments'; -1 if a row subtracts it."""
+        """Factors c of the rows W of `inertia`, (m,): the mass matrix in redundant coordinates is
+        that of the segments and W^T diag(c) W. A factor is 1, or -1 for a row that subtracts."""
         if self.inertia.size and self.least_inertia(self.centres, self.gyration_radii) < LEAST_ARM:
             self._lend_inertia()
         holding = self._found_holding()

@@ -194,8 +194,7 @@ def largest_exponent(
     step = duration / blocks / each
     before = math.ceil(transient / step)
     n, state = start.size, start.copy()
-    direction = np.cos(np.arange(n) + 0.5)  # parallel to no eigenvector of the system
-    direction /= np.linalg.norm(direction)
+    direction = _any_direction(n)
     # Both motions of a pair take the same steps with nearly the same errors. Their distance may be
     # below the relative tolerance, but near the straight pipe at rest not below the absolute one.
     length, atol = (DISTANCE, DISTANCE * rtol) if pair else (1.0, 0.01 * rtol)
@@ -230,6 +229,12 @@ def largest_exponent(
         size = float(np.linalg.norm(difference))
         direction, growth[i] = difference / size, math.log(size / length)
     return _from_growth(growth[before:], step, blocks, state)
+
+
+def _any_direction(size: int) -> Array:
+    """A vector of unit length that is parallel to no eigenvector of a system, shape (size,)."""
+    direction = np.cos(np.arange(size) + 0.5)
+    return np.asarray(direction / np.linalg.norm(direction))
 
 
 def _from_growth(growth: Array, step: float, blocks: int, end: Array) -> LyapunovExponent:
@@ -289,8 +294,6 @@ def exponents_together(
     step = interval if driven else duration / blocks / each
     before = math.ceil(transient / step)
     size = states[0].size
-    direction = np.cos(np.arange(size) + 0.5)  # parallel to no eigenvector of the system
-    direction /= np.linalg.norm(direction)
     p, rates = np.split(states[0], 2)
     first = checked_task(
         *(model, speeds[0], step, p, rates),
@@ -301,7 +304,7 @@ def exponents_together(
         members=2 * len(states),
     )
     here = np.array(states)
-    beside = [np.split(y + APART * direction, 2) for y in here]
+    beside = [np.split(y + APART * _any_direction(size), 2) for y in here]
     apart = np.array([np.concatenate(model.onto_constraints(*pair)) for pair in beside]) - here
     apart *= APART / np.linalg.norm(apart, axis=1, keepdims=True)
     growth = np.zeros((before + blocks * each, len(states)))
