@@ -1237,7 +1237,6 @@ def _motions() -> Iterator[Target]:
         state=optional(array(6, (-0.1, 0.1), any_size=True)),
     )
     yield target(pp.bifurcation_diagram, slow=True, **diagram)
-    yield target(pp.diagram_cost, slow=True, exponents=FLAG, **diagram)
     wrong = any_of(NONE, *NOTHINGS, *WORDS, one_of(3, NAN, {}, []))
     other = (
         {"beta": (0.1, 0.05), "u": (3.0, 3.3)},

@@ -10,6 +10,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import pipedyn as pp
+from pipedyn.accuracy.convergence import ConvergenceLaw
 from pipedyn.util.result import Result, TableResult
 
 SPEEDS = np.linspace(0.0, 2.0, 3)
@@ -487,8 +488,9 @@ def test_a_part_of_a_result_needs_the_pipe_or_the_whole():
     assert gamma == SCALED.speed_si(part.speed.gamma)
     start = f"Sensitivity in SI(speed=Derivatives in SI(gamma={gamma:.7g} m/s, "
     assert repr(part.in_si(SCALED)).startswith(start)
-    with pytest.raises(ValueError, match="DiagramCost has no numbers to convert"):
-        pp.DiagramCost(1.0, 2.0, 3.0).in_si(SCALED)
+    law = ConvergenceLaw("power", 2.0, np.nan, np.nan, np.array([1.0]))
+    with pytest.raises(ValueError, match="ConvergenceLaw has no numbers to convert"):
+        law.in_si(SCALED)
 
 
 def test_methods_are_those_of_the_result_itself():

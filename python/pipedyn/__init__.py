@@ -36,9 +36,7 @@ from pipedyn.cycles.limit_cycle import LimitCycle as LimitCycle
 from pipedyn.cycles.limit_cycle import NoCycle as NoCycle
 from pipedyn.cycles.limit_cycle import limit_cycle as limit_cycle
 from pipedyn.diagram import BifurcationDiagram as BifurcationDiagram
-from pipedyn.diagram import DiagramCost as DiagramCost
 from pipedyn.diagram import bifurcation_diagram as bifurcation_diagram
-from pipedyn.diagram import diagram_cost as diagram_cost
 from pipedyn.equilibrium.equilibria import BranchPoint as BranchPoint
 from pipedyn.equilibrium.equilibria import Equilibria as Equilibria
 from pipedyn.equilibrium.equilibria import EquilibriumBranch as EquilibriumBranch

@@ -3,11 +3,8 @@
 
 from __future__ import annotations
 
-import inspect
 import math
-import sys
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -16,11 +13,10 @@ from numpy.typing import ArrayLike
 
 from pipedyn.attraction.attractor import Attractor
 from pipedyn.attraction.from_motion import LARGEST_CYCLE
-from pipedyn.attraction.motion_ends import Case, exponents_of, motion_ends
+from pipedyn.attraction.motion_ends import Case, motion_ends
 from pipedyn.attraction.motion_options import MotionOptions
 from pipedyn.attraction.solutions import Solution, cycle, equilibria_near, kept_apart
 from pipedyn.cycles.branches import (
-    BEYOND,
     BranchOptions,
     CycleBranch,
     Failed,
@@ -35,7 +31,6 @@ from pipedyn.cycles.limit_cycle import (
     amplitude_of,
     as_symmetric,
     cycle_from,
-    limit_cycle,
 )
 from pipedyn.equilibrium.equilibria import (
     EQUILIBRIA_DOF,
@@ -53,19 +48,14 @@ from pipedyn.orbits.periodic_orbit import PeriodicOrbit
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.counters import clock, counted
 from pipedyn.util.errors import PipedynError
 from pipedyn.util.later import futures
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.parallel import one_thread, parallel, track, watched
-from pipedyn.util.result import Result, TableResult, joined
+from pipedyn.util.parallel import one_thread, parallel, track
+from pipedyn.util.result import TableResult, joined
 
 MOST_MOTIONS = 100_000
 """Largest number of motions of one call: an hour at 30 ms each."""
-
-STEPS_AHEAD = 8
-"""Number of steps along a branch of cycles after which the steps grow no more: near an onset they
-are short."""
 
 SPARSE = 4
 """Number of speeds for each one at which motions are integrated first: cycles to which these
@@ -179,7 +169,7 @@ def bifurcation_diagram(
         executor: a `concurrent.futures.Executor`; its tasks are branches of cycles and batches of
             motions. Tasks fail if it does not return them, since a worker died or it is broken or
             shut down.
-        progress: show progress on stderr, after the result of `diagram_cost`.
+        progress: show progress on stderr.
 
     Returns:
         BifurcationDiagram; failures are recorded in `failures` and the rest is kept.
@@ -193,115 +183,6 @@ def bifurcation_diagram(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    asked = _asked(
-        *(model, speeds, cycles, brute_force),
-        MotionOptions.checked(transient, duration, rtol, exponents, seed, executor, progress),
-    )
-    model, at, failed, shown = asked.model, asked.speeds, list[Failed](), asked.options.shown
-    begun = clock()
-    branches = equilibrium_branches(model, at, failed, shown)
-    if shown and watched():
-        cost = _cost(asked, branches, clock() - begun)
-        print(f"bifurcation diagram: {cost}", file=sys.stderr)
-    steps_shown = shown and executor is None  # other processes write over one another
-    options = BranchOptions(at, asked.options.rtol, asked.steps, shown=steps_shown)
-    found = _Cycles(model, options, failed)
-    if asked.steps:
-        found.from_onsets(branches, executor, shown and not steps_shown)
-    motions: tuple[Attractor, ...] = ()
-    for some in _sparse_first(at) if asked.starts else ():
-        cases = _cases(model, some, branches, found.branches, asked.starts)
-        ended, reached = motions_at(model, cases, asked.options, failed)
-        if asked.steps:
-            for one in reached:  # cycles that motions led to may lie on no branch
-                if one.orbit is not None and one.attracts and one.orbit.u > 0.0:
-                    found.through(one.orbit.u, one.orbit)
-        motions = (*motions, *ended)
-    motions = tuple(sorted(motions, key=lambda one: (one.speed, one.start)))
-    if asked.steps:
-        for u in sorted(seeds(at)):
-            passed = (b.speeds.min() <= u <= b.speeds.max() for b in found.branches)
-            rests = (bool(b.stable[b.speeds == u].any()) for b in branches)
-            if u > 0.0 and not any(rests) and not any(passed):
-                found.through(u, model.bent(slight_bend))
-    failed.sort(key=lambda one: one[0])
-    places = {u: place for place, u in enumerate(at.tolist())}
-    failures = tuple(Failure(places.get(u, -1), u, error) for u, error in failed)
-    return BifurcationDiagram(at, branches, tuple(found.branches), motions, failures, model)
-
-
-@saved_as("DiagramCost")
-class DiagramCost(Result):
-    """Cost of a bifurcation diagram, as far as short pieces of its work predict it.
-
-    Attributes:
-        cycles: least number of right-hand sides and Jacobians for the branches of cycles from
-            onsets: the cost of their events, and of branches that leave them, is not predicted.
-        motions: number of right-hand sides for the motions and, if asked for, their exponents, as
-            if no cycle were known on which they end: with chains of two to four segments and six
-            functions, at 40 speeds with four starts, it was 1.1 to 3.3 times the diagram's.
-        seconds: time for both and for the branches of equilibria, on one thread; for the same
-            diagrams it was 0.5 to 1 times the actual time, as not all branches are predicted.
-    """
-
-    cycles: float
-    motions: float
-    seconds: float
-
-    def __str__(self) -> str:
-        return (
-            f"about {self.seconds:.2g} s on one thread (right-hand sides: {self.cycles:.2g} or "
-            f"more for cycles, {self.motions:.2g} for motions)"
-        )
-
-
-def diagram_cost(model: Model, speeds: ArrayLike, **options: Any) -> DiagramCost:
-    """Cost of `bifurcation_diagram` with these arguments, from short pieces of its work.
-
-    The pieces are the branches of equilibria, the first eight steps along the first branch of
-    cycles, one cycle to the tolerance, and the motions from one or two starts at three or six of
-    the speeds.
-
-    Args:
-        model: as for `bifurcation_diagram`.
-        speeds: flow speeds, increasing, at least 2, shape (S,).
-        options: any others of its arguments; `executor` and `progress` have no effect.
-
-    Returns:
-        DiagramCost.
-
-    Raises:
-        ValueError, TypeError: for bad arguments.
-
-    Example:
-        >>> import pipedyn as pp
-        >>> model = pp.Galerkin(pp.Pipe(0.2), 4)
-        >>> cost = pp.diagram_cost(model, [5.0, 6.0, 7.0], brute_force=10)
-    """
-    given = inspect.signature(bifurcation_diagram).bind(model, speeds, **options)
-    given.apply_defaults()
-    of_motions = given.kwargs
-    steps, count = of_motions.pop("cycles"), of_motions.pop("brute_force")
-    asked = _asked(model, speeds, steps, count, MotionOptions.checked(**of_motions))
-    begun = clock()
-    branches = equilibrium_branches(asked.model, asked.speeds, [], False)
-    return _cost(asked, branches, clock() - begun)
-
-
-@dataclass(frozen=True)
-class _Asked:
-    """The arguments of `bifurcation_diagram`, checked."""
-
-    model: Model
-    speeds: Array
-    steps: int  # largest number along each branch of cycles
-    starts: list[Array]  # initial states of motions
-    options: MotionOptions
-
-
-def _asked(
-    model: Model, speeds: ArrayLike, cycles: int, brute_force: int, options: MotionOptions
-) -> _Asked:
     model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="bifurcation_diagram")
     require_steady("speeds", speeds)
     at = check.array("speeds", speeds, low=0.0, high=LARGEST_SPEED, longest=100_000)
@@ -317,67 +198,38 @@ def _asked(
         raise ValueError(
             f"brute_force must ask for at most {MOST_MOTIONS} motions, got {count * at.size}"
         )
+    given = transient, duration, rtol, exponents, seed, executor, progress
+    of_motions = MotionOptions.checked(*given)
     if count:
-        options.require_room(model)
-    starts = initial_bends(model, count, options.seed) if count else []
-    return _Asked(model, at, steps, starts, options)
-
-
-def _cost(asked: _Asked, branches: tuple[EquilibriumBranch, ...], seconds: float) -> DiagramCost:
-    """The cost of a diagram; seconds: time that its branches of equilibria have taken."""
-    begun = clock()
-    cycles, done = _cycles_cost(asked, branches) if asked.steps else (0.0, 0)
-    seconds += (clock() - begun) * cycles / max(done, 1)
-    motions, begun = 0.0, clock()
-    if asked.starts:
-        speeds = asked.speeds.size
-        some = np.linspace(0.0, speeds - 1.0, min(speeds, 6 if speeds > 30 else 3)).astype(int)
-        starts = asked.starts[: 2 if len(asked.starts) > 7 else 1]
-        alone = replace(asked.options, executor=None, shown=False, exponents=False)
-        cases = _cases(asked.model, asked.speeds[some], branches, [], starts)
-        with counted() as work:
-            ended, _ = motions_at(asked.model, cases, alone, [])
-        share = speeds * len(asked.starts) / (some.size * len(starts))
-        motions = share * work.right_hand_sides
-        seconds += share * (clock() - begun)
-        if asked.options.exponents:  # one exponent at each speed
-            begun = clock()
-            first = [one for one in ended if one.start == 0 and one.ending == "irregular"]
-            states = [(Excitation(one.speed), one.end) for one in first]
-            with counted() as work:
-                exponents_of(asked.model, states, asked.options)
-            motions += speeds / some.size * work.right_hand_sides
-            seconds += speeds / some.size * (clock() - begun)
-    return DiagramCost(cycles, motions, seconds)
-
-
-def _cycles_cost(asked: _Asked, branches: tuple[EquilibriumBranch, ...]) -> tuple[float, int]:
-    """Numbers of right-hand sides and Jacobians: those predicted for cycles, and those spent."""
-    end = float(asked.speeds[-1])
-    onsets = sorted(hopf_points(asked.model, branches, 1.5 * end, []), key=lambda one: one.speed)
-    if not onsets:
-        return 0.0, 0
-    first = onsets[0]
-    # The range includes the onset even if the speeds begin later: only within it are multipliers
-    # computed.
-    within = np.array([min(first.speed, float(asked.speeds[0])), max(first.speed, end)])
-    most = min(asked.steps, STEPS_AHEAD)
-    with counted() as work:
-        found, _ = traced(asked.model, first, BranchOptions(within, asked.options.rtol, most))
-    branch, done = found[0].branch, work.right_hand_sides
-    if branch is None or len(branch) < 2 or not first.speed < end:
-        return float(len(onsets) * done), done
-    u, step = float(branch.speeds[-1]), abs(float(branch.speeds[-1] - branch.speeds[-2]))
-    last = BEYOND * end  # speed up to which branches are followed
-    steps = most + min(max(last - u, 0.0) / max(step, 1e-3 * end), asked.steps - most)
-    with counted() as work, suppress(PipedynError):
-        limit_cycle(asked.model, u, branch.cycles[-1], rtol=asked.options.rtol)
-    total = 0.0
-    for onset in onsets:
-        share = max((last - onset.speed) / (last - first.speed), most / steps)
-        solved = np.count_nonzero(asked.speeds > onset.speed)
-        total += share * steps * done / most + float(solved) * work.right_hand_sides
-    return total, done + work.right_hand_sides
+        of_motions.require_room(model)
+    starts = initial_bends(model, count, of_motions.seed) if count else []
+    failed, shown = list[Failed](), of_motions.shown
+    branches = equilibrium_branches(model, at, failed, shown)
+    steps_shown = shown and executor is None  # other processes write over one another
+    options = BranchOptions(at, of_motions.rtol, steps, shown=steps_shown)
+    found = _Cycles(model, options, failed)
+    if steps:
+        found.from_onsets(branches, executor, shown and not steps_shown)
+    motions: tuple[Attractor, ...] = ()
+    for some in _sparse_first(at) if starts else ():
+        cases = _cases(model, some, branches, found.branches, starts)
+        ended, reached = motions_at(model, cases, of_motions, failed)
+        if steps:
+            for one in reached:  # cycles that motions led to may lie on no branch
+                if one.orbit is not None and one.attracts and one.orbit.u > 0.0:
+                    found.through(one.orbit.u, one.orbit)
+        motions = (*motions, *ended)
+    motions = tuple(sorted(motions, key=lambda one: (one.speed, one.start)))
+    if steps:
+        for u in sorted(seeds(at)):
+            passed = (b.speeds.min() <= u <= b.speeds.max() for b in found.branches)
+            rests = (bool(b.stable[b.speeds == u].any()) for b in branches)
+            if u > 0.0 and not any(rests) and not any(passed):
+                found.through(u, model.bent(slight_bend))
+    failed.sort(key=lambda one: one[0])
+    places = {u: place for place, u in enumerate(at.tolist())}
+    failures = tuple(Failure(places.get(u, -1), u, error) for u, error in failed)
+    return BifurcationDiagram(at, branches, tuple(found.branches), motions, failures, model)
 
 
 def seeds(speeds: Array) -> list[float]:
