@@ -36,7 +36,7 @@ def test_a_pulsation_without_regions_has_its_pipe():
     assert ax.get_xlabel() == "frequency (Hz)"
 
 
-def test_the_response_is_drawn_with_its_resonances_and_an_axis_in_hertz():
+def test_the_response_is_drawn_with_its_resonances():
     ax = plot.frequency_response(RESPONSE, ax=axes())
     curve, *others = ax.lines
     np.testing.assert_allclose(curve.get_ydata(), np.abs(RESPONSE.response))
@@ -44,10 +44,6 @@ def test_the_response_is_drawn_with_its_resonances_and_an_axis_in_hertz():
     np.testing.assert_allclose(rings, [[r.frequency, r.height] for r in RESPONSE.resonances])
     width = np.ptp(others[0].get_xdata())
     assert width == pytest.approx(RESPONSE.resonances[0].width, rel=1e-2)
-    (top,) = ax.child_axes
-    ax.figure.canvas.draw()
-    hertz = PIPE.frequency_si(40.0) / (2.0 * math.pi)
-    assert top.get_xlim()[1] == pytest.approx(hertz)
     phase = plot.frequency_response(RESPONSE, True, ax=axes()).lines[0].get_ydata()
     known = np.isfinite(phase)  # a jump breaks the curve
     np.testing.assert_allclose(phase[known], np.degrees(np.angle(RESPONSE.response[known])))

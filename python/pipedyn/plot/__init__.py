@@ -2,10 +2,9 @@
 """Pictures of results. Most functions draw on matplotlib Axes and return them.
 
 The Axes are the keyword argument `ax`; without it a function makes a new figure. `units="si"` shows
-SI units if the pipe was made with `Pipe.from_si`. By default axes are nondimensional, some with a
-second axis in SI units. `animate` returns a film, `films` a film of each attractor. Colours of
-magnitudes grow in lightness. Whatever differs in colour also differs in line style, marker or
-outline, so that pictures can be printed in grey.
+SI units if the pipe was made with `Pipe.from_si`. `animate` returns a film, `films` a film of each
+attractor. Colours of magnitudes grow in lightness. Whatever differs in colour also differs in line
+style, marker or outline, so that pictures can be printed in grey.
 """
 
 from types import ModuleType as _ModuleType

@@ -105,7 +105,6 @@ def basins(found: Attractors, *, units: Units = "nondimensional", ax: Axes | Non
                 ax.plot(*end, gid=f"rest {k}", **look)
     common.legend_below(ax, shown)
     ax.set_title(f"{view.speed(found.u, 6)}, {found.model.pipe.flow}")
-    view.second_axes(ax, *entries)
     return ax
 
 
@@ -166,7 +165,6 @@ def poincare_section(
             least = SMALLEST_VIEW * float(np.abs(place).max())
             if np.ptp(place) < least:
                 limits(place.mean() - least, place.mean() + least)
-        view.second_axes(ax, across, shown)
     else:
         ax.text(0.5, 0.5, "all are at rest", transform=ax.transAxes, ha="center", va="center")
     return ax
@@ -178,7 +176,7 @@ def spectrum(
     """Spectra of the transverse motion of the free end, for each attractor that is not at rest.
 
     A spectrum is the amplitude over the frequency; the spectrum of a cycle is drawn as stems at its
-    harmonics. The upper axis is in Hz if the pipe has scales.
+    harmonics.
 
     Args:
         found: attractors, or one of the basins.
@@ -214,7 +212,6 @@ def spectrum(
         ax.set_yscale("log")
         ax.set(xlim=(0.0, 1.05 * last), ylim=(LOWEST_LINE * highest, 3.0 * highest))
         common.legend_below(ax)
-        view.second_axes(ax, OMEGA)
     else:
         ax.text(0.5, 0.5, "all are at rest", transform=ax.transAxes, ha="center", va="center")
     return ax

@@ -57,8 +57,7 @@ def bifurcation_diagram(
 
     Equilibria are black. Cycles are blue; curves show the highest and lowest positions of cycles
     and of their mirror images. Stable branches are solid, unstable ones dashed. Grey dots are the
-    turning points of motions from many initial states, and markers are bifurcations. Second axes
-    are in SI units if the pipe has scales.
+    turning points of motions from many initial states, and markers are bifurcations.
 
     Args:
         diagram: the diagram to show.
@@ -103,7 +102,6 @@ def bifurcation_diagram(
         ax.plot(one[0] * x, one[1] * y, label="turning points of motions", **look)
     ax.set_xlim(one[0] * diagram.speeds[0], one[0] * diagram.speeds[-1])
     common.legend_below(ax)
-    view.second_axes(ax, FLOW_SPEED, shown)
     return ax
 
 

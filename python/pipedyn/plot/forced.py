@@ -36,7 +36,7 @@ def frequency_response(
     """Magnitude of the response over the frequency, on a logarithmic scale, or its phase.
 
     A ring marks each resonance, and a bar its half-power width. A triangle at the upper end marks a
-    resonance of infinite height. The upper axis is in Hz if the pipe has scales.
+    resonance of infinite height.
 
     Args:
         response: the response to show.
@@ -95,9 +95,7 @@ def frequency_response(
     if at[0] < at[-1]:
         ax.set_xlim(float(at[0]), float(at[-1]))
     stable = "" if response.stable else ", unstable: the response is not reached"
-    above = 24.0 if view.scales is not None and not view.si else None  # room for the axis in Hz
-    ax.set_title(f"{view.speed(response.u)}{stable}", pad=above)
-    view.second_axes(ax, OMEGA)
+    ax.set_title(f"{view.speed(response.u)}{stable}")
     return ax
 
 
@@ -163,7 +161,6 @@ def parametric_regions(
                 ax.plot(*smooth(side, amplitude).T, **line)
     ax.set_ylim(bottom=0.0)
     common.legend_below(ax)
-    view.second_axes(ax, pulsation)
     return ax
 
 
@@ -202,5 +199,4 @@ def forced_response(
                 mark_event(ax, event.kind, [per * event.frequency, one * event.amplitude])
     ax.set_ylim(bottom=0.0)
     common.legend_below(ax)
-    view.second_axes(ax, OMEGA)
     return ax

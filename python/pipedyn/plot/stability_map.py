@@ -59,7 +59,7 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
 
     Curves are solid if the bifurcation is supercritical, dashed if it is subcritical, and thin if
     other roots are unstable or the criticality was not computed. The legend names organising
-    points. Second axes are in SI units if the pipe has scales.
+    points.
 
     Args:
         found: the result of `pipedyn.boundary`.
@@ -108,7 +108,6 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
         sentence = _why_nothing({_stability(found)})
         ax.text(0.5, 0.5, sentence, transform=ax.transAxes, ha="center", wrap=True)
     common.legend_below(ax)
-    plane.second_axes(ax, *plane.quantities)
     return ax
 
 
@@ -523,7 +522,6 @@ def cycle_boundary(
     xlim, ylim = plane.limits(found.ranges)
     ax.set(xlim=xlim, ylim=ylim)
     common.legend_below(ax)
-    plane.second_axes(ax, *plane.quantities)
     return ax
 
 

@@ -16,9 +16,8 @@ from pipedyn.models.pipe_numbers import unit_of_number
 from pipedyn.models.scales import scales_at
 from pipedyn.plot import common
 from pipedyn.util import check
-from pipedyn.util import result as si
 from pipedyn.util.check import Array
-from pipedyn.util.result import Unit
+from pipedyn.util.result import FREQUENCY, LENGTH, RATE, SPEED, TIME, VELOCITY, Unit
 from pipedyn.util.result import Units as Units
 
 
@@ -36,27 +35,19 @@ class Measure:
     words: str = ""
     unit: Unit | None = None
 
-    @property
-    def si_label(self) -> str:
-        """Label of an axis in SI units; empty if the quantity has no unit."""
-        if self.unit is None:
-            return ""
-        powers = re.sub(r"\^(-?\d+)", r"$^{\1}$", self.unit.name)
-        return f"{self.words} ({powers})"
 
-
-FLOW_SPEED = Measure(common.SPEED_LABEL, "flow speed", si.SPEED)
-ELAPSED = Measure(common.TIME_LABEL, "time", si.TIME)
-TIP = Measure(common.TIP_LABEL, "free end $x$", si.LENGTH)
-TIP_RATE = Measure(common.TIP_RATE_LABEL, r"velocity of the free end $\dot{x}$", si.VELOCITY)
-AMPLITUDE = Measure("amplitude of the free end / $L$", "amplitude of the free end", si.LENGTH)
-TRANSVERSE = Measure("transverse $x/L$", "transverse $x$", si.LENGTH)
-AXIAL = Measure("along the straight pipe $y/L$", "along the straight pipe $y$", si.LENGTH)
-ARC = Measure("arc length $s/L$ from the clamp", "arc length $s$ from the clamp", si.LENGTH)
-GROWTH = Measure(common.REAL_LABEL, common.REAL_LABEL, si.RATE)
-OSCILLATION = Measure(common.IMAGINARY_LABEL, common.IMAGINARY_LABEL, Unit("rad/s", si.RATE.scale))
-ROOT_FREQUENCY = Measure(common.FREQUENCY_LABEL, r"|Im $\lambda$| $/2\pi$", si.FREQUENCY)
-OMEGA = Measure(r"angular frequency $\omega$ (nondimensional)", "frequency", si.FREQUENCY)
+FLOW_SPEED = Measure(common.SPEED_LABEL, "flow speed", SPEED)
+ELAPSED = Measure(common.TIME_LABEL, "time", TIME)
+TIP = Measure(common.TIP_LABEL, "free end $x$", LENGTH)
+TIP_RATE = Measure(common.TIP_RATE_LABEL, r"velocity of the free end $\dot{x}$", VELOCITY)
+AMPLITUDE = Measure("amplitude of the free end / $L$", "amplitude of the free end", LENGTH)
+TRANSVERSE = Measure("transverse $x/L$", "transverse $x$", LENGTH)
+AXIAL = Measure("along the straight pipe $y/L$", "along the straight pipe $y$", LENGTH)
+ARC = Measure("arc length $s/L$ from the clamp", "arc length $s$ from the clamp", LENGTH)
+GROWTH = Measure(common.REAL_LABEL, common.REAL_LABEL, RATE)
+OSCILLATION = Measure(common.IMAGINARY_LABEL, common.IMAGINARY_LABEL, Unit("rad/s", RATE.scale))
+ROOT_FREQUENCY = Measure(common.FREQUENCY_LABEL, r"|Im $\lambda$| $/2\pi$", FREQUENCY)
+OMEGA = Measure(r"angular frequency $\omega$ (nondimensional)", "frequency", FREQUENCY)
 
 PER_FORCE = Unit("m/N", lambda scales: scales.time**2 / (scales.mass * scales.length))
 PER_MOMENT = Unit("1/N", lambda scales: scales.time**2 / (scales.mass * scales.length**2))
@@ -66,7 +57,7 @@ OF_A_NUMBER = {
     "u": FLOW_SPEED,
     **{name: Measure(f"{one.word} ${one.symbol}$") for name, one in OWN_NUMBERS.items()},
     "beta": Measure(common.BETA_LABEL),
-    "damping": Measure(r"damping $\delta$", "damping time", si.TIME),
+    "damping": Measure(r"damping $\delta$", "damping time", TIME),
     "frequency": Measure("frequency of the forcing", OMEGA.words, OMEGA.unit),
     "amplitude": Measure("amplitude of the forcing"),
 }
@@ -84,7 +75,7 @@ def of_number(name: str, pipe: Pipe) -> Measure:
 def rate(coordinate: int, before: str = "", after: str = "") -> Measure:
     """Rate of change of a coordinate, with words before and after it in the label."""
     words = rf"{before}rate $\dot{{q}}_{{{coordinate}}}${after}"
-    return Measure(words, words, si.RATE)
+    return Measure(words, words, RATE)
 
 
 def of_coordinate(coordinate: Any, coordinates: int) -> tuple[int | None, Measure]:
@@ -104,7 +95,7 @@ class View:
 
     def __init__(self, units: Any, pipe: Pipe | None) -> None:
         self.si = check.choice("units", units, ("nondimensional", "si")) == "si"
-        self.scales = None if pipe is None else pipe.scales
+        self.scales = pipe.scales if self.si and pipe is not None else None
         if self.si and self.scales is None:
             raise ValueError(
                 "units must be 'nondimensional' where the pipe has no scales, as one made by "
@@ -113,13 +104,16 @@ class View:
 
     def one(self, quantity: Measure) -> float:
         """The value that is shown for a nondimensional 1 of a quantity."""
-        if not self.si or self.scales is None or quantity.unit is None:
+        if self.scales is None or quantity.unit is None:
             return 1.0
         return float(quantity.unit.scale(self.scales))
 
     def label(self, quantity: Measure) -> str:
         """Label of an axis that shows a quantity."""
-        return (self.si and quantity.si_label) or quantity.label
+        if not self.si or quantity.unit is None:
+            return quantity.label
+        powers = re.sub(r"\^(-?\d+)", r"$^{\1}$", quantity.unit.name)
+        return f"{quantity.words} ({powers})"
 
     def axes(self, ax: Axes | None, size: tuple[float, float], x: Measure, y: Measure) -> Axes:
         """The given Axes, or new ones of a size in inches, with the labels of two quantities."""
@@ -132,22 +126,6 @@ class View:
         if self.si:
             return f"$V = {u * self.one(FLOW_SPEED):.{digits}g}$ m/s"
         return f"$u = {u:.{digits}g}$"
-
-    def second_axes(self, ax: Axes, x: Measure | None = None, y: Measure | None = None) -> None:
-        """Adds axes in SI units opposite to nondimensional ones, if the pipe has scales."""
-        if self.si or self.scales is None:
-            return
-        for along, shown in (("x", x), ("y", y)):
-            if shown is None or shown.unit is None:
-                continue
-            one = shown.unit.scale(self.scales)
-            functions = (lambda value, one=one: value * one), (lambda value, one=one: value / one)
-            if along == "x":
-                ax.secondary_xaxis("top", functions=functions).set_xlabel(shown.si_label)
-                ax.tick_params(top=False, which="both")
-            else:
-                ax.secondary_yaxis("right", functions=functions).set_ylabel(shown.si_label)
-                ax.tick_params(right=False, which="both")
 
 
 SHOWN_BETA = 0.04
@@ -168,8 +146,6 @@ class PlaneView(View):
         super().__init__(units, pipe)
         self.quantities = of_number(names[0], pipe), of_number(names[1], pipe)
         self._beta = names.index("beta") if {"beta", "u"} == set(names) else None
-        if self._beta is not None and not self.si:
-            self.scales = None  # a second axis is not possible, as the SI unit of u varies
 
     def units(self, x: Any, y: Any) -> Array:
         """Values shown for a nondimensional 1 of x and y, shape (2, *shape of x and y)."""
