@@ -11,18 +11,15 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
-from matplotlib.markers import TICKUP
 from matplotlib.patheffects import withTickedStroke
 from numpy.typing import NDArray
 
 from pipedyn.curves.boundary import Boundary, BoundaryCurve
 from pipedyn.curves.cycle_boundary import CycleBoundary
 from pipedyn.linear.critical_speed import CriticalSpeed
-from pipedyn.linear.stability_curve import StabilityCurve
-from pipedyn.models.pipe import Pipe
 from pipedyn.plot import common
 from pipedyn.plot.bifurcation import A_STEP, draw_pieces, smooth
-from pipedyn.plot.units import FLOW_SPEED, OF_A_NUMBER, Measure, PlaneView, Units, View, of_number
+from pipedyn.plot.units import FLOW_SPEED, OF_A_NUMBER, PlaneView, Units, View, of_number
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
@@ -193,32 +190,26 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
 
 
 def stability_map(
-    boundaries: Mapping[str, Boundary | StabilityCurve],
+    boundaries: Mapping[str, Boundary],
     highest: float | None = None,
     marked: CriticalSpeed | None = None,
-    parameter: str | None = None,
     *,
     units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> Axes:
     """Speeds at which several pipes lose or regain stability, against a number.
 
-    Ticks on boundaries and at points of curves point to the unstable side. Words at a curve of
-    divergence tell whether the flow buckles the pipe above it or the weight does below it. Parts of
-    boundaries on which other roots are unstable are left out; if no part is left, the legend says
-    whether the pipe is stable at the speeds searched. Crosses on the axis are points that failed.
-    Triangles at the top are points at which no loss of stability was found up to some speed, or
-    `marked` if it lies above. Pipes are in the order of gamma, and the x axis shows the range
-    searched.
+    Ticks on boundaries point to the unstable side. Words at a curve of divergence tell whether the
+    flow buckles the pipe above it or the weight does below it. Parts of boundaries on which other
+    roots are unstable are left out; if no part is left, the legend says whether the pipe is stable
+    at the speeds searched. A triangle at the top shows `marked` if it lies above. Pipes are in the
+    order of gamma, and the x axis shows the range searched.
 
     Args:
-        boundaries: boundaries and curves by their labels. Boundaries have the same number for x and
-            "u" for y; curves from `pipedyn.stability_curve` are drawn as points.
+        boundaries: boundaries by their labels, with the same number for x and "u" for y.
         highest: end of the axis of speed, nondimensional.
         marked: a critical speed to mark at the beta of its pipe, if the number is beta. If the pipe
             is unstable below it, too, the legend says so instead.
-        parameter: label of the x axis for curves; if not given, the name of the argument of the
-            functions that made their models.
         units: "nondimensional", or "si" if the pipe has scales.
         ax: Axes to draw on; new ones if not given.
 
@@ -232,59 +223,39 @@ def stability_map(
     """
     if not isinstance(boundaries, Mapping):
         raise TypeError(
-            "boundaries must map labels to boundaries or curves, as {'chain': found} does, got "
+            "boundaries must map labels to boundaries, as {'chain': found} does, got "
             f"{check.shown(boundaries)}"
         )
-    names = dict.fromkeys(_number_swept(label, one) for label, one in boundaries.items())
-    names.pop(None, None)
-    boundaries = dict(sorted(boundaries.items(), key=lambda item: _gamma(item[1])))
+    names = list(dict.fromkeys(_number_swept(label, one) for label, one in boundaries.items()))
     if len(names) > 1:
-        raise ValueError(f"boundaries must be over one number, got {', '.join(map(str, names))}")
+        raise ValueError(f"boundaries must be over one number, got {', '.join(names)}")
     if highest is not None:
         highest = check.real("highest", highest, low=0.0, open_low=True)
     check.instance("marked", marked, CriticalSpeed | None, "of type CriticalSpeed")
-    check.instance("parameter", parameter, str | None, "of type str")
-    name = next(iter(names), None)
-    pipes = [*map(_pipe, boundaries.values()), None if marked is None else marked.pipe]
-    known = next((pipe for pipe in pipes if pipe is not None), None)
-    view = View(units, known)
-    shown = Measure(parameter or _parameter(boundaries))
-    if name is not None and known is not None:
-        shown = of_number(name, known)
+    every, name = list(boundaries.items()), names[0] if names else "beta"
+    if name != "gamma":
+        every.sort(key=lambda item: item[1].model.pipe.gamma)
+    pipes = [found.model.pipe for _, found in every]
+    pipes += [] if marked is None else [marked.pipe]
+    view = View(units, pipes[0] if pipes else None)
+    shown = of_number(name, pipes[0]) if pipes else OF_A_NUMBER[name]
     ax = view.axes(ax, (6.4, 4.8), shown, FLOW_SPEED)
-    failed, divergences = list[float](), list[tuple[Array, bool, bool, Any]]()
-    undrawn, searched, reach = list[str](), list[float](), 0.0  # undrawn: why nothing is drawn
-    for (label, found), look in zip(boundaries.items(), cycle(common.CURVE_STYLES), strict=False):
-        if isinstance(found, StabilityCurve):
-            own = View(units, _pipe(found) or known)
-            points = {"linestyle": "none", "marker": "o", "markersize": 3.5}
-            x, speeds = found.values, found.in_si().speeds if own.si else found.speeds
-            x = own.one(shown) * x
-            searched += x.tolist()
-            ax.plot(x, speeds, label=label, **(look | points))
-            points |= {"marker": TICKUP, "markersize": 7.0, "label": "_unstable side"}
-            ax.plot(x, speeds, **(look | points))
-            stays = np.isfinite(found.no_loss_up_to)
-            if stays.any():
-                end = float(found.no_loss_up_to[stays].min())
-                points |= {"marker": "^", "markersize": 5.0, "clip_on": False}
-                points |= {"label": f"{label}: no loss of stability up to {own.speed(end)}"}
-                points |= {"transform": ax.get_xaxis_transform()}
-                ax.plot(x[stays], np.full(stays.sum(), 0.98), **(look | points))
-            failed += [x[one.index] for one in found.failures if not stays[one.index]]
-            undrawn += [] if np.isfinite(speeds).any() or stays.any() else ["not computed"]
-            continue
+    divergences = list[tuple[Array, bool, bool, Any]]()
+    states, searched, reach = set[str](), list[float](), 0.0  # states: of pipes without a boundary
+    drawn = False
+    for (label, found), look in zip(every, cycle(common.CURVE_STYLES), strict=False):
         plane = PlaneView(units, found.model.pipe, found.names)
         parts = [part for curve in found.curves for part in parts_of_stability(curve, found)]
-        (left, right), (_, end) = plane.limits(found.ranges)
-        searched, reach = [*searched, float(left), float(right)], max(reach, float(end))
-        note = ""
+        across, (_, end) = plane.limits(found.ranges)
+        searched, reach = [*searched, *across.tolist()], max(reach, float(end))
+        drawn, note = drawn or bool(parts), ""
         if not parts:
-            undrawn.append(_stability(found))
+            state = _stability(found)
+            states.add(state)
             # The SI unit of speed depends on the mass ratio, so the range is nondimensional.
             said = View("nondimensional", None) if name == "beta" else plane
             low, high = (said.speed(float(end)) for end in found.ranges[1])
-            note = f": {undrawn[-1]} from {low} to {high}"
+            note = f": {state} from {low} to {high}"
         if found.failures:
             note += f" ({check.how_many(len(found.failures), 'curve')} with failures)"
         ax.plot([], [], linewidth=1.5, label=f"{label}{note}", **look)
@@ -296,8 +267,7 @@ def stability_map(
                 middle = line.shape[0] // 2
                 gamma = line[middle, 0] if name == "gamma" else found.model.pipe.gamma
                 divergences.append((at[middle - 1 : middle + 1], left, gamma < 0.0, look["color"]))
-    common.mark_failed(ax, failed)
-    if marked is not None and name in (None, "beta"):
+    if marked is not None and name == "beta":
         own, speed = View(units, marked.pipe), View(units, marked.pipe).speed(marked.speed, 4)
         words = rf"$\beta = {marked.pipe.beta:g}$, $\gamma = {marked.pipe.gamma:g}$"
         height, label = own.one(FLOW_SPEED) * marked.speed, f"{words}: {speed}"
@@ -310,36 +280,24 @@ def stability_map(
                 look |= {"marker": "^", "transform": ax.get_xaxis_transform()}
             ax.plot(marked.pipe.beta, height, label=label, **common.open_marker(7.0, **look))
             searched += [marked.pipe.beta] if searched else []
-    drawn = len(undrawn) < len(boundaries)
     end = 1.1 * ax.dataLim.y1 if drawn else reach
     if highest is not None:
         end = view.one(FLOW_SPEED) * highest
     ax.set_ylim(0.0, end if end > 0.0 else None)
     if searched:
-        left, right = min(searched), max(searched)
-        of_points = any(isinstance(one, StabilityCurve) for one in boundaries.values())
-        room = 0.05 * (right - left) if of_points else 0.0  # room for markers at the ends
-        if right > left:
-            ax.set_xlim(left - room, right + room)
+        ax.set_xlim(min(searched), max(searched))
     heights = np.array([step[0][1, 1] for step in divergences]) / ax.get_ylim()[1]
     for i, step in enumerate(divergences):
         _divergence(ax, *step, int((np.abs(heights[:i] - heights[i]) < 0.08).sum()))
-    if name == "beta" and view.si:
-        _unsearched(ax, [one for one in boundaries.values() if isinstance(one, Boundary)])
-    if not drawn:
-        ax.text(0.5, 0.5, _why_nothing({*undrawn}), transform=ax.transAxes, ha="center", wrap=True)
-    else:
+    if name == "beta" and view.si and boundaries:
+        _unsearched(ax, list(boundaries.values()))
+    if drawn:
         ticks = withTickedStroke(angle=-90.0, **TICKS)
         ax.plot([], [], color="0.3", path_effects=[ticks], label="ticks: unstable side")
+    else:
+        ax.text(0.5, 0.5, _why_nothing(states), transform=ax.transAxes, ha="center", wrap=True)
     common.legend_below(ax)
     return ax
-
-
-def _gamma(one: Any) -> float:
-    """Gamma by which pipes are sorted: infinite without a pipe, 0 if gamma is on the x axis."""
-    swept = one.names[0] if isinstance(one, Boundary) else one.parameter
-    pipe = _pipe(one)
-    return 0.0 if swept == "gamma" else math.inf if pipe is None else pipe.gamma
 
 
 def _stability(found: Boundary) -> str:
@@ -377,33 +335,13 @@ TICKS["dashes"] = {"dash_offset": 0.0, "dash_list": None}
 """Look of the ticks on the unstable sides of boundaries."""
 
 
-def _number_swept(label: Any, one: Any) -> str | None:
-    """Name of the number on the x axis of a boundary; None for a curve, which names none."""
+def _number_swept(label: Any, one: Any) -> str:
+    """Name of the number on the x axis of a boundary; raises TypeError or ValueError."""
     check.instance("the names of boundaries", label, str)
-    if isinstance(one, StabilityCurve):
-        return None
     found: Boundary = check.instance(f"boundaries[{label!r}]", one, Boundary)
     if found.names[1] != "u":
         raise ValueError(f"boundaries[{label!r}] must have 'u' for y, got {found.names!r}")
     return found.names[0]
-
-
-def _parameter(boundaries: Mapping[str, Boundary | StabilityCurve]) -> str:
-    """Label of the x axis for curves: the argument of the functions that made their models."""
-    if not boundaries:
-        return common.BETA_LABEL
-    curves = (one for one in boundaries.values() if isinstance(one, StabilityCurve))
-    names = {one.parameter for one in curves}
-    name = names.pop() if len(names) == 1 else ""
-    known = OF_A_NUMBER.get(name)
-    return known.label if known is not None else name or "parameter of the curves"
-
-
-def _pipe(found: Boundary | StabilityCurve) -> Pipe | None:
-    """The pipe of a boundary, or that of the first critical speed of a curve."""
-    if isinstance(found, Boundary):
-        return found.model.pipe
-    return next((one.pipe for one in found.critical if one is not None), None)
 
 
 def _divergence(
