@@ -16,8 +16,6 @@ from pipedyn.paper.report import report
 
 HOSE = ["--length", "0.45", "--bending-stiffness", "7.3e-3"]
 MASSES = ["--pipe-mass", "0.19", "--fluid-mass", "0.032"]
-TUBE = ["--length", "1.2", "--youngs-modulus", "3e6", "--outer-diameter", "0.016"]
-TUBE += ["--inner-diameter", "0.012", "--pipe-density", "1150", "--fluid-density", "998"]
 
 
 @pytest.mark.parametrize(
@@ -50,25 +48,9 @@ TUBE += ["--inner-diameter", "0.012", "--pipe-density", "1150", "--fluid-density
         ),
         (["--beta", "0.2", "--gravity", "9.8"], "argument --beta: is nondimensional and cannot be"),
         (["--gravity", "9.8"], "argument --length: must be given in SI units"),
-        (HOSE, "argument --pipe-mass: must be given in SI units, or --pipe-density"),
-        (
-            [*HOSE, "--pipe-density", "1150", "--fluid-mass", "0.032"],
-            "argument --outer-diameter: must be given with --pipe-density",
-        ),
-        (
-            [*HOSE, *MASSES, "--fluid-density", "998"],
-            "argument --fluid-density: cannot be given with --fluid-mass",
-        ),
-        (
-            [*HOSE, *MASSES, "--inner-diameter", "0.01"],
-            "argument --inner-diameter: has no part where bending stiffness and masses are given",
-        ),
-        (
-            [*TUBE, "--inner-diameter", "0.02"],
-            "argument --outer-diameter: must be above --inner-diameter, got 0.016 and 0.02",
-        ),
-        ([*TUBE, "--length", "-1"], "argument --length: must lie in (0, 1e+15], got -1.0"),
-        ([*TUBE, "--highest", "1e4"], "argument --highest: must lie in (0, 20.1471], got"),
+        (HOSE, "argument --pipe-mass: must be given in SI units"),
+        ([*HOSE, *MASSES, "--length", "-1"], "length must lie in (0, "),
+        ([*HOSE, *MASSES, "--highest", "1e4"], "argument --highest: must lie in (0, 106.139], got"),
         (["--bet", "0.3"], "unrecognized arguments: --bet 0.3"),
     ],
     ids=lambda words: " ".join(words)[:40] if isinstance(words, list) else "",
@@ -102,19 +84,8 @@ def test_a_pipe_in_si_units_is_that_of_from_si(tmp_path):
     )
 
 
-def test_material_and_diameters_give_the_tubes_stiffness_and_masses(tmp_path):
-    """Of a ring of radii 6 and 8 mm: I = pi (b^4 - a^4) / 4, areas pi (b^2 - a^2) and pi a^2."""
-    a, b = 0.006, 0.008
-    pipe = case_of(TUBE, tmp_path).pipe
-    wall, bore = 1150.0 * math.pi * (b**2 - a**2), 998.0 * math.pi * a**2
-    stiffness = 3e6 * math.pi * (b**4 - a**4) / 4.0
-    assert pipe.beta == pytest.approx(bore / (wall + bore), rel=1e-14)
-    assert pipe.gamma == pytest.approx(9.81 * 1.2**3 * (wall + bore) / stiffness, rel=1e-14)
-    assert pipe.speed_si(1.0) == pytest.approx(math.sqrt(stiffness / bore) / 1.2, rel=1e-14)
-
-
 def test_the_highest_speed_of_a_pipe_in_si_units_is_in_metres_per_second(tmp_path):
-    case = case_of([*TUBE, "--highest", "7.5"], tmp_path)
+    case = case_of([*HOSE, *MASSES, "--highest", "7.5"], tmp_path)
     assert case.pipe.speed_si(case.highest) == pytest.approx(7.5, rel=1e-14)
     assert case_of(["--highest", "7.5"], tmp_path).highest == 7.5
 

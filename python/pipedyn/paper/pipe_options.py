@@ -4,12 +4,9 @@
 from __future__ import annotations
 
 import argparse
-import math
-from collections.abc import Mapping
 from typing import Any
 
 from pipedyn.models.pipe import FLOWS, Pipe
-from pipedyn.util import check
 
 UNITLESS_OPTIONS = ("flow", "alpha")
 """Options without a unit, for pipes in nondimensional numbers and in SI units."""
@@ -24,17 +21,13 @@ NONDIMENSIONAL_OPTIONS = {
 SI_OPTIONS = {
     "length": ("L", None, "length, m"),
     "bending-stiffness": ("EI", None, "bending stiffness, N m^2"),
-    "youngs-modulus": ("E", None, "in its place: Young's modulus, Pa, with both diameters"),
     "pipe-mass": ("M", None, "mass of the pipe, kg/m"),
-    "pipe-density": ("RHO", None, "in its place: density, kg/m^3, with both diameters"),
     "fluid-mass": ("M", None, "mass of the fluid, kg/m"),
-    "fluid-density": ("RHO", None, "in its place: density, kg/m^3, with --inner-diameter"),
-    "outer-diameter": ("D", None, "outer diameter, m"),
-    "inner-diameter": ("D", None, "inner diameter, m"),
     "gravity": ("G", 9.81, "m/s^2; negative when the free end stands above the clamp"),
     "damping-time": ("T", 0.0, "stress is E (strain + T d strain / dt), s"),
 }
-"""Options for quantities in SI units by name: metavariable, default and help."""
+"""Options for quantities in SI units by name: metavariable, default and help. Those without a
+default must all be given."""
 
 
 def add_pipe_options(parser: argparse.ArgumentParser) -> None:
@@ -60,7 +53,7 @@ def taken_pipe(given: dict[str, Any]) -> Pipe:
 
     Raises:
         ValueError: if numbers are out of range, if options in both kinds of units are given, or if
-            there are too few or too many options.
+            there are too few.
     """
     both = {name: given.pop(name) for name in UNITLESS_OPTIONS}
     numbers, measured = (
@@ -75,61 +68,8 @@ def taken_pipe(given: dict[str, Any]) -> Pipe:
             f"argument --{next(iter(numbers))}: is nondimensional and cannot be given with "
             f"--{next(iter(measured))}, which is in SI units"
         )
-    return Pipe.from_si(**_quantities(measured), **both)
-
-
-def _quantities(measured: Mapping[str, float]) -> dict[str, Any]:
-    """Arguments of `Pipe.from_si` from the options in SI units."""
-    left = dict(measured)
-
-    def needed(name: str, why: str) -> float:
-        if name not in measured:
-            raise ValueError(f"argument --{name}: must be given {why}")
-        left.pop(name, None)
-        bounds: dict[str, Any] = {"low": 0.0, "high": 1e15, "open_low": True}
-        return check.real(f"argument --{name}:", measured[name], **bounds)
-
-    def either(name: str, other: str, factor: Any) -> float:
-        """A quantity given directly, or as a property of the material times one of the section.
-
-        The property of the section is `factor` of the words that say why it is needed.
-        """
-        if name in measured and other in measured:
-            raise ValueError(f"argument --{other}: cannot be given with --{name}")
-        if other in measured:
-            return needed(other, "") * float(factor(f"with --{other}"))
-        return needed(name, f"in SI units, or --{other}")
-
-    def section(power: int, why: str) -> float:
-        """D^power - d^power, from the outer and inner diameters."""
-        outer, inner = needed("outer-diameter", why), needed("inner-diameter", why)
-        if outer <= inner:
-            raise ValueError(
-                "argument --outer-diameter: must be above --inner-diameter, got "
-                f"{outer:g} and {inner:g}"
-            )
-        return outer**power - inner**power
-
-    found: dict[str, Any] = {
-        "length": needed("length", "in SI units"),
-        "bending_stiffness": either(
-            "bending-stiffness", "youngs-modulus", lambda why: math.pi / 64.0 * section(4, why)
-        ),
-        "pipe_mass": either(
-            "pipe-mass", "pipe-density", lambda why: math.pi / 4.0 * section(2, why)
-        ),
-        "fluid_mass": either(
-            "fluid-mass",
-            "fluid-density",
-            lambda why: math.pi / 4.0 * needed("inner-diameter", why) ** 2,
-        ),
-    }
-    for name in ("gravity", "damping-time"):
-        if name in left:
-            found[name.replace("-", "_")] = left.pop(name)
-    if left:
-        raise ValueError(
-            f"argument --{next(iter(left))}: has no part where bending stiffness and masses are "
-            "given"
-        )
-    return found
+    for name, (_, default, _) in SI_OPTIONS.items():
+        if default is None and name not in measured:
+            raise ValueError(f"argument --{name}: must be given in SI units")
+    of_names = {name.replace("-", "_"): value for name, value in measured.items()}
+    return Pipe.from_si(**of_names, **both)
