@@ -45,12 +45,6 @@ def findings():
         benchmark=pp.root_loci(exact, speeds, 4),
         panels=[[("coarse", coarse), ("fine", fine), ("failed", None)]],
         maps=maps,
-        curves={
-            gamma: pp.stability_curve(
-                lambda beta, gamma=gamma: pp.Galerkin(pp.Pipe(beta, gamma), 4), [0.1, 0.2]
-            )
-            for gamma in (5.0, 10.0, 0.0, -10.0)
-        },
     )
 
 
@@ -132,15 +126,8 @@ def test_speeds_at_which_the_pipe_is_stable_are_told(gamma, said):
     assert said in instabilities(pipe, known)
     never = gamma == -50.0
     assert [line[10] for line in table(pipe, known)] == [never * "unstable below, too"] * 2
-    assert ("no stability to lose" in second_mode(known)[0]) == never
+    assert ("no stability to lose" in second_mode(critical, known.rows)) == never
     assert "not computed" in instabilities(pipe, Findings(8.0, critical))
-
-
-def test_modes_on_the_map_are_told_in_order_of_gravity():
-    lines = [line for line in second_mode(findings()) if "On the map" in line]
-    gammas = [float(line.partition("gamma = ")[2].partition(":")[0]) for line in lines]
-    assert gammas == sorted(gammas)
-    assert len(gammas) == 4
 
 
 def test_the_map_is_in_order_of_gravity_and_titles_are_no_sentences():

@@ -25,7 +25,6 @@ from pipedyn.linear.critical_speed import (
 )
 from pipedyn.linear.modes import RootLoci, root_loci
 from pipedyn.linear.sensitivity import Crossing
-from pipedyn.linear.stability_curve import StabilityCurve, stability_curve
 from pipedyn.models.base import Model
 from pipedyn.models.chain import SPRING_RULES, Chain
 from pipedyn.models.continuum import Continuum
@@ -50,9 +49,6 @@ sqrt(2) and sizes up to 8 by 1, because the error of Legendre functions falls to
 
 MAP_GAMMAS = (-10.0, 0.0, 10.0, 100.0)
 """Values of gamma for the maps, besides the pipe's own: standing, level and hanging pipes."""
-
-MAP_MODES = 9
-"""Number of mass ratios of a map at which the report names the mode that loses stability."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +91,6 @@ class Findings:
     panels: list[list[tuple[str, RootLoci | None]]] = field(default_factory=list)  # title, loci
     rows: list[Row] = field(default_factory=list)  # the table, without the continuous pipe
     maps: dict[float, Boundary] = field(default_factory=dict)  # over beta, by gamma
-    curves: dict[float, StabilityCurve] = field(default_factory=dict)  # at some beta, by gamma
     map_error: float = 0.0  # largest error of the boundaries on the maps
     failures: list[str] = field(default_factory=list)
 
@@ -121,7 +116,7 @@ def gather(case: Options, executor: futures.Executor | None = None) -> Findings:
     own = case.pipe.gamma
     every = [own, *sorted({*MAP_GAMMAS} - {own}, reverse=True)]
     gammas = {f"stability map, gamma = {gamma}": gamma for gamma in every}
-    top = map_top(findings.exact)
+    window = {"beta": (0.01, 0.98), "u": (0.0, 1.02 * map_top(findings.exact))}
     jobs: dict[str, Job[Any]] = {
         "root loci, continuous pipe": partial(root_loci, exact, speeds, BRANCHES),
         "crossings, continuous pipe": partial(crossings, exact, findings.highest),
@@ -131,7 +126,9 @@ def gather(case: Options, executor: futures.Executor | None = None) -> Findings:
     for kind, family, model in families:
         jobs[f"critical speed, {kind}, {family}, {model.dof}"] = partial(critical_speed, model)
     for name, gamma in gammas.items():
-        jobs[name] = partial(mapped_stability, replace(case.pipe, gamma=gamma), top)
+        hanging = Continuum(replace(case.pipe, gamma=gamma))
+        how = {"criticality": False, "only_stability": True}
+        jobs[name] = partial(boundary, hanging, "beta", "u", window, **how)
     outcomes = parallel([*jobs.values()], executor, label="models", progress=case.progress)
     answers = {name: recorded(name, one) for name, one in zip(jobs, outcomes, strict=True)}
     findings.benchmark, _ = answers["root loci, continuous pipe"]
@@ -141,18 +138,11 @@ def gather(case: Options, executor: futures.Executor | None = None) -> Findings:
         answer = answers[f"critical speed, {kind}, {family}, {model.dof}"]
         findings.rows.append(Row(kind, family, model.dof, *answer))
     for name, gamma in gammas.items():
-        mapped, _ = answers[name]
-        if mapped is None:
-            continue
-        bounds, curve = mapped
-        findings.maps[gamma], findings.curves[gamma] = bounds, curve
-        findings.map_error = max([findings.map_error, *(one.error for one in bounds.curves)])
-        findings.failures += [f"{name}: {failure}" for failure in bounds.failures]
-        findings.failures += [
-            f"{name}, beta = {failure.value:g}: {_remark(failure.error)}"
-            for failure in curve.failures
-            if not isinstance(failure.error, NoCrossing)
-        ]
+        found, _ = answers[name]
+        if found is not None:
+            findings.maps[gamma] = found
+            findings.map_error = max([findings.map_error, *(one.error for one in found.curves)])
+            findings.failures += [f"{name}: {failure}" for failure in found.failures]
     return findings
 
 
@@ -193,15 +183,3 @@ def _families(case: Options) -> list[tuple[str, str, Model]]:
         *(("chain", k, Chain(case.pipe, n, springs=k)) for k in SPRING_RULES for n in chains),
         *(("reduced", k, Galerkin(case.pipe, m, k)) for k in BASES for m in reduced),
     ]
-
-
-def mapped_stability(pipe: Pipe, top: float) -> tuple[Boundary, StabilityCurve]:
-    """Stability boundaries of the continuous pipe over beta and u, and the modes that lose it."""
-    ranges = {"beta": (0.01, 0.98), "u": (0.0, 1.02 * top)}
-    found = boundary(Continuum(pipe), "beta", "u", ranges, criticality=False, only_stability=True)
-    size = math.ceil(0.8 * top) + 4
-
-    def reduced(beta: float) -> Galerkin:
-        return Continuum(replace(pipe, beta=beta)).frozen(size)
-
-    return found, stability_curve(reduced, np.linspace(*ranges["beta"], MAP_MODES), 1.02 * top)

@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import string
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import groupby
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -17,7 +16,6 @@ from matplotlib.patheffects import withStroke
 from pipedyn import plot
 from pipedyn.accuracy.convergence import convergence_law
 from pipedyn.linear.critical_speed import CriticalSpeed, stable_speeds
-from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.continuum import Continuum
 from pipedyn.models.pipe import Pipe
 from pipedyn.paper.analysis import CHAIN_SIZES, REDUCED_SIZES, Findings, Options, Row, map_top
@@ -247,41 +245,21 @@ def instabilities(pipe: Pipe, findings: Findings) -> str:
     return f"{start}Up to {end} the continuous pipe is {stable}. Instabilities: {listed}."
 
 
-def second_mode(findings: Findings) -> list[str]:
-    """Sentences that say whether the second mode loses stability, in the table and on the maps."""
-    lines = []
-    exact = findings.exact
-    if exact is not None and exact.unstable_before:
-        lines.append(
-            "Is the instability in the second mode (branches counted from rest)? The pipe has no "
-            f"stability to lose at {_said(exact.pipe, exact.speed)}: it is unstable below, too."
+def second_mode(exact: CriticalSpeed, rows: Sequence[Row]) -> str:
+    """A sentence that says whether the second mode loses stability, in each line of the table."""
+    asked = "Is the instability in the second mode (branches counted from rest)?"
+    if exact.unstable_before:
+        return (
+            f"{asked} The pipe has no stability to lose at {_said(exact.pipe, exact.speed)}: it is "
+            "unstable below, too."
         )
-    elif exact is not None:
-        answer = "yes" if exact.mode == 2 else f"no, in mode {exact.mode}"
-        modes = [(row, row.critical.mode) for row in findings.rows if row.critical is not None]
-        others = [f"{row.family} {row.size} (mode {k})" for row, k in modes if k != exact.mode]
-        named = f"; others: {', '.join(others)}" if others else ""
-        named = textwrap.shorten(named, 300, placeholder=" ...")
-        lines.append(
-            "Is the instability in the second mode (branches counted from rest)? Continuous pipe: "
-            f"{answer}; {len(modes) - len(others)} of {len(modes)} models agree{named}."
-        )
-    for gamma, curve in sorted(findings.curves.items()):
-        every = (next(filter(_loses, found), None) for found in curve.crossings)
-        pairs = zip(curve.values, every, strict=True)
-        known = [(float(beta), found.mode) for beta, found in pairs if found is not None]
-        runs = []
-        for mode, group in groupby(known, key=lambda point: point[1]):
-            betas = [f"{beta:.3g}" for beta, _ in group]
-            runs.append(f"mode {mode} at beta {' to '.join(dict.fromkeys((betas[0], betas[-1])))}")
-        if runs:
-            lines.append(f"  On the map, gamma = {gamma:g}: {', '.join(runs)}.")
-    return lines
-
-
-def _loses(crossing: Crossing) -> bool:
-    """Whether a stable pipe becomes unstable at a crossing."""
-    return crossing.destabilising and crossing.unstable_before == 0
+    answer = "yes" if exact.mode == 2 else f"no, in mode {exact.mode}"
+    modes = [(row, row.critical.mode) for row in rows if row.critical is not None]
+    others = [f"{row.family} {row.size} (mode {k})" for row, k in modes if k != exact.mode]
+    named = f"; others: {', '.join(others)}" if others else ""
+    named = textwrap.shorten(named, 300, placeholder=" ...")
+    agree = f"{len(modes) - len(others)} of {len(modes)} models agree"
+    return f"{asked} Continuous pipe: {answer}; {agree}{named}."
 
 
 def _by_family(findings: Findings) -> dict[str, list[CriticalSpeed]]:
@@ -344,8 +322,10 @@ def report(case: Options, findings: Findings) -> str:
     )
     units = ("u_c", "omega_c") if pipe.scales is None else ("V_c (m/s)", "f_c (Hz)")
     headings = ("model, springs or basis", "size", *units, "kind", "mode", *HEADINGS[-3:])
-    compared = (
-        f"  The map's boundaries are within {findings.map_error:.0e} of those of a smaller basis."
+    notes = ["", verdict(findings), instabilities(pipe, findings)]
+    if findings.exact is not None:
+        notes.append(second_mode(findings.exact, findings.rows))
+    notes.append(
+        f"The map's boundaries are within {findings.map_error:.0e} of those of a smaller basis."
     )
-    notes = ["", verdict(findings), instabilities(pipe, findings), *second_mode(findings), compared]
     return Table(title, headings, rows, numbers=True, notes=notes).text()
