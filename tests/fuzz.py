@@ -1470,9 +1470,7 @@ def _pictures() -> Iterator[Target]:
     place = Kind(
         one_of("tip", 0, 2), any_of(NONE, *NOTHINGS, *WORDS, *LOGICAL, one_of(3, -1, NAN, 1.0))
     )
-    cycles = Kind(
-        one_of(CYCLE, [CYCLE, CYCLE]), any_of(*NOTHINGS, *WORDS, NONE, one_of(3, [], [3], MOTION))
-    )
+    cycles = Kind(one_of(CYCLE, BRANCH), any_of(*NOTHINGS, *WORDS, NONE, one_of(3, [], MOTION)))
     words = Kind(one_of("a", ""), any_of(NONE, *NOTHINGS, one_of(3, NAN, [])))
 
     def named(one: Any) -> Kind:
@@ -1527,8 +1525,7 @@ def _pictures() -> Iterator[Target]:
             "found": Kind(any_of(of(TRADE).good, any_trade), of(TRADE).bad),
             "cost": word("seconds", "dof", "right_hand_sides", "factorisations"),
         },
-        "orbit": {"cycles": cycles},
-        "multipliers": {"cycles": Kind(one_of(CYCLE, BRANCH), cycles.bad)},
+        "multipliers": {"cycles": cycles},
         "frequency_response": {"response": of(RESPONSE)},
         "forced_response": {"response": of(SHAKES)},
         "parametric_regions": {"regions": either([REGIONS], 3, [3], PIPE)},

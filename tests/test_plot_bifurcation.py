@@ -122,18 +122,16 @@ def test_asymmetric_cycles_are_drawn_with_their_mirror_images():
     np.testing.assert_allclose(sorted(marks), [-0.375, -0.125, 0.125, 0.375])
 
 
-def test_orbit_is_the_free_end_against_its_velocity():
-    ax = rendered(plot.orbit([circle(), circle(stable=False)], ax=axes()))
-    first, second = ax.lines
+def test_a_portrait_of_cycles_tells_which_are_stable():
+    ax = rendered(plot.phase_portrait([circle(), circle(stable=False)], ax=axes()))
+    first, second = (line for line in ax.lines if line.get_label().endswith("stable"))
     x, velocity = first.get_xydata().T
     assert np.abs(x).max() == pytest.approx(np.sin(0.1), abs=1e-6)
-    assert np.abs(velocity).max() == pytest.approx(1.0, abs=1e-6)
+    assert np.abs(velocity).max() == pytest.approx(1.0, abs=1e-4)
     assert (first.get_linestyle(), second.get_linestyle()) == ("-", "--")
-    assert first.get_label() == "$u = 5$, stable"
-    with pytest.raises(ValueError, match="cycles must hold at least one, got none"):
-        plot.orbit([])
-    with pytest.raises(ValueError, match=r"cycles\[0\] must have at least 8 samples, got 7"):
-        plot.orbit(replace(circle(), t=np.arange(7.0)))
+    assert first.get_label() == "0: $u = 5$, Chain, 2 d.o.f., stable"
+    alone = plot.phase_portrait(circle(stable=False), ax=axes())
+    assert alone.get_title() == "$u = 5$, ejecting, unstable"
 
 
 def test_multipliers_outside_the_unit_circle_are_crosses():

@@ -20,7 +20,6 @@ from pipedyn.plot.attractors import poincare_section as poincare_section
 from pipedyn.plot.attractors import spectrum as spectrum
 from pipedyn.plot.bifurcation import bifurcation_diagram as bifurcation_diagram
 from pipedyn.plot.bifurcation import multipliers as multipliers
-from pipedyn.plot.bifurcation import orbit as orbit
 from pipedyn.plot.common import BETA_LABEL as BETA_LABEL
 from pipedyn.plot.common import BLACK as BLACK
 from pipedyn.plot.common import BLUE as BLUE

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import cycle as repeated
 from typing import Any, Literal
 
 import numpy as np
@@ -17,8 +16,7 @@ from pipedyn.diagram import BifurcationDiagram
 from pipedyn.equilibrium.equilibria import EquilibriumBranch
 from pipedyn.orbits.floquet import UNIT, nontrivial
 from pipedyn.plot import common
-from pipedyn.plot.motion import finer_times, path_of
-from pipedyn.plot.units import FLOW_SPEED, TIP, TIP_RATE, Units, View, of_coordinate
+from pipedyn.plot.units import FLOW_SPEED, Units, View, of_coordinate
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.later import scipy
@@ -189,47 +187,6 @@ def smooth(*columns: Array) -> Array:
     found: Array = scipy.interpolate.Akima1DInterpolator(places, points)(at)
     found[::A_STEP] = points  # removes rounding errors at the points
     return found
-
-
-def orbit(
-    cycles: LimitCycle | Sequence[LimitCycle],
-    *,
-    units: Units = "nondimensional",
-    ax: Axes | None = None,
-) -> Axes:
-    """Limit cycles in the phase plane: transverse position of the free end against its velocity.
-
-    Args:
-        cycles: one limit cycle or several. Unstable cycles are dashed.
-        units: "nondimensional", or "si" if the pipe has scales.
-        ax: Axes to draw on; new ones if not given.
-
-    Example:
-        >>> model = pp.Chain(pp.Pipe(0.2), 2)
-        >>> ax = plot.orbit([pp.limit_cycle(model, u) for u in (3.8, 4.2)])
-
-    Raises:
-        ValueError: for no cycle, or for a cycle with fewer than 8 samples.
-        TypeError: for bad arguments.
-    """
-    shown: list[Any] = list(cycles) if isinstance(cycles, list | tuple) else [cycles]
-    if not shown:
-        raise ValueError("cycles must hold at least one, got none")
-    for i, cycle in enumerate(shown):
-        check.instance("cycles", cycle, LimitCycle, "limit cycles")
-        if cycle.t.size < 8:
-            raise ValueError(f"cycles[{i}] must have at least 8 samples, got {cycle.t.size}")
-    views = [View(units, cycle.model.pipe) for cycle in shown]
-    ax = views[0].axes(ax, (4.8, 4.2), TIP, TIP_RATE)
-    looks = zip(repeated(common.CURVE_STYLES), repeated((1.0, 1.6, 2.2)), strict=False)
-    for cycle, view, (look, width) in zip(shown, views, looks, strict=False):
-        x, t = path_of(cycle), finer_times(cycle.t)
-        word = "stable" if cycle.stable else "unstable"
-        line = {**STABILITY_STYLES[word], "color": look["color"], "linewidth": width}
-        label = f"{view.speed(cycle.u, 6)}, {word}"
-        ax.plot(view.one(TIP) * x(t), view.one(TIP_RATE) * x(t, 1), label=label, **line)
-    common.legend_below(ax)
-    return ax
 
 
 def multipliers(

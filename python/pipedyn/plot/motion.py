@@ -33,6 +33,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.motion.sampling import INVISIBLE, LEAST_MOTION, coarse
 from pipedyn.motion.simulate import Ensemble, Motion
 from pipedyn.plot import common
+from pipedyn.plot.bifurcation import STABILITY_STYLES
 from pipedyn.plot.units import (
     AXIAL,
     ELAPSED,
@@ -83,7 +84,7 @@ def time_history(
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     for one in shown:
         t, unit = finer_times(one.curve.x), one.view.one(ELAPSED)
-        ax.plot(unit * t, one.values(t), label=one.label, linewidth=1.0, **one.look)
+        ax.plot(unit * t, one.values(t), label=one.label, **{"linewidth": 1.0} | one.look)
     ax.margins(x=0.0)
     _legend(ax, shown, failed)
     return ax
@@ -98,7 +99,8 @@ def phase_portrait(
 ) -> Axes:
     """Displacement against velocity; a ring marks the start, and the last cycle is a thicker line.
 
-    If a coordinate moves too fast for a curve through its samples, dots show the samples.
+    Unstable limit cycles are dashed. If a coordinate moves too fast for a curve through its
+    samples, dots show the samples.
 
     Args:
         motions: one or several motions, limit cycles or basins, or an ensemble, whose failed
@@ -136,7 +138,8 @@ def phase_portrait(
             thin = {"color": colour, "linewidth": 0.6, "alpha": 0.5, "zorder": 2.0}
             for part in (t[t <= ends[0]], t[t >= ends[1]]):
                 ax.plot(one.values(part), one.values(part, 1), **thin)
-        ax.plot(one.values(last), one.values(last, 1), label=one.label, linewidth=1.6, **one.look)
+        look = {"label": one.label, "linewidth": 1.6, **one.look}
+        ax.plot(one.values(last), one.values(last, 1), **look)
         start = common.open_marker(4.5, colour, zorder=3.0)
         ax.plot(one.values(t[0]), one.values(t[0], 1), **start)
     _legend(ax, shown, failed)
@@ -180,14 +183,18 @@ def _signals(
 ) -> list[Signal]:
     """The curve to draw for each motion; samples of the free end too far apart are refused.
 
-    Labels give the flow speed, and also the model if several motions have the same speed.
+    Labels give the flow speed, and also the model if several motions have the same speed. Those of
+    limit cycles say whether they are stable; unstable ones are dashed.
     """
     shown = [Signal(name, one, index, units, rates_shown) for name, one in named.items()]
-    alike = len({one.label for one in shown}) < len(shown)
+    alike, widths = len({one.label for one in shown}) < len(shown), (1.6, 1.0, 2.2)
     for i, (one, look) in enumerate(zip(shown, cycle(common.CURVE_STYLES), strict=False)):
         one.look, model = look, one.motion.model
         if alike:
             one.label = f"{i}: {one.label}, {type(model).__name__}, {model.dof} d.o.f."
+        if word := _steadiness(one.motion):
+            one.label += f", {word}"
+            one.look = STABILITY_STYLES[word] | {"color": look["color"], "linewidth": widths[i % 3]}
     return shown
 
 
@@ -211,8 +218,14 @@ def _legend(ax: Axes, shown: Sequence[Signal], failed: Sequence[int]) -> None:
 
 
 def _title(motion: Sampled, view: View) -> str:
-    """Title of a picture: flow speed and direction."""
-    return f"{view.speed(motion.u)}, {motion.model.pipe.flow}"
+    """Title of a picture: flow speed and direction, and whether a limit cycle is stable."""
+    word = _steadiness(motion)
+    return f"{view.speed(motion.u)}, {motion.model.pipe.flow}{word and f', {word}'}"
+
+
+def _steadiness(motion: Sampled) -> str:
+    """Whether a limit cycle is stable, in a word; empty for other motions."""
+    return ("unstable", "stable")[motion.stable] if isinstance(motion, LimitCycle) else ""
 
 
 # ------------------------------------------------------------------------------- shapes of the pipe
