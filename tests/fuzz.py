@@ -104,7 +104,7 @@ def each(*values: Any) -> tuple[Values, ...]:
 
 NOTHINGS: tuple[Values, ...] = (
     *each({}, {"a": 1}, set(), frozenset({1.0}), object(), Ellipsis, NotImplemented, b"1"),
-    *each(bytearray(b"12"), Decimal("0.5"), np.ma.masked, np.timedelta64(1)),
+    *each(Decimal("0.5"), np.ma.masked, np.timedelta64(1)),
     *each(np.datetime64("2020-01-01"), Unspeakable(), math, 1j, complex(NAN, 0.0)),
     *each(np.array("a"), np.array(None), slice(3)),
     lambda _: (i for i in range(3)),

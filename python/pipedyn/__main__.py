@@ -90,8 +90,7 @@ def _parsed(arguments: Sequence[str] | None) -> Options:
     add("--workers", type=partial(_whole_number, 0, 64), default=workers, metavar="K", help=text)
     add("--quiet", dest="progress", action="store_false", help="say nothing on stderr but errors")
 
-    words = sys.argv[1:] if arguments is None else arguments
-    given = vars(parser.parse_args([_positional(word) for word in words]))
+    given = vars(parser.parse_args(arguments))
     try:
         pipe = taken_pipe(given)
         if given["highest"] is not None:
@@ -107,15 +106,6 @@ def _parsed(arguments: Sequence[str] | None) -> Options:
     except (ValueError, OSError) as error:
         parser.error(str(error))
     return Options(pipe=pipe, **given)
-
-
-def _positional(word: str) -> str:
-    """The word, with a space before a negative number, so that it is not taken for an option."""
-    try:
-        float(word)
-    except ValueError:
-        return word
-    return f" {word}" if word.startswith("-") else word
 
 
 def _whole_number(low: int, high: int, text: str) -> int:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipedyn.models.profile import Along, Profile, checked_profile, mixed
-from pipedyn.models.scales import Scales, scales_at
+from pipedyn.models.scales import Scales, repr_of, scales_at
 from pipedyn.models.supports import (
     ENDS,
     GOLDEN,
@@ -197,7 +197,7 @@ class Pipe(Saved):
     supports: Sequence[float] = field(default=(), kw_only=True)
     stiffness: Profile | None = field(default=None, kw_only=True)
     mass: Profile | None = field(default=None, kw_only=True)
-    scales: Scales | None = field(default=None, kw_only=True)
+    scales: Scales | None = field(default=None, kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
         given = vars(self)
@@ -504,18 +504,10 @@ class Pipe(Saved):
         return self.damping + self.hysteresis / omega
 
     def __repr__(self) -> str:
-        parts = [
-            f"{item.name}={value:.12g}" if isinstance(value, float) else f"{item.name}={value!r}"
-            for item in fields(self)[:-1]
-            if (value := getattr(self, item.name)) != item.default and item.name != "supports"
-        ]
-        if self.supports:
-            places = ", ".join(f"{s:.12g}" for s in self.supports)
-            parts.append(f"supports=({places}{',' * (len(self.supports) == 1)})")
-        if self.scales is not None:
-            units = zip(self.scales, ("m", "kg/m", "s", "m/s"), strict=True)
-            parts.append("units " + ", ".join(f"{value:.6g} {unit}" for value, unit in units))
-        return f"Pipe({', '.join(parts)})"
+        if self.scales is None:
+            return repr_of(self)
+        units = zip(self.scales, ("m", "kg/m", "s", "m/s"), strict=True)
+        return repr_of(self, "units " + ", ".join(f"{value:.6g} {unit}" for value, unit in units))
 
     @property
     def terms_si(self) -> tuple[Term, ...]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipedyn import _core
+from pipedyn.models.scales import repr_of
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -157,13 +158,7 @@ class Profile:
             )
         return made
 
-    def __repr__(self) -> str:
-        at, values = (
-            ", ".join(f"{x:.12g}" if isinstance(x, float) else repr(x) for x in of)
-            + ("," if len(of) == 1 else "")
-            for of in (self.at, self.values)
-        )
-        return f"Profile(at=({at}), values=({values}))"
+    __repr__ = repr_of
 
     def __call__(self, s: ArrayLike) -> Array:
         """Values at arc lengths s in [0, 1], shape (p,); at a jump, the value beyond it."""

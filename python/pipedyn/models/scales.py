@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import MISSING, field
+from dataclasses import MISSING, field, fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -60,3 +60,18 @@ def number(
     """Dataclass field of a term's number: its range, and the powers of `Scales` in its SI unit."""
     rule = {"low": low, "high": high, "open_low": open_low}
     return field(default=default, metadata={"range": rule, "powers": (mass, length, time)})
+
+
+def text_of(value: Any) -> str:
+    """A value as text, with 12 digits of each number."""
+    if isinstance(value, tuple):
+        return f"({', '.join(map(text_of, value))}{',' * (len(value) == 1)})"
+    return f"{value:.12g}" if isinstance(value, float) else repr(value)
+
+
+def repr_of(one: Any, *more: str) -> str:
+    """A dataclass as text: its fields that are not at their defaults, then `more` texts."""
+    shown = {item.name: getattr(one, item.name) for item in fields(one) if item.repr}
+    defaults = {item.name: item.default for item in fields(one)}
+    told = [f"{name}={text_of(of)}" for name, of in shown.items() if of != defaults[name]]
+    return f"{type(one).__name__}({', '.join([*told, *more])})"

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pipedyn.models.scales import SLACK, number
+from pipedyn.models.scales import SLACK, number, repr_of
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 
@@ -60,8 +60,7 @@ class RootSpring:
     def __post_init__(self) -> None:  # the pipe checks how large it is, as it may be in SI
         vars(self).update(stiffness=check.real("stiffness", self.stiffness, low=0.0))
 
-    def __repr__(self) -> str:
-        return f"RootSpring(stiffness={self.stiffness:.12g})"
+    __repr__ = repr_of
 
 
 Root = Literal["clamped", "pinned"] | RootSpring

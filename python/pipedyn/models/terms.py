@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from pipedyn import _core
-from pipedyn.models.scales import SLACK, Scales, number
+from pipedyn.models.scales import SLACK, Scales, number, repr_of
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 
@@ -59,10 +59,7 @@ class Term:
             value = check.real(item.name, getattr(self, item.name), **rule)
             object.__setattr__(self, item.name, value)
 
-    def __repr__(self) -> str:
-        given = {item.name: getattr(self, item.name) for item in fields(self)}
-        told = (item.name for item in fields(self) if given[item.name] != item.default)
-        return f"{type(self).__name__}({', '.join(f'{name}={given[name]:.12g}' for name in told)})"
+    __repr__ = repr_of
 
     @property
     def place(self) -> float | None:

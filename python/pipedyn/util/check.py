@@ -6,9 +6,7 @@ from __future__ import annotations
 import math
 import operator
 import reprlib
-import sys
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from itertools import islice
+from collections.abc import Collection, Mapping
 from numbers import Integral, Real
 from typing import Any, TypeVar
 
@@ -55,7 +53,6 @@ def real(
 ) -> float:
     """The value as a float, refused unless it is a finite real number in an interval."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
-        _refuse_masked(name, value)
         value = value[()]
     if not _is_real(value):
         raise TypeError(f"{name} must be a real number, got {shown(value)}")
@@ -195,28 +192,26 @@ def numbers(
 ) -> NDArray[Any]:
     """The value as a numpy array of any shape; an array is returned as it is, without a copy.
 
-    Masked entries, booleans among numbers and more than `longest` entries are refused, the latter
-    before memory is allocated. Infinite numbers and NaN are accepted.
+    Masked entries, booleans among numbers and more than `longest` entries are refused; infinite
+    numbers and NaN are not.
     """
-    came = _entries(value)
-    if came > longest:
-        raise ValueError(f"{name} must have at most {longest} entries, got {shown(value)}")
-    _refuse_masked(name, value)
 
     def wrong() -> TypeError:
         return TypeError(f"{name} must be {what}, got {shown(value)}")
 
-    if isinstance(value, bytearray):  # numpy would convert its bytes to numbers
-        raise wrong()
-    if isinstance(value, list | tuple):
-        for part in islice(_leaves(value), longest):
-            if isinstance(part, NOT_NUMBERS) or getattr(part, "dtype", None) == np.bool_:
-                raise wrong()
-            _refuse_masked(name, part)
-    try:
-        raw = np.asarray(value)
+    too_long = isinstance(value, range) and bool(value[longest:])
+    try:  # a range, which takes no memory, may be endless
+        listed = np.array(value if isinstance(value, list | tuple) else (), dtype=object)
+        if any(isinstance(part, NOT_NUMBERS) or part is np.ma.masked for part in listed.flat):
+            raise TypeError  # numpy would convert them to numbers
+        raw = np.asarray(None if too_long else value)
     except (ValueError, TypeError, OverflowError, MemoryError):  # lists that are uneven or endless
         raise wrong() from None
+    if too_long or raw.size > longest:
+        raise ValueError(f"{name} must have at most {longest} entries, got {shown(value)}")
+    if np.ma.is_masked(value):
+        masked = np.count_nonzero(np.ma.getmaskarray(value))
+        raise ValueError(f"{name} must not be masked, got {masked} masked of {raw.size} entries")
     if raw.dtype.kind == "O" and all(_is_real(part) for part in raw.flat):
         parts = [real(name, part) for part in raw.flat]  # fractions, whole numbers beyond 64 bits
         raw = np.array(parts, dtype=np.float64).reshape(raw.shape)
@@ -235,34 +230,3 @@ def doubles(name: str, value: Any, what: str) -> Array:
 def _is_real(value: Any) -> bool:
     # Most values are floats, and `type` is much faster than `isinstance` of an abstract class.
     return type(value) is float or (isinstance(value, Real) and not isinstance(value, NOT_NUMBERS))
-
-
-def _entries(value: Any) -> int:
-    """Number of entries of nested lists as an array, computed from the first entry of each list."""
-    entries = 1
-    for _ in range(32):
-        if isinstance(value, str | bytes) or not isinstance(value, Sequence):
-            break
-        try:
-            entries *= len(value)
-        except OverflowError:  # a very long range
-            return sys.maxsize
-        if not entries:
-            return 0
-        value = value[0]
-    return entries * value.size if isinstance(value, np.ndarray) else entries
-
-
-def _leaves(value: Any, depth: int = 0) -> Iterator[Any]:
-    """Entries of a list and of the lists nested in it."""
-    for part in value:
-        if isinstance(part, list | tuple) and depth < 32:
-            yield from _leaves(part, depth + 1)
-        else:
-            yield part
-
-
-def _refuse_masked(name: str, value: Any) -> None:
-    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
-        masked = int(np.ma.getmaskarray(value).sum())
-        raise ValueError(f"{name} must not be masked, got {masked} masked of {value.size} entries")

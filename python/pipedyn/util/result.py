@@ -145,14 +145,15 @@ class Result(Saved):
 
     def __repr__(self) -> str:
         start, shown = f"{type(self).__name__}(", self._shown()
-        for depth in None, 1, 0:
-            line = start + ", ".join(f"{name}={_short(one, depth)}" for name, one in shown) + ")"
+        for short in False, True:
+            line = start + ", ".join(f"{name}={_short(one, short)}" for name, one in shown) + ")"
             if len(line) <= WIDTH:
                 return line
         lines = [start]
         for name, one in shown:
-            parts = [f"{name}={_short(one, depth)}, " for depth in (None, 1, 0)]
-            part = next((part for part in parts if len(part) < WIDTH - 4), parts[0])
+            part = f"{name}={_short(one)}, "
+            if len(part) >= WIDTH - 4:
+                part = f"{name}={_short(one, True)}, "
             if len(lines[-1]) + len(part) > WIDTH + 1:
                 lines.append("    ")
             lines[-1] += part
@@ -358,8 +359,8 @@ class TableResult(Result):
 
     def _table(self) -> Table:
         columns = self.columns("si" if self._scales() is not None else "nondimensional")
-        shown = [map(_cell, values[:ROWS].tolist()) for values in columns.values()]
-        rows = list(zip(*shown, strict=True))
+        shown = zip(*(values[:ROWS].tolist() for values in columns.values()), strict=True)
+        rows = [tuple(one if isinstance(one, str) else _short(one) for one in row) for row in shown]
         count = len(next(iter(columns.values()), ()))
         notes = [f"{count - ROWS} more rows"] if count > ROWS else []
         title = repr(self)
@@ -452,10 +453,8 @@ class SI:
         return ["units", *self.units, *(name for name, _ in _results_within(self._result))]
 
     def _is_empty(self) -> bool:
-        if any(self._unit(name) is not None for name in _names_of_numbers(self._result)):
-            return False
         within = _results_within(self._result)
-        return all(self._within(name, first)._is_empty() for name, first in within)
+        return not self.units and all(self._within(*one)._is_empty() for one in within)
 
     def _shown(self) -> list[str]:
         """Numbers with their units, then results in fields, in full if there are no numbers."""
@@ -502,8 +501,8 @@ def _results_within(one: Result) -> list[tuple[str, Result]]:
 # ------------------------------------------------------------------------------------- short texts
 
 
-def _short(value: Any, depth: int | None = None) -> str:
-    """A value as a short text, with "..." for parts in more than `depth` parentheses."""
+def _short(value: Any, without_parts: bool = False) -> str:
+    """A value as a short text, if asked with "..." for what stands in its parentheses."""
     if isinstance(value, np.ndarray):
         return _short_array(value) if value.ndim else _short(value.item())
     if isinstance(value, bool | np.bool_ | str | type(None)):
@@ -512,32 +511,17 @@ def _short(value: Any, depth: int | None = None) -> str:
         return f"{value:.7g}"
     if isinstance(value, tuple | list) and len(value) > 0:
         if len(value) <= SHOWN and not any(isinstance(one, Result) for one in value):
-            parts = ", ".join(_short(one, depth) for one in value)
+            parts = ", ".join(_short(one, without_parts) for one in value)
             return f"({parts})" if len(value) > 1 else f"({parts},)"
         kinds = list(dict.fromkeys(type(one).__name__ for one in value if one is not None))
         error = getattr(value[0], "error", None)
         why = f", the first: {check.shown(error)}" if isinstance(error, Exception) else ""
         return f"<{len(value)} {' or '.join(kinds)}{why}>"
-    if depth is None or isinstance(value, Result):
+    if not without_parts or isinstance(value, Result):
         return repr(value)
-    return _without_parts(repr(value), depth)
-
-
-def _without_parts(text: str, depth: int) -> str:
-    """The text with "..." in place of parts that stand in more than `depth` parentheses."""
-    kept, within = "", 0
-    for one in text:
-        within -= one == ")"
-        if within <= depth:
-            kept += one
-        elif not kept.endswith("..."):
-            kept += "..."
-        within += one == "("
-    return kept
-
-
-def _cell(value: Any) -> str:
-    return value if isinstance(value, str) else _short(value)
+    if isinstance(value, Exception):
+        return check.shown(value)
+    return re.sub(r"(?s)\(.+\)", "(...)", repr(value))
 
 
 def _short_array(values: np.ndarray[Any, Any]) -> str:
