@@ -282,7 +282,7 @@ class CoupledModeProblem(AxisProblem):
         return residual.real, derivative.real
 
     def _between(self, left: NDArray[Any], right: NDArray[Any]) -> Borders:
-        """The same border twice, between the directions of the null vectors."""
+        """A border between the directions of both null vectors, which serves on both sides."""
         a, b = super()._between(left, right)
         border = _largest_real(a + (b if a @ b >= 0.0 else -b))
         return border, border
