@@ -266,7 +266,7 @@ def boundary(
         if u is None:
             raise ValueError(f'u must be given where neither x nor y is "u", got {x!r} and {y!r}')
         u = check.real("u", u, low=0.0, high=largest_speed(model))
-    return bounded(model, window, u, asked, only, (x, y))
+    return bounded(model, window, u, asked, only, (x, y))[0]
 
 
 def checked_window(
@@ -306,8 +306,10 @@ def bounded(
     criticality: bool,
     only_stability: bool,
     names: tuple[str, str],
-) -> Boundary:
-    """The boundaries in a checked window, with the other arguments of `boundary` checked, too.
+) -> tuple[Boundary, list[TracedCurve]]:
+    """The boundaries in a checked window, and their curves as they were traced.
+
+    The other arguments are those of `boundary`, checked, too.
 
     For the continuous pipe the basis grows until sampled points of the curves do not move any more,
     or move by rounding only.
@@ -360,7 +362,7 @@ def bounded(
     low, high = window.low, window.low + window.size
     if not (plane.conservative or only_stability or unfinished):
         failures += _disagreements(results, plane)
-    return Boundary(
+    result = Boundary(
         names=names,
         ranges=((float(low[0]), float(high[0])), (float(low[1]), float(high[1]))),
         curves=tuple(sorted(results, key=lambda c: (c.kind != "flutter", -len(c)))),
@@ -370,6 +372,7 @@ def bounded(
         size=plane.dof,
         failures=tuple(failures),
     )
+    return result, curves
 
 
 def _all_curves(

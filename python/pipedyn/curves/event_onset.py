@@ -4,20 +4,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 
-from pipedyn.continuation.arclength import Control
-from pipedyn.curves.boundary import Boundary, BoundaryCurve, bounded, checked_window
+from pipedyn.continuation.arclength import Segment
+from pipedyn.continuation.tracer import TestFunction
+from pipedyn.curves.boundary import Boundary, bounded, checked_window
+from pipedyn.curves.boundary_curves import TracedCurve
 from pipedyn.curves.event_plane import EventPlane
-from pipedyn.equilibrium.axis_problems import AxisProblem, DivergenceProblem, FlutterProblem
+from pipedyn.curves.organising import others_unstable
+from pipedyn.equilibrium.axis_problems import AxisProblem
 from pipedyn.linear.modes import largest_speed
-from pipedyn.linear.plane import Window
 from pipedyn.util.check import Array
 from pipedyn.util.errors import PipedynError
-from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
 FROM_0 = 1e-3
@@ -25,8 +26,10 @@ FROM_0 = 1e-3
 range begins at 0, where matrices have no derivative by the number, as by beta."""
 
 SAME_ONSET = 1e-4
-"""Relative difference of speed up to which a boundary is taken to pass the onset of a branch:
-cubics through the boundary's points are far more precise, and two onsets are farther apart."""
+"""Relative difference of speed up to which a boundary is taken to pass the onset of a branch: two
+onsets are farther apart."""
+
+OnsetStep = Segment[AxisProblem]
 
 
 class Onset:
@@ -41,7 +44,7 @@ class Onset:
     def __init__(self, plane: EventPlane, begin: float, fastest: float) -> None:
         self.plane, self.failures = plane, list[str]()
         self.found: Boundary | None = None
-        self._curve: BoundaryCurve | None = None
+        self._steps = list[OnsetStep]()  # steps along the onset, whose second number only grows
         second, name = plane.ranges[plane.second], plane.names[plane.second]
         speeds = plane.ranges[1 - plane.second]
         top = min(max(speeds[1], fastest), largest_speed(plane.model))
@@ -53,78 +56,50 @@ class Onset:
                 if one.model.pipe.thrust_across or one.resting().any():
                     raise ValueError(f"the straight pipe does not rest, got {one.model!r}")
             # A number without effect on small motions has a level boundary.
-            self.window = checked_window(plane.model, plane.names, ranges, motions=True)
-            self.found = bounded(plane.model, self.window, None, False, True, plane.names)
+            window = checked_window(plane.model, plane.names, ranges, motions=True)
+            self.found, curves = bounded(plane.model, window, None, False, True, plane.names)
         except (PipedynError, ValueError) as error:
             self.failures.append(f"the onset of flutter was not followed over {name}: {error}")
             return
         lowest = math.inf
-        for curve in self.found.curves:
-            s, at = _splines(curve, self.window)
-            bounds = _monotone_parts(s, at[plane.second])
-            for here in _places_of_value(at[plane.second], self._share(plane.value), s[0], s[-1]):
-                place = self.window.place(np.array([at[0](here), at[1](here)]))
-                speed = float(place[1 - plane.second])
-                k = min(int(np.searchsorted(s, here, "right")) - 1, len(curve) - 2)
-                if math.isnan(begin):
-                    wanted = speed < lowest and curve.unstable[k : k + 2].min() == 0
-                else:
-                    wanted = curve.kind == "flutter" and abs(speed / begin - 1.0) < SAME_ONSET
-                if wanted:
-                    lowest, self._curve = speed, curve
-                    i = min(int(np.searchsorted(bounds, here, "right")), bounds.size - 1)
-                    self._ends = bounds[i - 1], bounds[i]
-
-    def _share(self, value: float) -> float:
-        """A value of the second number as a share of its range."""
-        second = self.plane.second
-        return float((value - self.window.low[second]) / self.window.size[second])
+        for curve in curves:
+            for steps in self._between_turns(curve):
+                for z, speed in self._onsets(steps, plane.value):
+                    if math.isnan(begin):
+                        problem = curve.problem
+                        wanted = not others_unstable(problem.plane, problem, z) and speed < lowest
+                    else:
+                        flutter = curve.problem.kind == "flutter"
+                        wanted = flutter and abs(speed / begin - 1.0) < SAME_ONSET
+                    if wanted:
+                        lowest, self._steps = speed, steps
 
     def along(self, values: Array) -> Array:
         """Flow speed of the onset at values of the second number, shape (k,); NaN for no onset."""
-        speeds = np.full(values.size, math.nan)
-        if self._curve is None or self.found is None:
-            return speeds
-        curve, second = self._curve, self.plane.second
-        s, at = _splines(curve, self.window)
-        unit = float(curve.frequency.max()) or 1.0
-        of: type[AxisProblem] = FlutterProblem if curve.kind == "flutter" else DivergenceProblem
-        problem = of(self.found._plane, Control(longest=1.0), unit)
-        for i, share in enumerate(map(self._share, values.tolist())):
-            for here in _places_of_value(at[second], share, *self._ends)[:1]:
-                z = np.array([at[1](here), at[0](here)])
-                if curve.kind == "flutter":
-                    z = np.append(np.interp(here, s, curve.frequency) / unit, z)
+        onsets = (self._onsets(self._steps, value) for value in values.tolist())
+        return np.array([next((speed for _, speed in each), math.nan) for each in onsets])
+
+    def _between_turns(self, curve: TracedCurve) -> Iterator[list[OnsetStep]]:
+        """Steps of the parts of a curve on which the second number does not turn back."""
+        i, part = -1 - self.plane.second, list[OnsetStep]()
+        for step in curve.segments():
+            turns = TestFunction(step, 1e-10 * step.length, lambda point: point.tangent[i])
+            first, *others = step.parts([s for _, s in turns.changes(0.0, step.length)])
+            part.append(first)
+            for other in others:
+                yield part
+                part = [other]
+        yield part
+
+    def _onsets(self, steps: list[OnsetStep], value: float) -> Iterator[tuple[Array, float]]:
+        """Onsets on steps at a value of the second number: unknowns and flow speed."""
+        second = self.plane.second
+        i = -1 - second
+        for step in steps:
+            problem, window = step.problem, step.problem.plane.window
+            share = (value - window.low[second]) / window.size[second]
+            if (step.begin.z[i] - share) * (step.end.z[i] - share) <= 0.0:
                 problem.renew()
                 with suppress(NewtonFailed):
-                    z = problem.fixed(z, share, -1 - second)
-                    speeds[i] = problem.place(z)[1 - second]
-        return speeds
-
-
-def _splines(curve: BoundaryCurve, window: Window) -> tuple[Array, list[Any]]:
-    """Arc lengths of a curve's points, and cubic splines of x and y over the arc length.
-
-    Arc lengths, x and y are in shares of the window.
-    """
-    at = (np.column_stack([curve.x, curve.y]) - window.low) / window.size
-    steps = np.linalg.norm(np.diff(at, axis=0), axis=1)
-    s = np.append(0.0, np.cumsum(np.maximum(steps, 1e-12)))
-    make = scipy.interpolate.CubicHermiteSpline
-    return s, [make(s, at[:, i], curve.slopes[:, i]) for i in (0, 1)]
-
-
-def _places_of_value(spline: Any, value: float, left: float, right: float) -> list[float]:
-    """Arguments from `left` to `right` at which a cubic spline has a given value.
-
-    If there are none, `left` and `right` count if the spline has the value there up to rounding.
-    """
-    found = np.atleast_1d(spline.solve(value, extrapolate=False))
-    inside = [float(s) for s in found if left <= s <= right]
-    return inside or [s for s in (left, right) if abs(spline(s) - value) < 1e-9]
-
-
-def _monotone_parts(s: Array, second: Any) -> Array:
-    """Arc lengths that divide a curve into parts on which the second number is monotone."""
-    turns = np.atleast_1d(second.derivative().roots(extrapolate=False))
-    return np.unique(np.concatenate([s[:1], s[-1:], turns[np.isfinite(turns)]]))
+                    z = step.where(share, i)
+                    yield z, float(problem.place(z)[1 - second])

@@ -323,38 +323,32 @@ def _lacks_two_ranks(plane: Plane, z: Array) -> bool:
 def _two_modes(plane: Plane, at: Array) -> Array:
     """The point (y, x), in shares of the window, at which K lacks two ranks.
 
-    With two borders on each side, [K B; C^T 0] [V; G] = [0; 1] defines a block G of four entries,
-    which are 0 at this point. The derivative by any number p of the matrices is G_p = -W^T K_p V.
-    These are four equations in two unknowns. They have a solution if curves cross because of a
-    symmetry, or because two modes belong to separate stiffnesses: Newton's steps solve them by
-    least squares.
+    With the left and right singular vectors W and V of the two smallest singular values of K, the
+    block W^T K V has four entries, which are 0 at this point. Their derivative by any number p of
+    the matrices is W^T K_p V. These are four equations in two unknowns. They have a solution if
+    curves cross because of a symmetry, or because two modes belong to separate stiffnesses:
+    Newton's steps solve them by least squares.
 
     Raises:
         NewtonFailed: if no point with this property is found nearby.
     """
-    left, _, right = np.linalg.svd(plane.at(plane.window.place(at[::-1]))[2].real)
-    n = len(left)
-    last = np.zeros((n + 2, 2))
-    last[n:] = np.eye(2)
-    block = np.zeros((2, 2))
+    largest = np.inf
 
     def correction(here: Array) -> tuple[Array, float]:
-        nonlocal block
+        nonlocal largest
         (_, _, stiffness), *changes = plane.matrices(plane.window.place(here[::-1]))
-        bordered = np.zeros((n + 2, n + 2))
-        bordered[:n, :n] = stiffness.real
-        bordered[:n, n:], bordered[n:, :n] = left[:, -2:], right[-2:]
-        v, w = np.linalg.solve(bordered, last), np.linalg.solve(bordered.T, last)[:n]
-        block = np.asarray(v[n:], dtype=np.float64)
+        left, sizes, right = np.linalg.svd(stiffness.real)
+        largest = float(sizes[-2])
         by_x, by_y = (
-            -size * (w.T @ one[2].real @ v[:n]).ravel()
+            size * (left[:, -2:].T @ one[2].real @ right[-2:].T).ravel()
             for size, one in zip(plane.window.size, changes, strict=True)
         )
-        step = np.linalg.lstsq(np.column_stack([by_y, by_x]), -block.ravel(), rcond=None)[0]
+        block = np.diag(sizes[-2:]).ravel()
+        step = np.linalg.lstsq(np.column_stack([by_y, by_x]), -block, rcond=None)[0]
         return step, float(np.abs(step).max())
 
     found = newton(at, correction, tolerance=1e-13, stagnation=1e-10)
-    if np.abs(block).max() > CROSSED:
+    if largest > CROSSED:
         raise NewtonFailed("curves of divergence come close, but do not cross")
     return found
 

@@ -99,7 +99,7 @@ class AxisProblem(DenseProblem):
         z, omega = point.z, self.frequency(point.z)
         (mass, damping, stiffness), by_x, by_y = self.plane.matrices(self.place(z))
         whole = stiffness + 1j * omega * damping - omega**2 * mass
-        _, v, w = self._bordered(whole if omega else stiffness.real)
+        _, v, w, _ = self._null_vectors(whole if omega else stiffness.real)
 
         right, up = point.tangent[[-1, -2]]
         slope_y, slope_x = self._slopes(omega, v, w, by_y, by_x)
@@ -132,10 +132,12 @@ class AxisProblem(DenseProblem):
         """Forgets the borders, as is needed before a point far from the last one is solved for."""
         self._borders = None
 
-    def _bordered(self, matrix: NDArray[Any]) -> tuple[complex, NDArray[Any], NDArray[Any]]:
-        """The number g with the vectors v and w, shape (n,), of a matrix of shape (n, n).
+    def _null_vectors(
+        self, matrix: NDArray[Any]
+    ) -> tuple[complex, NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """The number g, the vectors v and w, shape (n,), and the bordered matrix (n + 1, n + 1).
 
-        Borders that have become too oblique are renewed for the next call.
+        Borders that have become too oblique for the matrix, (n, n), are renewed for the next call.
         """
         n = len(matrix)
         if not np.isfinite(matrix).all():
@@ -143,16 +145,18 @@ class AxisProblem(DenseProblem):
         factorised()
         if self._borders is None:
             left, _, right = np.linalg.svd(matrix)
-            self._borders = _largest_real(left[:, -1]), _largest_real(right[-1])
-        bordered = np.zeros((n + 1, n + 1), dtype=matrix.dtype)
-        bordered[:n, :n] = matrix
-        bordered[:n, n], bordered[n, :n] = self._borders
+            self._borders = self._between(left[:, -1], right[-1])
+        whole = _bordered(matrix, *self._borders)
         last = np.zeros((n + 1, 1))
         last[n] = 1.0
-        v, w = np.linalg.solve(np.stack([bordered, bordered.T]), last)[..., 0]
+        v, w = np.linalg.solve(np.stack([whole, whole.T]), last)[..., 0]
         if max(np.linalg.norm(v[:n]), np.linalg.norm(w[:n])) > LONGEST_NULL_VECTOR:
-            self._borders = _largest_real(w[:n]), _largest_real(v[:n])
-        return v[n], v[:n], w[:n]
+            self._borders = self._between(w[:n], v[:n])
+        return v[n], v[:n], w[:n], whole
+
+    def _between(self, left: NDArray[Any], right: NDArray[Any]) -> Borders:
+        """Borders near the left and the right null vector of a matrix, shape (n,) each."""
+        return _largest_real(left), _largest_real(right)
 
 
 def gyroscopic_mass(stiffness: Array, damping: Array, v: NDArray[Any], w: NDArray[Any]) -> float:
@@ -160,12 +164,18 @@ def gyroscopic_mass(stiffness: Array, damping: Array, v: NDArray[Any], w: NDArra
 
     v and w, shape (n,), are the right and left null vectors of the stiffness, shape (n, n).
     """
-    n = len(stiffness)
-    bordered = np.zeros((n + 1, n + 1))
-    bordered[:n, :n], bordered[:n, n], bordered[n, :n] = stiffness, w, v
-    turned = np.linalg.solve(bordered, np.append(-(damping @ v), 0.0))[:n]
-    turned_left = np.linalg.solve(bordered.T, np.append(-(w @ damping), 0.0))[:n]
+    bordered = _bordered(stiffness, w, v)
+    turned = np.linalg.solve(bordered, np.append(-(damping @ v), 0.0))[:-1]
+    turned_left = np.linalg.solve(bordered.T, np.append(-(w @ damping), 0.0))[:-1]
     return 0.5 * float(turned_left @ damping @ v + w @ damping @ turned)
+
+
+def _bordered(matrix: NDArray[Any], left: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
+    """A matrix, (n, n), with the column `left`, the row `right` and 0 added, (n + 1, n + 1)."""
+    n = len(matrix)
+    whole = np.zeros((n + 1, n + 1), dtype=matrix.dtype)
+    whole[:n, :n], whole[:n, n], whole[n, :n] = matrix, left, right
+    return whole
 
 
 def _largest_real(v: NDArray[Any]) -> Array:
@@ -184,7 +194,7 @@ class FlutterProblem(AxisProblem):
         omega = self.unit * share
         matrices, by_x, by_y = self.plane.matrices(self.place(np.append(x, p)))
         (m, c, k) = matrices
-        g, v, w = self._bordered(k + 1j * omega * c - omega**2 * m)
+        g, v, w, _ = self._null_vectors(k + 1j * omega * c - omega**2 * m)
         by_frequency = -self.unit * complex(w @ (1j * (c @ v) - 2.0 * omega * (m @ v)))
         slopes = [by_frequency, *self._slopes(omega, v, w, by_y, by_x)]
         derivative = np.array(
@@ -193,7 +203,7 @@ class FlutterProblem(AxisProblem):
         derivative[1, 0] -= g.imag / share**2
         if x[0] >= LEAST:
             return np.array([g.real, g.imag / share]), derivative
-        g, v, w = self._bordered(k.real)
+        g, v, w, _ = self._null_vectors(k.real)
         return np.array([g.real, -self.unit * float((w @ (c @ v)).real)]), derivative
 
 
@@ -205,7 +215,7 @@ class DivergenceProblem(AxisProblem):
 
     def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
         matrices, by_x, by_y = self.plane.matrices(self.place(np.append(x, p)))
-        g, v, w = self._bordered(matrices[2].real)
+        g, v, w, _ = self._null_vectors(matrices[2].real)
         slopes = self._slopes(0.0, v, w, by_y, by_x)
         return np.array([g.real]), np.array([[slope.real for slope in slopes]])
 
@@ -245,61 +255,34 @@ class CoupledModeProblem(AxisProblem):
         s = self.unit * float(x[0])
         moved = math.copysign(max(abs(s), LEAST_SQUARE), s)
         root = cmath.sqrt(-moved)
-        (m, c, k), by_x, by_y = self.plane.matrices(self.place(np.append(x, p)))
-        whole = k.real + root * c + root**2 * m
-        if moved < 0.0:
-            whole = whole.real
-        factors, v, w, g = self._one_border(whole)
-        n = len(k)
-        by_root = c + 2.0 * root * m
-
-        def parts(one: Matrices, size: float) -> tuple[NDArray[Any], NDArray[Any]]:
-            return (
-                size * (one[2].real + root * one[1] + root**2 * one[0]),
-                size * (one[1] + 2.0 * root * one[0]),
-            )
-
-        sizes = self.plane.window.size
-        changes = [(by_root, 2.0 * m), parts(by_y, sizes[1]), parts(by_x, sizes[0])]
-        first, second = [], []
-        zero = np.zeros(1)
-        for by, mixed in changes:
+        pencil, by_x, by_y = self.plane.matrices(self.place(np.append(x, p)))
+        width, height = self.plane.window.size
+        # P and its derivatives by y and x, and the derivatives of these by lambda.
+        each = ((1.0, pencil), (height, by_y), (width, by_x))
+        whole, *slopes = (size * (k.real + root * c + root**2 * m) for size, (m, c, k) in each)
+        turned, *mixed = (size * (c + 2.0 * root * m) for size, (m, c, _) in each)
+        g, v, w, bordered = self._null_vectors(whole if moved > 0.0 else whole.real)
+        v_turned = np.linalg.solve(bordered, np.append(-(turned @ v), 0.0))[:-1]
+        w_turned = np.linalg.solve(bordered.T, np.append(-(w @ turned), 0.0))[:-1]
+        first, second = [], []  # derivatives of g by lambda, y and x, and of these by lambda
+        for by, twice in zip([turned, *slopes], [2.0 * pencil[0], *mixed], strict=True):
             first.append(-(w @ by @ v))
-            v_by = np.linalg.solve(factors, np.append(-(by @ v), zero))[:n]
-            w_by = np.linalg.solve(factors.T, np.append(-(w @ by), zero))[:n]
-            second.append(-(w_by @ by_root @ v + w @ mixed @ v + w @ by_root @ v_by))
+            second.append(-(w_turned @ by @ v + w @ twice @ v + w @ by @ v_turned))
         # Derivatives by lambda are converted to derivatives by s with ds = -2 lambda dlambda.
-        slope = -first[0] / (2.0 * root)
-        bend = (second[0] / (2.0 * root) - first[0] / (2.0 * root**2)) / (2.0 * root)
-        off = s - moved
-        residual = np.array([g + off * slope, slope + off * bend])
+        by_s = -0.5 / root
+        slope, bend = by_s * first[0], by_s**2 * (second[0] + 2.0 * by_s * first[0])
+        off, unit = s - moved, self.unit
+        residual = np.array([g + off * slope, unit * (slope + off * bend)])
         derivative = np.array(
             [
-                [self.unit * slope, *first[1:]],
-                [self.unit * bend, *(-one / (2.0 * root) for one in second[1:])],
+                [unit * slope, *first[1:]],
+                [unit**2 * bend, *(unit * by_s * one for one in second[1:])],
             ]
         )
-        scale = np.array([1.0, self.unit])
-        return (scale * residual).real, (scale[:, None] * derivative).real
+        return residual.real, derivative.real
 
-    def _one_border(
-        self, matrix: NDArray[Any]
-    ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], complex]:
-        """The matrix bordered by the same vector on both sides, with its v, w and g."""
-        if self._borders is None:
-            left, _, right = np.linalg.svd(matrix)
-            self._borders = (_common(left[:, -1], right[-1]),) * 2
-        border = self._borders[0]
-        g, v, w = self._bordered(matrix)
-        n = len(matrix)
-        bordered = np.zeros((n + 1, n + 1), dtype=matrix.dtype)
-        bordered[:n, :n], bordered[:n, n], bordered[n, :n] = matrix, border, border
-        if self._borders[0] is not border:  # `_bordered` renewed the borders for the next call
-            self._borders = (_common(*self._borders),) * 2
-        return bordered, v, w, g
-
-
-def _common(one: NDArray[Any], other: NDArray[Any]) -> Array:
-    """A border between the directions of two vectors: the normalised sum of their real parts."""
-    a, b = _largest_real(one), _largest_real(other)
-    return _largest_real(a + (b if a @ b >= 0.0 else -b))
+    def _between(self, left: NDArray[Any], right: NDArray[Any]) -> Borders:
+        """A border between the directions of both null vectors, which serves on both sides."""
+        a, b = super()._between(left, right)
+        border = _largest_real(a + (b if a @ b >= 0.0 else -b))
+        return border, border
