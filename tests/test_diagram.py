@@ -74,12 +74,20 @@ def test_motions_that_are_periodic_are_cycles_though_a_period_has_a_dozen_maxima
         assert cycle.amplitude == pytest.approx(0.5 * np.ptp(one.turnings), rel=1e-4)
 
 
-def test_a_diagram_shows_its_progress(terminal):
-    model, given = pp.Chain(pp.Pipe(0.2), 2), {"transient": 10.0, "duration": 4.0}
-    pp.bifurcation_diagram(model, [1.0, 2.0], cycles=0, brute_force=1, progress=True, **given)
-    told = terminal.readouterr().err
-    assert "equilibria" in told
-    assert "brute force" in told
+@pytest.mark.parametrize("change", [{"cycles": 0}, {"brute_force": 0}])
+def test_what_a_diagram_takes_is_told_beforehand(change, terminal, monkeypatch):
+    model, speeds = pp.Galerkin(pp.Pipe(0.2), 3), np.linspace(5.0, 6.5, 7)
+    given = {"brute_force": 3, "transient": 10.0, "duration": 4.0, **change}
+    with counted() as work:  # right-hand sides stand for seconds
+        monkeypatch.setattr(module, "clock", lambda: work.right_hand_sides)
+        pp.bifurcation_diagram(model, speeds, **given)
+        needed = work.right_hand_sides
+        pp.bifurcation_diagram(model, speeds, **given, progress=True)
+    written = terminal.readouterr().err
+    assert "equilibria" in written
+    assert ("brute force" in written) == ("brute_force" not in change)
+    told = float(re.search("diagram: about (.*) s on one thread", written)[1])
+    assert needed / 3.0 < told < 3.0 * needed
 
 
 def test_points_that_fail_are_marked_and_the_others_kept(monkeypatch):
