@@ -265,7 +265,7 @@ void define_linear(py::module_& m) {
       .def_property_readonly("dof", &Complement::dof)
       .def(py::init<Matrix>(), "columns"_a)
       .def("spread", &Complement::spread, "z"_a)
-      .def("gathered", py::overload_cast<Matrix>(&Complement::gathered, py::const_), "x"_a);
+      .def("gathered", &Complement::gathered, "x"_a);
   // The spectrum refers to chain and complement, which Python keeps alive as long as it lives.
   py::class_<Structured, Eigenproblem, std::shared_ptr<Structured>>(m, "Structured")
       .def(py::init([](const Traits& traits, const Chain& chain, const Complement& complement,

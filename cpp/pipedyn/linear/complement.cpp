@@ -40,11 +40,4 @@ Matrix Complement::gathered(Matrix x) const {
   return x.bottomRows(dof());
 }
 
-ComplexTable Complement::gathered(const ComplexTable& x) const {
-  ComplexTable z(dof(), x.cols());
-  z.real() = gathered(Matrix(x.real()));
-  z.imag() = gathered(Matrix(x.imag()));
-  return z;
-}
-
 }  // namespace pipedyn

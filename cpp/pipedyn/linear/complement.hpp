@@ -24,7 +24,6 @@ class Complement {
   Matrix spread(const Matrix& z) const;
   /// Z^T x for vectors x (n, r).
   Matrix gathered(Matrix x) const;
-  ComplexTable gathered(const ComplexTable& x) const;
 
  private:
   Index size_;

@@ -80,13 +80,14 @@ class Search {
       static_count_ = static_count(*first);
       sweep_.unstable_at_rest = unstable_count_ = count_unstable(*first) + static_count_;
       every.resize(std::min(first->size(), (traits_.squared ? 1 : 2) * range_.certain));
-      const auto sure = [this](const Step& step) {
+      const auto good = [this](const Step& step) {
+        const bool last = step.shortest() || encloses(step);
+        if (!last && !step.unambiguous) return false;
         scanned_ = scan(step);
-        return scanned_.clear;
+        return last || scanned_.clear;
       };
       track({[this](double u) { return take(u); },
-             sure,
-             [this](const Step& step) { return encloses(step); },
+             good,
              [this](const Step& step) { return visit(step); },
              {traits_.cluster(), 0.9, traits_.zero},
              longest},
@@ -189,7 +190,8 @@ class Search {
   /// not taken for one of them. At rest, roots within rounding of zero are set to zero, and without
   /// damping oscillating roots are set on the axis.
   SharedSample take(double u) {
-    Sample at = spectrum_.sample(u, range_.count);
+    // With lambda^2 the end of a sample may divide four roots of equal magnitude.
+    Sample at = spectrum_.sample(u, range_.count + (traits_.squared ? 2 : 0));
     std::vector<Index> moving;
     for (Index i = spectrum_.standing(); i < at.size(); ++i) moving.push_back(i);
     if (spectrum_.standing() > 0) at = {at.take(moving), u};
@@ -207,6 +209,7 @@ class Search {
         if (on_axis || value.imag() == 0.0) half.values[count].imag(0.0);
         half.slopes[count++] = 2.0 * value * at.slopes[i];
       }
+      count = std::min(count, (range_.count + 1 - spectrum_.standing()) / 2);
       half.values.conservativeResize(count);
       half.slopes.conservativeResize(count);
       half.noise = half.slope_noise = half.signatures = Reals::Zero(count);
@@ -246,37 +249,18 @@ class Search {
     const Index size = static_cast<Index>(onto.size());
     Flags result = before;
     for (Index i = 0; i < size; ++i) {
-      if (onto[i] < 0) continue;
       const Complex value = at.values[onto[i]];
       if (has_sign(at, onto[i])) {
         result[i] = value.real() > 0.0 || (traits_.squared && value.imag() != 0.0);
         continue;
       }
       for (Index k = 0; k < size; ++k) {  // both roots of a pair have one state
-        if (value.imag() == 0.0 || onto[k] < 0) continue;
         const Complex other = at.values[onto[k]];
-        if (other == value || other == std::conj(value)) result[i] |= before[k];
+        const bool same = other == value || other == std::conj(value);
+        if (value.imag() != 0.0 && same) result[i] |= before[k];
       }
     }
-    if (traits_.conservative && !traits_.squared) keep_fastest(at, onto, result);
     return result;
-  }
-
-  /// Lets at most as many roots of a conservative system grow as Krein's index allows, the fastest:
-  /// the others are on the axis, off which rounding moves roots of high modes.
-  void keep_fastest(const Sample& at, const Roots& onto, Flags& growing) const {
-    const int most = most_unstable(at.u);
-    while (std::count(growing.begin(), growing.end(), 1) > most) {
-      Index slowest = -1;
-      const auto growth = [&](Index i) { return at.values[onto[i]].real(); };
-      for (Index i = 0; i < static_cast<Index>(growing.size()); ++i) {
-        if (growing[i] == 0) continue;
-        if (onto[i] < 0) return;
-        if (slowest < 0 || growth(i) < growth(slowest)) slowest = i;
-      }
-      if (slowest < 0) return;
-      growing[slowest] = 0;
-    }
   }
 
   /// States, at the right end of a step, of the left sample's roots. A root that passes zero at a
@@ -290,7 +274,7 @@ class Search {
     Index slowest = -1;
     for (Index i = 0; i < step.left->size(); ++i) {
       const Index j = step.onto[i];
-      if (j < 0 || step.end(i).imag() != 0.0) continue;
+      if (step.end(i).imag() != 0.0) continue;
       if (has_sign(*step.right, j)) {
         if (after[i] != unstable_[i] && (after[i] != 0) == grows) return after;
         continue;
@@ -340,7 +324,7 @@ class Search {
     return count;
   }
 
-  /// Carries modes and states over to the right sample of a step; roots from outside get mode 0.
+  /// Carries modes and states over to the right sample of a step.
   void move(const Step& step) {
     const Flags after = states_after(step);
     const bool partly = range_.count < 2 * traits_.dof;
@@ -348,7 +332,6 @@ class Search {
     Roots modes(size, 0), every(size);
     Flags before(size, 0);
     for (Index i = 0; i < step.left->size(); ++i) {
-      if (step.onto[i] < 0) continue;
       modes[step.onto[i]] = modes_[i];
       before[step.onto[i]] = after[i];
       sweep_.untracked |=
@@ -366,7 +349,6 @@ class Search {
 
   /// Adds the crossings of a step; returns whether the search goes on.
   bool visit(const Step& step) {
-    if (step.shortest() || encloses(step)) scanned_ = scan(step);
     std::vector<AxisCrossing> found = crossings(step);
     move(step);
     if (sweep_.untracked) return false;
@@ -431,7 +413,7 @@ class Search {
     int turned = 0;
     for (Index i = 0; i < left.size(); ++i) {
       const Index j = step.onto[i];
-      if (modes_[i] < 1 || modes_[i] > range_.resolved || j < 0) continue;
+      if (modes_[i] < 1 || modes_[i] > range_.resolved) continue;
       const Complex start = step.start(i), end = step.end(i);
       const auto heavily_damped = [this](Complex value) {
         return !traits_.squared && value.real() < -heavy_damping * magnitude(value);
@@ -491,8 +473,7 @@ class Search {
     const auto cubic = [=](double t) { return a + t * (slope + t * (c + t * d)); };
     // The error of the real part; a small share of that of the imaginary part keeps it from being
     // 0.
-    double band = 2.0 * std::abs(b - a - 0.5 * (slope + end_slope)) + step.real_error[i] +
-                  1e-4 * step.error[i];
+    double band = 2.0 * std::abs(b - a - 0.5 * (slope + end_slope)) + 1e-4 * step.error[i];
     // A root may be on the axis throughout, for instance in a span that guides separate from all
     // that takes energy. It leaves the axis only where two roots meet, which tracking shows.
     const double largest =

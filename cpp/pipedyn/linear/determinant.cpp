@@ -5,8 +5,6 @@
 #include <cmath>
 #include <numbers>
 
-#include "pipedyn/vector/levels.hpp"
-
 namespace pipedyn {
 
 namespace {
@@ -24,37 +22,30 @@ Reals parts_of(const Values& values) {
   return parts;
 }
 
-/// Real parts, then imaginary parts, of values in which `beside_zero` replaces 0.
-Reals parts_beside_zero(const Values& values) {
-  Reals parts = parts_of(values);
-  for (Index i = 0; i < values.size(); ++i) {
-    if (values[i] == 0.0) parts[i] = beside_zero;
-  }
-  return parts;
+/// Values from their real parts, followed by their imaginary parts.
+Values from_parts(const Reals& parts) {
+  Values values(parts.size() / 2);
+  values.real() = parts.head(values.size());
+  values.imag() = parts.tail(values.size());
+  return values;
 }
 
-Values log_derivatives_by(const std::function<void(const Points&, double* out)>& evaluate, double u,
-                          const Values& at, const Values& known) {
+}  // namespace
+
+Values Determinant::log_derivatives(double u, const Values& at, const Values& known) const {
   const Index count = at.size();
   const Reals parts = parts_of(at), roots = parts_of(known);
   Reals out(2 * count);
   evaluate(Points{u, count, parts.data(), parts.data() + count, known.size(), roots.data(),
                   roots.data() + known.size()},
            out.data());
-  Values result(count);
-  result.real() = out.head(count);
-  result.imag() = out.tail(count);
-  return result;
+  return from_parts(out);
 }
 
-/// Pairs made of what `evaluate` computes for roots, with vectors in n coordinates. elastic: takes
-/// right or left vectors to elastic coordinates.
-Pairs pairs_by(const std::function<void(const Points&, const PairsAsked&)>& evaluate,
-               const std::function<ComplexTable(const ComplexTable&)>& elastic, double u,
-               const Values& values, Index n, bool vectors, bool own, bool loaded) {
-  const Index count = values.size();
-  n = vectors ? n : 0;
-  const Reals parts = parts_beside_zero(values);
+Pairs Determinant::pairs(double u, const Values& values, bool vectors, bool own,
+                         bool loaded) const {
+  const Index count = values.size(), n = vectors ? size() : 0;
+  const Reals parts = parts_of((values == 0.0).select(Complex(beside_zero), values));
   Eigen::ArrayXXd out(count, 11);
   std::vector<double> columns(4 * n * count);
   const auto part = [&](Index k) { return out.col(k).data(); };
@@ -73,8 +64,9 @@ Pairs pairs_by(const std::function<void(const Points&, const PairsAsked&)>& eval
     }
   }
   if (vectors) {
-    found.right = elastic(found.right);
-    found.left = elastic(found.left);
+    for (ComplexTable* const of : {&found.right, &found.left}) {
+      *of = mapped([this](const Matrix& x) { return gathered(x); }, *of);
+    }
   }
   for (Index i = 0; i < count; ++i) {
     const double length = vectors ? found.right.col(i).norm() : 1.0;
@@ -99,68 +91,38 @@ Pairs pairs_by(const std::function<void(const Points&, const PairsAsked&)>& eval
   return found;
 }
 
-/// The real parts of the columns of x, followed by the imaginary parts.
-Matrix real_columns(const ComplexTable& x) {
-  Matrix parts(x.rows(), 2 * x.cols());
-  parts << x.real(), x.imag();
-  return parts;
+ComplexTable Determinant::spread(const ComplexTable& x) const {
+  return mapped([this](const Matrix& part) { return spread(part); }, x);
 }
 
-/// Products conj(y_j) z_j of two complex columns, each given by its real and imaginary part (n, 2).
-ComplexVector conjugate_products(const Matrix& y, const Matrix& z) {
-  const auto a = y.col(0).array(), b = y.col(1).array();
-  const auto c = z.col(0).array(), d = z.col(1).array();
-  ComplexVector products(y.rows());
-  products.real() = (a * c + b * d).matrix();
-  products.imag() = (a * d - b * c).matrix();
-  return products;
+Values Determinant::inner(const ComplexTable& y, const ComplexTable& x,
+                          const LinearPart& part) const {
+  const ComplexTable z = mapped([&](const Matrix& of) { return times(of, part); }, x);
+  return y.conjugate().cwiseProduct(z).colwise().sum().transpose();
 }
-
-}  // namespace
 
 Forms Determinant::forms(const Pair& pair) const {
-  const Matrix x = spread(real_columns(ComplexTable(pair.right)));
-  const Matrix y = spread(real_columns(ComplexTable(pair.left)));
-  const auto form = [&](const LinearPart& part) {
-    return conjugate_products(y, times(x, part)).sum();
-  };
+  const ComplexTable x = spread(ComplexTable(pair.right)), y = spread(ComplexTable(pair.left));
+  const auto form = [&](const LinearPart& part) { return inner(y, x, part)[0]; };
   return Forms{.mass = form({.mass = 1.0}),
                .velocity = form({.velocity = 1.0}),
                .damping = form({.damping = 1.0}),
                .flux = form({.flux = 1.0}),
                .gravity = form({.gravity = 1.0}),
                .by_damping = form({.by_damping = 1.0}),
-               .springs = has_joints() ? conjugate_products(y, x) : ComplexVector()};
+               .springs = has_joints() ? y.conjugate().cwiseProduct(x).col(0) : ComplexVector()};
 }
 
 Values Determinant::by_lambda(double u, const Pairs& pairs) const {
-  const Matrix x = spread(real_columns(pairs.right)), y = spread(real_columns(pairs.left));
-  const Index count = pairs.size();
-  const auto form = [&](const LinearPart& part) {
-    const Matrix z = times(x, part);
-    const auto inner = [&](Index of_y, Index of_z) -> Reals {
-      return y.middleCols(of_y, count)
-          .cwiseProduct(z.middleCols(of_z, count))
-          .colwise()
-          .sum()
-          .transpose();
-    };
-    Values found(count);
-    found.real() = inner(0, 0) + inner(count, count);
-    found.imag() = inner(0, count) - inner(count, 0);
-    return found;
-  };
-  return 2.0 * pairs.values * form({.mass = 1.0}) + form({.damping = 1.0, .velocity = u});
+  const ComplexTable x = spread(pairs.right), y = spread(pairs.left);
+  return 2.0 * pairs.values * inner(y, x, {.mass = 1.0}) +
+         inner(y, x, {.damping = 1.0, .velocity = u});
 }
 
-std::pair<Reals, Reals> Determinant::energies(double u, const ComplexTable& x) const {
-  const Matrix parts = spread(real_columns(x));
-  const Index count = x.cols();
-  const auto energy = [&](const LinearPart& part) -> Reals {
-    const Vector sums = parts.cwiseProduct(times(parts, part)).colwise().sum();
-    return (sums.head(count) + sums.tail(count)).array();
-  };
-  return {energy({.stiffness = 1.0, .flux = thrust() * u * u}), energy({.mass = 1.0})};
+Reals Determinant::quotients(double u, const ComplexTable& vectors) const {
+  const ComplexTable x = spread(vectors);
+  return inner(x, x, {.stiffness = 1.0, .flux = thrust() * u * u}).real() /
+         inner(x, x, {.mass = 1.0}).real();
 }
 
 // ---------------------------------------------------------------------------------------- chains
@@ -168,9 +130,8 @@ std::pair<Reals, Reals> Determinant::energies(double u, const ComplexTable& x) c
 namespace {
 
 /// A number with its derivative by the flow speed.
-template <class Part>
 struct Dual {
-  Part value, slope = 0.0;
+  Complex value, slope = 0.0;
 
   friend Dual operator+(Dual a, Dual b) { return {a.value + b.value, a.slope + b.slope}; }
   friend Dual operator-(Dual a, Dual b) { return {a.value - b.value, a.slope - b.slope}; }
@@ -178,29 +139,32 @@ struct Dual {
     return {a.value * b.value, a.slope * b.value + a.value * b.slope};
   }
   friend Dual operator/(Dual a, Dual b) {
-    const Part ratio = a.value / b.value;
+    const Complex ratio = a.value / b.value;
     return {ratio, (a.slope - ratio * b.slope) / b.value};
   }
 };
 
-/// Calls `visit` with each of the pivots of P(0, u), whose product is its determinant, at a real or
-/// complex speed. They are those of the recursion of chain/impedance.hpp at lambda = `beside_zero`.
-template <class Number, class Visit>
-void static_pivots(const ImpedanceModel& model, Number u, const Visit& visit) {
-  const auto number = [](double value) { return Number{value}; };
+/// The pivots of P(0, u), whose product is its determinant, at a real or complex speed, the last
+/// segment's first. They are those of the recursion of chain/impedance.hpp at lambda =
+/// `beside_zero`.
+std::vector<Dual> static_pivots(const ImpedanceModel& model, Complex speed) {
+  std::vector<Dual> pivots;
+  pivots.reserve(model.size);
+  const Dual u{speed, 1.0};
+  const auto number = [](double value) { return Dual{value}; };
   const auto near_zero = [&](const ImpedanceParts& of) {
     return number(of.stiffness + beside_zero * (of.damping + beside_zero * of.mass));
   };
-  const Number thrust = number(model.thrust) * u * u;
-  const Number coriolis = number(model.coriolis * beside_zero) * u;
-  Number a = number(-model.entry * beside_zero) * u;
-  Number b = model.guided ? number(0.0) - thrust : number(0.0), c = number(0.0), d = number(0.0);
+  const Dual thrust = number(model.thrust) * u * u;
+  const Dual coriolis = number(model.coriolis * beside_zero) * u;
+  Dual a = number(-model.entry * beside_zero) * u;
+  Dual b = model.guided ? number(0.0) - thrust : number(0.0), c = number(0.0), d = number(0.0);
   for (Index j = model.size - 1; j >= 0; --j) {
     const ImpedanceSegment& at = model.segments[j];
-    const Number l = number(at.length), k = near_zero(at.joint), g = l * a + b;
+    const Dual l = number(at.length), k = near_zero(at.joint), g = l * a + b;
     if (at.held) {
-      const Number moment = near_zero(at.moment) + l * l * coriolis;
-      const Number force =
+      const Dual moment = near_zero(at.moment) + l * l * coriolis;
+      const Dual force =
           near_zero(at.across) + near_zero(at.turned) + number(2.0) * l * coriolis + thrust;
       a = ((k + d + moment) / l - force) / l + near_zero(at.force);
       b = k / l - thrust;
@@ -208,17 +172,19 @@ void static_pivots(const ImpedanceModel& model, Number u, const Visit& visit) {
       d = k;
       continue;
     }
-    const Number r = near_zero(at.moment) + l * l * coriolis + d + l * (c + g);
-    const Number w = near_zero(at.across) + c + l * a, p = k + r;
-    const Number h = g + near_zero(at.turned) + number(2.0) * l * coriolis;
-    visit(p);
-    const Number inverse = number(1.0) / p;
+    const Dual r = near_zero(at.moment) + l * l * coriolis + d + l * (c + g);
+    const Dual w = near_zero(at.across) + c + l * a, p = k + r;
+    const Dual h = g + near_zero(at.turned) + number(2.0) * l * coriolis;
+    pivots.push_back(p);
+    const Dual inverse = number(1.0) / p;
     a = a + near_zero(at.force) - (h + thrust) * w * inverse;
     b = (h * k - thrust * r) * inverse;
     c = w * k * inverse;
     d = r * k * inverse;
   }
+  return pivots;
 }
+
 }  // namespace
 
 Index ChainDeterminant::enough_for(Index roots) const {
@@ -235,33 +201,13 @@ std::unique_ptr<Determinant> ChainDeterminant::coarser(Index size) const {
                                             scale);
 }
 
-Values ChainDeterminant::log_derivatives(double u, const Values& at, const Values& known) const {
-  return log_derivatives_by(
-      [&](const Points& points, double* out) {
-        motion_kernel().impedance->log_derivative(chain_->impedance(), points, out);
-      },
-      u, at, known);
-}
-
-Pairs ChainDeterminant::pairs(double u, const Values& values, bool vectors, bool own,
-                              bool loaded) const {
-  return pairs_by(
-      [&](const Points& points, const PairsAsked& asked) {
-        motion_kernel().impedance->pairs(chain_->impedance(), points, asked);
-      },
-      [&](const ComplexTable& angles) -> ComplexTable {
-        return complement_->gathered(ComplexTable(scale_.cwiseInverse().asDiagonal() * angles));
-      },
-      u, values, chain_->dof(), vectors, own, loaded);
-}
-
 Pencil ChainDeterminant::matrices(double stiffness_size) const {
   Operators ops = chain_->joint_operators(scale_);
   const double sign = chain_->pipe().direction();
   DenseOperator::Matrices made{std::move(ops.mass), sign * (ops.gyroscopic + ops.end_flux),
                                std::move(ops.damping), std::move(ops.stiffness),
                                std::move(ops.flux)};
-  if (has_loss()) {
+  if (chain_->pipe().hysteresis > 0.0) {
     const Matrix columns = scale_.asDiagonal();
     made[5] =
         chain_->pipe().hysteresis * (columns * chain_->joint_times(columns, {.by_damping = 1.0}));
@@ -277,31 +223,23 @@ Pencil ChainDeterminant::matrices(double stiffness_size) const {
   return {lapack, std::move(made), chain_->pipe().end_coefficient, stiffness_size, lost};
 }
 
-Values ChainDeterminant::static_slopes(const Values& u) const {
-  Values slopes = Values::Zero(u.size());
-  for (Index i = 0; i < u.size(); ++i) {
-    static_pivots(chain_->impedance(), Dual<Complex>{u[i], 1.0},
-                  [&](const auto& pivot) { slopes[i] += pivot.slope / pivot.value; });
-  }
-  return slopes;
-}
-
-StaticDeterminants ChainDeterminant::static_determinants(const Reals& u) const {
-  StaticDeterminants found{Reals::Ones(u.size()), Reals::Zero(u.size()), Reals::Zero(u.size())};
-  for (Index i = 0; i < u.size(); ++i) {
-    static_pivots(chain_->impedance(), Dual<double>{u[i], 1.0}, [&](const auto& pivot) {
-      if (pivot.value < 0.0) found.sign[i] = -found.sign[i];
+StaticDeterminants ChainDeterminant::static_determinants(const Values& u) const {
+  const Index count = u.size();
+  StaticDeterminants found{Values::Zero(count), Reals::Ones(count), Reals::Zero(count)};
+  for (Index i = 0; i < count; ++i) {
+    for (const Dual& pivot : static_pivots(chain_->impedance(), u[i])) {
+      if (pivot.value.real() < 0.0) found.sign[i] = -found.sign[i];
       found.logarithm[i] += std::log(std::abs(pivot.value));
       found.slope[i] += pivot.slope / pivot.value;
-    });
+    }
   }
   return found;
 }
 
 int ChainDeterminant::negative_at_rest() const {
-  int count = 0;
-  static_pivots(chain_->impedance(), 0.0, [&](double pivot) { count += pivot < 0.0; });
-  return count;
+  const auto is_negative = [](const Dual& pivot) { return pivot.value.real() < 0.0; };
+  return static_cast<int>(
+      std::ranges::count_if(static_pivots(chain_->impedance(), 0.0), is_negative));
 }
 
 // ---------------------------------------------------------------------------------------- panels
@@ -327,36 +265,14 @@ const PanelPencil::At& PanelDeterminant::at(double u) const {
   return latest_;
 }
 
-Values PanelDeterminant::log_derivatives(double u, const Values& at, const Values& known) const {
-  return log_derivatives_by(
-      [&](const Points& points, double* out) {
-        motion_kernel().elimination->log_derivative(this->at(u).model, points, out, nullptr);
-      },
-      u, at, known);
-}
-
-Pairs PanelDeterminant::pairs(double u, const Values& values, bool vectors, bool own,
-                              bool loaded) const {
-  return pairs_by(
-      [&](const Points& points, const PairsAsked& asked) {
-        motion_kernel().elimination->pairs(at(u).model, points, asked);
-      },
-      [&](const ComplexTable& x) -> ComplexTable {
-        ComplexTable found(gathered_.rows(), x.cols());
-        found.real() = gathered_ * x.real();
-        found.imag() = gathered_ * x.imag();
-        return found;
-      },
-      u, values, size(), vectors, own, loaded);
-}
-
 Pencil PanelDeterminant::matrices(double stiffness_size) const {
   const auto part = [&](const LinearPart& of) -> Matrix {
     return spread_.transpose() * times(Matrix(spread_), of);
   };
   DenseOperator::Matrices made{part({.mass = 1.0}), part({.velocity = 1.0}), part({.damping = 1.0}),
                                part({.stiffness = 1.0}), part({.flux = 1.0})};
-  if (has_loss()) made[5] = pencil_->pipe().hysteresis * part({.by_damping = 1.0});
+  if (pencil_->pipe().hysteresis > 0.0)
+    made[5] = pencil_->pipe().hysteresis * part({.by_damping = 1.0});
   std::array<double, 6> lost{};
   for (std::size_t k = 0; held() > 0 && k < made.size(); ++k) {
     lost[k] = 4.0 * eps * static_cast<double>(held()) * made[k].norm();
@@ -370,7 +286,9 @@ Pencil PanelDeterminant::matrices(double stiffness_size) const {
 
 std::optional<Works> PanelDeterminant::works(double u, const Reals& frequencies,
                                              const ComplexTable& vectors) const {
-  return pencil_->works(u, frequencies, spread(real_columns(vectors)));
+  Matrix parts(vectors.rows(), 2 * vectors.cols());
+  parts << vectors.real(), vectors.imag();
+  return pencil_->works(u, frequencies, spread(parts));
 }
 
 const EliminationModel& PanelDeterminant::stiffness() const {
@@ -378,22 +296,14 @@ const EliminationModel& PanelDeterminant::stiffness() const {
   return static_->model;
 }
 
-Values PanelDeterminant::static_slopes(const Values& u) const {
-  return 2.0 * u *
-         log_derivatives_by(
-             [&](const Points& points, double* out) {
-               motion_kernel().elimination->log_derivative(stiffness(), points, out, nullptr);
-             },
-             0.0, u.square(), {});
-}
-
-StaticDeterminants PanelDeterminant::static_determinants(const Reals& u) const {
+StaticDeterminants PanelDeterminant::static_determinants(const Values& u) const {
   const Index count = u.size();
-  const Reals squares = u.square(), none = Reals::Zero(count);
+  const Reals squares = parts_of(u.square());
   Reals slopes(2 * count), signs(2 * count);
-  motion_kernel().elimination->log_derivative(
-      stiffness(), {0.0, count, squares.data(), none.data()}, slopes.data(), signs.data());
-  return {signs.head(count), signs.tail(count), 2.0 * u * slopes.head(count)};
+  motion_kernel().elimination->log_derivative(stiffness(),
+                                              {0.0, count, squares.data(), squares.data() + count},
+                                              slopes.data(), signs.data());
+  return {2.0 * u * from_parts(slopes), signs.head(count), signs.tail(count)};
 }
 
 int PanelDeterminant::negative_at_rest() const {

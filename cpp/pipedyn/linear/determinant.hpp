@@ -14,6 +14,7 @@
 #include "pipedyn/galerkin/panel_pencil.hpp"
 #include "pipedyn/linear/complement.hpp"
 #include "pipedyn/linear/operator.hpp"
+#include "pipedyn/vector/levels.hpp"
 
 namespace pipedyn {
 
@@ -22,10 +23,11 @@ namespace pipedyn {
 /// as small, as rounding moves each by far more.
 inline constexpr double beside_zero = 1e-30;
 
-/// A real determinant at each of some speeds: its sign, the logarithm of its absolute value, and
-/// the derivative of that logarithm by the speed.
+/// A determinant at each of some speeds: the derivative of its logarithm by the speed and, at real
+/// speeds, its sign and the logarithm of its absolute value.
 struct StaticDeterminants {
-  Reals sign, logarithm, slope;
+  Values slope;
+  Reals sign, logarithm;
 };
 
 class Determinant {
@@ -43,14 +45,12 @@ class Determinant {
 
   /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k) over the known roots, without known
   /// roots at lambda itself.
-  virtual Values log_derivatives(double u, const Values& at, const Values& known) const = 0;
+  Values log_derivatives(double u, const Values& at, const Values& known) const;
   /// Errors, slopes and corrections of roots from their vectors, and unit vectors if they are asked
   /// for. own: whether by_right is needed; loaded: see `PairsAsked`.
-  virtual Pairs pairs(double u, const Values& values, bool vectors, bool own,
-                      bool loaded) const = 0;
+  Pairs pairs(double u, const Values& values, bool vectors, bool own, bool loaded) const;
   /// The matrices of P in elastic coordinates. stiffness_size: size of K at rest.
   virtual Pencil matrices(double stiffness_size) const = 0;
-  virtual bool has_loss() const = 0;
   /// Whether elimination pivots: vectors are then as accurate where a part of the pipe is singular
   /// by itself.
   virtual bool is_pivoted() const = 0;
@@ -64,27 +64,35 @@ class Determinant {
   /// Work on vectors (dof, r) that oscillate with some frequencies, if it is known without
   /// differences of nearly equal numbers.
   virtual std::optional<Works> works(double, const Reals&, const ComplexTable&) const { return {}; }
-  /// x^H A x of vectors (dof, r) with A = K(u) and with A = M.
-  std::pair<Reals, Reals> energies(double u, const ComplexTable& x) const;
+  /// Rayleigh quotients x^H K x / x^H M x of vectors (dof, r).
+  Reals quotients(double u, const ComplexTable& vectors) const;
 
   /// a, the factor of u^2 in K(u).
   virtual double thrust() const = 0;
-  /// Derivative by the speed of the logarithm of det K(u), at complex speeds.
-  virtual Values static_slopes(const Values& u) const = 0;
-  /// det K(u), or det P(beside_zero, u) where joints turn freely.
-  virtual StaticDeterminants static_determinants(const Reals& u) const = 0;
+  /// det K(u) at real or complex speeds, or det P(beside_zero, u) where joints turn freely.
+  virtual StaticDeterminants static_determinants(const Values& u) const = 0;
   /// Number of negative eigenvalues of K at rest, where K is symmetric.
   virtual int negative_at_rest() const = 0;
 
   const Lapack lapack;
 
  protected:
+  /// Calls the kernel that computes `log_derivatives`, or the one that computes `pairs`.
+  virtual void evaluate(const Points& points, double* out) const = 0;
+  virtual void evaluate(const Points& points, const PairsAsked& out) const = 0;
+  /// Takes vectors in the coordinates of the kernel, (size, r), to elastic coordinates.
+  virtual Matrix gathered(const Matrix& x) const = 0;
   /// Takes vectors in elastic coordinates, (dof, r), to the coordinates in which `times` knows
   /// products.
   virtual Matrix spread(const Matrix& x) const = 0;
   virtual Matrix times(const Matrix& x, const LinearPart& part) const = 0;
   /// Whether the coordinates of `times` are joint angles, where each joint has a spring of its own.
   virtual bool has_joints() const = 0;
+
+ private:
+  ComplexTable spread(const ComplexTable& x) const;
+  /// y^H A x of each column of y and of x, in the coordinates of `times`.
+  Values inner(const ComplexTable& y, const ComplexTable& x, const LinearPart& part) const;
 };
 
 class ChainDeterminant : public Determinant {
@@ -102,18 +110,23 @@ class ChainDeterminant : public Determinant {
   Index held() const override { return chain_->dof() - complement_->dof(); }
   Index enough_for(Index roots) const override;
   std::unique_ptr<Determinant> coarser(Index size) const override;
-  Values log_derivatives(double u, const Values& at, const Values& known) const override;
-  Pairs pairs(double u, const Values& values, bool vectors, bool own, bool loaded) const override;
   Pencil matrices(double stiffness_size) const override;
   bool is_pivoted() const override { return false; }
-  bool has_loss() const override { return chain_->pipe().hysteresis > 0.0; }
   bool turns_freely() const override { return chain_->springs().minCoeff() <= 0.0; }
   double thrust() const override { return chain_->impedance().thrust; }
-  Values static_slopes(const Values& u) const override;
-  StaticDeterminants static_determinants(const Reals& u) const override;
+  StaticDeterminants static_determinants(const Values& u) const override;
   int negative_at_rest() const override;
 
  protected:
+  void evaluate(const Points& points, double* out) const override {
+    motion_kernel().impedance->log_derivative(chain_->impedance(), points, out);
+  }
+  void evaluate(const Points& points, const PairsAsked& out) const override {
+    motion_kernel().impedance->pairs(chain_->impedance(), points, out);
+  }
+  Matrix gathered(const Matrix& angles) const override {
+    return complement_->gathered(scale_.cwiseInverse().asDiagonal() * angles);
+  }
   Matrix spread(const Matrix& x) const override {
     return scale_.asDiagonal() * complement_->spread(x);
   }
@@ -143,20 +156,23 @@ class PanelDeterminant : public Determinant {
   Index held() const override { return pencil_->conditions(); }
   Index enough_for(Index roots) const override;
   std::unique_ptr<Determinant> coarser(Index size) const override;
-  Values log_derivatives(double u, const Values& at, const Values& known) const override;
-  Pairs pairs(double u, const Values& values, bool vectors, bool own, bool loaded) const override;
   Pencil matrices(double stiffness_size) const override;
   bool is_pivoted() const override { return true; }
-  bool has_loss() const override { return pencil_->pipe().hysteresis > 0.0; }
   bool turns_freely() const override { return pencil_->pipe().root == 0.0; }
   double thrust() const override { return pencil_->pipe().end_coefficient; }
-  Values static_slopes(const Values& u) const override;
-  StaticDeterminants static_determinants(const Reals& u) const override;
+  StaticDeterminants static_determinants(const Values& u) const override;
   int negative_at_rest() const override;
   std::optional<Works> works(double u, const Reals& frequencies,
                              const ComplexTable& vectors) const override;
 
  protected:
+  void evaluate(const Points& points, double* out) const override {
+    motion_kernel().elimination->log_derivative(at(points.u).model, points, out, nullptr);
+  }
+  void evaluate(const Points& points, const PairsAsked& out) const override {
+    motion_kernel().elimination->pairs(at(points.u).model, points, out);
+  }
+  Matrix gathered(const Matrix& x) const override { return gathered_ * x; }
   Matrix spread(const Matrix& x) const override { return spread_ * x; }
   Matrix times(const Matrix& x, const LinearPart& part) const override {
     return pencil_->times(x, part);

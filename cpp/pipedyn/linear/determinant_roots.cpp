@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <numbers>
+#include <numeric>
 #include <tuple>
 
 namespace pipedyn {
@@ -18,8 +19,6 @@ constexpr double largest_change = 0.3;
 constexpr double cluster_radius = 0.1;
 /// Largest |Im lambda| / |lambda| of pairs that may meet the real axis within a step of a search.
 constexpr double near_axis = 0.7;
-/// Relative distance by which the starts of two roots that are expected to meet are moved aside.
-constexpr double offset = 1e-3;
 /// Relative distance at which two roots are about to meet: if they are further apart, rounding
 /// moves each by 1e-12.
 constexpr double meeting = 1e-4;
@@ -147,70 +146,52 @@ void add_stiff(const Determinant& of, Index dof, double u, Approximations& roots
   }
 }
 
-void join_conjugates(Approximations& roots) {
+std::vector<Index> join_conjugates(Approximations& roots, const Values& values) {
+  std::vector<Index> left(roots.size());
+  std::iota(left.begin(), left.end(), 0);
   for (std::size_t i = 0; i < roots.size(); ++i) {
-    const Complex value = roots[i].value;
-    const double same = 1e-6 * magnitude(value);
-    if (!roots[i].alone || std::abs(value.imag()) <= same) continue;
-    const auto twin = std::find_if(roots.begin() + i + 1, roots.end(), [&](const auto& other) {
-      return other.alone && std::abs(other.value - std::conj(value)) <= same;
+    const Complex value = values[left[i]];
+    if (!roots[i].alone || value.imag() == 0.0) continue;
+    const auto twin = std::find_if(left.begin() + i + 1, left.end(), [&](Index k) {
+      return std::abs(values[k] - std::conj(value)) <= 1e-6 * std::abs(value);
     });
-    if (twin == roots.end()) continue;
+    if (twin == left.end() || !roots[twin - left.begin()].alone) continue;
     roots[i].alone = false;
-    roots.erase(twin);
+    roots.erase(roots.begin() + (twin - left.begin()));
+    left.erase(twin);
   }
+  return left;
 }
 
 namespace {
 
-/// A number that is known with its slope, and also at a speed lower by `since` if that is not 0.
-template <class Number>
-struct Extrapolation {
-  Number value, slope;
-  double since;
-  Number value_before, slope_before;
+/// Adds two starts where slopes lead two roots together on the real axis: about their centre, as
+/// far from it as they are expected. Whether they are real or conjugates there need not be known:
+/// they start in between, where no symmetry holds corrections. The distance of the roots goes like
+/// the square root of the way that is left to the meeting, so that its square is extrapolated.
+/// Returns whether the two meet.
+bool add_met(const Approximation& one, const Approximation& other, double further,
+             Approximations& to) {
+  const Complex half = 0.5 * (other.value - one.value), rate = 0.5 * (other.slope - one.slope);
+  const double change = (rate * std::conj(half)).real();
+  if (half == 0.0 || !(2.0 * further * change < -std::norm(half))) return false;
+  const Complex centre = 0.5 * (one.value + other.value + further * (one.slope + other.slope));
+  const double distance = std::sqrt(std::abs(half * half + 2.0 * further * half * rate));
+  const Complex aside = std::polar(distance, 0.25 * std::numbers::pi);
+  to.push_back({centre + aside, true});
+  to.push_back({centre - aside, true});
+  return true;
+}
 
-  /// The value by the cubic through both speeds, or along the slope if only one is known.
-  Number at(double further) const {
-    const Number line = value + further * slope;
-    if (since == 0.0) return line;
-    const Number between = (value - value_before) / since;
-    const Number bend = (slope - between) / since, other = (between - slope_before) / since;
-    return line + further * further * (bend + (further + since) / since * (bend - other));
+/// The real root that is next greater than root i, or i if there is none.
+std::size_t next_real(const Approximations& roots, std::size_t i) {
+  std::size_t next = i;
+  for (std::size_t k = 0; k < roots.size(); ++k) {
+    const double real = roots[k].value.real();
+    if (!roots[k].alone || roots[k].settled || !(real > roots[i].value.real())) continue;
+    if (next == i || real < roots[next].value.real()) next = k;
   }
-};
-
-/// Two roots about to meet on the real axis, represented by their sum and product.
-struct Meeting {
-  Extrapolation<double> sum, product;
-
-  Meeting(const Approximation& one, const Approximation& other) {
-    const double since = one.since == other.since ? one.since : 0.0;
-    const Complex a = one.value, b = other.value, da = one.slope, db = other.slope;
-    const Complex a0 = one.value_before, b0 = other.value_before;
-    const Complex da0 = one.slope_before, db0 = other.slope_before;
-    sum = {(a + b).real(), (da + db).real(), since, (a0 + b0).real(), (da0 + db0).real()};
-    product = {(a * b).real(), (da * b + a * db).real(), since, (a0 * b0).real(),
-               (da0 * b0 + a0 * db0).real()};
-  }
-
-  /// Adds the two roots expected at the further speed, moved a little aside: by symmetry
-  /// corrections could not take them off the real axis, or to it.
-  void add(double further, Approximations& to) const {
-    const double centre = 0.5 * sum.at(further), square = centre * centre - product.at(further);
-    const Complex half = std::sqrt(Complex(square));
-    const double size = std::sqrt(centre * centre + std::abs(square));
-    to.push_back({centre + half + offset * size * Complex(1.0, 3.0), true});
-    to.push_back({centre - half - offset * size * Complex(1.0, -2.0), true});
-  }
-};
-
-/// Whether slopes lead two roots together; their distance goes like the square root of the way that
-/// is left to the meeting.
-bool is_meeting_expected(const Approximation& one, const Approximation& other, double further) {
-  const Complex apart = other.value - one.value, rate = other.slope - one.slope;
-  const double change = (rate * std::conj(apart)).real();
-  return apart != 0.0 && 2.0 * further * change < -std::norm(apart);
+  return next;
 }
 
 }  // namespace
@@ -218,40 +199,35 @@ bool is_meeting_expected(const Approximation& one, const Approximation& other, d
 Approximations expected(const Approximations& roots, double further, Complex delta, bool paired) {
   Approximations result;
   result.reserve(roots.size() + 8);
-  std::vector<std::size_t> real;
-  std::vector<bool> taken(roots.size(), false);
+  std::vector<bool> met(roots.size(), false);
   for (std::size_t i = 0; i < roots.size(); ++i) {
-    if (paired && roots[i].alone && !roots[i].settled) real.push_back(i);
-  }
-  std::sort(real.begin(), real.end(), [&](std::size_t i, std::size_t k) {
-    return roots[i].value.real() < roots[k].value.real();
-  });
-  for (std::size_t k = 1; k < real.size(); ++k) {
-    const Approximation &one = roots[real[k - 1]], &other = roots[real[k]];
-    if (taken[real[k - 1]] || !is_meeting_expected(one, other, further)) continue;
-    taken[real[k - 1]] = taken[real[k]] = true;
-    Meeting(one, other).add(further, result);
+    const std::size_t k = roots[i].alone && paired ? next_real(roots, i) : i;
+    Approximation other = roots[k];
+    if (!roots[i].alone) {
+      other.value = std::conj(other.value);
+      other.slope = std::conj(other.slope);
+    }
+    if (met[i] || met[k] || roots[i].settled) continue;
+    met[i] = met[k] = add_met(roots[i], other, further, result);
   }
   for (std::size_t i = 0; i < roots.size(); ++i) {
-    if (taken[i]) continue;
+    if (met[i]) continue;
     Approximation one = roots[i];
-    Approximation twin = one;
-    for (Complex* const of : {&twin.value, &twin.slope, &twin.value_before, &twin.slope_before}) {
-      *of = std::conj(*of);
+    Complex change = further * one.slope;
+    if (one.since != 0.0) {
+      const Complex between = (one.value - one.value_before) / one.since;
+      const Complex bend = (one.slope - between) / one.since;
+      const Complex bend_before = (between - one.slope_before) / one.since;
+      const double ratio = (further + one.since) / one.since;
+      change += further * further * (bend + ratio * (bend - bend_before));
     }
-    if (!one.alone && is_meeting_expected(one, twin, further)) {
-      Meeting(one, twin).add(further, result);
-      continue;
-    }
-    const Extrapolation<Complex> known{one.value, one.slope, one.since, one.value_before,
-                                       one.slope_before};
-    const Complex change = known.at(further) - one.value;
     one.since = one.slope == 0.0 ? 0.0 : further;
     one.value_before = one.value;
     one.slope_before = one.slope;
     const bool is_clustered = magnitude(1.0 + delta * one.value) < cluster_radius;
-    if (!is_clustered && magnitude(change) <= largest_change * magnitude(one.value))
+    if (!is_clustered && magnitude(change) <= largest_change * magnitude(one.value)) {
       one.value += change;
+    }
     result.push_back(one);
   }
   return result;

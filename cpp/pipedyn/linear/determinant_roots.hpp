@@ -61,13 +61,15 @@ void put_zeros(Approximations& roots, Index count);
 void add_stiff(const Determinant& of, Index dof, double u, Approximations& roots);
 
 /// Joins two conjugates that were found separately into one root that implies its conjugate; for
-/// roots that come in conjugate pairs.
-void join_conjugates(Approximations& roots);
+/// roots that come in conjugate pairs. values: the roots, better known. Returns the indices of the
+/// roots that are left.
+std::vector<Index> join_conjugates(Approximations& roots, const Values& values);
 
-/// Roots expected at a speed that is higher by `further` than that of the given roots. Roots in the
-/// cluster at -1 / delta, where slopes are rounding, stay as they were. For two roots that meet on
-/// the real axis before that speed, the sum and the product are extrapolated, which are smooth in
-/// u, and neither root implies a conjugate; so where roots come in conjugate pairs (`paired`).
+/// Roots expected at a speed that is higher by `further` than that of the given roots, by the cubic
+/// through two speeds, or along the slope if only one is known. Roots in the cluster at -1 / delta,
+/// where slopes are rounding, stay as they were. Where roots come in conjugate pairs (`paired`),
+/// two that meet on the real axis before that speed are extrapolated together; neither of them
+/// implies a conjugate.
 Approximations expected(const Approximations& roots, double further, Complex delta, bool paired);
 
 /// Corrects all roots by the method of Ehrlich and Aberth until each is as good as rounding lets it

@@ -71,13 +71,7 @@ DenseOperator DenseOperator::within(const Eigen::MatrixXd& basis, Index some) co
 }
 
 ComplexTable DenseOperator::times(int matrix, const ComplexTable& x) const {
-  Eigen::MatrixXd parts(dof, 2 * x.cols());
-  parts << x.real(), x.imag();
-  parts = times(matrices_[matrix], parts);
-  ComplexTable result(dof, x.cols());
-  result.real() = parts.leftCols(x.cols());
-  result.imag() = parts.rightCols(x.cols());
-  return result;
+  return mapped([&](const Eigen::MatrixXd& parts) { return times(matrices_[matrix], parts); }, x);
 }
 
 Products DenseOperator::multiply(const ComplexTable& x) const {

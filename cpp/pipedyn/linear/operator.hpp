@@ -52,6 +52,19 @@ std::optional<SymmetricPairs> symmetric_pairs(const Lapack& lapack, Eigen::Matri
 /// Number of eigenvalues of a symmetric matrix that are below zero by more than rounding.
 int negative_eigenvalues(const Lapack& lapack, const Eigen::MatrixXd& of);
 
+/// The columns of a complex table as a real linear map takes them, which is called with their real
+/// parts, followed by their imaginary parts.
+template <class Map>
+ComplexTable mapped(const Map& map, const ComplexTable& x) {
+  Eigen::MatrixXd parts(x.rows(), 2 * x.cols());
+  parts << x.real(), x.imag();
+  const Eigen::MatrixXd found = map(parts);
+  ComplexTable result(found.rows(), x.cols());
+  result.real() = found.leftCols(x.cols());
+  result.imag() = found.rightCols(x.cols());
+  return result;
+}
+
 /// Undamped modes in the order of rising squares of their frequencies; vectors (dof, count).
 struct Modes {
   Eigen::MatrixXd vectors;

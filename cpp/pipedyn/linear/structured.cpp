@@ -50,40 +50,19 @@ constexpr Index division = 8;
 /// 80 take as long, measured from 1,000 to 100,000 segments.
 constexpr Index refinement = 20;
 
-/// The first `count` of the given roots and their conjugates, sorted. None if roots are paired and
-/// a complex root that implies no conjugate has none among the others.
+/// The `count` lowest of the given roots and of the conjugates that they imply, sorted. None if
+/// roots are paired and one of these is complex without a conjugate.
 std::optional<Pairs> with_conjugates(const Pairs& found, const Approximations& roots, Index count,
                                      bool paired) {
   std::vector<Complex> values;
   std::vector<Index> from;
-  std::vector<bool> used(roots.size(), false), mirrored;
-  values.reserve(2 * found.size());
-  from.reserve(2 * found.size());
   for (Index i = 0; i < found.size(); ++i) {
-    const Complex value = found.values[i];
-    if (used[i]) continue;
-    if (!paired) {
-      values.push_back(value);
-      from.push_back(i);
-      mirrored.push_back(false);
-      continue;
-    }
-    if (roots[i].alone && value.imag() != 0.0) {
-      Index twin = i;
-      for (Index k = i + 1; k < found.size(); ++k) {
-        const double apart = std::abs(found.values[k] - std::conj(value));
-        if (roots[k].alone && !used[k] && apart <= 1e-6 * std::abs(value)) twin = k;
-      }
-      if (twin == i) return std::nullopt;
-      used[twin] = true;
-    }
-    const Complex upper(value.real() + 0.0, std::abs(value.imag()));  // -0 is 0
-    for (const bool lower : {false, true}) {
-      if (lower && upper.imag() == 0.0) continue;
-      values.push_back(lower ? std::conj(upper) : upper);
-      from.push_back(i);
-      mirrored.push_back(value.imag() != 0.0 && lower == (value.imag() > 0.0));
-    }
+    const Complex value(found.values[i].real() + 0.0, found.values[i].imag() + 0.0);  // -0 is 0
+    values.push_back(value);
+    from.push_back(i);
+    if (roots[i].alone || value.imag() == 0.0) continue;
+    values.push_back(std::conj(value));
+    from.push_back(i);
   }
   std::vector<Index> order = by_size(Eigen::Map<const Values>(values.data(), values.size())), which;
   if (static_cast<Index>(order.size()) < count) return std::nullopt;
@@ -91,8 +70,9 @@ std::optional<Pairs> with_conjugates(const Pairs& found, const Approximations& r
   for (const Index i : order) which.push_back(from[i]);
   Pairs result = found.take(which);
   for (Index k = 0; k < count; ++k) {
-    result.values[k] = values[order[k]];
-    if (!mirrored[order[k]]) continue;
+    const Complex value = values[order[k]];
+    if (paired && roots[which[k]].alone && value.imag() != 0.0) return std::nullopt;
+    if (value.imag() == std::exchange(result.values[k], value).imag()) continue;
     for (Values* const of : {&result.slopes, &result.by_left, &result.by_right}) {
       (*of)[k] = std::conj((*of)[k]);
     }
@@ -240,25 +220,18 @@ std::optional<Pairs> Structured::from(Approximations roots, double u, Index coun
     for (Approximation& one : roots) one.settled = one.settled || one.value == 0.0;
     roots.insert(roots.end(), missing->begin(), missing->end());
   }
-  // Includes roots whose |lambda| equals that of the last one, which rounding may have sorted
-  // otherwise.
-  const double size = magnitude(roots[next - 1].value) * (1.0 + 1e-6);
-  while (next < roots.size() && magnitude(roots[next].value) <= size) ++next;
-  const Pairs known = polished(u, roots, vectors);
-  std::vector<Index> which(next);
-  std::iota(which.begin(), which.end(), 0);
-  const Approximations lowest(roots.begin(), roots.begin() + static_cast<std::ptrdiff_t>(next));
-  auto found = with_conjugates(known.take(which), lowest, count, !traits.is_hysteretic());
-  if (found) {
-    for (std::size_t i = 0; i < roots.size(); ++i) {
-      const Complex slope = known.slopes[i];
-      roots[i].slope = roots[i].value == 0.0 || !std::isfinite(std::norm(slope)) ? 0.0 : slope;
-    }
-    if (!traits.is_hysteretic()) join_conjugates(roots);
-    for (Approximation& one : roots) one.settled = one.value == 0.0;
-    if (known_.size() == most_known) known_.erase(known_.begin());
-    known_.push_back({u, std::move(roots), most_near});
+  Pairs all = polished(u, roots, vectors);
+  for (std::size_t i = 0; i < roots.size(); ++i) {
+    const Complex slope = all.slopes[i];
+    roots[i].settled = roots[i].value == 0.0;
+    roots[i].slope = roots[i].settled || !std::isfinite(std::norm(slope)) ? 0.0 : slope;
   }
+  const bool paired = !traits.is_hysteretic();
+  if (paired) all = all.take(join_conjugates(roots, all.values));
+  auto found = with_conjugates(all, roots, count, paired);
+  if (!found) return found;
+  if (known_.size() == most_known) known_.erase(known_.begin());
+  known_.push_back({u, std::move(roots), most_near});
   return found;
 }
 
@@ -374,8 +347,7 @@ Works Structured::works(double u, const Reals& frequencies, const ComplexTable& 
 
 Reals Structured::quotients(double u, const Pairs& pairs) {
   if (is_squared(u) || pairs.right.size() == 0) return Eigenproblem::quotients(u, pairs);
-  const auto [stiffness, mass] = of_->energies(u, pairs.right);
-  return stiffness / mass;
+  return of_->quotients(u, pairs.right);
 }
 
 Pair Structured::refined(double u, const Pair& guess) {
@@ -445,7 +417,7 @@ std::optional<int> zeros_within(const Determinant& of, double low, double high) 
     for (Index i = 0; i < points; ++i) {
       arms[i] = std::polar(radius, std::numbers::pi * (i + 0.5) / static_cast<double>(points));
     }
-    const double number = (arms * of.static_slopes(centre + arms)).real().mean();
+    const double number = (arms * of.static_determinants(centre + arms).slope).real().mean();
     if (std::abs(number - std::round(number)) < near_whole) {
       return static_cast<int>(std::lround(number));
     }
@@ -463,17 +435,6 @@ StaticDeterminants Structured::static_determinants(Reals u) const {
     if (tries == 3 || !lost.any()) return found;
     u += lost.cast<double>() * (eps * (1.0 + u));
   }
-}
-
-/// det K divided by its value at rest, and by the power of lambda that the roots at zero
-/// contribute.
-double Structured::determinant(double u) const {
-  const auto size = [&](double speed, const StaticDeterminants& of) {
-    return of.logarithm[0] - static_cast<double>(roots_at_zero(speed)) * std::log(beside_zero);
-  };
-  const double at_rest = size(0.0, of_->static_determinants(Reals::Zero(1)));
-  const StaticDeterminants there = static_determinants(Reals::Constant(1, u));
-  return there.sign[0] * std::exp(size(u, there) - (std::isfinite(at_rest) ? at_rest : 0.0));
 }
 
 /// Adds ranges that hold divergences. A range without zeros in its disc is left out; a range with a
@@ -517,7 +478,8 @@ Reals Structured::zeros_in(const std::vector<Bracket>& ranges) const {
     for (Index i = 0; i < count; ++i) {
       (at.sign[i] * sign[i] > 0.0 ? low : high)[i] = u[i];
       const bool is_slow = steps % 8 == 0 && std::abs(step[i]) > 1e-6 * (1.0 + u[i]);
-      double next = std::isfinite(at.slope[i]) ? u[i] - 1.0 / at.slope[i] : u[i];  // det K is 0
+      const double slope = at.slope[i].real();
+      double next = std::isfinite(slope) ? u[i] - 1.0 / slope : u[i];  // det K is 0
       if (!(next >= low[i] && next <= high[i]) || is_slow) next = 0.5 * (low[i] + high[i]);
       step[i] = next - u[i];
       u[i] = next;
@@ -563,48 +525,39 @@ std::optional<Divergence> Structured::divergence_near(double guess, double reach
 
 /// The divergence at a speed where K is singular: null vectors of K, and the error of the speed.
 Divergence Structured::divergence_at(double u) const {
-  Pair pair{0.0};
-  double inertia = 0.0;
+  const double tolerance = 4e-16 * (1.0 + u);
   if (roots_at_zero(u) > 0) {
-    // The vectors here are those of the roots at zero. Where the determinant vanishes, its values
-    // at neighbouring numbers u are its rounding: on 600 chains the errors were at most 0.3 of the
-    // estimate from these. The difference for the slope loses as little by curvature as by
-    // rounding.
-    const double apart = 1e-6 * (1.0 + u), near = eps * (1.0 + u);
-    pair.slope = (determinant(u + apart) - determinant(u - apart)) / (2.0 * apart);
-    pair.residual = pair.uncertain = 0.0;
-    for (int k = -4; k <= 4; ++k) {
-      pair.uncertain = std::max(pair.uncertain, std::abs(determinant(u + k * near)));
-    }
-  } else {
-    Pairs found = of_->pairs(u, Values::Zero(1), true, false, false);
-    // Where two guides form a clamp, nothing beyond it moves with a vector that starts at the first
-    // one.
-    if (!(found.residual[0] <= small_residual)) found = at(u, Values::Zero(1), true);
-    pair = found.pair(0);
-    pair.uncertain *= std::abs(pair.by_value);
-    if (!of_->is_pivoted()) {
-      // Where the part beyond a joint is singular by itself, as half of a guided pipe is, rounding
-      // scales the parts of a vector differently: so the mean of the vectors at two very near
-      // speeds is taken.
-      const double apart = 1e-6 * (1.0 + u);
-      const Pairs below = at(u - apart, Values::Zero(1), true);
-      const Pairs above = at(u + apart, Values::Zero(1), true);
-      const auto mean = [](const ComplexTable& a, const ComplexTable& b) -> ComplexVector {
-        return (a.col(0) + std::copysign(1.0, a.col(0).dot(b.col(0)).real()) * b.col(0))
-            .normalized();
-      };
-      pair.right = mean(below.right, above.right);
-      pair.left = mean(below.left, above.left);
-    }
-    const Forms of = *forms(pair);
-    pair.by_value = u * of.velocity + of.damping;
-    pair.slope = 2.0 * of_->thrust() * u * of.flux;
-    inertia = of.mass.real();
+    // The vectors here are those of the roots at zero. Rounding scatters the zeros at which
+    // Newton's method would arrive from neighbouring numbers u.
+    const Reals beside = u + eps * (1.0 + u) * Reals::LinSpaced(9, -4.0, 4.0);
+    const Reals off = (beside - static_determinants(beside).slope.real().inverse() - u).abs();
+    return {u, off.isNaN().select(0.0, off).maxCoeff() + tolerance};
   }
+  Pairs found = of_->pairs(u, Values::Zero(1), true, false, false);
+  // Where two guides form a clamp, nothing beyond it moves with a vector that starts at the first
+  // one.
+  if (!(found.residual[0] <= small_residual)) found = at(u, Values::Zero(1), true);
+  Pair pair = found.pair(0);
+  pair.uncertain *= std::abs(pair.by_value);
+  if (!of_->is_pivoted()) {
+    // Where the part beyond a joint is singular by itself, as half of a guided pipe is, rounding
+    // scales the parts of a vector differently: so the mean of the vectors at two very near speeds
+    // is taken.
+    const double apart = 1e-6 * (1.0 + u);
+    const Pairs below = at(u - apart, Values::Zero(1), true);
+    const Pairs above = at(u + apart, Values::Zero(1), true);
+    const auto mean = [](const ComplexTable& a, const ComplexTable& b) -> ComplexVector {
+      return (a.col(0) + std::copysign(1.0, a.col(0).dot(b.col(0)).real()) * b.col(0)).normalized();
+    };
+    pair.right = mean(below.right, above.right);
+    pair.left = mean(below.left, above.left);
+  }
+  const Forms of = *forms(pair);
+  pair.by_value = u * of.velocity + of.damping;
+  pair.slope = 2.0 * of_->thrust() * u * of.flux;
   const double rate = std::abs(pair.slope);
-  const double error = (rate > 0.0 ? pair.uncertain / rate : infinite) + 4e-16 * (1.0 + u);
-  return {u, error, std::move(pair), 1, inertia};
+  const double error = (rate > 0.0 ? pair.uncertain / rate : infinite) + tolerance;
+  return {u, error, std::move(pair), 1, of.mass.real()};
 }
 
 }  // namespace pipedyn

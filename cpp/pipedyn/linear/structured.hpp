@@ -79,7 +79,6 @@ class Structured : public Eigenproblem {
     int zeros = 0;
   };
   StaticDeterminants static_determinants(Reals u) const;
-  double determinant(double u) const;
   void isolate(const Bracket& range, bool first, std::vector<Bracket>& found) const;
   Reals zeros_in(const std::vector<Bracket>& ranges) const;
   Divergence divergence_at(double u) const;

@@ -4,62 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 #include <set>
 #include <tuple>
 
 namespace pipedyn {
-
-Roots assignment(const std::vector<double>& cost, Index size) {
-  // Column `size` represents the row that is being added.
-  Roots row_of(size + 1, -1), before(size + 1), columns(size);
-  std::vector<double> by_row(size, 0.0), by_column(size + 1, 0.0), distance(size);
-  Roots open;
-  for (Index row = 0; row < size; ++row) {
-    Index column = 0;
-    by_row[row] = Eigen::Map<const Reals>(&cost[row * size], size).minCoeff(&column);
-    if (row_of[column] < 0) {
-      row_of[column] = row;
-    } else {
-      open.push_back(row);
-    }
-  }
-  for (const Index added : open) {
-    Flags reached(size + 1, 0);
-    std::fill(distance.begin(), distance.end(), infinite);
-    Index column = size;
-    row_of[size] = added;
-    while (row_of[column] >= 0) {
-      reached[column] = 1;
-      const Index row = row_of[column];
-      double least = infinite;
-      Index next = 0;
-      for (Index j = 0; j < size; ++j) {
-        if (reached[j]) continue;
-        const double reduced = cost[row * size + j] - by_row[row] - by_column[j];
-        if (reduced < distance[j]) {
-          distance[j] = reduced;
-          before[j] = column;
-        }
-        if (distance[j] < least) {
-          least = distance[j];
-          next = j;
-        }
-      }
-      for (Index j = 0; j <= size; ++j) {
-        if (reached[j]) {
-          by_row[row_of[j]] += least;
-          by_column[j] -= least;
-        } else {
-          distance[j] -= least;
-        }
-      }
-      column = next;
-    }
-    for (; column != size; column = before[column]) row_of[column] = row_of[before[column]];
-  }
-  for (Index j = 0; j < size; ++j) columns[row_of[j]] = j;
-  return columns;
-}
 
 namespace {
 
@@ -75,8 +24,7 @@ constexpr double step_growth = 4.0;
 constexpr double least_share = 1.0 / 16.0;
 
 /// Curves are told apart if their distance is at least this many times the sum of their errors. For
-/// 1,500 random pipes the modes of the crossings differ from those of steps of 0.05 in 27 pipes; in
-/// 26 with only the first of the two errors, and in 29 with a factor of two.
+/// 1,500 random pipes the modes of the crossings differed from those of steps of 0.05 in 26 pipes.
 constexpr double errors_apart = 3.0;
 
 /// A root that moves by more than this share of 1 + |lambda| in a shortest step is another root: at
@@ -116,74 +64,50 @@ void order(Step& step, Index i, Index k) {
   }
 }
 
-/// Index of the conjugate of each root of a sample, which is next to it; of the root itself if it
-/// is real; -1 if there is none.
-Roots conjugates(const Sample& sample) {
-  const Values& all = sample.values;
-  Roots twins(all.size(), -1);
-  for (Index i = 0; i < all.size(); ++i) {
-    if (twins[i] >= 0) continue;
-    if (all[i].imag() == 0.0) twins[i] = i;
-    if (i + 1 == all.size() || all[i].imag() == 0.0 || all[i + 1] != std::conj(all[i])) continue;
-    twins[i] = i + 1;
-    twins[i + 1] = i;
-  }
-  return twins;
-}
-
-/// Root of the right sample that continues each root of the left one, so that the sum of distances
-/// is least; -1 for roots that have none.
+/// Root of the right sample that continues each root of the left one: of all pairs that are left,
+/// the nearest. Throws NotConverged unless both have as many roots.
 Roots matched(const Sample& left, const Sample& right, double h) {
-  const Index size = left.size(), sides = std::max(size, right.size());
+  const Index size = left.size();
+  if (right.size() != size) {
+    throw refusal("the number of eigenvalues near u = %.6g depends on rounding", right.u);
+  }
   const Values ahead = left.values + 0.5 * h * left.slopes;
   const Values behind = right.values - 0.5 * h * right.slopes;
-  std::vector<double> cost(sides * sides, 0.0);
+  Eigen::ArrayXXd distance(size, size);  // of each root of the right sample, by columns
   for (Index i = 0; i < size; ++i) {
     // Values within the reach of the step decide where slopes near a meeting cannot.
-    Eigen::Map<Reals>(&cost[i * sides], right.size()) =
-        (behind - ahead[i]).abs2().min((right.values - left.values[i]).abs2()).sqrt();
+    distance.col(i) = (behind - ahead[i]).abs2().min((right.values - left.values[i]).abs2()).sqrt();
   }
-  Roots onto = assignment(cost, sides);
-  onto.resize(size);
-  for (Index& j : onto) {
-    if (j >= right.size()) j = -1;
+  Roots onto(size, -1), open(size);
+  std::iota(open.begin(), open.end(), 0);
+  while (!open.empty()) {
+    Roots nearest(size, -1);  // of the roots that are nearest to a root of the right sample
+    for (const Index i : open) {
+      Index j = 0;
+      const double least = distance.col(i).minCoeff(&j);
+      if (nearest[j] < 0 || least < distance(j, nearest[j])) nearest[j] = i;
+    }
+    for (Index j = 0; j < size; ++j) {
+      if (nearest[j] < 0) continue;
+      onto[nearest[j]] = j;
+      distance.row(j).setConstant(infinite);
+    }
+    std::erase_if(open, [&](Index i) { return onto[i] >= 0; });
   }
   return onto;
 }
 
-/// Bounds the errors of a step by the step before. A cubic through two samples at a distance g has
-/// at a third sample, further by h, the error lambda''''/24 h^2 (h + g)^2; the cubic between the
-/// last two samples has at most the error lambda''''/24 h^4/16. So the error of the continued last
-/// step bounds that of this step with a margin of 16.
-void foretell(Step& step, const Step& last) {
-  const double share = step.length() / (step.length() + last.length());
-  for (Index i = 0; i < last.left->size(); ++i) {
-    const Index root = last.onto[i];
-    if (root < 0 || step.onto[root] < 0) continue;
-    const Complex off = step.end(root) - last.expected(i, step.right->u);
-    if (!std::isfinite(std::norm(off))) continue;  // two roots that met have no slopes
-    step.real_error[root] = share * share * std::abs(off.real());
-    // For a root matched to another one, both errors are the distance of these roots, however short
-    // the step is.
-    if (2.0 * magnitude(off) < step.error[root]) step.error[root] = share * share * magnitude(off);
-  }
-}
-
 /// Matches the two samples of a step.
-void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cluster) {
+void match(Step& step, const Roots& tracked, const Cluster& cluster) {
   const Sample &left = *step.left, &right = *step.right;
   const Index size = left.size();
   const double h = step.length();
   step.onto = matched(left, right, h);
   step.meets.assign(size, -1);
   step.error.assign(size, infinite);
-  step.real_error.assign(size, 0.0);
   step.slopes = left.slopes;
   Flags resting(size, 0);
-  Roots known;  // roots whose continuation is known
   for (Index i = 0; i < size; ++i) {
-    if (step.onto[i] < 0) continue;
-    known.push_back(i);
     step.error[i] = magnitude(step.end(i) - step.start(i) -
                               0.5 * h * (step.end_slope(i) + step.start_slope(i)));
     resting[i] = left.u == 0.0 && left.values[i] == 0.0;
@@ -195,13 +119,9 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
     step.slopes[i] = linear < root ? there / h : 0.0;
     step.error[i] = std::min(linear, root);
   }
-  for (const Index i : tracked) {
-    if (step.onto[i] < 0) return;
-  }
-  if (last != nullptr) foretell(step, *last);
 
   std::vector<double> extent(size, 0.0);  // others within it of a curve's start may be near
-  for (const Index i : known) {           // a cubic stays within its control points
+  for (Index i = 0; i < size; ++i) {      // a cubic stays within its control points
     const Complex change = step.end(i) - step.start(i);
     const double furthest =
         std::max({std::norm(h / 3.0 * step.start_slope(i)),
@@ -210,7 +130,7 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
   }
   Flags zero(size), clustered(size);
   std::vector<int> signature(size);
-  for (const Index i : known) {
+  for (Index i = 0; i < size; ++i) {
     const Complex a = step.start(i), b = step.end(i);
     zero[i] = magnitude(a) < cluster.zero && magnitude(b) < cluster.zero;
     clustered[i] = cluster.holds(a) && cluster.holds(b);
@@ -222,14 +142,6 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
       const double steepest = std::max(std::abs(step.start_slope(i)), std::abs(step.end_slope(i)));
       extent[i] = std::max(extent[i], h * steepest);
     }
-  }
-  Roots twins = conjugates(left);
-  for (const Index i : known) {  // a conjugate is a twin only if it does the same
-    const Index k = twins[i];
-    const bool same = k >= 0 && step.onto[k] >= 0 && step.end(k) == std::conj(step.end(i)) &&
-                      step.start_slope(k) == std::conj(step.start_slope(i)) &&
-                      step.end_slope(k) == std::conj(step.end_slope(i));
-    if (!same) twins[i] = i;
   }
   Flags is_tracked(size, 0);
   for (const Index i : tracked) is_tracked[i] = 1;
@@ -270,24 +182,19 @@ void match(Step& step, const Step* last, const Roots& tracked, const Cluster& cl
   // As roots are sorted, no later root is near if its |lambda| cannot fall that far.
   Reals lowest = Reals::Constant(size + 1, infinite);
   for (Index i = size - 1; i >= 0; --i) {
-    const bool goes_on = step.onto[i] >= 0;
-    lowest[i] = std::min(lowest[i + 1], goes_on ? magnitude(left.values[i]) - extent[i] : infinite);
+    lowest[i] = std::min(lowest[i + 1], magnitude(left.values[i]) - extent[i]);
   }
   std::set<std::pair<Index, Index>> near;
-  for (const Index i : known) {
-    if (twins[i] < i) continue;  // its conjugate has decided
+  for (Index i = 0; i < size; ++i) {
     const double highest = (1.0 + 4.0 * eps) * (magnitude(left.values[i]) + extent[i]);
     for (Index k = i + 1; k < size && lowest[k] <= highest; ++k) {
-      if (step.onto[k] < 0 || (twins[i] == i && twins[k] < k) || !is_near(i, k)) continue;
-      for (const auto& [one, other] : {std::pair(i, k), std::pair(twins[i], twins[k])}) {
-        if (is_tracked[one] || is_tracked[other]) near.insert(std::minmax(one, other));
-      }
+      if ((is_tracked[i] || is_tracked[k]) && is_near(i, k)) near.insert({i, k});
     }
   }
-  for (const Index i : known) {  // a root that turns real or complex has met another
+  for (Index i = 0; i < size; ++i) {  // a root that turns real or complex has met another
     const Complex a = step.start(i), b = step.end(i);
     if ((a.imag() == 0.0) == (b.imag() == 0.0) || resting[i]) continue;
-    for (const Index k : known) {
+    for (Index k = 0; k < size; ++k) {
       const bool together = a.imag() != 0.0 ? step.start(k) == std::conj(a)  //
                                             : step.end(k) == std::conj(b);
       if (k != i && together && !is_exempt(i, k)) near.insert(std::minmax(i, k));
@@ -319,7 +226,7 @@ bool Step::lost(Index root) const {
 Index Step::reflected(Index root, bool at_end) const {
   const auto place = [&](Index i) { return at_end ? end(i) : start(i); };
   for (Index i = 0; i < left->size(); ++i) {
-    if (i == root || (at_end && onto[i] < 0)) continue;
+    if (i == root) continue;
     const double apart = std::abs(place(i) + std::conj(place(root)));
     if (apart < std::abs(place(root).real())) return i;
   }
@@ -337,7 +244,6 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
   double trials = most_steps + 4.0 * static_cast<double>(speeds.size());
   if (!speeds.empty()) trials += std::ceil(4.0 * (speeds[0] - first->u) / tracking.longest);
   SharedSample left = std::move(first);
-  std::optional<Step> last;
   double most = tracking.longest;  // longest step that may be tried
   std::vector<SharedSample> ahead;
   for (const double speed : speeds) {
@@ -352,22 +258,16 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
       if (--trials < 0.0) {
         throw refusal("eigenvalues near u = %.6g are too close to be tracked", left->u);
       }
-      match(step, last ? &*last : nullptr, tracked, tracking.cluster);
-      const bool divisible = !step.shortest() && !tracking.whole(step);
-      if (divisible && !(step.unambiguous && tracking.sure(step))) {
+      match(step, tracked, tracking.cluster);
+      if (!tracking.good(step) && !step.shortest()) {
         most = std::max(std::min(most, 0.5 * step.length()), least_share * tracking.longest);
         ahead.push_back(tracking.take(middle));
         continue;
       }
       most = std::clamp(step_growth * step.length(), most, tracking.longest);
       if (!tracking.visit(step)) return;
-      Roots there;
-      for (const Index i : tracked) {
-        if (step.onto[i] >= 0) there.push_back(step.onto[i]);
-      }
-      tracked = std::move(there);
+      for (Index& i : tracked) i = step.onto[i];
       left = step.right;
-      last = std::move(step);
       ahead.pop_back();
     }
   }
@@ -467,7 +367,7 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
       Index &up = upper[k], &low = lower[k];
       const bool was_real = step.start(up).imag() == 0.0 && step.start(low).imag() == 0.0;
       const Index onto = step.onto[up], other = step.onto[low];
-      complete = complete && onto >= 0 && other >= 0 && !(taken < 2 * traits.dof && step.lost(up));
+      complete = complete && !(taken < 2 * traits.dof && step.lost(up));
       if (!complete) return false;
       up = onto;
       low = other;
@@ -486,9 +386,8 @@ std::optional<RootLoci> root_loci(Spectrum& spectrum, const std::vector<double>&
     if (step.right->u == speeds[done]) add_row(*step.right);
     return true;
   };
-  const auto sure = [](const Step&) { return true; };
-  const auto whole = [](const Step&) { return false; };
-  track({take, sure, whole, visit, cluster, spectrum.longest_step(first->values)}, first,
+  const auto good = [](const Step& step) { return step.unambiguous; };
+  track({take, good, visit, cluster, spectrum.longest_step(first->values)}, first,
         {speeds.begin() + 1, speeds.end()}, tracked);
   report(done);
   if (!complete) return {};

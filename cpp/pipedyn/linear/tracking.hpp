@@ -5,15 +5,14 @@
 //
 // The eigenvalues of two neighbouring samples, with their slopes d lambda / du, are joined by cubic
 // Hermite curves. A match is ambiguous where two curves pass within a few times their errors of
-// each other; the step is then halved. The error of a curve is the lesser of two: the distance at
-// the middle of the step of the two lines along the slopes,
+// each other; the step is then halved. The error of a curve is the distance at the middle of the
+// step of the two lines along the slopes,
 //
-//     |lambda_0 + lambda_0' h/2 - (lambda_1 - lambda_1' h/2)| = O(h^3),
+//     |lambda_0 + lambda_0' h/2 - (lambda_1 - lambda_1' h/2)| = O(h^3).
 //
-// and the distance at the end of this step from the continued curve of the step before, O(h^4). A
-// pair that meets on the real axis has no slope there, but its sum and product are smooth through
+// A pair that meets on the real axis has no slope there, but its sum and product are smooth through
 // the meeting and are compared instead: a step in which roots turn real or complex is matched only
-// if their sums and products agree. The cost is O(r^2) for r eigenvalues, and O(r^3) where their
+// if their sums and products agree. The cost is O(r^2) for r eigenvalues, and more where their
 // order changes much.
 #pragma once
 
@@ -46,10 +45,9 @@ struct Cluster {
 /// Two neighbouring samples, matched. Arrays have one entry for each root of the left sample.
 struct Step {
   SharedSample left, right;
-  Roots onto = {};                      // root of the right sample that continues it
-  std::vector<double> error = {};       // error of its curve
-  std::vector<double> real_error = {};  // error of its real part by the step before; else 0
-  Roots meets = {};                     // root that it meets on the real axis in the step, or -1
+  Roots onto = {};                 // root of the right sample that continues it
+  std::vector<double> error = {};  // error of its curve
+  Roots meets = {};                // root that it meets on the real axis in the step, or -1
   Values slopes = {};        // slopes at the left; estimated for roots that leave zero at rest
   bool unambiguous = false;  // whether no tracked root's match is ambiguous
 
@@ -74,17 +72,11 @@ struct Step {
 
 struct Tracking {
   std::function<SharedSample(double u)> take;
-  std::function<bool(const Step&)> sure;   // whether the step shows all that is asked for
-  std::function<bool(const Step&)> whole;  // whether the step must not be halved
+  std::function<bool(const Step&)> good;   // whether the step need not be halved
   std::function<bool(const Step&)> visit;  // takes each step in turn; false ends the tracking
   Cluster cluster;
   double longest;  // longest step in u
 };
-
-/// Column of each row so that the sum of the costs, (size, size) by rows, is least (the Hungarian
-/// method). Each row takes its cheapest column if that is free. The other rows are added one by
-/// one, along the shortest augmenting path by reduced costs, in O(size^2) each.
-Roots assignment(const std::vector<double>& cost, Index size);
 
 /// Takes steps from the first sample through increasing speeds, short enough to be unambiguous. The
 /// roots `tracked` of the first sample are tracked with certainty, the others are matched as well
