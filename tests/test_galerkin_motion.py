@@ -161,6 +161,15 @@ def test_motions_whose_tolerance_takes_fewer_nodes_miss_no_more_than_it(basis):
         assert np.abs(end(rtol) - exact).max() < 10.0 * rtol * np.abs(exact).max(), rtol
 
 
+def test_jacobians_do_not_read_what_another_state_left_in_memory():
+    model, y = pp.Galerkin(pp.Pipe(0.3, 5.0), 9), np.append(np.full(9, 0.01), np.zeros(9))
+    expected = model.jacobian(0.0, y, 3.0)
+    fast = pp.Galerkin(pp.Pipe(0.3, 5.0, drag=1.0), 3)
+    with pytest.raises(pp.NotResolved):
+        fast.jacobian(0.0, np.append(np.zeros(3), np.full(3, 1e300)), 3.0)
+    np.testing.assert_array_equal(model.jacobian(0.0, y, 3.0), expected)
+
+
 # ------------------------------------------------------------------------------------ free end
 
 

@@ -50,14 +50,10 @@ Trial trial(double kappa, double root, End end) {
 
 /// kappa of mode i, counted from 0: it lies between those of a hinged and of a clamped root.
 double wave_number(Index i, double root, End end) {
-  const auto quarters = [end](bool clamped) {  // quarters of pi in kappa of high modes
-    if (end == End::free) return clamped ? 2 : 1;
-    if (end == End::guided) return clamped ? 3 : 2;
-    if (end == End::pinned) return clamped ? 5 : 4;
-    return clamped ? 6 : 5;
-  };
+  constexpr int quarters[] = {1, 2, 4, 5};  // of pi, in kappa of high modes with a hinged root
   const auto about = [&](bool clamped) {
-    return (static_cast<double>(i) + 0.25 * quarters(clamped)) * std::numbers::pi;
+    const int part = quarters[static_cast<int>(end)] + (clamped ? 1 : 0);
+    return (static_cast<double>(i) + 0.25 * part) * std::numbers::pi;
   };
   constexpr double off = 0.35;  // the first kappa of a cantilever is 0.304 above its estimate
   double low = std::max(about(root == infinite_stiffness) - off, 0.2);

@@ -323,38 +323,18 @@ struct Block {
   template <class Left, class Right>
   void product_of(Count depth, const Left& left, const Right& right, double* to, Count stride,
                   Product kind) const {
-    constexpr Count columns = alone ? 1 : width == 8 ? 4 : 2;
-    for (Count i = 0; i < m; i += 4) {
-      if (i + 2 < m) {
-        product_rows<4, columns>(depth, i, left, right, to, stride, kind);
-      } else {
-        product_rows<2, alone ? 1 : 4>(depth, i, left, right, to, stride, kind);
-      }
-    }
-  }
-
-  /// Writes the rows from i on of the product in product_of.
-  template <Count rows, Count columns, class Left, class Right>
-  void product_rows(Count depth, Count i, const Left& left, const Right& right, double* to,
-                    Count stride, Product kind) const {
-    const Count end = kind == Product::lower_half ? i + rows : padded;
-    for (Count j = 0; j < end; j += columns * step) {
-      Pack sum[rows][columns] = {};
-#pragma GCC unroll 2
-      for (Count k = 0; k < depth; ++k) {
-        decltype(right(k, j)) others[columns];
-        for (Count c = 0; c < columns; ++c) others[c] = right(k, j + c * step);
-        for (Count r = 0; r < rows; ++r) {
-          const Real value = left(k, i + r);
-          for (Count c = 0; c < columns; ++c) sum[r][c] += value * others[c];
-        }
-      }
-      for (Count r = 0; r < rows; ++r) {
-        double* const entries = to + ((i + r) * stride + j) * lanes<Real>;
-        for (Count c = 0; c < columns; ++c) {
-          if (kind == Product::added) sum[r][c] += load<Pack>(entries + c * width);
-          store(entries + c * width, sum[r][c]);
-        }
+    constexpr int rows = 4, columns = alone ? 1 : width == 8 ? 4 : 2;
+    for (Count i = 0; i < m; i += rows) {
+      const Count end = kind == Product::lower_half ? i + rows : padded;
+      for (Count j = 0; j < end; j += columns * step) {
+        product_tile<rows, columns>(
+            depth, [&](Count k, int r) { return left(k, i + r); },
+            [&](Count k, int c) { return right(k, j + c * step); },
+            [&](int r, int c, Pack sum) {
+              double* const entry = to + ((i + r) * stride + j) * lanes<Real> + c * width;
+              if (kind == Product::added) sum += load<Pack>(entry);
+              store(entry, sum);
+            });
       }
     }
   }
@@ -366,7 +346,7 @@ struct Block {
       return moments + (k >> 1) * row + (k & 1) * each * lanes<Real>;
     };
     product_of(
-        2 * grid.heavy, [&](Count k, Count i) { return at<Real>(displacements(k), i); },
+        2 * points, [&](Count k, Count i) { return at<Real>(displacements(k), i); },
         [&](Count k, Count j) {
           return grid.mass[k >> 1] * load<Pack>(displacements(k) + j * lanes<Real>);
         },
@@ -546,9 +526,9 @@ struct Block {
   }
 
   /// Position of the free end, x then y, and its velocity.
-  void at_end(const double* state, Real (&found)[4]) {
-    angles(state);
-    for (Real& one : found) one = Real{};
+  void tips(const Batch& batch, double* out) {
+    Real found[4] = {};
+    angles(batch.y);
     for (Count p = 0; p < points; ++p) {
       const Real across = grid.weight[p] * at<Real>(sine, p);
       const Real down = grid.weight[p] * at<Real>(cosine, p), w = at<Real>(omega, p);
@@ -557,18 +537,13 @@ struct Block {
       found[2] += down * w;
       found[3] -= across * w;
     }
-  }
-
-  void tips(const Batch& batch, double* out) {
-    Real found[4];
-    at_end(batch.y, found);
     for (Count i = 0; i < 4; ++i) set(out, i, found[i]);
   }
 
   void energy(const Batch& batch, double* out) {
     const Count row = velocities(batch);
     Real twice{};
-    for (Count p = 0; p < grid.heavy; ++p) {
+    for (Count p = 0; p < points; ++p) {
       const Real x = at<Real>(moments + p * row, 0), y = at<Real>(moments + p * row, 1);
       twice += grid.mass[p] * (x * x + y * y);
     }
@@ -600,16 +575,10 @@ struct Block {
   }
 
   void power(const Batch& batch, double* out) {
-    const Count end = points - 1;
+    const Count end = points - 1, row = velocities(batch);
     const Real u = load<Real>(batch.u);
-    Count row = 0;
-    Real last[4], pushed{}, based{};
-    if (resists || batch.drive != nullptr) {
-      row = velocities(batch);
-      for (Count i = 0; i < 2; ++i) last[2 + i] = at<Real>(moments + end * row, i);
-    } else {
-      at_end(batch.y, last);
-    }
+    const Real x = at<Real>(moments + end * row, 0), y = at<Real>(moments + end * row, 1);
+    Real pushed{}, based{};
     if (batch.drive != nullptr) {
       const Real push = unsteady(batch);
       const Real ax = driven(batch, Drive::acceleration);
@@ -625,7 +594,6 @@ struct Block {
       }
       add_base(batch, row, 0, false);
     }
-    const Real x = last[2], y = last[3];
     const Real s = at<Real>(sine, end), c = at<Real>(cosine, end);
     const Real entry = effects.entry * u, own = (effects.entry - 0.5 * effects.coriolis) * u;
     const Real along = effects.thrust[0] * (u * u), across = effects.thrust[1] * (u * u);

@@ -11,17 +11,12 @@ namespace {
 
 using pipedyn::EliminationModel;
 using pipedyn::EliminationPanel;
+using pipedyn::end_shape, pipedyn::end_slope, pipedyn::moving;
 using pipedyn::PairsAsked;
 using pipedyn::PencilEntry;
 using pipedyn::Points;
 using pipedyn::widest;
 
-/// Displacement of the end of a panel for a unit amplitude of its second curvature, -sqrt(3) / 6.
-constexpr double bent = -0.28867513459481287;
-/// Displacement and slope of the end of a panel for unit amplitudes of its first four functions.
-constexpr double end_shape[4] = {1.0, 1.0, 0.5, bent}, end_slope[4] = {0.0, 1.0, 1.0, 0.0};
-/// Number of functions whose displacement or slope at the end of the panel is not 0.
-constexpr Count moving = 4;
 /// Number of unknowns that remain in the equations after the functions of a panel: w, theta, Q and
 /// M at its start.
 constexpr Count border = 4;
@@ -70,8 +65,10 @@ Number number(const auto& real) {
 inline Pack chosen(const Bits& mask, const Pack& a, const Pack& b) {
   return same_bits<Pack>((same_bits<Bits>(a) & mask) | (same_bits<Bits>(b) & ~mask));
 }
+inline Bits equal(const Pack& a, double b) { return a == b; }
 #else
 inline Pack chosen(const Bits& mask, const Pack& a, const Pack& b) { return mask ? a : b; }
+inline Bits equal(const Pack& a, double b) { return a == b ? -1 : 0; }
 #endif
 inline Lanes chosen(const Bits& mask, const Lanes& a, const Lanes& b) {
   return {chosen(mask, a.re, b.re), chosen(mask, a.im, b.im)};
@@ -87,14 +84,6 @@ inline bool any(const Bits& mask) {
   return found != 0;
 }
 
-inline Bits equal(const Pack& a, double b) {
-#if PIPEDYN_WIDTH > 1
-  return a == b;
-#else
-  return a == b ? -1 : 0;
-#endif
-}
-
 /// Returns a, or a small number whose square is representable, if a is 0.
 inline Lanes not_zero(Lanes a) {
   const Pack size = size_of(a);
@@ -102,11 +91,20 @@ inline Lanes not_zero(Lanes a) {
   return a;
 }
 
-/// The product of real pivots: its sign and the logarithm of its absolute value.
-struct Product {
+/// Sum over pivots for the derivative of the logarithm of the determinant, and, if wanted, their
+/// real product: its sign and the logarithm of its absolute value.
+struct PivotSums {
+  bool multiplied = false;  // whether the product is wanted
+  Lanes slope = {};
   Pack sign = all<Pack>(1.0), logarithm{};
 
+  void add(const DualLanes& pivot, const DualLanes& share) {
+    slope += pivot.slope * share.value;
+    multiply(pivot.value.re);
+  }
+  void add(const Lanes&, const Lanes&) {}
   void multiply(const Pack& pivot) {
+    if (!multiplied) return;
     double logarithms[width];
     store(logarithms, absolute(pivot));
     for (double& one : logarithms) one = std::log(one);
@@ -114,22 +112,6 @@ struct Product {
     sign = pivot > 0.0 ? sign : pivot < 0.0 ? -sign : Pack{};
   }
   void turn(const Bits& swapped) { sign = chosen(swapped, -sign, sign); }
-};
-
-/// Sum over pivots for the derivative of the logarithm of the determinant, and, if wanted, their
-/// product.
-struct PivotSums {
-  Lanes slope;
-  Product* product = nullptr;
-
-  void add(const DualLanes& pivot, const DualLanes& share) {
-    slope += pivot.slope * share.value;
-    if (product != nullptr) product->multiply(pivot.value.re);
-  }
-  void add(const Lanes&, const Lanes&) {}
-  void turn(const Bits& swapped) {
-    if (product != nullptr) product->turn(swapped);
-  }
 };
 
 /// x - a b, with each part written as a chain of fused operations.
@@ -219,16 +201,6 @@ struct Front {
   static Count kept(Count band) { return 2 * band + 3 + others; }
 };
 
-/// Loads on the equations, irregular so that they excite every motion.
-struct LoadSequence {
-  double weight = 0.5;
-
-  double next() {
-    weight += weight < 1.0 ? 0.382 : -0.618;
-    return weight;
-  }
-};
-
 /// Entries of P or of P^T for functions i and j of a panel, and of what acts at its end.
 inline const PencilEntry& inside(const EliminationModel& model, const EliminationPanel& panel,
                                  Count i, Count j) {
@@ -238,6 +210,17 @@ inline const PencilEntry& inside(const EliminationModel& model, const Eliminatio
 inline const PencilEntry& at_end(const EliminationModel& model, const EliminationPanel& panel,
                                  Count i, Count j) {
   return model.transposed ? panel.station[j][i] : panel.station[i][j];
+}
+
+/// Number of functions of all panels, and two for each.
+inline Count rows_of(const EliminationModel& model) {
+  const EliminationPanel& last = model.panels[model.count - 1];
+  return last.first + last.size + 2;
+}
+
+/// Where the pivots of a panel are stored.
+inline Lanes* kept_of(const EliminationModel& model, Count p, Lanes* kept) {
+  return kept + model.panels[p].first * Front::kept(model.band);
 }
 
 /// The elimination for one lambda in each lane.
@@ -251,17 +234,17 @@ struct Elimination {
   Number* table;  // scratch
   PivotSums found = {};
   Number carried[2][border + loads] = {};  // equations at a joint, in units of the panel before it
-  LoadSequence load = {};
+  double load = 0.5;  // load on the latest equation; irregular, so that it excites every motion
   // Rows in which the pivot is eliminated: each points to where its first unknown would stand.
   Number* rows[Front::most_rows(widest)] = {};
   Number charges[Front::most_rows(widest)] = {};  // loads of these rows
   Count live = 0, slot = 0;                       // their number; place of the next row
 
-  /// Eliminates all panels. kept: where the pivots of each panel are stored, for vectors.
-  void run(Lanes* const* kept) {
+  /// Eliminates all panels. kept: where the pivots are stored, for vectors.
+  void run(Lanes* kept) {
     // Beyond a free end nothing resists, Q = M = 0.
     carried[0][2] = carried[1][3] = number<Number>(1.0);
-    for (Count p = model.count - 1; p >= 0; --p) pass(p, loads > 0 ? kept[p] : nullptr);
+    for (Count p = model.count - 1; p >= 0; --p) pass(p, kept_of(model, p, kept));
   }
 
   /// Scales a carried equation so that its largest entry is 1.
@@ -273,7 +256,7 @@ struct Elimination {
     }
     largest = largest > 0.0 ? largest : all<Pack>(1.0);
     for (Number& one : row) one = one * number<Number>(1.0 / largest);
-    if (found.product != nullptr) found.product->multiply(largest);
+    found.multiply(largest);
   }
 
   /// Converts the carried equations to the units of the panel that ends at the joint, across what
@@ -354,7 +337,8 @@ struct Elimination {
         Number& turned = row[front.theta];
         turned = turned + number<Number>(model.root * panel.length);
       }
-      if constexpr (loads > 0) charge = number<Number>(load.next());
+      load += load < 1.0 ? 0.382 : -0.618;
+      if constexpr (loads > 0) charge = number<Number>(load);
     }
   }
 
@@ -434,29 +418,32 @@ void log_derivative(const EliminationModel& model, const Points& points, double*
   DualLanes* const table =
       laid_out([&](Layout& layout) { return take_table<DualLanes>(layout, model); });
   for (Count first = 0; first < points.count; first += width) {
-    Product product;
     Elimination<DualLanes> elimination{model, EntryPowers(taken(points, first)), table};
-    if (signs != nullptr) elimination.found.product = &product;
+    const PivotSums& found = elimination.found;
+    elimination.found.multiplied = signs != nullptr;
     elimination.run(nullptr);
     const Lanes others = poles(points, elimination.lambda.one);
-    put(out, points, first, elimination.found.slope - others);
+    put(out, points, first, found.slope - others);
     if (signs == nullptr) continue;
-    put(signs, points, first, product.sign);
-    put(signs + points.count, points, first, product.logarithm);
+    put(signs, points, first, found.sign);
+    put(signs + points.count, points, first, found.logarithm);
   }
 }
 
-/// Motion of a panel for each lambda: amplitudes of its functions, and force and moment at its end
-/// and at its start.
-struct PanelMotion {
-  Lanes* amplitudes;  // (size,); the first two are w and theta at its start
-  Lanes end_loads[2], start_loads[2];
+/// Forces and moments on a panel for each lambda, at its end and at its start.
+struct PanelLoads {
+  Lanes end[2], start[2];
 };
 
-struct VectorScratch {
-  Lanes *table, *columns;  // columns: for the unknowns of a panel
-  Lanes** kept;            // rows of the pivots of each panel
-  PanelMotion *right, *left;
+/// Motion of all panels: amplitudes of the functions of each, from its `first` on, of which the
+/// first two are w and theta at its start.
+struct PanelMotions {
+  Lanes* amplitudes;
+  PanelLoads* loads;  // (count,)
+
+  PanelMotions(Layout& layout, const EliminationModel& model)
+      : amplitudes(layout.take<Lanes>(rows_of(model))),
+        loads(layout.take<PanelLoads>(model.count)) {}
 };
 
 /// Displacement and slope of the end of a panel.
@@ -471,40 +458,43 @@ inline void set_end(const EliminationPanel& panel, const Lanes* amplitudes, Lane
 }
 
 /// Computes the null vector of P, or of P^T if the model is transposed, as motions of the panels.
-void null_vector(const EliminationModel& model, const EntryPowers& lambda,
-                 const VectorScratch& scratch, PanelMotion* motions) {
-  Elimination<Lanes>{model, lambda, scratch.table}.run(scratch.kept);
+/// table, columns and kept are scratch: for rows, for the unknowns of a panel and for pivots.
+void null_vector(const EliminationModel& model, const EntryPowers& lambda, Lanes* table,
+                 Lanes* columns, Lanes* kept, const PanelMotions& motions) {
+  Elimination<Lanes>{model, lambda, table}.run(kept);
   const Count band = model.band;
   // Loads are scaled so that all numbers are finite: the last pivot is nearly 0.
-  const Lanes* const deciding = scratch.kept[0] + (Front(model, 0).pivots - 1) * Front::kept(band);
+  const Lanes* const deciding = kept + (Front(model, 0).pivots - 1) * Front::kept(band);
   const Lanes size{1.0 / (1.0 + size_of(deciding[0] * inverse(not_zero(deciding[1])))), Pack{}};
   Lanes start[border] = {};  // w, theta, Q and M at the panel's start
-  Lanes* const x = scratch.columns;
+  Lanes* const x = columns;
   for (Count p = 0; p < model.count; ++p) {
     const EliminationPanel& panel = model.panels[p];
     const Front front(model, p);
-    PanelMotion& motion = motions[p];
+    const Lanes* const pivots = kept_of(model, p, kept);
+    Lanes* const amplitudes = motions.amplitudes + panel.first;
+    PanelLoads& found = motions.loads[p];
     for (Count k = 0; k < border; ++k) x[front.pivots + k] = start[k];
     for (Count own = front.pivots - 1; own >= 0; --own) {
-      const Lanes* const row = scratch.kept[p] + own * Front::kept(band);
+      const Lanes* const row = pivots + own * Front::kept(band);
       Lanes sum = row[0] * size;
       for (Count c = own + 1; c <= front.last(own, 2 * band); ++c) {
         sum = less_product(sum, row[1 + c - own], x[c]);
       }
       x[own] = sum * inverse(not_zero(row[1]));
     }
-    for (Count k = 0; k < panel.size; ++k) motion.amplitudes[k] = x[front.unknown(k)];
+    for (Count k = 0; k < panel.size; ++k) amplitudes[k] = x[front.unknown(k)];
     for (Count k = 0; k < 2; ++k) {
-      motion.start_loads[k] = start[2 + k];
-      motion.end_loads[k] = front.joined ? x[front.force + k] : Lanes{};
+      found.start[k] = start[2 + k];
+      found.end[k] = front.joined ? x[front.force + k] : Lanes{};
     }
-    if (p == 0) motion.start_loads[1] = (-model.root * panel.length) * motion.amplitudes[1];
+    if (p == 0) found.start[1] = (-model.root * panel.length) * amplitudes[1];
     if (p + 1 == model.count) break;
     const double ratio = panel.length / model.panels[p + 1].length;
-    Lanes end[2], loads[2] = {motion.end_loads[0], motion.end_loads[1]};
-    set_end(panel, motion.amplitudes, end);
+    Lanes end[2], loads[2] = {found.end[0], found.end[1]};
+    set_end(panel, amplitudes, end);
     if (panel.held) {  // at a support the force of the panel includes its reaction
-      const Lanes* const row = scratch.kept[p] + front.pivots * Front::kept(band);
+      const Lanes* const row = pivots + front.pivots * Front::kept(band);
       const Lanes sum = row[1] * end[1] + row[3] * loads[1];
       loads[0] = (row[4] * size - sum) * inverse(not_zero(row[2]));
     }
@@ -554,43 +544,24 @@ struct PairSums {
 
 void pairs(const EliminationModel& model, const Points& points, const PairsAsked& out) {
   const Count band = model.band, wide = 2 * band + 1;
-  Count numbers = 0, largest = 0;
-  for (Count p = 0; p < model.count; ++p) {
-    const Count size = model.panels[p].size;
-    numbers += size;
-    largest = size > largest ? size : largest;
-  }
-  struct Storage {
-    VectorScratch of;
-    Lanes *pivots, *right, *left;
+  struct Scratch {
+    Lanes *table, *columns, *kept;
+    PanelMotions right, left;
   };
-  const Storage scratch = laid_out([&](Layout& layout) {
-    Storage made{};
-    made.of.table = take_table<Lanes>(layout, model);
-    made.of.columns = layout.take<Lanes>(largest + Front::others);
-    made.of.kept = layout.take<Lanes*>(model.count);
-    made.of.right = layout.take<PanelMotion>(model.count);
-    made.of.left = layout.take<PanelMotion>(model.count);
-    made.pivots = layout.take<Lanes>((numbers + 2 * model.count) * Front::kept(band));
-    made.right = layout.take<Lanes>(numbers);
-    made.left = layout.take<Lanes>(numbers);
-    return made;
+  const Scratch scratch = laid_out([&](Layout& layout) {
+    return Scratch{take_table<Lanes>(layout, model),
+                   layout.take<Lanes>(rows_of(model) + Front::others),
+                   layout.take<Lanes>(rows_of(model) * Front::kept(band)),
+                   {layout, model},
+                   {layout, model}};
   });
+  const auto& [table, columns, kept, rights, lefts] = scratch;
   EliminationModel transposed = model;
   transposed.transposed = true;
-  Lanes *stored = scratch.pivots, *x = scratch.right, *y = scratch.left;
-  for (Count p = 0; p < model.count; ++p) {
-    scratch.of.kept[p] = stored;
-    scratch.of.right[p] = {x, {}, {}};
-    scratch.of.left[p] = {y, {}, {}};
-    stored += (model.panels[p].size + 2) * Front::kept(band);
-    x += model.panels[p].size;
-    y += model.panels[p].size;
-  }
   for (Count first = 0; first < points.count; first += width) {
     const EntryPowers lambda(taken(points, first));
-    null_vector(model, lambda, scratch.of, scratch.of.right);
-    null_vector(transposed, lambda, scratch.of, scratch.of.left);
+    null_vector(model, lambda, table, columns, kept, rights);
+    null_vector(transposed, lambda, table, columns, kept, lefts);
     PairSums sum;
     Count coordinate = 0;
     const auto coordinates = [&](const Lanes& right, const Lanes& left, double scale) {
@@ -601,44 +572,45 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
       ++coordinate;
     };
     if (model.turns) {
-      coordinates(scratch.of.right[0].amplitudes[1], scratch.of.left[0].amplitudes[1], 1.0);
+      coordinates(rights.amplitudes[1], lefts.amplitudes[1], 1.0);
     }
     for (Count p = 0; p < model.count; ++p) {
       const EliminationPanel& panel = model.panels[p];
-      const PanelMotion &right = scratch.of.right[p], &left = scratch.of.left[p];
+      const PanelLoads &load = rights.loads[p], &other = lefts.loads[p];
+      const Lanes* const right = rights.amplitudes + panel.first;
+      const Lanes* const left = lefts.amplitudes + panel.first;
       const Count size = panel.size;
       const double weight = 1.0 / panel.length, scale = 1.0 / std::sqrt(panel.length);
-      for (Count k = 2; k < size; ++k) coordinates(right.amplitudes[k], left.amplitudes[k], scale);
+      for (Count k = 2; k < size; ++k) coordinates(right[k], left[k], scale);
       for (Count i = 0; i < size; ++i) {
         const PencilEntry* const entries = panel.entries + i * wide + band - i;
         const Count low = i > band ? i - band : 0, high = i + band < size ? i + band : size - 1;
-        const Lanes &x = right.amplitudes[i], &y = left.amplitudes[i];
+        const Lanes &x = right[i], &y = left[i];
         RowProducts row;
-        for (Count j = low; j <= high; ++j) row.add(entries[j], lambda, right.amplitudes[j]);
+        for (Count j = low; j <= high; ++j) row.add(entries[j], lambda, right[j]);
         for (Count k = 0; i < moving && k < 2; ++k) {
           const double moved = k == 0 ? end_shape[i] : end_slope[i];
-          const Lanes &load = right.end_loads[k], &other = left.end_loads[k];
-          row.rest += moved * load;
-          row.entries += std::fabs(moved) * size_of(load);
+          row.rest += moved * load.end[k];
+          row.entries += std::fabs(moved) * size_of(load.end[k]);
           sum.sums += (weight * std::fabs(moved)) *
-                      (size_of(other) * size_of(x) + size_of(load) * size_of(y));
+                      (size_of(other.end[k]) * size_of(x) + size_of(load.end[k]) * size_of(y));
         }
         // The equations of the first two functions give the force and moment by which the panel
         // resists at its start, or those of the root.
-        if (i < 2) row.rest = row.rest - right.start_loads[i];
-        if (i < 2 && p == 0) row.entries += size_of(right.start_loads[i]);
+        if (i < 2) row.rest = row.rest - load.start[i];
+        if (i < 2 && p == 0) row.entries += size_of(load.start[i]);
         sum.add(row, weight, y, x);
         sum.add_rest(row.rest, weight, y);
       }
       Lanes end[2], dual[2];
-      set_end(panel, right.amplitudes, end);
-      set_end(panel, left.amplitudes, dual);
+      set_end(panel, right, end);
+      set_end(panel, left, dual);
       for (Count i = 0; i < 2; ++i) {
         RowProducts row;
         for (Count c = 0; c < 2; ++c) row.add(panel.station[i][c], lambda, end[c]);
         sum.add(row, weight, dual[i], end[i]);
         // At the end of the pipe only what acts there, or what holds it, resists.
-        if (p + 1 == model.count) sum.add_rest(row.rest - right.end_loads[i], weight, dual[i]);
+        if (p + 1 == model.count) sum.add_rest(row.rest - load.end[i], weight, dual[i]);
       }
     }
     put(out.value, points, first, sum.value);

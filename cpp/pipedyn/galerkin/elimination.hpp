@@ -37,6 +37,12 @@ namespace pipedyn {
 /// Half-bandwidth up to which the elimination is worth its cost; that of a plain pipe is 4.
 inline constexpr std::ptrdiff_t widest = 24;
 
+/// Displacement and slope of the end of a panel for unit amplitudes of its first functions; the
+/// others do not move it. The fourth of the displacements is -sqrt(3) / 6.
+inline constexpr std::ptrdiff_t moving = 4;
+inline constexpr double end_shape[moving] = {1.0, 1.0, 0.5, -0.28867513459481287};
+inline constexpr double end_slope[moving] = {0.0, 1.0, 1.0, 0.0};
+
 /// An entry of P at a speed: the coefficients of lambda^0 (`stiffness`, with the imaginary part
 /// `hysteretic`), of lambda (`damping`) and of lambda^2 (`mass`), and derivatives by the speed.
 struct PencilEntry {
@@ -47,6 +53,7 @@ struct PencilEntry {
 struct EliminationPanel {
   double length;
   std::ptrdiff_t size;         // number of functions, with the first two
+  std::ptrdiff_t first;        // number of functions of the panels before it, and two for each
   const PencilEntry* entries;  // (size, 2 band + 1), for functions i and i - band .. i + band
   PencilEntry station[2][2];   // entries of what acts at its end on w and theta
   bool held, directed;         // whether w = 0 there; whether theta = 0

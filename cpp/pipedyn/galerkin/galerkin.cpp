@@ -56,10 +56,9 @@ void evaluate(const GalerkinKernel::Function function, const Grids& grids, const
   grid_of.resize(static_cast<std::size_t>(members));
   chosen.resize(static_cast<std::size_t>(members));
   std::iota(chosen.begin(), chosen.end(), Index{0});
-  Index needed = 0;  // grid of the last member, which mostly suits the next
   for (Index k = 0; k < members; ++k) {
     const double error = batch.errors == nullptr ? 0.0 : batch.errors[k];
-    needed = grids.choose(batch.y + k, members, needed, error);
+    const Index needed = grids.choose(batch.y + k, members, error);
     grid_of[static_cast<std::size_t>(k)] = std::min(needed + finer, grids.count() - 1);
   }
   const auto number = [](Index k) { return grid_of[static_cast<std::size_t>(k)]; };
@@ -146,20 +145,18 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
   const MotionEffects flow{.coriolis = 2.0 * sqrt_beta,
                            .thrust = {std::cos(pipe.jet_angle), std::sin(pipe.jet_angle)}};
   const double faster[Drive::rows] = {1.0};
-  GridTables in_basis = grid.tables;  // basis functions in place of orthonormal ones
-  in_basis.orthonormal = in_basis.slope;
-  const Matrix same = Matrix::Identity(m + 1, grid.slope.cols());
-  in_basis.from_basis = same.data();
-  const Matrix none = Matrix::Zero(m, m);
-  GridTables unbending = in_basis;  // forces of bending are added below
-  unbending.elastic_forces = unbending.damped_forces = none.data();
+  GridTables tables = grid.tables;  // basis functions in place of orthonormal ones
+  tables.orthonormal = tables.slope;
+  const Matrix same = Matrix::Identity(m + 1, grid.slope.cols()), none = Matrix::Zero(m, m);
+  tables.from_basis = same.data();
+  tables.elastic_forces = tables.damped_forces = none.data();  // forces of bending are added below
   Matrix straight;
   if (q.isZero(0.0)) straight = basis.evaluate(grid.places, 0);
   Matrix found(3 * m + 3, m);
   const auto about = [&](const MotionEffects& what, double u = 1.0, const double* drive = nullptr) {
     const double* const displacements = straight.size() > 0 ? straight.data() : nullptr;
     const Batch one{.y = y.data(), .u = &u, .members = 1, .u_step = 0, .drive = drive};
-    kernel().operators(unbending, what, one, displacements, found.data());
+    kernel().operators(tables, what, one, displacements, found.data());
     return Eigen::Map<const Matrix>(found.data() + m * m, m, 2 * m);
   };
   Operators ops(m);
@@ -179,11 +176,8 @@ Operators operators_at(const Grid& grid, const Basis& basis, const MotionEffects
   const Matrix coriolis = -by_state.rightCols(m);
   ops.gyroscopic = 0.5 * (coriolis - coriolis.transpose());
   const auto end = found.middleRows(3 * m, 2);
-  for (Index i = 0; i < m; ++i) {
-    for (Index j = 0; j < m; ++j) {
-      ops.end_flux(i, j) = share * (end(0, i) * end(0, j) + end(1, i) * end(1, j));
-    }
-  }
+  ops.end_flux = end.transpose() * end;
+  ops.end_flux *= share;
   if (effects.held_count > 0 && !q.isZero(0.0)) {
     add_supports(grid, effects, q, still, found.row(3 * m + 2), push, ops);
   }
@@ -215,8 +209,8 @@ Operators Galerkin::operators(const Vector& q) const {
   }
   const Index nodes = basis_.nodes_of_products() + (pipe_.mass.degree(0.0) + 1) / 2;
   const Panels panels(basis_, pipe_);
-  const Orthonormal same(dof());
-  const Grid grid(basis_, same, panels, whole(nodes + 1, GridTables::multiple) - 1);
+  const Grid grid(basis_, Matrix::Identity(dof(), dof()), panels,
+                  whole(nodes + 1, GridTables::multiple) - 1);
   return operators_at(grid, basis_, effects_of(pipe_, panels), pipe_, Vector::Zero(dof()));
 }
 
@@ -226,17 +220,14 @@ Index Galerkin::nodes(const Vector& q) const {
 }
 
 std::string Galerkin::unresolved(const double* q, Index stride) const {
-  Vector shape(dof());
-  for (Index i = 0; i < shape.size(); ++i) shape[i] = q[i * stride];
+  Vector shape =
+      Eigen::Map<const Vector, 0, Eigen::InnerStride<>>(q, dof(), Eigen::InnerStride<>(stride));
   const double size = shape.cwiseAbs().maxCoeff();
   if (size > 0.0) shape /= size;
   const double most = grids().resolved(shape.data());
   if (size <= most) return "";
-  double largest = 0.0;
   const Matrix slopes = basis_.evaluate(Vector::LinSpaced(401, 0.0, 1.0), 1);
-  for (Index p = 0; p < slopes.rows(); ++p) {
-    largest = std::max(largest, std::abs(slopes.row(p).dot(shape)));
-  }
+  const double largest = (slopes * shape).cwiseAbs().maxCoeff();
   char text[200];
   std::snprintf(text, sizeof text,
                 "it bends the pipe by %.3g rad, and %td quadrature nodes on a panel, the most that "
@@ -257,9 +248,7 @@ void Galerkin::rhs_and_power(const Batch& batch, double* rates) const {
   const Index members = batch.members;
   Matrix parts(5, members);
   power(batch, parts.data());
-  Eigen::Map<Vector> sum(rates + 2 * dof() * members, members);
-  sum = parts.row(0);
-  for (Index i = 1; i < parts.rows(); ++i) sum += parts.row(i);
+  Eigen::Map<Eigen::RowVectorXd>(rates + 2 * dof() * members, members) = parts.colwise().sum();
 }
 
 void Galerkin::energy(const Batch& batch, double* out) const {

@@ -38,45 +38,31 @@ Index whole_points(Index count) { return whole(count, GridTables::multiple); }
 /// coefficients of the size of rounding errors are set to 0.
 Matrix slope_series(const Basis& basis, double low, double high) {
   const Index count = 2 * basis.most_on_a_panel() + 60;
-  const double step = std::numbers::pi / static_cast<double>(count);
-  Vector s(count);
-  Matrix transform(count, count), coefficient = Matrix::Zero(count, basis.size());
-  for (Index p = 0; p < count; ++p) {
-    const double angle = (static_cast<double>(p) + 0.5) * step;
-    s[p] = low + (high - low) * (0.5 * (1.0 + std::cos(angle)));
-    for (Index k = 0; k < count; ++k) {
-      const double factor = (k == 0 ? 1.0 : 2.0) / static_cast<double>(count);
-      transform(p, k) = factor * std::cos(static_cast<double>(k) * angle);
-    }
+  const double size = static_cast<double>(count);
+  const Vector order = Vector::LinSpaced(count, 0.0, size - 1.0);
+  const Vector angle = (order.array() + 0.5) * (std::numbers::pi / size);
+  Matrix transform = 2.0 / size * (angle * order.transpose()).array().cos();
+  transform.col(0) *= 0.5;
+  const Vector s = low + (high - low) * (0.5 * (1.0 + angle.array().cos()));
+  Matrix found = Matrix::Zero(count, basis.size());
+  add_inner(found, 1.0, transform, basis.evaluate(s, 1));
+  found = found.cwiseAbs();
+  for (Index i = 0; i < found.cols(); ++i) {
+    const double least = 1e-13 * found.col(i).maxCoeff();
+    found.col(i) = (found.col(i).array() < least).select(0.0, found.col(i));
   }
-  add_inner(coefficient, 1.0, transform, basis.evaluate(s, 1));
-  for (Index i = 0; i < basis.size(); ++i) {
-    double largest = 0.0;
-    for (Index k = 0; k < count; ++k) largest = std::max(largest, std::abs(coefficient(k, i)));
-    for (Index k = 0; k < count; ++k) {
-      const double size = std::abs(coefficient(k, i));
-      coefficient(k, i) = size < 1e-13 * largest ? 0.0 : size;
-    }
-  }
-  return coefficient;
+  return found;
 }
 
-/// Bounds of slopes with given Chebyshev series on the Bernstein ellipse about an interval, with
-/// the semi-axes cosh(eta) and sinh(eta).
-struct Ellipse {
-  double eta, log_growth;  // log_growth: largest growth of a slope up to the ellipse
-  Vector sums;             // 2 sum_k sinh(k eta) c_ik, (m,)
-};
-
-std::vector<Ellipse> ellipses_of(const Matrix& series) {
-  const auto sum = [&series](double (*factor)(double), double eta) {  // over factor(k eta) c_ik
-    Vector sums = Vector::Zero(series.cols());
-    for (Index k = 0; k < series.rows(); ++k) {
-      const double of_order = factor(static_cast<double>(k) * eta);
-      for (Index i = 0; i < sums.size(); ++i) sums[i] += of_order * series(k, i);
-    }
-    return sums;
+/// Ellipses about a panel on which slopes have these Chebyshev series. drag: whether integrals end
+/// at inner points.
+std::vector<Ellipse> ellipses_of(const Matrix& series, bool drag) {
+  const Vector order =
+      Vector::LinSpaced(series.rows(), 0.0, static_cast<double>(series.rows() - 1));
+  const auto sum = [&](double (*factor)(double), double eta) -> Vector {  // over factor(k eta) c_ik
+    return series.transpose() * (eta * order).unaryExpr(factor);
   };
+  const Demand& demand = demanded(drag);
   const Vector total = sum(std::cosh, 0.0);
   std::vector<Ellipse> ellipses;
   for (double eta = std::min(0.05, 2.0 / static_cast<double>(series.cols())); eta < 3.0;
@@ -86,30 +72,19 @@ std::vector<Ellipse> ellipses_of(const Matrix& series) {
     for (Index i = 0; i < total.size(); ++i) {
       if (total[i] > 0.0) growth = std::max(growth, grown[i] / total[i]);
     }
-    ellipses.push_back({eta, std::log(growth), 2.0 * sum(std::sinh, eta)});
+    ellipses.push_back(
+        {eta, demand.log_tolerance + demand.growths * std::log(growth), 2.0 * sum(std::sinh, eta)});
   }
   return ellipses;
 }
 
-/// The tests that amplitudes must pass, one of them, for this number of nodes on a panel. drag:
-/// whether integrals end at inner points.
-std::vector<NodeTest> node_tests(const std::vector<Ellipse>& ellipses, Index nodes, bool drag) {
-  const Demand& demand = demanded(drag);
-  std::vector<NodeTest> tests;
-  for (const Ellipse& one : ellipses) {
-    const double budget = 2.0 * static_cast<double>(nodes) * one.eta - demand.log_tolerance -
-                          demand.growths * one.log_growth;
-    if (budget + demand.most_more > 0.0) tests.push_back({budget, one.sums});
-  }
-  return tests;
-}
-
-}  // namespace
-
-Orthonormal::Orthonormal(const Basis& basis) {
+/// The matrix from amplitudes in the basis to coordinates in which the mass matrix of the straight
+/// uniform pipe is the identity, upper triangular. In these a mass matrix is solved without losing
+/// the digits that its condition number in the basis (1e6 for 8 Legendre functions) would cost.
+/// Throws std::invalid_argument if the functions of the basis are linearly dependent to rounding.
+Matrix to_orthonormal(const Basis& basis) {
   const Index m = basis.size();
-  to_basis = inverse = Matrix::Identity(m, m);
-  if (basis.orthonormal()) return;
+  if (basis.orthonormal()) return Matrix::Identity(m, m);
   Matrix mass = Matrix::Zero(m, m);
   const Quadrature rule(basis.nodes_of_products());
   for (Index panel = 0; panel + 1 < basis.ends().size(); ++panel) {
@@ -118,15 +93,14 @@ Orthonormal::Orthonormal(const Basis& basis) {
     mass += inner(value, length * rule.weight, value);
   }
   const Eigen::LLT<Matrix> factors(mass);
-  inverse = factors.matrixU();
-  factors.matrixU().solveInPlace(to_basis);
   if (factors.info() != Eigen::Success) {
     throw std::invalid_argument("m must be smaller for a motion: the mass matrix of " +
                                 std::to_string(m) + " functions is singular to rounding");
   }
+  return factors.matrixU();
 }
 
-Orthonormal::Orthonormal(Index m) : to_basis(Matrix::Identity(m, m)), inverse(to_basis) {}
+}  // namespace
 
 Panels::Panels(const Basis& basis, const Pipe& pipe)
     : pipe_mass(pipe.mass), rotary_inertia(pipe.rotary_inertia) {
@@ -189,180 +163,154 @@ Panels::Panels(const Basis& basis, const Pipe& pipe)
   elastic = damped + root;
 }
 
-Grid::Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& panels, Index nodes)
-    : rule_(nodes), length_(panels.count()), arc_(nodes + 1) {
-  const Index m = basis.size(), block = nodes + 1, half = block / 2, middle = half - 1;
-  const Index points = panels.count() * block;
+Grid::Grid(const Basis& basis, const Matrix& from_basis, const Panels& panels, Index nodes) {
+  const Index m = basis.size(), padded = whole(m, GridTables::multiple), count = panels.count();
+  const Index block = nodes + 1, half = block / 2, middle = half - 1, points = count * block;
   const Index stride = whole(points, GridTables::widest);
-  places.resize(points);
-  weight_ = mass = beyond_ = density_ = Vector::Zero(points);
-  for (Index panel = 0; panel < panels.count(); ++panel) {
-    const Index first = panel * block, end = first + nodes;
-    length_[panel] = panels.ends[panel + 1] - panels.ends[panel];
-    for (Index k = 0; k < nodes; ++k) {
-      const Index p = first + k;
-      places[p] = panels.ends[panel] + length_[panel] * rule_.node[k];
-      weight_[p] = length_[panel] * rule_.weight[k];
-    }
-    places[end] = panels.ends[panel + 1];
-  }
-  set_masses(panels);
-  slope = Matrix::Zero(points + 1, whole(m, GridTables::multiple));
-  slope.topLeftCorner(points, m) = basis.evaluate(places, 1);
-  slope_by_function_ = Matrix::Zero(m, stride);
-  slope_by_function_.leftCols(points) = slope.topLeftCorner(points, m).transpose();
-  orthonormal_ = slope;
-  orthonormal_.setZero();
-  add_inner(orthonormal_.topLeftCorner(points, m), 1.0, slope_by_function_.leftCols(points),
-            orthonormal.to_basis);
-  from_basis_ = Matrix::Zero(m + 1, slope.cols());
-  from_basis_.topLeftCorner(m, m) = orthonormal.inverse;
-  // The integral up to the mirror image of a node is the whole integral minus the part beyond it.
-  const Matrix integral = rule_.integral_to(rule_.node.head(half));
-  from_sums_ = from_differences_ = Matrix::Zero(half, half);
-  for (Index p = 0; p < half; ++p) {
-    for (Index k = 0; k < half; ++k) {
-      const double here = integral(p, k), mirrored = integral(p, nodes - 1 - k);
-      const double odd = p < middle ? here + mirrored - rule_.weight[k] : rule_.weight[k];
-      from_sums_(p, k) = (k < middle ? 0.5 : 0.25) * odd;  // the middle is its own mirror image
-      from_differences_(p, k) = 0.5 * (here - mirrored);
-    }
-  }
-  recurrence_.resize(nodes, 3);
-  for (Index k = 0; k < nodes; ++k) {
-    const double order = static_cast<double>(k), twice = 2.0 * order + 1.0;
-    recurrence_.row(k) << twice / (order + 1.0), order / (order + 1.0), 0.5 / twice;
-    arc_[k] = rule_.node[k];
-  }
-  arc_[nodes] = 1.0;
-  elastic_forces_ = panels.elastic * orthonormal.to_basis;
-  damped_forces_ = panels.damped * orthonormal.to_basis;
-  tables = {.functions = m,
-            .padded = orthonormal_.cols(),
-            .panels = panels.count(),
-            .nodes = nodes,
-            .points = points,
-            .stride = stride,
-            .heavy = mass[points - 1] != 0.0 ? points : points - 1,
-            .slope_by_function = slope_by_function_.data(),
-            .slope = slope.data(),
-            .orthonormal = orthonormal_.data(),
-            .to_basis = orthonormal.to_basis.data(),
-            .from_basis = from_basis_.data(),
-            .from_sums = from_sums_.data(),
-            .from_differences = from_differences_.data(),
-            .length = length_.data(),
-            .weight = weight_.data(),
-            .mass = mass.data(),
-            .turning = static_cast<Index>(inertia_.size()),
-            .turning_at = turning_at_.data(),
-            .inertia = inertia_.data(),
-            .density = density_.data(),
-            .beyond = beyond_.data(),
-            .arc = arc_.data(),
-            .expansion = rule_.expansion.data(),
-            .recurrence = recurrence_.data(),
-            .elastic = panels.elastic.data(),
-            .damped = panels.damped.data(),
-            .elastic_forces = elastic_forces_.data(),
-            .damped_forces = damped_forces_.data()};
-}
-
-void Grid::set_masses(const Panels& panels) {
-  const Index nodes = rule_.size(), block = nodes + 1;
+  const Quadrature rule(nodes);
   // The mass beyond a node is integrated by the same quadrature as the forces.
-  const Matrix before = legendre_integrals(legendre_values(rule_.node, nodes + 1), rule_.node);
-  double beyond = 0.0;
-  for (Index panel = panels.count() - 1; panel >= 0; --panel) {
+  const Matrix before = legendre_integrals(legendre_values(rule.node, nodes + 1), rule.node);
+  const Vector length = panels.ends.tail(count) - panels.ends.head(count);
+  Vector weight = Vector::Zero(points), mass(points), beyond(points), density(nodes), arc(block);
+  arc << rule.node, 1.0;
+  places.resize(points);
+  double carried = 0.0;  // mass beyond the panel
+  for (Index panel = count - 1; panel >= 0; --panel) {
     const Index first = panel * block, end = first + nodes;
     for (Index p = first; p < end; ++p) {
-      density_[p] = panels.pipe_mass(places[p]) + panels.mass_per_length;
-      mass[p] = density_[p] * weight_[p];
+      places[p] = panels.ends[panel] + length[panel] * rule.node[p - first];
+      weight[p] = length[panel] * rule.weight[p - first];
+      density[p - first] = panels.pipe_mass(places[p]) + panels.mass_per_length;
+      mass[p] = density[p - first] * weight[p];
     }
-    density_[end] = 1.0;
+    places[end] = panels.ends[panel + 1];
     mass[end] = panels.mass[panel];
     for (Index p = first; p <= end; ++p) {
-      const double inertia = p < end ? panels.rotary_inertia * weight_[p] : panels.inertia[panel];
+      const double inertia = p < end ? panels.rotary_inertia * weight[p] : panels.inertia[panel];
       if (inertia == 0.0) continue;
       turning_at_.push_back(p);
       inertia_.push_back(inertia);
     }
-    beyond_[end] = beyond;
-    beyond += mass[end] + mass.segment(first, nodes).sum();
-    const Vector up_to = before * (rule_.expansion * density_.segment(first, nodes));
-    beyond_.segment(first, nodes) = beyond - length_[panel] * up_to.array();
+    beyond[end] = carried;
+    carried += mass[end] + mass.segment(first, nodes).sum();
+    const Vector up_to = before * (rule.expansion * density);
+    beyond.segment(first, nodes) = carried - length[panel] * up_to.array();
   }
+  slope = Matrix::Zero(points + 1, padded);
+  slope.topLeftCorner(points, m) = basis.evaluate(places, 1);
+  Matrix slope_by_function = Matrix::Zero(m, stride), to_basis = Matrix::Identity(m, m);
+  slope_by_function.leftCols(points) = slope.topLeftCorner(points, m).transpose();
+  from_basis.triangularView<Eigen::Upper>().solveInPlace(to_basis);
+  Matrix orthonormal = Matrix::Zero(points + 1, padded), from = Matrix::Zero(m + 1, padded);
+  add_inner(orthonormal.topLeftCorner(points, m), 1.0, slope_by_function.leftCols(points),
+            to_basis);
+  from.topLeftCorner(m, m) = from_basis;
+  // The integral up to the mirror image of a node is the whole integral minus the part beyond it.
+  const Matrix integral = rule.integral_to(rule.node.head(half));
+  Matrix from_sums(half, half), from_differences(half, half);
+  for (Index p = 0; p < half; ++p) {
+    for (Index k = 0; k < half; ++k) {
+      const double here = integral(p, k), mirrored = integral(p, nodes - 1 - k);
+      const double odd = p < middle ? here + mirrored - rule.weight[k] : rule.weight[k];
+      from_sums(p, k) = (k < middle ? 0.5 : 0.25) * odd;  // the middle is its own mirror image
+      from_differences(p, k) = 0.5 * (here - mirrored);
+    }
+  }
+  tables = {.functions = m,
+            .padded = padded,
+            .panels = count,
+            .nodes = nodes,
+            .points = points,
+            .stride = stride,
+            .slope_by_function = keep(std::move(slope_by_function)),
+            .slope = slope.data(),
+            .orthonormal = keep(std::move(orthonormal)),
+            .to_basis = keep(to_basis),
+            .from_basis = keep(std::move(from)),
+            .from_sums = keep(std::move(from_sums)),
+            .from_differences = keep(std::move(from_differences)),
+            .length = keep(length),
+            .weight = keep(weight),
+            .mass = keep(mass),
+            .turning = static_cast<Index>(inertia_.size()),
+            .turning_at = turning_at_.data(),
+            .inertia = inertia_.data(),
+            .beyond = keep(beyond),
+            .arc = keep(arc),
+            .expansion = keep(rule.expansion),
+            .elastic = panels.elastic.data(),
+            .damped = panels.damped.data(),
+            .elastic_forces = keep(panels.elastic * to_basis),
+            .damped_forces = keep(panels.damped * to_basis)};
 }
 
 Grids::Grids(Basis basis, const Pipe& pipe, Index least_nodes)
     : basis_(std::move(basis)),
       panels_(basis_, pipe),
-      orthonormal_(basis_),
+      from_basis_(to_orthonormal(basis_)),
       drag_(pipe.drag != 0.0) {
   const Index m = basis_.size(), count = panels_.count();
   const Index more = (pipe.mass.degree(1e-12) + 1) / 2;
-  std::vector<std::vector<Ellipse>> ellipses;
+  more_nodes_ = static_cast<double>(more);
   for (Index panel = 0; panel < count; ++panel) {
-    ellipses.push_back(
-        ellipses_of(slope_series(basis_, panels_.ends[panel], panels_.ends[panel + 1])));
+    ellipses_.push_back(
+        ellipses_of(slope_series(basis_, panels_.ends[panel], panels_.ends[panel + 1]), drag_));
   }
+  const Demand& demand = demanded(drag_);
+  const Vector straight = Vector::Zero(m);
+  const auto least_for = [&](double allowed) {
+    return static_cast<Index>(std::ceil(needed(straight.data(), 1, allowed)));
+  };
   const Index most = std::max<Index>(4095, 4 * m) / count;  // a grid of this size takes 0.1 GB
-  const Index largest = std::max(std::min<Index>(64 * m + 96, most), least_nodes);
-  const Index least = demanded(drag_).least_nodes + more;
+  const Index largest = std::max({std::min<Index>(64 * m + 96, most), least_nodes, least_for(0.0)});
+  const Index least = std::max({basis_.most_on_a_panel(), least_nodes, demand.least_nodes + more});
   // The number of points of a panel, its nodes and its end, is a multiple of GridTables::multiple.
-  for (Index points = whole_points(std::max({basis_.most_on_a_panel(), least_nodes, least}) + 1);;
+  for (Index points = whole_points(least + 1);;
        points = whole_points(points + std::max<Index>(4, points / 12))) {
-    const bool last = points - 1 >= largest;
-    std::vector<std::vector<NodeTest>> tests;
-    for (const std::vector<Ellipse>& one : ellipses) {
-      tests.push_back(node_tests(one, points - 1 - more, drag_));
-      if (tests.back().empty() && last) tests.back().push_back({0.0, Vector::Zero(m)});
-    }
-    const auto serves_none = [](const std::vector<NodeTest>& of) { return of.empty(); };
-    if (std::any_of(tests.begin(), tests.end(), serves_none)) continue;
-    Slot& slot = slots_.emplace_back();
-    slot.nodes = points - 1;
-    slot.tests = std::move(tests);
+    const bool last = points > largest;
+    if (last || points > least_for(demand.most_more)) slots_.emplace_back().nodes = points - 1;
     if (last) break;
   }
 }
 
-bool Grids::Slot::resolves(const double* q, Index stride, double more) const {
-  const auto passes = [&](const NodeTest& test) {
-    return test.cost_of(q, stride) <= test.budget + more;
-  };
-  return std::all_of(tests.begin(), tests.end(), [&](const std::vector<NodeTest>& of_panel) {
-    return std::any_of(of_panel.begin(), of_panel.end(), passes);
-  });
+double Grids::needed(const double* q, Index stride, double allowed) const {
+  double most = 0.0;
+  for (const std::vector<Ellipse>& of_panel : ellipses_) {
+    double least = std::numeric_limits<double>::infinity();
+    for (const Ellipse& one : of_panel) {
+      const double sum = one.demand + one.cost_of(q, stride) - allowed;
+      least = std::min(least, sum / (2.0 * one.eta));
+    }
+    most = std::max(most, least);
+  }
+  return most + more_nodes_;
 }
 
-Index Grids::choose(const double* q, Index stride, Index guess, double error) const {
+Index Grids::choose(const double* q, Index stride, double error) const {
   const Demand& demand = demanded(drag_);
-  const double more = error > 0.0 ? std::clamp(std::log(error) + demand.log_tolerance + certain,
-                                               0.0, demand.most_more)
-                                  : 0.0;
-  const auto serves = [&](Index number) {
-    return slots_[static_cast<std::size_t>(number)].resolves(q, stride, more);
-  };
-  Index number = guess;
-  while (number + 1 < count() && !serves(number)) ++number;
-  if (number > guess) return number;
-  while (number > 0 && serves(number - 1)) --number;
+  const double allowed = error > 0.0 ? std::clamp(std::log(error) + demand.log_tolerance + certain,
+                                                  0.0, demand.most_more)
+                                     : 0.0;
+  const double least = needed(q, stride, allowed);
+  Index number = 0;
+  while (number + 1 < count() && static_cast<double>(slots_[number].nodes) < least) {
+    ++number;
+  }
   return number;
 }
 
 bool Grids::resolves(Index number, const double* q, Index stride) const {
-  return number + 1 < count() || slots_.back().resolves(q, stride);
+  return number + 1 < count() || needed(q, stride) <= static_cast<double>(most_nodes());
 }
 
 double Grids::resolved(const double* q) const {
+  const double nodes = static_cast<double>(most_nodes()) - more_nodes_;
   double least = std::numeric_limits<double>::infinity();
-  for (const std::vector<NodeTest>& of_panel : slots_.back().tests) {
+  for (const std::vector<Ellipse>& of_panel : ellipses_) {
     double most = 0.0;
-    for (const NodeTest& test : of_panel) {
-      const double cost = test.cost_of(q, 1);
-      most =
-          std::max(most, cost > 0.0 ? test.budget / cost : std::numeric_limits<double>::infinity());
+    for (const Ellipse& one : of_panel) {
+      const double cost = one.cost_of(q, 1), budget = 2.0 * nodes * one.eta - one.demand;
+      most = std::max(most, cost > 0.0 ? budget / cost : std::numeric_limits<double>::infinity());
     }
     least = std::min(least, most);
   }
@@ -372,7 +320,7 @@ double Grids::resolved(const double* q) const {
 const Grid& Grids::operator[](Index number) const {
   Slot& slot = slots_[static_cast<std::size_t>(number)];
   std::call_once(slot.built, [&] {
-    slot.grid = std::make_unique<Grid>(basis_, orthonormal_, panels_, slot.nodes);
+    slot.grid = std::make_unique<Grid>(basis_, from_basis_, panels_, slot.nodes);
   });
   return *slot.grid;
 }

@@ -33,10 +33,10 @@ inline Index whole(Index count, Index multiple) {
   return (count + multiple - 1) / multiple * multiple;
 }
 
-/// A sufficient condition for a number of nodes on a panel: amplitudes q pass it if sum_i |q_i|
-/// cost_i <= budget. Passing one of the tests of a panel is enough.
-struct NodeTest {
-  double budget;
+/// Bounds of the slopes on the ellipse about a panel whose semi-axes are cosh(eta) and sinh(eta):
+/// amplitudes q need `demand` + sum_i |q_i| cost_i <= 2 Q eta of Q nodes.
+struct Ellipse {
+  double eta, demand;
   Vector cost;  // (m,)
 
   double cost_of(const double* q, Index stride) const {
@@ -44,19 +44,6 @@ struct NodeTest {
     for (Index i = 0; i < cost.size(); ++i) sum += std::abs(q[i * stride]) * cost[i];
     return sum;
   }
-};
-
-/// Functions that are orthonormal with the mass of the straight pipe: in them a mass matrix is
-/// solved without losing the digits that its condition number in the basis (1e6 for 8 Legendre
-/// functions) would cost.
-struct Orthonormal {
-  Matrix to_basis;  // T, upper triangular: coefficients in the basis, one a column, (m, m)
-  Matrix inverse;   // inverse of T, upper triangular
-
-  /// Throws std::invalid_argument if the functions of the basis are linearly dependent to rounding.
-  explicit Orthonormal(const Basis& basis);
-  /// Uses the functions of the basis themselves, whether or not they are orthonormal.
-  explicit Orthonormal(Index m);
 };
 
 /// The panels between the places of terms and supports, the steps of the pipe and the joints of the
@@ -83,22 +70,20 @@ struct Panels {
 /// end. Immutable. Its tables contain matrices of the panels that it is made of.
 struct Grid {
   Vector places;      // arc lengths of the points, (N,)
-  Vector mass;        // mass at each point, (N,)
   Matrix slope;       // Theta_i at the points, (N, m padded)
-  GridTables tables;  // pointers to these and to the private members
+  GridTables tables;  // pointers to the panels' matrices, to the slopes and to what is kept
 
-  Grid(const Basis& basis, const Orthonormal& orthonormal, const Panels& panels, Index nodes);
+  /// from_basis: takes amplitudes to the orthonormal coordinates of the tables; upper triangular,
+  /// (m, m).
+  Grid(const Basis& basis, const Matrix& from_basis, const Panels& panels, Index nodes);
   Grid(const Grid&) = delete;
 
  private:
-  Quadrature rule_;
-  Matrix slope_by_function_, orthonormal_, from_basis_, from_sums_, from_differences_, recurrence_;
+  std::vector<Matrix> kept_;
   std::vector<Index> turning_at_;
   std::vector<double> inertia_;
-  Matrix elastic_forces_, damped_forces_;
-  Vector length_, arc_, weight_, beyond_, density_;
 
-  void set_masses(const Panels& panels);
+  const double* keep(Matrix table) { return kept_.emplace_back(std::move(table)).data(); }
 };
 
 /// Grids of growing size, each built when it is first used. Several threads may share it.
@@ -109,13 +94,12 @@ class Grids {
 
   const Basis& basis() const { return basis_; }
   const Panels& panels() const { return panels_; }
-  const Orthonormal& orthonormal() const { return orthonormal_; }
   Index count() const { return static_cast<Index>(slots_.size()); }
 
-  /// Number of the smallest grid that is fine enough for amplitudes q with the given stride. The
-  /// search starts at guess and costs O(m) for each grid tried. Amplitudes beyond all grids get the
-  /// largest. error: relative error of the rates that is enough; 0 for the least one.
-  Index choose(const double* q, Index stride, Index guess = 0, double error = 0.0) const;
+  /// Number of the smallest grid that is fine enough for amplitudes q with the given stride, in
+  /// O(m). Amplitudes beyond all grids get the largest. error: relative error of the rates that is
+  /// enough; 0 for the least one.
+  Index choose(const double* q, Index stride, double error = 0.0) const;
 
   /// Whether the grid chosen for q has as many nodes as q needs; the largest grid may have too few.
   bool resolves(Index number, const double* q, Index stride) const;
@@ -131,19 +115,20 @@ class Grids {
  private:
   struct Slot {
     Index nodes = 0;
-    std::vector<std::vector<NodeTest>> tests;  // at least one for each panel
     std::once_flag built;
     std::unique_ptr<const Grid> grid;
-
-    /// Whether amplitudes q with the given stride pass at least one test of each panel, in O(m) a
-    /// test. more: added to the budgets.
-    bool resolves(const double* q, Index stride, double more = 0.0) const;
   };
+
+  /// Number of nodes on each panel that amplitudes q with the given stride need at least, infinite
+  /// for NaN. allowed: logarithm of the factor by which errors may be larger.
+  double needed(const double* q, Index stride, double allowed = 0.0) const;
 
   Basis basis_;
   Panels panels_;
-  Orthonormal orthonormal_;
+  Matrix from_basis_;
   bool drag_;
+  double more_nodes_;                           // for a mass per length that varies
+  std::vector<std::vector<Ellipse>> ellipses_;  // about each panel
   mutable std::deque<Slot> slots_;
 };
 

@@ -36,37 +36,37 @@ inline Real square_root(const Real& x) {
 
 // ------------------------------------------------------------------------------------- products
 
-/// Product of a (rows, depth) with a matrix of which row(k, c) returns pack c of row k. Calls
-/// take(r, c, entry) for each pack of the result.
-template <int rows, int packs, class Row, class Take>
-inline void product_tile(Count depth, const double* a, const Row& row, const Take& take) {
-  Pack sum[rows][packs] = {};
+/// Sums over k of left(k, row) times a vector right(k, column), in registers. Calls take(row,
+/// column, sum) for each.
+template <int rows, int columns, class Left, class Right, class Take>
+inline void product_tile(Count depth, const Left& left, const Right& right, const Take& take) {
+  Pack sum[rows][columns] = {};
+#pragma GCC unroll 2
   for (Count k = 0; k < depth; ++k) {
-    Pack values[packs];
-    for (int c = 0; c < packs; ++c) values[c] = row(k, c);
+    decltype(right(k, 0)) values[columns];
+    for (int c = 0; c < columns; ++c) values[c] = right(k, c);
     for (int r = 0; r < rows; ++r) {
-      const double factor = a[r * depth + k];
-      for (int c = 0; c < packs; ++c) sum[r][c] += factor * values[c];
+      const auto factor = left(k, r);
+      for (int c = 0; c < columns; ++c) sum[r][c] += factor * values[c];
     }
   }
   for (int r = 0; r < rows; ++r) {
-    for (int c = 0; c < packs; ++c) take(r, c, sum[r][c]);
+    for (int c = 0; c < columns; ++c) take(r, c, sum[r][c]);
   }
 }
 
-/// Product as in product_tile for all rows of a (size, size); size is even.
+/// Product of a (size, size) with packs of the rows that row(k, c) returns; size is even. Calls
+/// take(r, c, entry) for each pack of the result.
 template <int packs, class Row, class Take>
 inline void product(Count size, const double* a, const Row& row, const Take& take) {
-  for (Count first = 0; first < size;) {
-    const auto take_next = [&](Count r, int c, const Pack& sum) { take(first + r, c, sum); };
-    if (first + 4 <= size) {
-      product_tile<4, packs>(size, a + first * size, row, take_next);
-      first += 4;
-    } else {
-      product_tile<2, packs>(size, a + first * size, row, take_next);
-      first += 2;
-    }
-  }
+  const auto tile = [&]<int rows>(Count first) {
+    product_tile<rows, packs>(
+        size, [&](Count k, int r) { return a[(first + r) * size + k]; }, row,
+        [&](int r, int c, const Pack& sum) { take(first + r, c, sum); });
+  };
+  Count first = 0;
+  for (; first + 4 <= size; first += 4) tile.template operator()<4>(first);
+  if (first < size) tile.template operator()<2>(first);
 }
 
 /// Computes some packs of the integrals on a panel, as GridTables describes. first: whether the

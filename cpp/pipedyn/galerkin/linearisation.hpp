@@ -8,17 +8,6 @@
 
 namespace {
 
-/// Sum of the entries of a vector that belong to one member.
-template <class Real>
-Real sum_of(const Pack& x) {
-  if constexpr (lanes<Real> == lanes<Pack>) return x;
-  double each[width];
-  store(each, x);
-  double sum = 0.0;
-  for (const double one : each) sum += one;
-  return Real{} + sum;
-}
-
 template <class Real>
 struct Linearisation : Block<Real> {
   using Base = Block<Real>;
@@ -70,7 +59,8 @@ struct Linearisation : Block<Real> {
   /// Multiplies the displacements by the mass per length, or divides them by it if `back`.
   void weigh_displacements(Count row, bool back) {
     for (Count p = 0; p < points; ++p) {
-      const double factor = back ? 1.0 / grid.density[p] : grid.density[p];
+      const double density = grid.weight[p] != 0.0 ? grid.mass[p] / grid.weight[p] : 1.0;
+      const double factor = back ? 1.0 / density : density;
       double* const x = moments + p * row;
       for (Count i = 0; i < bias * lanes<Real>; ++i) x[i] *= factor;
     }
@@ -111,14 +101,12 @@ struct Linearisation : Block<Real> {
     for (Count p = 0; p < points; ++p) {
       double* const x = moments + p * row;
       double* const y = x + each * lanes<Real>;
-      Pack sums[2] = {};
-      for (Count i = 0; i < each; i += step) {
-        const Pack factor = load<Pack>(own + i * lanes<Real>);
-        sums[0] += factor * load<Pack>(x + i * lanes<Real>);
-        sums[1] += factor * load<Pack>(y + i * lanes<Real>);
-      }
       const double share = 1.0 / unit(p);
-      const Real turned_x = sum_of<Real>(sums[0]), turned_y = sum_of<Real>(sums[1]);
+      Real turned_x{}, turned_y{};
+      for (Count i = 0; i < m; ++i) {
+        turned_x += at<Real>(own, i) * at<Real>(x, i);
+        turned_y += at<Real>(own, i) * at<Real>(y, i);
+      }
       Real along_x = grid.mass[p] * turned_x, along_y = grid.mass[p] * turned_y;
       const Real ax = turned_x + at<Real>(x, bias), ay = turned_y + at<Real>(x, bias + 1);
       add_slopes(Base::point_load(batch, p, ax, ay), Base::station(row, bias + 2, p), p, 1.0);
@@ -332,7 +320,6 @@ struct Linearisation : Block<Real> {
     const Count row = Base::kinematics(batch, last), stride = mass_stride();
     Base::forces(batch, row);
     Base::gram(row);
-    for (Count i = 0; i < stride; ++i) set(own, i, Real{});
     Base::solve(own);
     Base::hold(batch, row, own);
     for (Count i = 0; i < m; ++i) set(acceleration, i, at<Real>(own, i));
@@ -376,7 +363,7 @@ struct Linearisation : Block<Real> {
         out[i * m + j] = mass[i < j ? j * stride + i : i * stride + j];
       }
     }
-    for (Count i = 0; i < stride; ++i) own[i] = 0.0;
+    for (Count i = 0; i < m; ++i) own[i] = 0.0;
     for (Count p = 0; p < points; ++p) spin[p] = 0.0;
     linearise(batch, row);
     write_system(out + m * m);

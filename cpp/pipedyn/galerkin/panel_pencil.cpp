@@ -231,10 +231,9 @@ void PanelPencil::set_joints(Index rows) {
     const Panel& panel = panels_[p];
     const Index first = panel.first, end = panel.end();
     for (Index k = 2; k < panel.size; ++k) placed.emplace_back(first + k, column++, 1.0);
-    const double shape[] = {1.0, 1.0, 0.5, -std::sqrt(3.0) / 6.0}, slope[] = {0.0, 1.0, 1.0, 0.0};
-    for (Index k = 0; k < std::min<Index>(panel.size, 4); ++k) {
-      joined.emplace_back(end, first + k, -shape[k]);
-      joined.emplace_back(end + 1, first + k, -slope[k]);
+    for (Index k = 0; k < std::min(panel.size, moving); ++k) {
+      joined.emplace_back(end, first + k, -end_shape[k]);
+      joined.emplace_back(end + 1, first + k, -end_slope[k]);
     }
     if (p == 0) continue;
     const double ratio = panels_[p - 1].length / panel.length, root = std::sqrt(ratio);
@@ -272,7 +271,8 @@ PanelPencil::At PanelPencil::made(const PencilEntry (&factors)[parts]) const {
   found.entries.resize(static_cast<std::size_t>(joints_.rows() * wide));
   for (const Panel& panel : panels_) {
     PencilEntry* const entries = found.entries.data() + panel.first * wide;
-    EliminationPanel made{panel.length, panel.size, entries, {}, panel.held, panel.directed};
+    EliminationPanel made{panel.length, panel.size, panel.first,   entries,
+                          {},           panel.held, panel.directed};
     for (int part = 0; part < parts; ++part) {
       const PencilEntry& factor = factors[part];
       for (Index i = 0; i < panel.size + 2; ++i) {

@@ -24,89 +24,74 @@ double cubic_zero(const double* x, const double* v, Count stride, double low, do
   const auto value = [&](double s) {
     return d[0] + (s - x[0]) * (d[1] + (s - x[1]) * (d[2] + (s - x[2]) * d[3]));
   };
-  double at_low = value(low), at_high = value(high);
-  double zero = low;
-  for (int step = 0; step < 12 && high - low > 1e-9; ++step) {  // false position, Illinois variant
-    zero = (low * at_high - high * at_low) / (at_high - at_low);
-    const double here = value(zero);
-    if (std::fabs(here) <= 1e-9 * std::fabs(at_high - at_low)) break;
-    if ((here > 0.0) == (at_high > 0.0)) {
-      high = zero;
-      at_high = here;
-      at_low *= 0.5;
-    } else {
-      low = zero;
-      at_low = here;
-      at_high *= 0.5;
-    }
+  const bool rises = value(high) > 0.0;
+  const double least = 1e-9 * (high - low);
+  while (high - low > least) {
+    const double middle = 0.5 * (low + high);
+    ((value(middle) > 0.0) == rises ? high : low) = middle;
   }
-  return zero;
+  return 0.5 * (low + high);
 }
 
-/// Computes the weights of one panel from v at its points; scratch: 3 Q Reals. The weights are
-/// those of the integral over the whole panel, with the sign of v after its last zero, plus for
-/// each zero those of the integral up to it, times twice the sign of v before it. The zeros of all
-/// members are treated together: the first zero of each member, then the second, and so on.
+/// Computes the weights from v at the points; scratch: 3 Q Reals. Those of a panel are the weights
+/// of the integral over all of it, with the sign of v after its last zero, plus for each zero those
+/// of the integral up to it, times twice the sign of v before it. The zeros of all members are
+/// treated together: the first zero of each member, then the second, and so on.
 template <class Real>
-void signed_weights_of(const GridTables& grid, Count panel, const double* v, double* weights,
-                       double* scratch) {
+void signed_weights_of(const GridTables& grid, const double* v, double* weights, double* scratch) {
   constexpr Count members = lanes<Real>;
-  const Count nodes = grid.nodes;
-  const double* const weight = grid.weight + panel * (nodes + 1);
+  const Count nodes = grid.nodes, block = nodes + 1;
   double* const zero = scratch;
   double* const twice = zero + nodes * members;  // twice the sign of v before each zero
   double* const turned = twice + nodes * members;
-  double last[members];
-  Count most = 0, found[members];
-  for (Count b = 0; b < members; ++b) {
-    double sign = v[b] < 0.0 ? -1.0 : 1.0;
-    Count count = 0;
-    for (Count p = 0; p < nodes; ++p) {
-      if (!(sign * v[(p + 1) * members + b] < 0.0)) continue;
-      const Count last_first = nodes - 3, near = p > 0 ? p - 1 : 0;
-      const Count first = near < last_first ? near : last_first;
-      zero[count * members + b] = cubic_zero(grid.arc + first, v + first * members + b, members,
-                                             grid.arc[p], grid.arc[p + 1]);
-      twice[count * members + b] = 2.0 * sign;
-      sign = -sign;
-      ++count;
+  for (Count panel = 0; panel < grid.panels;
+       ++panel, v += block * members, weights += block * members) {
+    double last[members];
+    Count most = 0, found[members];
+    for (Count b = 0; b < members; ++b) {
+      double sign = v[b] < 0.0 ? -1.0 : 1.0;
+      Count count = 0;
+      for (Count p = 0; p < nodes; ++p) {
+        if (!(sign * v[(p + 1) * members + b] < 0.0)) continue;
+        const Count last_first = nodes - 3, near = p > 0 ? p - 1 : 0;
+        const Count first = near < last_first ? near : last_first;
+        zero[count * members + b] = cubic_zero(grid.arc + first, v + first * members + b, members,
+                                               grid.arc[p], grid.arc[p + 1]);
+        twice[count * members + b] = 2.0 * sign;
+        sign = -sign;
+        ++count;
+      }
+      last[b] = sign;
+      found[b] = count;
+      most = count > most ? count : most;
     }
-    last[b] = sign;
-    found[b] = count;
-    most = count > most ? count : most;
-  }
-  const Real sign = load<Real>(last);
-  set(weights, nodes, Real{});
-  for (Count p = 0; p < nodes; ++p) set(weights, p, Real(sign * weight[p]));
-  if (most == 0) return;
-  for (Count b = 0; b < members; ++b) {
-    for (Count k = found[b]; k < most; ++k) zero[k * members + b] = twice[k * members + b] = 0.0;
-  }
-  for (Count k = 0; k < nodes; ++k) set(turned, k, Real{});
-  for (Count j = 0; j < most; ++j) {
-    const Real x = 2.0 * at<Real>(zero, j) - 1.0, factor = grid.length[panel] * at<Real>(twice, j);
-    Real before = all<Real>(1.0), value = x;  // P_{k-1}, P_k
-    add(turned, 0, Real(factor * at<Real>(zero, j)));
-    for (Count k = 1; k < nodes; ++k) {
-      const double* const step = grid.recurrence + 3 * k;
-      const Real next = step[0] * (x * value) - step[1] * before;
-      add(turned, k, Real((step[2] * factor) * (next - before)));
-      before = value;
-      value = next;
+    const Real sign = load<Real>(last);
+    set(weights, nodes, Real{});
+    for (Count p = 0; p < nodes; ++p) set(weights, p, Real(sign * grid.weight[panel * block + p]));
+    if (most == 0) continue;
+    for (Count b = 0; b < members; ++b) {
+      for (Count k = found[b]; k < most; ++k) zero[k * members + b] = twice[k * members + b] = 0.0;
     }
-  }
-  for (Count k = 0; k < nodes; ++k) {
-    const Real factor = at<Real>(turned, k);
-    const double* const row = grid.expansion + k * nodes;
-    for (Count p = 0; p < nodes; ++p) add(weights, p, Real(factor * row[p]));
-  }
-}
-
-template <class Real>
-void signed_weights_of(const GridTables& grid, const double* v, double* weights, double* scratch) {
-  const Count block = (grid.nodes + 1) * lanes<Real>;
-  for (Count panel = 0; panel < grid.panels; ++panel) {
-    signed_weights_of<Real>(grid, panel, v + panel * block, weights + panel * block, scratch);
+    for (Count k = 0; k < nodes; ++k) set(turned, k, Real{});
+    for (Count j = 0; j < most; ++j) {
+      const Real x = 2.0 * at<Real>(zero, j) - 1.0,
+                 factor = grid.length[panel] * at<Real>(twice, j);
+      Real before = all<Real>(1.0), value = x;  // P_{k-1}, P_k
+      add(turned, 0, Real(factor * at<Real>(zero, j)));
+      for (Count k = 1; k < nodes; ++k) {
+        const double order = static_cast<double>(k), odd = 2.0 * order + 1.0;
+        const double share = 1.0 / (order + 1.0);
+        const Real next = (odd * share) * (x * value) - (order * share) * before;
+        add(turned, k, Real((0.5 / odd * factor) * (next - before)));
+        before = value;
+        value = next;
+      }
+    }
+    for (Count k = 0; k < nodes; ++k) {
+      const Real factor = at<Real>(turned, k);
+      const double* const row = grid.expansion + k * nodes;
+      for (Count p = 0; p < nodes; ++p) add(weights, p, Real(factor * row[p]));
+    }
   }
 }
 

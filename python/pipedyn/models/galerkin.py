@@ -25,7 +25,7 @@ from pipedyn.models.base import (
     projected,
     stored,
 )
-from pipedyn.models.pencil import DensePencil, PartsPencil, Pencil
+from pipedyn.models.pencil import DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.reduced_supports import FreeFunctions, ReducedSupports, orthonormal
 from pipedyn.util import check
@@ -317,10 +317,7 @@ class Galerkin(Model):
     def elastic_operators(self) -> Operators:
         rest = self._reference
         core = self.core.operators() if rest is None else self.core.operators(rest)
-        found = operators_from(core, self._pipe)
-        if self._held:
-            return self._held_across(found, self._amplitudes, rest is None)
-        return projected(found, self.elastic_scale)
+        return self._held_across(operators_from(core, self._pipe), self._amplitudes, rest is None)
 
     @property
     def _amplitudes(self) -> Array:
@@ -332,7 +329,7 @@ class Galerkin(Model):
         """Operators in coordinates q, where the core's coordinates are `by` q."""
         found = projected(core, by)
         gyroscopic = 0.5 * (found.gyroscopic - found.gyroscopic.T)
-        if not straight or self._held[-1] != 1.0:
+        if not straight or not self._pipe.end_held:
             return replace(found, gyroscopic=gyroscopic)
         # The end is held: no force follows the pipe and the flow does no work, exactly.
         flux, end_flux = 0.5 * (found.flux + found.flux.T), np.zeros_like(found.flux)
@@ -445,7 +442,7 @@ class Galerkin(Model):
         count = 2 * self.core.most_on_a_panel() + 60
         turns = np.abs(np.diff(self.core.basis(self._rule(count)[0], 1) @ amplitudes, axis=0))
         most = float(turns.sum(axis=0).max(initial=0.0))
-        if most > 1000.0:  # the number of nodes grows with it
+        if not most <= 1000.0:  # the number of nodes grows with it
             raise ValueError(f"q must bend the pipe by at most 1000 rad in all, got {most:.3g} rad")
         return count + math.ceil(most)
 
@@ -480,7 +477,7 @@ class Galerkin(Model):
         )
 
 
-class PanelPencil(PartsPencil):
+class PanelPencil(Pencil):
     """Pencil of a straight model in Legendre functions, which the core eliminates by panels."""
 
     model: Galerkin
@@ -512,11 +509,8 @@ class PanelPencil(PartsPencil):
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
         return _core.Structured(traits, self.core, self.spread, self.gathered, size)
 
-    def with_pipe(self, pipe: Pipe) -> PanelPencil:
-        return PanelPencil(self.model.with_pipe(pipe))
-
-    def _product(self, x: Array, **part: float) -> Array:
-        return self.spread.T @ self.core.times(self.spread @ x, **part)
+    def _product(self, x: Array, part: str) -> Array:
+        return self.spread.T @ self.core.times(self.spread @ x, **{part: 1.0})
 
 
 def enriched(model: Galerkin, more: int) -> Galerkin:

@@ -10,8 +10,8 @@ core adds it, and no product below contains it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property, partial, partialmethod
-from typing import Any
+from functools import cached_property, partialmethod
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,7 @@ class Pencil:
         stiffness: product with K.
         flux: product with A.
         gravity: product with dK/dgamma; K is linear in gamma.
+        by_damping: product with dD/ddelta; D is linear in delta.
         is_long: whether a few roots are found faster than all, in O(dof).
         end_moves: whether the flow is certain to do work at an end of the pipe.
         lost_power: bound below which x^T D x is rounding, for x of order 1.
@@ -48,12 +49,6 @@ class Pencil:
     is_long = True
     end_moves = False
     lost_power = 1e-25  # square of displacements that are rounding
-    mass: Product
-    velocity: Product
-    damping: Product
-    stiffness: Product
-    flux: Product
-    gravity: Product
 
     def __init__(self, model: Model) -> None:
         self.model = model
@@ -65,9 +60,25 @@ class Pencil:
         """The core's solver for eigenvalues; size: the norm of K at rest."""
         raise NotImplementedError
 
-    def with_pipe(self, pipe: Pipe) -> Pencil:
-        """The pencil of the same model with another pipe."""
+    def _product(self, x: Array, part: str) -> Array:
+        """Product of real x with the part of P of this name, one of the products above."""
         raise NotImplementedError
+
+    def _times(self, x: Vectors, part: str) -> Vectors:
+        return real_columns(lambda z: self._product(z, part), x)
+
+    # Partial methods, since partial functions of self would be a cycle for the garbage collector.
+    mass = partialmethod(_times, part="mass")
+    velocity = partialmethod(_times, part="velocity")
+    damping = partialmethod(_times, part="damping")
+    stiffness = partialmethod(_times, part="stiffness")
+    flux = partialmethod(_times, part="flux")
+    gravity = partialmethod(_times, part="gravity")
+    by_damping = partialmethod(_times, part="by_damping")
+
+    def with_pipe(self, pipe: Pipe) -> Self:
+        """The pencil of the same model with another pipe."""
+        return type(self)(self.model.with_pipe(pipe))
 
     def elastic(self, x: Vectors) -> Vectors:
         """Product with the elastic stiffness, the identity except at joints without spring."""
@@ -83,10 +94,6 @@ class Pencil:
             return 0.0
         start = np.cos(np.arange(1.0, self.dof + 1.0))[:, None]
         return largest_stretch(lambda x: self.stiffness(x) - self.elastic(x), start, 4)
-
-    def by_damping(self, x: Vectors) -> Vectors:
-        """Product with dD/ddelta; D is linear in delta."""
-        return self.elastic(x)
 
     def by_springs(self, value: complex) -> Any:
         """Derivative of k_j + value c_j, with its loss, by each joint's spring k_j, shape (n,)."""
@@ -111,59 +118,34 @@ class DensePencil(Pencil):
         super().__init__(model)
         ops = model.elastic_operators()
         velocity = ops.direction * (ops.gyroscopic + ops.end_flux)
-        self.matrices = ops.mass, velocity, ops.damping, ops.stiffness, ops.flux
-        self.mass, self.velocity, self.damping, self.stiffness, self.flux = (
-            partial(np.matmul, matrix) for matrix in self.matrices
-        )
+        matrices = ops.mass, velocity, ops.damping, ops.stiffness, ops.flux
+        names = "mass", "velocity", "damping", "stiffness", "flux"
+        self.matrices = dict(zip(names, matrices, strict=True))
 
     def term_stiffness(self) -> float:
-        exact = np.linalg.norm(self.matrices[3] - np.eye(self.dof), 2)
+        exact = np.linalg.norm(self.matrices["stiffness"] - np.eye(self.dof), 2)
         return float(exact) if self.model.is_varied else 0.0
 
-    def with_pipe(self, pipe: Pipe) -> DensePencil:
-        return DensePencil(self.model.with_pipe(pipe))
-
     @cached_property
-    def _slopes(self) -> tuple[Array, Array]:
+    def _slopes(self) -> dict[str, Array]:
         """dK/dgamma and dD/ddelta; K and D are linear in these."""
         heavier, more = self.model._stepped("gamma")
         moved, step = heavier._stepped("damping")
         ops = moved.elastic_operators()  # K does not depend on delta, nor D on gamma
-        _, _, damping, stiffness, _ = self.matrices
-        return more * (ops.stiffness - stiffness), step * (ops.damping - damping)
+        return {
+            "gravity": more * (ops.stiffness - self.matrices["stiffness"]),
+            "by_damping": step * (ops.damping - self.matrices["damping"]),
+        }
 
-    def gravity(self, x: Vectors) -> Vectors:
-        return self._slopes[0] @ x
-
-    def by_damping(self, x: Vectors) -> Vectors:
-        return self._slopes[1] @ x
+    def _product(self, x: Array, part: str) -> Array:
+        matrices = self.matrices if part in self.matrices else self._slopes
+        return np.asarray(matrices[part] @ x)
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
-        loss = np.zeros((0, 0))
-        if traits.loss:
-            loss = traits.loss * self.by_damping(np.eye(self.dof))
+        loss = traits.loss * self._slopes["by_damping"] if traits.loss else np.zeros((0, 0))
+        matrices = *self.matrices.values(), loss
         rounding = self.model.matrix_rounding
-        return _core.Eigenproblem(traits, (*self.matrices, loss), self.pipe.alpha, size, rounding)
-
-
-class PartsPencil(Pencil):
-    """A pencil whose core object multiplies with each part of P."""
-
-    def _product(self, x: Array, **part: float) -> Array:
-        """Product of real x with the sum of the core's parts, each times the factor of its name."""
-        raise NotImplementedError
-
-    def _times(self, x: Vectors, **part: float) -> Vectors:
-        return real_columns(lambda z: self._product(z, **part), x)
-
-    # Partial methods, since partial functions of self would be a cycle for the garbage collector.
-    mass = partialmethod(_times, mass=1.0)
-    velocity = partialmethod(_times, velocity=1.0)
-    damping = partialmethod(_times, damping=1.0)
-    stiffness = partialmethod(_times, stiffness=1.0)
-    flux = partialmethod(_times, flux=1.0)
-    gravity = partialmethod(_times, gravity=1.0)
-    by_damping = partialmethod(_times, by_damping=1.0)
+        return _core.Eigenproblem(traits, matrices, self.pipe.alpha, size, rounding)
 
 
 def real_columns(product: Product, x: Vectors) -> Vectors:

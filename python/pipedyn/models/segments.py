@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import ANGLES, CORE_MATRICES, Model, Operators, operators_from, stored
-from pipedyn.models.pencil import DensePencil, PartsPencil, Pencil, Vectors, real_columns
+from pipedyn.models.pencil import DensePencil, Pencil, Vectors, real_columns
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments, reciprocal
 from pipedyn.util import check
@@ -361,7 +361,7 @@ class SegmentModel(Model):
         return self._angles(angle, ends - 0.5 * self._lengths)
 
 
-class ChainPencil(PartsPencil):
+class ChainPencil(Pencil):
     """A chain's pencil, with products in O(n); the core solves it by recursion.
 
     Guides may hold the ends of segments; `complement` spans the elastic coordinates that they
@@ -391,9 +391,6 @@ class ChainPencil(PartsPencil):
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
         return _core.Structured(traits, self.core, self.complement, self.scale, size)
 
-    def with_pipe(self, pipe: Pipe) -> ChainPencil:
-        return ChainPencil(self.model.with_pipe(pipe))
-
     def elastic(self, x: Vectors) -> Vectors:
         result: Vectors = super().elastic(real_columns(self.complement.spread, x))
         return real_columns(self.complement.gathered, result)
@@ -408,9 +405,9 @@ class ChainPencil(PartsPencil):
         by[0] = share**2 * (1.0 + self._lost(value) * (2.0 * share - 1.0))
         return by
 
-    def _product(self, x: Array, **part: float) -> Array:
+    def _product(self, x: Array, part: str) -> Array:
         scale = self.scale[:, None]
-        rows = self.core.joint_times(scale * self.complement.spread(x), **part)
+        rows = self.core.joint_times(scale * self.complement.spread(x), **{part: 1.0})
         return self.complement.gathered(scale * rows)
 
 
