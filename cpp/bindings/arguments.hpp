@@ -390,6 +390,10 @@ void define_equations(py::class_<Model>& model) {
           "y"_a, drive);
 }
 
+/// The routines of LAPACK in SciPy; see linear.cpp.
+struct Lapack;
+const Lapack& scipy_lapack();
+
 /// Defines eigenproblems, spectra and searches; see linear.cpp.
 void define_linear(py::module_& m);
 

@@ -35,15 +35,12 @@ __all__: list[str] = [
     "Sweep",
     "Traits",
     "Truncated",
-    "carried",
     "crossings",
     "dense_limit",
     "eliminated",
     "is_felt_by_small_motions",
-    "orbit_states",
     "rounding",
     "set_vector_level",
-    "sincos",
     "vector_level",
     "vector_levels",
 ]
@@ -175,7 +172,7 @@ class Galerkin:
         refuses: bool = True,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def linearised(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def most_on_a_panel(self) -> int: ...
     def nodes(
@@ -200,9 +197,7 @@ class Galerkin:
         u: typing.Any,
         drive: typing.Any = None,
         refuses: bool = True,
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def rhs_and_power(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+        works: bool = False,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def tips(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
@@ -485,9 +480,6 @@ class Scene:
         drive: typing.Any = None,
         refuses: bool = True,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def linearised(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
     def operators(
         self,
         angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
@@ -527,9 +519,7 @@ class Scene:
         u: typing.Any,
         drive: typing.Any = None,
         refuses: bool = True,
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def rhs_and_power(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+        works: bool = False,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
     def chain(self) -> Chain: ...
@@ -592,10 +582,6 @@ class Integrator:
     @property
     def members(self) -> list[Member]: ...
 
-def carried(
-    maps: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-    most: typing.SupportsFloat | typing.SupportsIndex,
-) -> tuple[numpy.typing.NDArray[numpy.float64], list[int]]: ...
 def crossings(
     spectra: collections.abc.Sequence[Spectrum],
     ranges: collections.abc.Sequence[Range],
@@ -618,23 +604,10 @@ def eliminated(
     units: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None,
 ) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
 def is_felt_by_small_motions(law: str) -> bool: ...
-def orbit_states(
-    edges: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-    starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-    rates: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-    frequency: typing.SupportsFloat | typing.SupportsIndex,
-    mirror: typing.SupportsFloat | typing.SupportsIndex,
-    once: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-    twice: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-    phases: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-) -> numpy.typing.NDArray[numpy.float64]: ...
 def rounding(
     values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
 def set_vector_level(name: str) -> None: ...
-def sincos(
-    x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
 def vector_level() -> str: ...
 def vector_levels() -> list[str]: ...
 
