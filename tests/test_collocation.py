@@ -8,7 +8,6 @@ import scipy.integrate
 import pipedyn as pp
 from pipedyn import _core
 from pipedyn.motion.vector_field import VectorField
-from pipedyn.orbits import collocation
 from pipedyn.orbits.collocation import WEIGHTS, collocation_maps
 from pipedyn.orbits.periodic_orbit import (
     ONCE,
@@ -102,11 +101,10 @@ def test_what_an_interval_misses_of_the_next_is_part_of_the_residual():
     assert found == pytest.approx(plain, abs=1e-13 * np.abs(plain).max())
 
 
-def test_joined_intervals_are_products_and_runs_end_before_they_lose_digits(monkeypatch):
+def test_joined_intervals_are_products_and_runs_end_before_they_lose_digits():
     random = np.random.default_rng(2)
     maps, right = random.normal(size=(9, 5, 5)), random.normal(size=(9, 5, 2))
-    monkeypatch.setattr(collocation, "LOSS", 40.0)
-    whole, begins = collocation.carried(np.concatenate([maps, right], axis=2))
+    whole, begins = _core.carried(np.concatenate([maps, right], axis=2), 40.0)
     assert begins[0] == 0
     assert len(begins) > 1
     for first, last in zip(begins, [*begins[1:], 9], strict=True):
@@ -139,6 +137,8 @@ def test_velocities_at_the_stages_are_those_at_their_phases(cycle):
 
 
 def test_arrays_that_do_not_fit_are_refused():
+    with pytest.raises(ValueError, match="maps must have shape"):
+        _core.carried(np.zeros((2, 3, 2)), 1e5)
     with pytest.raises(ValueError, match="rates must have shape"):
         _core.eliminated(*[np.zeros(3)] * 4, None, False, 1.0, WEIGHTS)
     given = np.zeros(3), np.zeros((2, 2)), np.zeros((2, STAGE_NODES.size, 1))

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Bindings of the collocation of periodic orbits.
+#include <pybind11/eigen.h>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -20,7 +21,7 @@ namespace {
 /// The collocation method with s stages: nodes c (s,), matrices O (s, s) and T (s, s).
 using Weights = std::tuple<Numbers, Numbers, Numbers>;
 
-Intervals::Table table(const char* name, const Numbers& of, Index rows, Index columns) {
+GivenMatrix table(const char* name, const Numbers& of, Index rows, Index columns) {
   require_size(name, of, rows * columns);
   return {of.data(), rows, columns};
 }
@@ -37,7 +38,7 @@ py::typing::Tuple<Numbers, Numbers> eliminated(const Numbers& durations, const N
   const auto& [nodes, once, twice] = weights;
   const Index count = rates.shape(0), stages = rates.shape(1), half = rates.shape(2);
   const Index n = 2 * half, size = stages * half;
-  const Intervals::Table none(nullptr, 0, 0);
+  const GivenMatrix none(nullptr, 0, 0);
   const Intervals intervals{
       .stages = stages,
       .half = half,
@@ -80,12 +81,49 @@ py::typing::Tuple<Numbers, Numbers> eliminated(const Numbers& durations, const N
   return py::make_tuple(by, ends);
 }
 
+py::typing::Tuple<Numbers, std::vector<Index>> carried(const Numbers& maps, double most) {
+  if (maps.ndim() != 3 || maps.shape(2) < maps.shape(1) || maps.shape(0) == 0) {
+    throw py::value_error("maps must have shape (M, n, n + k), got " + shape_of(maps));
+  }
+  const Index count = maps.shape(0), n = maps.shape(1), columns = maps.shape(2);
+  Numbers whole(std::vector<py::ssize_t>{count, n, columns});
+  double* const to = whole.mutable_data();
+  std::vector<Index> begins;
+  {
+    const py::gil_scoped_release unlocked;
+    begins = carry_maps(maps.data(), count, n, columns, most, to);
+  }
+  return py::make_tuple(whole, begins);
+}
+
+Numbers states_of(const Numbers& edges, const Numbers& starts, const Numbers& rates,
+                  double frequency, double mirror, const Numbers& once, const Numbers& twice,
+                  const Vector& phases) {
+  const Index count = edges.size() - 1, stages = once.size() / std::max<Index>(once.shape(0), 1);
+  const Index half = rates.size() / std::max<Index>(count * stages, 1);
+  const Polynomials orbit{.edges = table("edges", edges, count + 1, 1),
+                          .starts = table("starts", starts, count, 2 * half),
+                          .rates = table("rates", rates, count * stages, half),
+                          .frequency = frequency,
+                          .mirror = mirror,
+                          .once = table("once", once, stages + 1, stages),
+                          .twice = table("twice", twice, stages + 2, stages)};
+  Numbers made = new_numbers(2 * half, phases.size(), false);
+  double* const to = made.mutable_data();
+  const py::gil_scoped_release unlocked;
+  states_at(orbit, phases, {to, 2 * half, phases.size()});
+  return made;
+}
+
 }  // namespace
 
 void define_orbits(py::module_& m) {
   m.def("eliminated", &eliminated, "durations"_a, "starts"_a, "rates"_a, "linearised"_a,
         "by_frequency"_a, "speed_varies"_a, "frequency"_a, "weights"_a, "mirror"_a = 1.0,
         "units"_a = py::none());
+  m.def("carried", &carried, "maps"_a, "most"_a);
+  m.def("orbit_states", &states_of, "edges"_a, "starts"_a, "rates"_a, "frequency"_a, "mirror"_a,
+        "once"_a, "twice"_a, "phases"_a);
 }
 
 }  // namespace pipedyn

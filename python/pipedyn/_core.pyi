@@ -35,10 +35,12 @@ __all__: list[str] = [
     "Sweep",
     "Traits",
     "Truncated",
+    "carried",
     "crossings",
     "dense_limit",
     "eliminated",
     "is_felt_by_small_motions",
+    "orbit_states",
     "rounding",
     "set_vector_level",
     "vector_level",
@@ -582,6 +584,10 @@ class Integrator:
     @property
     def members(self) -> list[Member]: ...
 
+def carried(
+    maps: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    most: typing.SupportsFloat | typing.SupportsIndex,
+) -> tuple[numpy.typing.NDArray[numpy.float64], list[int]]: ...
 def crossings(
     spectra: collections.abc.Sequence[Spectrum],
     ranges: collections.abc.Sequence[Range],
@@ -604,6 +610,16 @@ def eliminated(
     units: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None,
 ) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
 def is_felt_by_small_motions(law: str) -> bool: ...
+def orbit_states(
+    edges: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    rates: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    frequency: typing.SupportsFloat | typing.SupportsIndex,
+    mirror: typing.SupportsFloat | typing.SupportsIndex,
+    once: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    twice: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    phases: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+) -> numpy.typing.NDArray[numpy.float64]: ...
 def rounding(
     values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...

@@ -11,29 +11,48 @@
 // the speed. These s n / 2 equations are solved by LAPACK.
 #pragma once
 
+#include <vector>
+
 #include "pipedyn/linear/operator.hpp"
 #include "pipedyn/pipe.hpp"
 
 namespace pipedyn {
 
+using GivenMatrix = Eigen::Map<const Matrix>;
+
+/// A periodic orbit on a mesh of phases. On each interval accelerations are the polynomial through
+/// their values at the stages; velocities and positions are its integrals.
+struct Polynomials {
+  GivenMatrix edges;   // phases, from 0 (count + 1, 1)
+  GivenMatrix starts;  // states where intervals begin (count, 2 half)
+  GivenMatrix rates;   // accelerations at the stages (count stages, half)
+  double frequency;
+  double mirror;  // factor of the states after the span, 1 or -1
+  // Expansions in Legendre polynomials, on an interval of length 1, of the first integral of the
+  // polynomial through the stages, (stages + 1, stages), and of its second, (stages + 2, stages).
+  GivenMatrix once, twice;
+};
+
+/// Computes the states at given phases, out (2 half, number of phases).
+void states_at(const Polynomials& orbit, const Vector& phases, Eigen::Map<Matrix> out);
+
 /// A periodic orbit on a mesh, and derivatives at its stages; n = 2 half.
 struct Intervals {
-  using Table = Eigen::Map<const Matrix>;
-
   Index stages, half;
-  Table durations;  // (count, 1)
-  Table starts;     // states at the beginnings of the intervals (count, n)
-  Table rates;      // accelerations at the stages (count stages, half)
+  GivenMatrix durations;  // (count, 1)
+  GivenMatrix starts;     // states at the beginnings of the intervals (count, n)
+  GivenMatrix rates;      // accelerations at the stages (count stages, half)
   // For each stage the rates of its state from the forces, then derivatives of these rates by the
   // speed and by the state (count stages (2 + n), n).
-  Table linearised;
-  Table by_frequency;  // derivatives of the accelerations by the frequency (half, count stages)
+  GivenMatrix linearised;
+  GivenMatrix
+      by_frequency;  // derivatives of the accelerations by the frequency (half, count stages)
   bool speed_varies;
   double frequency;
-  Table nodes;        // c (stages, 1)
-  Table once, twice;  // O and T (stages, stages)
+  GivenMatrix nodes;        // c (stages, 1)
+  GivenMatrix once, twice;  // O and T (stages, stages)
   double mirror;      // ratio of the state after the last interval to the first state, 1 or -1
-  Table units;        // units of the state (n, 1), or empty if only maps of intervals are needed
+  GivenMatrix units;  // units of the state (n, 1), or empty if only maps of intervals are needed
 };
 
 /// Computes, for interval m, the derivatives of the accelerations (stages half, n + 3) and of the
@@ -43,5 +62,12 @@ struct Intervals {
 /// interval. Returns false if a matrix is singular.
 bool eliminate_stages(const Lapack& lapack, const Intervals& of, Index m,
                       Eigen::Map<Matrix> by_start, Eigen::Map<Matrix> end);
+
+/// Products of the maps x -> T x + r of intervals, given as [T | r] (count, n, columns). The
+/// intervals are divided into runs; out receives for each interval the product [P | R] of all maps
+/// from the beginning of its run to its own end (count, n, columns). A run ends before an entry of
+/// P reaches most. Returns the beginnings of the runs.
+std::vector<Index> carry_maps(const double* maps, Index count, Index n, Index columns, double most,
+                              double* out);
 
 }  // namespace pipedyn

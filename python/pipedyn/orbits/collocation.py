@@ -84,15 +84,7 @@ def carried(maps: Array) -> tuple[Array, list[int]]:
     (M, n, n + k), from the beginning of the interval's run up to the interval's end, and the first
     interval of each run. A run ends where entries grow so large that digits would be lost.
     """
-    n, whole, begins = maps.shape[1], maps.copy(), [0]
-    for m in range(1, len(maps)):
-        product = maps[m, :, :n] @ whole[m - 1]
-        if np.abs(product[:, :n]).max() < LOSS:
-            product[:, n:] += maps[m, :, n:]
-            whole[m] = product
-        else:
-            begins.append(m)
-    return whole, begins
+    return _core.carried(maps, LOSS)
 
 
 def _collapsed(whole: Array, begins: list[int]) -> tuple[Array, Array, Array, list[list[Array]]]:

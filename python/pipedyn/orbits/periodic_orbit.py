@@ -13,6 +13,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from pipedyn import _core
 from pipedyn.motion.sampling import zeros_between
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.util.archive import saved_as
@@ -154,15 +155,10 @@ class PeriodicOrbit:
 
     def states(self, phase: Array) -> Array:
         """States [p, p'] at phases, shape (2 integrated, k)."""
-        turns = np.floor(phase / self.span)
-        inside = phase - turns * self.span
-        m = np.searchsorted(self.edges[1:-1], inside, side="right")
-        share, h = (inside - self.edges[m]) / np.diff(self.edges)[m], self.durations[m]
-        p, velocity = self.starts[m].T.reshape(2, self.half, -1)
-        weights = np.stack([integrals(share, times) for times in (1, 2)], axis=1)
-        once, twice = (weights @ self.rates[m]).transpose(1, 2, 0)
-        y = np.concatenate([p + h * (share * velocity + h * twice), velocity + h * once])
-        return np.where(turns % 2.0, self.mirror, 1.0) * y
+        return _core.orbit_states(
+            *(self.edges, self.starts, self.rates, self.frequency, self.mirror),
+            *(_INTEGRATED[1], _INTEGRATED[2], phase),
+        )
 
     def sampled(self, parts: int) -> tuple[Array, Array]:
         """Phases at the ends of equal parts of the intervals, (M parts + 1,), and states there.
