@@ -165,7 +165,11 @@ def sines_and_cosines():
 def test_sine_and_cosine_are_good_to_two_ulp(level, at_level, sines_and_cosines):
     at_level(level)
     x, *exact = sines_and_cosines
-    sine, cosine = _core.sincos(x)
+
+    def sincos(x):
+        return pp.Chain(pp.Pipe(0.2), 1).core.redundant(np.stack([x, 0.0 * x]))[:2]
+
+    sine, cosine = sincos(x)
     with mpmath.workdps(40):
         for found, right in zip((sine, cosine), exact, strict=True):
             errors = [
@@ -174,5 +178,4 @@ def test_sine_and_cosine_are_good_to_two_ulp(level, at_level, sines_and_cosines)
             ]
             assert max(errors) < 1.5
     near = x[:300]  # alone they take the short way: the same answer
-    np.testing.assert_array_equal(_core.sincos(near)[0], sine[:300])
-    np.testing.assert_array_equal(_core.sincos(near)[1], cosine[:300])
+    np.testing.assert_array_equal(sincos(near), [sine[:300], cosine[:300]])

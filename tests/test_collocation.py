@@ -55,11 +55,9 @@ def test_maps_are_what_motions_make_of_small_changes(cycle, level, at_level):
         assert maps[m] == pytest.approx(measured, abs=1e-6)
 
 
-@pytest.mark.parametrize("level", _core.vector_levels())
 @pytest.mark.parametrize("half", [1, 2, 3, 7])
-def test_eliminated_stages_solve_their_equations(half, level, at_level):
+def test_eliminated_stages_solve_their_equations(half):
     """Of random derivatives: each stage's change is that of its force, for each right-hand side."""
-    at_level(level)
     random = np.random.default_rng(half)
     stages, n, h, frequency = STAGE_NODES.size, 2 * half, 0.3, 4.0
     start, rates = random.normal(size=(1, n)), random.normal(size=(1, stages, half))
@@ -85,9 +83,7 @@ def test_eliminated_stages_solve_their_equations(half, level, at_level):
     assert ends[0] == pytest.approx(np.concatenate([p[-1], v[-1]]), abs=1e-10 * np.abs(ends).max())
 
 
-@pytest.mark.parametrize("level", _core.vector_levels())
-def test_what_an_interval_misses_of_the_next_is_part_of_the_residual(level, at_level):
-    at_level(level)
+def test_what_an_interval_misses_of_the_next_is_part_of_the_residual():
     random = np.random.default_rng(5)
     count, half, stages = 3, 2, STAGE_NODES.size
     n, h = 2 * half, np.array([0.1, 0.3, 0.2])
@@ -105,9 +101,7 @@ def test_what_an_interval_misses_of_the_next_is_part_of_the_residual(level, at_l
     assert found == pytest.approx(plain, abs=1e-13 * np.abs(plain).max())
 
 
-@pytest.mark.parametrize("level", _core.vector_levels())
-def test_joined_intervals_are_products_and_runs_end_before_they_lose_digits(level, at_level):
-    at_level(level)
+def test_joined_intervals_are_products_and_runs_end_before_they_lose_digits():
     random = np.random.default_rng(2)
     maps, right = random.normal(size=(9, 5, 5)), random.normal(size=(9, 5, 2))
     whole, begins = _core.carried(np.concatenate([maps, right], axis=2), 40.0)

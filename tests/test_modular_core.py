@@ -242,7 +242,7 @@ def test_the_motion_jacobian_is_exact_where_guides_are_missed_too(name):
     y, u, h = np.concatenate(off_constraints(scene)), 3.0, 2e-3
 
     def rates(z):
-        return scene.core.rhs_and_power(0.0, np.append(z, 0.0), u)[:-1]
+        return scene.motion_rates(np.append(z, 0.0), u)[:-1]
 
     weights = zip((1, 2, 3), (45.0, -9.0, 1.0), strict=True)
     found = sum(w / 60.0 * k * differences(rates, y, k * h) * 2.0 for k, w in weights)
@@ -256,7 +256,7 @@ def test_what_states_miss_guides_by_decays_at_the_return_rate(name):
     scene = RETURNING[name]()
     n, rate, held = scene.integrated, scene.core.return_rate, scene._layout.held
     theta, omega = off_constraints(scene)
-    rates = scene.core.rhs_and_power(0.0, np.concatenate([theta, omega, [0.0]]), 3.0)[:-1]
+    rates = scene.motion_rates(np.concatenate([theta, omega, [0.0]]), 3.0)[:-1]
     np.testing.assert_array_equal(rates[:n], omega)
 
     def off(h):

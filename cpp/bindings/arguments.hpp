@@ -138,20 +138,6 @@ struct Speeds {
   }
 };
 
-/// The drive of the states, (Drive::rows,) or (Drive::rows, members); None if nothing drives them.
-struct Drives {
-  std::optional<States> given;
-
-  Drives(const py::object& drive, const States& states) {
-    if (drive.is_none()) return;
-    given.emplace("drive", drive, Drive::rows);
-    if (given->one != states.one || given->members != states.members) {
-      throw py::value_error("drive must have as many columns as y, got " + shape_of(given->values));
-    }
-  }
-  const double* data() const { return given ? given->values.data() : nullptr; }
-};
-
 /// A new array of shape (rows,) or (rows, columns). It is made by numpy, which is faster than
 /// pybind11's constructor with strides.
 inline Numbers new_numbers(py::ssize_t rows, py::ssize_t columns, bool one) {
@@ -221,19 +207,24 @@ struct UnlockedFor {
 };
 
 /// Results (results,) or (results, k) that `work` computes from states (rows,) or (rows, k), their
-/// speeds and drive; with `matrices` each result is a matrix (results, rows), and those of k states
-/// are (k, results, rows). cost: amount of work for one state, as for `UnlockedFor`.
+/// speeds and drive (Drive::rows, k), or None; with `matrices` each result is a matrix (results,
+/// rows), and those of k states are (k, results, rows). cost: amount of work for one state, as for
+/// `UnlockedFor`.
 inline Numbers results_of(py::ssize_t rows, py::ssize_t results, py::ssize_t cost,
                           const py::object& y, const py::object& u, const py::object& drive,
                           const Work& work, bool matrices = false) {
   const States states("y", y, rows);
   const Speeds speeds("u", u, states);
-  const Drives drives(drive, states);
   std::vector<py::ssize_t> shape{results, rows};
   if (!states.one) shape.insert(shape.begin(), states.members);
   Numbers made = matrices ? Numbers(shape) : new_numbers(results, states.members, states.one);
   Batch batch{states.values.data(), speeds.data(), states.members, speeds.step()};
-  batch.drive = drives.data();
+  std::optional<Numbers> rows_of_drive;
+  if (!drive.is_none()) {
+    rows_of_drive = numbers_argument("drive", "an array of real numbers", drive);
+    require_size("drive", *rows_of_drive, Drive::rows * states.members);
+    batch.drive = rows_of_drive->data();
+  }
   double* const out = made.mutable_data();
   const UnlockedFor unlocked(cost * states.members);
   work(batch, out);
@@ -274,36 +265,6 @@ void require_answer(const char* what, const Model& of, py::ssize_t rows, const p
   refuse(what, members, states.one ? py::object(py::none()) : py::int_(k), why);
 }
 
-/// For each member its rates and their derivatives by the speed and by the state, one below the
-/// other, (members, 2 + rows, rows).
-template <class Model>
-void linearise(const Model& model, const Batch& batch, double* out) {
-  if constexpr (requires { model.linearise(batch, out); }) {
-    model.linearise(batch, out);
-  } else {  // rates are of second degree in the speed
-    const Index rows = 2 * model.dof(), members = batch.members;
-    Vector step(members), u(members);
-    for (Index k = 0; k < members; ++k) u[k] = batch.u[k * batch.u_step];
-    for (Index k = 0; k < members; ++k) step[k] = u[k] > 0.0 ? 0.5 * u[k] : 1.0;
-    Batch faster = batch;
-    faster.u = u.data();
-    faster.u_step = 1;
-    Matrix rates[3];
-    for (Matrix& at : rates) {
-      at.resize(rows, members);
-      model.rhs(faster, at.data());
-      u += step;
-    }
-    Matrix slopes(members, rows * rows);
-    model.jacobian(batch, slopes.data());
-    const Matrix by_speed = 4.0 * rates[1] - rates[2] - 3.0 * rates[0];
-    Eigen::Map<Matrix> all(out, members, (2 + rows) * rows);
-    all.leftCols(rows) = rates[0].transpose();
-    all.middleCols(rows, rows) = (0.5 / step.array()).matrix().asDiagonal() * by_speed.transpose();
-    all.rightCols(rows * rows) = slopes;
-  }
-}
-
 /// Powers (flow, joints, drag, others, base) of each member.
 using Parts =
     py::typing::Tuple<NumberOrArray, NumberOrArray, NumberOrArray, NumberOrArray, NumberOrArray>;
@@ -335,19 +296,12 @@ void define_equations(py::class_<Model>& model) {
       .def(
           "rhs",
           [ask](const Model& of, const object&, const object& y, const object& u,
-                const object& driven, bool refused) {
-            const py::ssize_t rows = 2 * of.dof();
-            return ask(of, y, u, driven, rows, rows, &Model::rhs, refused ? "rhs" : nullptr);
+                const object& driven, bool refused, bool works) {
+            const py::ssize_t rows = 2 * of.dof() + works;
+            return ask(of, y, u, driven, rows, rows, works ? &Model::rhs_and_power : &Model::rhs,
+                       refused ? "rhs" : nullptr);
           },
-          "t"_a, "y"_a, "u"_a, drive, refuses)
-      .def(
-          "rhs_and_power",
-          [ask](const Model& of, const object&, const object& y, const object& u,
-                const object& driven) {
-            const py::ssize_t rows = 2 * of.dof() + 1;
-            return ask(of, y, u, driven, rows, rows, &Model::rhs_and_power);
-          },
-          "t"_a, "y"_a, "u"_a, drive)
+          "t"_a, "y"_a, "u"_a, drive, refuses, "works"_a = false)
       .def(
           "jacobian",
           [ask](const Model& of, const object&, const object& y, const object& u,
@@ -357,14 +311,6 @@ void define_equations(py::class_<Model>& model) {
             return ask(of, y, u, driven, rows, rows, &Model::jacobian, name, true);
           },
           "t"_a, "y"_a, "u"_a, drive, refuses)
-      .def(
-          "linearised",
-          [ask](const Model& of, const object&, const object& y, const object& u,
-                const object& driven) {
-            const py::ssize_t rows = 2 * of.dof();
-            return ask(of, y, u, driven, rows, 2 + rows, linearise<Model>, nullptr, true);
-          },
-          "t"_a, "y"_a, "u"_a, drive)
       .def(
           "energy",
           [ask](const Model& of, const object& y, const object& driven, bool refused) {
@@ -388,7 +334,20 @@ void define_equations(py::class_<Model>& model) {
             return ask(of, y, py::float_(0.0), driven, 3 * n, 2 + 4 * n, &Model::axial);
           },
           "y"_a, drive);
+  if constexpr (requires { &Model::linearise; }) {
+    model.def(
+        "linearised",
+        [ask](const Model& of, const object& y, const object& u, const object& driven) {
+          const py::ssize_t rows = 2 * of.dof();
+          return ask(of, y, u, driven, rows, 2 + rows, &Model::linearise, nullptr, true);
+        },
+        "y"_a, "u"_a, drive);
+  }
 }
+
+/// The routines of LAPACK in SciPy; see linear.cpp.
+struct Lapack;
+const Lapack& scipy_lapack();
 
 /// Defines eigenproblems, spectra and searches; see linear.cpp.
 void define_linear(py::module_& m);

@@ -43,15 +43,6 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
   m.def("vector_levels", pipedyn::vector_levels);
   m.def("vector_level", pipedyn::vector_level);
   m.def("set_vector_level", pipedyn::set_vector_level, "name"_a);
-  m.def(
-      "sincos",
-      [](const Numbers& x) {
-        Numbers sine(x.size()), cosine(x.size());
-        pipedyn::motion_kernel().sincos(x.data(), x.size(), sine.mutable_data(),
-                                        cosine.mutable_data());
-        return py::make_tuple(sine, cosine);
-      },
-      "x"_a);
   pipedyn::motion_kernel();  // a wrong PIPEDYN_VECTOR_LEVEL shows at import
 
   py::class_<Profile>(m, "Profile")

@@ -46,13 +46,6 @@ Lapack found_lapack() {
   return lapack;
 }
 
-/// The addresses are looked up by the first dense problem, as importing scipy.linalg takes longer
-/// than importing numpy.
-const Lapack& scipy_lapack() {
-  PYBIND11_CONSTINIT static py::gil_safe_call_once_and_store<Lapack> found;
-  return found.call_once_and_store_result(found_lapack).get_stored();
-}
-
 /// An object that Python keeps alive.
 template <class Kept>
 std::shared_ptr<const Kept> kept_elsewhere(const Kept& one) {
@@ -93,6 +86,13 @@ class Report {
 };
 
 }  // namespace
+
+// The addresses are looked up by the first dense problem, as importing scipy.linalg takes longer
+// than importing numpy.
+const Lapack& scipy_lapack() {
+  PYBIND11_CONSTINIT static py::gil_safe_call_once_and_store<Lapack> found;
+  return found.call_once_and_store_result(found_lapack).get_stored();
+}
 
 void define_linear(py::module_& m) {
   py::register_exception_translator([](std::exception_ptr thrown) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Bindings of the collocation of periodic orbits.
+#include <pybind11/eigen.h>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -9,7 +10,7 @@
 #include <vector>
 
 #include "arguments.hpp"
-#include "pipedyn/motion/orbit.hpp"
+#include "pipedyn/motion/collocation.hpp"
 
 namespace pipedyn {
 
@@ -19,6 +20,11 @@ namespace {
 
 /// The collocation method with s stages: nodes c (s,), matrices O (s, s) and T (s, s).
 using Weights = std::tuple<Numbers, Numbers, Numbers>;
+
+GivenMatrix table(const char* name, const Numbers& of, Index rows, Index columns) {
+  require_size(name, of, rows * columns);
+  return {of.data(), rows, columns};
+}
 
 py::typing::Tuple<Numbers, Numbers> eliminated(const Numbers& durations, const Numbers& starts,
                                                const Numbers& rates, const Numbers& linearised,
@@ -30,45 +36,40 @@ py::typing::Tuple<Numbers, Numbers> eliminated(const Numbers& durations, const N
     throw py::value_error("rates must have shape (M, s, n / 2), got " + shape_of(rates));
   }
   const auto& [nodes, once, twice] = weights;
-  const py::ssize_t count = rates.shape(0), stages = rates.shape(1), half = rates.shape(2);
-  const py::ssize_t n = 2 * half, all = rates.size();
-  require_size("durations", durations, count);
-  require_size("starts", starts, count * n);
-  require_size("linearised", linearised, count * stages * (2 + n) * n);
-  if (by_frequency) require_size("by_frequency", *by_frequency, all);
-  require_size("nodes", nodes, stages);
-  require_size("once", once, stages * stages);
-  require_size("twice", twice, stages * stages);
-  if (units) require_size("units", *units, n);
-  Numbers by(std::vector<py::ssize_t>{count, stages * half, n + 3});
-  Numbers ends(std::vector<py::ssize_t>{count, n, n + 3});
+  const Index count = rates.shape(0), stages = rates.shape(1), half = rates.shape(2);
+  const Index n = 2 * half, size = stages * half;
+  const GivenMatrix none(nullptr, 0, 0);
   const Intervals intervals{
-      .count = count,
       .stages = stages,
       .half = half,
-      .durations = durations.data(),
-      .starts = starts.data(),
-      .rates = rates.data(),
-      .linearised = linearised.data(),
-      .by_frequency = by_frequency ? by_frequency->data() : nullptr,
+      .durations = table("durations", durations, count, 1),
+      .starts = table("starts", starts, count, n),
+      .rates = {rates.data(), count * stages, half},
+      .linearised = table("linearised", linearised, count * stages * (2 + n), n),
+      .by_frequency =
+          by_frequency ? table("by_frequency", *by_frequency, half, count * stages) : none,
       .speed_varies = speed_varies,
       .frequency = frequency,
-      .nodes = nodes.data(),
-      .once = once.data(),
-      .twice = twice.data(),
+      .nodes = table("nodes", nodes, stages, 1),
+      .once = table("once", once, stages, stages),
+      .twice = table("twice", twice, stages, stages),
       .mirror = mirror,
-      .units = units ? units->data() : nullptr,
+      .units = units ? table("units", *units, n, 1) : none,
   };
+  Numbers by(std::vector<py::ssize_t>{count, size, n + 3});
+  Numbers ends(std::vector<py::ssize_t>{count, n, n + 3});
   double* const to = by.mutable_data();
   double* const end = ends.mutable_data();
+  const Lapack& lapack = scipy_lapack();
   std::atomic<bool> regular = true;
   {
     const py::gil_scoped_release unlocked;
-    const Index size = stages * half;
     in_parts(count, size * size * (size + n) / 100, [&](Index first, Index last) {
-      std::vector<double*> rows(static_cast<std::size_t>(size));
-      if (!motion_kernel().eliminate_stages(intervals, first, last, rows.data(), to, end)) {
-        regular = false;
+      for (Index m = first; m < last && regular; ++m) {
+        const bool solved =
+            eliminate_stages(lapack, intervals, m, {to + m * size * (n + 3), size, n + 3},
+                             {end + m * n * (n + 3), n, n + 3});
+        if (!solved) regular = false;
       }
     });
   }
@@ -80,14 +81,14 @@ py::typing::Tuple<Numbers, Numbers> eliminated(const Numbers& durations, const N
   return py::make_tuple(by, ends);
 }
 
-py::typing::Tuple<Numbers, std::vector<py::ssize_t>> carried(const Numbers& maps, double most) {
+py::typing::Tuple<Numbers, std::vector<Index>> carried(const Numbers& maps, double most) {
   if (maps.ndim() != 3 || maps.shape(2) < maps.shape(1) || maps.shape(0) == 0) {
     throw py::value_error("maps must have shape (M, n, n + k), got " + shape_of(maps));
   }
-  const py::ssize_t count = maps.shape(0), n = maps.shape(1), columns = maps.shape(2);
+  const Index count = maps.shape(0), n = maps.shape(1), columns = maps.shape(2);
   Numbers whole(std::vector<py::ssize_t>{count, n, columns});
   double* const to = whole.mutable_data();
-  std::vector<py::ssize_t> begins;
+  std::vector<Index> begins;
   {
     const py::gil_scoped_release unlocked;
     begins = carry_maps(maps.data(), count, n, columns, most, to);
@@ -97,22 +98,20 @@ py::typing::Tuple<Numbers, std::vector<py::ssize_t>> carried(const Numbers& maps
 
 Numbers states_of(const Numbers& edges, const Numbers& starts, const Numbers& rates,
                   double frequency, double mirror, const Numbers& once, const Numbers& twice,
-                  const Numbers& phases) {
-  if (rates.ndim() != 3 || starts.ndim() != 2) {
-    throw py::value_error("starts and rates must have shapes (M, n) and (M, s, n / 2), got " +
-                          shape_of(starts) + " and " + shape_of(rates));
-  }
-  const py::ssize_t count = rates.shape(0), stages = rates.shape(1), half = rates.shape(2);
-  require_size("edges", edges, count + 1);
-  require_size("starts", starts, 2 * half * count);
-  require_size("once", once, (stages + 1) * stages);
-  require_size("twice", twice, (stages + 2) * stages);
-  const Polynomials orbit{count,        stages,    half,   edges.data(), starts.data(),
-                          rates.data(), frequency, mirror, once.data(),  twice.data()};
+                  const Vector& phases) {
+  const Index count = edges.size() - 1, stages = once.size() / std::max<Index>(once.shape(0), 1);
+  const Index half = rates.size() / std::max<Index>(count * stages, 1);
+  const Polynomials orbit{.edges = table("edges", edges, count + 1, 1),
+                          .starts = table("starts", starts, count, 2 * half),
+                          .rates = table("rates", rates, count * stages, half),
+                          .frequency = frequency,
+                          .mirror = mirror,
+                          .once = table("once", once, stages + 1, stages),
+                          .twice = table("twice", twice, stages + 2, stages)};
   Numbers made = new_numbers(2 * half, phases.size(), false);
   double* const to = made.mutable_data();
   const py::gil_scoped_release unlocked;
-  states_at(orbit, phases.data(), phases.size(), to);
+  states_at(orbit, phases, {to, 2 * half, phases.size()});
   return made;
 }
 

@@ -43,7 +43,6 @@ __all__: list[str] = [
     "orbit_states",
     "rounding",
     "set_vector_level",
-    "sincos",
     "vector_level",
     "vector_levels",
 ]
@@ -175,7 +174,7 @@ class Galerkin:
         refuses: bool = True,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def linearised(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def most_on_a_panel(self) -> int: ...
     def nodes(
@@ -200,9 +199,7 @@ class Galerkin:
         u: typing.Any,
         drive: typing.Any = None,
         refuses: bool = True,
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def rhs_and_power(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+        works: bool = False,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     def tips(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
@@ -485,9 +482,6 @@ class Scene:
         drive: typing.Any = None,
         refuses: bool = True,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def linearised(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
     def operators(
         self,
         angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
@@ -527,9 +521,7 @@ class Scene:
         u: typing.Any,
         drive: typing.Any = None,
         refuses: bool = True,
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    def rhs_and_power(
-        self, t: typing.Any, y: typing.Any, u: typing.Any, drive: typing.Any = None
+        works: bool = False,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
     def chain(self) -> Chain: ...
@@ -626,15 +618,12 @@ def orbit_states(
     mirror: typing.SupportsFloat | typing.SupportsIndex,
     once: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     twice: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-    phases: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    phases: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
 ) -> numpy.typing.NDArray[numpy.float64]: ...
 def rounding(
     values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
 def set_vector_level(name: str) -> None: ...
-def sincos(
-    x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
 def vector_level() -> str: ...
 def vector_levels() -> list[str]: ...
 

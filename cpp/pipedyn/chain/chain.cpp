@@ -5,7 +5,6 @@
 #include <cmath>
 #include <stdexcept>
 #include <string>
-#include <tuple>
 #include <utility>
 
 #include "pipedyn/chain/stations.hpp"
@@ -64,24 +63,43 @@ std::vector<LoadMoments<double>> loads_at(const MotionModel& model, const Vector
   return sums;
 }
 
-/// Derivatives of the loads on a segment at rest by the displacement of its joint and by its angle,
-/// or by the rates of both.
-struct LoadSlopes {
+/// Derivatives of the force on a segment, and of its moment about the joint, by the displacement of
+/// the joint and by the angle, for a sum of the parts of the linear problem.
+struct SegmentSlopes {
   double force[2][2];    // force by displacement
   Plane<double> turned;  // force by angle
-  Plane<double> moment;  // moment about the joint by displacement
-  double turned_moment;  // moment about the joint by angle
+  Plane<double> moment;  // moment by displacement
+  double turned_moment;  // moment by angle
 
-  LoadSlopes(const LoadMoments<double>& sums, Variable place, Variable angle,
-             const Plane<double>& across) {
-    const Slopes<double>(&of)[3] = sums.slopes;
-    for (int i = 0; i < 2; ++i) {
-      for (int k = 0; k < 2; ++k) force[i][k] = of[0].by[i][place + k];
-    }
-    turned = plus(force_by(of[1], place, across), force_by(of[0], angle));
-    moment = plus(work_by(of[1], place, across), couple_by(of[0], place));
-    const Plane<double> lifted = plus(force_by(of[2], place, across), force_by(of[1], angle));
-    turned_moment = dot(across, plus(lifted, couple_by(of[1], place))) + of[0].by[2][angle];
+  /// loads: sums of the segment's loads, or null; flow: sqrt(beta) s; n: normal of the segment.
+  SegmentSlopes(const Link& link, const LoadMoments<double>* loads, const LinearPart& part,
+                double flow, const Plane<double>& n) {
+    const double mass = part.mass * link.mass, lever = part.mass * link.first_moment;
+    const double coriolis = part.velocity * flow, push = part.unsteady * flow;
+    const Plane<double> added = scaled(part.mass * link.added, n);
+    force[0][0] = mass + added.x * n.x;
+    force[0][1] = added.x * n.y;
+    force[1][0] = added.y * n.x;
+    force[1][1] = mass + added.y * n.y;
+    turned = scaled(lever + link.length * (2.0 * coriolis + push), n);
+    moment = scaled(lever, n);
+    turned_moment = part.mass * link.inertia + link.length * link.length * coriolis;
+    if (loads == nullptr) return;
+    const Slopes<double>(&of)[3] = loads->slopes;
+    const auto add = [&](double factor, Variable place, Variable angle) {
+      for (int i = 0; i < 2; ++i) {
+        for (int k = 0; k < 2; ++k) force[i][k] += factor * of[0].by[i][place + k];
+      }
+      turned =
+          plus(turned, scaled(factor, plus(force_by(of[1], place, n), force_by(of[0], angle))));
+      moment =
+          plus(moment, scaled(factor, plus(work_by(of[1], place, n), couple_by(of[0], place))));
+      const Plane<double> lifted = plus(force_by(of[2], place, n), force_by(of[1], angle));
+      turned_moment +=
+          factor * (dot(n, plus(lifted, couple_by(of[1], place))) + of[0].by[2][angle]);
+    };
+    if (part.stiffness != 0.0) add(-part.stiffness, by_position, by_angle);
+    if (part.damping != 0.0) add(-part.damping, by_velocity, by_rate);
   }
 };
 
@@ -193,46 +211,44 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
 void Chain::linearise() {
   const Index n = dof();
   const std::vector<LoadMoments<double>> sums = loads_at(motion(), Vector::Zero(n));
+  const std::pair<LinearPart, double ImpedanceParts::*> parts[] = {
+      {{.stiffness = 1.0}, &ImpedanceParts::stiffness},
+      {{.damping = 1.0}, &ImpedanceParts::damping},
+      {{.mass = 1.0}, &ImpedanceParts::mass}};
   double tension = 0.0;  // sum of the loads along the pipe beyond the segment
-  impedances_.resize(static_cast<std::size_t>(n));
+  impedances_.assign(static_cast<std::size_t>(n), {});
   for (Index j = n - 1; j >= 0; --j) {
     const Link& link = this->link(j);
+    const auto* const loads = sums.empty() ? nullptr : &sums[static_cast<std::size_t>(j)];
     ImpedanceSegment& made = impedances_[static_cast<std::size_t>(j)];
-    made = {.length = link.length,
-            .joint = {link.spring, link.damping, 0.0},
-            .force = {0.0, 0.0, link.mass + link.added},
-            .across = {0.0, 0.0, link.first_moment},
-            .turned = {0.0, 0.0, link.first_moment},
-            .moment = {link.weight, 0.0, link.inertia},
-            .joint_hysteresis = pipe_.hysteresis * damped_springs_[j],
-            .moment_hysteresis = 0.0,
-            .moment_size = std::abs(link.weight),
-            .held = held_[static_cast<std::size_t>(j)],
-            .loaded = false,
-            .repeats = false};
+    made.length = link.length;
+    made.joint = {link.spring, link.damping, 0.0};
+    made.joint_hysteresis = pipe_.hysteresis * damped_springs_[j];
+    made.held = held_[static_cast<std::size_t>(j)];
+    for (const auto& [part, to] : parts) {
+      const SegmentSlopes slopes(link, loads, part, 0.0, {1.0, 0.0});
+      made.force.*to = slopes.force[0][0];
+      made.across.*to = slopes.moment.x;
+      made.turned.*to = slopes.turned.x;
+      made.moment.*to = slopes.turned_moment;
+    }
+    const auto add_to_moment = [&made](double stiffness) {
+      made.moment_size += std::abs(stiffness);
+      made.moment.stiffness += stiffness;
+    };
+    made.moment_size = std::abs(made.moment.stiffness);
+    add_to_moment(link.weight);
+    if (loads != nullptr) {
+      add_to_moment(link.length * tension + loads->load[1][1]);
+      tension += loads->load[0][1];
+    }
     if (j == n - 1) {
-      made.moment.stiffness += end_spring_;
+      add_to_moment(end_spring_);
       made.moment.damping += end_damping_;
       made.moment_hysteresis = pipe_.hysteresis * end_spring_;
-      made.moment_size += end_spring_ + made.moment_hysteresis;
-      made.loaded = end_damping_ != 0.0 || made.moment_hysteresis != 0.0;
+      made.moment_size += made.moment_hysteresis;
     }
-    if (sums.empty()) continue;
-    const LoadMoments<double>& of = sums[static_cast<std::size_t>(j)];
-    const double pulled = link.length * tension + of.load[1][1];
-    tension += of.load[0][1];
-    const auto add = [&](const LoadSlopes& slopes, double ImpedanceParts::* to) {
-      made.force.*to -= slopes.force[0][0];
-      made.across.*to -= slopes.moment.x;
-      made.turned.*to -= slopes.turned.x;
-      made.moment.*to -= slopes.turned_moment;
-    };
-    const LoadSlopes bent(of, by_position, by_angle, {1.0, 0.0});
-    add(bent, &ImpedanceParts::stiffness);
-    add(LoadSlopes(of, by_velocity, by_rate, {1.0, 0.0}), &ImpedanceParts::damping);
-    made.moment_size += std::abs(bent.turned_moment) + std::abs(pulled);
-    made.moment.stiffness += pulled;
-    made.loaded = made.loaded || made.moment.damping != 0.0;
+    made.loaded = made.moment.damping != 0.0 || made.moment_hysteresis != 0.0;
     for (const ImpedanceParts* const part : {&made.force, &made.across, &made.turned}) {
       made.loaded = made.loaded || part->damping != 0.0 || part->stiffness != 0.0;
     }
@@ -385,42 +401,22 @@ Matrix Chain::moments(const Matrix& x, const LinearPart& part, const Vector& ang
   const std::vector<LoadMoments<double>> sums = loads_at(motion(), angles);
   const bool loaded = !sums.empty(), guided = pipe_.is_guided();
   const double flow = pipe_.sqrt_beta() * pipe_.direction();
-  const double coriolis = part.velocity * flow, push = part.unsteady * flow;
-  const double entry = part.velocity * pipe_.entry();
+  const double entry = part.velocity * pipe_.entry(), push = part.unsteady * flow;
   const auto along = [&](double angle) { return Plane<double>{std::sin(angle), std::cos(angle)}; };
   const auto across = [](const Plane<double>& t) { return Plane<double>{t.y, -t.x}; };
-  // The variables on which loads depend, and the factors of their derivatives.
-  const std::tuple<Variable, Variable, double> variables[] = {
-      {by_position, by_angle, part.stiffness}, {by_velocity, by_rate, part.damping}};
   Matrix out(n, columns), force_x(n, columns), force_y(n, columns);
   using Row = Eigen::RowVectorXd;
   Row place_x = Row::Zero(columns), place_y = place_x;  // displacement of the joint
   for (Index j = 0; j < n; ++j) {
     const Link& link = this->link(j);
-    const double l = link.length, mass = part.mass * link.mass;
-    const double lever = part.mass * link.first_moment;
-    const Plane<double> n_j = across(along(angles[j])), added = scaled(part.mass * link.added, n_j);
-    // Derivatives of the force on the segment, and of its moment, by place and angle.
-    double force[2][2] = {{mass + added.x * n_j.x, added.x * n_j.y},
-                          {added.y * n_j.x, mass + added.y * n_j.y}};
-    Plane<double> turned = scaled(lever + l * (2.0 * coriolis + push), n_j);
-    Plane<double> moment = scaled(lever, n_j);
-    double own = part.mass * link.inertia + l * l * coriolis;
-    for (const auto& [place, angle, factor] : variables) {
-      if (!loaded || factor == 0.0) continue;
-      const LoadSlopes slopes(sums[static_cast<std::size_t>(j)], place, angle, n_j);
-      turned = plus(turned, scaled(-factor, slopes.turned));
-      moment = plus(moment, scaled(-factor, slopes.moment));
-      own -= factor * slopes.turned_moment;
-      for (int i = 0; i < 2; ++i) {
-        for (int k = 0; k < 2; ++k) force[i][k] -= factor * slopes.force[i][k];
-      }
-    }
+    const auto* const loads = loaded ? &sums[static_cast<std::size_t>(j)] : nullptr;
+    const Plane<double> n_j = across(along(angles[j]));
+    const auto [force, turned, moment, own] = SegmentSlopes(link, loads, part, flow, n_j);
     force_x.row(j) = force[0][0] * place_x + force[0][1] * place_y + turned.x * x.row(j);
     force_y.row(j) = force[1][0] * place_x + force[1][1] * place_y + turned.y * x.row(j);
     out.row(j) = moment.x * place_x + moment.y * place_y + own * x.row(j);
-    place_x += (l * n_j.x) * x.row(j);
-    place_y += (l * n_j.y) * x.row(j);
+    place_x += (link.length * n_j.x) * x.row(j);
+    place_y += (link.length * n_j.y) * x.row(j);
   }
   const Plane<double> jet = along(pipe_.jet_angle + (guided ? 0.0 : angles[n - 1]));
   const Plane<double> turned_jet = scaled(guided ? 0.0 : part.flux, across(jet));

@@ -24,25 +24,11 @@
 #include "pipedyn/chain/sweeps.hpp"
 #include "pipedyn/galerkin/elimination.hpp"
 #include "pipedyn/galerkin/kernel.hpp"
-#include "pipedyn/motion/collocation.hpp"
 #include "pipedyn/motion/dense.hpp"
 #include "pipedyn/motion/stages.hpp"
 #include "pipedyn/vector/pack.hpp"
 
 namespace {
-
-/// Calls body(law, place, station) for each place with a load. sweep: angles and rates after
-/// read_state.
-template <class Real, class Body>
-void for_each_load(const MotionModel& model, const Members<Real>& members, Sweep<Real> sweep,
-                   const Body& body) {
-  if (model.load_count == 0) return;
-  Walk<Real> walk(model, members.drive());
-  for (Count j = 0; j < model.size; ++j) {
-    walk.turn(sweep.at(sweep.sine, j), sweep.at(sweep.cosine, j));
-    walk.pass(j, model.links[j].length, members.row(j), sweep.at(sweep.rate, j), body);
-  }
-}
 
 template <class Real>
 void energy_of(const MotionModel& model, const Members<Real>& members, Sweep<Real> sweep,
@@ -72,7 +58,11 @@ void energy_of(const MotionModel& model, const Members<Real>& members, Sweep<Rea
   const auto add = [&](const auto& law, const SegmentTerm& place, const auto& at) {
     twice += (2.0 * place.weight) * law.energy(at);
   };
-  for_each_load(model, members, sweep, add);
+  Walk<Real> walk(model, members.drive());
+  for (Count j = 0; j < n && model.load_count > 0; ++j) {
+    walk.turn(sweep.at(sweep.sine, j), sweep.at(sweep.cosine, j));
+    walk.pass(j, model.links[j].length, members.row(j), sweep.at(sweep.rate, j), add);
+  }
   const Real angle = members.row(n - 1);
   twice += model.end_spring * (angle * angle);
   members.set_row(out, 0, 0.5 * twice);
@@ -166,19 +156,6 @@ void combine(const double* weights, const double* const* k, Count terms, const d
   for (; i < size; ++i) add(0.0, i);
 }
 
-void sincos_of(const double* x, Count count, double* sine, double* cosine) {
-  for (Count i = 0; i < count; i += width) {
-    const Count used = count - i < width ? count - i : width;
-    double at[width] = {}, s[width], c[width];
-    for (Count lane = 0; lane < used; ++lane) at[lane] = x[i + lane];
-    sincos(at, width, s, c);
-    for (Count lane = 0; lane < used; ++lane) {
-      sine[i + lane] = s[lane];
-      cosine[i + lane] = c[lane];
-    }
-  }
-}
-
 }  // namespace
 
 #define PIPEDYN_QUOTED(level) #level
@@ -203,8 +180,7 @@ const MotionKernel PIPEDYN_NAMED(motion) = {
     .solve_dense = ::solve_dense,
     .mix_stages = ::mix_stages,
     .correct_stages = ::correct_stages,
-    .eliminate_stages = ::eliminate_stages,
-    .sincos = ::sincos_of,
+    .sincos = sincos,
     .galerkin = &PIPEDYN_NAMED(galerkin),
     .impedance = &PIPEDYN_NAMED(impedance),
     .elimination = &PIPEDYN_NAMED(elimination),

@@ -82,27 +82,6 @@ struct Batch {
   const double* errors = nullptr;   // allowed relative error of quadratures (members,); null: least
 };
 
-/// A periodic orbit on a mesh, and derivatives at its stages (motion/collocation.hpp). Arrays are
-/// row-major; n = 2 half.
-struct Intervals {
-  std::ptrdiff_t count, stages, half;
-  const double* durations;  // (count,)
-  const double* starts;     // states at the beginnings of the intervals (count, n)
-  const double* rates;      // accelerations at the stages (count, stages, half)
-  // Rates of the states at the stages from the forces, then derivatives of these rates by the speed
-  // and by the states (count, stages, 2 + n, n).
-  const double* linearised;
-  // Derivatives of the accelerations by the frequency (half, count, stages); null if they are 0.
-  const double* by_frequency;
-  bool speed_varies;
-  double frequency;
-  const double* nodes;  // c (stages,)
-  const double* once;   // O (stages, stages)
-  const double* twice;  // T (stages, stages)
-  double mirror;        // ratio of the state after the last interval to the first state, 1 or -1
-  const double* units;  // units of the state (n,), or null if only maps of intervals are needed
-};
-
 struct GalerkinKernel;
 struct ImpedanceKernel;
 struct EliminationKernel;
@@ -147,15 +126,8 @@ struct MotionKernel {
   double (*correct_stages)(const double* x, const double* matrix, const double* y,
                            const double* allowed, std::ptrdiff_t rows, double* w, double* z,
                            double* out);
-
-  /// Computes, for the intervals from first to last, the derivatives of the accelerations (count,
-  /// stages half, n + 3) and of the state at the end (count, n, n + 3) by the state at the
-  /// beginning, a share of the residual, frequency and speed. With units, the derivatives of the
-  /// state at the end are those of states in these units, and the residual includes the difference
-  /// between that state and the beginning of the next interval. rows: scratch for stages half
-  /// pointers. Returns false if a matrix is singular.
-  bool (*eliminate_stages)(const Intervals&, std::ptrdiff_t first, std::ptrdiff_t last,
-                           double** rows, double* rates, double* ends);
+  /// Sine and cosine of `count` numbers. The arrays have room for whole packs; sine may be x
+  /// itself.
   void (*sincos)(const double* x, std::ptrdiff_t count, double* sine, double* cosine);
 
   const GalerkinKernel* galerkin;        // motion of reduced models

@@ -64,16 +64,6 @@ inline Plane<Real> work_by(const Slopes<Real>& slopes, Variable first, const Pla
           slopes.by[0][first + 1] * v.x + slopes.by[1][first + 1] * v.y};
 }
 
-/// Product of a matrix, given by rows, and a vector; `transposed_times`: with its transpose.
-template <class Real>
-inline Plane<Real> times(const Real (&rows)[2][2], const Plane<Real>& v) {
-  return {rows[0][0] * v.x + rows[0][1] * v.y, rows[1][0] * v.x + rows[1][1] * v.y};
-}
-template <class Real>
-inline Plane<Real> transposed_times(const Real (&rows)[2][2], const Plane<Real>& v) {
-  return {rows[0][0] * v.x + rows[1][0] * v.y, rows[0][1] * v.x + rows[1][1] * v.y};
-}
-
 /// The drive of a member, in the order of the rows of Drive; all 0 if the batch has none.
 template <class Real>
 struct Driven {

@@ -15,10 +15,12 @@ namespace pipedyn {
 
 namespace {
 
+/// Sines and cosines of angles, with more rows as room for whole packs.
 void turn(const Matrix& theta, Matrix& sine, Matrix& cosine) {
-  sine.resizeLike(theta);
-  cosine.resizeLike(theta);
-  motion_kernel().sincos(theta.data(), theta.size(), sine.data(), cosine.data());
+  sine.setZero(theta.rows() + 7, theta.cols());
+  sine.topRows(theta.rows()) = theta;
+  cosine.resizeLike(sine);
+  motion_kernel().sincos(sine.data(), theta.size(), sine.data(), cosine.data());
 }
 
 void require(const char* name, Index size, Index expected) {

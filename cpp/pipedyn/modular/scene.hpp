@@ -138,7 +138,7 @@ class Scene {
 
   /// Scratch of `enforce` for one state or several members; the next call may reuse it.
   struct Rows {
-    Matrix sine, cosine;  // of theta, (n, members)
+    Matrix sine, cosine;  // of theta, (n + 7, members)
     /// R, and the derivative of each entry by its angle, (n, rows members); the members of a row
     /// are neighbours. If a row weighs nodes alone, w . q is origin_ less the sum of the
     /// derivatives.

@@ -35,9 +35,30 @@ double share(Index s) {
   return shares[s];
 }
 
+}  // namespace
+
+Dop853::Dop853(Rates rates, Index rows, Index members, const double* start, double time,
+               const Limits& limits)
+    : Integrator(rows, members, time, limits),
+      rates_(std::move(rates)),
+      y_(Eigen::Map<const Matrix>(start, rows, members)),
+      absolute_(limits_.absolute),
+      relative_(limits_.relative),
+      rate_(stages + 1, y_),
+      tried_(Vector::Zero(members)),
+      zero_(Vector::Zero(y_.size())),
+      dense_{{}, {}, {}, Stages(stages + 4), Stages(7)} {
+  evaluate(y_, rate_[0], 0.0);
+  choose_first_steps();
+}
+
+Vector Dop853::state(Index member) const {
+  return y_.col(std::find(which_.begin(), which_.end(), member) - which_.begin());
+}
+
 /// Computes out = y + h sum_s weights_s k_s.
-void combine(const Stages& of, const double* weights, Index terms, const Vector& y,
-             const Vector& steps, Index entries, Vector& out) {
+void Dop853::combine(const Stages& of, const double* weights, Index terms, const double* y,
+                     const Matrix& steps, Matrix& out) const {
   const double* k[stages + 4];
   double found[stages + 4];
   Index count = 0;
@@ -46,71 +67,41 @@ void combine(const Stages& of, const double* weights, Index terms, const Vector&
     found[count] = weights[s];
     k[count++] = of[s].data();
   }
-  motion_kernel().combine(found, k, count, y.data(), steps.data(), out.data(), entries);
-}
-
-}  // namespace
-
-Dop853::Dop853(Rates rates, Index rows, Index members, const double* start, double time,
-               const Limits& limits)
-    : Integrator(rows, members, time, limits),
-      rates_(std::move(rates)),
-      y_(Eigen::Map<const Vector>(start, rows * members)),
-      next_(y_),
-      stage_(y_),
-      steps_(y_),
-      relative_(y_),
-      absolute_(Eigen::Map<const Vector>(limits_.absolute.data(), limits_.absolute.size())),
-      rate_(stages + 1, y_),
-      dense_{y_, y_, y_, Vector::Zero(y_.size()), Stages(stages + 4, y_), Stages(7, y_)} {
-  tried_ = Vector::Zero(members);
-  for (Index i = 0; i < entries(); i += members) {
-    relative_.segment(i, members) = limits_.relative;
-  }
-  evaluate(y_, rate_[0], 0.0);
-  choose_first_steps();
-}
-
-Vector Dop853::state(Index member) const {
-  const auto column = std::find(which_.begin(), which_.end(), member) - which_.begin();
-  return Eigen::Map<const Matrix>(y_.data(), rows_, active()).col(column);
+  out.resizeLike(steps);
+  motion_kernel().combine(found, k, count, y, steps.data(), out.data(), out.size());
 }
 
 /// Rates of states, each at a given fraction of the step that is tried.
-void Dop853::evaluate(const Vector& y, Vector& rates, double share) {
+void Dop853::evaluate(const Matrix& y, Matrix& rates, double share) {
   t_.resize(active());
   for (Index j = 0; j < active(); ++j) {
     Member& member = members_[which_[j]];
     t_[j] = member.time + share * tried_[j];
     ++member.evaluations;
   }
+  rates.resizeLike(y);
   rates_(t_, y.data(), which_, rates.data());
 }
 
 /// First step size, at which an explicit Euler step and the change of rates within it are small.
 void Dop853::choose_first_steps() {
   const Index m = active();
-  const auto norms = [&](const Vector& of, const Vector& from) {
+  const Matrix allowed = absolute_ + y_.cwiseAbs() * relative_.asDiagonal();
+  const auto norms = [&](const Matrix& of) {
     Vector sum = Vector::Zero(m);
-    for (Index i = 0; i < entries(); i += m) {
-      const auto allowed = absolute_.segment(i, m) +
-                           relative_.segment(i, m).cwiseProduct(y_.segment(i, m).cwiseAbs());
-      sum.array() += ((of.segment(i, m) - from.segment(i, m)).array() / allowed.array()).square();
+    for (Index i = 0; i < rows_; ++i) {
+      sum += of.row(i).cwiseQuotient(allowed.row(i)).cwiseAbs2().transpose();
     }
     return Vector((sum / static_cast<double>(rows_)).cwiseSqrt());
   };
-  const Vector zero = Vector::Zero(entries()), size = norms(y_, zero), rate = norms(rate_[0], zero);
-  Vector small(m);
+  const Vector size = norms(y_), rate = norms(rate_[0]);
   for (Index j = 0; j < m; ++j) {
-    small[j] = size[j] < 1e-5 || rate[j] < 1e-5 ? 1e-6 : 0.01 * size[j] / rate[j];
+    tried_[j] = size[j] < 1e-5 || rate[j] < 1e-5 ? 1e-6 : 0.01 * size[j] / rate[j];
   }
-  steps_ = small.replicate(rows_, 1);
-  stage_ = y_ + steps_.cwiseProduct(rate_[0]);
-  tried_ = small;
-  evaluate(stage_, rate_[1], 1.0);
-  const Vector change = norms(rate_[1], rate_[0]);
+  evaluate(y_ + rate_[0] * tried_.asDiagonal(), rate_[1], 1.0);
+  const Vector change = norms(rate_[1] - rate_[0]);
   for (Index j = 0; j < m; ++j) {
-    const double h = small[j], steepest = std::max(rate[j], change[j] / h);
+    const double h = tried_[j], steepest = std::max(rate[j], change[j] / h);
     const double by_error =
         steepest < 1e-15 ? std::max(1e-6, 1e-3 * h) : std::pow(0.01 / steepest, 0.125);
     members_[j].step = std::isfinite(by_error) ? std::min(100.0 * h, by_error) : h;
@@ -121,12 +112,12 @@ Index Dop853::step(double end) {
   const Index m = active();
   tried_.resize(m);
   for (Index j = 0; j < m; ++j) tried_[j] = length(members_[which_[j]], end);
-  for (Index i = 0; i < entries(); i += m) steps_.segment(i, m) = tried_;
+  steps_ = tried_.transpose().replicate(rows_, 1);
   for (Index s = 1; s < stages; ++s) {
-    combine(rate_, dop853::weights[s - 1], s, y_, steps_, entries(), stage_);
+    combine(rate_, dop853::weights[s - 1], s, y_.data(), steps_, stage_);
     evaluate(stage_, rate_[s], share(s));
   }
-  combine(rate_, dop853::weights[stages - 1], stages, y_, steps_, entries(), next_);
+  combine(rate_, dop853::weights[stages - 1], stages, y_.data(), steps_, next_);
   measure_errors();
   accepted_.assign(static_cast<std::size_t>(m), 0);
   for (Index j = 0; j < m; ++j) control(j, end);
@@ -137,10 +128,8 @@ Index Dop853::step(double end) {
     rate_[0].swap(rate_[stages]);
     for (Index j = 0; j < m; ++j) {
       if (accepted_[j]) continue;
-      for (Index i = j; i < entries(); i += m) {
-        y_[i] = next_[i];
-        rate_[0][i] = rate_[stages][i];
-      }
+      y_.col(j) = next_.col(j);
+      rate_[0].col(j) = rate_[stages].col(j);
     }
   }
   for (const Index w : which_) {
@@ -152,14 +141,14 @@ Index Dop853::step(double end) {
 
 /// Error of the step of each column, relative to the tolerance.
 void Dop853::measure_errors() {
-  const Index m = active(), size = entries();
-  const auto largest = y_.head(size).cwiseAbs().cwiseMax(next_.head(size).cwiseAbs());
-  scale_ = (absolute_.head(size) + relative_.head(size).cwiseProduct(largest)).cwiseInverse();
+  const Index m = active();
+  const auto largest = y_.cwiseAbs().cwiseMax(next_.cwiseAbs());
+  scale_ = (absolute_ + largest * relative_.asDiagonal()).cwiseInverse();
   for (Index e = 0; e < 2; ++e) {
-    combine(rate_, dop853::error_weights[e], stages, dense_.zero, steps_, size, stage_);
+    combine(rate_, dop853::error_weights[e], stages, zero_.data(), steps_, stage_);
     squares_[e].setZero(m);
-    for (Index i = 0; i < size; i += m) {
-      squares_[e] += stage_.segment(i, m).cwiseProduct(scale_.segment(i, m)).cwiseAbs2();
+    for (Index i = 0; i < rows_; ++i) {
+      squares_[e] += stage_.row(i).cwiseProduct(scale_.row(i)).cwiseAbs2().transpose();
     }
   }
   error_.resize(m);
@@ -197,29 +186,26 @@ void Dop853::interpolate() {
     which.push_back(which_[j]);
   }
   if (columns.empty()) return;
-  const Index c = static_cast<Index>(columns.size()), entries = rows_ * c;
+  const Index c = static_cast<Index>(columns.size());
   Dense& of = dense_;
-  gather(y_, columns, of.from);
-  gather(next_, columns, of.terms[0]);
-  gather(steps_, columns, of.steps);
-  for (Index s = 0; s <= stages; ++s) gather(rate_[s], columns, of.rate[s]);
+  of.from = y_(Eigen::all, columns);
+  of.steps = steps_(Eigen::all, columns);
+  for (Index s = 0; s <= stages; ++s) of.rate[s] = rate_[s](Eigen::all, columns);
   t_.resize(c);
   for (Index s = stages + 1; s < stages + 4; ++s) {
-    combine(of.rate, dop853::weights[s - 1], s, of.from, of.steps, entries, of.stage);
+    combine(of.rate, dop853::weights[s - 1], s, of.from.data(), of.steps, of.stage);
     for (Index j = 0; j < c; ++j) {
-      t_[j] = members_[which[j]].time - (1.0 - share(s)) * of.steps[j];
+      t_[j] = members_[which[j]].time - (1.0 - share(s)) * of.steps(0, j);
     }
+    of.rate[s].resizeLike(of.stage);
     rates_(t_, of.stage.data(), which, of.rate[s].data());
   }
   for (const Index w : which) members_[w].evaluations += 3;
-  for (Index i = 0; i < entries; ++i) {
-    const double rise = of.terms[0][i] -= of.from[i], h = of.steps[i];
-    of.terms[1][i] = h * of.rate[0][i] - rise;
-    of.terms[2][i] = rise - of.terms[1][i] - h * of.rate[stages][i];
-  }
+  of.terms[0] = next_(Eigen::all, columns) - of.from;
+  of.terms[1] = of.steps.cwiseProduct(of.rate[0]) - of.terms[0];
+  of.terms[2] = of.terms[0] - of.terms[1] - of.steps.cwiseProduct(of.rate[stages]);
   for (Index t = 0; t < 4; ++t) {
-    combine(of.rate, dop853::dense_weights[t], stages + 4, of.zero, of.steps, entries,
-            of.terms[3 + t]);
+    combine(of.rate, dop853::dense_weights[t], stages + 4, zero_.data(), of.steps, of.terms[3 + t]);
   }
   for (Index j = 0; j < c; ++j) {
     // from + x (terms_0 + (1 - x) (terms_1 + x (terms_2 + ...)))
@@ -228,34 +214,24 @@ void Dop853::interpolate() {
     for (Index i = 0; i < rows_; ++i) {
       double of_row[8] = {};
       for (Index t = 6; t >= 0; --t) {
-        of_row[0] += of.terms[t][i * c + j];
+        of_row[0] += of.terms[t](i, j);
         for (Index e = 7 - t; e > 0; --e) {
           of_row[e] = t % 2 == 0 ? of_row[e - 1] : of_row[e] - of_row[e - 1];
         }
         if (t % 2 == 0) of_row[0] = 0.0;
       }
       for (Index e = 1; e < 8; ++e) p(e, i) = of_row[e];
-      p(0, i) = of.from[i * c + j];
+      p(0, i) = of.from(i, j);
     }
     step_.to = members_[which[j]].time;
-    step_.from = step_.to - of.steps[j];
+    step_.from = step_.to - of.steps(0, j);
     record(which[j], step_);
   }
 }
 
-/// Copies some of the columns, in order; `in` and `out` may be the same array.
-void Dop853::gather(const Vector& all, const std::vector<Index>& columns, Vector& some) const {
-  const Index m = active(), c = static_cast<Index>(columns.size());
-  for (Index i = 0; i < rows_; ++i) {
-    for (Index j = 0; j < c; ++j) some[i * c + j] = all[i * m + columns[j]];
-  }
-}
-
 void Dop853::keep(const std::vector<Index>& columns) {
-  gather(y_, columns, y_);
-  gather(rate_[0], columns, rate_[0]);
-  gather(relative_, columns, relative_);
-  gather(absolute_, columns, absolute_);
+  for (Matrix* const of : {&y_, &rate_[0], &absolute_}) *of = Matrix((*of)(Eigen::all, columns));
+  relative_ = Vector(relative_(columns));
 }
 
 }  // namespace pipedyn

@@ -10,9 +10,6 @@
 
 namespace pipedyn {
 
-/// Rates at each stage, (rows, active columns).
-using Stages = std::vector<Vector>;
-
 class Dop853 final : public Integrator {
  public:
   /// start: states (rows, members), all at time t0.
@@ -26,26 +23,30 @@ class Dop853 final : public Integrator {
   void keep(const std::vector<Index>& columns) override;
 
  private:
+  using Stages = std::vector<Matrix>;  // rates at each stage
+
   Index active() const { return static_cast<Index>(which_.size()); }
-  Index entries() const { return rows_ * active(); }
-  void evaluate(const Vector& y, Vector& rates, double share);
+  void combine(const Stages& of, const double* weights, Index terms, const double* y,
+               const Matrix& steps, Matrix& out) const;
+  void evaluate(const Matrix& y, Matrix& rates, double share);
   void choose_first_steps();
   void measure_errors();
   void control(Index j, double end);
   void interpolate();
-  void gather(const Vector& all, const std::vector<Index>& columns, Vector& some) const;
 
+  // Matrices have a column for each member that is advancing.
   Rates rates_;
-  Vector y_, next_, stage_, steps_;
-  Vector relative_, absolute_;  // tolerances of each entry, see `Limits`
-  Vector scale_;                // 1 / the error that each entry is allowed
-  Stages rate_;                 // rates at the 13 stages
-  Vector tried_, error_, t_;    // of each column
-  Vector squares_[2];           // of each column: squares of its errors of order 5 and 3
+  Matrix y_, next_, stage_, steps_;
+  Matrix absolute_, scale_;   // absolute tolerance of each entry; 1 / the error that it is allowed
+  Vector relative_;           // relative tolerance of each column
+  Stages rate_;               // rates at the 13 stages
+  Vector tried_, error_, t_;  // of each column
+  Vector squares_[2];         // of each column: squares of its errors of order 5 and 3
   std::vector<char> accepted_;
+  Vector zero_;  // as large as the largest matrix
 
   struct Dense {  // dense output of the columns that are interpolated
-    Vector from, steps, stage, zero;
+    Matrix from, steps, stage;
     Stages rate, terms;
   };
   Dense dense_;

@@ -56,8 +56,10 @@ constexpr unsigned variables_of = DualTraits<Number>::mask;
 template <unsigned mask, class Body>
 PIPEDYN_INLINE inline void for_each_variable(const Body& body) {
   [&]<int... k>(std::integer_sequence<int, k...>) {
-    (static_cast<void>((mask >> k & 1u) != 0 && (body(std::integral_constant<int, k>()), true)),
-     ...);
+    const auto call = [&]<int variable>() {
+      if constexpr ((mask >> variable & 1u) != 0) body(std::integral_constant<int, variable>());
+    };
+    (call.template operator()<k>(), ...);
   }(std::make_integer_sequence<int, most_variables>());
 }
 

@@ -8,7 +8,7 @@
 
 namespace pipedyn {
 
-/// Amount of work from which waking a second thread, which takes some 20 us, pays. The unit is one
+/// Amount of work from which starting a second thread, which takes some 30 us, pays. The unit is one
 /// segment's share of a chain's right-hand side, some 30 ns.
 constexpr Index worth_a_thread = 3000;
 

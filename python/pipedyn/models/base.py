@@ -393,8 +393,8 @@ class Model(OfPipe, ABC):
         """The compiled model.
 
         Its equations of motion are for states [p, p'], shape (2 integrated,), or for k of them as
-        columns; p are the coordinates that an integrator advances. `rhs_and_power` takes [p, p',
-        work done].
+        columns; p are the coordinates that an integrator advances. With `works`, `rhs` takes [p,
+        p', work done].
         """
 
     @property
@@ -651,9 +651,8 @@ class Model(OfPipe, ABC):
         They are NaN where the model does not resolve the state. drive: rows of the varying flow
         speed and the moving base, see `ROWS`, shape (ROWS,) or (ROWS, k).
         """
-        if len(y) > 2 * self.integrated:
-            return np.asarray(self.core.rhs_and_power(t, y, u, drive))
-        return np.asarray(self.core.rhs(t, y, u, drive, refuses=False))
+        works = len(y) > 2 * self.integrated
+        return np.asarray(self.core.rhs(t, y, u, drive, refuses=False, works=works))
 
     def motion_jacobian(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
         """Jacobian of the rates of [p, p'], (2 integrated, 2 integrated), or k of them."""
@@ -667,7 +666,7 @@ class Model(OfPipe, ABC):
         by the speed and the derivatives by [p, p'].
         """
         self._check_dense()
-        return np.asarray(self.core.linearised(0.0, y, u, drive))
+        return np.asarray(self.core.linearised(y, u, drive))
 
     def energy(self, y: ArrayLike, *, base: ArrayLike | None = None) -> float | Array:
         """Kinetic, elastic and gravitational energy in EI / L, 0 at rest on the straight pipe.
