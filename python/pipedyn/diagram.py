@@ -78,7 +78,7 @@ that has none at a speed: an attractor that is born where a branch ends or is lo
 the other starts."""
 
 
-@saved_as("BifurcationDiagram", shapes={"S": "speeds"})
+@saved_as("BifurcationDiagram")
 class BifurcationDiagram(TableResult):
     """Equilibria, cycles and ends of motions of a pipe over the flow speed.
 

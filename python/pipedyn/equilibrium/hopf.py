@@ -223,7 +223,7 @@ def _neville_limit(values: list[complex], rounding: Array) -> tuple[complex, flo
 # --------------------------------------------------------------------------------- for the pipe
 
 
-@saved_as("HopfPoint", shapes={"n": "mode rest"})
+@saved_as("HopfPoint")
 class HopfPoint(Result):
     """A pair of eigenvalues on the imaginary axis, at which small periodic orbits emerge."""
 
@@ -258,7 +258,7 @@ def _rest_at(motion: VectorField, crossing: Crossing | BranchPoint) -> Array:
     return motion.resting()
 
 
-@saved_as("Hopf", shapes={"2integrated": "mode rest"})
+@saved_as("Hopf")
 class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
     """A flutter onset, and the limit cycle that emerges there.
 
@@ -647,7 +647,7 @@ def _tip_of(motion: VectorField, rest: Array, mode: Complex) -> complex:
 # ----------------------------------------------------------------------- against a parameter
 
 
-@saved_as("CriticalityCurve", shapes={"S": "values onsets"})
+@saved_as("CriticalityCurve")
 class CriticalityCurve(SweptResult, units={"folds": SPEED}):
     """Onsets of flutter against a parameter.
 

@@ -81,7 +81,7 @@ class Resonance(Result, units={"width": FREQUENCY}):
     width: float
 
 
-@saved_as("FrequencyResponse", shapes={"F": "frequencies response", "k": "poles"})
+@saved_as("FrequencyResponse")
 class FrequencyResponse(TableResult):
     """Complex amplitude of a displacement per unit amplitude of the input.
 

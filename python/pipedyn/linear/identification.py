@@ -131,14 +131,7 @@ class Measurement:
             raise ValueError(f"speed must be left out of a {self.quantity}, got {self.speed:g}")
 
 
-@saved_as(
-    "Identification",
-    shapes={
-        "U": "unknowns values uncertainties",
-        "U U": "covariance correlation",
-        "M": "predicted residuals measurements",
-    },
-)
+@saved_as("Identification")
 class Identification(TableResult):
     """Numbers of a pipe estimated from measurements.
 

@@ -113,7 +113,7 @@ class SweptResult(TableResult):
         return type(known)(*np.array([one or missing for one in each]).T)
 
 
-@saved_as("StabilityCurve", shapes={"S": "values critical crossings"})
+@saved_as("StabilityCurve")
 class StabilityCurve(SweptResult, units=dict.fromkeys(("no_loss_up_to", "max_speed"), SPEED)):
     """Critical speed, and every crossing, against a parameter.
 

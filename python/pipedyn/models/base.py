@@ -51,9 +51,7 @@ ANGLES: dict[str, Any] = {"low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
 """Range of the coordinates of a shape, for `check.array`."""
 
 
-@saved_as(
-    "Operators", shapes={"n n": "mass gyroscopic end_flux damping stiffness flux unsteady loss"}
-)
+@saved_as("Operators")
 class Operators(Result):
     """Linear operators about a configuration at rest, each of shape (dof, dof).
 
@@ -124,7 +122,7 @@ class Operators(Result):
         return self.mass, velocity, stiffness if self.loss is None else stiffness + 1j * self.loss
 
 
-@saved_as("Power", shapes={"k": "flow joints drag others base"})
+@saved_as("Power")
 class Power(
     Result, units=dict.fromkeys(("flow", "joints", "drag", "others", "base", "total"), POWER)
 ):

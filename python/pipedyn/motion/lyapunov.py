@@ -58,7 +58,7 @@ MOST_INTERVALS = 10_000_000
 """Largest number of intervals of a motion, as the growth in each is stored: 80 MB."""
 
 
-@saved_as("LyapunovExponent", shapes={"S": "t history", "k": "blocks", "n": "end"})
+@saved_as("LyapunovExponent")
 class LyapunovExponent(
     TableResult, units=dict.fromkeys(("value", "spread", "blocks", "history"), RATE)
 ):

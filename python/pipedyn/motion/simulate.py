@@ -110,7 +110,7 @@ class Trajectory:
         return states_over_time(self.t, self.q, self.qdot, tips)
 
 
-@saved_as("Motion", shapes={"S": "t energy flow_speed", "S coordinates": "q qdot", "S 2": "tip"})
+@saved_as("Motion")
 class Motion(Trajectory, TableResult):
     """One motion, sampled at S times.
 

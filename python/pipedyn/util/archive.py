@@ -9,7 +9,7 @@ file is ever run as code.
 
 A file may be damaged or come from anywhere. Loading it therefore takes no more memory than its size
 allows and reads each array once. Constructors check the numbers; fields of results are checked
-against their types and shapes.
+against their types.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ import inspect
 import json
 import math
 import os
-import re
 import sys
 import types
 import zipfile
@@ -88,7 +87,6 @@ class _Entry:
     name: str
     former: Mapping[str, str]
     added: Collection[str]
-    shapes: Mapping[str, str]
 
     def field(self, name: str) -> str:
         """Present name of a field; names of models' fields began with _ in older files."""
@@ -105,7 +103,6 @@ def saved_as(
     *,
     former: Mapping[str, str] | None = None,
     added: Collection[str] = (),
-    shapes: Mapping[str, str] | None = None,
 ) -> Callable[[Kind], Kind]:
     """Gives a class its name in files, which stays the same when the class moves or is renamed.
 
@@ -118,13 +115,12 @@ def saved_as(
         former: present names of renamed fields, by their former names.
         added: fields that older files may lack, which then get their default; files must have all
             other fields.
-        shapes: shapes of arrays and tuples in fields, as for `check_shapes`.
     """
 
     def registered(kind: Kind) -> Kind:
         if name in _BY_NAME or name in FORMER_NAMES:
             raise ValueError(f"name must be that of one class alone, got {name!r} once more")
-        _BY_NAME[name] = _BY_CLASS[kind] = _Entry(kind, name, former or {}, added, shapes or {})
+        _BY_NAME[name] = _BY_CLASS[kind] = _Entry(kind, name, former or {}, added)
         return kind
 
     return registered
@@ -404,14 +400,13 @@ class _Reader:
 
 
 def _made(entry: _Entry, values: dict[str, Any]) -> Any:
-    """An object with the given values of its fields, whose types and shapes are checked."""
+    """An object with the given values of its fields, whose types are checked."""
     check_types(entry.kind, values)
     make = getattr(entry.kind, "restored", None)
     made = entry.kind(**values) if make is None else make(dict(values))
     lacking = [one for one in _fields(made) if one not in values and one not in entry.added]
     if lacking:
         raise ValueError(f"{lacking[0]} of {entry.name} is missing")
-    check_shapes(entry.name, made, entry.shapes)
     return made
 
 
@@ -513,12 +508,6 @@ def _checked(path: str | os.PathLike[str]) -> Path:
 LARGEST_WHOLE = 2**63
 """Whole numbers in fields are smaller than this in magnitude, so that 64 bits hold them."""
 
-SIZES = ("coordinates", "dof", "integrated")
-"""Words in shapes that stand for attributes of the field `model`, if the model has them."""
-
-TERM = re.compile(r"(\d*)([A-Za-z]*)([+-]\d+)?")
-"""Pattern of a size in a shape: a number, or a word, which may have a factor and a number added."""
-
 
 def check_types(kind: type, values: Mapping[str, Any]) -> None:
     """Raises TypeError for a value that does not have the annotated type of its field.
@@ -581,43 +570,3 @@ def _holds(dtype: np.dtype[Any], scalar: Any) -> bool:
         return dtype.kind in "biufc"
     wanted = np.dtype(scalar)
     return dtype.kind == wanted.kind and (dtype.kind not in "fc" or dtype == wanted)
-
-
-def check_shapes(name: str, thing: Any, shapes: Mapping[str, str]) -> None:
-    """Raises ValueError if the sizes of arrays or tuples do not agree with their shapes.
-
-    Args:
-        name: name of the object in the error message.
-        thing: the object that has the fields.
-        shapes: names of fields by their shape, both separated by spaces. A name may refer to an
-            attribute of a field, as "orbit.starts" does. A shape consists of sizes. Each is a
-            number or a word, and a word has the same value in all shapes; "2S" is twice S, and
-            "S+1" is S plus one. Fields that are None or a number are not checked.
-    """
-    model = getattr(thing, "model", None)
-    known = {size: getattr(model, size) for size in SIZES if hasattr(model, size)}
-    for shape, names in shapes.items():
-        wanted = shape.split()
-        for field in names.split():
-            value = thing
-            for part in field.split("."):
-                value = getattr(value, part, None)
-            if value is None or isinstance(value, int | float):
-                continue
-            sizes = value.shape if isinstance(value, np.ndarray) else (len(value),)
-            if len(sizes) != len(wanted) or not all(
-                _is_term(size, term, known) for size, term in zip(sizes, wanted, strict=True)
-            ):
-                shown = f"({', '.join(wanted)})"
-                raise ValueError(f"{field} of {name} must have shape {shown}, got {sizes}")
-
-
-def _is_term(size: int, term: str, known: dict[str, int]) -> bool:
-    """Whether a size fits a term of a shape; a word that is not in `known` gets a value there."""
-    found = TERM.fullmatch(term)
-    assert found, term
-    times, word, more = found.groups()
-    if not word:
-        return size == int(times)
-    value, left = divmod(size - int(more or 0), int(times or 1))
-    return left == 0 and known.setdefault(word, value) == value
