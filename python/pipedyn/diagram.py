@@ -6,6 +6,7 @@ from __future__ import annotations
 import inspect
 import math
 import sys
+from concurrent import futures
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -55,7 +56,6 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import clock, counted
 from pipedyn.util.errors import PipedynError
-from pipedyn.util.later import futures
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import one_thread, parallel, track, watched
 from pipedyn.util.result import Result, TableResult, joined

@@ -8,6 +8,7 @@ have shown, or a stable equilibrium, and end there.
 from __future__ import annotations
 
 import math
+from concurrent import futures
 from dataclasses import field, replace
 from typing import Any
 
@@ -37,7 +38,6 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged, PipedynError
-from pipedyn.util.later import futures
 from pipedyn.util.result import LENGTH, RATE, Result, TableResult
 
 PILOTS, GROUP = BATCH, 128

@@ -26,13 +26,13 @@ from itertools import pairwise
 from typing import Any, Generic, TypeVar
 
 import numpy as np
+import scipy
 from numpy.linalg import LinAlgError
 
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
-from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed, newton
 
 EVERY = slice(None)

@@ -8,6 +8,7 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
+import scipy
 
 from pipedyn.continuation.arclength import Control
 from pipedyn.curves.boundary import Boundary, BoundaryCurve, bounded, checked_window
@@ -17,7 +18,6 @@ from pipedyn.linear.modes import largest_speed
 from pipedyn.linear.plane import Window
 from pipedyn.util.check import Array
 from pipedyn.util.errors import PipedynError
-from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
 FROM_0 = 1e-3

@@ -17,6 +17,7 @@ from itertools import product
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import Control, DenseProblem, Point, Segment
@@ -30,7 +31,6 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged, PipedynError
-from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed, newton
 from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import RATE, Result, TableResult, numbered

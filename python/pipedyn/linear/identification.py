@@ -16,6 +16,7 @@ from functools import partial
 from typing import Any, Literal, get_args
 
 import numpy as np
+import scipy
 
 from pipedyn.linear.critical_speed import CriticalSpeed, critical_speed
 from pipedyn.linear.eigenproblem import eigenproblem
@@ -31,7 +32,6 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged, PipedynError
-from pipedyn.util.later import scipy
 from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import TableResult
 

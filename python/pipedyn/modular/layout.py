@@ -10,6 +10,7 @@ from operator import itemgetter
 from typing import Any, TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from pipedyn import _core
@@ -32,7 +33,6 @@ from pipedyn.modular.parts import (
     part_text,
 )
 from pipedyn.util.check import Array
-from pipedyn.util.later import scipy
 
 CONSTRAINTS = (Clamp, Joint, Guide, Pin)
 """Kinds of constraints."""

@@ -10,12 +10,12 @@ from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 import numpy as np
+import scipy
 
 from pipedyn.models.base import Model
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.later import scipy
 from pipedyn.util.result import Result, TableResult, states_over_time
 
 EventFunction: TypeAlias = Callable[[float, Array, Array], float]

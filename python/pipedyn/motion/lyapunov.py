@@ -17,6 +17,7 @@ from dataclasses import field, replace
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 
 from pipedyn.models.base import Model
 from pipedyn.models.drive import Base, Pulsation, steady_speed
@@ -38,7 +39,6 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated
 from pipedyn.util.errors import NotConverged
-from pipedyn.util.later import scipy
 from pipedyn.util.parallel import track
 from pipedyn.util.result import RATE, TableResult
 

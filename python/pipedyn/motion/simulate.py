@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Sequence
+from concurrent import futures
 from contextlib import nullcontext, suppress
 from contextvars import copy_context
 from dataclasses import field, replace
@@ -55,7 +56,6 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import TookTooLong
 from pipedyn.util.errors import PipedynError
-from pipedyn.util.later import futures
 from pipedyn.util.parallel import Returned, parallel
 from pipedyn.util.result import Result, TableResult, Unit, joined, states_over_time
 

@@ -8,6 +8,7 @@ from itertools import cycle as repeated
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
@@ -21,7 +22,6 @@ from pipedyn.plot.motion import finer_times, path_of
 from pipedyn.plot.units import FLOW_SPEED, TIP, TIP_RATE, Units, View, of_coordinate
 from pipedyn.util import check
 from pipedyn.util.check import Array
-from pipedyn.util.later import scipy
 
 MARKS: dict[str, dict[str, Any]] = {
     "fold": {"marker": "<", "color": common.VERMILION},

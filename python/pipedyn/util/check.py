@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 import operator
 import reprlib
@@ -12,8 +13,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-
-from pipedyn.util.later import difflib
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import html
 import inspect
 import io
 import math
@@ -30,7 +31,6 @@ import numpy as np
 from pipedyn.util import check
 from pipedyn.util.archive import Saved
 from pipedyn.util.files import replacing
-from pipedyn.util.later import html
 
 
 class Unit(NamedTuple):
