@@ -46,8 +46,6 @@ def mass(scene, q):
         at = [3 * j, 3 * j + 1, 3 * j + 3, 3 * j + 4]
         whole[np.ix_(at, at)] += pair
     whole = whole[3:, 3:]
-    lent = layout.inertia[layout.compliance < 0.0]  # inertia of the last segment's angle
-    whole -= lent.T @ lent
     for part in scene.modules:
         if isinstance(part, md.Custom) and part.mass is not None:
             whole[np.ix_(part.index, part.index)] += part.mass

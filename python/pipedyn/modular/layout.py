@@ -43,10 +43,6 @@ MODULES = (Segment, TorsionalSpring, InternalFlow, Drag, Custom)
 DEPENDENT = 1e-9
 """Relative size of a pivot, well above rounding, below which a guide or pin is dependent."""
 
-LEAST_ARM = 1e-8
-"""Least sum of the distances of a last segment's centre of mass and of its radius of gyration from
-its joint, in L: the rounding of the other segments' inertia hides less."""
-
 TAUT = 1e-5
 """Relative size of a pivot below which guides and pins are dependent because a span is taut.
 
@@ -106,11 +102,8 @@ class Layout:
         self.has_drag = bool(_of(modules, Drag))
         rows = [custom._inertia_rows(3 * self.size) for custom in self.customs]
         self.inertia = np.concatenate([np.zeros((0, 3 * self.size)), *rows])
-        self.compliance = np.ones(len(self.inertia))
-        """Factors c of the rows W of `inertia`, (m,): the mass matrix in redundant coordinates is
-        that of the segments and W^T diag(c) W. A factor is 1, or -1 for a row that subtracts."""
-        if self.inertia.size and self.least_inertia(self.centres, self.gyration_radii) < LEAST_ARM:
-            self._lend_inertia()
+        """Rows W of the inertia of custom modules, (m, 3 n): the mass matrix in redundant
+        coordinates is that of the segments and W^T W."""
         holding = self._found_holding()
         self.held, self.holding = np.array(list(holding), dtype=np.intp), list(holding.values())
         """Redundant coordinates that guides and pins hold, shape (c,), and the part for each."""
@@ -122,21 +115,6 @@ class Layout:
         self._refuse_taut()
         if self.independent.size == self.size:
             raise ValueError(f"{self.guides_text()} must leave something that moves, got nothing")
-
-    def least_inertia(self, centres: Array, gyration_radii: Array) -> float:
-        """Distance in L that says how much inertia the last segment has about its joint."""
-        return float(centres[-1] * self.lengths[-1] + gyration_radii[-1])
-
-    def _lend_inertia(self) -> None:
-        """Adds inertia to the last segment, which a further row subtracts again.
-
-        The recursion along the segments needs inertia of each segment's own.
-        """
-        self.gyration_radii[-1] = self.lengths[-1]
-        angle = np.zeros((1, 3 * self.size))
-        angle[0, 2::3] = math.sqrt(self.masses[-1]) * self.lengths[-1]
-        self.inertia = np.concatenate([self.inertia, angle])
-        self.compliance = np.append(self.compliance, -1.0)
 
     # -------------------------------------------------------------------------------- what is where
 
@@ -346,7 +324,6 @@ class Layout:
             held=self.held.tolist(),
             value=self.held_values,
             inertia=self.inertia,
-            compliance=self.compliance,
             customs=customs,
         )
 
