@@ -260,7 +260,6 @@ def described(shape, dtype="<f8", data=b""):
         ("(-1,)", "<f8", "array0 is described otherwise than `save` does"),
         ("(1,)", "|O", "array0 is described otherwise than `save` does"),
         ("(1,)", "<U99999999999", "not a valid dtype|array0 is not as long"),
-        ("(64,)", "|b1", "array0 has what is neither true nor false"),
     ],
 )
 def test_shapes_are_judged_before_memory_is_taken(shape, dtype, said, tmp_path):

@@ -31,9 +31,6 @@ five models Newton's method left 6e-16 at most."""
 DENSE_LIMIT = 4000
 """Largest dof for which dense operators are computed: seven matrices take 128 MB each."""
 
-LARGEST_RESULT = 1_000_000_000
-"""Largest number of entries of a result: 8 GB, and twice that if they are complex."""
-
 ROWS = 7
 """Number of rows of a drive: u', then position, velocity and acceleration of the base, (x, y)
 each."""
@@ -755,9 +752,9 @@ class Model(OfPipe, ABC):
             rule = f"({len(given)},) or ({len(given)}, k)"
             raise ValueError(f"q must have shape {rule}, got {given.shape}")
         columns = given.reshape(len(given), -1)
-        if columns.shape[1] * at.size > LARGEST_RESULT:
+        if columns.shape[1] * at.size > check.LONGEST:
             raise ValueError(
-                f"q and s must ask for at most {LARGEST_RESULT} numbers, got {columns.shape[1]} "
+                f"q and s must ask for at most {check.LONGEST} numbers, got {columns.shape[1]} "
                 f"columns of q at {at.size} points"
             )
         return self._deflected(self._moved(columns), at, order).reshape((*asked, *given.shape[1:]))
@@ -871,7 +868,7 @@ class Model(OfPipe, ABC):
         columns = check.numbers(
             *(name, given, "an array of real or complex numbers"),
             kinds="iufc",
-            longest=LARGEST_RESULT,
+            longest=check.LONGEST,
         )
         if columns.ndim == 0 or columns.shape[0] not in sizes or columns.size == 0:
             listed = " or ".join(f"({size}, ...)" for size in sizes)

@@ -175,11 +175,6 @@ class Profile:
         return [v.coefficients if isinstance(v, _Series) else (v,) for v in self.values]
 
     @property
-    def is_uniform(self) -> bool:
-        """Whether the profile is 1 everywhere."""
-        return all(isinstance(value, float) and value == 1.0 for value in self.values)
-
-    @property
     def bounds(self) -> tuple[float, float]:
         """Least and largest value among 1,001 on each stretch."""
         x = np.linspace(-1.0, 1.0, 1001)
@@ -337,4 +332,4 @@ def checked_profile(name: str, given: Any) -> Profile | None:
     at_clamp = float(profile([0.0])[0])
     if abs(at_clamp - 1.0) > 1e-9:
         raise ValueError(f"{name} must be 1 at s = 0, got {at_clamp:.12g}")
-    return None if profile.is_uniform else profile
+    return None if set(profile.values) == {1.0} else profile

@@ -23,7 +23,7 @@ NOT_NUMBERS = (bool, np.bool_, np.timedelta64)
 """Types that Python or numpy registers as numbers, but that arguments must not have."""
 
 LONGEST = 1_000_000_000
-"""Largest number of entries of one argument: as float64 they take 8 GB."""
+"""Largest number of entries of one argument or result: as float64 they take 8 GB."""
 
 _BRIEF = reprlib.Repr()
 _BRIEF.maxlist = _BRIEF.maxtuple = _BRIEF.maxset = _BRIEF.maxfrozenset = _BRIEF.maxdict = 20
