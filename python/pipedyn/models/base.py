@@ -528,21 +528,18 @@ class Model(OfPipe, ABC):
             return None
         columns = check.numbers("y", y, "an array of real numbers", longest=check.LONGEST).shape[1:]
         drive = np.zeros((ROWS, *columns))
-        if u_dot is not None:
-            rate = check.doubles("u_dot", u_dot, "a real number or an array of them")
-            if rate.shape not in ((), columns):
-                rule = f"be a number or have shape {columns}"
-                raise ValueError(f"u_dot must {rule}, got {rate.shape}")
-            each = np.atleast_1d(rate)
-            check.entries("u_dot", each, np.isfinite(each), "be finite")
-            drive[0] = rate
-        if base is not None:
-            moves = check.doubles("base", base, "an array of real numbers")
-            if moves.shape[:2] != (3, 2) or moves.shape[2:] not in ((), columns):
-                rule = f"(3, 2) or {(3, 2, *columns)}" if columns else "(3, 2)"
-                raise ValueError(f"base must have shape {rule}, got {moves.shape}")
-            check.entries("base", moves, np.isfinite(moves), "be finite")
-            drive[1:] = moves.reshape(6, *moves.shape[2:], *(1,) * (len(columns) + 2 - moves.ndim))
+        arguments = (("u_dot", u_dot, (), drive[:1]), ("base", base, (3, 2), drive[1:]))
+        for name, given, shape, rows in arguments:
+            if given is None:
+                continue
+            values = check.doubles(name, given, "a real number or an array of them")
+            shapes = dict.fromkeys((shape, (*shape, *columns)))
+            if values.shape not in shapes:
+                rule = f"have shape {' or '.join(map(str, shapes))}"
+                raise ValueError(f"{name} must {rule}, got {values.shape}")
+            each = np.atleast_1d(values)
+            check.entries(name, each, np.isfinite(each), "be finite")
+            rows.reshape(len(rows), -1)[:] = values.reshape(len(rows), -1)
         return drive
 
     def require_base(self) -> None:
