@@ -200,7 +200,7 @@ class _Writer:
     def __init__(self) -> None:
         self.objects: list[Any] = []
         self.arrays: dict[str, Any] = {}
-        self._work = 0
+        self._read = 0  # entries of arrays that are read when the file is loaded
         # Places of objects by their ids; objects stay alive, so that no other one gets the same id.
         self._places: dict[int, tuple[int, Any]] = {}
 
@@ -230,6 +230,10 @@ class _Writer:
             made = self._object(value, where)
             self._places[id(value)] = len(self.objects), value
             self.objects.append(made)
+        if isinstance(value, np.ndarray):
+            self._read += value.size
+            if self._read > check.LONGEST:
+                raise ValueError(f"{where} cannot be saved: {TOO_MUCH}")
         return {"object": self._places[id(value)][0]}
 
     def _object(self, value: Any, where: str) -> dict[str, Any]:
@@ -249,24 +253,10 @@ class _Writer:
                 name, args = "PipedynError", (f"{type(value).__name__}: {value}",)
             return {"error": name, "args": self.encoded(args, f"{where}.args")}
         if name is not None:
-            kept = _fields(value)
-            self._work += _work(type(value), kept)
-            if self._work > check.LONGEST:
-                raise ValueError(f"{where} cannot be saved: {TOO_MUCH}")
-            fields = {field: self.encoded(one, f"{where}.{field}") for field, one in kept.items()}
-            return {"parts" if hasattr(value, "archived") else "class": name, "fields": fields}
+            fields = {k: self.encoded(v, f"{where}.{k}") for k, v in _fields(value).items()}
+            return {"class": name, "fields": fields}
         kind = "a Python function" if callable(value) else f"a {type(value).__name__}"
         raise ValueError(f"{where} cannot be saved: it is {kind}")
-
-
-def _work(kind: type, fields: Mapping[str, Any]) -> int:
-    """Number of array entries that loading an object reads; 0 if it takes its fields unchanged."""
-    if not hasattr(kind, "restored") and not hasattr(kind, "archived"):
-        return 0
-    held = [
-        part for one in fields.values() for part in (one, *getattr(one, "__dict__", {}).values())
-    ]
-    return sum(part.size for part in held if isinstance(part, np.ndarray))
 
 
 def _fields(value: Any) -> dict[str, Any]:
@@ -329,7 +319,7 @@ class _Reader:
 
     def __init__(self, objects: Iterable[Any], arrays: Callable[[str], Any]) -> None:
         self._arrays = arrays
-        self._work = 0
+        self._read = 0  # entries of arrays that objects have read so far
         self._made: list[Any] = []
         for one in objects:
             self._made.append(self._object(one))
@@ -344,7 +334,11 @@ class _Reader:
             return value
         match list(value.items()):
             case [("object", int(place))] if place is not True and 0 <= place < len(self._made):
-                return self._made[place]
+                made = self._made[place]
+                self._read += made.size if isinstance(made, np.ndarray) else 0
+                if self._read > check.LONGEST:
+                    raise ValueError(TOO_MUCH)
+                return made
             case [("number", "inf" | "-inf" | "nan" as text)]:
                 return float(text)
             case [("complex", [real, imag])]:
@@ -375,9 +369,6 @@ class _Reader:
             case [("class" | "parts", str(name)), ("fields", dict(fields))]:
                 entry = _entry(name, object)
                 values = {entry.field(k): self.decoded(v) for k, v in fields.items()}
-                self._work += _work(entry.kind, values)
-                if self._work > check.LONGEST:
-                    raise ValueError(TOO_MUCH)
                 if len(values) == len(fields):
                     return _made(entry, values)
         raise ValueError(f"it has {check.shown(value)}, which `save` does not write")
@@ -530,8 +521,6 @@ def fits(value: Any, hint: Any) -> bool:
         return len(value) == len(each) and all(map(fits, value, each))
     if origin is np.ndarray:
         return isinstance(value, np.ndarray) and _holds(value.dtype, *get_args(parts[1]))
-    if origin is Callable:
-        return callable(value)
     kind = origin or hint
     if kind in (bool, int, float, complex):
         return _is_number(value, kind)
