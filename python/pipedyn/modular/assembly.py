@@ -19,7 +19,7 @@ from pipedyn.models.base import (
     Operators,
     stored,
 )
-from pipedyn.models.chain import LARGEST_CHAIN, Chain, SpringRule
+from pipedyn.models.chain import Chain, SpringRule
 from pipedyn.models.pipe import Pipe, checked_pipe
 from pipedyn.models.segments import MET, SegmentModel, SmallMotions, along
 from pipedyn.models.terms import Term
@@ -646,6 +646,4 @@ def _parts(name: str, given: Any, kinds: tuple[type[Any], ...]) -> tuple[Any, ..
                 f"{name} must hold this package's parts, got {check.shown(part)}; write a module "
                 "of your own as a Custom"
             )
-    if len(parts) > 10 * LARGEST_CHAIN:
-        raise ValueError(f"{name} must be at most {10 * LARGEST_CHAIN}, got {len(parts)}")
     return parts
