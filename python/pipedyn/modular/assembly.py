@@ -513,7 +513,8 @@ class Assembly(SegmentModel):
         rows = check.array("q", q, size=(self.integrated, self.coordinates), **ANGLES)
         # If redundant coordinates miss constraints, the line connects their nodes as given.
         places = self._configuration(rows) if rows.size == self.integrated else rows
-        steps = np.diff(self._layout.nodes(places), axis=0)
+        nodes = places.reshape(self.integrated, 3)[:, :2]
+        steps = np.diff(nodes, axis=0, prepend=[[0.0, self._base]])
         line = along(steps, self._base, self._lengths, s)
         line[:, 1] += np.minimum(s, self._base)
         return line
