@@ -366,11 +366,9 @@ class Model(OfPipe, ABC):
         for u in speeds:
             rest = self.unbalanced(u)
             if rest > 1e-7:  # far above the residual of an equilibrium known to ten digits
-                bent = (
-                    ""
-                    if self._reference is not None
-                    else (f": straight it does not with jet_angle = {self.pipe.jet_angle:.6g}")
-                )
+                bent = ""
+                if self._reference is None:
+                    bent = f": straight it does not with jet_angle = {self.pipe.jet_angle:.6g}"
                 raise ValueError(
                     f"the model must rest at u = {u:g} where it is linearised, got an unbalanced "
                     f"force of {rest:.1e}{bent}; choose about(q), q of equilibria(model, {u:g}), "
