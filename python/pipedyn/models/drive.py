@@ -77,13 +77,9 @@ class Pulsation:
     def __post_init__(self) -> None:
         vars(self).update(
             mean=check.real("mean", self.mean, low=0.0, high=LARGEST_SPEED),
-            amplitude=check.real("amplitude", self.amplitude),
+            amplitude=check.real("amplitude", self.amplitude, low=-1.0, high=1.0),
             frequency=_frequency(self.frequency),
         )
-        if abs(self.amplitude) > 1.0:
-            raise ValueError(
-                f"amplitude must lie in [-1, 1], or the flow reverses, got {self.amplitude!r}"
-            )
 
     @classmethod
     def from_si(cls, pipe: Pipe, *, mean: float, amplitude: float, frequency: float) -> Pulsation:

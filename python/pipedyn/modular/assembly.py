@@ -615,12 +615,9 @@ def chain(
         base=base,
         masses=masses,
     )
-    columns = [plain.lengths, plain.centres, plain.gyration_radii, plain.drag_points]
-    if masses is not None or pipe.mass is not None:
-        columns.append(plain.masses)
-    modules: list[Module] = [
-        Segment(*row) for row in zip(*(column.tolist() for column in columns), strict=True)
-    ]
+    columns = (plain.lengths, plain.centres, plain.gyration_radii, plain.drag_points, plain.masses)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    modules: list[Module] = [Segment(*row) for row in rows]
     springs = [*plain.springs.tolist(), plain.end_spring][: plain.coordinates + pipe.end_directed]
     modules += [TorsionalSpring(j, k) for j, k in enumerate(springs, start=1)]
     modules += [InternalFlow(), Drag()]
