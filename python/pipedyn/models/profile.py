@@ -53,18 +53,6 @@ class _Series:
 
     coefficients: tuple[float, ...]
 
-    @classmethod
-    def restored(cls, fields: dict[str, Any]) -> _Series:
-        """Restores the series from the fields of a file; checks that a function can have it."""
-        made, most = cls(**fields), 2.0 * LARGEST_RATIO  # mean of the values times twice a cosine
-        few = 1 <= len(made.coefficients) <= COUNTS[-1]
-        if not (few and all(abs(one) <= most for one in made.coefficients)):
-            raise ValueError(
-                f"coefficients must be 1 to {COUNTS[-1]} numbers in [{-most:g}, {most:g}], got "
-                f"{check.shown(made.coefficients)}"
-            )
-        return made
-
     def __repr__(self) -> str:
         ends = np.polynomial.chebyshev.chebval([-1.0, 1.0], self.coefficients)
         return f"<{ends[0]:.6g} to {ends[1]:.6g}>"
@@ -148,8 +136,10 @@ class Profile:
 
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> Profile:
-        """Restores the profile from the fields of a file; checks the range of its values."""
+        """Restores the profile from the fields of a file; checks its series and their range."""
         made = cls(**fields)
+        if not all(1 <= len(one) <= COUNTS[-1] for one in made.series):
+            raise ValueError(f"a series must have from 1 to {COUNTS[-1]} coefficients")
         low, high = made.bounds
         missed = 10.0 * NEARLY * high  # more than the error of a series
         if not LEAST_RATIO - missed <= low <= high <= LARGEST_RATIO + missed:
