@@ -119,7 +119,6 @@ def changed(where, change):
         ),
         ("scene", "modular.Segment.length", 0.9, r"lengths .* must .* 1|add up"),
         ("scene", "modular.Guide.node", 7, "node"),
-        ("Operators", "Operators.direction", 3.0, "direction must be 1 or -1"),
         ("Motion", "Motion.u", "fast", "u of Motion must be"),
         ("Motion", "Motion.evaluations", 2.5, "evaluations of Motion must be int, got 2.5"),
         ("Motion", "Motion.events", None, "events of Motion must be tuple"),

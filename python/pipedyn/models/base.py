@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -89,17 +88,6 @@ class Operators(Result):
     direction: float
     centrifugal: float
     loss: Array | None = None
-
-    @classmethod
-    def restored(cls, fields: dict[str, Any]) -> Operators:
-        """Restores the operators from the fields of a file; checks direction and alpha."""
-        made = cls(**fields)
-        if abs(made.direction) != 1.0 or not 0.0 <= made.centrifugal < math.inf:
-            raise ValueError(
-                "direction must be 1 or -1 and centrifugal >= 0, got "
-                f"{made.direction:g} and {made.centrifugal:g}"
-            )
-        return made
 
     def at(self, u: float, u_dot: float = 0.0) -> tuple[Array, Array, NDArray[Any]]:
         """(M, C, K) at flow speed u >= 0 and rate u_dot = du/dtau; with hysteresis K is complex.
