@@ -22,7 +22,7 @@ from pipedyn.models.base import (
 from pipedyn.models.galerkin import Galerkin, basis_joints
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments, reciprocal
-from pipedyn.models.segments import MET, SegmentModel, along, held_ends
+from pipedyn.models.segments import MET, SegmentModel, along, core_segments, held_ends
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -308,16 +308,7 @@ class Chain(SegmentModel):
 
     def _compiled(self, springs: Array, pipe: Pipe, held: Sequence[int] = ()) -> _core.Scene:
         """The compiled segments with these springs of joints, the ends of those in `held` held."""
-        segments = _core.Segments(
-            length=self._lengths,
-            center=self._centres,
-            gyration_radius=self._gyration_radii,
-            spring=springs,
-            drag_point=self._drag_points,
-            base=self._base,
-            mass=self._masses,
-        )
-        places = [3 * k for k in held]
+        segments, places = core_segments(self, spring=springs), [3 * k for k in held]
         return _core.Scene(core_pipe(pipe), segments, held=places, value=np.zeros(len(places)))
 
     @property

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pipedyn import _core
 from pipedyn.models.base import core_pipe
 from pipedyn.models.pipe import Pipe
-from pipedyn.models.segments import SAME, closest, held_ends
+from pipedyn.models.segments import SAME, closest, core_segments, held_ends
 from pipedyn.modular.parts import (
     Clamp,
     Constraint,
@@ -293,16 +293,11 @@ class Layout:
         """The compiled scene on a pipe, with the forces of custom modules, if any."""
         return _core.Scene(
             core_pipe(self.acting(pipe)),
-            _core.Segments(
-                length=self.lengths,
-                center=self.centres,
-                gyration_radius=self.gyration_radii,
+            core_segments(
+                self,
                 spring=self.springs,
-                drag_point=self.drag_points,
-                base=self.base,
                 damping=self.joint_damping(pipe),
                 rest_moment=self.rest_moments,
-                mass=self.masses,
             ),
             held=self.held.tolist(),
             value=self.held_values,
