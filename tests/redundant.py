@@ -23,6 +23,14 @@ def across(along):
     return along[:, ::-1] * [1.0, -1.0]
 
 
+def nodes_of(scene, columns, order=0):
+    """Positions of nodes 0, 1, .. at q (3 n, ...), or velocities (order 1): (n + 1, 2, ...)."""
+    inner = columns.reshape(scene.integrated, 3, *columns.shape[1:])[:, :2]
+    first = np.zeros_like(inner[:1])
+    first[0, 1] = 0.0 if order else scene._layout.base
+    return np.concatenate([first, inner])
+
+
 def between(values, share, segment):
     """Values at shares of segments' lengths from the clamped side, interpolated from nodes."""
     return values[segment] + share[:, None] * (values[segment + 1] - values[segment])
@@ -36,7 +44,7 @@ def mass(scene, q):
     has m_n (a^2 + a b + b^2) / 6, a = n . r_{j-1}', b = n . r_j'.
     """
     layout, n = scene._layout, scene.integrated
-    normals = across(np.diff(layout.nodes(q), axis=0)) / layout.lengths[:, None]
+    normals = across(np.diff(nodes_of(scene, q), axis=0)) / layout.lengths[:, None]
     whole = np.zeros((3 * n + 3, 3 * n + 3))
     for j, (m, chi, eta, m_n) in enumerate(scene.core.chain.bodies()):
         own = m * np.outer([1.0 - chi, chi], [1.0 - chi, chi])
@@ -46,8 +54,6 @@ def mass(scene, q):
         at = [3 * j, 3 * j + 1, 3 * j + 3, 3 * j + 4]
         whole[np.ix_(at, at)] += pair
     whole = whole[3:, 3:]
-    lent = layout.inertia[layout.compliance < 0.0]  # inertia of the last segment's angle
-    whole -= lent.T @ lent
     for part in scene.modules:
         if isinstance(part, md.Custom) and part.mass is not None:
             whole[np.ix_(part.index, part.index)] += part.mass
@@ -69,7 +75,7 @@ def forces(scene, y, u, drive=None):
     layout, lengths, chain = scene._layout, scene._layout.lengths, scene.core.chain
     pipe, n = layout.acting(scene.pipe), scene.integrated
     q, rates = np.split(y, 2)
-    nodes, velocities = layout.nodes(q), layout.nodes(rates, order=1)
+    nodes, velocities = nodes_of(scene, q), nodes_of(scene, rates, order=1)
     along, every, middle = np.diff(nodes, axis=0), np.arange(n), np.full(n, 0.5)
     normal, on_nodes = across(along) / lengths[:, None], np.zeros_like(nodes)
 
@@ -137,7 +143,7 @@ def constraints(scene, q, rates):
 
     def directions(columns, order):
         """Vectors a and d of each joint as x + i y, shape (n, k), or their rates (order 1)."""
-        x, y = np.moveaxis(layout.nodes(columns, order), 1, 0)
+        x, y = np.moveaxis(nodes_of(scene, columns, order), 1, 0)
         a = np.diff(x + 1j * y, axis=0)
         first = np.full_like(a[:1], 1j * (1.0 - order))
         return a, np.concatenate([first, (a / layout.lengths[:, None])[:-1]])

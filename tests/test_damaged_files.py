@@ -112,32 +112,26 @@ def changed(where, change):
         *(
             ("pipe that varies", SERIES, {"tuple": values}, said)
             for values, said in (
-                ([1.0, {"number": "nan"}], "coefficients must be 1 to 128 numbers in"),
+                ([1.0, {"number": "nan"}], r"values must lie in \[1e-06, 1e\+06\], got nan"),
                 ([-1.0, 0.5], r"values must lie in \[1e-06, 1e\+06\], got -1.5 to"),
-                ([], r"1 to 128 numbers in \[-2e\+06, 2e\+06\], got \(\)"),
+                ([], "a series must have from 1 to 128 coefficients"),
             )
         ),
         ("scene", "modular.Segment.length", 0.9, r"lengths .* must .* 1|add up"),
         ("scene", "modular.Guide.node", 7, "node"),
-        ("Operators", "Operators.direction", 3.0, "direction must be 1 or -1"),
-        ("Operators", "Operators.flux", lambda m: m[:1], r"shape \(n, n\), got \(1, 2\)"),
         ("Motion", "Motion.u", "fast", "u of Motion must be"),
         ("Motion", "Motion.evaluations", 2.5, "evaluations of Motion must be int, got 2.5"),
         ("Motion", "Motion.events", None, "events of Motion must be tuple"),
-        ("Motion", "Motion.tip", lambda a: a.T, r"tip of Motion must have shape \(S, 2\)"),
-        ("Motion", "Motion.t", lambda a: a[:-1], "of Motion must have shape"),
-        ("Motion", "Motion.q", lambda a: a[:, :1], r"\(S, coordinates\), got \(5, 1\)"),
         ("Motion", "Motion.q", lambda a: a.astype(np.float32), "q of Motion must be"),
         ("Motion", "Motion.q", lambda a: a.astype(int), "q of Motion must be"),
         ("Motion", "Motion.energy", lambda a: a.astype(str), "energy of Motion must be"),
         ("DenseOutput", "DenseOutput.t", lambda a: a[::-1], "t of DenseOutput must ascend"),
-        ("DenseOutput", "DenseOutput.coefficients", lambda a: a[..., :2], r"\(k, n, 2integrated\)"),
         ("CriticalSpeed", "CriticalSpeed.kind", "collapse", "kind of CriticalSpeed must be"),
         ("CriticalSpeed", "CriticalSpeed.model", {"object": 0}, "model of CriticalSpeed must be"),
         ("CriticalSpeed", "CriticalSpeed.speed", 10**400, "speed of CriticalSpeed must be float"),
         ("Failure", "Failure.error", "no", "error of Failure must be Exception"),
         ("LimitCycle", f"{ORBIT}.edges", lambda a: a[::-1], "edges of an orbit must ascend from 0"),
-        ("LimitCycle", f"{ORBIT}.rates", lambda a: a[:, :7], r"must have shape \(M, 8, half\)"),
+        ("LimitCycle", f"{ORBIT}.rates", lambda a: a[:, :7], "must have shapes that agree"),
         ("LimitCycle", f"{ORBIT}.frequency", 0.0, "a frequency > 0"),
         (
             *("ForcedResponse", "bifurcation.collocation.OrbitProblem.unit"),
@@ -265,7 +259,6 @@ def described(shape, dtype="<f8", data=b""):
         ("(-1,)", "<f8", "array0 is described otherwise than `save` does"),
         ("(1,)", "|O", "array0 is described otherwise than `save` does"),
         ("(1,)", "<U99999999999", "not a valid dtype|array0 is not as long"),
-        ("(64,)", "|b1", "array0 has what is neither true nor false"),
     ],
 )
 def test_shapes_are_judged_before_memory_is_taken(shape, dtype, said, tmp_path):

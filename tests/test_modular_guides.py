@@ -145,23 +145,6 @@ def test_a_last_segment_may_have_the_inertia_of_a_term_alone(nodes: tuple[int, .
     np.testing.assert_allclose(found, expected, rtol=1e-8)
 
 
-@pytest.mark.parametrize("mass", [0.1, 0.25, 0.6])
-def test_a_last_segment_may_have_the_inertia_of_a_module_alone(mass: float) -> None:
-    """Without gravity a module's mass moves as a point mass does, whatever the segment's own."""
-    segments = [md.Segment(0.25, mass=0.25)] * 3 + [md.Segment(0.25, 0.0, 0.0, mass=mass)]
-    springs = [md.TorsionalSpring(j, 4.0) for j in range(1, 5)]
-    ties = [md.Clamp(), *(md.Joint(j) for j in (2, 3, 4))]
-    own, built_in = (
-        md.Assembly(pp.Pipe(0.2), [*segments, *springs, md.InternalFlow(), end], ties)
-        for end in (md.Custom(nodes=(4,), mass=0.3 * np.eye(2)), pp.PointMass(at=1.0, mass=0.3))
-    )
-    y = own.state([0.1, 0.3, 0.2, -0.4], [1.0, -0.4, 0.3, 2.0])
-    np.testing.assert_allclose(own.rhs(0.0, y, 2.0), built_in.rhs(0.0, y, 2.0), atol=1e-11)
-    np.testing.assert_allclose(
-        pp.eigenvalues(own, 2.0, 2), pp.eigenvalues(built_in, 2.0, 2), rtol=1e-11
-    )
-
-
 def test_shapes_do_not_pass_through_the_guides() -> None:
     scene = guided(EJECTING, 30, (11, 12, 30))
     found = pp.modes(scene, 4.0, 4)

@@ -500,12 +500,12 @@ def lone_end() -> md.Assembly:
                 [md.Segment(0.5), md.Segment(0.5, centre=0.0, gyration_radius=0.0)],
                 [md.Clamp(), md.Joint(2)],
             ),
-            "phi_2 moves without inertia: give its segment a gyration radius",
+            "phi_2 moves without inertia of the pipe: give its segment a gyration radius",
         ),
         (scene(md.Drag()), "modules must hold at most one Drag, got 2"),
         (
             lambda: lone_end().with_pipe(PIPE),
-            "phi_2 moves without inertia: give its segment a gyration radius",
+            "phi_2 moves without inertia of the pipe: give its segment a gyration radius",
         ),
     ],
 )

@@ -37,12 +37,11 @@ void define_scene(py::module_& m) {
   define_equations<Scene, work_of>(defined);
   defined
       .def(py::init([](const Pipe& pipe, const Segments& segments, const std::vector<Index>& held,
-                       const Vector& value, const Matrix& inertia, const Vector& compliance,
-                       const py::object& customs) {
-             return Scene(pipe, segments, held, value, inertia, compliance, custom_forces(customs));
+                       const Vector& value, const Matrix& inertia, const py::object& customs) {
+             return Scene(pipe, segments, held, value, inertia, custom_forces(customs));
            }),
            "pipe"_a, "segments"_a, "held"_a = std::vector<Index>(), "value"_a = Vector(),
-           "inertia"_a = Matrix(), "compliance"_a = Vector(), "customs"_a = py::none())
+           "inertia"_a = Matrix(), "customs"_a = py::none())
       .def_property_readonly("coordinates", &Scene::coordinates)
       .def_property_readonly("chain", &Scene::chain)
       .def(

@@ -458,7 +458,6 @@ class Scene:
         held: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = [],
         value: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
         inertia: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
-        compliance: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
         customs: typing.Any = None,
     ) -> None: ...
     def angles(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...

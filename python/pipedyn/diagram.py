@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import sys
+from concurrent import futures
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -52,7 +53,6 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import clock
 from pipedyn.util.errors import PipedynError
-from pipedyn.util.later import futures
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import one_thread, parallel, track, watched
 from pipedyn.util.result import TableResult, joined
@@ -75,7 +75,7 @@ that has none at a speed: an attractor that is born where a branch ends or is lo
 the other starts."""
 
 
-@saved_as("BifurcationDiagram", shapes={"S": "speeds"})
+@saved_as("BifurcationDiagram")
 class BifurcationDiagram(TableResult):
     """Equilibria, cycles and ends of motions of a pipe over the flow speed.
 

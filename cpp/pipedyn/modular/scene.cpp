@@ -32,15 +32,13 @@ void require(const char* name, Index size, Index expected) {
 
 constexpr double no_flow = 0.0;
 
-/// Solves s mu = right for one member by symmetric elimination and replaces right by mu. Rows among
-/// the first `positive` without a pivot depend on others: they are returned, and their mu is 0. If
-/// a later row has no pivot, mu is NaN.
-std::vector<Index> solve_member(Matrix& s, Matrix& right, Index positive) {
+/// Solves s mu = right for one member by symmetric elimination and replaces right by mu. Rows
+/// without a pivot depend on others: they are returned, and their mu is 0.
+std::vector<Index> solve_member(Matrix& s, Matrix& right) {
   // Smallest pivots: relative to a row's own diagonal, a share 1e-16 of which rounding leaves in a
-  // dependent row; relative to the largest diagonal; and as a share of the added inertia.
+  // dependent row; and relative to the largest diagonal.
   constexpr double redundant = 1e-12;
   constexpr double smallest = 1e-20;
-  constexpr double massless = 1e-10;
   const Index count = s.rows();
   thread_local Vector diagonal;
   thread_local std::vector<Index> order;  // eliminated rows, then from `left` on the others
@@ -52,21 +50,15 @@ std::vector<Index> solve_member(Matrix& s, Matrix& right, Index positive) {
   for (; left != order.end(); ++left) {
     auto best = order.end();
     double most = 0.0;
-    for (auto i = left; i != order.end() && *i < positive; ++i) {
+    for (auto i = left; i != order.end(); ++i) {
       const double pivot = s(*i, *i);
       if (pivot > least && pivot > redundant * diagonal[*i] && pivot / diagonal[*i] > most) {
         most = pivot / diagonal[*i];
         best = i;
       }
     }
-    // The remaining rows among the first `positive` depend on others.
-    if (best == order.end()) best = std::lower_bound(left, order.end(), positive);
-    if (best == order.end()) break;
+    if (best == order.end()) break;  // the remaining rows depend on others
     const Index row = *best;
-    if (row >= positive && !(std::abs(s(row, row)) > massless)) {
-      right.setConstant(std::numeric_limits<double>::quiet_NaN());
-      return {};
-    }
     std::rotate(left, best, best + 1);
     for (auto i = left + 1; i != order.end(); ++i) {
       const double factor = s(*i, row) / s(row, row);
@@ -87,21 +79,19 @@ std::vector<Index> solve_member(Matrix& s, Matrix& right, Index positive) {
 }  // namespace
 
 Scene::Scene(const Pipe& pipe, const Segments& segments, const std::vector<Index>& held,
-             const Vector& value, const Matrix& inertia, const Vector& compliance,
-             CustomForces customs)
+             const Vector& value, const Matrix& inertia, CustomForces customs)
     : length_(segments.length),
       base_(segments.base),
       customs_(std::move(customs)),
       chain_(pipe, segments),
       value_(value),
-      compliance_(Vector::Zero(value.size() + compliance.size())),
-      lent_((compliance.array() < 0.0).count()) {
+      compliance_(Vector::Zero(value.size() + inertia.rows())) {
   const Index count = row_count();
   if (count > 0 || customs_) inertia_ = chain_.without_forces();
-  compliance_.tail(compliance.size()) = compliance;
+  compliance_.tail(inertia.rows()).setOnes();
   Matrix weights = Matrix::Zero(count, coordinates());
   for (Index row = 0; row < value.size(); ++row) weights(row, held.at(row)) = 1.0;
-  if (compliance.size() > 0) weights.bottomRows(compliance.size()) = inertia;
+  if (inertia.rows() > 0) weights.bottomRows(inertia.rows()) = inertia;
   across_ = along_ = joints_ = Matrix::Zero(count, dof());
   // Sums of the weights of the nodes beyond, and weights of the joint beyond.
   Vector x = Vector::Zero(count), y = x, angle = x;
@@ -222,7 +212,7 @@ std::vector<Index> Scene::enforce(const Matrix& theta, Rows& rows, double rate, 
   for (Index m = 0; m < members; ++m) {
     system = rows.products.col(m).reshaped<Eigen::RowMajor>(count, count);
     forces = rows.forces.col(m);
-    idle = solve_member(system, forces, count - lent_);
+    idle = solve_member(system, forces);
     rows.forces.col(m) = forces;
   }
   for (Index i = 0; i < count; ++i) {
@@ -381,7 +371,7 @@ void Scene::derivative(const Batch& batch, double rate, double* out) const {
     const Matrix free = accelerations;
     Matrix z = about.r * free;
     z += about.e;
-    solve_member(system, z, system.rows() - lent_);
+    solve_member(system, z);
     const Matrix held = about.x * z;
     accelerations -= held;
   }
@@ -409,7 +399,7 @@ double Scene::project_one(Vector& theta, Vector& omega) const {
       least_missed = missed;
       closest = theta;
     }
-    solve_member(system, lacking, held);
+    solve_member(system, lacking);
     const Matrix change = by_angles.lazyProduct(lacking);  // the change of least norm
     if (missed <= met) {
       omega -= change.col(1);

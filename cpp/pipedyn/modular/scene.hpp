@@ -17,9 +17,7 @@
 //
 //   theta'' = M^-1 f + X mu,   X = M^-1 R^T,   (R theta')' + compliance mu = 0,
 //
-// where compliance is 0 for a row that is held and 1 for an inertia. If the last segment has only
-// the inertia of a row, M has no inverse; the caller then adds an inertia to the segment, and a row
-// with compliance -1 that subtracts it again.
+// where compliance is 0 for a row that is held and 1 for an inertia.
 //
 // The states of an integrator may miss guides and pins by a distance g. It decays as in a
 // critically damped oscillator, with the return rate k:
@@ -57,13 +55,11 @@ using CustomForces = std::function<Matrix(const char* what, const Matrix& states
 class Scene {
  public:
   /// held: indices of the coordinates x or y of nodes that guides or pins hold, each once; value:
-  /// their values. inertia: rows of weights of the inertia besides the chain's (rows, 3 n);
-  /// compliance: of each row, 1, or -1 for rows at the end that subtract inertia. customs: empty if
-  /// no module is written in Python. Throws std::invalid_argument if arrays of the segments differ
-  /// in length.
+  /// their values. inertia: rows of weights of the inertia besides the chain's (rows, 3 n).
+  /// customs: empty if no module is written in Python. Throws std::invalid_argument if arrays of
+  /// the segments differ in length.
   Scene(const Pipe& pipe, const Segments& segments, const std::vector<Index>& held = {},
-        const Vector& value = {}, const Matrix& inertia = {}, const Vector& compliance = {},
-        CustomForces customs = {});
+        const Vector& value = {}, const Matrix& inertia = {}, CustomForces customs = {});
 
   const Chain& chain() const { return chain_; }
   Index dof() const { return length_.size(); }
@@ -130,7 +126,6 @@ class Scene {
   std::optional<Chain> inertia_;  // the chain without forces, if there are rows or customs
   Vector value_;                  // values of the held coordinates
   Vector compliance_;
-  Index lent_;  // number of rows that subtract inertia, the last ones
   // Coefficients of w . q for each row: the constant from the base; the factors of sin theta_j and
   // cos theta_j; and those of theta_j, from the angles of the joints.
   Vector origin_;

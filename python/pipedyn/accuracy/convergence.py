@@ -121,7 +121,7 @@ def checked_families(name: str, given: Any, default: Sequence[str]) -> tuple[Mod
 # ----------------------------------------------------------------------------- laws of their errors
 
 
-@saved_as("ConvergenceLaw", shapes={"k": "sizes"})
+@saved_as("ConvergenceLaw")
 class ConvergenceLaw(Result):
     """How the error of a family's critical speed falls as its models grow.
 

@@ -17,6 +17,7 @@ from functools import partial
 from typing import Any, ClassVar, Literal, Self, TypeAlias
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.accuracy.convergence import FAMILIES
@@ -35,7 +36,6 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import TookTooLong, clock, limited
 from pipedyn.util.errors import NotConverged, PipedynError
-from pipedyn.util.later import scipy
 from pipedyn.util.result import Result
 
 LEGENDRE = FAMILIES["legendre"]

@@ -16,7 +16,7 @@ Ending = Literal[
 ]
 
 
-@saved_as("Attractor", shapes={"K": "turnings", "n": "end"}, added=("reason",))
+@saved_as("Attractor", added=("reason",))
 class Attractor(Result, units={"turnings": LENGTH, "period": None}):
     """An attractor on which a motion ends.
 

@@ -8,6 +8,7 @@ have shown, or a stable equilibrium, and end there.
 from __future__ import annotations
 
 import math
+from concurrent import futures
 from dataclasses import field, replace
 from typing import Any
 
@@ -37,7 +38,6 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged, PipedynError
-from pipedyn.util.later import futures
 from pipedyn.util.result import LENGTH, RATE, Result, TableResult
 
 PILOTS, GROUP = BATCH, 128
@@ -76,7 +76,7 @@ class Share(Result):
     error: float
 
 
-@saved_as("Basin", shapes={"F": "frequencies spectrum", "K n": "section"})
+@saved_as("Basin")
 class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
     """An attractor, and the starts that end on it.
 
@@ -125,7 +125,7 @@ class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
         return self.attractor.ending
 
 
-@saved_as("StartPlane", shapes={"X": "x", "Y": "y"})
+@saved_as("StartPlane")
 class StartPlane(Result):
     """Starts on a plane of two coordinates or rates, such as two initial angles.
 
@@ -182,11 +182,7 @@ class StartFailure(Result):
     error: Exception
 
 
-@saved_as(
-    "Attractors",
-    added=("unsettled_motions",),
-    shapes={"N 2coordinates": "starts", "N": "ends"},
-)
+@saved_as("Attractors", added=("unsettled_motions",))
 class Attractors(TableResult, units={"exponent": RATE}):
     """All that motions from many starts end on, at one flow speed.
 

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 
 from pipedyn.attraction.records import Stretch
 from pipedyn.models.base import Model
@@ -16,7 +17,6 @@ from pipedyn.orbits.floquet import LARGEST_ERROR, nontrivial, orbit_multipliers
 from pipedyn.orbits.orbit_continuation import COARSE, FINE, solved_anew
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit, interpolated, refined
 from pipedyn.util.check import Array
-from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
 NEWTON_STEPS = 5

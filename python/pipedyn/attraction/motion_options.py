@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from concurrent import futures
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +12,6 @@ from pipedyn.models.base import Model
 from pipedyn.motion.integrator import MOST_CALLS
 from pipedyn.motion.simulate import LARGEST_SAMPLES
 from pipedyn.util import check
-from pipedyn.util.later import futures
 
 FIRST_LOOK = 4.0
 """Time after which motions are examined for the first time, some ten periods of flutter; then they

@@ -21,13 +21,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from pipedyn.models.base import Model
 from pipedyn.motion.integrator import Observer, Outcome, Task, integrate
 from pipedyn.orbits.floquet_coordinates import FloquetCoordinates
 from pipedyn.util.check import Array, Complex
-from pipedyn.util.later import scipy
 
 NOWHERE, STOPPED = -1, -2
 

@@ -14,6 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy
 from numpy.linalg import LinAlgError
 
 from pipedyn.attraction.attractor import Attractor
@@ -32,7 +33,6 @@ from pipedyn.orbits.floquet_coordinates import (
 )
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit
 from pipedyn.util.check import Array
-from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
 TURNING_PERIODS, SAMPLES_AN_INTERVAL = 4, 32

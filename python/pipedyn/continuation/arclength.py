@@ -26,13 +26,13 @@ from itertools import pairwise
 from typing import Any, Generic, TypeVar
 
 import numpy as np
+import scipy
 from numpy.linalg import LinAlgError
 
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import factorised
-from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed, newton
 
 EVERY = slice(None)
@@ -60,7 +60,7 @@ class Control:
     longest_change: float = math.inf  # size beyond which a Newton step is shortened
 
 
-@saved_as("PointOnBranch", shapes={"n": "z tangent"})
+@saved_as("PointOnBranch")
 @dataclass(frozen=True)
 class Point:
     """A solution z = (x, p) on a branch, with its tangent of unit length, shape (n + 1,) each."""
@@ -225,7 +225,7 @@ class Continuation(ABC):
             start = segment.end
 
 
-@saved_as("StepAlongBranch", shapes={"n": "begin.z end.z problem.weights"})
+@saved_as("StepAlongBranch")
 @dataclass(frozen=True)
 class Segment(Generic[Equations]):
     """Part of a branch between two neighbouring points; any point on it can be solved for."""

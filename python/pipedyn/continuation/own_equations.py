@@ -26,7 +26,7 @@ from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.result import Result, TableResult, numbered
 
 
-@saved_as("MarkedPoint", shapes={"n": "x"})
+@saved_as("MarkedPoint")
 class MarkedPoint(Result):
     """A fold of a branch, or a zero of a test function on it.
 
@@ -41,7 +41,7 @@ class MarkedPoint(Result):
     p: float
 
 
-@saved_as("Branch", shapes={"S n": "x", "S": "p", "S n+1": "tangents"})
+@saved_as("Branch")
 class Branch(TableResult):
     """A branch of solutions, point by point along its arc length.
 

@@ -19,12 +19,12 @@ from itertools import pairwise
 from typing import Any, Generic, Literal, cast
 
 import numpy as np
+import scipy
 from numpy.linalg import LinAlgError
 from numpy.typing import ArrayLike
 
 from pipedyn.continuation.arclength import Equations, Point, Segment
 from pipedyn.util.check import Array
-from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
 FLAT = 0.3

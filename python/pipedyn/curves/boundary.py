@@ -65,14 +65,7 @@ LARGEST_MODEL = 500
 """Most degrees of freedom of a model, as dense matrices are factorised at every point."""
 
 
-@saved_as(
-    "BoundaryCurve",
-    shapes={
-        "S": "x y frequency unstable change lyapunov criticality",
-        "S 2": "slopes",
-        "K 2": "organising",
-    },
-)
+@saved_as("BoundaryCurve")
 class BoundaryCurve(Result):
     """A curve of flutter or of divergence, point by point along its arc length.
 

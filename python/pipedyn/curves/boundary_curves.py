@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import Control, Point, Segment
@@ -33,7 +34,6 @@ from pipedyn.models.continuum import FUNCTIONS_A_JOINT, LARGEST, AnyModel, Conti
 from pipedyn.models.galerkin import Galerkin, basis_joints, enriched
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged
-from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
 LONGEST_STEP, LARGEST_TURN = 0.04, 0.18

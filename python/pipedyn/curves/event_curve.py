@@ -38,9 +38,7 @@ LEADING_TO_END = 0.1
 which this quantity is 0, if Newton's method fails on the way."""
 
 
-@saved_as(
-    "CycleCurve", shapes={"S": "x y frequency amplitude multiplier unstable opens onset orbits"}
-)
+@saved_as("CycleCurve")
 class CycleCurve(Result):
     """An event of cycles, point by point along the curve.
 

@@ -141,10 +141,7 @@ class CycleEvent(Result, units={"error": SPEED}):
         return self.kind == other.kind and apart <= near and equal
 
 
-@saved_as(
-    "CycleBranch",
-    shapes={"S": "speeds amplitudes highest frequencies stable", "S n": "multipliers"},
-)
+@saved_as("CycleBranch")
 class CycleBranch(TableResult):
     """Cycles along a branch, which may turn in the flow speed, in order from its beginning.
 

@@ -100,15 +100,7 @@ KINDS = "a LimitCycle, a Hopf, a Motion, an angle theta(s), coordinates or a sta
 """Kinds of starts, in words."""
 
 
-@saved_as(
-    "LimitCycle",
-    shapes={
-        "2dof": "multipliers",
-        "S": "t",
-        "S coordinates": "q qdot",
-        "M 2integrated": "orbit.starts",
-    },
-)
+@saved_as("LimitCycle")
 class LimitCycle(Trajectory, TableResult):
     """One period of a periodic motion.
 

@@ -17,6 +17,7 @@ from itertools import product
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import Control, DenseProblem, Point, Segment
@@ -30,7 +31,6 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged, PipedynError
-from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed, newton
 from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import RATE, Result, TableResult, numbered
@@ -98,11 +98,7 @@ BATCH_ENTRIES = 1_000_000
 contain these, have four times as many entries and take 32 MB."""
 
 
-@saved_as(
-    "Equilibria",
-    added=("resolved", "valid", "discarded", "complete", "search"),
-    shapes={"k coordinates": "q", "k": "stable growth residuals", "k 2": "tips"},
-)
+@saved_as("Equilibria", added=("resolved", "valid", "discarded", "complete", "search"))
 class Equilibria(TableResult, units={"growth": RATE}):
     """Equilibria at one flow speed, ordered by how far they are bent, the straight one first.
 
@@ -731,7 +727,7 @@ MOST_POINTS = 4000
 """Most points of one branch: at the default step they reach 200 rad, three times `TEN_TURNS`."""
 
 
-@saved_as("BranchPoint", shapes={"n": "q", "2": "tip"})
+@saved_as("BranchPoint")
 class BranchPoint(Result):
     """Point of a branch of equilibria at which its stability changes or it turns back.
 
@@ -752,9 +748,7 @@ class BranchPoint(Result):
     tip: Array
 
 
-@saved_as(
-    "EquilibriumBranch", shapes={"S": "speeds stable unstable", "S coordinates": "q", "S 2": "tips"}
-)
+@saved_as("EquilibriumBranch")
 class EquilibriumBranch(TableResult):
     """A branch of equilibria, point by point along its arc length.
 

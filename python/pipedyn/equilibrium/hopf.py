@@ -45,11 +45,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from concurrent import futures
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.equilibrium.axis_problems import gyroscopic_mass
@@ -69,7 +71,6 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
 from pipedyn.util.errors import NotConverged, PipedynError
-from pipedyn.util.later import futures, scipy
 from pipedyn.util.parallel import one_thread, outcome_of
 from pipedyn.util.result import LENGTH, SPEED, Result
 
@@ -223,7 +224,7 @@ def _neville_limit(values: list[complex], rounding: Array) -> tuple[complex, flo
 # --------------------------------------------------------------------------------- for the pipe
 
 
-@saved_as("HopfPoint", shapes={"n": "mode rest"})
+@saved_as("HopfPoint")
 class HopfPoint(Result):
     """A pair of eigenvalues on the imaginary axis, at which small periodic orbits emerge."""
 
@@ -258,7 +259,7 @@ def _rest_at(motion: VectorField, crossing: Crossing | BranchPoint) -> Array:
     return motion.resting()
 
 
-@saved_as("Hopf", shapes={"2integrated": "mode rest"})
+@saved_as("Hopf")
 class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
     """A flutter onset, and the limit cycle that emerges there.
 
@@ -647,7 +648,7 @@ def _tip_of(motion: VectorField, rest: Array, mode: Complex) -> complex:
 # ----------------------------------------------------------------------- against a parameter
 
 
-@saved_as("CriticalityCurve", shapes={"S": "values onsets"})
+@saved_as("CriticalityCurve")
 class CriticalityCurve(SweptResult, units={"folds": SPEED}):
     """Onsets of flutter against a parameter.
 

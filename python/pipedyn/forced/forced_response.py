@@ -90,15 +90,7 @@ HARMONICS = 8
 BranchKind = Literal["base", "subharmonic", "harmonic"]
 
 
-@saved_as(
-    "ForcedMotion",
-    shapes={
-        "2dof": "multipliers",
-        "S": "t",
-        "S coordinates": "q qdot",
-        "M 2integrated": "orbit.starts",
-    },
-)
+@saved_as("ForcedMotion")
 class ForcedMotion(Trajectory, TableResult):
     """One period of a periodic motion under a periodic forcing.
 
@@ -160,7 +152,7 @@ class ForcedEvent(Result):
     amplitude: float
 
 
-@saved_as("ForcedBranch", shapes={"P": "frequency amplitude largest stable"})
+@saved_as("ForcedBranch")
 class ForcedBranch(TableResult):
     """Motions along one branch, in the order in which it was followed, with those at its events.
 

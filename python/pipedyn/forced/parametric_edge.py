@@ -16,12 +16,12 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+import scipy
 
 from pipedyn.continuation.arclength import Control, DenseProblem, Point, Segment
 from pipedyn.forced.pulsating import Hill
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
-from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed, newton
 
 RegionKind = Literal["subharmonic", "harmonic", "combination"]

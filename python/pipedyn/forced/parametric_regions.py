@@ -45,7 +45,7 @@ EDGE_TOLERANCE = 1e-7
 """Relative change of the edges from one truncation to the next at which they count as converged."""
 
 
-@saved_as("ParametricRegion", shapes={"A": "amplitude", "A 2": "edges"})
+@saved_as("ParametricRegion")
 class ParametricRegion(
     TableResult,
     units={"amplitude": None, **dict.fromkeys(("edges", "lowest", "highest"), FREQUENCY)},
@@ -83,7 +83,7 @@ class ParametricRegion(
         return {"amplitude": self.amplitude, "lowest": low, "highest": high}
 
 
-@saved_as("ParametricRegions", shapes={"2": "frequencies"})
+@saved_as("ParametricRegions")
 class ParametricRegions(
     ResultSequence[ParametricRegion],
     units={"amplitude": None, "mean": SPEED, **dict.fromkeys(("lowest", "highest"), FREQUENCY)},

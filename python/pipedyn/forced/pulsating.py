@@ -382,7 +382,7 @@ def pulsating_pipe(model: AnyModel, mean: float, size: int) -> PulsatingPipe:
 # ----------------------------------------------------------------------------------- multipliers
 
 
-@saved_as("FloquetMultipliers", shapes={"2dof": "multipliers"})
+@saved_as("FloquetMultipliers")
 class FloquetMultipliers(TableResult, units={"growth": RATE}):
     """Floquet multipliers of small motions of the straight pipe in a pulsating flow.
 

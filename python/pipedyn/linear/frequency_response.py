@@ -18,6 +18,7 @@ from functools import cached_property, partial
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.linear.modes import largest_speed, roots_and_shapes
@@ -39,7 +40,6 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
 from pipedyn.util.errors import NotConverged
-from pipedyn.util.later import scipy
 from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import FREQUENCY, Result, TableResult
 
@@ -81,7 +81,7 @@ class Resonance(Result, units={"width": FREQUENCY}):
     width: float
 
 
-@saved_as("FrequencyResponse", shapes={"F": "frequencies response", "k": "poles"})
+@saved_as("FrequencyResponse")
 class FrequencyResponse(TableResult):
     """Complex amplitude of a displacement per unit amplitude of the input.
 

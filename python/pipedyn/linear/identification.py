@@ -16,6 +16,7 @@ from functools import partial
 from typing import Any, Literal, get_args
 
 import numpy as np
+import scipy
 
 from pipedyn.linear.critical_speed import CriticalSpeed, critical_speed
 from pipedyn.linear.eigenproblem import eigenproblem
@@ -31,7 +32,6 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged, PipedynError
-from pipedyn.util.later import scipy
 from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import TableResult
 
@@ -131,14 +131,7 @@ class Measurement:
             raise ValueError(f"speed must be left out of a {self.quantity}, got {self.speed:g}")
 
 
-@saved_as(
-    "Identification",
-    shapes={
-        "U": "unknowns values uncertainties",
-        "U U": "covariance correlation",
-        "M": "predicted residuals measurements",
-    },
-)
+@saved_as("Identification")
 class Identification(TableResult):
     """Numbers of a pipe estimated from measurements.
 

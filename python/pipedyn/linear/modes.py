@@ -97,7 +97,7 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
     return found.eigenvalues
 
 
-@saved_as("ModeShape", shapes={"dof": "coordinates"})
+@saved_as("ModeShape")
 class ModeShape(Result):
     """Complex transverse displacement of one mode, scaled to be 1 where its magnitude is largest.
 
@@ -127,7 +127,7 @@ class ModeShape(Result):
         return np.asarray(self.model.deflection(self.coordinates, s), dtype=np.complex128)
 
 
-@saved_as("Modes", shapes={"k": "eigenvalues shapes residuals converged"})
+@saved_as("Modes")
 class Modes(TableResult, units={"errors": RATE}):
     """Eigenvalues and modes at one flow speed.
 
@@ -366,7 +366,7 @@ def _modes(model: Model, u: float, count: int | None) -> Modes:
     return Modes(u, pairs.values, shapes, pairs.residuals, pairs.converged, model.dof)
 
 
-@saved_as("RootLoci", shapes={"S": "speeds", "S k": "eigenvalues partners converged errors"})
+@saved_as("RootLoci")
 class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
     """Eigenvalues as functions of the flow speed, one branch in each column.
 

@@ -36,7 +36,7 @@ LEAST_BETA = 1e-300
 """Smallest beta with derivatives by beta: under weak damping they grow like 1 / beta."""
 
 
-@saved_as("Derivatives", shapes={"n": "springs"})
+@saved_as("Derivatives")
 class Derivatives(Result):
     """Derivatives of one quantity by the pipe's numbers and the springs.
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Sequence
+from concurrent import futures
 from dataclasses import field
 from functools import partial
 from typing import Any, ClassVar
@@ -27,7 +28,6 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.later import futures
 from pipedyn.util.parallel import Returned, outcome_of, parallel
 from pipedyn.util.result import SPEED, Result, TableResult
 
@@ -113,7 +113,7 @@ class SweptResult(TableResult):
         return type(known)(*np.array([one or missing for one in each]).T)
 
 
-@saved_as("StabilityCurve", shapes={"S": "values critical crossings"})
+@saved_as("StabilityCurve")
 class StabilityCurve(SweptResult, units=dict.fromkeys(("no_loss_up_to", "max_speed"), SPEED)):
     """Critical speed, and every crossing, against a parameter.
 

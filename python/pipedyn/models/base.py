@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -31,9 +30,6 @@ five models Newton's method left 6e-16 at most."""
 DENSE_LIMIT = 4000
 """Largest dof for which dense operators are computed: seven matrices take 128 MB each."""
 
-LARGEST_RESULT = 1_000_000_000
-"""Largest number of entries of a result: 8 GB, and twice that if they are complex."""
-
 ROWS = 7
 """Number of rows of a drive: u', then position, velocity and acceleration of the base, (x, y)
 each."""
@@ -51,9 +47,7 @@ ANGLES: dict[str, Any] = {"low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
 """Range of the coordinates of a shape, for `check.array`."""
 
 
-@saved_as(
-    "Operators", shapes={"n n": "mass gyroscopic end_flux damping stiffness flux unsteady loss"}
-)
+@saved_as("Operators")
 class Operators(Result):
     """Linear operators about a configuration at rest, each of shape (dof, dof).
 
@@ -95,17 +89,6 @@ class Operators(Result):
     centrifugal: float
     loss: Array | None = None
 
-    @classmethod
-    def restored(cls, fields: dict[str, Any]) -> Operators:
-        """Restores the operators from the fields of a file; checks direction and alpha."""
-        made = cls(**fields)
-        if abs(made.direction) != 1.0 or not 0.0 <= made.centrifugal < math.inf:
-            raise ValueError(
-                "direction must be 1 or -1 and centrifugal >= 0, got "
-                f"{made.direction:g} and {made.centrifugal:g}"
-            )
-        return made
-
     def at(self, u: float, u_dot: float = 0.0) -> tuple[Array, Array, NDArray[Any]]:
         """(M, C, K) at flow speed u >= 0 and rate u_dot = du/dtau; with hysteresis K is complex.
 
@@ -124,7 +107,7 @@ class Operators(Result):
         return self.mass, velocity, stiffness if self.loss is None else stiffness + 1j * self.loss
 
 
-@saved_as("Power", shapes={"k": "flow joints drag others base"})
+@saved_as("Power")
 class Power(
     Result, units=dict.fromkeys(("flow", "joints", "drag", "others", "base", "total"), POWER)
 ):
@@ -371,11 +354,9 @@ class Model(OfPipe, ABC):
         for u in speeds:
             rest = self.unbalanced(u)
             if rest > 1e-7:  # far above the residual of an equilibrium known to ten digits
-                bent = (
-                    ""
-                    if self._reference is not None
-                    else (f": straight it does not with jet_angle = {self.pipe.jet_angle:.6g}")
-                )
+                bent = ""
+                if self._reference is None:
+                    bent = f": straight it does not with jet_angle = {self.pipe.jet_angle:.6g}"
                 raise ValueError(
                     f"the model must rest at u = {u:g} where it is linearised, got an unbalanced "
                     f"force of {rest:.1e}{bent}; choose about(q), q of equilibria(model, {u:g}), "
@@ -533,21 +514,18 @@ class Model(OfPipe, ABC):
             return None
         columns = check.numbers("y", y, "an array of real numbers", longest=check.LONGEST).shape[1:]
         drive = np.zeros((ROWS, *columns))
-        if u_dot is not None:
-            rate = check.doubles("u_dot", u_dot, "a real number or an array of them")
-            if rate.shape not in ((), columns):
-                rule = f"be a number or have shape {columns}"
-                raise ValueError(f"u_dot must {rule}, got {rate.shape}")
-            each = np.atleast_1d(rate)
-            check.entries("u_dot", each, np.isfinite(each), "be finite")
-            drive[0] = rate
-        if base is not None:
-            moves = check.doubles("base", base, "an array of real numbers")
-            if moves.shape[:2] != (3, 2) or moves.shape[2:] not in ((), columns):
-                rule = f"(3, 2) or {(3, 2, *columns)}" if columns else "(3, 2)"
-                raise ValueError(f"base must have shape {rule}, got {moves.shape}")
-            check.entries("base", moves, np.isfinite(moves), "be finite")
-            drive[1:] = moves.reshape(6, *moves.shape[2:], *(1,) * (len(columns) + 2 - moves.ndim))
+        arguments = (("u_dot", u_dot, (), drive[:1]), ("base", base, (3, 2), drive[1:]))
+        for name, given, shape, rows in arguments:
+            if given is None:
+                continue
+            values = check.doubles(name, given, "a real number or an array of them")
+            shapes = dict.fromkeys((shape, (*shape, *columns)))
+            if values.shape not in shapes:
+                rule = f"have shape {' or '.join(map(str, shapes))}"
+                raise ValueError(f"{name} must {rule}, got {values.shape}")
+            each = np.atleast_1d(values)
+            check.entries(name, each, np.isfinite(each), "be finite")
+            rows.reshape(len(rows), -1)[:] = values.reshape(len(rows), -1)
         return drive
 
     def require_base(self) -> None:
@@ -756,9 +734,9 @@ class Model(OfPipe, ABC):
             rule = f"({len(given)},) or ({len(given)}, k)"
             raise ValueError(f"q must have shape {rule}, got {given.shape}")
         columns = given.reshape(len(given), -1)
-        if columns.shape[1] * at.size > LARGEST_RESULT:
+        if columns.shape[1] * at.size > check.LONGEST:
             raise ValueError(
-                f"q and s must ask for at most {LARGEST_RESULT} numbers, got {columns.shape[1]} "
+                f"q and s must ask for at most {check.LONGEST} numbers, got {columns.shape[1]} "
                 f"columns of q at {at.size} points"
             )
         return self._deflected(self._moved(columns), at, order).reshape((*asked, *given.shape[1:]))
@@ -872,7 +850,7 @@ class Model(OfPipe, ABC):
         columns = check.numbers(
             *(name, given, "an array of real or complex numbers"),
             kinds="iufc",
-            longest=LARGEST_RESULT,
+            longest=check.LONGEST,
         )
         if columns.ndim == 0 or columns.shape[0] not in sizes or columns.size == 0:
             listed = " or ".join(f"({size}, ...)" for size in sizes)

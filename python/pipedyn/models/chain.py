@@ -22,7 +22,7 @@ from pipedyn.models.base import (
 from pipedyn.models.galerkin import Galerkin, basis_joints
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments, reciprocal
-from pipedyn.models.segments import MET, SegmentModel, along, held_ends
+from pipedyn.models.segments import MET, SegmentModel, along, core_segments, held_ends
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -132,16 +132,11 @@ class Chain(SegmentModel):
         super().__init__(pipe)
         rule = check.choice("springs", springs, SPRING_RULES) if isinstance(springs, str) else None
         base = check.real("base", base, low=0.0, high=1.0, open_high=True)
-        n = _segment_count(
-            n,
-            lengths=lengths,
-            centres=centres,
-            gyration_radii=gyration_radii,
-            drag_points=drag_points,
-            masses=masses,
-            springs=None if rule else springs,
-            guided=pipe.end_directed,
-        )
+        arrays = {"lengths": lengths, "centres": centres, "gyration_radii": gyration_radii}
+        arrays |= {"drag_points": drag_points, "masses": masses}
+        if n is None:
+            n = _segments_in(arrays | {"springs": None if rule else springs}, pipe.end_directed)
+        n = check.count("n", n, high=LARGEST_CHAIN)
         cells = _cells(n, base, pipe.supports)
         if rule == "midpoint":
             if lengths is not None or base != 0.0:
@@ -159,8 +154,8 @@ class Chain(SegmentModel):
         if shortest < SHORTEST_SEGMENT:
             raise ValueError(f"lengths must be at least {SHORTEST_SEGMENT:g} each, got {shortest}")
         self._base = base
-        inertia = {"masses": masses, "centres": centres, "gyration_radii": gyration_radii}
-        own = [name for name, given in inertia.items() if given is not None]
+        inertia = ("masses", "centres", "gyration_radii")
+        own = [name for name in inertia if arrays[name] is not None]
         if pipe.mass is not None and len(own) in (1, 2):
             raise ValueError(
                 "masses, centres and gyration_radii must be given together or left to the pipe's "
@@ -313,16 +308,7 @@ class Chain(SegmentModel):
 
     def _compiled(self, springs: Array, pipe: Pipe, held: Sequence[int] = ()) -> _core.Scene:
         """The compiled segments with these springs of joints, the ends of those in `held` held."""
-        segments = _core.Segments(
-            length=self._lengths,
-            center=self._centres,
-            gyration_radius=self._gyration_radii,
-            spring=springs,
-            drag_point=self._drag_points,
-            base=self._base,
-            mass=self._masses,
-        )
-        places = [3 * k for k in held]
+        segments, places = core_segments(self, spring=springs), [3 * k for k in held]
         return _core.Scene(core_pipe(pipe), segments, held=places, value=np.zeros(len(places)))
 
     @property
@@ -440,9 +426,8 @@ def _first_eigenvalue(pipe: Pipe) -> float:
     return float(1.0 / np.linalg.eigvalsh(mass)[-1])
 
 
-def _segment_count(n: int | None, guided: bool, **arrays: Any) -> int:
-    if n is not None:
-        return check.count("n", n, high=LARGEST_CHAIN)
+def _segments_in(arrays: dict[str, Any], guided: bool) -> int:
+    """Number of segments that the first given array is for."""
     for name, given in arrays.items():
         if given is not None:
             size = check.array(name, given, longest=LARGEST_CHAIN + 1).size

@@ -77,13 +77,9 @@ class Pulsation:
     def __post_init__(self) -> None:
         vars(self).update(
             mean=check.real("mean", self.mean, low=0.0, high=LARGEST_SPEED),
-            amplitude=check.real("amplitude", self.amplitude),
+            amplitude=check.real("amplitude", self.amplitude, low=-1.0, high=1.0),
             frequency=_frequency(self.frequency),
         )
-        if abs(self.amplitude) > 1.0:
-            raise ValueError(
-                f"amplitude must lie in [-1, 1], or the flow reverses, got {self.amplitude!r}"
-            )
 
     @classmethod
     def from_si(cls, pipe: Pipe, *, mean: float, amplitude: float, frequency: float) -> Pulsation:
@@ -96,7 +92,7 @@ class Pulsation:
             Pulsation(mean=4.0, amplitude=0.2, frequency=6.0)
         """
         speed, omega = check.real("mean", mean), check.real("frequency", frequency)
-        pipe = with_scales(pipe)
+        pipe = checked_pipe(pipe)
         return cls(pipe.speed_from_si(speed), amplitude, pipe.frequency_from_si(omega))
 
     @property
@@ -160,7 +156,7 @@ class Harmonic:
             Harmonic(amplitude=0.01, frequency=6.0, direction='x')
         """
         reach, omega = check.real("amplitude", amplitude), check.real("frequency", frequency)
-        pipe = with_scales(pipe)
+        pipe = checked_pipe(pipe)
         return cls(pipe.length_from_si(reach), pipe.frequency_from_si(omega), direction)
 
     @property
@@ -291,8 +287,7 @@ class Supply:
         """
         pressure = check.real("pressure", pressure)
         density = check.real("density", density, low=0.0, open_low=True)
-        scales = with_scales(pipe).scales
-        assert scales is not None
+        scales = checked_pipe(pipe)._units("head")
         head = check.real("head from pressure and density", pressure / density / scales.speed**2)
         if weight is not None:
             force = pipe.beta * scales.mass * scales.speed**2  # unit of force, EI / L^2
@@ -357,13 +352,6 @@ def require_steady(name: str, given: Any) -> None:
                 f"{name} must be steady, got {check.shown(one)}: of a pulsating flow ask simulate, "
                 "floquet, parametric_regions or forced_response"
             )
-
-
-def with_scales(pipe: Any) -> Pipe:
-    """Returns the argument if it is a pipe made with `Pipe.from_si`; else raises."""
-    if checked_pipe(pipe).scales is None:
-        raise ValueError(f"pipe must be made with Pipe.from_si, got {pipe!r}")
-    return pipe
 
 
 def _frequency(value: Any) -> float:

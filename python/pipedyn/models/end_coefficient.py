@@ -8,11 +8,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from pipedyn.util import check
 from pipedyn.util.check import Array
-from pipedyn.util.later import scipy
 
 QUADRATURE = 1e-12
 """Relative error asked of both integrals; rounding in sums of 23,000 terms is 1e-13."""

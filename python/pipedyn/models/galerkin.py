@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import Any, Literal, Self, get_args
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
@@ -32,7 +33,6 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged
-from pipedyn.util.later import scipy
 
 Basis = Literal["beam", "legendre"]
 BASES: tuple[Basis, ...] = get_args(Basis)

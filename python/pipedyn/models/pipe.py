@@ -70,6 +70,10 @@ class OwnNumber:
     unit: Unit | None = None
     effect: str = ""
 
+    def excluded(self, motions: bool) -> str:
+        """Why the number does not enter small motions, or motions of finite amplitude; else ""."""
+        return self.not_large if motions else self.not_small
+
     @property
     def letter(self) -> str:
         """The symbol in words; a Greek letter is given by its name."""

@@ -56,7 +56,7 @@ def pipe_numbers(pipe: Pipe, motions: bool = False) -> dict[str, PipeNumber]:
     found = {
         name: PipeNumber(name, name, None, one.rule)
         for name, one in OWN_NUMBERS.items()
-        if one.flow in ("", pipe.flow) and not (one.not_large if motions else one.not_small)
+        if one.flow in ("", pipe.flow) and not one.excluded(motions)
     }
     if isinstance(pipe.root, RootSpring):
         rule = fields(RootSpring)[0].metadata["range"]
@@ -115,14 +115,9 @@ def checked_number(
     """
     every = pipe_numbers(pipe, motions)
     own = OWN_NUMBERS.get(name) if isinstance(name, str) else None
-    if motions and own is not None and own.not_large:
-        raise ValueError(
-            f"{argument} must be a number with which the pipe can be set in motion, got {name!r}: "
-            f"{own.not_large}"
-        )
-    if not motions and own is not None and own.not_small:
-        raise ValueError(
-            f"{argument} must have a part in small motions about the straight pipe, got "
-            f"{name!r}: {own.not_small}"
-        )
+    if own is not None and (reason := own.excluded(motions)):
+        rule = "have a part in small motions about the straight pipe"
+        if motions:
+            rule = "be a number with which the pipe can be set in motion"
+        raise ValueError(f"{argument} must {rule}, got {name!r}: {reason}")
     return every[check.choice(argument, name, (*others, *every))]

@@ -53,18 +53,6 @@ class _Series:
 
     coefficients: tuple[float, ...]
 
-    @classmethod
-    def restored(cls, fields: dict[str, Any]) -> _Series:
-        """Restores the series from the fields of a file; checks that a function can have it."""
-        made, most = cls(**fields), 2.0 * LARGEST_RATIO  # mean of the values times twice a cosine
-        few = 1 <= len(made.coefficients) <= COUNTS[-1]
-        if not (few and all(abs(one) <= most for one in made.coefficients)):
-            raise ValueError(
-                f"coefficients must be 1 to {COUNTS[-1]} numbers in [{-most:g}, {most:g}], got "
-                f"{check.shown(made.coefficients)}"
-            )
-        return made
-
     def __repr__(self) -> str:
         ends = np.polynomial.chebyshev.chebval([-1.0, 1.0], self.coefficients)
         return f"<{ends[0]:.6g} to {ends[1]:.6g}>"
@@ -148,8 +136,10 @@ class Profile:
 
     @classmethod
     def restored(cls, fields: dict[str, Any]) -> Profile:
-        """Restores the profile from the fields of a file; checks the range of its values."""
+        """Restores the profile from the fields of a file; checks its series and their range."""
         made = cls(**fields)
+        if not all(1 <= len(one) <= COUNTS[-1] for one in made.series):
+            raise ValueError(f"a series must have from 1 to {COUNTS[-1]} coefficients")
         low, high = made.bounds
         missed = 10.0 * NEARLY * high  # more than the error of a series
         if not LEAST_RATIO - missed <= low <= high <= LARGEST_RATIO + missed:
@@ -173,11 +163,6 @@ class Profile:
     def series(self) -> list[tuple[float, ...]]:
         """Chebyshev coefficients on each stretch."""
         return [v.coefficients if isinstance(v, _Series) else (v,) for v in self.values]
-
-    @property
-    def is_uniform(self) -> bool:
-        """Whether the profile is 1 everywhere."""
-        return all(isinstance(value, float) and value == 1.0 for value in self.values)
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -337,4 +322,4 @@ def checked_profile(name: str, given: Any) -> Profile | None:
     at_clamp = float(profile([0.0])[0])
     if abs(at_clamp - 1.0) > 1e-9:
         raise ValueError(f"{name} must be 1 at s = 0, got {at_clamp:.12g}")
-    return None if profile.is_uniform else profile
+    return None if set(profile.values) == {1.0} else profile

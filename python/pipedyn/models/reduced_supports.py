@@ -12,11 +12,11 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+import scipy
 
 from pipedyn import _core
 from pipedyn.util.check import Array
 from pipedyn.util.errors import resolved
-from pipedyn.util.later import scipy
 
 STENCIL = np.array([45.0, -9.0, 1.0]) / 60.0
 """Weights of central differences of sixth order, for 1, 2 and 3 steps to either side."""

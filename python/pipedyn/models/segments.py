@@ -420,6 +420,19 @@ class ChainPencil(Pencil):
         return self.complement.gathered(scale * rows)
 
 
+def core_segments(one: Any, **joints: Array) -> _core.Segments:
+    """Segments with the arrays of a chain or a layout in the core's form, and arrays of joints."""
+    return _core.Segments(
+        length=one.lengths,
+        center=one.centres,
+        gyration_radius=one.gyration_radii,
+        drag_point=one.drag_points,
+        base=one.base,
+        mass=one.masses,
+        **joints,
+    )
+
+
 def held_ends(pipe: Pipe, ends: Array) -> NDArray[np.intp]:
     """Indices of segments whose ends are held on the axis by supports or the pipe's end, from 0 on.
 

@@ -15,7 +15,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 
 End = Literal["free", "guided", "pinned", "clamped"]
-ROOTS = ("clamped", "pinned")
+ROOTS: tuple[Literal["clamped", "pinned"], ...] = ("clamped", "pinned")
 ENDS = ("free", "guided", "pinned", "clamped")
 
 MOST_SUPPORTS = 100
@@ -76,8 +76,7 @@ def checked_root(root: Any, given: str = "") -> Root:
         check.real(f"root.stiffness{given}", root.stiffness, **rule)
         return root if root.stiffness > 0.0 else "pinned"
     check.instance("root", root, str, '"clamped", "pinned" or a RootSpring')
-    check.choice("root", root, ROOTS)
-    return "clamped" if root == "clamped" else "pinned"
+    return check.choice("root", root, ROOTS)
 
 
 def checked_supports(supports: Any, end: float = 1.0) -> tuple[float, ...]:

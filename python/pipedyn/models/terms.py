@@ -48,6 +48,12 @@ class Term:
     needs_held_end: ClassVar[bool] = False
     """Whether the law acts only on pipes whose end is held on the axis of the straight pipe."""
 
+    acts_at_end: ClassVar[bool] = False
+    """Whether the law acts at the end of the pipe; else at its `at`, or all along the pipe."""
+
+    largest_angle: ClassVar[float] = math.inf
+    """Largest angle between the pipe and its straight axis for which the law holds, in rad."""
+
     def __post_init__(self) -> None:
         if type(self) is Term:
             raise TypeError("Term must be one of its laws, such as PointMass, got Term itself")
@@ -64,7 +70,7 @@ class Term:
     @property
     def place(self) -> float | None:
         """Arc length in L where the term acts; None if it acts all along the pipe."""
-        return getattr(self, "at", None)
+        return getattr(self, "at", 1.0 if self.acts_at_end else None)
 
     @property
     def kinks(self) -> tuple[float, ...]:
@@ -75,11 +81,6 @@ class Term:
     def is_felt_by_small_motions(self) -> bool:
         """Whether the law acts on small motions about the straight pipe."""
         return _core.is_felt_by_small_motions(self.law)
-
-    @property
-    def largest_angle(self) -> float:
-        """Largest angle between the pipe and its straight axis for which the law holds, in rad."""
-        return math.inf
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -417,12 +418,8 @@ class Tension(Term):
     """
 
     law: ClassVar[str] = "tension"
+    acts_at_end: ClassVar[bool] = True
     load: float = number(1e6, mass=1, length=2, time=-2, low=-1e6)
-
-    @property
-    def place(self) -> float:
-        """Arc length in L where the term acts: that of the free end."""
-        return 1.0
 
 
 @saved_as("Weight")
@@ -486,17 +483,9 @@ class Stretching(Term):
 
     law: ClassVar[str] = "stretching"
     needs_held_end: ClassVar[bool] = True
+    acts_at_end: ClassVar[bool] = True
+    largest_angle: ClassVar[float] = 0.5 * math.pi
     stiffness: float = number(1e9, mass=1, length=1, time=-2)
-
-    @property
-    def place(self) -> float:
-        """Arc length in L where the term acts: that of the end."""
-        return 1.0
-
-    @property
-    def largest_angle(self) -> float:
-        """Largest angle for which the law holds, a quarter turn, in rad."""
-        return 0.5 * math.pi
 
     def law_numbers(self, damping: float) -> list[float]:
         """Stiffness and damping coefficient of the axial spring."""

@@ -237,13 +237,9 @@ class CustomForces:
 
     def _summed(self, function: Callable[..., float], *rows: Array) -> Array:
         """Sum over the modules of a function of their coordinates or rates, (3 n, k): (k,)."""
+        totals = np.zeros(rows[0].shape[1])
         with np.errstate(all="ignore"):
-            return np.array(
-                [
-                    sum(
-                        function(custom, *(row[custom.index] for row in state))
-                        for custom in self.each
-                    )
-                    for state in zip(*(of.T for of in rows), strict=True)
-                ]
-            )
+            for k, state in enumerate(zip(*(of.T for of in rows), strict=True)):
+                for custom in self.each:
+                    totals[k] += function(custom, *(row[custom.index] for row in state))
+        return totals

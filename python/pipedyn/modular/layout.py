@@ -10,12 +10,13 @@ from operator import itemgetter
 from typing import Any, TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import core_pipe
 from pipedyn.models.pipe import Pipe
-from pipedyn.models.segments import SAME, closest, held_ends
+from pipedyn.models.segments import SAME, closest, core_segments, held_ends
 from pipedyn.modular.parts import (
     Clamp,
     Constraint,
@@ -32,7 +33,6 @@ from pipedyn.modular.parts import (
     part_text,
 )
 from pipedyn.util.check import Array
-from pipedyn.util.later import scipy
 
 CONSTRAINTS = (Clamp, Joint, Guide, Pin)
 """Kinds of constraints."""
@@ -42,10 +42,6 @@ MODULES = (Segment, TorsionalSpring, InternalFlow, Drag, Custom)
 
 DEPENDENT = 1e-9
 """Relative size of a pivot, well above rounding, below which a guide or pin is dependent."""
-
-LEAST_ARM = 1e-8
-"""Least sum of the distances of a last segment's centre of mass and of its radius of gyration from
-its joint, in L: the rounding of the other segments' inertia hides less."""
 
 TAUT = 1e-5
 """Relative size of a pivot below which guides and pins are dependent because a span is taut.
@@ -106,15 +102,14 @@ class Layout:
         self.has_drag = bool(_of(modules, Drag))
         rows = [custom._inertia_rows(3 * self.size) for custom in self.customs]
         self.inertia = np.concatenate([np.zeros((0, 3 * self.size)), *rows])
-        self.compliance = np.ones(len(self.inertia))
-        """Factors c of the rows W of `inertia`, (m,): the mass matrix in redundant coordinates is
-        that of the segments and W^T diag(c) W. A factor is 1, or -1 for a row that subtracts."""
-        if self.inertia.size and self.least_inertia(self.centres, self.gyration_radii) < LEAST_ARM:
-            self._lend_inertia()
+        """Rows W of the inertia of custom modules, (m, 3 n): the mass matrix in redundant
+        coordinates is that of the segments and W^T W."""
         holding = self._found_holding()
-        self.held, self.holding = np.array(list(holding), dtype=np.intp), list(holding.values())
-        """Redundant coordinates that guides and pins hold, shape (c,), and the part for each."""
-        self.held_values = np.array([dict(_held_by(part))[k] for k, part in holding.items()])
+        self.held = np.array(list(holding), dtype=np.intp)
+        """Redundant coordinates that guides and pins hold, shape (c,)."""
+        self.held_values = np.array([value for value, _ in holding.values()])
+        self.holding = [part for _, part in holding.values()]
+        """The guide or pin that holds each of these coordinates."""
         self.unit_loads = np.zeros((3 * self.size, self.held.size))
         self.unit_loads[self.held, np.arange(self.held.size)] = 1.0
         self.rest = self._found_rest()
@@ -122,21 +117,6 @@ class Layout:
         self._refuse_taut()
         if self.independent.size == self.size:
             raise ValueError(f"{self.guides_text()} must leave something that moves, got nothing")
-
-    def least_inertia(self, centres: Array, gyration_radii: Array) -> float:
-        """Distance in L that says how much inertia the last segment has about its joint."""
-        return float(centres[-1] * self.lengths[-1] + gyration_radii[-1])
-
-    def _lend_inertia(self) -> None:
-        """Adds inertia to the last segment, which a further row subtracts again.
-
-        The recursion along the segments needs inertia of each segment's own.
-        """
-        self.gyration_radii[-1] = self.lengths[-1]
-        angle = np.zeros((1, 3 * self.size))
-        angle[0, 2::3] = math.sqrt(self.masses[-1]) * self.lengths[-1]
-        self.inertia = np.concatenate([self.inertia, angle])
-        self.compliance = np.append(self.compliance, -1.0)
 
     # -------------------------------------------------------------------------------- what is where
 
@@ -152,9 +132,7 @@ class Layout:
                         f"{part_text(part)}: {name} must be at most {most}, the number of "
                         f"{'joints' if most > n else 'segments'}, got {beyond[0]}"
                     )
-        if self.guided and n + 1 not in {
-            spring.joint for spring in _of(self.modules, TorsionalSpring)
-        }:
+        if self.guided and n + 1 not in [s.joint for s in _of(self.modules, TorsionalSpring)]:
             raise ValueError(
                 f"modules must hold a TorsionalSpring(joint={n + 1}), between segment {n} and the "
                 "end that keeps its direction"
@@ -163,27 +141,20 @@ class Layout:
             count = len(_of(self.modules, kind))
             if count > 1:
                 raise ValueError(f"modules must hold at most one {kind.__name__}, got {count}")
-        if not _of(self.constraints, Clamp):
+        tied = {getattr(part, "segment", 1) for part in _of(self.constraints, (Clamp, Joint))}
+        if loose := [j for j in range(1, n + 1) if j not in tied]:
+            lacking = "a Clamp" if loose[0] == 1 else f"Joint(segment={loose[0]})"
             raise ValueError(
-                "constraints must hold a Clamp: without it phi_1 moves without inertia"
-            )
-        held = {joint.segment for joint in _of(self.constraints, Joint)}
-        loose = [j for j in range(2, n + 1) if j not in held]
-        if loose:
-            j = loose[0]
-            raise ValueError(
-                f"constraints must hold Joint(segment={j}): without it phi_{j} moves without "
-                "inertia"
+                f"constraints must hold {lacking}: without it phi_{loose[0]} moves without inertia"
             )
 
     def _checked_base(self) -> float:
         """Length of the fixed part of the pipe; ValueError if clamps give different lengths."""
-        bases = [clamp.base for clamp in _of(self.constraints, Clamp)]
+        clamps = _of(self.constraints, Clamp)
+        bases = [clamp.base for clamp in clamps]
         if max(bases) - min(bases) > SAME:
-            raise ValueError(
-                "constraints contradict one another: "
-                + " and ".join(part_text(clamp) for clamp in _of(self.constraints, Clamp))
-            )
+            named = " and ".join(map(part_text, clamps))
+            raise ValueError(f"constraints contradict one another: {named}")
         return bases[0]
 
     def _supports(self, pipe: Pipe) -> tuple[Constraint, ...]:
@@ -195,8 +166,8 @@ class Layout:
             )
         return tuple(Guide(node) for node in (held_ends(pipe, self.ends[1:]) + 1).tolist())
 
-    def _found_holding(self) -> dict[int, Constraint]:
-        """Held redundant coordinates, each with the first guide or pin that holds it."""
+    def _found_holding(self) -> dict[int, tuple[float, Constraint]]:
+        """Held redundant coordinates, each with its value and the first part that holds it."""
         found: dict[int, tuple[float, Constraint]] = {}
         for part in self.constraints:
             for coordinate, value in _held_by(part):
@@ -206,7 +177,7 @@ class Layout:
                         f"constraints contradict one another: {part_text(first)} and "
                         f"{part_text(part)}"
                     )
-        return {coordinate: part for coordinate, (_, part) in found.items()}
+        return found
 
     @property
     def guides_and_pins(self) -> list[Constraint]:
@@ -219,16 +190,6 @@ class Layout:
 
     # ------------------------------------------------------------------------------- configurations
 
-    def nodes(self, columns: Array, order: int = 0) -> Array:
-        """Positions of all nodes, from 0 on, at coordinates (3 n, ...): shape (n + 1, 2, ...).
-
-        With order 1 the columns are rates, and the result velocities.
-        """
-        found = np.zeros((self.size + 1, 2, *columns.shape[1:]))
-        found[0, 1] = 0.0 if order else self.base
-        found[1:] = columns.reshape(self.size, 3, *columns.shape[1:])[:, :2]
-        return found
-
     def worst_met(self, given: Array, exact: Array, order: int = 0) -> tuple[float, Constraint]:
         """Largest deviation of coordinates, or rates, from a constraint, and that constraint.
 
@@ -238,7 +199,7 @@ class Layout:
                 meet clamp and joints.
             order: 0 for coordinates, 1 for rates.
         """
-        torn = np.diff(self.nodes(given, order) - self.nodes(exact, order), axis=0)
+        torn = np.diff((given - exact).reshape(self.size, 3)[:, :2], axis=0, prepend=0.0)
         missed = np.abs(exact[self.held] - (0.0 if order else self.held_values))
         ties = _of(self.constraints, (Clamp, Joint))
         gaps = [float(np.abs(torn[getattr(part, "segment", 1) - 1]).max()) for part in ties]
@@ -332,21 +293,15 @@ class Layout:
         """The compiled scene on a pipe, with the forces of custom modules, if any."""
         return _core.Scene(
             core_pipe(self.acting(pipe)),
-            _core.Segments(
-                length=self.lengths,
-                center=self.centres,
-                gyration_radius=self.gyration_radii,
+            core_segments(
+                self,
                 spring=self.springs,
-                drag_point=self.drag_points,
-                base=self.base,
                 damping=self.joint_damping(pipe),
                 rest_moment=self.rest_moments,
-                mass=self.masses,
             ),
             held=self.held.tolist(),
             value=self.held_values,
             inertia=self.inertia,
-            compliance=self.compliance,
             customs=customs,
         )
 

@@ -10,12 +10,12 @@ from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 import numpy as np
+import scipy
 
 from pipedyn.models.base import Model
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.later import scipy
 from pipedyn.util.result import Result, TableResult, states_over_time
 
 EventFunction: TypeAlias = Callable[[float, Array, Array], float]
@@ -54,7 +54,7 @@ class Event:
     terminal: bool | int = False
 
 
-@saved_as("Occurrences", shapes={"k": "t", "k n": "q qdot"})
+@saved_as("Occurrences")
 class Occurrences(TableResult):
     """Times and states at which an event took place.
 
@@ -71,7 +71,7 @@ class Occurrences(TableResult):
         return states_over_time(self.t, self.q, self.qdot)
 
 
-@saved_as("DenseOutput", shapes={"k+1": "t", "k n 2integrated": "coefficients"})
+@saved_as("DenseOutput")
 class DenseOutput(Result):
     """The states of a motion at any time, from polynomials that interpolate the integrator's steps.
 

@@ -12,6 +12,7 @@ from functools import cached_property, lru_cache
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from pipedyn import _core
@@ -22,7 +23,6 @@ from pipedyn.motion.events import Recorder
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated, factorised, in_time
-from pipedyn.util.later import scipy
 from pipedyn.util.parallel import track
 from pipedyn.util.power_iteration import largest_stretch
 

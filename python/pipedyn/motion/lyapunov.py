@@ -17,6 +17,7 @@ from dataclasses import field, replace
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 
 from pipedyn.models.base import Model
 from pipedyn.models.drive import Base, Pulsation, steady_speed
@@ -38,7 +39,6 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import evaluated
 from pipedyn.util.errors import NotConverged
-from pipedyn.util.later import scipy
 from pipedyn.util.parallel import track
 from pipedyn.util.result import RATE, TableResult
 
@@ -58,7 +58,7 @@ MOST_INTERVALS = 10_000_000
 """Largest number of intervals of a motion, as the growth in each is stored: 80 MB."""
 
 
-@saved_as("LyapunovExponent", shapes={"S": "t history", "k": "blocks", "n": "end"})
+@saved_as("LyapunovExponent")
 class LyapunovExponent(
     TableResult, units=dict.fromkeys(("value", "spread", "blocks", "history"), RATE)
 ):

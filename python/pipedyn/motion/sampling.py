@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 
 from pipedyn.util.check import Array
-from pipedyn.util.later import scipy
 
 LEAST_MOTION = 1e-9
 """Motion of a point, in L, below which the point counts as held by a support: its velocity is then

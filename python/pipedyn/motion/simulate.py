@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Sequence
+from concurrent import futures
 from contextlib import nullcontext, suppress
 from contextvars import copy_context
 from dataclasses import field, replace
@@ -55,7 +56,6 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import TookTooLong
 from pipedyn.util.errors import PipedynError
-from pipedyn.util.later import futures
 from pipedyn.util.parallel import Returned, parallel
 from pipedyn.util.result import Result, TableResult, Unit, joined, states_over_time
 
@@ -110,7 +110,7 @@ class Trajectory:
         return states_over_time(self.t, self.q, self.qdot, tips)
 
 
-@saved_as("Motion", shapes={"S": "t energy flow_speed", "S coordinates": "q qdot", "S 2": "tip"})
+@saved_as("Motion")
 class Motion(Trajectory, TableResult):
     """One motion, sampled at S times.
 

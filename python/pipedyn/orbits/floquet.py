@@ -16,6 +16,7 @@ from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.motion.vector_field import VectorField
@@ -24,7 +25,6 @@ from pipedyn.orbits.magnus import interval_maps
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit, interpolated, refined
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
-from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
 MULTIPLIER_TOLERANCE, MOST_HALVINGS, MOST_FLOQUET_INTERVALS = 1e-7, 4, 4000

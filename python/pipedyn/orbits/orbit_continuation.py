@@ -16,6 +16,7 @@ from itertools import product
 from typing import TypeVar, cast
 
 import numpy as np
+import scipy
 
 from pipedyn.continuation.arclength import Point, Segment
 from pipedyn.continuation.tracer import Tracer, between_folds
@@ -34,7 +35,6 @@ from pipedyn.orbits.periodic_orbit import (
     stop_contacts,
 )
 from pipedyn.util.check import Array
-from pipedyn.util.later import scipy
 from pipedyn.util.newton import NewtonFailed
 
 FIRST_AMPLITUDE, LEAST_AMPLITUDE, LARGEST_AMPLITUDE = 0.01, 1e-4, 0.3

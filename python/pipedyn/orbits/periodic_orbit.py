@@ -74,7 +74,7 @@ RATES_BETWEEN = integrals(BETWEEN, 0)
 """Matrix from stage values to values of their polynomial at `BETWEEN`, shape (s, s)."""
 
 
-@saved_as("Closing", shapes={"n n": "first last"})
+@saved_as("Closing")
 @dataclass(frozen=True)
 class Closing:
     """Matrices that files of version 0.2 may hold with an orbit; they are read and left out."""
@@ -84,7 +84,7 @@ class Closing:
     step: float
 
 
-@saved_as("PeriodicOrbit", shapes={"M+1": "edges", "M 2half": "starts", "M 8 half": "rates"})
+@saved_as("PeriodicOrbit")
 @dataclass(frozen=True)
 class PeriodicOrbit:
     """A periodic orbit, or one half of it if the other half is its mirror image.
@@ -103,6 +103,10 @@ class PeriodicOrbit:
     def restored(cls, fields: dict[str, Any]) -> PeriodicOrbit:
         """The orbit with the fields that a file kept, checked."""
         made = cls(**{name: value for name, value in fields.items() if name != "closing"})
+        count, stages, half = made.rates.shape
+        shapes = made.edges.shape, made.starts.shape, stages
+        if shapes != ((count + 1,), (count, 2 * half), ORBIT_STAGES):
+            raise ValueError("edges, starts and rates of an orbit must have shapes that agree")
         numbers = np.concatenate([made.edges, made.starts.ravel(), made.rates.ravel()])
         finite = np.isfinite(numbers).all() and math.isfinite(made.u)
         if not (finite and 0.0 < made.frequency < math.inf):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from concurrent import futures
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
@@ -30,7 +31,6 @@ from pipedyn.models.chain import SPRING_RULES, Chain
 from pipedyn.models.continuum import Continuum
 from pipedyn.models.galerkin import BASES, Basis, Galerkin
 from pipedyn.models.pipe import Pipe
-from pipedyn.util.later import futures
 from pipedyn.util.parallel import Job, outcome_of, parallel
 
 BRANCHES = 4

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
@@ -19,7 +20,6 @@ from pipedyn.plot import common
 from pipedyn.plot.units import FLOW_SPEED, Units, View, of_coordinate
 from pipedyn.util import check
 from pipedyn.util.check import Array
-from pipedyn.util.later import scipy
 
 MARKS: dict[str, dict[str, Any]] = {
     "fold": {"marker": "<", "color": common.VERMILION},

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
+import scipy
 from matplotlib import rc_context
 from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
@@ -48,7 +49,6 @@ from pipedyn.plot.units import (
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.files import replacing
-from pipedyn.util.later import scipy
 
 Sampled: TypeAlias = Motion | LimitCycle
 Shown: TypeAlias = Sampled | Basin

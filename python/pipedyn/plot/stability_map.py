@@ -9,6 +9,7 @@ from itertools import cycle, groupby, pairwise
 from typing import Any
 
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.patheffects import withTickedStroke
@@ -22,7 +23,6 @@ from pipedyn.plot.bifurcation import A_STEP, draw_pieces, smooth
 from pipedyn.plot.units import FLOW_SPEED, OF_A_NUMBER, PlaneView, Units, View, of_number
 from pipedyn.util import check
 from pipedyn.util.check import Array
-from pipedyn.util.later import scipy
 
 ORGANISING_MARKERS = {
     "Bautin": "D",

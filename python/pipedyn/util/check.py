@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 import operator
 import reprlib
@@ -13,8 +14,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.util.later import difflib
-
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
@@ -24,7 +23,7 @@ NOT_NUMBERS = (bool, np.bool_, np.timedelta64)
 """Types that Python or numpy registers as numbers, but that arguments must not have."""
 
 LONGEST = 1_000_000_000
-"""Largest number of entries of one argument: as float64 they take 8 GB."""
+"""Largest number of entries of one argument or result: as float64 they take 8 GB."""
 
 _BRIEF = reprlib.Repr()
 _BRIEF.maxlist = _BRIEF.maxtuple = _BRIEF.maxset = _BRIEF.maxfrozenset = _BRIEF.maxdict = 20

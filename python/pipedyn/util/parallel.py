@@ -17,12 +17,11 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent import futures
 from contextlib import contextmanager
 from functools import cache, partial
 from importlib import import_module
 from typing import Any, TypeVar
-
-from pipedyn.util.later import futures
 
 SMALL = 600
 """Number of rows up to which one thread is used: the eigenvalues of a matrix of this size take

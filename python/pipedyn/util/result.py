@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import html
 import inspect
 import io
 import math
@@ -30,7 +31,6 @@ import numpy as np
 from pipedyn.util import check
 from pipedyn.util.archive import Saved
 from pipedyn.util.files import replacing
-from pipedyn.util.later import html
 
 
 class Unit(NamedTuple):
@@ -566,10 +566,8 @@ def same(one: Any, other: Any) -> bool:
 
 def joined(tables: Sequence[dict[str, Any]], **names: Sequence[Any]) -> dict[str, Any]:
     """One table from several with the same columns; `names` adds columns with a value per table."""
-    columns: dict[str, Any] = {}
     sizes = [len(next(iter(one.values()))) for one in tables]
-    for name, values in names.items():
-        columns[name] = np.repeat(np.asarray(values), sizes)
+    columns = {name: np.repeat(np.asarray(values), sizes) for name, values in names.items()}
     for name in tables[0] if tables else ():
         columns[name] = np.concatenate([np.asarray(one[name]) for one in tables])
     return columns
