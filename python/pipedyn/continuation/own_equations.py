@@ -51,8 +51,8 @@ class Branch(TableResult):
         tangents: directions (x, p) of the branch, shape (S, n + 1).
         points: folds and zeros of test functions, in order along the branch.
         ends: why the branch ends at its first and last point: "range" (the end of the parameter's
-            interval, or a limit of x), "closed", "points" (the largest number is reached) or
-            "not converged" (no next point was found).
+            interval), "closed", "points" (the largest number is reached) or "not converged" (no
+            next point was found).
         failures: sentences that say why the branch was not followed beyond an end of the last two
             kinds, with the message of an exception that the user's functions raised, and which
             folds and zeros of tests are not known.
@@ -85,7 +85,6 @@ def follow(
     *,
     derivative: Callable[[Array, float], ArrayLike] | None = None,
     tests: Mapping[str, Callable[[Array, float], float]] | None = None,
-    limits: Mapping[int, tuple[float, float]] | None = None,
     step: float = 0.05,
     scale: float = 1.0,
     points: int = 1000,
@@ -106,7 +105,6 @@ def follow(
             with central differences at x0; if it is not given, central differences are used.
         tests: functions of x and p by name, whose zeros along the branch are solved for where they
             change sign; zeros at its ends count, too.
-        limits: (lowest, highest) value of entries of x by index, at which the branch ends, too.
         step: longest step along the branch, in units of the scale and of the interval's length.
         scale: change of x, as the root mean square of its entries, that is as long as a change of
             p by the interval's length; `failures` says if it is more than 100 times larger or
@@ -145,7 +143,6 @@ def follow(
     given = {} if tests is None else tests
     if not isinstance(given, Mapping) or not all(map(callable, given.values())):
         raise TypeError(f"tests must map names to functions, got {check.shown(tests)}")
-    bounds = [(-1, low, high), *_checked_limits(limits, x)]
     check.instance("derivative", derivative, Callable | None, "a function")
     said = "a function of x and p, or a Continuation"
     check.instance("problem", problem, Callable | Continuation, said)
@@ -166,7 +163,7 @@ def follow(
             f"no solution to follow was found near x0 at p = {p0:g}: {reason}"
         ) from error
     longest = 0.2 * solver.control.longest
-    tracer = Tracer[Continuation](bounds, most, Exception)
+    tracer = Tracer[Continuation]([(-1, low, high)], most, Exception)
     solutions, ends, reasons = tracer.both_ways(solver, start, longest)
     every = np.array([point.z for point in solutions])
     failures = [
@@ -254,22 +251,6 @@ def _proportion(xs: Array, scale: float) -> list[str]:
 def _spelled(z: Array) -> str:
     x = np.array2string(z[:-1], precision=6, threshold=4, edgeitems=2, separator=", ")
     return f"p = {z[-1]:.6g}, x = {' '.join(x.split())}"
-
-
-def _checked_limits(limits: Any, x: Array) -> Iterator[tuple[int, float, float]]:
-    if limits is None:
-        return
-    if not isinstance(limits, Mapping):
-        raise TypeError(f"limits must map indices to (lowest, highest), got {check.shown(limits)}")
-    for key, ends in limits.items():
-        index = check.count("an index of limits", key, low=0, high=x.size - 1)
-        least, largest = map(float, check.array(f"limits[{index}]", ends, size=2))
-        if not least <= x[index] <= largest:
-            raise ValueError(
-                f"limits[{index}] must hold x0[{index}] = {x[index]:g}, "
-                f"got ({least:g}, {largest:g})"
-            )
-        yield index, least, largest
 
 
 UserFunction = Callable[[Array, float], ArrayLike]
