@@ -7,7 +7,7 @@ The same `tracer.Tracer` follows every other branch in the package.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import field
 from itertools import pairwise
@@ -152,8 +152,8 @@ def follow(
         equations = _UserEquations(problem, derivative, x, p0, scale, (low, high))
         control = Control(longest=step * scale)
         solver = DenseProblem(equations, x.size, (high - low) / scale, control)
-    for name, test in given.items():
-        _test_value(name, test, x, p0)
+    for name, function in given.items():
+        _test_value(name, function, x, p0)
     try:
         start = _start(solver, np.append(x, p0), high - low)
     except NewtonFailed as error:
@@ -167,34 +167,26 @@ def follow(
     solutions, ends, reasons = tracer.both_ways(solver, start, longest)
     every = np.array([point.z for point in solutions])
     failures = [
-        f"the branch was not followed beyond {_spelled(solutions[k].z)}: "
-        + (f"it takes more than {most} points" if ends[k] == "points" else reasons[k])
+        f"the branch was not followed beyond {_spelled(solutions[k].z)}: {reasons[k]}"
         for k in (0, -1)
         if reasons[k]
     ]
     if solver is not problem:
         failures += _proportion(every[:, :-1], scale)
-    marked: list[MarkedPoint] = []
-    unknown: dict[str, str] = {}
+    marked, unknown = list[MarkedPoint](), dict[str, str]()
     for i, (a, b) in enumerate(pairwise(solutions)):
         segment, found = Segment(solver, a, b), list[tuple[float, str]]()
-        try:
-            found += [(s, "fold") for _, s in folds(segment, 1e-10)]
-        except Exception as error:  # whatever the user's functions raise
-            failures.append(
-                f"a fold between {_spelled(a.z)} and {_spelled(b.z)} is not known: "
-                f"{reason_of(error)}"
-            )
-        for name, test in given.items():
-            # Rounding may hide a zero at an end; a closed branch ends at its first point.
-            near = i == 0 and ends[0] != "closed", i == len(solutions) - 2
+        # Rounding may hide a zero at an end; a closed branch ends at its first point.
+        near = i == 0 and ends[0] != "closed", i == len(solutions) - 2
+        for name, test in (("fold", None), *given.items()):
             try:
-                found += list(_zeros_of_test(segment, name, test, near))
-            except Exception as error:
+                found += [(s, str(name)) for s in _folds_or_zeros(segment, name, test, near)]
+            except Exception as error:  # whatever the user's functions raise
+                what = "folds" if test is None else f"zeros of tests[{str(name)!r}]"
                 unknown.setdefault(
-                    name,
-                    f"zeros of tests[{str(name)!r}] are not known from {_spelled(a.z)} to "
-                    f"{_spelled(b.z)}, or further on: {reason_of(error)}",
+                    what,
+                    f"{what} are not known from {_spelled(a.z)} to {_spelled(b.z)}, or further "
+                    f"on: {reason_of(error)}",
                 )
         for s, kind in sorted(found):
             z = segment.at(s).z
@@ -371,22 +363,24 @@ def _test_value(name: Any, test: Callable[[Array, float], float], x: Array, p: f
     return float(_function_value(f"tests[{str(name)!r}]", test, x, p, ()).item())
 
 
-def _zeros_of_test(
+def _folds_or_zeros(
     step: Segment[Continuation],
     name: Any,
-    test: Callable[[Array, float], float],
+    test: Callable[[Array, float], float] | None,
     near: tuple[bool, bool],
-) -> Iterator[tuple[float, str]]:
-    """Arc lengths on a step at which a user's test function is 0, with its name.
+) -> list[float]:
+    """Arc lengths on a step of its folds, or at which a user's test function is 0.
 
-    They are changes of sign and zeros at the ends of the step.
+    A function is 0 where its sign changes and at an end of the step where its value is 0.
 
     Args:
         step: the step.
         name: name of the function.
-        test: the function.
+        test: the function, or None if folds are looked for.
         near: whether values of the size of rounding count as 0 at the first and at the last point.
     """
+    if test is None:
+        return [beyond for _, beyond in folds(step, 1e-10)]
 
     def value(point: Point) -> float:
         found = _test_value(name, test, point.x, point.p)
@@ -397,10 +391,8 @@ def _zeros_of_test(
     sign = TestFunction(step, 1e-13 * step.length, value)
     first, last = float(sign.at(0.0)[0]), float(sign.at(step.length)[0])
     if first * last < 0.0:
-        yield from ((s, str(name)) for _, s in sign.changes(0.0, step.length))
-        return
+        return [beyond for _, beyond in sign.changes(0.0, step.length)]
     rounding = 1e-13 * max(abs(first), abs(last))
-    if near[0] and abs(first) <= rounding and last != first:
-        yield 0.0, str(name)
-    if last == 0.0 or (near[1] and abs(last) < rounding):
-        yield step.length, str(name)
+    begins = near[0] and abs(first) <= rounding and last != first
+    ends = last == 0.0 or (near[1] and abs(last) < rounding)
+    return [0.0] * begins + [step.length] * ends
