@@ -250,26 +250,23 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
     highest = min((term.largest_angle for term in model.pipe.terms), default=math.inf)
     valid = np.array([model.largest_angle(x) <= highest for x in xs])
     q = statics.to_user(xs)
-    growth, tips = np.array([float(one.real.max()) for one in values]), model.tips(q.T)
+    columns = {
+        "q": q,
+        "stable": stable,
+        "growth": np.array([float(one.real.max()) for one in values]),
+        "tips": model.tips(q.T),
+        "residuals": residuals,
+        "resolved": resolved,
+        "valid": valid,
+    }
 
-    def those(rows: NDArray[np.bool_], discarded: Equilibria | None = None) -> Equilibria:
-        return Equilibria(
-            q=q[rows],
-            stable=stable[rows],
-            growth=growth[rows],
-            tips=tips[rows],
-            residuals=residuals[rows],
-            resolved=resolved[rows],
-            valid=valid[rows],
-            u=u,
-            model=model,
-            discarded=discarded,
-            complete=solutions.complete,
-            search=solutions.search,
-        )
+    def rows(which: NDArray[np.bool_]) -> dict[str, Any]:
+        return {name: column[which] for name, column in columns.items()}
 
-    kept = resolved & valid
-    answer = those(kept, None if kept.all() else those(~kept))
+    kept, complete, search = resolved & valid, solutions.complete, solutions.search
+    answer = Equilibria(**rows(kept), u=u, model=model, complete=complete, search=search)
+    if not kept.all():
+        answer = replace(answer, discarded=replace(answer, **rows(~kept)))
     if not kept.any():
         raise NotConverged(
             f"none of the {check.how_many(len(xs), 'solution')} found at u = {u:g} is an "
