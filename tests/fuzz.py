@@ -951,7 +951,6 @@ def _own_equations() -> Iterator[Target]:
     names = any_of(*NOTHINGS[2:], *WORDS, listed(3, {"a": 3}, [lambda x, p: 1.0]))
     yield target(
         pp.continuation.follow,
-        called={"x0": "x0|limits"},
         problem=Kind(law, any_of(NONE, *NOTHINGS, *WORDS, listed(*no_law))),
         x0=array(1, (-0.1, 0.1), any_size=True),
         p0=real((-0.1, 0.1), -1.1, 1.1),
@@ -961,10 +960,6 @@ def _own_equations() -> Iterator[Target]:
             any_of(*NOTHINGS, *WORDS, listed(3, lambda x, p: [1.0], lambda x, p: [[2.0, 0.0]])),
         ),
         tests=Kind(one_of(None, {"a": lambda x, p: x[0]}), names),
-        limits=Kind(
-            one_of(None, {0: (-0.5, 0.5)}),
-            any_of(*NOTHINGS[2:], *WORDS, listed(3, {0: (1.0, 2.0)}, {0: 3.0}, {"a": (-1.0, 1.0)})),
-        ),
         step=real((0.05, 0.2), 0.0, 2.0),
         scale=real((0.5, 2.0), 0.0),
         points=count(1, 50, 100_001),

@@ -40,12 +40,6 @@ def test_zeros_of_test_functions_are_solved_for_in_their_order():
     assert branch.points[2].p == pytest.approx(-0.375, abs=1e-12)
 
 
-def test_a_branch_ends_at_limits_of_its_unknowns():
-    branch = follow(cubic, [-1.4], -1.344, (-2.0, 2.0), limits={0: (-1.5, 0.0)})
-    assert branch.ends == ("range", "range")
-    assert branch.x[[0, -1], 0].tolist() == [-1.5, 0.0]
-
-
 def test_a_closed_branch_ends_where_it_began():
     branch = follow(lambda x, p: x**2 + p**2 - 1.0, [1.0], 0.0, (-2.0, 2.0))
     assert branch.ends == ("closed", "closed")
@@ -132,7 +126,6 @@ def test_the_frequency_of_a_cycle_is_held_while_flow_speed_and_mass_ratio_are_fr
         ((3, [0.0], 0.0, (-1, 1)), {}, "problem must be a function of x and p, or a Continuation"),
         ((cubic, [0.0], 2.0, (-1, 1)), {}, "p0 must lie in [-1, 1], got 2"),
         ((cubic, [0.0], 0.0, (1, -1)), {}, "interval must be (lowest, highest), got (1, -1)"),
-        ((cubic, [0.0], 0.0, (-1, 1)), {"limits": {0: (1, 2)}}, "limits[0] must hold x0[0] = 0"),
         ((lambda x, p: [1.0, 2.0], [0.0], 0.0, (-1, 1)), {}, "problem must give an array of shape"),
         (
             (cubic, [0.0], 0.0, (-1, 1)),
@@ -247,9 +240,6 @@ def test_a_start_on_a_fold_is_followed(x0, p0):
     assert branch.x[0, 0] == pytest.approx(x0, abs=1e-5)
     assert branch.tangents[0, 0] > 0.99
     assert np.abs(circle(branch.x[:, 0], branch.p)).max() < 1e-12
-    cut = follow(circle, [x0], p0, (-2.0, 2.0), limits={0: (-0.5, 0.5)})
-    assert cut.ends == ("range", "range")
-    assert cut.x[[0, -1], 0].tolist() == [-0.5, 0.5]
 
 
 def test_zeros_of_tests_at_both_ends_are_reported_once():

@@ -7,7 +7,7 @@ The same `tracer.Tracer` follows every other branch in the package.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import field
 from itertools import pairwise
@@ -51,8 +51,8 @@ class Branch(TableResult):
         tangents: directions (x, p) of the branch, shape (S, n + 1).
         points: folds and zeros of test functions, in order along the branch.
         ends: why the branch ends at its first and last point: "range" (the end of the parameter's
-            interval, or a limit of x), "closed", "points" (the largest number is reached) or
-            "not converged" (no next point was found).
+            interval), "closed", "points" (the largest number is reached) or "not converged" (no
+            next point was found).
         failures: sentences that say why the branch was not followed beyond an end of the last two
             kinds, with the message of an exception that the user's functions raised, and which
             folds and zeros of tests are not known.
@@ -85,7 +85,6 @@ def follow(
     *,
     derivative: Callable[[Array, float], ArrayLike] | None = None,
     tests: Mapping[str, Callable[[Array, float], float]] | None = None,
-    limits: Mapping[int, tuple[float, float]] | None = None,
     step: float = 0.05,
     scale: float = 1.0,
     points: int = 1000,
@@ -106,7 +105,6 @@ def follow(
             with central differences at x0; if it is not given, central differences are used.
         tests: functions of x and p by name, whose zeros along the branch are solved for where they
             change sign; zeros at its ends count, too.
-        limits: (lowest, highest) value of entries of x by index, at which the branch ends, too.
         step: longest step along the branch, in units of the scale and of the interval's length.
         scale: change of x, as the root mean square of its entries, that is as long as a change of
             p by the interval's length; `failures` says if it is more than 100 times larger or
@@ -145,7 +143,6 @@ def follow(
     given = {} if tests is None else tests
     if not isinstance(given, Mapping) or not all(map(callable, given.values())):
         raise TypeError(f"tests must map names to functions, got {check.shown(tests)}")
-    bounds = [(-1, low, high), *_checked_limits(limits, x)]
     check.instance("derivative", derivative, Callable | None, "a function")
     said = "a function of x and p, or a Continuation"
     check.instance("problem", problem, Callable | Continuation, said)
@@ -155,8 +152,8 @@ def follow(
         equations = _UserEquations(problem, derivative, x, p0, scale, (low, high))
         control = Control(longest=step * scale)
         solver = DenseProblem(equations, x.size, (high - low) / scale, control)
-    for name, test in given.items():
-        _test_value(name, test, x, p0)
+    for name, function in given.items():
+        _test_value(name, function, x, p0)
     try:
         start = _start(solver, np.append(x, p0), high - low)
     except NewtonFailed as error:
@@ -166,38 +163,30 @@ def follow(
             f"no solution to follow was found near x0 at p = {p0:g}: {reason}"
         ) from error
     longest = 0.2 * solver.control.longest
-    tracer = Tracer[Continuation](bounds, most, Exception)
+    tracer = Tracer[Continuation]([(-1, low, high)], most, Exception)
     solutions, ends, reasons = tracer.both_ways(solver, start, longest)
     every = np.array([point.z for point in solutions])
     failures = [
-        f"the branch was not followed beyond {_spelled(solutions[k].z)}: "
-        + (f"it takes more than {most} points" if ends[k] == "points" else reasons[k])
+        f"the branch was not followed beyond {_spelled(solutions[k].z)}: {reasons[k]}"
         for k in (0, -1)
         if reasons[k]
     ]
     if solver is not problem:
         failures += _proportion(every[:, :-1], scale)
-    marked: list[MarkedPoint] = []
-    unknown: dict[str, str] = {}
+    marked, unknown = list[MarkedPoint](), dict[str, str]()
     for i, (a, b) in enumerate(pairwise(solutions)):
         segment, found = Segment(solver, a, b), list[tuple[float, str]]()
-        try:
-            found += [(s, "fold") for _, s in folds(segment, 1e-10)]
-        except Exception as error:  # whatever the user's functions raise
-            failures.append(
-                f"a fold between {_spelled(a.z)} and {_spelled(b.z)} is not known: "
-                f"{reason_of(error)}"
-            )
-        for name, test in given.items():
-            # Rounding may hide a zero at an end; a closed branch ends at its first point.
-            near = i == 0 and ends[0] != "closed", i == len(solutions) - 2
+        # Rounding may hide a zero at an end; a closed branch ends at its first point.
+        near = i == 0 and ends[0] != "closed", i == len(solutions) - 2
+        for name, test in (("fold", None), *given.items()):
             try:
-                found += list(_zeros_of_test(segment, name, test, near))
-            except Exception as error:
+                found += [(s, str(name)) for s in _folds_or_zeros(segment, name, test, near)]
+            except Exception as error:  # whatever the user's functions raise
+                what = "folds" if test is None else f"zeros of tests[{str(name)!r}]"
                 unknown.setdefault(
-                    name,
-                    f"zeros of tests[{str(name)!r}] are not known from {_spelled(a.z)} to "
-                    f"{_spelled(b.z)}, or further on: {reason_of(error)}",
+                    what,
+                    f"{what} are not known from {_spelled(a.z)} to {_spelled(b.z)}, or further "
+                    f"on: {reason_of(error)}",
                 )
         for s, kind in sorted(found):
             z = segment.at(s).z
@@ -254,22 +243,6 @@ def _proportion(xs: Array, scale: float) -> list[str]:
 def _spelled(z: Array) -> str:
     x = np.array2string(z[:-1], precision=6, threshold=4, edgeitems=2, separator=", ")
     return f"p = {z[-1]:.6g}, x = {' '.join(x.split())}"
-
-
-def _checked_limits(limits: Any, x: Array) -> Iterator[tuple[int, float, float]]:
-    if limits is None:
-        return
-    if not isinstance(limits, Mapping):
-        raise TypeError(f"limits must map indices to (lowest, highest), got {check.shown(limits)}")
-    for key, ends in limits.items():
-        index = check.count("an index of limits", key, low=0, high=x.size - 1)
-        least, largest = map(float, check.array(f"limits[{index}]", ends, size=2))
-        if not least <= x[index] <= largest:
-            raise ValueError(
-                f"limits[{index}] must hold x0[{index}] = {x[index]:g}, "
-                f"got ({least:g}, {largest:g})"
-            )
-        yield index, least, largest
 
 
 UserFunction = Callable[[Array, float], ArrayLike]
@@ -390,22 +363,24 @@ def _test_value(name: Any, test: Callable[[Array, float], float], x: Array, p: f
     return float(_function_value(f"tests[{str(name)!r}]", test, x, p, ()).item())
 
 
-def _zeros_of_test(
+def _folds_or_zeros(
     step: Segment[Continuation],
     name: Any,
-    test: Callable[[Array, float], float],
+    test: Callable[[Array, float], float] | None,
     near: tuple[bool, bool],
-) -> Iterator[tuple[float, str]]:
-    """Arc lengths on a step at which a user's test function is 0, with its name.
+) -> list[float]:
+    """Arc lengths on a step of its folds, or at which a user's test function is 0.
 
-    They are changes of sign and zeros at the ends of the step.
+    A function is 0 where its sign changes and at an end of the step where its value is 0.
 
     Args:
         step: the step.
         name: name of the function.
-        test: the function.
+        test: the function, or None if folds are looked for.
         near: whether values of the size of rounding count as 0 at the first and at the last point.
     """
+    if test is None:
+        return [beyond for _, beyond in folds(step, 1e-10)]
 
     def value(point: Point) -> float:
         found = _test_value(name, test, point.x, point.p)
@@ -416,10 +391,8 @@ def _zeros_of_test(
     sign = TestFunction(step, 1e-13 * step.length, value)
     first, last = float(sign.at(0.0)[0]), float(sign.at(step.length)[0])
     if first * last < 0.0:
-        yield from ((s, str(name)) for _, s in sign.changes(0.0, step.length))
-        return
+        return [beyond for _, beyond in sign.changes(0.0, step.length)]
     rounding = 1e-13 * max(abs(first), abs(last))
-    if near[0] and abs(first) <= rounding and last != first:
-        yield 0.0, str(name)
-    if last == 0.0 or (near[1] and abs(last) < rounding):
-        yield step.length, str(name)
+    begins = near[0] and abs(first) <= rounding and last != first
+    ends = last == 0.0 or (near[1] and abs(last) < rounding)
+    return [0.0] * begins + [step.length] * ends

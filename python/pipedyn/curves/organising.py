@@ -402,7 +402,7 @@ def coefficients(plane: Plane, problem: AxisProblem, z: Array) -> tuple[float, f
         if problem.kind == "divergence":
             cubic = static_cubic(model, u)
             return cubic, cubic
-        form, drag = onset_coefficients(model, u, omega)
+        form, drag, _ = onset_coefficients(model, u, omega, np.zeros(2 * model.integrated))
         return form.lyapunov, drag.real if drag else form.lyapunov
     return np.nan, np.nan
 

@@ -493,10 +493,7 @@ def refined_until(
 def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, float]:
     """Half the free end's peak-to-peak motion, and the phase of its largest displacement."""
     # Samples are as close as the mesh requires: a period may have a dozen peaks.
-    phases, y = orbit.sampled(SAMPLES_A_STAGE * ORBIT_STAGES)
-    if orbit.symmetric:
-        phases = np.append(phases, orbit.span + phases[1:])
-        y = np.concatenate([y, -y[:, 1:]], axis=1)
+    phases, y = orbit.sampled(SAMPLES_A_STAGE * ORBIT_STAGES, whole=True)
     velocity = motion.tip_velocity(y)
     before = np.flatnonzero((velocity[:-1] > 0.0) != (velocity[1:] > 0.0))
     peaks = zeros_between(

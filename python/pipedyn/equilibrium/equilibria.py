@@ -246,26 +246,23 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
     highest = min((term.largest_angle for term in model.pipe.terms), default=math.inf)
     valid = np.array([model.largest_angle(x) <= highest for x in xs])
     q = statics.to_user(xs)
-    growth, tips = np.array([float(one.real.max()) for one in values]), model.tips(q.T)
+    columns = {
+        "q": q,
+        "stable": stable,
+        "growth": np.array([float(one.real.max()) for one in values]),
+        "tips": model.tips(q.T),
+        "residuals": residuals,
+        "resolved": resolved,
+        "valid": valid,
+    }
 
-    def those(rows: NDArray[np.bool_], discarded: Equilibria | None = None) -> Equilibria:
-        return Equilibria(
-            q=q[rows],
-            stable=stable[rows],
-            growth=growth[rows],
-            tips=tips[rows],
-            residuals=residuals[rows],
-            resolved=resolved[rows],
-            valid=valid[rows],
-            u=u,
-            model=model,
-            discarded=discarded,
-            complete=solutions.complete,
-            search=solutions.search,
-        )
+    def rows(which: NDArray[np.bool_]) -> dict[str, Any]:
+        return {name: column[which] for name, column in columns.items()}
 
-    kept = resolved & valid
-    answer = those(kept, None if kept.all() else those(~kept))
+    kept, complete, search = resolved & valid, solutions.complete, solutions.search
+    answer = Equilibria(**rows(kept), u=u, model=model, complete=complete, search=search)
+    if not kept.all():
+        answer = replace(answer, discarded=replace(answer, **rows(~kept)))
     if not kept.any():
         raise NotConverged(
             f"none of the {check.how_many(len(xs), 'solution')} found at u = {u:g} is an "
@@ -548,12 +545,12 @@ class _Solutions:
         odd = statics.motion.is_odd(u)
         # A few starts show whether a hanging pipe has bent equilibria at all; only then are all
         # starts taken.
-        starts, modes = own + _bends(statics, 3, BEND_ANGLES[::2], odd), 3
+        starts, modes = [*own, *_bends(statics, 3, BEND_ANGLES[::2], odd)], 3
         found = _balanced(statics, u, starts, 0.2)
         self.add(found)
         taken = len(starts)
         if statics.size <= MOST_WOUND and (len(found) > 1 or model.pipe.gamma < 0.0):
-            starts, modes = _bends(statics, 4, BEND_ANGLES, odd), 4
+            starts, modes = [*_bends(statics, 4, BEND_ANGLES, odd)], 4
             self.add(_balanced(statics, u, starts, 0.5))
             taken += len(starts)
         why = "of pipes that are held" if held else f"in more than {COUNTED_DOF} degrees of freedom"
@@ -578,7 +575,7 @@ class _Solutions:
     def count(self) -> None:
         """Looks for all solutions of a model with few degrees of freedom, and counts them."""
         statics, model = self.statics, self.statics.model
-        basis = _modal_basis(statics)
+        basis = _modal_basis(model, model.dof)
         first = max(FIRST_STARTS**model.dof, 256)
         anywhere = scipy.stats.qmc.Halton(model.dof + 1, seed=0)
         beside = np.random.default_rng(0)
@@ -655,11 +652,12 @@ def _reach(statics: Statics, u: float) -> Array:
     return np.asarray(np.clip(rows, -TEN_TURNS, TEN_TURNS))
 
 
-def _modal_basis(statics: Statics) -> Array:
-    """Changes of x that bend the pipe by 1 rad in each of its first modes, (dof, integrated)."""
-    modes = np.eye(statics.model.dof)
-    straight = statics.from_start("q0", modal_bend(np.zeros(len(modes))))
-    return np.array([statics.from_start("q0", modal_bend(one)) - straight for one in modes])
+def _modal_basis(model: Model, modes: int) -> Array:
+    """Changes of x that bend the pipe by 1 rad in each of its first modes, (modes, integrated).
+
+    They need not meet supports.
+    """
+    return np.array([model.sampled(modal_bend(one)) for one in np.eye(modes)])
 
 
 def _shares(basis: Array, power: float | Array) -> Array:
@@ -667,20 +665,19 @@ def _shares(basis: Array, power: float | Array) -> Array:
     return np.arange(1.0, 2.0 * len(basis), 2.0)[None] ** -power
 
 
-def _bends(statics: Statics, modes: int, sizes: Sequence[float], odd: bool) -> list[Array]:
+def _bends(statics: Statics, modes: int, sizes: Sequence[float], odd: bool) -> Array:
     """Starts that are bent in all mixtures of the first modes, with the largest angles `sizes`.
 
-    If motions are odd, one of a bend and its mirror image is enough, as the mirror image leads to
-    the mirror image of the solution.
+    If motions are odd, one of a bend and its mirror image is enough,
+    as the mirror image leads to the mirror image of the solution.
     """
-    none = (0,) * modes
-    every = product((-1, 0, 1), repeat=modes)
-    mixtures = [np.array(p) for p in every if p > none or (p < none and not odd)]
-    starts: list[Array] = []
-    for parts in (size * mixture for size in sizes for mixture in mixtures):
-        with suppress(PipedynError):  # no bend of this kind may meet the guides and pins
-            starts.append(statics.from_start("q0", modal_bend(parts)))
-    return starts
+    every = np.array([*product((-1, 0, 1), repeat=modes)])
+    half = len(every) // 2  # mixtures before that of no bend are mirror images of those after it
+    mixtures = np.delete(every, np.s_[: half + 1] if odd else half, axis=0)
+    parts = np.multiply.outer(sizes, mixtures).reshape(-1, modes)
+    bent = (parts @ _modal_basis(statics.model, modes)).T
+    starts = statics.model.onto_constraints(bent, np.zeros_like(bent))[0].T
+    return starts[np.isfinite(starts).all(axis=1)]  # some bends are far from all supports
 
 
 def _balanced(statics: Statics, u: float, starts: list[Array], longest: float) -> Array:

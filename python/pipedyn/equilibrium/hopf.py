@@ -242,7 +242,7 @@ def hopf_point(motion: VectorField, crossing: Crossing | BranchPoint) -> HopfPoi
     """
     u, rest = crossing.speed, _rest_at(motion, crossing)
     jacobian = motion.jacobian(rest, u)
-    mode, _ = vectors(jacobian, crossing.frequency, lambda q: _tip_of(motion, rest, q))
+    mode, _ = vectors(jacobian, crossing.frequency, lambda q: _tip_of(motion.model, rest, q))
     return HopfPoint(u, crossing.frequency, mode=mode, rest=rest)
 
 
@@ -464,27 +464,20 @@ def hopf(
         )
     motion = VectorField(model)
     rest = _rest_at(motion, crossing)
-    smooth = with_drag(model, 0.0) if model.pipe.drag else motion
-    jacobians: Callable[[Array], Array] = partial(smooth.jacobians, u=u)
-    state = rest
-    if friction is not None:
-        if rest.any():
-            raise ValueError(
-                "friction must be None of a bent pipe, whose onset at constant head is another one"
-            )
-        supply = Supply.at_speed(model.pipe, u, friction=friction)
-        jacobians, state = ConstantHead(smooth.model, supply).jacobians, np.append(rest, u)
+    if friction is not None and rest.any():
+        raise ValueError(
+            "friction must be None of a bent pipe, whose onset at constant head is another one"
+        )
     with one_thread(motion.size):
         try:
-            form = _pipe_form(motion, rest, crossing.frequency, jacobians, state)
+            form, drag, spread = onset_coefficients(model, u, crossing.frequency, rest, friction)
         except ValueError as error:
             if own:  # where two pairs meet, eigenvalues scatter by the root of rounding
                 raise NoHopf(f"no simple pair lies on the axis at u = {u:g}") from error
             raise
         slope = _slope(motion, rest, u, form)
-        if abs(slope.real) < 1e-9 * (1.0 + abs(slope)):
-            raise NoHopf(f"the pair touches the axis at u = {u:g} and does not pass through it")
-        drag, spread = _mean_drag(model, smooth, rest, u, form)
+    if abs(slope.real) < 1e-9 * (1.0 + abs(slope)):
+        raise NoHopf(f"the pair touches the axis at u = {u:g} and does not pass through it")
     cubic = 0.25 * form.cubic
     leading, name = drag, "the mean of drag"
     if not drag:
@@ -518,39 +511,38 @@ def hopf(
     )
 
 
-def _pipe_form(
-    motion: VectorField,
-    rest: Array,
-    frequency: float,
-    jacobians: Callable[[Array], Array],
-    state: Array,
-) -> NormalForm:
-    """Normal form of a pipe, with q scaled to unit displacement of the free end.
+def onset_coefficients(
+    model: Model, u: float, frequency: float, rest: Array, friction: float | None = None
+) -> tuple[NormalForm, complex, float]:
+    """Normal form of a flutter without drag, and the mean of drag with its error.
 
-    The eigenvectors hold the states of the pipe only, without the flow speed at constant head.
-    """
-    form = normal_form(
-        jacobians,
-        state,
-        frequency,
-        lambda q: _tip_of(motion, rest, q),
-        lambda q: motion.model.largest_angle(q[: motion.half]),
-    )
-    of_pipe = slice(rest.size)
-    return replace(form, right=form.right[of_pipe], left=form.left[of_pipe])
+    The eigenvector q is scaled to unit displacement of the free end. The eigenvectors hold the
+    states of the pipe only, without the flow speed at constant head.
 
-
-def onset_coefficients(model: Model, u: float, frequency: float) -> tuple[NormalForm, complex]:
-    """Normal form without drag, and the mean of drag, at a flutter of the straight pipe.
+    Args:
+        model: the model.
+        u: flow speed.
+        frequency: angular frequency of the pair.
+        rest: the equilibrium, an integrated state, shape (2 integrated,).
+        friction: friction of a pipe at constant head; None at constant speed.
 
     Raises:
         ValueError, NoHopf, NotConverged: as `normal_form` does.
     """
-    smooth = with_drag(model, 0.0)
-    rest = smooth.resting()
-    with one_thread(smooth.size):
-        form = _pipe_form(smooth, rest, frequency, partial(smooth.jacobians, u=u), rest)
-        return form, _mean_drag(model, smooth, rest, u, form)[0]
+    smooth, state = with_drag(model, 0.0), rest
+    jacobians: Callable[[Array], Array] = partial(smooth.jacobians, u=u)
+    if friction is not None:
+        supply = Supply.at_speed(model.pipe, u, friction=friction)
+        jacobians, state = ConstantHead(smooth.model, supply).jacobians, np.append(rest, u)
+    form = normal_form(
+        jacobians,
+        state,
+        frequency,
+        lambda q: _tip_of(model, rest, q),
+        lambda q: model.largest_angle(q[: smooth.half]),
+    )
+    form = replace(form, right=form.right[: rest.size], left=form.left[: rest.size])
+    return form, *_mean_drag(model, smooth, rest, u, form)
 
 
 def static_cubic(model: Model, u: float) -> float:
@@ -634,12 +626,12 @@ def _mean_drag(
     return model.pipe.drag * value, model.pipe.drag * error
 
 
-def _tip_of(motion: VectorField, rest: Array, mode: Complex) -> complex:
+def _tip_of(model: Model, rest: Array, mode: Complex) -> complex:
     """Transverse displacement of the free end in a mode, to first order.
 
     It is computed as the velocity of the free end for rates p' that are the mode's coordinates.
     """
-    half, model = motion.half, motion.model
+    half = rest.size // 2
     parts = np.stack([mode.real, mode.imag])[:, :half]
     q, rates = model.to_user(np.stack([rest[:half]] * 2), parts)
     return complex(*model.tip_velocities(q.T, rates.T)[:, 0])

@@ -307,7 +307,6 @@ class OrbitProblem(Continuation):
         self.motion, self.start = motion, start
         self._speed_varies = speed_varies and not motion.forced
         self.unit = _unit_of(motion, start) if unit is None else unit
-        self._last: tuple[Array, PeriodicOrbit] | None = None
         by_state = self.weights[: start.starts.size].reshape(start.starts.shape)
         by_state[:, : motion.half] = np.diff(start.edges)[:, None] / (start.span * self.unit**2)
         self.weights[-2:] = start.frequency**-2, start.u**-2 if start.u > 0.0 else 1.0
@@ -358,15 +357,9 @@ class OrbitProblem(Continuation):
         """The orbit with unknowns z."""
         return self.start.unpacked(z)
 
-    def _at(self, z: Array) -> PeriodicOrbit:
-        """The orbit with unknowns z, cached, as it is asked for repeatedly for one iterate."""
-        if self._last is None or self._last[0] is not z:
-            self._last = z, self.orbit(z)
-        return self._last[1]
-
     def linearised(self, z: Array) -> Solver:
         """The equations linearised about unknowns z."""
-        return self.about_orbit(self._at(z))
+        return self.about_orbit(self.orbit(z))
 
     def about_orbit(self, orbit: PeriodicOrbit) -> Linearised:
         """The equations of an orbit, linearised about it."""
@@ -374,7 +367,7 @@ class OrbitProblem(Continuation):
 
     def relative(self, z: Array, step: Array) -> float:
         """Size of a step relative to the orbit's own size, its frequency and its speed."""
-        orbit = self._at(z)
+        orbit = self.orbit(z)
         moved = step[: orbit.starts.size].reshape(orbit.starts.shape)[:, : orbit.half]
         size = float(np.abs(moved).max()) / orbit.size
         last = (orbit.u, orbit.frequency) if orbit.forced else (orbit.frequency, orbit.u)
@@ -383,7 +376,7 @@ class OrbitProblem(Continuation):
 
     def check(self, z: Array) -> None:
         """Raises NewtonFailed if z is an equilibrium or far from the start."""
-        orbit = self._at(z)
+        orbit = self.orbit(z)
         size, turn = orbit.size / self.start.size, orbit.frequency / self.start.frequency
         if size < 0.03:
             raise NewtonFailed("Newton's method takes the amplitude below 3 % of its start's")

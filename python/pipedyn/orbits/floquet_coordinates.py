@@ -17,7 +17,7 @@ import numpy as np
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import interval_derivatives
 from pipedyn.orbits.floquet import parts_for
-from pipedyn.orbits.periodic_orbit import PeriodicOrbit, divided, integrals
+from pipedyn.orbits.periodic_orbit import PeriodicOrbit, integrals
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
 
@@ -126,8 +126,7 @@ def point_phases(orbit: PeriodicOrbit) -> Array:
     """Phases of points on a whole cycle, equally spaced in each interval of its mesh."""
     places = math.ceil((0.5 if orbit.symmetric else 1.0) * POINTS / len(orbit.starts))
     places = max(places, PLACES)
-    phases = divided(orbit.edges, np.full(len(orbit.starts), places))[:-1]
-    return np.append(phases, orbit.span + phases) if orbit.symmetric else phases
+    return orbit.sampled(places, whole=True)[0][:-1]
 
 
 def _maps_to(motion: VectorField, orbit: PeriodicOrbit, places: Array) -> tuple[Array, Array]:

@@ -12,14 +12,14 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import product
+from itertools import islice, product
 from typing import TypeVar, cast
 
 import numpy as np
 import scipy
 
 from pipedyn.continuation.arclength import Point, Segment
-from pipedyn.continuation.tracer import Tracer, between_folds
+from pipedyn.continuation.tracer import between_folds, reason_of
 from pipedyn.equilibrium.hopf import Hopf, HopfPoint
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import OrbitControl, OrbitProblem, solved
@@ -50,8 +50,9 @@ MOST_EVALUATIONS = 100_000
 """Number of right-hand sides and Jacobians after which no more steps are taken on the way to a
 speed: they alone take 1 s for a chain of 20 segments, half a minute for one of 100."""
 
-TOO_LONG = "it takes too many steps"
-"""Why a branch is given up on the way to a speed after `MOST_EVALUATIONS` or its last step."""
+MOST_ON_THE_WAY, TOO_LONG = 60, "it takes too many steps"
+"""Largest number of steps on the way to a speed, the longest of which change the amplitude by up to
+18 L together; and why a branch is given up after the last, or after `MOST_EVALUATIONS`."""
 
 FINE = OrbitControl(0.15, tolerance=1e-8, stagnation=1e-5, defect=1e-4, patience=2)
 """Control for diagrams: amplitudes are good to 1e-9 and multipliers to 1e-8, under drag to some
@@ -468,57 +469,38 @@ def _on_mesh_to(
     return (finer, tangent), lambda s: z + s * (slope + s * bend)
 
 
-class _OnTheWay(Tracer[OrbitProblem]):
-    """Tracer of the orbits that begin at a Hopf point, up to a speed.
-
-    Attributes:
-        orbit: the orbit at the speed; None until it is found.
-        turns: speeds at which the branch turned back.
-        here: speed up to which the branch was followed.
-    """
-
-    def __init__(self, motion: VectorField, point: Hopf, u: float) -> None:
-        # Sixty of the longest steps change the amplitude by up to 18 L.
-        super().__init__(most=60)
-        self.motion, self.point, self.u = motion, point, u
-        self.last_evaluation = motion.evaluations + MOST_EVALUATIONS
-        self.orbit: PeriodicOrbit | None = None
-        self.turns, self.here = list[float](), point.speed
-
-    def note(self, step: Step) -> str | None:
-        """Looks for the speed on a step; returns the reason why it ends here in words, or None."""
-        u, first = self.u, step.slopes[0]
-        # The branch turns back before the speed, or just beyond it.
-        turned = first * step.slopes[1] < 0.0 and first * (u - self.here) > 0.0
-        parts = between_folds(step, 1e-3) if turned else [step]
-        self.turns += [part.begin.p for part in parts[1:]]
-        for part in parts:
-            if (part.begin.p - u) * (part.end.p - u) <= 0.0:
-                self.orbit = step.problem.orbit(part.where(u))
-                return "reached"
-        here = self.here = step.end.p
-        before, after = (breaking_part(orbit_at(step, s), "hopf") for s in (0.0, step.length))
-        if np.sum(before * after) < 0.0:
-            return f"its amplitude falls to 0 near u = {here:.6g}"
-        if not 0.5 * min(u, self.point.speed) < here < 1.5 * max(u, self.point.speed):
-            return f"it leads to u = {here:.6g}"
-        return TOO_LONG if self.motion.evaluations > self.last_evaluation else None
-
-
 def continued(motion: VectorField, point: Hopf, u: float) -> PeriodicOrbit:
     """The orbit at a speed on the branch from a Hopf point; NewtonFailed says why if none."""
     amplitude = FIRST_AMPLITUDE
     with suppress(ValueError):  # one step may do, within the range of the amplitude equation
         amplitude = min(1.05 * point.amplitude(u) or FIRST_AMPLITUDE, LARGEST_AMPLITUDE)
-    tracer = _OnTheWay(motion, point, u)
+    last_evaluation = motion.evaluations + MOST_EVALUATIONS
+    turns, here, reason = list[float](), point.speed, TOO_LONG
     steps = followed(motion, from_hopf(motion, point, amplitude, u), COARSE)
-    _, end, reason = tracer.one_way(steps)
-    if tracer.orbit is not None:
-        return tracer.orbit
-    if end == "not converged":
-        end = f"it could not be followed beyond u = {tracer.here:.6g}: {reason}"
-    report = f"does not reach u = {u:g}: {TOO_LONG if end == 'points' else end}"
-    turn = min(tracer.turns, key=lambda turn: abs(turn - u), default=None)
+    try:
+        for step in islice(steps, MOST_ON_THE_WAY):
+            first, last = step.slopes
+            # The branch turns back before the speed, or just beyond it.
+            turned = first * last < 0.0 and first * (u - here) > 0.0
+            parts = between_folds(step, 1e-3) if turned else [step]
+            turns += [part.begin.p for part in parts[1:]]
+            for part in parts:
+                if (part.begin.p - u) * (part.end.p - u) <= 0.0:
+                    return step.problem.orbit(part.where(u))
+            here = step.end.p
+            before, after = (breaking_part(orbit_at(step, s), "hopf") for s in (0.0, step.length))
+            if np.sum(before * after) < 0.0:
+                reason = f"its amplitude falls to 0 near u = {here:.6g}"
+                break
+            if not 0.5 * min(u, point.speed) < here < 1.5 * max(u, point.speed):
+                reason = f"it leads to u = {here:.6g}"
+                break
+            if motion.evaluations > last_evaluation:
+                break
+    except NewtonFailed as error:
+        reason = f"it could not be followed beyond u = {here:.6g}: {reason_of(error)}"
+    report = f"does not reach u = {u:g}: {reason}"
+    turn = min(turns, key=lambda turn: abs(turn - u), default=None)
     if turn is not None and (turn < point.speed) == (u < point.speed):
         report = f"reaches {'down' if u < turn else 'up'} to u = {turn:.6g} only"
     raise NewtonFailed(f"the cycle of the Hopf point at u = {point.speed:.6g} {report}")

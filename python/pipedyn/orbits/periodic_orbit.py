@@ -164,12 +164,15 @@ class PeriodicOrbit:
             *(_INTEGRATED[1], _INTEGRATED[2], phase),
         )
 
-    def sampled(self, parts: int) -> tuple[Array, Array]:
-        """Phases at the ends of equal parts of the intervals, (M parts + 1,), and states there.
+    def sampled(self, parts: int, whole: bool = False) -> tuple[Array, Array]:
+        """Phases at the ends of equal parts of the intervals, (k,), and states [p, p'] there.
 
-        The states are [p, p'], shape (2 integrated, M parts + 1).
+        The states have the shape (2 integrated, k). With `whole` the mirror image of a symmetric
+        orbit follows.
         """
         phase = divided(self.edges, np.full(len(self.starts), parts))
+        if whole and self.symmetric:
+            phase = np.append(phase, self.span + phase[1:])
         return phase, self.states(phase)
 
     def defects(self) -> Array:
@@ -307,11 +310,8 @@ class StopContacts:
 
 def stop_contacts(motion: VectorField, orbit: PeriodicOrbit) -> StopContacts:
     """Contacts of an orbit with the places where forces begin, from samples along it."""
-    phase, y = orbit.sampled(KINK_SAMPLES)
-    phase, y = phase[:-1], y[:, :-1]  # the last sample is the first one or its mirror image
-    if orbit.symmetric:
-        phase, y = np.append(phase, orbit.span + phase), np.concatenate([y, -y], axis=1)
-    signed = motion.along(phase, orbit.frequency).kinks(y)
+    phase, y = orbit.sampled(KINK_SAMPLES, whole=True)
+    signed = motion.along(phase[:-1], orbit.frequency).kinks(y[:, :-1])  # the last is the first
     before, after = np.roll(signed, 1, axis=1), np.roll(signed, -1, axis=1)
     highest, lowest = (signed >= before) & (signed > after), (signed <= before) & (signed < after)
     above = signed > signed.mean(axis=1, keepdims=True)
