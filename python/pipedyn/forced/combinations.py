@@ -247,7 +247,11 @@ class FewModes:
         other motions do.
         """
         alike = a.values.size == b.values.size and (a.growing > 0) == (b.growing > 0)
-        if alike and (not a.growing or abs(a.nu / a.frequency - b.nu / b.frequency) < 0.01):
+        if alike and a.growing:
+            onto, largest = _same_multipliers(a, b), np.abs(b.values)
+            fastest = onto[int(np.argmax(np.abs(a.values)))]
+            alike = fastest >= 0 and bool(largest[fastest] > 0.999999 * largest.max())
+        if alike:
             return []
         return [self.at(w) for w in np.linspace(a.frequency, b.frequency, 6)[1:-1].tolist()]
 

@@ -43,7 +43,8 @@ class RegionEdges:
         nus: nu of the motions on these edges, shape (A, 2).
         bottom: least amplitude, with its w and nu, shape (3,); NaN where it lies outside the range
             in which edges were followed.
-        followed: frequencies w of the edges that were followed, for each amplitude.
+        followed: frequencies w of the edges, or saddles between both edges, that were followed, for
+            each amplitude.
     """
 
     def __init__(self, kind: RegionKind, count: int) -> None:
@@ -58,11 +59,6 @@ class RegionEdges:
         for side, further in enumerate((not frequency > low, not frequency < high)):
             if further:
                 self.edges[index, side], self.nus[index, side] = frequency, nu
-
-    def has(self, index: int, frequency: float) -> bool:
-        """Whether a frequency lies in the region or on an edge, at the amplitude with an index."""
-        low, high = self.edges[index] * [1.0 - 1e-6, 1.0 + 1e-6]
-        return bool(low <= frequency <= high)
 
     def join(self, other: RegionEdges) -> None:
         """Adds the known edges of the same region, found from another edge."""
@@ -148,12 +144,14 @@ class RegionSearch:
         which they follow in a pipe that is conservative or has real H.
 
         Raises:
-            NewtonFailed: if no edge or saddle is there.
+            NewtonFailed: if no edge or saddle is there, or the saddle is lost on the way.
         """
         edge, found = self.edge(kind, start[0], centre), RegionEdges(kind, self.amplitudes.size)
         z = edge.near(*start, outward)
         for way in (-1.0, 1.0):
             (_BothEdges if centre else _OneEdge)(self, edge, found, way).run(z)
+        if centre and np.isnan(found.bottom[0]):
+            raise NewtonFailed("the saddle was lost on the way to its least amplitude")
         return found
 
     def corner(self, kind: RegionKind, frequency: float, nu: float) -> Array:
@@ -162,12 +160,17 @@ class RegionSearch:
         return centre.place(centre.started(frequency, nu, 0.0))
 
     def put(self, found: RegionEdges, index: int, centre: Edge, z: Array) -> None:
-        """Adds both edges about a saddle z at an amplitude, unless the region is too thin there."""
+        """Adds both edges about a saddle z at an amplitude.
+
+        It adds none where the region is too thin or ends with a multiplier at 1 or -1.
+        """
         ends = []
         for guess in centre.ends(z):
             edge = self.edge("combination", centre.scale)
-            _, w, nu = edge.place(edge.started(*centre.place(guess)[[1, 2, 0]].tolist()))
-            ends.append((float(w), float(nu)))
+            end = edge.started(*centre.place(guess)[[1, 2, 0]].tolist())
+            if edge.is_on_axis(end):
+                return
+            ends.append(edge.place(end)[1:].tolist())
         if ends and ends[0][0] < centre.scale * z[0] < ends[1][0]:
             for end in ends:
                 found.add(index, *end)
@@ -180,55 +183,74 @@ class RegionSearch:
         return np.unique(np.linspace(0, count - 1, min(count, SAMPLED)).astype(int))[::-1].tolist()
 
     def combinations(self) -> list[RegionEdges]:
-        """Combination regions, found by the multipliers of a few modes."""
+        """Combination regions, found by the multipliers of a few modes at each amplitude.
+
+        Each region is followed to the other amplitudes from one interval of growth. Regions may
+        meet or part on the way, so that its edges are those of the interval that it leads to.
+        """
         found = list[RegionEdges]()
-        for index in self.samples():
-            amplitude = float(self.amplitudes[index])
+        grown = list[tuple[int, Growth]]()
+        for index, amplitude in reversed(list(enumerate(self.amplitudes.tolist()))):
             few = FewModes(self.hill, amplitude, self.low, self.high)
             for growth in few.unstable(*self.around(amplitude)):
                 low, high = growth
-                middle = 0.5 * (low.inside.frequency + high.inside.frequency)
-                width = high.outside.frequency - low.outside.frequency
                 if low.axis and low.axis == high.axis:  # a subharmonic or harmonic region
                     continue
-                if width < 0.3 * THINNEST * middle or any(o.has(index, middle) for o in found):
+                if high.outside.frequency < (1.0 + 0.3 * THINNEST) * low.outside.frequency:
                     continue
-                with suppress(NewtonFailed):
-                    found.append(self._combination(growth, amplitude))
+                grown.append((index, growth))
+                if not any(_leads_to(one, index, growth) for one in found):
+                    found += self._combination(growth, index)
+        for index, growth in grown:
+            for one in found:
+                if _leads_to(one, index, growth):
+                    self._bound(one, index, growth)
         return _merged(found)
 
-    def _combination(self, growth: Growth, amplitude: float) -> RegionEdges:
-        """The region that an interval of frequencies belongs to, in which motions grow.
+    def _combination(self, growth: Growth, index: int) -> list[RegionEdges]:
+        """The regions that an interval of frequencies belongs to, in which motions grow.
 
         If the interval ends with a multiplier at 1 or -1, it may do so at this amplitude only, and
-        the edge is not followed to others.
+        this edge is not followed to others.
         """
+        amplitude = float(self.amplitudes[index])
         middle, nu = (
             0.5 * sum(getattr(end.inside, name) for end in growth) for name in ("frequency", "nu")
         )
-        circle = not any(end.axis for end in growth)
-        if circle and (self.hill.is_hermitian or self.hill.is_real):
+        if not any(end.axis for end in growth) and (self.hill.is_hermitian or self.hill.is_real):
             with suppress(NewtonFailed):
-                return self.followed("combination", (middle, nu, amplitude), centre=True)
-        found = RegionEdges("combination", self.amplitudes.size)
-        index = int(np.searchsorted(self.amplitudes, amplitude))
+                return [self.followed("combination", (middle, nu, amplitude), centre=True)]
+        found = list[RegionEdges]()
+        for way, end in zip((-1, 1), growth, strict=True):
+            if end.bounded and not end.axis:
+                start = end.inside.frequency, end.inside.nu, amplitude
+                with suppress(NewtonFailed):
+                    found.append(self.followed("combination", start, way))
+        if all(end.axis for end in growth):
+            found.append(RegionEdges("combination", self.amplitudes.size))
+            found[0].followed[index].append(middle)
+        return _merged(found)
+
+    def _bound(self, region: RegionEdges, index: int, growth: Growth) -> None:
+        """Sets the edges of a region to those of an interval of growth, where they are others."""
+        bounded = [end.bounded for end in growth]
+        ends = np.where(bounded, [end.outside.frequency for end in growth], region.edges[index])
+        width = growth[1].outside.frequency - growth[0].outside.frequency
+        gaps = np.nan_to_num(np.abs(region.edges[index] - ends), nan=width)
+        if not (gaps[bounded] > max(0.1 * width, 3e-5 * ends[0])).any():
+            return
         for side, end in enumerate(growth):
             if not end.bounded:
                 continue
-            w = end.inside.frequency
+            kind: RegionKind = "combination"
             if end.axis:
-                edge = self.edge("harmonic" if end.axis > 0 else "subharmonic", w)
-                place = edge.place(edge.near(w, 0.0, amplitude))
-                found.edges[index, side], found.nus[index, side] = place[1:]
-                continue
-            part = self.followed("combination", (w, end.inside.nu, amplitude), 2 * side - 1)
-            if circle:
-                found.join(part)
-            else:
-                found.edges[index, side] = part.edges[index, side]
-                found.nus[index, side] = part.nus[index, side]
-                found.bottom = part.bottom
-        return found
+                kind = "harmonic" if end.axis > 0 else "subharmonic"
+            w, nu, way = end.inside.frequency, end.inside.nu, 2 * side - 1
+            edge = self.edge(kind, w)
+            region.edges[index, side] = region.nus[index, side] = math.nan
+            with suppress(NewtonFailed):
+                z = edge.near(w, nu, float(self.amplitudes[index]), 0 if end.axis else way)
+                region.edges[index, side], region.nus[index, side] = edge.place(z)[1:]
 
     def on_axis(self, kind: RegionKind, share: float) -> list[RegionEdges]:
         """Subharmonic or harmonic regions, where a real multiplier lies beyond -1 or 1."""
@@ -280,7 +302,7 @@ class RegionSearch:
             low, high = roots[i - 1 : i + 1]
             # The test is next to both roots: in the middle two multipliers beyond 1 or -1 may have
             # met and left the real axis.
-            for part in (0.02, 0.98):
+            for part in (0.002, 0.998):
                 values, _ = self.hill.pipe.multipliers(amplitude, low + part * (high - low))
                 real = np.abs(values.imag) < 1e-9
                 if not (sign * values[real]).real.max(initial=0.0) > 1.0 + 1e-9:
@@ -382,9 +404,17 @@ class _BothEdges(_EdgeTracer):
         """Adds both edges at the amplitudes on a step."""
         search, edge, found = self.search, self.edge, self.found
         for index, at in search.passed(step):
+            found.followed[index].append(float(edge.place(at)[1]))
             search.put(found, index, edge, at)
         if step.end.p <= self.lowest:
             found.bottom = search.corner(edge.kind, *edge.place(step.end.z)[1:].tolist())
+
+
+def _leads_to(region: RegionEdges, index: int, growth: Growth) -> bool:
+    """Whether a region was followed into an interval of growth at the amplitude with an index."""
+    low, high = (end.outside.frequency for end in growth)
+    error = 3e-5 * low + 1e-3 * (high - low)  # of the ends, which few modes misplace
+    return any(low - error <= w <= high + error for w in region.followed[index])
 
 
 def _merged(parts: list[RegionEdges]) -> list[RegionEdges]:
@@ -439,15 +469,21 @@ def again(hill: Hill, old: RegionEdges, amplitudes: Array, low: float) -> Region
                 moved = np.abs(found.edges[index] - ends)
                 if thin or (moved < 0.3 * (ends[1] - ends[0])).all():
                     continue
-        for side, way in enumerate((-1.0, 1.0)):
-            frequency, nu = float(ends[side]), float(old.nus[index, side])
-            shift = OUTWARD if thin else 0.0
-            kind = ("subharmonic" if nu > 0.0 else "harmonic") if on_axis[side] else old.kind
-            edge = search.edge(kind, frequency)
-            z = edge.started(frequency * (1.0 + way * shift), nu, amplitude)
-            if edge.is_on_axis(z):
-                raise NewtonFailed("two multipliers meet on the real axis")
-            found.edges[index, side], found.nus[index, side] = edge.place(z)[1:]
+        # From outside of a thin region, the start may lead to the edge of its neighbour.
+        for shift in (OUTWARD, 0.0) if thin else (0.0,):
+            for side, way in enumerate((-1.0, 1.0)):
+                frequency, nu = float(ends[side]), float(old.nus[index, side])
+                kind = ("subharmonic" if nu > 0.0 else "harmonic") if on_axis[side] else old.kind
+                edge = search.edge(kind, frequency)
+                z = edge.started(frequency * (1.0 + way * shift), nu, amplitude)
+                if edge.is_on_axis(z):
+                    raise NewtonFailed("two multipliers meet on the real axis")
+                found.edges[index, side], found.nus[index, side] = edge.place(z)[1:]
+            wider = np.diff(found.edges[index])[0] - np.diff(ends)[0]
+            if abs(wider) <= 0.5 * np.diff(ends)[0] + 2e-5 * ends[0]:
+                break
+        else:
+            raise NewtonFailed("an edge led to that of another region")
     found.bottom = old.bottom.copy()
     amplitude, frequency, nu = old.bottom.tolist()
     if amplitude == 0.0:
