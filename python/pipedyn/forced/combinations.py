@@ -20,6 +20,7 @@ from itertools import combinations, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from pipedyn.forced.parametric_edge import RegionKind
 from pipedyn.forced.pulsating import Hill
 from pipedyn.orbits.magnus import exponentials
 from pipedyn.util.check import Complex
@@ -93,6 +94,13 @@ class GrowthEnd:
     def bounded(self) -> bool:
         """Whether the interval ends there."""
         return self.outside is not self.inside
+
+    @property
+    def kind(self) -> RegionKind:
+        """Kind of the region's edge at this end."""
+        if not self.axis:
+            return "combination"
+        return "harmonic" if self.axis > 0 else "subharmonic"
 
 
 Growth = tuple[GrowthEnd, GrowthEnd]
