@@ -1195,8 +1195,6 @@ def _motions() -> Iterator[Target]:
         transient=real((0.0, 0.5), -1.0, 1e300),
         blocks=count(4, 6, 10_001),
         interval=real((0.1, 0.5), 0.0, 1e300),
-        method=word("variational", "pair"),
-        rtol=real((1e-8, 1e-4), 0.0, 0.5),
     )
     diagram = {
         "model": flutter,

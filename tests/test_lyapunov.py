@@ -1,69 +1,50 @@
 # SPDX-License-Identifier: MIT
-"""Largest Lyapunov exponents: known systems, rest, cycles; two routes to the same number."""
+"""Largest Lyapunov exponents: rest, cycles, chaos; two routes to the same number."""
 
 import math
 import re
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import pipedyn as pp
-from pipedyn.motion.lyapunov import exponents_together, largest_exponent
+from pipedyn.motion import lyapunov
+from pipedyn.motion.lyapunov import exponents_together
 from pipedyn.util.counters import counted
 
 CHAIN = pp.Chain(pp.Pipe(0.2), 3)
 
 
-def lorenz(y):
-    a, b, c = y
-    return np.array([10.0 * (b - a), a * (28.0 - c) - b, a * b - 8.0 / 3.0 * c])
+def mean_growth(model, u, y, transient, duration, blocks):
+    """Means over blocks of the growth of v' = J(y) v along y' = f(y), brought back to length 1."""
+    v, growth, step = np.cos(np.arange(y.size)), [], 0.25
+
+    def rates(t, both):
+        y, v = np.split(both, 2)
+        return np.concatenate([model.rhs(t, y, u), model.jacobian(t, y, u) @ v])
+
+    for _ in range(round((transient + duration) / step)):
+        both = np.concatenate([y, v / np.linalg.norm(v)])
+        end = solve_ivp(rates, (0.0, step), both, method="DOP853", rtol=1e-10, atol=1e-12)
+        y, v = np.split(end.y[:, -1], 2)
+        growth.append(math.log(np.linalg.norm(v)) / step)
+    return np.mean(np.reshape(growth[round(transient / step) :], (blocks, -1)), axis=1)
 
 
-def lorenz_jacobian(y):
-    a, b, c = y
-    return np.array([[-10.0, 10.0, 0.0], [28.0 - c, -1.0, -a], [b, a, -8.0 / 3.0]])
-
-
-@pytest.mark.parametrize("pair", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_lorenz_attractor_is_chaotic_with_the_known_exponent(pair):
-    start = np.array([1.0, 1.0, 20.0])
-    # As long that rounding, which decides where a chaotic motion goes, leaves the spread below its
-    # limit: of starts 1e-9 apart it is 0.035 to 0.051 in 150, and 0.018 to 0.037 in 300.
-    found = largest_exponent(lorenz, lorenz_jacobian, start, 300.0, 10.0, 10, 1.0, pair)
-    # 0.9056: Sprott (2003), Chaos and Time-Series Analysis, table of exponents.
-    assert abs(found.value - 0.9056) < min(4.0 * found.spread, 0.03)
-    assert found.spread < 0.05
-    assert found.chaotic
-
-
-def test_linear_system_has_its_largest_eigenvalue():
-    matrix = np.array([[-0.3, 1.0, 0.0], [0.0, -0.7, 2.0], [0.0, 0.0, -1.5]])
-    found = largest_exponent(
-        *(lambda y: matrix @ y, lambda y: matrix, np.ones(3)),
-        *(40.0, 60.0, 5, 1.0),
-        rtol=1e-10,
-    )
-    assert found.value == pytest.approx(-0.3, abs=1e-8)
-    assert found.spread < 1e-8
-
-
-@pytest.mark.parametrize("method", ["variational", "pair"])
-def test_exponent_at_rest_is_the_largest_real_part(method):
+def test_exponent_at_rest_is_the_largest_real_part():
     pipe = pp.Pipe(0.2, -10.0, damping=0.02)  # buckled, and more than one mode decays slowly
     chain = pp.Chain(pipe, 3)
     rest = pp.equilibria(chain, 1.0)
     k = int(np.argmax(rest.tips[:, 0]))
-    found = pp.lyapunov_exponent(
-        chain, 1.0, rest.q[k] + 0.05, duration=30.0, transient=20.0, method=method
-    )
+    found = pp.lyapunov_exponent(chain, 1.0, rest.q[k] + 0.05, duration=30.0, transient=20.0)
     assert abs(found.value - rest.growth[k]) < min(2.0 * found.spread + 1e-3, 0.01)
     assert found.value < 0.0
     assert not found.chaotic
 
 
-@pytest.mark.parametrize("method", ["variational", "pair"])
-def test_exponent_of_a_cycle_is_zero_within_its_spread(method):
-    found = pp.lyapunov_exponent(CHAIN, 5.5, duration=40.0, transient=20.0, method=method)
+def test_exponent_of_a_cycle_is_zero_within_its_spread():
+    found = pp.lyapunov_exponent(CHAIN, 5.5, duration=40.0, transient=20.0)
     assert abs(found.value) < 2.0 * found.spread
     assert abs(found.value) < 0.05
     assert not found.chaotic
@@ -73,14 +54,12 @@ def test_exponent_of_a_cycle_is_zero_within_its_spread(method):
 def test_three_segments_are_chaotic_far_beyond_onset_by_either_route():
     # The cycle gives way to a torus near u = 8.35 and that to chaos: the largest multipliers and
     # brute force say the same.
-    first, second = (
-        pp.lyapunov_exponent(CHAIN, 11.0, duration=24.0, transient=8.0, method=method)
-        for method in ("variational", "pair")
-    )
-    assert first.chaotic
-    assert second.chaotic
-    assert abs(first.value - second.value) < 4.0 * math.hypot(first.spread, second.spread)
-    assert 3.0 < first.value < 5.5
+    found = pp.lyapunov_exponent(CHAIN, 11.0, duration=24.0, transient=8.0)
+    blocks = mean_growth(CHAIN, 11.0, np.full(6, 0.1), 8.0, 24.0, 12)
+    assert found.chaotic
+    spread = math.hypot(found.spread, blocks.std() / math.sqrt(11.0))
+    assert abs(found.value - blocks.mean()) < 4.0 * spread
+    assert 3.0 < found.value < 5.5
 
 
 def test_a_pair_about_a_bent_pipe_at_rest_takes_steps_as_long_as_its_motion():
@@ -89,27 +68,37 @@ def test_a_pair_about_a_bent_pipe_at_rest_takes_steps_as_long_as_its_motion():
     rest = pp.equilibria(model, 1.0)
     stable = np.flatnonzero(rest.stable)[0]
     with counted() as work:
-        found = pp.lyapunov_exponent(
-            model, 1.0, rest.q[stable], duration=20.0, transient=10.0, method="pair"
-        )
+        found = pp.lyapunov_exponent(model, 1.0, rest.q[stable], duration=20.0, transient=10.0)
     assert found.value == pytest.approx(rest.growth[stable], abs=2.0 * found.spread)
     assert 0 < work.right_hand_sides < 100_000
 
 
 def test_both_routes_agree_along_the_same_motion():
-    pipe = pp.Pipe(0.2, -20.0)
-    first, second = (
-        pp.lyapunov_exponent(
-            pp.Chain(pipe, 2), 4.0, duration=20.0, transient=10.0, method=method, rtol=1e-10
-        )
-        for method in ("variational", "pair")
+    model, start = pp.Chain(pp.Pipe(0.2, -20.0), 2), np.array([0.4, -0.3, 0.0, 0.5])
+    found = pp.lyapunov_exponent(model, 4.0, start, duration=20.0, transient=10.0)
+    blocks = mean_growth(model, 4.0, start, 10.0, 20.0, 10)
+    np.testing.assert_allclose(found.blocks, blocks, atol=1e-5)
+
+
+def test_differences_that_change_much_in_an_interval_are_measured_more_often():
+    """Over eight units of time the difference of motions at rest would fall below rounding."""
+    found, short = (
+        pp.lyapunov_exponent(CHAIN, 2.0, duration=32.0, transient=8.0, blocks=4, interval=interval)
+        for interval in (8.0, 0.5)
     )
-    np.testing.assert_allclose(first.blocks, second.blocks, atol=1e-4)
+    assert found.t.size > 4
+    np.testing.assert_allclose(found.blocks, short.blocks, atol=1e-5)
+
+
+def test_differences_that_cannot_be_followed_are_refused(monkeypatch):
+    monkeypatch.setattr(lyapunov, "PARTED", 1.0)
+    with pytest.raises(pp.NotConverged, match="motions part or meet in no time"):
+        pp.lyapunov_exponent(CHAIN, 2.0, duration=32.0, transient=8.0)
 
 
 def test_stiff_pipe_is_followed_by_an_implicit_method():
     model = pp.Galerkin(pp.Pipe(0.2, damping=0.05), 8, "legendre")
-    found = pp.lyapunov_exponent(model, 2.0, duration=10.0, transient=10.0, rtol=1e-6)
+    found = pp.lyapunov_exponent(model, 2.0, duration=10.0, transient=10.0)
     assert found.value == pytest.approx(pp.eigenvalues(model, 2.0).real.max(), abs=0.3)
 
 
@@ -148,8 +137,7 @@ def test_scene_agrees_with_its_chain():
     pipe = pp.Pipe(0.2)
     scene, chain = pp.modular.chain(pipe, n=2), pp.Chain(pipe, 2)
     a, b = (
-        pp.lyapunov_exponent(model, 5.0, duration=10.0, transient=5.0, method="pair")
-        for model in (scene, chain)
+        pp.lyapunov_exponent(model, 5.0, duration=10.0, transient=5.0) for model in (scene, chain)
     )
     np.testing.assert_allclose(a.blocks, b.blocks, atol=1e-5)
 
@@ -192,15 +180,7 @@ def test_a_pair_whose_motion_stops_says_so():
     )
     scene = pp.modular.chain(pp.Pipe(0.2), 2).plus(edge)
     with pytest.raises(pp.NotConverged, match=r"the motion stopped: .* no longer finite"):
-        pp.lyapunov_exponent(scene, 6.0, duration=40.0, transient=0.0, method="pair")
-
-
-def test_motion_that_overflows_says_so():
-    with pytest.raises(pp.NotConverged, match="the motion stopped"):
-        largest_exponent(
-            *(lambda y: y**2, lambda y: np.diag(2.0 * y), np.array([1.0])),
-            *(4.0, 0.0, 4, 1.0),
-        )
+        pp.lyapunov_exponent(scene, 6.0, duration=40.0, transient=0.0)
 
 
 def test_exponents_of_several_motions_together_are_those_of_each_alone():
@@ -223,7 +203,7 @@ def test_exponents_of_several_motions_together_are_those_of_each_alone():
     assert all(one.chaotic for one in irregular)
     early = [one for one in irregular if one.duration < 100.0]
     assert len(early) >= 4
-    alone = pp.lyapunov_exponent(model, 8.9, chaos[0], duration=60.0, transient=5.0, rtol=1e-6)
-    for one in early:
-        allowed = 3.0 * np.hypot(alone.spread, one.spread)
+    alone = pp.lyapunov_exponent(model, 8.9, chaos[0], duration=400.0, transient=5.0)
+    for one in early:  # they end early where they are large
+        allowed = 4.0 * np.hypot(alone.spread, one.spread)
         assert one.value == pytest.approx(alone.value, abs=allowed)

@@ -257,6 +257,22 @@ def test_a_wide_combination_region_of_a_conservative_pipe_has_both_edges():
         assert growing(model, pp.Pulsation(1.7, 0.5, 1.0), edge + inward) > 1e-4
 
 
+def test_combination_regions_side_by_side_leave_the_gaps_between_them():
+    """Three regions of which two have met at the higher amplitude: by multipliers."""
+    ends = {"root": "pinned", "end": "pinned"}
+    model = pp.Chain(pp.Pipe(0.8457, 18.75, **ends), 6, springs="consistent")
+    amplitudes = [0.15, 0.197]
+    found = pp.parametric_regions(model, 2.082, amplitudes, (66.0, 67.2))
+    assert [one.kind for one in found] == ["combination"] * 3
+    pipe = PulsatingPipe.of(model.elastic_operators(), 2.082)
+    for index, intervals in enumerate((3, 2)):
+        edges = np.unique([one.edges[index].round(9) for one in found], axis=0)
+        assert len(edges) == intervals
+        for w in np.linspace(66.0, 67.2, 241):
+            grows = np.abs(pipe.multipliers(amplitudes[index], w)[0][0]) > 1.0 + 1e-6
+            assert grows == ((edges[:, 0] < w) & (w < edges[:, 1])).any()
+
+
 @pytest.mark.slow
 def test_edges_of_a_large_model_follow_from_its_lowest_modes():
     """Multipliers are those of all its degrees of freedom."""

@@ -12,7 +12,6 @@ from test_integrator import moved
 import pipedyn as pp
 from pipedyn import _core
 from pipedyn import modular as md
-from pipedyn.motion.lyapunov import largest_exponent
 
 LEVELS = _core.vector_levels()
 
@@ -218,16 +217,6 @@ def test_a_thousand_damped_segments_take_no_more_steps_than_twenty():
         for n in (20, 1000)
     ]
     assert calls[1] < 2 * calls[0]
-
-
-@pytest.mark.parametrize("pair", [False, True])
-def test_a_stiff_system_has_its_exponent(pair):
-    matrix = np.array([[-0.3, 1.0, 0.0], [0.0, -1e4, 2.0], [0.0, 0.0, -1e6]])
-    found = largest_exponent(
-        *(lambda y: matrix @ y, lambda y: matrix, np.ones(3), 10.0, 10.0, 4, 1.0),
-        **{"pair": pair, "rtol": 1e-8, "stiff": True},
-    )
-    assert found.value == pytest.approx(-0.3, abs=1e-5)
 
 
 def test_a_step_vanishes_as_soon_before_time_0_as_after():

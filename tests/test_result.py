@@ -386,9 +386,7 @@ def test_a_sweep_without_an_answer_has_its_pipes(tmp_path):
 
 
 def test_an_exponent_has_its_pipe():
-    found = pp.lyapunov_exponent(
-        SCALED_CHAIN, 2.0, duration=2.0, transient=0.0, blocks=4, method="pair"
-    )
+    found = pp.lyapunov_exponent(SCALED_CHAIN, 2.0, duration=2.0, transient=0.0, blocks=4)
     assert found.pipe == SCALED
     assert found.in_si().value == pytest.approx(found.value / SCALED.scales.time)
     assert "t (s)" in found.columns("si")

@@ -20,6 +20,7 @@ from itertools import combinations, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from pipedyn.forced.parametric_edge import RegionKind
 from pipedyn.forced.pulsating import Hill
 from pipedyn.orbits.magnus import exponentials
 from pipedyn.util.check import Complex
@@ -93,6 +94,13 @@ class GrowthEnd:
     def bounded(self) -> bool:
         """Whether the interval ends there."""
         return self.outside is not self.inside
+
+    @property
+    def kind(self) -> RegionKind:
+        """Kind of the region's edge at this end."""
+        if not self.axis:
+            return "combination"
+        return "harmonic" if self.axis > 0 else "subharmonic"
 
 
 Growth = tuple[GrowthEnd, GrowthEnd]
@@ -247,7 +255,11 @@ class FewModes:
         other motions do.
         """
         alike = a.values.size == b.values.size and (a.growing > 0) == (b.growing > 0)
-        if alike and (not a.growing or abs(a.nu / a.frequency - b.nu / b.frequency) < 0.01):
+        if alike and a.growing:
+            onto, largest = _same_multipliers(a, b), np.abs(b.values)
+            fastest = onto[int(np.argmax(np.abs(a.values)))]
+            alike = fastest >= 0 and bool(largest[fastest] > 0.999999 * largest.max())
+        if alike:
             return []
         return [self.at(w) for w in np.linspace(a.frequency, b.frequency, 6)[1:-1].tolist()]
 

@@ -221,21 +221,6 @@ class Edge(DenseProblem):
         """Whether a multiplier and its conjugate meet at 1 or -1, on a combination edge."""
         return self.share is None and not 1e-5 < z[1] / z[0] < 0.5 - 1e-5
 
-    def near(self, frequency: float, nu: float, amplitude: float, outward: int = 0) -> Array:
-        """Unknowns of an edge near a frequency that was found with few modes.
-
-        Few modes misplace combination regions slightly. From outside of a region f is much like the
-        square of the distance from it, so that Newton's method leads to the edge on that side; from
-        inside it leads to either edge. `outward` is the sign of the direction in which the start is
-        moved to be outside, 0 where it stays.
-        """
-        z = self.started(frequency * (1.0 + OUTWARD * outward), nu, amplitude)
-        moved = np.abs(self.unknowns(frequency, nu, amplitude) - z).max()
-        farthest = 4e-3 if self.share is not None or self.meeting else 2e-2
-        if self.is_on_axis(z) or moved >= farthest:
-            raise NewtonFailed("Newton's method left the neighbourhood of its start")
-        return z
-
     def bottom(self, z: Array) -> Array:
         """Amplitude, w and nu where the amplitude is least: there the region's two edges meet.
 

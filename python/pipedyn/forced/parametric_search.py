@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -31,7 +31,18 @@ THIN = 1e-3
 it."""
 
 SAMPLED = 5
-"""Number of amplitudes at which regions are looked for; edges are followed to the others."""
+"""Number of amplitudes at which subharmonic and harmonic regions are looked for; their edges are
+followed to the others."""
+
+SAME_EDGE = 1e-6
+"""Relative distance of frequencies up to which an edge that was followed is a known one."""
+
+FARTHEST_START = 4e-3
+"""Relative distance up to which an edge or a saddle belongs to the place where it is looked for."""
+
+WIDENINGS = 8
+"""Largest number of times that a range is widened, by a quarter, until the edges of all regions
+that touch it lie in it."""
 
 
 class RegionEdges:
@@ -43,7 +54,8 @@ class RegionEdges:
         nus: nu of the motions on these edges, shape (A, 2).
         bottom: least amplitude, with its w and nu, shape (3,); NaN where it lies outside the range
             in which edges were followed.
-        followed: frequencies w of the edges that were followed, for each amplitude.
+        followed: frequencies w of the edges, or saddles between both edges, that were followed, for
+            each amplitude.
     """
 
     def __init__(self, kind: RegionKind, count: int) -> None:
@@ -52,24 +64,22 @@ class RegionEdges:
         self.bottom = np.full(3, math.nan)
         self.followed: list[list[float]] = [[] for _ in range(count)]
 
-    def add(self, index: int, frequency: float, nu: float) -> None:
-        """Widens the region to an edge with a frequency and nu at the amplitude with an index."""
-        low, high = self.edges[index]
-        for side, further in enumerate((not frequency > low, not frequency < high)):
-            if further:
-                self.edges[index, side], self.nus[index, side] = frequency, nu
-
-    def has(self, index: int, frequency: float) -> bool:
-        """Whether a frequency lies in the region or on an edge, at the amplitude with an index."""
-        low, high = self.edges[index] * [1.0 - 1e-6, 1.0 + 1e-6]
-        return bool(low <= frequency <= high)
-
     def join(self, other: RegionEdges) -> None:
         """Adds the known edges of the same region, found from another edge."""
-        for index, side in np.argwhere(np.isfinite(other.edges)).tolist():
-            self.add(index, *(float(x[index, side]) for x in (other.edges, other.nus)))
+        missing = np.isnan(self.edges)
+        self.edges[missing], self.nus[missing] = other.edges[missing], other.nus[missing]
         if not other.bottom[0] >= self.bottom[0] and np.isfinite(other.bottom[0]):
             self.bottom = other.bottom
+
+    def away(self, index: int, interval: Iterable[float]) -> float:
+        """Relative distance from an interval to which the region was followed.
+
+        It is infinite if the region was not followed to the amplitude with this index. An end of
+        the interval may be NaN if the interval goes on.
+        """
+        (low, high), w = interval, np.array(self.followed[index])
+        away = np.fmax(np.fmax(low / w - 1.0, w / high - 1.0), 0.0)
+        return float(np.min(away, initial=math.inf))
 
     def within(self, other: RegionEdges) -> bool:
         """Whether the other is the same region.
@@ -110,6 +120,11 @@ class RegionSearch:
     low: float
     high: float
 
+    @property
+    def meets(self) -> bool:
+        """Whether multipliers of combination regions meet on the unit circle."""
+        return self.hill.is_hermitian or self.hill.is_real
+
     def around(self, amplitude: float) -> tuple[float, float]:
         """Range of frequencies in which regions are looked for at an amplitude.
 
@@ -124,36 +139,26 @@ class RegionSearch:
         few = self.hill.fewer(self.low, frequency)
         return Edge(few, kind, frequency, float(self.amplitudes[-1]), centre)
 
-    def passed(self, step: Segment[Edge]) -> Iterator[tuple[int, Array]]:
-        """Indices of the amplitudes asked for that a step passes, with the unknowns there.
-
-        The amplitude must not turn back within the step.
-        """
-        ways = (self.amplitudes - step.begin.p) * (self.amplitudes - step.end.p)
-        for index in np.flatnonzero(ways <= 0.0).tolist():
-            yield index, step.where(float(self.amplitudes[index]))
-
     # ------------------------------------------------------------------------------- one region
 
     def followed(
-        self,
-        kind: RegionKind,
-        start: tuple[float, float, float],
-        outward: int = 0,
-        centre: bool = False,
+        self, kind: RegionKind, start: tuple[float, float, float], centre: bool = False
     ) -> RegionEdges:
         """The region that an edge bounds, followed from `start`: a frequency, nu and amplitude.
 
-        `outward`: as for `Edge.near`. With `centre` the saddle between both edges is followed, from
-        which they follow in a pipe that is conservative or has real H.
+        With `centre` the saddle between both edges is followed.
 
         Raises:
-            NewtonFailed: if no edge or saddle is there.
+            NewtonFailed: if no edge or saddle is there, or the saddle is lost on the way.
         """
         edge, found = self.edge(kind, start[0], centre), RegionEdges(kind, self.amplitudes.size)
-        z = edge.near(*start, outward)
+        z = edge.started(*start)
+        if edge.is_on_axis(z) or np.abs(edge.unknowns(*start) - z).max() >= FARTHEST_START:
+            raise NewtonFailed("Newton's method left the neighbourhood of its start")
         for way in (-1.0, 1.0):
             (_BothEdges if centre else _OneEdge)(self, edge, found, way).run(z)
+        if centre and np.isnan(found.bottom[0]):
+            raise NewtonFailed("the saddle was lost on the way to its least amplitude")
         return found
 
     def corner(self, kind: RegionKind, frequency: float, nu: float) -> Array:
@@ -161,16 +166,60 @@ class RegionSearch:
         centre = self.edge(kind, frequency, True)
         return centre.place(centre.started(frequency, nu, 0.0))
 
-    def put(self, found: RegionEdges, index: int, centre: Edge, z: Array) -> None:
-        """Adds both edges about a saddle z at an amplitude, unless the region is too thin there."""
-        ends = []
-        for guess in centre.ends(z):
-            edge = self.edge("combination", centre.scale)
-            _, w, nu = edge.place(edge.started(*centre.place(guess)[[1, 2, 0]].tolist()))
-            ends.append((float(w), float(nu)))
-        if ends and ends[0][0] < centre.scale * z[0] < ends[1][0]:
-            for end in ends:
-                found.add(index, *end)
+    def sides(
+        self, ends: Array, nus: Array, kinds: Sequence[RegionKind], amplitude: float
+    ) -> Array:
+        """Edges of a region at an amplitude, with w and nu in rows, shape (2, 2).
+
+        They are NaN where the region is too thin.
+
+        Args:
+            ends: approximate frequencies w of the edges, (2,); NaN for an edge not to be found.
+            nus: approximate nu of the motions on the edges, (2,).
+            kinds: kinds of the edges.
+            amplitude: the amplitude.
+
+        Raises:
+            NewtonFailed: if no edges are found that are about as far apart as the given ones.
+        """
+        width = ends[1] - ends[0]
+        for starts in self._starts(ends, nus, kinds, amplitude):
+            found = np.full((2, 2), math.nan)
+            with suppress(NewtonFailed):
+                for side in np.flatnonzero(np.isfinite(starts[0])).tolist():
+                    w, nu = starts[:, side].tolist()
+                    edge = self.edge(kinds[side], w)
+                    z = edge.started(w, nu, amplitude)
+                    if edge.is_on_axis(z):
+                        raise NewtonFailed("two multipliers meet on the real axis")
+                    found[:, side] = edge.place(z)[1:]
+                wider = np.abs(found[0, 1] - found[0, 0] - width)
+                moved = np.abs(found[0] - ends)
+                astray = (wider > 0.5 * width + 2e-5 * ends) | (moved > 0.5 * width + 1e-3 * ends)
+                if not astray.any():
+                    return found
+        raise NewtonFailed("edges lead to those of another region")
+
+    def _starts(
+        self, ends: Array, nus: Array, kinds: Sequence[RegionKind], amplitude: float
+    ) -> Iterator[Array]:
+        """Starts of Newton's method for `sides`, with w and nu in rows, (2, 2), the best first.
+
+        Where multipliers meet, edges lie about a saddle. Otherwise, from inside of a thin region
+        Newton's method leads to either edge, and from outside maybe to the edge of a neighbour.
+        """
+        thin = ends[1] - ends[0] < THIN * ends[0]
+        if self.meets and set(kinds) == {"combination"} and np.isfinite(ends).all():
+            with suppress(NewtonFailed):
+                centre = self.edge("combination", float(ends.mean()), True)
+                z = centre.started(centre.scale, float(nus.mean()), amplitude)
+                found = [centre.place(end)[1:] for end in centre.ends(z)]
+                if found:
+                    yield np.stack(found, axis=1)
+                elif thin:
+                    yield np.full((2, 2), math.nan)
+        for shift in (OUTWARD, 0.0) if thin else (0.0, OUTWARD):
+            yield np.stack([ends * [1.0 - shift, 1.0 + shift], nus])
 
     # ------------------------------------------------------------------------------ all regions
 
@@ -180,54 +229,74 @@ class RegionSearch:
         return np.unique(np.linspace(0, count - 1, min(count, SAMPLED)).astype(int))[::-1].tolist()
 
     def combinations(self) -> list[RegionEdges]:
-        """Combination regions, found by the multipliers of a few modes."""
-        found = list[RegionEdges]()
-        for index in self.samples():
-            amplitude = float(self.amplitudes[index])
-            few = FewModes(self.hill, amplitude, self.low, self.high)
-            for growth in few.unstable(*self.around(amplitude)):
-                low, high = growth
-                middle = 0.5 * (low.inside.frequency + high.inside.frequency)
-                width = high.outside.frequency - low.outside.frequency
-                if low.axis and low.axis == high.axis:  # a subharmonic or harmonic region
-                    continue
-                if width < 0.3 * THINNEST * middle or any(o.has(index, middle) for o in found):
-                    continue
+        """Combination regions, found by the multipliers of a few modes at each amplitude.
+
+        Each region is followed to the other amplitudes from one interval in which motions grow. As
+        regions may meet or part on the way, its edges are those of the intervals that it leads to.
+        """
+        found, grown = list[RegionEdges](), list[tuple[int, Array]]()
+        for index, amplitude in reversed(list(enumerate(self.amplitudes.tolist()))):
+            for growth in self._growth(amplitude):
+                kinds = [end.kind for end in growth]
+                ends, nus = (
+                    np.array([getattr(end.inside, name) for end in growth])
+                    for name in ("frequency", "nu")
+                )
+                ends[[not end.bounded for end in growth]] = math.nan
                 with suppress(NewtonFailed):
-                    found.append(self._combination(growth, amplitude))
+                    sides = self.sides(ends, nus, kinds, amplitude)
+                    if np.isnan(sides).all():
+                        continue
+                    grown.append((index, sides))
+                    if all(one.away(index, sides[0]) > SAME_EDGE for one in found):
+                        found += self._combination(index, sides, kinds)
+        for index, sides in grown:
+            for one in found:
+                if one.away(index, sides[0]) <= SAME_EDGE:
+                    one.edges[index], one.nus[index] = sides
         return _merged(found)
 
-    def _combination(self, growth: Growth, amplitude: float) -> RegionEdges:
-        """The region that an interval of frequencies belongs to, in which motions grow.
+    def _growth(self, amplitude: float) -> list[Growth]:
+        """Intervals of frequencies in which motions grow that belong to combination regions.
+
+        An end is not bounded only where it is far outside of the range.
+        """
+        few = FewModes(self.hill, amplitude, self.low, self.high)
+        first, last = low, high = self.around(amplitude)
+        for _ in range(WIDENINGS):
+            found = [
+                (a, b)
+                for a, b in few.unstable(low, high)
+                if a.outside.frequency <= last and b.outside.frequency >= first
+            ]
+            if all(end.bounded for growth in found for end in growth):
+                break
+            low, high = 0.8 * low, 1.25 * high
+        # Between two multipliers that leave the real axis and return to it, on one side of 0, a
+        # region is subharmonic or harmonic.
+        return [(a, b) for a, b in found if not a.axis or a.axis != b.axis]
+
+    def _combination(
+        self, index: int, sides: Array, kinds: Sequence[RegionKind]
+    ) -> list[RegionEdges]:
+        """The regions that an interval belongs to in which motions grow, with edges `sides`.
 
         If the interval ends with a multiplier at 1 or -1, it may do so at this amplitude only, and
-        the edge is not followed to others.
+        this edge is not followed to others.
         """
-        middle, nu = (
-            0.5 * sum(getattr(end.inside, name) for end in growth) for name in ("frequency", "nu")
-        )
-        circle = not any(end.axis for end in growth)
-        if circle and (self.hill.is_hermitian or self.hill.is_real):
+        amplitude = float(self.amplitudes[index])
+        middle, nu = np.nanmean(sides, axis=1).tolist()
+        if self.meets and set(kinds) == {"combination"}:
             with suppress(NewtonFailed):
-                return self.followed("combination", (middle, nu, amplitude), centre=True)
-        found = RegionEdges("combination", self.amplitudes.size)
-        index = int(np.searchsorted(self.amplitudes, amplitude))
-        for side, end in enumerate(growth):
-            if not end.bounded:
-                continue
-            w = end.inside.frequency
-            if end.axis:
-                edge = self.edge("harmonic" if end.axis > 0 else "subharmonic", w)
-                place = edge.place(edge.near(w, 0.0, amplitude))
-                found.edges[index, side], found.nus[index, side] = place[1:]
-                continue
-            part = self.followed("combination", (w, end.inside.nu, amplitude), 2 * side - 1)
-            if circle:
-                found.join(part)
-            else:
-                found.edges[index, side] = part.edges[index, side]
-                found.nus[index, side] = part.nus[index, side]
-                found.bottom = part.bottom
+                return [self.followed("combination", (middle, nu, amplitude), centre=True)]
+        found = list[RegionEdges]()
+        for kind, (w, nu) in zip(kinds, sides.T.tolist(), strict=True):
+            if kind == "combination" and not math.isnan(w):
+                with suppress(NewtonFailed):
+                    found.append(self.followed(kind, (w, nu, amplitude)))
+        if not found:
+            found.append(RegionEdges("combination", self.amplitudes.size))
+            found[0].followed[index].append(middle)
         return found
 
     def on_axis(self, kind: RegionKind, share: float) -> list[RegionEdges]:
@@ -243,24 +312,22 @@ class RegionSearch:
             # the whole range.
             first, last = np.searchsorted(at, self.around(amplitude))
             for w in at[max(first - 1, 0) : last + 1].tolist():
-                if any(abs(x - w) < 1e-6 * w for one in curves for x in one.followed[index]):
+                if any(one.away(index, (w, w)) <= SAME_EDGE for one in curves):
                     continue
                 with suppress(NewtonFailed):
                     curves.append(self.followed(kind, (w, share * w, amplitude)))
         for index, at in enumerate(roots):
-            every = [x for region in curves for x in region.followed[index]]
+            every = [w for region in curves for w in region.followed[index]]
             if not every:
                 continue
             at = at if at.size else np.sort(every)
             first, last = np.searchsorted(at, [0.99999 * min(every), 1.00001 * max(every)])
             within = self._unstable(share, float(self.amplitudes[index]), at, first, last)
             for region in curves:
-                points = region.followed[index]
-                region.edges[index] = region.nus[index] = math.nan
-                for low, high in within:
-                    if any(low * (1.0 - 1e-6) <= x <= high * (1.0 + 1e-6) for x in points):
-                        region.add(index, low, share * low)
-                        region.add(index, high, share * high)
+                for interval in within:
+                    if region.away(index, interval) <= SAME_EDGE:
+                        region.edges[index] = interval
+                region.nus[index] = share * region.edges[index]
         return _merged(curves)
 
     def _unstable(
@@ -280,7 +347,7 @@ class RegionSearch:
             low, high = roots[i - 1 : i + 1]
             # The test is next to both roots: in the middle two multipliers beyond 1 or -1 may have
             # met and left the real axis.
-            for part in (0.02, 0.98):
+            for part in (0.002, 0.998):
                 values, _ = self.hill.pipe.multipliers(amplitude, low + part * (high - low))
                 real = np.abs(values.imag) < 1e-9
                 if not (sign * values[real]).real.max(initial=0.0) > 1.0 + 1e-9:
@@ -323,7 +390,7 @@ class _EdgeTracer(Tracer[Edge]):
     def __init__(self, search: RegionSearch, edge: Edge, found: RegionEdges, way: float) -> None:
         super().__init__(most=400)
         self.search, self.edge, self.found, self.way = search, edge, found, way
-        share = 0.1 if search.hill.is_hermitian or search.hill.is_real else LOWEST_AMPLITUDE
+        share = 0.1 if search.meets else LOWEST_AMPLITUDE
         self.largest = float(search.amplitudes[-1])
         self.lowest = share * self.largest  # amplitude below which the edge is taken to lead to 0
 
@@ -333,6 +400,13 @@ class _EdgeTracer(Tracer[Edge]):
             self.edge.renew(z)
             start = self.edge.point(z, np.append(np.zeros(z.size - 1), self.way))
             self.one_way(self.edge.segments(start, 0.02))
+
+    def passes(self, step: Segment[Edge]) -> None:
+        """Notes the edge at the amplitudes asked for on a step, in which none turns back."""
+        asked = self.search.amplitudes
+        for index in np.flatnonzero((asked - step.begin.p) * (asked - step.end.p) <= 0.0).tolist():
+            at = step.where(float(asked[index]))
+            self.found.followed[index].append(float(self.edge.scale * at[0]))
 
     def is_over(self, point: Point) -> bool:
         """Whether the edge ends at a point."""
@@ -352,10 +426,7 @@ class _OneEdge(_EdgeTracer):
         first, *turned = between_folds(step, 1e-6)
         if edge.is_on_axis(end.z):
             return "axis"
-        for index, at in self.search.passed(first):
-            _, w, nu = edge.place(at).tolist()
-            self.found.add(index, w, nu)
-            self.found.followed[index].append(w)
+        self.passes(first)
         # Beyond the least amplitude is the region's other edge, which has its own start.
         if self.way < 0.0 and (turned or step.length < self.sharp):
             self.sharp = 0.1 * step.length
@@ -380,11 +451,10 @@ class _BothEdges(_EdgeTracer):
 
     def note(self, step: Segment[Edge]) -> None:
         """Adds both edges at the amplitudes on a step."""
-        search, edge, found = self.search, self.edge, self.found
-        for index, at in search.passed(step):
-            search.put(found, index, edge, at)
+        self.passes(step)
         if step.end.p <= self.lowest:
-            found.bottom = search.corner(edge.kind, *edge.place(step.end.z)[1:].tolist())
+            place = self.edge.place(step.end.z)[1:].tolist()
+            self.found.bottom = self.search.corner(self.edge.kind, *place)
 
 
 def _merged(parts: list[RegionEdges]) -> list[RegionEdges]:
@@ -421,33 +491,13 @@ def again(hill: Hill, old: RegionEdges, amplitudes: Array, low: float) -> Region
         NewtonFailed: if an edge is not found again.
     """
     search, found = RegionSearch(hill, amplitudes, low, low), RegionEdges(old.kind, amplitudes.size)
-    meets = old.kind == "combination" and (hill.is_hermitian or hill.is_real)
     for index, amplitude in enumerate(amplitudes.tolist()):
         ends = old.edges[index]
         if not np.isfinite(ends).all():
             continue
-        turns = old.nus[index] / ends
-        on_axis = (turns == 0.0) | (turns == 0.5)
-        thin = ends[1] - ends[0] < THIN * ends[0]
-        if meets and not on_axis.any():
-            with suppress(NewtonFailed):
-                middle, nu = ends.mean(), old.nus[index].mean()
-                centre = search.edge(old.kind, middle, True)
-                search.put(found, index, centre, centre.started(middle, nu, amplitude))
-                # The middle of a wide region may be far from its saddle, and lead to none or to
-                # that of another region.
-                moved = np.abs(found.edges[index] - ends)
-                if thin or (moved < 0.3 * (ends[1] - ends[0])).all():
-                    continue
-        for side, way in enumerate((-1.0, 1.0)):
-            frequency, nu = float(ends[side]), float(old.nus[index, side])
-            shift = OUTWARD if thin else 0.0
-            kind = ("subharmonic" if nu > 0.0 else "harmonic") if on_axis[side] else old.kind
-            edge = search.edge(kind, frequency)
-            z = edge.started(frequency * (1.0 + way * shift), nu, amplitude)
-            if edge.is_on_axis(z):
-                raise NewtonFailed("two multipliers meet on the real axis")
-            found.edges[index, side], found.nus[index, side] = edge.place(z)[1:]
+        axis: dict[float, RegionKind] = {0.0: "harmonic", 0.5: "subharmonic"}
+        kinds = [axis.get(turns, old.kind) for turns in (old.nus[index] / ends).tolist()]
+        found.edges[index], found.nus[index] = search.sides(ends, old.nus[index], kinds, amplitude)
     found.bottom = old.bottom.copy()
     amplitude, frequency, nu = old.bottom.tolist()
     if amplitude == 0.0:

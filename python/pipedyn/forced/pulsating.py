@@ -93,11 +93,6 @@ class PulsatingPipe:
         parts = {name: basis.T @ getattr(self, name) @ basis for name in names}
         return PulsatingPipe(**parts, mean=self.mean)
 
-    def steady(self, amplitude: float) -> Complex:
-        """Eigenvalues, (2 n,), with u and u^2 replaced by their means, from which regions start."""
-        mean = self.mean**2 * (1.0 + 0.5 * amplitude**2)
-        return np.asarray(np.linalg.eigvals(self.companion(self.mean, mean)), dtype=np.complex128)
-
     def companion(self, speed: float, square: float) -> Array:
         """Matrix A of y' = A y, (2 n, 2 n), at constant `speed` for u and `square` for u^2."""
         return np.tensordot([1.0, speed, square], self.companions()[:3], 1)
@@ -124,7 +119,7 @@ class PulsatingPipe:
 
         Modes count up to five times the frequency `highest`, and at least up to 50.
         """
-        values = self.steady(0.0)
+        values = np.linalg.eigvals(self.companion(self.mean, self.mean**2))
         values = values[np.abs(values) < max(5.0 * highest, 50.0)]
         worst = float(values.real.max(initial=0.0))
         if worst > 1e-7 * max(1.0, float(np.abs(values).max(initial=0.0))):

@@ -411,48 +411,6 @@ def runs_unlocked(task: Task) -> bool:
     return unlocked and not task.model.calls_python and task.method in CORE
 
 
-def state_after(
-    rates: Callable[[Array], Array],
-    start: Array,
-    t: float,
-    rtol: float,
-    atol: float,
-    jacobian: Callable[[Array], Array] | None = None,
-) -> tuple[Array, int]:
-    """The state at time t of y' = rates(y) from a start at time 0, and the number of evaluations.
-
-    Steps are implicit if the Jacobian df/dy is given, else explicit. Raises `Stopped` if the
-    integration cannot reach t.
-    """
-
-    def of_all(t: Array, y: Array, u: Array) -> Array:
-        """Rates of the states in the columns of y."""
-        if y.shape[1] == 1:
-            return rates(y[:, 0])[:, None]
-        return np.stack([rates(column) for column in y.T], axis=1)  # the stages of one step
-
-    motion = _core.Integrator(
-        of_all,
-        *(
-            np.zeros(1),
-            start[:, None],
-            0.0,
-            np.array([rtol]),
-            np.full_like(start, atol)[:, None],
-            MOST_CALLS,
-        ),
-        math.inf,
-        None if jacobian is None else lambda t, y, u: jacobian(y),
-    )
-    state = np.empty((1, 1, start.size))
-    while not motion.advance(np.array([t]), state, CALLS)[0]:
-        in_time()
-    [member] = motion.members
-    if member.progress != "done":
-        raise Stopped(EARLY_ENDS.get(member.progress, "it takes too many steps"))
-    return state[0, 0], member.evaluations
-
-
 def _by_scipy(task: Task, monitor: Monitor) -> Iterator[Array]:
     """Yields the states at the times of a task, integrated by scipy."""
     kind = getattr(scipy.integrate, task.method.removeprefix("scipy:"))

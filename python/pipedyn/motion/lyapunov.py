@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """The largest Lyapunov exponent, the rate at which neighbouring motions diverge or converge.
 
-Along the motion y' = f(y) a small difference obeys v' = J(y) v with the analytic Jacobian. v is
-brought back to unit length at short intervals; the sum of the logarithms of its growth, divided by
-the time, tends to the exponent.
+A motion is integrated together with a neighbour. Their small difference is brought back to its
+first length at short intervals; the sum of the logarithms of its growth, divided by the time, tends
+to the exponent.
 
 Source: Benettin, Galgani, Giorgilli and Strelcyn (1980). The standard error comes from means over
 blocks of time.
@@ -12,9 +12,9 @@ blocks of time.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import field, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import scipy
@@ -22,7 +22,7 @@ import scipy
 from pipedyn.models.base import Model
 from pipedyn.models.drive import Base, Pulsation, steady_speed
 from pipedyn.models.pipe import Pipe
-from pipedyn.motion.integrator import Stopped, decays_fast, integrate, state_after
+from pipedyn.motion.integrator import integrate
 from pipedyn.motion.simulate import (
     MotionStopped,
     Start,
@@ -37,22 +37,25 @@ from pipedyn.motion.simulate import (
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.counters import evaluated
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.parallel import track
 from pipedyn.util.result import RATE, TableResult
 
-Rates = Callable[[Array], Array]
-"""A function of a state y, shape (n,), that returns y' or its Jacobian."""
+APART, CLOSE = 1e-5, 1e-6
+"""Distance of neighbours, in the norm of the state, at the start of each interval: for the names of
+motions in an ensemble, and for `lyapunov_exponent`. Each motion takes steps of its own, and the
+square of the distance changes the growth as well. With step errors of 1e-3 times APART the growth
+over an interval changes by 1e-4 or less: measured on four pipes, by 2e-5 over the first four
+intervals. With step errors of 1e-6 times CLOSE the exponents of seven pipes at rest and on cycles
+changed by 1e-7 or less, relative to the exponents of the variational equation."""
 
-DISTANCE = 1e-7
-"""Distance of two neighbouring motions, in the norm of the state, at the start of each interval.
-Their difference departs from linear motion by the square of this distance, which is below rounding.
-"""
+PARTED = 1e4
+"""Factor by which the distance of neighbours may grow or shrink in an interval: beyond it they are
+no longer close, or rounding shows. The interval is then shortened."""
 
-LEAST_ERROR = 1e-12
-"""Least error to which the steps of a pair are computed, relative to the state: rounding hides
-smaller errors. Both motions have nearly the same error, so their distance has a far smaller one."""
+BEYOND_DOUBT = 4.0
+"""Number of spreads above 0 at which a motion is surely chaotic and is integrated no further. It is
+larger than in `chaotic`, because the exponent is tested several times during the motion."""
 
 MOST_INTERVALS = 10_000_000
 """Largest number of intervals of a motion, as the growth in each is stored: 80 MB."""
@@ -105,8 +108,6 @@ def lyapunov_exponent(
     transient: float = 100.0,
     blocks: int = 10,
     interval: float = 0.5,
-    method: Literal["variational", "pair"] = "variational",
-    rtol: float = 1e-8,
     progress: bool = False,
 ) -> LyapunovExponent:
     """The largest Lyapunov exponent of the motion from a start, after its transient.
@@ -122,11 +123,8 @@ def lyapunov_exponent(
         transient: time in T before the duration, in which the motion approaches its attractor and
             the difference the direction of fastest growth.
         blocks: number of parts of the duration, from whose means the spread comes, at least 4.
-        interval: time in T after which the difference is brought back to unit length; it is
-            shortened so that it divides a block.
-        method: "variational", by the analytic Jacobian; "pair", by two neighbouring motions in one
-            batch, which needs no Jacobian and costs less for long chains.
-        rtol: relative tolerance of the error of each step, in [1e-13, 1e-3].
+        interval: time in T after which the difference is brought back to its first length; it is
+            shortened so that it divides a block, and where the difference changes too much in it.
         progress: whether to show progress on stderr.
 
     Returns:
@@ -139,7 +137,7 @@ def lyapunov_exponent(
         False
 
     Raises:
-        NotConverged: if the integration stops.
+        NotConverged: if the integration stops, or differences change too fast to be followed.
         ValueError, TypeError: for bad arguments.
     """
     model = checked_model_in_motion(model)
@@ -150,85 +148,15 @@ def lyapunov_exponent(
     transient = check.real("transient", transient, low=0.0, high=1e6)
     blocks = check.count("blocks", blocks, low=4, high=10_000)
     interval = check.real("interval", interval, low=1e-6, high=1e3)
-    pair = check.choice("method", method, ("variational", "pair")) == "pair"
-    rtol = check.real("rtol", rtol, low=1e-13, high=1e-3)
     shown = check.flag("progress", progress)
     if (duration + transient) / min(interval, duration / blocks) > MOST_INTERVALS:
         raise ValueError(f"interval must cut the time into at most {MOST_INTERVALS} parts")
-
-    def rates(y: Array) -> Array:
-        return model.motion_rates(y, u)
-
-    def jacobian(y: Array) -> Array:
-        return model.motion_jacobian(y, u)
-
-    found = largest_exponent(
-        *(rates, jacobian, state, duration, transient, blocks, interval, pair, rtol),
-        stiff=decays_fast(model),
-        shown=shown,
+    [found] = exponents_together(
+        *(model, [u], [state], duration, transient, blocks, interval), alone=True, shown=shown
     )
-    return replace(found, pipe=model.pipe)
-
-
-def largest_exponent(
-    rates: Rates,
-    jacobian: Rates,
-    start: Array,
-    duration: float,
-    transient: float,
-    blocks: int = 10,
-    interval: float = 0.5,
-    pair: bool = False,
-    rtol: float = 1e-8,
-    *,
-    stiff: bool = False,
-    shown: bool = False,
-) -> LyapunovExponent:
-    """The largest exponent of any y' = f(y), with the arguments of `lyapunov_exponent`.
-
-    `rates` is f; if `pair` is set it takes two states at once, shape (n, 2). `jacobian` returns
-    df/dy, shape (n, n). `rtol` is also the absolute tolerance of the difference, which has unit
-    length. `stiff` selects an implicit method.
-    """
-    each = max(math.ceil(duration / blocks / interval), 1)
-    step = duration / blocks / each
-    before = math.ceil(transient / step)
-    n, state = start.size, start.copy()
-    direction = _any_direction(n)
-    # Both motions of a pair take the same steps with nearly the same errors. Their distance may be
-    # below the relative tolerance, but near the straight pipe at rest not below the absolute one.
-    length, atol = (DISTANCE, DISTANCE * rtol) if pair else (1.0, 0.01 * rtol)
-
-    def slopes(whole: Array) -> Array:
-        """Rates of the state and of the difference, or of both states of a pair, shape (2 n,)."""
-        y, v = whole[:n], whole[n:]
-        if pair:
-            return np.asarray(rates(np.ascontiguousarray(whole.reshape(2, n).T))).T.ravel()
-        return np.concatenate([rates(y), jacobian(y) @ v])
-
-    def slopes_by_state(whole: Array) -> Array:
-        """Jacobian with two blocks df/dy; Newton's method does not need the derivative of df/dy."""
-        evaluated(1)
-        block = jacobian(whole[:n])
-        return np.asarray(scipy.linalg.block_diag(block, block))
-
-    growth = np.empty(before + blocks * each)  # logarithm of the factor of growth in each interval
-    for i in track(range(growth.size), growth.size, "exponent", shown):
-        whole = np.concatenate([state, length * direction + (state if pair else 0.0)])
-        # The rates of a bent pipe at rest are rounding errors, which smaller steps do not reduce.
-        least = LEAST_ERROR * float(np.abs(state).max()) if pair else 0.0
-        try:
-            found, calls = state_after(
-                *(slopes, whole, step, rtol, max(atol, least)), slopes_by_state if stiff else None
-            )
-        except Stopped as stopped:
-            raise NotConverged(f"the motion stopped: {stopped}") from None
-        evaluated(2 * calls)  # each call evaluates two states, or one state with its Jacobian
-        state = found[:n]
-        difference = found[n:] - state if pair else found[n:]
-        size = float(np.linalg.norm(difference))
-        direction, growth[i] = difference / size, math.log(size / length)
-    return _from_growth(growth[before:], step, blocks, state)
+    if isinstance(found, MotionStopped):
+        raise NotConverged(str(found))
+    return found
 
 
 def _any_direction(size: int) -> Array:
@@ -259,16 +187,6 @@ def _from_growth(growth: Array, step: float, blocks: int, end: Array) -> Lyapuno
     )
 
 
-APART = 1e-5
-"""Distance of neighbours in an ensemble, in which each motion takes steps of its own. The square of
-this distance, and step errors of 1e-3 times it, change the growth over an interval by 1e-4 or less:
-measured on four pipes, by 2e-5 over the first four intervals."""
-
-BEYOND_DOUBT = 4.0
-"""Number of spreads above 0 at which a motion is surely chaotic and is integrated no further. It is
-larger than in `chaotic`, because the exponent is tested several times during the motion."""
-
-
 def exponents_together(
     model: Model,
     speeds: Sequence[float | Pulsation],
@@ -279,6 +197,8 @@ def exponents_together(
     interval: float = 0.5,
     base: Base | None = None,
     driven: bool = False,
+    alone: bool = False,
+    shown: bool = False,
 ) -> list[LyapunovExponent | MotionStopped]:
     """The largest exponents of motions that start at states [p, p'], computed as one ensemble.
 
@@ -286,10 +206,15 @@ def exponents_together(
     at the start of a period. The interval must be a multiple of that period, and the duration is
     rounded up to whole intervals.
 
-    Each motion is integrated together with a neighbour, in the core if the model is compiled. A
-    motion ends early if the exponent over the later half of its time so far is above 0 by
-    BEYOND_DOUBT spreads; this exponent is then the answer.
+    Each motion is integrated together with a neighbour. Those of an ensemble end early if the
+    exponent over the later half of their time so far is above 0 by BEYOND_DOUBT spreads; this
+    exponent is then the answer. One that is asked for `alone`, which is not driven, does not, and
+    is computed with smaller errors.
+
+    Raises:
+        NotConverged: if differences change too fast to be followed, of one that is `alone`.
     """
+    apart, error = (CLOSE, 1e-6 * CLOSE) if alone else (APART, 1e-3 * APART)
     each = max(math.ceil(duration / blocks / interval), 1)
     step = interval if driven else duration / blocks / each
     before = math.ceil(transient / step)
@@ -298,23 +223,23 @@ def exponents_together(
     first = checked_task(
         *(model, speeds[0], step, p, rates),
         times=[step],
-        rtol=1e-3 * APART,
-        atol=1e-3 * APART,
+        rtol=error,
+        atol=error,
         base=base,
         members=2 * len(states),
     )
     here = np.array(states)
-    beside = [np.split(y + APART * _any_direction(size), 2) for y in here]
-    apart = np.array([np.concatenate(model.onto_constraints(*pair)) for pair in beside]) - here
-    apart *= APART / np.linalg.norm(apart, axis=1, keepdims=True)
+    beside = [np.split(y + apart * _any_direction(size), 2) for y in here]
+    away = np.array([np.concatenate(model.onto_constraints(*pair)) for pair in beside]) - here
+    away *= apart / np.linalg.norm(away, axis=1, keepdims=True)
     growth = np.zeros((before + blocks * each, len(states)))
     answers = dict[int, LyapunovExponent | MotionStopped]()
-    for i in range(len(growth)):
+    for i in track(range(len(growth)), len(growth), "exponent", shown):
         going = [k for k in range(len(states)) if k not in answers]
         tasks = [
             replace(first, u=speeds[k], start=y)
             for k in going
-            for y in (here[k], here[k] + apart[k])
+            for y in (here[k], here[k] + away[k])
         ]
         outcomes = in_batches(tasks, integrate) if tasks else []
         for place, k in enumerate(going):
@@ -327,10 +252,18 @@ def exponents_together(
                 continue
             one, other = (outcome[0][-1, :size] for outcome in outcomes[both])
             here[k], distance = one, float(np.linalg.norm(other - one))
-            growth[i, k] = math.log(distance / APART)
-            apart[k] = (other - one) * (APART / distance)
+            if alone and not apart / PARTED < distance < apart * PARTED:
+                if len(growth) > 0.25 * MOST_INTERVALS:
+                    raise NotConverged("neighbouring motions part or meet in no time")
+                return exponents_together(
+                    *(model, speeds, states, duration, transient, blocks, 0.25 * step),
+                    alone=True,
+                    shown=shown,
+                )
+            growth[i, k] = math.log(distance / apart)
+            away[k] = (other - one) * (apart / distance)
             half = (i + 1) // (2 * blocks) * blocks
-            if half and (i + 1) % (2 * blocks) == 0:
+            if half and not alone and (i + 1) % (2 * blocks) == 0:
                 late = _from_growth(growth[i + 1 - half : i + 1, k], step, blocks, one)
                 if late.value > BEYOND_DOUBT * late.spread:
                     answers[k] = late
