@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 import os
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import cycle
@@ -294,20 +293,6 @@ def snapshots(
     return ax
 
 
-ICONS = {
-    "fa-minus": "&minus;",
-    "fa-fast-backward": "|&#9664;&#xFE0E;",
-    "fa-step-backward": "&lsaquo;",
-    "fa-play fa-flip-horizontal": "&#9664;&#xFE0E;",
-    "fa-pause": "&#10074;&#10074;",
-    "fa-play": "&#9654;&#xFE0E;",
-    "fa-step-forward": "&rsaquo;",
-    "fa-fast-forward": "&#9654;&#xFE0E;|",
-    "fa-plus": "+",
-}
-"""Characters on the buttons of a player, by the names of matplotlib's icons."""
-
-
 class Film(FuncAnimation):
     """An animation that plays in a notebook; `save` chooses the format by the file's extension."""
 
@@ -344,10 +329,7 @@ class Film(FuncAnimation):
         """A player with all frames as HTML."""
         options.setdefault("default_mode", "loop" if self.repeats else "once")
         with rc_context({"animation.embed_limit": 1e6}):  # MB: no frame is left out
-            page = str(super().to_jshtml(*args, **options))
-        # The icons of matplotlib are a font that a browser would have to download.
-        page = re.sub(r"<link [^>]*font-awesome[^>]*>", "", page)
-        return re.sub(r'<i class="fa (fa-[^"]*)"></i>', lambda icon: ICONS[icon[1]], page)
+            return str(super().to_jshtml(*args, **options))
 
     def _repr_html_(self) -> str:
         return self.to_jshtml()
