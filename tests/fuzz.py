@@ -1531,10 +1531,8 @@ def _pictures() -> Iterator[Target]:
         "parametric_regions": {"regions": either([REGIONS], 3, [3], PIPE)},
     }
     knob = plot.Exploration(PIPE, 3)
-    sliders = {"name": word("beta", "gamma")}
-    yield target(knob.slider, **sliders)
     moved = Kind(real((0.1, 0.9), 0.0).good, None)  # the message names the slider
-    yield target(knob.set, **sliders, value=moved)
+    yield target(knob.set, name=word("beta", "gamma"), value=moved)
     explored = {"pipe": of(PIPE), "n": count(1, 4, 1001), "against": word("beta", "gamma")}
     explored["units"] = word("nondimensional")
     yield target(plot.Exploration, "plot.explore", **explored)  # without its widgets
