@@ -1492,12 +1492,6 @@ def _pictures() -> Iterator[Target]:
         "boundary": {"found": of(BOUNDARY)},
         "dot_stride": {"loci": loci},
         "notice": {"text": words},
-        "panels": {
-            "rows": count(1, 2, 101),
-            "columns": count(1, 2, 101),
-            "width": real((1.0, 9.0), 0.0, 1e3),
-            "height": real((1.0, 9.0), 0.0, 1e3),
-        },
         "colour_bar": {
             "label": words,
             "ax": Kind(one_of(AXES), any_of(*NOTHINGS, one_of([AX], np.ones(2), AXES[:0]))),
@@ -1540,7 +1534,7 @@ def _pictures() -> Iterator[Target]:
     yield target(_films, "plot.films", slow=True, **ends)
     for name, kinds in calls.items():
         call = _filmed if name == "animate" else getattr(plot, name)
-        yield target(call, f"plot.{name}", slow=bool(kinds) and name != "panels", **kinds)
+        yield target(call, f"plot.{name}", slow=bool(kinds), **kinds)
 
 
 def _filmed(**given: Any) -> str:

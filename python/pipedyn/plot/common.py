@@ -74,32 +74,6 @@ def style() -> AbstractContextManager[None]:
     return matplotlib.rc_context(settings)
 
 
-def panels(rows: int, columns: int, width: float, height: float) -> tuple[Figure, NDArray[Any]]:
-    """An empty figure and its Axes, shape (rows, columns), which share their ranges.
-
-    Args:
-        rows: number of rows of Axes, from 1 to 100.
-        columns: number of columns of Axes, from 1 to 100.
-        width: width of the figure in inches.
-        height: height of the figure in inches.
-
-    Example:
-        >>> figure, axes = plot.panels(2, 3, 6.4, 4.0)
-        >>> axes.shape
-        (2, 3)
-
-    Raises:
-        ValueError, TypeError: for bad arguments.
-    """
-    rows = check.count("rows", rows, high=100)
-    columns = check.count("columns", columns, high=100)
-    width = check.real("width", width, low=0.1, high=200.0)
-    height = check.real("height", height, low=0.1, high=200.0)
-    figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    return figure, axes
-
-
 def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | None:
     """A colour bar next to one or several Axes, for the first collection that they show.
 
@@ -111,9 +85,8 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
         The Axes of the bar; None if the given Axes show no collection.
 
     Example:
-        >>> figure, axes = plot.panels(1, 1, 4.0, 3.0)
-        >>> points = axes[0, 0].scatter([1.0, 2.0], [3.0, 4.0], c=[5.0, 6.0])
-        >>> bar = plot.colour_bar(plot.SPEED_LABEL, ax=axes)
+        >>> ax = plot.root_loci(pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), [0.0, 4.0, 8.0]))
+        >>> bar = plot.colour_bar(plot.SPEED_LABEL, ax=ax)
 
     Raises:
         TypeError: for bad arguments.
