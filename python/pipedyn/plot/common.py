@@ -18,7 +18,7 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 from matplotlib.ticker import SymmetricalLogLocator
 from matplotlib.transforms import ScaledTranslation, blended_transform_factory
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from pipedyn.util import check
 
@@ -203,13 +203,6 @@ def open_marker(size: float, edge: str = BLACK, **more: Any) -> dict[str, Any]:
     """Look of a white marker with an edge and no line; a ring unless `more` has another marker."""
     look = {"linestyle": "none", "marker": "o", "markersize": size, "markerfacecolor": "white"}
     return look | {"markeredgecolor": edge} | more
-
-
-def mark_failed(ax: Axes, places: ArrayLike) -> None:
-    """Draws crosses just above the x axis at the points of a sweep that failed, if any."""
-    if np.size(places):
-        cross = open_marker(5.0, VERMILION, marker="x", transform=ax.get_xaxis_transform())
-        ax.plot(places, np.full(np.size(places), 0.02), label="failed", zorder=5.0, **cross)
 
 
 def rounded_up(value: float) -> float:
