@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, suppress
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any, cast
 
 import matplotlib
@@ -15,7 +15,6 @@ from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
-from matplotlib.textpath import TextPath
 from matplotlib.ticker import SymmetricalLogLocator
 from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 from numpy.typing import NDArray
@@ -146,30 +145,15 @@ def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
         ax.figure.transSubfigure if alone else ax.transAxes, ax.transAxes
     )
     below = ScaledTranslation(0.0, -0.42, ax.figure.dpi_scale_trans)  # inches, for ticks and label
-    size = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
-    texts = [TextPath((0.0, 0.0), name, size=1.0).get_extents().width for name in named]
-    wide, high = 72.0 / ax.figure.dpi * np.array(ax.figure.bbox.size)
-
-    def columns(size: float) -> int:
-        """Number of columns that fit; lines and gaps take five times the height of letters."""
-        for count in (4, 3, 2):
-            longest = [max(part, default=0.0) for part in np.array_split(texts, count)]
-            if count <= len(texts) and size * (sum(longest) + 5.0 * count) <= wide:
-                return count
-        return 1
-
-    while size > 6.0 and 1.7 * size * math.ceil(len(texts) / columns(size)) > 0.2 * high:
-        size = max(6.0, size - 0.5)
-    ax.legend(
-        *(list(named.values()), list(named)),
-        loc="upper center",
-        bbox_to_anchor=(0.5, 0.0),
-        bbox_transform=middle + below,
-        ncols=columns(size),
-        frameon=False,
-        fontsize=size,
-        columnspacing=1.2,
-    )
+    look: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "frameon": False}
+    look |= {"bbox_transform": middle + below, "columnspacing": 1.2}
+    usual = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
+    wide, high = ax.figure.bbox.size
+    for size, columns in product([*np.arange(usual, 6.0, -0.5), min(usual, 6.0)], (4, 3, 2, 1)):
+        legend = ax.legend(named.values(), named, fontsize=size, ncols=columns, **look)
+        box = legend.get_window_extent()
+        if box.width <= 0.95 * wide and (box.height <= 0.2 * high or size <= 6.0):
+            return
 
 
 def runs(values: NDArray[Any]) -> list[tuple[int, int]]:
