@@ -1485,19 +1485,13 @@ def _pictures() -> Iterator[Target]:
         "boundary": {"found": of(BOUNDARY)},
         "dot_stride": {"loci": loci},
         "notice": {"text": words},
-        "panels": {
-            "rows": count(1, 2, 101),
-            "columns": count(1, 2, 101),
-            "width": real((1.0, 9.0), 0.0, 1e3),
-            "height": real((1.0, 9.0), 0.0, 1e3),
-        },
         "colour_bar": {
             "label": words,
             "ax": Kind(one_of(AXES), any_of(*NOTHINGS, one_of([AX], np.ones(2), AXES[:0]))),
         },
         "style": {},
         "time_history": {"motions": several},
-        "phase_portrait": {"motions": several, "coordinate": place},
+        "phase_portrait": {"motions": several},
         "snapshots": {"motion": motion, "span": span, "count": count(2, 5, 10_001)},
         "animate": {
             "motion": motion,
@@ -1524,10 +1518,8 @@ def _pictures() -> Iterator[Target]:
         "parametric_regions": {"regions": either([REGIONS], 3, [3], PIPE)},
     }
     knob = plot.Exploration(PIPE, 3)
-    sliders = {"name": word("beta", "gamma")}
-    yield target(knob.slider, **sliders)
     moved = Kind(real((0.1, 0.9), 0.0).good, None)  # the message names the slider
-    yield target(knob.set, **sliders, value=moved)
+    yield target(knob.set, name=word("beta", "gamma"), value=moved)
     explored = {"pipe": of(PIPE), "n": count(1, 4, 1001), "against": word("beta", "gamma")}
     explored["units"] = word("nondimensional")
     yield target(plot.Exploration, "plot.explore", **explored)  # without its widgets
@@ -1535,7 +1527,7 @@ def _pictures() -> Iterator[Target]:
     yield target(_films, "plot.films", slow=True, **ends)
     for name, kinds in calls.items():
         call = _filmed if name == "animate" else getattr(plot, name)
-        yield target(call, f"plot.{name}", slow=bool(kinds) and name != "panels", **kinds)
+        yield target(call, f"plot.{name}", slow=bool(kinds), **kinds)
 
 
 def _filmed(**given: Any) -> str:

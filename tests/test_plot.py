@@ -438,7 +438,7 @@ PICTURES = {
 OF_RESULTS = {
     name
     for name, parameters in PICTURES.items()
-    if name not in ("colour_bar", "dot_stride", "explore", "films", "notice", "panels", "style")
+    if name not in ("colour_bar", "dot_stride", "explore", "films", "notice", "style")
 }
 """All public functions of `plot` that draw results."""
 
@@ -450,7 +450,6 @@ def test_every_picture_takes_its_axes_last_by_name_and_makes_its_own_without():
             "dot_stride",
             "explore",
             "films",
-            "panels",
             "style",
         ):  # draw on no Axes of the caller
             continue
@@ -592,7 +591,8 @@ def test_a_pipe_without_scales_has_no_si_units(monkeypatch):
 
 
 def test_a_colour_bar_stands_beside_all_axes_that_share_it():
-    figure, several = plot.panels(1, 2, 4.0, 2.0)
+    figure = plot.Figure(figsize=(4.0, 2.0), layout="constrained")
+    several = figure.subplots(1, 2, squeeze=False)
     assert plot.colour_bar(plot.SPEED_LABEL, ax=several) is None
     for ax in several.flat:
         plot.root_loci(LOCI, ax=ax)

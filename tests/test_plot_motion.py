@@ -80,7 +80,6 @@ NO_FILM = "path must end with .gif, .mp4 or .html and lie in a folder"
         (plot.time_history, ["cycle", "short"], {}, "motions[1] must have at least 3 samples"),
         (plot.time_history, "coarse", {}, f"motions {COARSE}"),
         (plot.phase_portrait, ["cycle", "coarse"], {}, f"motions[1] {COARSE}"),
-        (plot.phase_portrait, "cycle", {"coordinate": 6}, "coordinate must be from 0 to 5, got 6"),
         (plot.animate, "coarse", {}, f"motion {COARSE}"),
         (plot.animate, "cycle", {"path": "pipe.avi"}, NO_FILM),
         (plot.animate, "cycle", {"path": "none/pipe.gif"}, NO_FILM),
@@ -291,15 +290,6 @@ def test_the_only_member_that_did_not_fail_is_shown_as_one_motion():
         plot.time_history(none, ax=axes())
 
 
-def test_a_portrait_of_a_coordinate_shows_it_against_its_rate():
-    ax = plot.phase_portrait(run("decay"), 2, ax=axes())
-    shown = np.concatenate([np.column_stack(line.get_data()) for line in ax.lines[:3]])
-    states = np.column_stack([run("decay").q[:, 2], run("decay").qdot[:, 2]])
-    begin = np.abs(shown[:, None] - states[None, ::400]).max(axis=-1).min(axis=0)
-    assert begin.max() < 1e-3
-    assert "q_{2}" in ax.get_xlabel()
-
-
 def test_an_animation_has_its_frames_at_equal_times_and_can_be_read(tmp_path):
     path = tmp_path / "pipe.gif"
     ax = small_axes()
@@ -318,7 +308,7 @@ def test_an_animation_has_its_frames_at_equal_times_and_can_be_read(tmp_path):
     np.testing.assert_allclose(np.column_stack(trace.get_data())[-1], shape[-1], atol=1e-12)
 
 
-def test_an_animation_of_a_cycle_closes_and_plays_without_a_network(tmp_path):
+def test_an_animation_of_a_cycle_closes_and_has_all_frames(tmp_path):
     path = tmp_path / "pipe.html"
     with matplotlib.rc_context({"animation.embed_limit": 1e-6}):
         animation = plot.animate(run("cycle"), path, fps=4)
@@ -326,8 +316,6 @@ def test_an_animation_of_a_cycle_closes_and_plays_without_a_network(tmp_path):
     page = path.read_text(encoding="utf-8")
     assert page.startswith("<!DOCTYPE html>")
     assert page.count("data:image/png;base64") == 10  # 2.5 seconds
-    assert "http" not in page
-    assert "fa-" not in page
     assert "checked" in page[page.index('value="loop"') :][:200]
     (ax,) = animation._fig.axes
     animation._draw_frame(0)
@@ -444,11 +432,6 @@ def test_films_are_of_each_attractor_that_moves(tmp_path):
         plot.films(3)
 
 
-def dots_and_curves(ax):
-    dotted = [line for line in ax.lines if line.get_marker() == "."]
-    return len(dotted), sum(len(line.get_xdata()) > 100 for line in ax.lines if line not in dotted)
-
-
 @pytest.mark.parametrize(
     ("model", "rate", "start"),
     [
@@ -460,25 +443,11 @@ def dots_and_curves(ax):
     ],
 )
 def test_pictures_of_a_default_motion_never_refuse(model, rate, start):
-    """Neither where it starts so fast that it whirls, nor of coordinates that no tip shows."""
+    """They are drawn even where the pipe starts so fast that it whirls."""
     motion = pp.simulate(model, 3.0, 1.0, start, np.zeros(model.dof) + rate)
     for ax in (plot.time_history(motion, ax=axes()), plot.phase_portrait(motion, ax=axes())):
-        dots, curves = dots_and_curves(ax)
-        assert dots == 0
-        assert curves > 0
+        assert any(len(line.get_xdata()) > 100 for line in ax.lines)
     plot.snapshots(motion, ax=axes())
     film = plot.animate(motion, ax=axes())
     film._init_draw()  # a film that was never drawn warns
     film._draw_was_started = True
-    for index in range(model.dof):
-        dots, curves = dots_and_curves(plot.phase_portrait(motion, index, ax=axes()))
-        assert (dots == 1) != (curves > 0)
-
-
-def test_a_coordinate_that_moves_too_fast_for_a_curve_is_shown_by_its_samples():
-    motion = pp.simulate(pp.Galerkin(pp.Pipe(0.2), 5), 4.0, 20.0, bend)
-    ax = plot.phase_portrait(motion, 4, ax=axes())
-    assert ax.get_title().endswith("samples, too far apart for a curve")
-    (line,) = ax.lines
-    np.testing.assert_array_equal(line.get_xdata(), motion.q[:, 4])
-    np.testing.assert_allclose(line.get_ydata(), motion.qdot[:, 4], rtol=1e-14)

@@ -67,7 +67,8 @@ CRITICAL_POINT |= {"linestyle": "none", "markeredgewidth": 1.1, "zorder": 5.0}
 
 def convergence_figure(case: Options, findings: Findings) -> plot.Figure:
     """Figure of the errors of critical speeds against the number of degrees of freedom."""
-    figure, ((ax,),) = plot.panels(1, 1, 6.4, 5.2)
+    figure = plot.Figure(figsize=(6.4, 5.2), layout="constrained")
+    ax = figure.subplots()
     if findings.exact is None:
         plot.notice(findings.remark, ax=ax)
     else:
@@ -78,7 +79,8 @@ def convergence_figure(case: Options, findings: Findings) -> plot.Figure:
 
 def map_figure(case: Options, findings: Findings) -> plot.Figure:
     """Figure of the stability boundaries over beta, for several gamma."""
-    figure, ((ax,),) = plot.panels(1, 1, 6.4, 4.8)
+    figure = plot.Figure(figsize=(6.4, 4.8), layout="constrained")
+    ax = figure.subplots()
     maps = {rf"$\gamma = {gamma:g}$": found for gamma, found in sorted(findings.maps.items())}
     plot.stability_map(
         maps, map_top(findings.exact), findings.exact, units=_units_of(case.pipe), ax=ax
@@ -109,7 +111,9 @@ def _panel_figure(
 ) -> tuple[plot.Figure, Any]:
     """A figure with a picture of each model and a colour bar; returns it and the bar's Axes."""
     rows, columns = len(findings.panels), max(len(row) for row in findings.panels)
-    figure, axes = plot.panels(rows, columns, 1.5 + 2.05 * columns, 1.1 + 2.1 * rows)
+    size = 1.5 + 2.05 * columns, 1.1 + 2.1 * rows
+    figure = plot.Figure(figsize=size, layout="constrained")
+    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     letters = iter(string.ascii_lowercase)
     for (i, j), ax in np.ndenumerate(axes):
         if j >= len(findings.panels[i]):

@@ -36,7 +36,6 @@ from pipedyn.plot.common import TIME_LABEL as TIME_LABEL
 from pipedyn.plot.common import VERMILION as VERMILION
 from pipedyn.plot.common import colour_bar as colour_bar
 from pipedyn.plot.common import notice as notice
-from pipedyn.plot.common import panels as panels
 from pipedyn.plot.common import style as style
 from pipedyn.plot.exploration import Exploration as Exploration
 from pipedyn.plot.exploration import explore as explore

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import FixedLocator, LogLocator, NullLocator, ScalarFormatter
+from matplotlib.ticker import LogLocator, NullLocator, ScalarFormatter
 from numpy.typing import NDArray
 
 from pipedyn.accuracy.choose import COSTS, Trade, TradeRow
@@ -217,11 +217,8 @@ def _finish(ax: Axes, low: float, high: float, floor: float, *, shaded: bool) ->
     low = min(low, 0.5 * floor) if floor > 0.1 * low else low
     room = 1.2 * (high / low) ** 0.03
     low, high = low / room, high * room
-    decades = np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     ax.set_yscale("log")
-    ax.yaxis.set_major_locator(
-        FixedLocator((10.0**decades)[:: -math.ceil(decades.size / 12)].tolist())
-    )
+    ax.yaxis.set_major_locator(LogLocator(numticks=13))
     ax.yaxis.set_minor_locator(NullLocator())
     ax.set_ylim(low, high)
     ax.grid(True, color="0.9", linewidth=0.5, zorder=0.1)

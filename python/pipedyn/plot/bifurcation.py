@@ -89,8 +89,10 @@ def bifurcation_diagram(
         mirror_image = (-cycles.highest, -lowest) if cycles.mirrored else ()
         for heights in (cycles.highest, lowest, *mirror_image):
             _draw_branch(ax, cycles, heights, heights[nearest], "cycle", common.BLUE, one)
-    failed = sorted({failure.value for failure in diagram.failures})
-    common.mark_failed(ax, one[0] * np.array(failed))
+    if failed := sorted({failure.value for failure in diagram.failures}):
+        cross = common.open_marker(5.0, common.VERMILION, marker="x", zorder=5.0)
+        cross["transform"] = ax.get_xaxis_transform()
+        ax.plot(one[0] * np.array(failed), np.full(len(failed), 0.02), label="failed", **cross)
     if diagram.motions and index is None:
         x = np.concatenate([np.full(one.turnings.size, one.speed) for one in diagram.motions])
         y = np.concatenate([one.turnings for one in diagram.motions])

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, suppress
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any, cast
 
 import matplotlib
@@ -15,10 +15,9 @@ from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
-from matplotlib.textpath import TextPath
 from matplotlib.ticker import SymmetricalLogLocator
 from matplotlib.transforms import ScaledTranslation, blended_transform_factory
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from pipedyn.util import check
 
@@ -74,32 +73,6 @@ def style() -> AbstractContextManager[None]:
     return matplotlib.rc_context(settings)
 
 
-def panels(rows: int, columns: int, width: float, height: float) -> tuple[Figure, NDArray[Any]]:
-    """An empty figure and its Axes, shape (rows, columns), which share their ranges.
-
-    Args:
-        rows: number of rows of Axes, from 1 to 100.
-        columns: number of columns of Axes, from 1 to 100.
-        width: width of the figure in inches.
-        height: height of the figure in inches.
-
-    Example:
-        >>> figure, axes = plot.panels(2, 3, 6.4, 4.0)
-        >>> axes.shape
-        (2, 3)
-
-    Raises:
-        ValueError, TypeError: for bad arguments.
-    """
-    rows = check.count("rows", rows, high=100)
-    columns = check.count("columns", columns, high=100)
-    width = check.real("width", width, low=0.1, high=200.0)
-    height = check.real("height", height, low=0.1, high=200.0)
-    figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    return figure, axes
-
-
 def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | None:
     """A colour bar next to one or several Axes, for the first collection that they show.
 
@@ -111,9 +84,8 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
         The Axes of the bar; None if the given Axes show no collection.
 
     Example:
-        >>> figure, axes = plot.panels(1, 1, 4.0, 3.0)
-        >>> points = axes[0, 0].scatter([1.0, 2.0], [3.0, 4.0], c=[5.0, 6.0])
-        >>> bar = plot.colour_bar(plot.SPEED_LABEL, ax=axes)
+        >>> ax = plot.root_loci(pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), [0.0, 4.0, 8.0]))
+        >>> bar = plot.colour_bar(plot.SPEED_LABEL, ax=ax)
 
     Raises:
         TypeError: for bad arguments.
@@ -173,30 +145,15 @@ def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
         ax.figure.transSubfigure if alone else ax.transAxes, ax.transAxes
     )
     below = ScaledTranslation(0.0, -0.42, ax.figure.dpi_scale_trans)  # inches, for ticks and label
-    size = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
-    texts = [TextPath((0.0, 0.0), name, size=1.0).get_extents().width for name in named]
-    wide, high = 72.0 / ax.figure.dpi * np.array(ax.figure.bbox.size)
-
-    def columns(size: float) -> int:
-        """Number of columns that fit; lines and gaps take five times the height of letters."""
-        for count in (4, 3, 2):
-            longest = [max(part, default=0.0) for part in np.array_split(texts, count)]
-            if count <= len(texts) and size * (sum(longest) + 5.0 * count) <= wide:
-                return count
-        return 1
-
-    while size > 6.0 and 1.7 * size * math.ceil(len(texts) / columns(size)) > 0.2 * high:
-        size = max(6.0, size - 0.5)
-    ax.legend(
-        *(list(named.values()), list(named)),
-        loc="upper center",
-        bbox_to_anchor=(0.5, 0.0),
-        bbox_transform=middle + below,
-        ncols=columns(size),
-        frameon=False,
-        fontsize=size,
-        columnspacing=1.2,
-    )
+    look: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "frameon": False}
+    look |= {"bbox_transform": middle + below, "columnspacing": 1.2}
+    usual = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
+    wide, high = ax.figure.bbox.size
+    for size, columns in product([*np.arange(usual, 6.0, -0.5), min(usual, 6.0)], (4, 3, 2, 1)):
+        legend = ax.legend(named.values(), named, fontsize=size, ncols=columns, **look)
+        box = legend.get_window_extent()
+        if box.width <= 0.95 * wide and (box.height <= 0.2 * high or size <= 6.0):
+            return
 
 
 def runs(values: NDArray[Any]) -> list[tuple[int, int]]:
@@ -230,13 +187,6 @@ def open_marker(size: float, edge: str = BLACK, **more: Any) -> dict[str, Any]:
     """Look of a white marker with an edge and no line; a ring unless `more` has another marker."""
     look = {"linestyle": "none", "marker": "o", "markersize": size, "markerfacecolor": "white"}
     return look | {"markeredgecolor": edge} | more
-
-
-def mark_failed(ax: Axes, places: ArrayLike) -> None:
-    """Draws crosses just above the x axis at the points of a sweep that failed, if any."""
-    if np.size(places):
-        cross = open_marker(5.0, VERMILION, marker="x", transform=ax.get_xaxis_transform())
-        ax.plot(places, np.full(np.size(places), 0.02), label="failed", zorder=5.0, **cross)
 
 
 def rounded_up(value: float) -> float:

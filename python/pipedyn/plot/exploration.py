@@ -14,7 +14,6 @@ import html
 import io
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -113,33 +112,6 @@ POLYLINE = (
 )
 
 
-@dataclass(frozen=True)
-class Slider:
-    """A number that is set by a slider.
-
-    Attributes:
-        name: "u", "segments", or the name of a number of the pipe.
-        low, high: the range of the number.
-    """
-
-    name: str
-    low: float
-    high: float
-
-
-@dataclass(frozen=True, eq=False)
-class ModeFilm:
-    """The linear motion of one mode.
-
-    Attributes:
-        shapes: centrelines, x transverse and y along the straight pipe, shape (frames, points, 2).
-        duration: time from the first frame to the last, in T.
-    """
-
-    shapes: Array
-    duration: float
-
-
 class Exploration:
     """A chain whose numbers can be set one by one, with the answers that `plot.explore` shows.
 
@@ -157,9 +129,9 @@ class Exploration:
 
     Attributes:
         view: the units of the picture.
-        sliders: numbers that can be set: "u", "beta", "gamma", "damping", "segments", the stiffness
-            of a spring at the root, numbers of the terms, and all other numbers of the pipe that
-            have no default or are not at their default.
+        sliders: range (low, high) of each number that can be set, by name: "u", "beta", "gamma",
+            "damping", "segments", the stiffness of a spring at the root, numbers of the terms, and
+            all other numbers of the pipe that have no default or are not at their default.
         values: present values of these numbers, by name.
         model: the chain with the present values.
         critical: critical speed of the model; None if there is none up to u = 100.
@@ -211,7 +183,7 @@ class Exploration:
         u = check.real("u", u, low=0.0, high=1e3)
         always = {name: own[name] for name in ALWAYS if name in own}
         self.values: dict[str, float] = {"u": u, **always, "segments": float(n)} | own
-        self.sliders = tuple(self._slider(name, given) for name in self.values)
+        self.sliders = {name: self._slider(name, given) for name in self.values}
         self.against = check.choice("against", against, tuple(own))
         self.model, self.curve = model, self._curve_of(model)
 
@@ -234,10 +206,10 @@ class Exploration:
             ValueError: for another name, or a value outside the range; nothing is changed then.
             TypeError: if `value` is not a number.
         """
-        slider = self.slider(name)
+        low, high = self.sliders[check.choice("name", name, tuple(self.sliders))]
         if name == "segments":
-            value = check.count(name, value, low=round(slider.low), high=round(slider.high))
-        value = check.real(name, value, low=slider.low, high=slider.high)
+            value = check.count(name, value, low=round(low), high=round(high))
+        value = check.real(name, value, low=low, high=high)
         if value == self.values[name]:
             return
         values = self.values | {name: value}
@@ -255,12 +227,8 @@ class Exploration:
         for one in ("modes", "film", *(("loci", "stable_speeds") if name != "u" else ())):
             self.__dict__.pop(one, None)
 
-    def slider(self, name: str) -> Slider:
-        """The slider of a name; raises ValueError or TypeError if there is none."""
-        check.choice("name", name, tuple(one.name for one in self.sliders))
-        return next(one for one in self.sliders if one.name == name)
-
-    def _slider(self, name: str, given: Mapping[str, tuple[float, float]]) -> Slider:
+    def _slider(self, name: str, given: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
+        """Range of the slider of a number: the one that is given, or a usual one."""
         value = self.values[name]
         if name in given:
             low, high = given[name]
@@ -269,13 +237,13 @@ class Exploration:
                     f"ranges[{name!r}] must hold the value at first, {value:g}, got "
                     f"({low:g}, {high:g})"
                 )
-            return Slider(name, low, high)
+            return low, high
         if name == "u":
             critical = self.critical
             lost = 4.0 if critical is None or critical.unstable_before else 1.2 * critical.speed
-            return Slider(name, 0.0, rounded_up(1.4 * max(value, lost)))
+            return 0.0, rounded_up(1.4 * max(value, lost))
         if name == "segments":
-            return Slider(name, 1.0, MOST_SEGMENTS)
+            return 1.0, float(MOST_SEGMENTS)
         rule = self._numbers[name].rule
         usual = OWN_NUMBERS[name].slider if name in OWN_NUMBERS else None
         low, high = usual or (0.0, 0.0 if value else 1.0)
@@ -285,14 +253,14 @@ class Exploration:
             low = -rounded_up(-2.0 * value)
         below, above = rule.get("low", -math.inf), rule.get("high", math.inf)
         high = min(high, 0.999 if name == "beta" else above)
-        return Slider(name, max(low, below), high)
+        return max(low, below), high
 
     # ------------------------------------------------------------------------------- answers
 
     @cached_property
     def loci(self) -> RootLoci:
         """Branches of eigenvalues up to the end of the slider of u."""
-        return root_loci(self.model, np.linspace(0.0, self.slider("u").high, LOCI_SPEEDS))
+        return root_loci(self.model, np.linspace(0.0, self.sliders["u"][1], LOCI_SPEEDS))
 
     @cached_property
     def modes(self) -> tuple[ModeShape, ...]:
@@ -319,13 +287,13 @@ class Exploration:
         return bool(grows(self._roots).any())
 
     @cached_property
-    def film(self) -> ModeFilm:
-        """Linear motion of the least stable mode over three cycles.
+    def film(self) -> Array:
+        """Linear motion of the least stable mode over three cycles, shape (frames, points, 2).
 
-        The motion grows or decays as the mode does, by a factor exp(3) if the mode does not
-        oscillate. The motion is scaled so that the largest displacement is 0.25 L or the largest
-        slope 0.7. Transverse displacements are those of the mode; the position along the pipe
-        follows from its constant length.
+        The centrelines have x transverse and y along the straight pipe. The motion grows or decays
+        as the mode does, by a factor exp(3) if the mode does not oscillate. The motion is scaled so
+        that the largest displacement is 0.25 L or the largest slope 0.7. Transverse displacements
+        are those of the mode; the position along the pipe follows from its constant length.
         """
         s = np.append(0.0, self.model.stations)  # segments are straight between joints
         shape, rate = self.least_stable, growth(self._roots).max()
@@ -341,7 +309,7 @@ class Exploration:
         across *= min(SWING / np.abs(across).max(), STEEPEST / slopes)
         along = np.sqrt(np.diff(s) ** 2 - np.diff(across, axis=1) ** 2)
         down = np.concatenate([np.zeros((times.size, 1)), np.cumsum(along, axis=1)], axis=1)
-        return ModeFilm(np.stack([across, down], axis=-1), duration)
+        return np.stack([across, down], axis=-1)
 
     @property
     def report(self) -> tuple[str, str]:
@@ -362,7 +330,7 @@ class Exploration:
         """A sentence on the flow speeds at which the pipe is stable, and how it loses stability."""
         lost = self.critical
         if lost is None or lost.stable_from is None:
-            end = MAX_SPEED if lost is None else self.slider("u").high
+            end = MAX_SPEED if lost is None else self.sliders["u"][1]
             ranges = stable_speeds(self.model, crossings(self.model, end), end)
             if lost is None and ranges == ((0.0, end),):
                 return f"No loss of stability up to u = {end:g}."
@@ -382,9 +350,8 @@ class Exploration:
     # ---------------------------------------------------------------------- stability curve
 
     def _curve_of(self, model: Chain) -> StabilityCurve:
-        slider = self.slider(self.against)
         points = next(points for most, points in FINENESS if model.lengths.size <= most)
-        values = np.linspace(slider.low, slider.high, points)
+        values = np.linspace(*self.sliders[self.against], points)
         return stability_curve(lambda value: self._with_value(model, value), values)
 
     def _with_value(self, model: Chain, value: float) -> Chain:
@@ -399,7 +366,7 @@ class Exploration:
         straightens. The upper end is infinite if stability is not lost up to u = 100. Both are NaN
         if there is no stable range up to the end of the slider of u, or if the point failed.
         """
-        curve, end = self.curve, self.slider("u").high
+        curve, end = self.curve, self.sliders["u"][1]
         found, again = np.full((curve.values.size, 2), np.nan), dict[int, Chain]()
         never_lost = np.isfinite(curve.no_loss_up_to)
         for i, critical in enumerate(curve.critical):
@@ -485,7 +452,7 @@ class ExplorationPicture:
                 for left, wide in zip(LEFT, WIDE, strict=True)
             )
             # The highest speed shown stays the same when the mass ratio changes.
-            self._highest = self._of.slider("u").high * self._view.one(units.FLOW_SPEED)
+            self._highest = self._of.sliders["u"][1] * self._view.one(units.FLOW_SPEED)
             self._colours = ScalarMappable(Normalize(0.0, self._highest), "viridis")
             bar = self.figure.add_axes((LEFT[0], 0.882, WIDE[0], 0.02))
             look: dict[str, Any] = {"orientation": "horizontal", "ticklocation": "top"}
@@ -556,8 +523,7 @@ class ExplorationPicture:
         place = common.open_marker(6.0, zorder=4.0, clip_on=False, gid="place")
         place["markerfacecolor"] = common.VERMILION if of.unstable else "white"
         ax.plot(*view.at(of.values[of.against], of.values["u"]), **place)
-        slider = of.slider(of.against)
-        ends = view.one(shown) * np.array([slider.low, slider.high])
+        ends = view.one(shown) * np.array(of.sliders[of.against])
         ax.set(xlim=ends, ylim=(0.0, highest), xlabel=view.label(shown), ylabel=self._speed_label)
         ax.set_title("green: stable; ring: this pipe", pad=20.0)
         above: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.01), "ncols": 3}
@@ -569,7 +535,7 @@ class ExplorationPicture:
         of, one = self._of, self._view.one(units.TRANSVERSE)
         reach = one * np.array([[-0.34, 0.0], [0.34, 1.0]])  # opposite corners around all films
         clamp_and_gravity(ax, of.values["gamma"], reach, self._view)
-        shapes = one * of.film.shapes
+        shapes = one * of.film
         places = np.linspace(0, len(shapes) // CYCLES, ENVELOPE).astype(int)
         shown = list(shapes[-1 - places if of.unstable else places])
         grey: dict[str, Any] = {"colors": "0.75", "linewidths": 0.8, "zorder": 1.8}
@@ -593,7 +559,7 @@ class ExplorationPicture:
         """
         self.update()
         of, one = self._of, self._view.one(units.TRANSVERSE)
-        shapes = one * of.film.shapes
+        shapes = one * of.film
         moving = self._animated(shapes, f"stroke:{common.BLACK};stroke-width:38")
         if of.values["u"]:
             arrows = np.array([flow_ends(of.model.pipe, shape, one) for shape in shapes])
@@ -699,13 +665,13 @@ def explore(
         except (ValueError, PipedynError) as error:
             text.value = _as_html(state, f"No answer for {name} = {change['new']:g}: {error}")
 
-    def control(slider: Slider) -> Any:
-        name, whole = slider.name, slider.name == "segments"
+    def control(name: str, low: float, high: float) -> Any:
+        whole = name == "segments"
         made = (widgets.IntSlider if whole else widgets.FloatSlider)(
             int(state.values[name]) if whole else state.values[name],
-            min=slider.low,
-            max=slider.high,
-            step=1 if whole else rounded_up((slider.high - slider.low) / STEPS),
+            min=low,
+            max=high,
+            step=1 if whole else rounded_up((high - low) / STEPS),
             readout_format="d" if whole else ".4g",
             description=LABELS.get(name, name),
             style={"description_width": "105px"},
@@ -717,7 +683,7 @@ def explore(
     show()
     columns = "repeat(auto-fill, minmax(270px, 1fr))"
     every = widgets.GridBox(
-        [control(one) for one in state.sliders],
+        [control(name, *ends) for name, ends in state.sliders.items()],
         layout=widgets.Layout(grid_template_columns=columns, width="100%"),
     )
     stack = widgets.GridBox([pixels, moving], layout=widgets.Layout(width="100%"))
