@@ -680,10 +680,14 @@ def _bends(statics: Statics, modes: int, sizes: Sequence[float], odd: bool) -> l
     none = (0,) * modes
     every = product((-1, 0, 1), repeat=modes)
     mixtures = [np.array(p) for p in every if p > none or (p < none and not odd)]
+    bends = [modal_bend(size * mixture) for size in sizes for mixture in mixtures]
+    sampled = np.stack([statics.model.sampled(bend) for bend in bends], axis=1)
+    together, _ = statics.model.onto_constraints(sampled, np.zeros_like(sampled))
     starts: list[Array] = []
-    for parts in (size * mixture for size in sizes for mixture in mixtures):
+    for bend, start in zip(bends, together.T, strict=True):
         with suppress(PipedynError):  # no bend of this kind may meet the guides and pins
-            starts.append(statics.from_start("q0", modal_bend(parts)))
+            met = bool(np.isfinite(start).all())
+            starts.append(start if met else statics.from_start("q0", bend))
     return starts
 
 
