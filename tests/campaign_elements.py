@@ -32,7 +32,7 @@ from campaign_reference import (
     in_other,
     projected,
 )
-from numpy.polynomial import Legendre, legendre, polynomial
+from numpy.polynomial import legendre, polynomial
 from scipy import linalg
 
 Array = np.ndarray[Any, Any]
@@ -42,13 +42,15 @@ def _shapes(degree: int, h: float, x: Array) -> list[Array]:
     """Shape functions of one element at x in [-1, 1], their slopes and curvatures, each (x, n)."""
     t, tables = 0.5 * (x + 1.0), []
     cubics = ((1, 0, -3, 2), (0, h, -2 * h, h), (0, 0, 3, -2), (0, 0, -h, h))
-    for order in range(3):
+    bends = legendre.legvander(x, degree)  # and their integrals from -1, once and twice
+    slopes = (bends[:, 2:] - bends[:, :-2]) / np.arange(3, 2 * degree, 2)
+    values = (slopes[:, 2:] - slopes[:, :-2]) / np.arange(5, 2 * degree - 2, 2)
+    sizes = np.sqrt(np.arange(5, 2 * degree - 2, 2) / h)
+    for order, inner in enumerate((values, slopes[:, 1:-1], bends[:, 2:-2])):
         columns = [polynomial.polyval(t, polynomial.polyder(c, order)) / h**order for c in cubics]
-        for k in range(2, degree - 1):
-            one = Legendre.basis(k)
-            one = one.integ(2 - order, lbnd=-1) if order < 2 else one
-            columns.append(one(x) * math.sqrt((2 * k + 1) / h) * (0.5 * h) ** (2 - order))
-        tables.append(np.stack(columns, axis=1))
+        tables.append(
+            np.hstack([np.stack(columns, axis=1), inner * sizes * (0.5 * h) ** (2 - order)])
+        )
     return tables
 
 

@@ -552,7 +552,7 @@ def sampled_flutter(system: System, stops: list[float]) -> list[Change]:
         # At a divergence itself nothing can be counted.
         low, high = low * (1.0 + NARROW), high * (1.0 - NARROW)
         if high - low > 2.0 * NARROW * high:
-            count = max(1, math.ceil((high - low) / max(0.25, stops[-1] / 40.0)))
+            count = max(1, math.ceil((high - low) / max(0.5, stops[-1] / 20.0)))
             steps += pairwise(np.linspace(low, high, count + 1).tolist())
     work = 0
     while steps:

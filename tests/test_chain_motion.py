@@ -51,7 +51,7 @@ def test_chain_moves_as_the_papers_lagrangian_says(flow):
     points = [0.8, 0.25, 0.6]
     pipe = pp.Pipe(0.3, gamma=2.5, drag=1.25, damping=0.01, **flow)
     chain = pp.Chain(pipe, **arrays, drag_points=points, base=0.1)
-    y = states(3, 12)
+    y = states(3, 4)
     given = *arrays.values(), 0.3, 2.5, 0.01, pipe.flow == "aspirating", pipe.alpha, 3.75
     more = {name: flow[name] for name in ("inflow_share", "jet_angle") if name in flow}
     expected = lagrangian_accelerations(y, *given, drag=1.25, points=points, **more)

@@ -148,6 +148,7 @@ def test_irregular_motions_are_named_and_those_that_are_spread_alike_share_an_ex
     assert not spread_alike(first.turnings, 0.5 * first.turnings)
 
 
+@pytest.mark.slow
 def test_what_no_start_ends_on_is_found_from_a_branch_nearby():
     """Beside a pipe that leans on its stops a cycle attracts one in twenty starts or fewer."""
     stop = pp.Stop(at=0.893467140913, gap=0.0435158016257, stiffness=979.179198682)

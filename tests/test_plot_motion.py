@@ -293,16 +293,16 @@ def test_the_only_member_that_did_not_fail_is_shown_as_one_motion():
 def test_an_animation_has_its_frames_at_equal_times_and_can_be_read(tmp_path):
     path = tmp_path / "pipe.gif"
     ax = small_axes()
-    animation = plot.animate(run("cycle"), path, fps=10, span=(20.0, 20.5), speed=0.5, ax=ax)
+    animation = plot.animate(run("cycle"), path, fps=10, span=(20.0, 20.25), speed=0.5, ax=ax)
     assert isinstance(animation, FuncAnimation)
     with Image.open(path) as image:
         assert image.format == "GIF"
-        assert image.n_frames == 10
+        assert image.n_frames == 5
         assert image.info["duration"] == 100
     (pipe,) = by_gid(ax, "pipe")
-    animation._draw_frame(9)
+    animation._draw_frame(4)
     s = np.linspace(0.0, 1.0, pipe.get_xdata().size)
-    shape = CHAIN.shape(coordinates_at(run("cycle"), np.array([20.5]))[0], s)
+    shape = CHAIN.shape(coordinates_at(run("cycle"), np.array([20.25]))[0], s)
     np.testing.assert_allclose(np.column_stack(pipe.get_data()), shape, atol=1e-12)
     (trace,) = by_gid(ax, "trace")
     np.testing.assert_allclose(np.column_stack(trace.get_data())[-1], shape[-1], atol=1e-12)

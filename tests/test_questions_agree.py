@@ -2,6 +2,7 @@
 """All questions about the linear pipe say the same of the same pipe, of each kind that there is."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -58,6 +59,7 @@ def ranges(found, end):
             yield low, high, count
 
 
+@cache
 def searched(name, make):
     """A pipe, its model, the end of the search, the crossings, and the one that destabilises."""
     pipe, end = PIPES[name]

@@ -668,8 +668,8 @@ def _shares(basis: Array, power: float | Array) -> Array:
 def _bends(statics: Statics, modes: int, sizes: Sequence[float], odd: bool) -> Array:
     """Starts that are bent in all mixtures of the first modes, with the largest angles `sizes`.
 
-    If motions are odd, one of a bend and its mirror image is enough,
-    as the mirror image leads to the mirror image of the solution.
+    If motions are odd, one of a bend and its mirror image is enough, as the mirror image leads to
+    the mirror image of the solution.
     """
     every = np.array([*product((-1, 0, 1), repeat=modes)])
     half = len(every) // 2  # mixtures before that of no bend are mirror images of those after it
