@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from contextlib import suppress
 
 import numpy as np
-import scipy
 
 from pipedyn.continuation.arclength import Segment
 from pipedyn.continuation.tracer import TestFunction

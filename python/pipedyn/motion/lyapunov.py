@@ -17,7 +17,6 @@ from dataclasses import field, replace
 from typing import Any
 
 import numpy as np
-import scipy
 
 from pipedyn.models.base import Model
 from pipedyn.models.drive import Base, Pulsation, steady_speed
