@@ -103,11 +103,6 @@ void define_linear(py::module_& m) {
     }
   });
   m.attr("dense_limit") = dense_limit;
-  py::class_<Pair>(m, "Pair")
-      .def_readonly("value", &Pair::value)
-      .def_readonly("slope", &Pair::slope)
-      .def_property_readonly("right", [](const Pair& pair) { return ComplexTable(pair.right); })
-      .def_property_readonly("left", [](const Pair& pair) { return ComplexTable(pair.left); });
   py::class_<Pairs>(m, "Pairs")
       .def(py::init<Values, ComplexTable, ComplexTable, Reals>(), "values"_a, "right"_a,
            "left"_a = ComplexTable(), "residuals"_a = Reals())
@@ -148,10 +143,12 @@ void define_linear(py::module_& m) {
       .def_readonly("forms", &AxisCrossing::forms)
       .def_property_readonly("slope",
                              [](const AxisCrossing& crossing) { return crossing.pair.slope; })
-      .def_property_readonly("pair", [](const AxisCrossing& crossing) -> std::optional<Pair> {
-        if (crossing.pair.right.size() == 0) return {};
-        return crossing.pair;
-      });
+      .def_property_readonly(
+          "vectors",
+          [](const AxisCrossing& one) -> std::optional<std::pair<ComplexTable, ComplexTable>> {
+            if (one.pair.right.size() == 0) return {};
+            return std::pair(one.pair.right, one.pair.left);
+          });
   py::class_<Sweep>(m, "Sweep")
       .def_readonly("crossings", &Sweep::crossings)
       .def_readonly("failure", &Sweep::failure)

@@ -19,7 +19,6 @@ __all__: list[str] = [
     "Integrator",
     "Member",
     "Operators",
-    "Pair",
     "Pairs",
     "PanelPencil",
     "Pipe",
@@ -205,16 +204,6 @@ class Galerkin:
     @property
     def supports(self) -> int: ...
 
-class Pair:
-    @property
-    def left(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
-    @property
-    def right(self) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"]: ...
-    @property
-    def slope(self) -> complex: ...
-    @property
-    def value(self) -> complex: ...
-
 class Pairs:
     def __init__(
         self,
@@ -280,13 +269,21 @@ class AxisCrossing:
     @property
     def mode(self) -> int: ...
     @property
-    def pair(self) -> Pair | None: ...
-    @property
     def slope(self) -> complex: ...
     @property
     def speed(self) -> float: ...
     @property
     def value(self) -> complex: ...
+    @property
+    def vectors(
+        self,
+    ) -> (
+        tuple[
+            typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
+            typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, n]"],
+        ]
+        | None
+    ): ...
 
 class Sweep:
     @property

@@ -279,7 +279,7 @@ Pairs Eigenproblem::lowest(double u, Index count, bool left, bool high) {
 /// The `count` lowest pairs by the inverse problem about a shift; none if that fails.
 std::optional<Pairs> Eigenproblem::about(double u, double shift, Index count, bool left) {
   const bool free = is_squared(u);
-  auto [mu, right, lefts] = at(u).inverse(shift, free, left);
+  auto [mu, right, lefts] = at(u).inverse(shift, free, left ? 'V' : 'N');
   factorised_ += 2;
   const Index size = mu.size();
   if (size == 0) return std::nullopt;

@@ -191,8 +191,10 @@ Inverse DenseOperator::inverse_of(double shift, bool velocity_free, char left, c
   return {mu, rights ? unit(vr) : ComplexTable(n, 0), lefts ? unit(vl) : ComplexTable(n, 0)};
 }
 
-template Inverse DenseOperator::inverse_of<double>(double, bool, char, char) const;
-template Inverse DenseOperator::inverse_of<Complex>(double, bool, char, char) const;
+Inverse DenseOperator::inverse(double shift, bool velocity_free, char left, char right) const {
+  return is_hysteretic() ? inverse_of<Complex>(shift, velocity_free, left, right)
+                         : inverse_of<double>(shift, velocity_free, left, right);
+}
 
 std::optional<Modes> DenseOperator::undamped_modes() const {
   // With K + s M, which is definite for a large s, high modes are not lost in the rounding of M.

@@ -109,11 +109,10 @@ class DenseOperator {
   /// (dP/du) x for each root and its vector x.
   ComplexTable by_speed(const Values& values, const ComplexTable& x) const;
   Solver factor(Complex value) const;
-  /// All eigenpairs of the inverse problem; none where P(shift) is singular or overflows, or where
-  /// the iteration does not converge.
-  Inverse inverse(double shift, bool velocity_free, bool left) const {
-    return inverse(shift, velocity_free, left ? 'V' : 'N', 'V');
-  }
+  /// All eigenpairs of the inverse problem, with right vectors, and left ones where `left` is 'V',
+  /// else 'N'; none where P(shift) is singular or overflows, or where the iteration does not
+  /// converge.
+  Inverse inverse(double shift, bool velocity_free, char left, char right = 'V') const;
   /// Eigenvalues mu of the inverse problem, without vectors.
   Values roots(double shift, bool velocity_free) const {
     return std::get<0>(inverse(shift, velocity_free, 'N', 'N'));
@@ -144,12 +143,6 @@ class DenseOperator {
   const Lapack lapack;
 
  private:
-  /// The inverse problem with left and right vectors where `left` and `right` are 'V', as LAPACK is
-  /// asked for them.
-  Inverse inverse(double shift, bool velocity_free, char left, char right) const {
-    return is_hysteretic() ? inverse_of<Complex>(shift, velocity_free, left, right)
-                           : inverse_of<double>(shift, velocity_free, left, right);
-  }
   template <class Number>
   Inverse inverse_of(double shift, bool velocity_free, char left, char right) const;
   Eigen::MatrixXd times(const Eigen::Ref<const Matrix>& factor, const Eigen::MatrixXd& x) const;

@@ -40,8 +40,6 @@ constexpr std::size_t most_known = 8;
 /// Ratio of the magnitudes of neighbouring roots beyond which a gap is as good as any; next to zero
 /// roots it is infinite.
 constexpr double widest_needed = 10.0;
-/// How often missing roots that were found are added.
-constexpr int most_missing = 3;
 /// Number of parts into which a range with more than one divergence is divided. Halves would have
 /// zeros next to their circles and take more points than the parts that hold none (measured for
 /// spans: twice as many as eight parts).
@@ -153,73 +151,47 @@ Pairs Structured::polished(double u, const Approximations& roots, bool vectors) 
   return found;
 }
 
-/// Roots missing among the given ones within a circle about zero: empty if none is missing, nullopt
-/// if that is unknown. The circle passes through the first wide gap beyond the `least` lowest
-/// roots; if roots are paired its upper half shows all. On it, the mean of lambda^(k+1) times
-/// (log-derivative less the known roots' part) is the sum of the k-th powers of the missing roots.
-std::optional<Approximations> Structured::missing_within(double u, const Approximations& roots,
-                                                         std::size_t least) const {
+/// Whether none of the `least` lowest roots is missing; false also where that is unknown. A circle
+/// about zero passes through the first wide gap beyond these roots; if roots are paired its upper
+/// half shows all. On it, the mean of lambda times (log-derivative less the known roots' part) is
+/// the number of missing roots.
+bool Structured::has_lowest(double u, const Approximations& roots, std::size_t least) const {
   const auto size = [&](std::size_t k) { return magnitude(roots[k].value); };
   double widest = 1.0, radius = 0.0;
   for (std::size_t k = least; k < roots.size(); ++k) {
     widest = std::max(widest, std::min(size(k) / size(k - 1), widest_needed));
   }
-  if (!(widest > least_gap)) return {};
+  if (!(widest > least_gap)) return false;
   for (std::size_t k = least; radius == 0.0 && k < roots.size(); ++k) {
     if (!(size(k) / size(k - 1) > 0.5 * (1.0 + widest))) continue;
     radius = size(k - 1) > 0.0 ? std::sqrt(size(k) * size(k - 1)) : 0.5 * size(k);
   }
   const double apart = std::log(magnitude(roots.back().value) / radius);
-  const bool paired = !traits.is_hysteretic();
-  const auto sum = [&](const Values& powers) {
-    const Complex mean = powers.mean();
-    return paired ? Complex(mean.real()) : mean;
-  };
-  Values points, rest;
-  long missing = -1;
-  auto half = static_cast<Index>(std::ceil(-0.5 * std::log(outside) / apart));
-  for (half = std::clamp(half, least_arc_points, most_arc_points); missing < 0; half *= 2) {
-    if (half > most_arc_points) return {};
-    points.resize(paired ? half : 2 * half);
+  const auto half = static_cast<Index>(std::ceil(-0.5 * std::log(outside) / apart));
+  for (Index arc = std::clamp(half, least_arc_points, most_arc_points); arc <= most_arc_points;
+       arc *= 2) {
+    Values points(traits.is_hysteretic() ? 2 * arc : arc);
     for (Index i = 0; i < points.size(); ++i) {
-      points[i] = std::polar(radius, std::numbers::pi * (i + 0.5) / static_cast<double>(half));
+      points[i] = std::polar(radius, std::numbers::pi * (i + 0.5) / static_cast<double>(arc));
     }
-    rest = points * pipedyn::log_derivatives(*of_, u, points, roots);
-    const double number = sum(rest).real(), nearest = std::round(number);
-    if (std::abs(number - nearest) < (nearest == 0.0 ? 0.05 : 0.2)) missing = std::lround(nearest);
+    const Values rest = points * pipedyn::log_derivatives(*of_, u, points, roots);
+    if (std::abs(rest.mean().real()) < 0.05) return true;
   }
-  if (missing == 0) return Approximations{};
-  const Complex first = sum(points * rest);
-  if (missing == 1) return Approximations{{first, true}};
-  if (missing != 2) return {};
-  const Complex middle = 0.5 * first, square = 0.5 * sum(points.square() * rest) - middle * middle;
-  const Complex off = std::sqrt(square);
-  if (paired && square.real() < 0.0) return Approximations{{middle + off}};
-  return Approximations{{middle + off, true}, {middle - off, true}};
+  return false;
 }
 
 std::optional<Pairs> Structured::from(Approximations roots, double u, Index count, bool vectors,
                                       int most) {
+  if (!correct(*of_, u, roots, most)) return std::nullopt;
+  separate(*of_, u, is_squared(u), roots);
+  sort_by_size(roots);
   std::size_t next = 0;
-  for (int tries = 0;; ++tries) {
-    if (!correct(*of_, u, roots, tries == 0 ? most : most_corrections)) return std::nullopt;
-    separate(*of_, u, is_squared(u), roots);
-    sort_by_size(roots);
-    next = 0;
-    for (Index number = 0; number < count; ++next) {
-      if (next == roots.size()) return std::nullopt;
-      number += roots[next].alone ? 1 : 2;
-    }
-    if (roots_in(roots) >= 2 * traits.dof) {
-      if (!has_all(*of_, u, roots)) return std::nullopt;
-      break;
-    }
-    const std::optional<Approximations> missing = missing_within(u, roots, next);
-    if (!missing || (tries == most_missing && !missing->empty())) return std::nullopt;
-    if (missing->empty()) break;
-    for (Approximation& one : roots) one.settled = one.settled || one.value == 0.0;
-    roots.insert(roots.end(), missing->begin(), missing->end());
+  for (Index number = 0; number < count; ++next) {
+    if (next == roots.size()) return std::nullopt;
+    number += roots[next].alone ? 1 : 2;
   }
+  const bool every = roots_in(roots) >= 2 * traits.dof;
+  if (!(every ? has_all(*of_, u, roots) : has_lowest(u, roots, next))) return std::nullopt;
   Pairs all = polished(u, roots, vectors);
   for (std::size_t i = 0; i < roots.size(); ++i) {
     const Complex slope = all.slopes[i];
@@ -461,29 +433,18 @@ void Structured::isolate(const Bracket& range, bool first, std::vector<Bracket>&
   }
 }
 
-/// The zeros of det K in ranges with one zero each, all at once: by Newton's method, kept in the
-/// range.
-Reals Structured::zeros_in(const std::vector<Bracket>& ranges) const {
-  const Index count = static_cast<Index>(ranges.size());
-  Reals low(count), high(count), sign(count), step = Reals::Constant(count, infinite);
-  for (Index i = 0; i < count; ++i) {
-    low[i] = ranges[i].low;
-    high[i] = ranges[i].high;
-    sign[i] = ranges[i].before;
-  }
-  Reals u = 0.5 * (low + high);
-  const auto moves = [&] { return step.abs() > 4e-16 * (1.0 + u); };
-  for (int steps = 1; steps < 100 && moves().any(); ++steps) {
-    const StaticDeterminants at = static_determinants(u);
-    for (Index i = 0; i < count; ++i) {
-      (at.sign[i] * sign[i] > 0.0 ? low : high)[i] = u[i];
-      const bool is_slow = steps % 8 == 0 && std::abs(step[i]) > 1e-6 * (1.0 + u[i]);
-      const double slope = at.slope[i].real();
-      double next = std::isfinite(slope) ? u[i] - 1.0 / slope : u[i];  // det K is 0
-      if (!(next >= low[i] && next <= high[i]) || is_slow) next = 0.5 * (low[i] + high[i]);
-      step[i] = next - u[i];
-      u[i] = next;
-    }
+/// The zero of det K in a range with one zero, by Newton's method, kept in the range.
+double Structured::zero_in(const Bracket& range) const {
+  double low = range.low, high = range.high, u = 0.5 * (low + high), step = infinite;
+  for (int steps = 1; steps < 100 && std::abs(step) > 4e-16 * (1.0 + u); ++steps) {
+    const StaticDeterminants at = static_determinants(Reals::Constant(1, u));
+    (at.sign[0] * range.before > 0.0 ? low : high) = u;
+    const bool is_slow = steps % 8 == 0 && std::abs(step) > 1e-6 * (1.0 + u);
+    const double slope = at.slope[0].real();
+    double next = std::isfinite(slope) ? u - 1.0 / slope : u;  // det K is 0
+    if (!(next >= low && next <= high) || is_slow) next = 0.5 * (low + high);
+    step = next - u;
+    u = next;
   }
   return u;
 }
@@ -498,18 +459,14 @@ Divergences Structured::divergences(double max_speed, bool first) {
   if (of_->thrust() == 0.0) return result;
   const Reals ends{{least_speed, 1.0001 * max_speed}};
   const Reals signs = static_determinants(ends).sign;
-  std::vector<Bracket> ranges, single;
+  std::vector<Bracket> ranges;
   isolate({ends[0], ends[1], signs[0], signs[1]}, first, ranges);
-  std::ranges::copy_if(ranges, std::back_inserter(single),
-                       [](const Bracket& one) { return one.zeros == 1; });
-  const Reals zeros = zeros_in(single);
-  Index next = 0;
   for (const Bracket& one : ranges) {
-    const double middle = 0.5 * (one.low + one.high);
-    const double u = one.zeros == 1 ? zeros[next++] : middle;
+    const bool is_single = one.zeros == 1;
+    const double u = is_single ? zero_in(one) : 0.5 * (one.low + one.high);
     if (u > max_speed) continue;
-    result.all.push_back(one.zeros == 1 ? divergence_at(u)
-                                        : Divergence{u, one.high - one.low, {}, one.zeros});
+    result.all.push_back(is_single ? divergence_at(u)
+                                   : Divergence{u, one.high - one.low, {}, one.zeros});
   }
   result.complete = !first || result.all.size() < 2;  // none is asked for beyond the end
   return result;
@@ -520,7 +477,7 @@ std::optional<Divergence> Structured::divergence_near(double guess, double reach
   const Reals ends{{std::max(guess - reach, least_speed), guess + reach}};
   const Reals signs = static_determinants(ends).sign;
   if (signs[0] * signs[1] > 0.0) return {};
-  return divergence_at(zeros_in({{ends[0], ends[1], signs[0], signs[1]}})[0]);
+  return divergence_at(zero_in({ends[0], ends[1], signs[0], signs[1]}));
 }
 
 /// The divergence at a speed where K is singular: null vectors of K, and the error of the speed.

@@ -80,10 +80,9 @@ class Structured : public Eigenproblem {
   };
   StaticDeterminants static_determinants(Reals u) const;
   void isolate(const Bracket& range, bool first, std::vector<Bracket>& found) const;
-  Reals zeros_in(const std::vector<Bracket>& ranges) const;
+  double zero_in(const Bracket& range) const;
   Divergence divergence_at(double u) const;
-  std::optional<Approximations> missing_within(double u, const Approximations& roots,
-                                               std::size_t least) const;
+  bool has_lowest(double u, const Approximations& roots, std::size_t least) const;
 };
 
 }  // namespace pipedyn

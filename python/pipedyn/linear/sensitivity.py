@@ -221,9 +221,9 @@ def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensiti
     model, pencil = problem.model, problem.pencil
     forms = crossing.forms
     if forms is None:
-        if crossing.pair is None:
+        if crossing.vectors is None:
             return None
-        forms = pencil.forms(crossing.pair.right, crossing.pair.left)
+        forms = pencil.forms(*crossing.vectors)
     if model.resting().any():
         return None
     pipe, u, value = model.pipe, crossing.speed, crossing.value
