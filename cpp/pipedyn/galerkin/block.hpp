@@ -323,8 +323,7 @@ struct Block {
   template <class Left, class Right>
   void product_of(Count depth, const Left& left, const Right& right, double* to, Count stride,
                   Product kind) const {
-    constexpr int rows = 4, columns = alone ? 1 : width == 8 ? 4 : 2;
-    for (Count i = 0; i < m; i += rows) {
+    const auto tile = [&]<int rows, int columns>(Count i) {
       const Count end = kind == Product::lower_half ? i + rows : padded;
       for (Count j = 0; j < end; j += columns * step) {
         product_tile<rows, columns>(
@@ -335,6 +334,13 @@ struct Block {
               if (kind == Product::added) sum += load<Pack>(entry);
               store(entry, sum);
             });
+      }
+    };
+    for (Count i = 0; i < m; i += 4) {
+      if (i + 2 < m) {
+        tile.template operator()<4, alone ? 1 : width == 8 ? 4 : 2>(i);
+      } else {
+        tile.template operator()<2, alone ? 1 : 4>(i);
       }
     }
   }

@@ -23,10 +23,7 @@ constexpr Count border = 4;
 
 /// Powers of lambda from which the entries of P are computed.
 struct EntryPowers {
-  Lanes one, two, twice;  // lambda, its square and 2 lambda
-
-  explicit EntryPowers(const Lanes& lambda)
-      : one(lambda), two(lambda * lambda), twice(2.0 * lambda) {}
+  Lanes one, two = one * one;  // lambda and its square
 };
 
 template <class Number>
@@ -40,7 +37,7 @@ inline Lanes entry<Lanes>(const PencilEntry& of, const EntryPowers& lambda) {
 
 /// Derivatives of an entry of P by lambda and by the speed.
 inline Lanes entry_by_lambda(const PencilEntry& of, const EntryPowers& lambda) {
-  return of.mass * lambda.twice + of.damping;
+  return (2.0 * of.mass) * lambda.one + of.damping;
 }
 inline Lanes entry_by_speed(const PencilEntry& of, const EntryPowers& lambda) {
   return of.damping_by_speed * lambda.one + of.stiffness_by_speed;
@@ -418,7 +415,7 @@ void log_derivative(const EliminationModel& model, const Points& points, double*
   DualLanes* const table =
       laid_out([&](Layout& layout) { return take_table<DualLanes>(layout, model); });
   for (Count first = 0; first < points.count; first += width) {
-    Elimination<DualLanes> elimination{model, EntryPowers(taken(points, first)), table};
+    Elimination<DualLanes> elimination{model, {taken(points, first)}, table};
     const PivotSums& found = elimination.found;
     elimination.found.multiplied = signs != nullptr;
     elimination.run(nullptr);
@@ -559,7 +556,7 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
   EliminationModel transposed = model;
   transposed.transposed = true;
   for (Count first = 0; first < points.count; first += width) {
-    const EntryPowers lambda(taken(points, first));
+    const EntryPowers lambda{taken(points, first)};
     null_vector(model, lambda, table, columns, kept, rights);
     null_vector(transposed, lambda, table, columns, kept, lefts);
     PairSums sum;

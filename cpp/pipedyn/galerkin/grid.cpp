@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <limits>
 #include <numbers>
+#include <ranges>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -274,10 +275,11 @@ Grids::Grids(Basis basis, const Pipe& pipe, Index least_nodes)
 }
 
 double Grids::needed(const double* q, Index stride, double allowed) const {
-  double most = 0.0;
+  double most = slots_.empty() ? 0.0 : static_cast<double>(slots_.front().nodes) - more_nodes_;
   for (const std::vector<Ellipse>& of_panel : ellipses_) {
     double least = std::numeric_limits<double>::infinity();
-    for (const Ellipse& one : of_panel) {
+    for (const Ellipse& one : std::views::reverse(of_panel)) {  // small motions end early so
+      if (least <= most) break;
       const double sum = one.demand + one.cost_of(q, stride) - allowed;
       least = std::min(least, sum / (2.0 * one.eta));
     }

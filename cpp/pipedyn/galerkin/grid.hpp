@@ -119,8 +119,9 @@ class Grids {
     std::unique_ptr<const Grid> grid;
   };
 
-  /// Number of nodes on each panel that amplitudes q with the given stride need at least, infinite
-  /// for NaN. allowed: logarithm of the factor by which errors may be larger.
+  /// Number of nodes on each panel that amplitudes q with the given stride need at least, not less
+  /// than those of the smallest grid; infinite for NaN. allowed: logarithm of the factor by which
+  /// errors may be larger.
   double needed(const double* q, Index stride, double allowed = 0.0) const;
 
   Basis basis_;

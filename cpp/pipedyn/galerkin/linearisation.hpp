@@ -74,17 +74,14 @@ struct Linearisation : Block<Real> {
   }
 
   /// The derivatives of the loads at a point by one variable.
-  struct ByVariable {
-    Real x, y, couple;
-  };
-  ByVariable by(Count p, int variable) const {
+  Acting<Real> by(Count p, int variable) const {
     const auto& of = slopes[p].by;
-    return {of[0][variable], of[1][variable], of[2][variable]};
+    return Acting<Real>(Load{of[0][variable], of[1][variable], of[2][variable]});
   }
 
   /// The work of loads at a point on the virtual displacements and rotation of the functions from i
   /// on. x: the displacements at the point.
-  Pack work(const ByVariable& load_by, const double* x, Count p, Count i) const {
+  Pack work(const Acting<Real>& load_by, const double* x, Count p, Count i) const {
     const Pack found = load_by.x * load<Pack>(x + i * lanes<Real>) +
                        load_by.y * load<Pack>(x + (each + i) * lanes<Real>);
     return found + load_by.couple * load<Numbers>(grid.orthonormal + p * padded + i);
@@ -112,7 +109,7 @@ struct Linearisation : Block<Real> {
       add_slopes(Base::point_load(batch, p, ax, ay), Base::station(row, bias + 2, p), p, 1.0);
       // Whole vectors are stored, so columns are set in ascending order.
       const auto set_work = [&](Count column, double factor, int variable) {
-        const ByVariable load_by = by(p, variable);
+        const Acting<Real> load_by = by(p, variable);
         for (Count i = 0; i < each; i += step) {
           store(x + (column + i) * lanes<Real>, Pack(factor * work(load_by, x, p, i)));
         }
@@ -168,7 +165,7 @@ struct Linearisation : Block<Real> {
       const Real c = at<Real>(cosine, p), s = at<Real>(sine, p), w = at<Real>(omega, p);
       const Real turning = at<Real>(spin, p), square = w * w;
       const Real bent = s * load_beyond(bias) + c * load_beyond(bias + 1);
-      const ByVariable turned_loads = by(p, by_angle), rate_loads = by(p, by_rate);
+      const Acting<Real> turned_loads = by(p, by_angle), rate_loads = by(p, by_rate);
       for (Count i = 0; i < each; i += step) {
         const Pack beyond_x = beyond_of(inertial + i), beyond_y = beyond_of(inertial + each + i);
         const Pack beyond_t = beyond_x * s + beyond_y * c, beyond_n = beyond_x * c - beyond_y * s;

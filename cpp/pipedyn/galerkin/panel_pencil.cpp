@@ -126,7 +126,8 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
     const Index own = static_cast<Index>(numbers[static_cast<std::size_t>(p)].size());
     const bool held = (last && (pipe.end == End::pinned || pipe.end == End::clamped)) ||
                       std::count(pipe.supports.begin(), pipe.supports.end(), ends[p + 1]) > 0;
-    panels_.push_back({ends[p + 1] - ends[p], own + 2, rows, held, last && pipe.is_guided()});
+    panels_.push_back(
+        {ends[p + 1] - ends[p], own + 2, rows, nullptr, {}, held, last && pipe.is_guided()});
     rows += own + 4;
     size_ += own;
   }
@@ -150,11 +151,12 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
   const double flow = pipe.direction() * pipe.sqrt_beta(), jet = std::cos(pipe.jet_angle);
   double carried = 0.0, pulled = 0.0;  // mass and axial load beyond the panel
   for (Index p = count - 1; p >= 0; --p) {
-    const Panel& panel = panels_[static_cast<std::size_t>(p)];
+    const EliminationPanel& panel = panels_[static_cast<std::size_t>(p)];
     const double low = ends[p], h = panel.length;
+    const Index end = panel.first + panel.size;
     // Adds an entry of the matrix of what acts at the end, by w and theta, in units of the panel.
     const auto add_station = [&](Part part, Index i, Index j, double value) {
-      entries[part].emplace_back(panel.end() + i, panel.end() + j,
+      entries[part].emplace_back(end + i, end + j,
                                  h * value * (i == 0 ? h : 1.0) * (j == 0 ? h : 1.0));
     };
     for (const Term& term : pipe.terms) {
@@ -228,8 +230,8 @@ void PanelPencil::set_joints(Index rows) {
   if (turns_) placed.emplace_back(1, 0, 1.0 / std::sqrt(panels_[0].length));
   Index column = turns_ ? 1 : 0;
   for (std::size_t p = 0; p < panels_.size(); ++p) {
-    const Panel& panel = panels_[p];
-    const Index first = panel.first, end = panel.end();
+    const EliminationPanel& panel = panels_[p];
+    const Index first = panel.first, end = first + panel.size;
     for (Index k = 2; k < panel.size; ++k) placed.emplace_back(first + k, column++, 1.0);
     for (Index k = 0; k < std::min(panel.size, moving); ++k) {
       joined.emplace_back(end, first + k, -end_shape[k]);
@@ -237,8 +239,8 @@ void PanelPencil::set_joints(Index rows) {
     }
     if (p == 0) continue;
     const double ratio = panels_[p - 1].length / panel.length, root = std::sqrt(ratio);
-    joined.emplace_back(first, panels_[p - 1].end(), -ratio * root);
-    joined.emplace_back(first + 1, panels_[p - 1].end() + 1, -root);
+    joined.emplace_back(first, first - 2, -ratio * root);
+    joined.emplace_back(first + 1, first - 1, -root);
   }
   placed_.resize(rows, size_);
   placed_.setFromTriplets(placed.begin(), placed.end());
@@ -254,7 +256,7 @@ Matrix PanelPencil::along(const Matrix& x) const {
 
 Index PanelPencil::conditions() const {
   Index count = 0;
-  for (const Panel& panel : panels_) count += panel.held + panel.directed;
+  for (const EliminationPanel& panel : panels_) count += panel.held + panel.directed;
   return count;
 }
 
@@ -269,17 +271,17 @@ PanelPencil::At PanelPencil::made(const PencilEntry (&factors)[parts]) const {
   At found;
   const Index wide = 2 * band_ + 1;
   found.entries.resize(static_cast<std::size_t>(joints_.rows() * wide));
-  for (const Panel& panel : panels_) {
+  found.panels = panels_;
+  for (EliminationPanel& panel : found.panels) {
     PencilEntry* const entries = found.entries.data() + panel.first * wide;
-    EliminationPanel made{panel.length, panel.size, panel.first,   entries,
-                          {},           panel.held, panel.directed};
+    panel.entries = entries;
     for (int part = 0; part < parts; ++part) {
       const PencilEntry& factor = factors[part];
       for (Index i = 0; i < panel.size + 2; ++i) {
         for (Sparse::InnerIterator one(tables_[part], panel.first + i); one; ++one) {
           const Index j = one.col() - panel.first;
           PencilEntry& to = i < panel.size ? entries[i * wide + j - i + band_]
-                                           : made.station[i - panel.size][j - panel.size];
+                                           : panel.station[i - panel.size][j - panel.size];
           to.stiffness += factor.stiffness * one.value();
           to.hysteretic += factor.hysteretic * one.value();
           to.damping += factor.damping * one.value();
@@ -289,7 +291,6 @@ PanelPencil::At PanelPencil::made(const PencilEntry (&factors)[parts]) const {
         }
       }
     }
-    found.panels.push_back(made);
   }
   found.model = {found.panels.data(),      static_cast<Index>(panels_.size()), band_, size_, turns_,
                  turns_ ? pipe_.root : 0.0};
@@ -370,11 +371,11 @@ Works PanelPencil::works(double u, const Reals& frequencies, const Matrix& x) co
   sum.resisted = pipe_.damping * strained + resisted;
   sum.circulated = pipe_.hysteresis * strained;
   sum.lost = lost_term * (omega * (pipe_.damping * strained + sizes) + pipe_.hysteresis * strained);
-  for (const Panel& panel : panels_) {
+  for (const EliminationPanel& panel : panels_) {
     if (panel.held) continue;
     // Work of follower loads comes from the skew part of the stiffness of a station.
     const Sparse& still = tables_[Part::rest];
-    const Index end = panel.end();
+    const Index end = panel.first + panel.size;
     const double following = still.coeff(end, end + 1) - still.coeff(end + 1, end);
     const bool last = &panel == &panels_.back();
     const double h = panel.length, skewed = following + (last ? thrust * h * h : 0.0);
@@ -395,10 +396,11 @@ Matrix PanelPencil::held() const {
   Matrix rows(conditions(), size_);
   Index next = 0;
   const Matrix motion = along(Matrix::Identity(size_, size_));
-  for (const Panel& panel : panels_) {
+  for (const EliminationPanel& panel : panels_) {
     const double root = std::sqrt(panel.length);
-    if (panel.held) rows.row(next++) = panel.length * root * motion.row(panel.end());
-    if (panel.directed) rows.row(next++) = root * motion.row(panel.end() + 1);
+    const Index end = panel.first + panel.size;
+    if (panel.held) rows.row(next++) = panel.length * root * motion.row(end);
+    if (panel.directed) rows.row(next++) = root * motion.row(end + 1);
   }
   return rows;
 }

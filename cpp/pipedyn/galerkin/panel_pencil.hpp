@@ -64,24 +64,14 @@ class PanelPencil {
 
  private:
   enum Part { elastic, gravity, rest, flux, velocity, resistance, mass, parts };
-  struct Panel {
-    double length;
-    Index size;   // number of functions, with the two rigid ones
-    Index first;  // its first row in the motion of all panels
-    bool held, directed;
-
-    /// Row of the displacement of its end, which that of the slope follows.
-    Index end() const { return first + size; }
-  };
-
   Pipe pipe_;
   Basis basis_;
   Index size_, band_;
   bool turns_;
-  std::vector<Panel> panels_;
-  // The motion z of all panels has the amplitudes of the functions of each, followed by
-  // displacement and slope of its end, in units of the panel, divided by the square root of its
-  // length: (I + joints) z = placed x.
+  std::vector<EliminationPanel> panels_;  // without entries
+  // The motion z of all panels has, from `first` of each on, the amplitudes of its functions,
+  // followed by displacement and slope of its end, in units of the panel, divided by the square
+  // root of its length: (I + joints) z = placed x.
   Sparse placed_, joints_;
   Sparse tables_[parts];  // virtual work of each part on z by z, in units of the panel
 

@@ -131,13 +131,9 @@ def _means_of_function(velocity: Callable[[float], Any], radius: float) -> tuple
         return np.array([2.0 * x * value, 2.0 * x * value**2])
 
     # A jump takes 50 more panels, a profile like (1 - r)^-0.4 takes 840, noise would never end.
-    settings: dict[str, Any] = {
-        "epsabs": 0.0,
-        "epsrel": QUADRATURE,
-        "norm": "max",
-        "limit": 8000,
-    }
-    means, error = scipy.integrate.quad_vec(ring, 0.0, 1.0, points=edges[1:-1], **settings)
+    means, error = scipy.integrate.quad_vec(
+        ring, 0.0, 1.0, epsabs=0.0, epsrel=QUADRATURE, norm="max", limit=8000, points=edges[1:-1]
+    )
     mean, square = map(float, means)
     if not _vanishes(mean, square):
         uncertain = error * (1.0 / square + 2.0 / abs(mean))
