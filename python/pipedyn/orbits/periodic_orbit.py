@@ -156,7 +156,7 @@ class PeriodicOrbit:
     def states(self, phase: Array) -> Array:
         """States [p, p'] at phases, shape (2 integrated, k)."""
         given = self.edges, self.starts, self.rates, self.frequency, self.mirror
-        return _core.orbit_states(*given, *_INTEGRATED[1:], phase)
+        return _core.orbit_states(*given, _INTEGRATED[1], _INTEGRATED[2], phase)
 
     def sampled(self, parts: int) -> tuple[Array, Array]:
         """Phases at the ends of equal parts of the intervals, (M parts + 1,), and states there.
