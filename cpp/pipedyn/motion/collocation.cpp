@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+// Products are lazy where matrices are small: Eigen then compiles no blocked product for them.
 namespace pipedyn {
 
 void states_at(const Polynomials& orbit, const Vector& phases, Eigen::Map<Matrix> out) {
@@ -21,14 +22,14 @@ void states_at(const Polynomials& orbit, const Vector& phases, Eigen::Map<Matrix
       legendre[j] =
           ((2.0 * order - 1.0) * x * legendre[j - 1] - (order - 1.0) * legendre[j - 2]) / order;
     }
-    const Vector once = h * orbit.once.transpose() * legendre.head(s + 1);
-    const Vector twice = h * h * orbit.twice.transpose() * legendre;
+    const Vector once = h * orbit.once.transpose().lazyProduct(legendre.head(s + 1));
+    const Vector twice = h * h * orbit.twice.transpose().lazyProduct(legendre);
     const double sign = std::fmod(turns, 2.0) != 0.0 ? orbit.mirror : 1.0;
     const auto rates = orbit.rates.middleRows(m * s, s).transpose();
     const auto start = orbit.starts.row(m).transpose();
     out.col(k).head(half) =
-        sign * (start.head(half) + h * share * start.tail(half) + rates * twice);
-    out.col(k).tail(half) = sign * (start.tail(half) + rates * once);
+        sign * (start.head(half) + h * share * start.tail(half) + rates.lazyProduct(twice));
+    out.col(k).tail(half) = sign * (start.tail(half) + rates.lazyProduct(once));
   }
 }
 
@@ -39,9 +40,10 @@ bool eliminate_stages(const Lapack& lapack, const Intervals& of, Index m,
   const Vector start = of.starts.row(m);
   const auto k = of.rates.middleRows(m * s, s);
   // Integrals of the accelerations from the beginning to each stage (half, s).
-  const Matrix once = h * (of.once * k).transpose(), twice = h * h * (of.twice * k).transpose();
+  const Matrix once = h * k.transpose().lazyProduct(of.once.transpose());
+  const Matrix twice = h * h * k.transpose().lazyProduct(of.twice.transpose());
   Matrix by_frequency(n, s);  // of the states at the stages
-  by_frequency << h * start.tail(half) * of.nodes.transpose() + 2.0 * twice, once;
+  by_frequency << h * start.tail(half).lazyProduct(of.nodes.transpose()) + 2.0 * twice, once;
   by_frequency /= -of.frequency;
 
   Matrix matrix(s * half, s * half);
@@ -59,7 +61,7 @@ bool eliminate_stages(const Lapack& lapack, const Intervals& of, Index m,
     own.leftCols(half) = by_place;
     own.middleCols(half, half) = by_speed + h * of.nodes(i) * by_place;
     own.col(n) = (linearised.row(0) - k.row(i)).transpose();
-    own.col(n + 1) = by_state * by_frequency.col(i);
+    own.col(n + 1) = by_state.lazyProduct(by_frequency.col(i));
     if (of.by_frequency.size() > 0) own.col(n + 1) += of.by_frequency.col(at);
     own.col(n + 2).setZero();
     if (of.speed_varies) own.col(n + 2) = linearised.row(1).transpose();

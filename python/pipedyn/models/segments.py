@@ -306,12 +306,11 @@ class SegmentModel(Model):
         return np.asarray(along(steps, self._base, self._lengths, s))
 
     def motion_linearised(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
-        u = np.broadcast_to(u, y.shape[1:])
-        step = np.where(u > 0.0, 0.5 * u, 1.0)
-        now, ahead, beyond = (self.motion_rates(y, u + k * step, drive).T for k in range(3))
+        step = np.where(np.greater(u, 0.0), np.multiply(u, 0.5), 1.0)
+        now, ahead, beyond = (self.motion_rates(y, u + k * step, drive) for k in range(3))
         # The rates are of second degree in the speed.
-        by_speed = (2.0 * ahead - 0.5 * beyond - 1.5 * now) / step[:, None]
-        rows = np.stack([now, by_speed], axis=1)
+        by_speed = (2.0 * ahead - 0.5 * beyond - 1.5 * now) / step
+        rows = np.stack([now.T, by_speed.T], axis=1)
         return np.concatenate([rows, self.motion_jacobian(y, u, drive)], axis=1)
 
     # ------------------------------------------------------------------- what holds nodes in motion

@@ -64,13 +64,8 @@ def _condensed(
     linearised = motion.linearised(y, u)
     units = _units(linearised[0, 2:])
     factorised(len(orbit.starts))
-    by_rates, ends = _core.eliminated(
-        *(orbit.durations, orbit.starts, orbit.rates, linearised, by_frequency, speed_varies),
-        orbit.frequency,
-        WEIGHTS,
-        orbit.mirror,
-        units,
-    )
+    given = orbit.durations, orbit.starts, orbit.rates, linearised, by_frequency, speed_varies
+    by_rates, ends = _core.eliminated(*given, orbit.frequency, WEIGHTS, orbit.mirror, units)
     return by_rates, ends, units
 
 

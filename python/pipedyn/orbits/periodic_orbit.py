@@ -159,10 +159,8 @@ class PeriodicOrbit:
 
     def states(self, phase: Array) -> Array:
         """States [p, p'] at phases, shape (2 integrated, k)."""
-        return _core.orbit_states(
-            *(self.edges, self.starts, self.rates, self.frequency, self.mirror),
-            *(_INTEGRATED[1], _INTEGRATED[2], phase),
-        )
+        given = self.edges, self.starts, self.rates, self.frequency, self.mirror
+        return _core.orbit_states(*given, _INTEGRATED[1], _INTEGRATED[2], phase)
 
     def sampled(self, parts: int, whole: bool = False) -> tuple[Array, Array]:
         """Phases at the ends of equal parts of the intervals, (k,), and states [p, p'] there.
