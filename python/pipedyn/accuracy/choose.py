@@ -425,10 +425,10 @@ class Choice(Result):
         """Number of segments or functions; for a pair those of the smaller model."""
         return self.row.size
 
-    def _shown(self) -> list[tuple[str, Any]]:
+    def _shown(self) -> dict[str, Any]:
         names = "models", "error", "cost", "tolerance", "budget", "steady", "quantity"
-        pairs = ((name, getattr(self, name)) for name in names)
-        return [(name, value) for name, value in pairs if value is not None]
+        values = {name: getattr(self, name) for name in names}
+        return {name: value for name, value in values.items() if value is not None}
 
     def _table(self) -> Table:
         sizes = " and ".join(str(model.dof) for model in self.models)

@@ -147,11 +147,11 @@ class Equilibria(TableResult, units={"growth": RATE}):
     def __len__(self) -> int:
         return len(self.stable)
 
-    def _shown(self) -> list[tuple[str, Any]]:
-        shown = dict(super()._shown())
+    def _shown(self) -> dict[str, Any]:
+        shown = super()._shown()
         if self.discarded is not None:
             shown["discarded"] = len(self.discarded)
-        return list(shown.items())
+        return shown
 
     def _columns(self) -> dict[str, Any]:
         asked = {"resolved": self.resolved, "valid": self.valid}

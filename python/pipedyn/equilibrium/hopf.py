@@ -689,9 +689,9 @@ class CriticalityCurve(SweptResult, units={"folds": SPEED}):
         at = np.flatnonzero(known[:-1] & known[1:] & (side[:-1] != side[1:]))
         return np.stack([self.values[at], self.values[at + 1]], axis=1)
 
-    def _shown(self) -> list[tuple[str, Any]]:
-        (values, *rest) = super()._shown()
-        return [values, ("speeds", self.speeds), ("subcritical", self.subcritical), *rest]
+    def _shown(self) -> dict[str, Any]:
+        first = {"values": self.values, "speeds": self.speeds, "subcritical": self.subcritical}
+        return first | super()._shown()
 
 
 def _onsets(models: Sequence[Model]) -> list[Hopf | Exception]:

@@ -107,14 +107,13 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
         """The pipe of the model."""
         return self.model.pipe
 
-    def _shown(self) -> list[tuple[str, Any]]:
+    def _shown(self) -> dict[str, Any]:
         """Puts the fields on instability below the critical speed first, if they apply."""
         warnings = ("stable_at_rest", "stable_from", "gyroscopic")
-        shown = dict(super()._shown())
+        shown = super()._shown()
         if self.stable_at_rest and self.unstable_before == 0:
             shown = {name: one for name, one in shown.items() if name not in warnings[:2]}
-        first = [(name, shown.pop(name)) for name in warnings if name in shown]
-        return [*first, *shown.items()]
+        return {name: shown[name] for name in warnings if name in shown} | shown
 
     @cached_property
     def mode_shape(self) -> ModeShape:

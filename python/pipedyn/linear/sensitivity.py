@@ -171,12 +171,12 @@ class Crossings(ResultSequence[Crossing], units={"error": SPEED, "max_speed": SP
     def _members(self) -> tuple[Crossing, ...]:
         return self.crossings
 
-    def _shown(self) -> list[tuple[str, Any]]:
+    def _shown(self) -> dict[str, Any]:
         kinds = tuple(one.kind for one in self.crossings)
-        shown = dict(super()._shown())
+        shown = super()._shown()
         at_rest = shown.pop("unstable_at_rest", None)
-        first = [("unstable_at_rest", at_rest)] if at_rest else []
-        return [*first, ("speeds", self.speeds), ("kinds", kinds), *shown.items()]
+        first = {"unstable_at_rest": at_rest} if at_rest else {}
+        return first | {"speeds": self.speeds, "kinds": kinds} | shown
 
     def _columns(self) -> dict[str, Any]:
         names = "speed", "frequency", "kind", "mode", "unstable_before", "unstable_after", "error"

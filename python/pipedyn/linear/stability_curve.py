@@ -166,9 +166,8 @@ class StabilityCurve(SweptResult, units=dict.fromkeys(("no_loss_up_to", "max_spe
         """Critical frequencies, shape (S,), NaN if there is none."""
         return self._of_each("frequency")
 
-    def _shown(self) -> list[tuple[str, Any]]:
-        (values, *rest) = super()._shown()
-        return [values, ("speeds", self.speeds), *rest]
+    def _shown(self) -> dict[str, Any]:
+        return {"values": self.values, "speeds": self.speeds} | super()._shown()
 
 
 def stability_curve(

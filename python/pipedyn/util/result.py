@@ -144,7 +144,7 @@ class Result(Saved):
         return {name: self.__dict__[name] for name in names}
 
     def __repr__(self) -> str:
-        start, shown = f"{type(self).__name__}(", self._shown()
+        start, shown = f"{type(self).__name__}(", self._shown().items()
         for short in False, True:
             line = start + ", ".join(f"{name}={_short(one, short)}" for name, one in shown) + ")"
             if len(line) <= WIDTH:
@@ -159,13 +159,13 @@ class Result(Saved):
             lines[-1] += part
         return "\n".join(line.rstrip() for line in lines).removesuffix(",") + ")"
 
-    def _shown(self) -> list[tuple[str, Any]]:
-        """Names and values of the fields that a `repr` shows: all that are not at their default."""
-        shown = []
+    def _shown(self) -> dict[str, Any]:
+        """The fields that a `repr` shows, by name: all that are not at their default."""
+        shown = {}
         for one in dataclasses.fields(self):  # type: ignore[arg-type]
             value = getattr(self, one.name)
             if one.repr and not same(value, one.default):
-                shown.append((one.name, value))
+                shown[one.name] = value
         return shown
 
     def _repr_html_(self) -> str:
@@ -176,7 +176,7 @@ class Result(Saved):
         scales = self._scales()
         si = SI(self, scales) if scales is not None else None
         rows = []
-        for name, value in self._shown():
+        for name, value in self._shown().items():
             numbers = [] if si is None else [si._text(name) if name in si.units else ""]
             rows.append((name, _short(value), *numbers))
         headings = ("", "value", "SI") if si is not None else ("", "value")
