@@ -168,7 +168,8 @@ class CurveTracer:
         points, ends, _ = tracer.both_ways(problem, begin, 0.3 * LONGEST_STEP)
         if len(points) == 1:
             return  # it touches the window in a corner
-        points = [_on_edges(problem, point) for point in points]
+        edged = ((point, self.plane.window.on_edges(point.z[-2:])) for point in points)
+        points = [replace(point, z=np.append(point.z[:-2], within)) for point, within in edged]
         first, last = (
             "Bogdanov-Takens" if end == "range" and limits[2:] and point.z[0] <= 0.0 else end
             for end, point in zip(ends, (points[0], points[-1]), strict=True)
@@ -347,9 +348,3 @@ def distance_in(plane: Plane, curve: TracedCurve) -> float:
         here = problem.place(point.z)
         largest = max(largest, float((np.abs(here - there) / np.maximum(1.0, np.abs(here))).max()))
     return largest
-
-
-def _on_edges(problem: AxisProblem, point: Point) -> Point:
-    """The point, moved exactly onto an edge of the window if it lies there up to rounding."""
-    within = problem.plane.window.on_edges(point.z[-2:])
-    return replace(point, z=np.append(point.z[:-2], within))
