@@ -287,7 +287,7 @@ def test_a_curve_that_cannot_be_followed_says_where_and_keeps_what_it_has(monkey
     beyond = f"({curve.x[-1]:.6g}, {curve.y[-1]:.6g})"
     assert (
         found.failures[0]
-        == f"the fold was not followed beyond {beyond}: it takes more than 2 points"
+        == f"the fold was not followed beyond {beyond}: it takes more than 2 steps"
     )
     assert found.names == ("u", "beta")
 

@@ -167,7 +167,8 @@ def follow(
     solutions, ends, reasons = tracer.both_ways(solver, start, longest)
     every = np.array([point.z for point in solutions])
     failures = [
-        f"the branch was not followed beyond {_spelled(solutions[k].z)}: {reasons[k]}"
+        f"the branch was not followed beyond {_spelled(solutions[k].z)}: "
+        + (f"it takes more than {most} points" if ends[k] == "points" else reasons[k])
         for k in (0, -1)
         if reasons[k]
     ]

@@ -225,7 +225,7 @@ class Tracer(Generic[Equations]):
                 if self.is_over(step.end):
                     break
                 if count == self.most:
-                    return points, "points", f"it takes more than {self.most} points"
+                    return points, "points", f"it takes more than {self.most} steps"
         except self.failing as error:
             return points, "not converged", reason_of(error)
         return points, "range", ""

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import scipy
@@ -167,7 +168,8 @@ class CurveTracer:
         points, ends, _ = tracer.both_ways(problem, begin, 0.3 * LONGEST_STEP)
         if len(points) == 1:
             return  # it touches the window in a corner
-        points = [_on_edges(problem, point) for point in points]
+        edged = ((point, self.plane.window.on_edges(point.z[-2:])) for point in points)
+        points = [replace(point, z=np.append(point.z[:-2], within)) for point, within in edged]
         first, last = (
             "Bogdanov-Takens" if end == "range" and limits[2:] and point.z[0] <= 0.0 else end
             for end, point in zip(ends, (points[0], points[-1]), strict=True)
@@ -221,56 +223,42 @@ def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[CurveS
     unstable.
     """
     window = plane.window
-    found: list[CurveStart] = []
-    failures: list[str] = []
-    extremes: list[tuple[int, Array, float, complex]] = []
+    found, failures = list[CurveStart](), list[str]()
+    extremes = list[tuple[int, Array, float, complex]]()
 
-    def add(along: int, at: Array, share: float, frequency: float) -> None:
-        x, y = ((at if i != along else window.place(np.full(2, share)))[i] for i in (0, 1))
-        x, y = (np.array([x, y]) - window.low) / window.size
+    def add(along: int, line: Array, value: float, frequency: float) -> None:
+        at = np.where([along == 0, along == 1], value, line)
+        x, y = (at - window.low) / window.size
         z = np.array([frequency, y, x] if frequency else [y, x])
         found.append(CurveStart(z, -2 if along == 0 else -1))
 
     for along in (1, 0):
         by_speed = plane.speed_index == along
-        number = LINES_OF_SPEED if by_speed else LINES
-        places = [np.full(2, value) for value in plane.lines(1 - along, number)]
-
         low, size = float(window.low[along]), float(window.size[along])
-        for at in places:
-            for value in plane.static_roots(at, along):
-                add(along, at, (value - low) / size, 0.0)
-        if plane.conservative and not by_speed:
-            continue
+        across = plane.lines(1 - along, LINES_OF_SPEED if by_speed else LINES)
+        lines = [np.full(2, value) for value in across]
+        answers: list[Any] = [([], [])] * len(lines)
         if by_speed:
-            answers = stability_losses([plane.model_at(at) for at in places], low + size)
-            for at, answer in zip(places, answers, strict=True):
-                if isinstance(answer, Exception):
-                    failures.append(f"crossings at {at[1 - along]:.6g}: {answer}")
-                    continue
-                for crossing in answer[1]:
-                    share = (crossing.speed - low) / size
-                    if plane.conservative:
-                        if crossing.kind == "flutter":
-                            there = at.copy()
-                            there[along] = crossing.speed
-                            add(along, at, share, plane.meeting(there))
-                        continue
-                    if crossing.speed >= max(low, 1e-9) and crossing.frequency:
-                        add(along, at, share, crossing.frequency)
-            if plane.conservative:
-                continue
-            for at in places[:: LINES_OF_SPEED // 2]:
-                extremes += [
-                    (along, at, *one) for one in plane.sections(at, along, halved=False)[1]
-                ]
-        else:
-            for at in places:
-                if plane.speed_at(at) > 0.0:  # without flow only damping moves roots
-                    passing, others = plane.sections(at, along)
-                    extremes += [(along, at, *one) for one in others]
-                    for share, root in passing:
-                        add(along, at, share, root.imag)
+            answers = stability_losses([plane.model_at(line) for line in lines], low + size)
+        for k, (line, answer) in enumerate(zip(lines, answers, strict=True)):
+            for value in plane.static_roots(line, along):
+                add(along, line, value, 0.0)
+            if isinstance(answer, Exception):
+                failures.append(f"crossings at {line[1 - along]:.6g}: {answer}")
+                answer = [], []
+            for crossing in answer[1]:
+                frequency = crossing.frequency if crossing.speed >= max(low, 1e-9) else 0.0
+                if plane.conservative:
+                    at = np.where([along == 0, along == 1], crossing.speed, line)
+                    frequency = plane.meeting(at) if crossing.kind == "flutter" else 0.0
+                if frequency:
+                    add(along, line, crossing.speed, frequency)
+            searched = k % (LINES_OF_SPEED // 2) == 0 if by_speed else plane.speed_at(line) > 0.0
+            if searched and not plane.conservative:  # without flow only damping moves roots
+                passing, others = plane.sections(line, along, halved=not by_speed)
+                extremes += [(along, line, *one) for one in others]
+                for share, root in () if by_speed else passing:
+                    add(along, line, low + size * share, root.imag)
     for along, at, share, root in extremes:
         z = (at - window.low) / window.size
         z[along] = share
@@ -360,9 +348,3 @@ def distance_in(plane: Plane, curve: TracedCurve) -> float:
         here = problem.place(point.z)
         largest = max(largest, float((np.abs(here - there) / np.maximum(1.0, np.abs(here))).max()))
     return largest
-
-
-def _on_edges(problem: AxisProblem, point: Point) -> Point:
-    """The point, moved exactly onto an edge of the window if it lies there up to rounding."""
-    within = problem.plane.window.on_edges(point.z[-2:])
-    return replace(point, z=np.append(point.z[:-2], within))

@@ -20,7 +20,6 @@ from pipedyn.curves.event_onset import Onset
 from pipedyn.curves.event_plane import (
     Followed,
     checked_branch_events,
-    checked_names,
     orbit_at_event,
     plane_of,
 )
@@ -113,10 +112,9 @@ def cycle_boundary(
     kinds = CycleBranch | ForcedBranch
     check.instance("branch", branch, kinds, "a CycleBranch or a ForcedBranch")
     given = checked_branch_events(branch, events)
-    names = checked_names(branch, x, y)
     shown = check.flag("progress", progress)
-    plane = plane_of(branch, names, ranges)
-    window = plane.ranges
+    plane = plane_of(branch, x, y, ranges)
+    names, window = plane.names, plane.ranges
     starts = []
     for event in given:
         begin = orbit_at_event(branch, event, plane.at(plane.value))

@@ -251,9 +251,7 @@ class EventFollower(Tracer[EventProblem]):
         """
         _, roots, _ = orbit_multipliers(motion, orbit)
         rest = roots if self.plane.forced else nontrivial(roots)
-        gone: dict[str, list[complex]] = {"fold": [1.0], "torus": []}
-        if self.kind == "torus":
-            gone["torus"] = [np.exp(1j * z[-2]), np.exp(-1j * z[-2])]
+        gone = {"fold": [1.0], "torus": [np.exp(1j * z[-2]), np.exp(-1j * z[-2])]}
         for value in gone.get(self.kind, [-1.0]):
             rest = np.delete(rest, int(np.argmin(np.abs(rest - value))))
         return rest

@@ -56,22 +56,6 @@ def checked_branch_events(
     return list(given)
 
 
-def checked_names(branch: CycleBranch | ForcedBranch, x: Any, y: Any) -> tuple[str, str]:
-    """The names of x and y, as a user gave them.
-
-    Raises:
-        ValueError, TypeError: unless exactly one of them names the branch parameter.
-    """
-    for name, value in (("x", x), ("y", y)):
-        check.instance(name, value, str, "a name")
-    own = "u" if isinstance(branch, CycleBranch) else "frequency"
-    if (x == own) == (y == own):
-        raise ValueError(
-            f"x or y must be {own!r}, and the other not, got {check.shown(x)} and {check.shown(y)}"
-        )
-    return x, y
-
-
 @dataclass(frozen=True)
 class EventPlane:
     """Plane of the branch parameter and a second number, with the equations of motion in it.
@@ -130,14 +114,21 @@ class EventPlane:
         return sum(motion.evaluations for motion in self._motions.values())
 
 
-def plane_of(branch: CycleBranch | ForcedBranch, names: tuple[str, str], given: Any) -> EventPlane:
+def plane_of(branch: CycleBranch | ForcedBranch, x: Any, y: Any, given: Any) -> EventPlane:
     """The plane of a branch, with names of x and y and with ranges that a user gave.
 
     Raises:
-        ValueError, TypeError: for a name that stands for no number, and for bad ranges.
+        ValueError, TypeError: unless exactly one of x and y names the branch parameter and the
+            other one a number, and for bad ranges.
     """
+    for argument, value in (("x", x), ("y", y)):
+        check.instance(argument, value, str, "a name")
     own = "u" if isinstance(branch, CycleBranch) else "frequency"
-    place = 1 if names[0] == own else 0
+    if (x == own) == (y == own):
+        raise ValueError(
+            f"x or y must be {own!r}, and the other not, got {check.shown(x)} and {check.shown(y)}"
+        )
+    names, place = (x, y), int(x == own)
     name = names[place]
     based = branch.motion if isinstance(branch, ForcedBranch) else None
     forced, order = based is not None, 1 if based is None else based.order

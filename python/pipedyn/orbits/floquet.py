@@ -75,11 +75,11 @@ def orbit_multipliers(
     Raises:
         NewtonFailed: if they overflow.
     """
-    turns, error = _turns(motion, orbit), math.inf
+    turns, error = fast_turns(motion, orbit), math.inf
     roots: Complex = np.empty(0, dtype=np.complex128)
     # The series serves only modes that the collocation resolves on a far finer mesh. With kinks at
     # unknown phases the error is the one that halving shows.
-    parts = _parts_for_turns(turns, tolerance)
+    parts = parts_for(turns, tolerance)
     if parts.sum() > FINER * parts.size and (smooth := _between_kinks(motion, orbit)):
         roots, error = _by_magnus(motion, smooth, turns.sum(), tolerance)
     if not error <= tolerance:
@@ -93,13 +93,8 @@ def orbit_multipliers(
     return values[order].astype(np.complex128), roots[order], error
 
 
-def parts_for(motion: VectorField, orbit: PeriodicOrbit, tolerance: float) -> NDArray[np.int_]:
-    """Number of parts of each interval, (M,), with which multipliers meet a tolerance."""
-    return _parts_for_turns(_turns(motion, orbit), tolerance)
-
-
-def _parts_for_turns(turns: Array, tolerance: float) -> NDArray[np.int_]:
-    """Number of parts of each interval, (M,), from `_turns`, for multipliers to a tolerance."""
+def parts_for(turns: Array, tolerance: float) -> NDArray[np.int_]:
+    """Number of parts of each interval, (M,), from `fast_turns`, for multipliers to a tolerance."""
     longest = TURN * (tolerance / MULTIPLIER_TOLERANCE) ** 0.0625
     return np.ceil(np.maximum(turns / longest, 1.0)).astype(int)
 
@@ -263,7 +258,7 @@ def eigenvalues_through(maps: Array, allowed: Array | None = None) -> Complex:
     return values
 
 
-def _turns(motion: VectorField, orbit: PeriodicOrbit) -> Array:
+def fast_turns(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     """Product |lambda| h of the fastest mode that persists, for each interval, shape (M,).
 
     A mode that decays by more than exp(-25) over the span ends below 1e-11 of its size.

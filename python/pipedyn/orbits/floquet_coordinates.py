@@ -16,7 +16,7 @@ import numpy as np
 
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import interval_derivatives
-from pipedyn.orbits.floquet import parts_for
+from pipedyn.orbits.floquet import fast_turns, parts_for
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit, integrals
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import factorised
@@ -91,7 +91,7 @@ def floquet_coordinates(
         LinAlgError: if fast modes need a finer mesh than the orbit's, no coordinate decays slowly
             enough, or two Floquet vectors coincide.
     """
-    if (parts_for(motion, orbit, ACCURACY) > 1).any():
+    if (parts_for(fast_turns(motion, orbit), ACCURACY) > 1).any():
         raise np.linalg.LinAlgError("fast modes need a finer mesh")
     phases = point_phases(orbit)
     within = phases[phases < orbit.span].reshape(len(orbit.starts), -1, 1)
