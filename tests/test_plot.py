@@ -496,6 +496,7 @@ def of_the_hose():
     loci = pp.root_loci(chain, [0.0, 3.0, 6.0], 2)
     window = {"gamma": (10.0, 30.0), "u": (0.0, 12.0)}
     onset = pp.boundary(chain, "gamma", "u", window, criticality=False)
+    onset.unstable(20.0, 3.0)  # makes pipes once, here, where they still may have scales
     critical = pp.critical_speed(chain)
     sizes = [pp.critical_speed(pp.Chain(HOSE, n)) for n in (2, 4, 8)]
     diagram = pp.bifurcation_diagram(chain, [3.0, 4.5], cycles=0)
