@@ -52,6 +52,51 @@ SI_OPTIONS = {
 default must all be given."""
 
 
+def add_pipe_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of the pipe; options with a unit are None if they are not given."""
+    usual = "(default: %(default)s)"
+    groups = (
+        ("nondimensional pipe", None, NONDIMENSIONAL_OPTIONS),
+        ("pipe in SI units", "Speeds are then in m/s, frequencies in Hz.", SI_OPTIONS),
+    )
+    for title, text, options in groups:
+        add = parser.add_argument_group(title, text).add_argument
+        for name, (metavar, default, words) in options.items():
+            words += "" if default is None else f" (default: {default:g})"
+            add(f"--{name}", type=float, metavar=metavar, help=words)
+    add = parser.add_argument_group("pipe, in either units").add_argument
+    text = f"end coefficient, A >= 0: of nozzle or inlet {usual}"
+    add("--alpha", type=float, default=1.0, metavar="A", help=text)
+    add("--flow", choices=FLOWS, default="ejecting", help=f"direction {usual}")
+
+
+def taken_pipe(given: dict[str, Any]) -> Pipe:
+    """Makes the pipe from its options, and removes the options from `given`.
+
+    Raises:
+        ValueError: if numbers are out of range, if options in both kinds of units are given, or if
+            there are too few.
+    """
+    both = {name: given.pop(name) for name in ("flow", "alpha")}
+    numbers, measured = (
+        {name: value for name in names if (value := given.pop(name.replace("-", "_"))) is not None}
+        for names in (NONDIMENSIONAL_OPTIONS, SI_OPTIONS)
+    )
+    if not measured:
+        defaults = {name: default for name, (_, default, _) in NONDIMENSIONAL_OPTIONS.items()}
+        return Pipe(**(defaults | numbers), **both)
+    if numbers:
+        raise ValueError(
+            f"argument --{next(iter(numbers))}: is nondimensional and cannot be given with "
+            f"--{next(iter(measured))}, which is in SI units"
+        )
+    for name, (_, default, _) in SI_OPTIONS.items():
+        if default is None and name not in measured:
+            raise ValueError(f"argument --{name}: must be given in SI units")
+    of_names = {name.replace("-", "_"): value for name, value in measured.items()}
+    return Pipe.from_si(**of_names, **both)
+
+
 class _Parser(argparse.ArgumentParser):
     """A parser of arguments that reports an error in one line."""
 
@@ -73,7 +118,7 @@ def _parsed(arguments: Sequence[str] | None) -> Options:
         allow_abbrev=False,
     )
     usual = "(default: %(default)s)"
-    _add_pipe_options(parser)
+    add_pipe_options(parser)
 
     add = parser.add_argument_group("panels of figures 2 and 3").add_argument
     rules: dict[str, Any] = {"choices": SPRING_RULES, "default": ["rayleigh", "consistent"]}
@@ -111,7 +156,7 @@ def _parsed(arguments: Sequence[str] | None) -> Options:
     words = sys.argv[1:] if arguments is None else arguments
     given = vars(parser.parse_args([_positional(word) for word in words]))
     try:
-        pipe = _taken_pipe(given)
+        pipe = taken_pipe(given)
         if given["highest"] is not None:
             unit = 1.0 if pipe.scales is None else pipe.scales.speed
             bounds: dict[str, Any] = {"low": 0.0, "high": HIGHEST_SPEED * unit, "open_low": True}
@@ -125,51 +170,6 @@ def _parsed(arguments: Sequence[str] | None) -> Options:
     except (ValueError, OSError) as error:
         parser.error(str(error))
     return Options(pipe=pipe, **given)
-
-
-def _add_pipe_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of the pipe; options with a unit are None if they are not given."""
-    usual = "(default: %(default)s)"
-    groups = (
-        ("nondimensional pipe", None, NONDIMENSIONAL_OPTIONS),
-        ("pipe in SI units", "Speeds are then in m/s, frequencies in Hz.", SI_OPTIONS),
-    )
-    for title, text, options in groups:
-        add = parser.add_argument_group(title, text).add_argument
-        for name, (metavar, default, words) in options.items():
-            words += "" if default is None else f" (default: {default:g})"
-            add(f"--{name}", type=float, metavar=metavar, help=words)
-    add = parser.add_argument_group("pipe, in either units").add_argument
-    text = f"end coefficient, A >= 0: of nozzle or inlet {usual}"
-    add("--alpha", type=float, default=1.0, metavar="A", help=text)
-    add("--flow", choices=FLOWS, default="ejecting", help=f"direction {usual}")
-
-
-def _taken_pipe(given: dict[str, Any]) -> Pipe:
-    """Makes the pipe from its options, and removes the options from `given`.
-
-    Raises:
-        ValueError: if numbers are out of range, if options in both kinds of units are given, or if
-            there are too few.
-    """
-    both = {name: given.pop(name) for name in ("flow", "alpha")}
-    numbers, measured = (
-        {name: value for name in names if (value := given.pop(name.replace("-", "_"))) is not None}
-        for names in (NONDIMENSIONAL_OPTIONS, SI_OPTIONS)
-    )
-    if not measured:
-        defaults = {name: default for name, (_, default, _) in NONDIMENSIONAL_OPTIONS.items()}
-        return Pipe(**(defaults | numbers), **both)
-    if numbers:
-        raise ValueError(
-            f"argument --{next(iter(numbers))}: is nondimensional and cannot be given with "
-            f"--{next(iter(measured))}, which is in SI units"
-        )
-    for name, (_, default, _) in SI_OPTIONS.items():
-        if default is None and name not in measured:
-            raise ValueError(f"argument --{name}: must be given in SI units")
-    of_names = {name.replace("-", "_"): value for name, value in measured.items()}
-    return Pipe.from_si(**of_names, **both)
 
 
 def _positional(word: str) -> str:
