@@ -1480,7 +1480,6 @@ def _pictures() -> Iterator[Target]:
         "stability_map": {
             "boundaries": named(BOUNDARY),
             "highest": top,
-            "marked": optional(of(CRITICAL)),
         },
         "boundary": {"found": of(BOUNDARY)},
         "dot_stride": {"loci": loci},

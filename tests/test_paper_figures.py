@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Figures 2 and 3 of the paper's analysis are fit to be printed."""
 
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -131,8 +132,15 @@ def test_speeds_at_which_the_pipe_is_stable_are_told(gamma, said):
 
 
 def test_the_map_is_in_order_of_gravity_and_titles_are_no_sentences():
-    (ax,) = map_figure(CASE, findings()).axes
+    found = findings()
+    (ax,) = map_figure(CASE, found).axes
     words = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert words[:3] == [r"$\gamma = -10$", r"$\gamma = 0$", r"$\gamma = 10$"]
+    assert words[:4] == [
+        rf"$\beta = 0.2$, $\gamma = 0$: $u = {found.exact.speed:.4g}$",
+        *(r"$\gamma = -10$", r"$\gamma = 0$", r"$\gamma = 10$"),
+    ]
+    never = pp.critical_speed(pp.Galerkin(pp.Pipe(0.2, -50.0, damping=0.001), 8, "legendre"))
+    (unmarked,) = map_figure(CASE, replace(found, exact=never)).axes
+    assert len(unmarked.get_legend().get_texts()) == len(words) - 1  # no stability is lost there
     (ax,) = convergence_figure(CASE, findings()).axes
     assert "." not in ax.get_title().replace("0.2", "")

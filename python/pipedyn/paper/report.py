@@ -19,6 +19,7 @@ from pipedyn.linear.critical_speed import CriticalSpeed, stable_speeds
 from pipedyn.models.continuum import Continuum
 from pipedyn.models.pipe import Pipe
 from pipedyn.paper.analysis import CHAIN_SIZES, REDUCED_SIZES, Findings, Options, Row, map_top
+from pipedyn.plot.common import open_marker
 from pipedyn.plot.linear import DOT, ONSET
 from pipedyn.plot.units import FLOW_SPEED, GROWTH, ROOT_FREQUENCY, Units, View
 from pipedyn.util.result import Table
@@ -81,10 +82,14 @@ def map_figure(case: Options, findings: Findings) -> plot.Figure:
     """Figure of the stability boundaries over beta, for several gamma."""
     figure = plot.Figure(figsize=(6.4, 4.8), layout="constrained")
     ax = figure.subplots()
+    exact, view = findings.exact, _view(case.pipe)
+    if exact is not None and not exact.unstable_before:
+        place = exact.pipe.beta, view.one(FLOW_SPEED) * exact.speed
+        words = rf"$\beta = {exact.pipe.beta:g}$, $\gamma = {exact.pipe.gamma:g}$"
+        label, look = f"{words}: {view.speed(exact.speed, 4)}", {"markerfacecolor": "none"}
+        ax.plot(*place, label=label, **open_marker(7.0, markeredgewidth=1.2, zorder=4.0, **look))
     maps = {rf"$\gamma = {gamma:g}$": found for gamma, found in sorted(findings.maps.items())}
-    plot.stability_map(
-        maps, map_top(findings.exact), findings.exact, units=_units_of(case.pipe), ax=ax
-    )
+    plot.stability_map(maps, map_top(exact), units=_units_of(case.pipe), ax=ax)
     ax.set_xlim(0.0, 1.0)
     ax.set_title(f"Stability boundaries of the continuous pipe, {_flow(case.pipe)}")
     return figure

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from itertools import cycle, groupby, pairwise
 from typing import Any
@@ -17,7 +16,6 @@ from numpy.typing import NDArray
 
 from pipedyn.curves.boundary import Boundary, BoundaryCurve
 from pipedyn.curves.cycle_boundary import CycleBoundary
-from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.plot import common
 from pipedyn.plot.bifurcation import A_STEP, draw_pieces, smooth
 from pipedyn.plot.units import FLOW_SPEED, OF_A_NUMBER, PlaneView, Units, View, of_number
@@ -192,7 +190,6 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
 def stability_map(
     boundaries: Mapping[str, Boundary],
     highest: float | None = None,
-    marked: CriticalSpeed | None = None,
     *,
     units: Units = "nondimensional",
     ax: Axes | None = None,
@@ -202,14 +199,11 @@ def stability_map(
     Ticks on boundaries point to the unstable side. Words at a curve of divergence tell whether the
     flow buckles the pipe above it or the weight does below it. Parts of boundaries on which other
     roots are unstable are left out; if no part is left, the legend says whether the pipe is stable
-    at the speeds searched. A triangle at the top shows `marked` if it lies above. Pipes are in the
-    order of gamma, and the x axis shows the range searched.
+    at the speeds searched. Pipes are in the order of gamma. The x axis shows the range searched.
 
     Args:
         boundaries: boundaries by their labels, with the same number for x and "u" for y.
         highest: end of the axis of speed, nondimensional.
-        marked: a critical speed to mark at the beta of its pipe, if the number is beta. If the pipe
-            is unstable below it, too, the legend says so instead.
         units: "nondimensional", or "si" if the pipe has scales.
         ax: Axes to draw on; new ones if not given.
 
@@ -231,14 +225,12 @@ def stability_map(
         raise ValueError(f"boundaries must be over one number, got {', '.join(names)}")
     if highest is not None:
         highest = check.real("highest", highest, low=0.0, open_low=True)
-    check.instance("marked", marked, CriticalSpeed | None, "of type CriticalSpeed")
     every, name = list(boundaries.items()), names[0] if names else "beta"
     if name != "gamma":
         every.sort(key=lambda item: item[1].model.pipe.gamma)
-    pipes = [found.model.pipe for _, found in every]
-    pipes += [] if marked is None else [marked.pipe]
-    view = View(units, pipes[0] if pipes else None)
-    shown = of_number(name, pipes[0]) if pipes else OF_A_NUMBER[name]
+    pipe = every[0][1].model.pipe if every else None
+    view = View(units, pipe)
+    shown = OF_A_NUMBER[name] if pipe is None else of_number(name, pipe)
     ax = view.axes(ax, (6.4, 4.8), shown, FLOW_SPEED)
     divergences = list[tuple[Array, bool, bool, Any]]()
     states, searched, reach = set[str](), list[float](), 0.0  # states: of pipes without a boundary
@@ -267,19 +259,6 @@ def stability_map(
                 middle = line.shape[0] // 2
                 gamma = line[middle, 0] if name == "gamma" else found.model.pipe.gamma
                 divergences.append((at[middle - 1 : middle + 1], left, gamma < 0.0, look["color"]))
-    if marked is not None and name == "beta":
-        own, speed = View(units, marked.pipe), View(units, marked.pipe).speed(marked.speed, 4)
-        words = rf"$\beta = {marked.pipe.beta:g}$, $\gamma = {marked.pipe.gamma:g}$"
-        height, label = own.one(FLOW_SPEED) * marked.speed, f"{words}: {speed}"
-        look = {"markerfacecolor": "none", "markeredgewidth": 1.2, "zorder": 4.0, "clip_on": False}
-        if marked.unstable_before:
-            ax.plot([], [], " ", label=f"{words}: unstable below {speed}, too")
-        else:
-            if marked.speed > (highest or math.inf):
-                height, label = 0.97, f"{label}, above"
-                look |= {"marker": "^", "transform": ax.get_xaxis_transform()}
-            ax.plot(marked.pipe.beta, height, label=label, **common.open_marker(7.0, **look))
-            searched += [marked.pipe.beta] if searched else []
     end = 1.1 * ax.dataLim.y1 if drawn else reach
     if highest is not None:
         end = view.one(FLOW_SPEED) * highest
