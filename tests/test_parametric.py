@@ -273,6 +273,18 @@ def test_combination_regions_side_by_side_leave_the_gaps_between_them():
             assert grows == ((edges[:, 0] < w) & (w < edges[:, 1])).any()
 
 
+def test_a_combination_region_is_followed_beyond_the_range():
+    """It begins on the edge of a subharmonic region, which multipliers leave together."""
+    model = pp.Galerkin(pp.Pipe(0.0, 8.0, damping=1e-3), 5, "legendre")
+    found = pp.parametric_regions(model, 2.64, 0.31, (10.0, 11.6))
+    ((left, right),) = next(one.edges for one in found if one.kind == "combination")
+    assert right > 1.1 * 11.6
+    for w, grows in ((left + 1e-3, True), (right - 1e-3, True), (right + 1e-3, False)):
+        assert (growing(model, pp.Pulsation(2.64, 0.31, 1.0), w) > 0.0) == grows
+    for w in np.linspace(left, right, 9)[1:-1]:
+        assert growing(model, pp.Pulsation(2.64, 0.31, 1.0), w) > 1e-3
+
+
 @pytest.mark.slow
 def test_edges_of_a_large_model_follow_from_its_lowest_modes():
     """Multipliers are those of all its degrees of freedom."""

@@ -31,8 +31,7 @@ THIN = 1e-3
 it."""
 
 SAMPLED = 5
-"""Number of amplitudes at which subharmonic and harmonic regions are looked for; their edges are
-followed to the others."""
+"""Number of amplitudes at which regions are looked for; they are followed to the others."""
 
 SAME_EDGE = 1e-6
 """Relative distance of frequencies up to which an edge that was followed is a known one."""
@@ -229,13 +228,17 @@ class RegionSearch:
         return np.unique(np.linspace(0, count - 1, min(count, SAMPLED)).astype(int))[::-1].tolist()
 
     def combinations(self) -> list[RegionEdges]:
-        """Combination regions, found by the multipliers of a few modes at each amplitude.
+        """Combination regions, found by the multipliers of a few modes at some amplitudes.
 
         Each region is followed to the other amplitudes from one interval in which motions grow. As
         regions may meet or part on the way, its edges are those of the intervals that it leads to.
         """
         found, grown = list[RegionEdges](), list[tuple[int, Array]]()
-        for index, amplitude in reversed(list(enumerate(self.amplitudes.tolist()))):
+        sampled = self.samples()
+        for index in [*sampled, *(set(range(self.amplitudes.size)) - set(sampled))]:
+            if index not in sampled and not any(one.followed[index] for one in found):
+                continue
+            amplitude = float(self.amplitudes[index])
             for growth in self._growth(amplitude):
                 kinds = [end.kind for end in growth]
                 ends, nus = (

@@ -456,19 +456,14 @@ def choose_method(model: Model, members: int = 1, dense: bool = False) -> str:
 
     `dense` means that implicit steps would factorise full Jacobians, as they do at constant head.
     """
-    reduced = isinstance(model.core, _core.Galerkin)
     if (dense or model.calls_python) and model.integrated > LARGEST_IMPLICIT:
         return "dop853"
-    least = BATCH_DECAY if members >= BATCHED and not reduced else 0.0
-    return "radau" if not least or decays_fast(model, least) else "dop853"
-
-
-def decays_fast(model: Model, least: float = BATCH_DECAY) -> bool:
-    """Whether the fastest decay exceeds `least` times the highest frequency."""
+    if members < BATCHED or isinstance(model.core, _core.Galerkin):
+        return "radau"
     if not (model.pipe.damping or model.resisted):
-        return False
+        return "dop853"
     fastest, decay = fastest_rates(model)
-    return decay > least * fastest
+    return "radau" if decay > BATCH_DECAY * fastest else "dop853"
 
 
 @lru_cache(maxsize=8)

@@ -164,7 +164,9 @@ def _any_direction(size: int) -> Array:
     return np.asarray(direction / np.linalg.norm(direction))
 
 
-def _from_growth(growth: Array, step: float, blocks: int, end: Array) -> LyapunovExponent:
+def _from_growth(
+    growth: Array, step: float, blocks: int, end: Array, pipe: Pipe
+) -> LyapunovExponent:
     """The exponent from the logarithms of a difference's growth in each interval, shape (S,)."""
     each, duration = growth.size // blocks, step * growth.size
     t = step * np.arange(1.0, growth.size + 1.0)
@@ -183,6 +185,7 @@ def _from_growth(growth: Array, step: float, blocks: int, end: Array) -> Lyapuno
         history=np.cumsum(growth) / t,
         duration=duration,
         end=end,
+        pipe=pipe,
     )
 
 
@@ -263,13 +266,10 @@ def exponents_together(
             away[k] = (other - one) * (apart / distance)
             half = (i + 1) // (2 * blocks) * blocks
             if half and not alone and (i + 1) % (2 * blocks) == 0:
-                late = _from_growth(growth[i + 1 - half : i + 1, k], step, blocks, one)
+                late = _from_growth(growth[i + 1 - half : i + 1, k], step, blocks, one, model.pipe)
                 if late.value > BEYOND_DOUBT * late.spread:
                     answers[k] = late
-    ended = (
-        answers.get(k) or _from_growth(growth[before:, k], step, blocks, here[k])
-        for k in range(len(states))
-    )
     return [
-        replace(one, pipe=model.pipe) if isinstance(one, LyapunovExponent) else one for one in ended
+        answers.get(k) or _from_growth(growth[before:, k], step, blocks, here[k], model.pipe)
+        for k in range(len(states))
     ]
