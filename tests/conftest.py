@@ -62,14 +62,11 @@ def terminal(capsys, monkeypatch):
 
 
 def pytest_sessionstart(session):
-    """In a run of all tests every other worker starts from the last, and so compiles half of them.
-
-    What cannot be imported says so when it is collected.
-    """
+    """Every other worker of a run of all tests imports them from the last: each compiles half."""
     worker = getattr(session.config, "workerinput", {}).get("workerid", "gw0")
     if int(worker[2:]) % 2 and session.config.args_source.name == "TESTPATHS":
         for path in sorted(Path(__file__).parent.glob("test_*.py"), reverse=True):
-            with contextlib.suppress(Exception):
+            with contextlib.suppress(Exception):  # collecting it says why
                 importlib.import_module(path.stem)
 
 
