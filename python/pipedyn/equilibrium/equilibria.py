@@ -682,13 +682,8 @@ def _bends(statics: Statics, modes: int, sizes: Sequence[float], odd: bool) -> l
     mixtures = [np.array(p) for p in every if p > none or (p < none and not odd)]
     bends = [modal_bend(size * mixture) for size in sizes for mixture in mixtures]
     sampled = np.stack([statics.model.sampled(bend) for bend in bends], axis=1)
-    together, _ = statics.model.onto_constraints(sampled, np.zeros_like(sampled))
-    starts: list[Array] = []
-    for bend, start in zip(bends, together.T, strict=True):
-        with suppress(PipedynError):  # no bend of this kind may meet the guides and pins
-            met = bool(np.isfinite(start).all())
-            starts.append(start if met else statics.from_start("q0", bend))
-    return starts
+    starts, _ = statics.model.onto_constraints(sampled, np.zeros_like(sampled))
+    return list(starts.T[np.isfinite(starts).all(axis=0)])  # others may meet no guides and pins
 
 
 def _balanced(statics: Statics, u: float, starts: list[Array], longest: float) -> Array:
