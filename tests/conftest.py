@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: MIT
 """Settings of the whole suite: property tests draw the same examples every time."""
 
+import contextlib
 import gc
+import importlib
 import os
 import signal
 import sys
+from pathlib import Path
 
 # Before numpy is imported: its matrices here are small, and threads only get in each other's way.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -56,6 +59,15 @@ def terminal(capsys, monkeypatch):
     """Captured output that passes for a terminal, to which progress is written."""
     monkeypatch.setattr(type(sys.stderr), "isatty", lambda self: True)
     return capsys
+
+
+def pytest_sessionstart(session):
+    """Every other worker of a run of all tests imports them from the last: each compiles half."""
+    worker = getattr(session.config, "workerinput", {}).get("workerid", "gw0")
+    if int(worker[2:]) % 2 and session.config.args_source.name == "TESTPATHS":
+        for path in sorted(Path(__file__).parent.glob("test_*.py"), reverse=True):
+            with contextlib.suppress(Exception):  # collecting it says why
+                importlib.import_module(path.stem)
 
 
 def pytest_collection_finish():

@@ -35,14 +35,8 @@ def place(found, kind):
 
 
 def eigenvalues(model, u):
-    """All of them, from the operators alone."""
-    mass, damping, stiffness = model.operators().at(u)
-    n = len(mass)
-    inverse = np.linalg.inv(mass)
-    companion = np.zeros((2 * n, 2 * n))
-    companion[:n, n:] = np.eye(n)
-    companion[n:] = np.hstack([-inverse @ stiffness, -inverse @ damping])
-    return np.linalg.eigvals(companion)
+    """All of them, from the equations of motion."""
+    return np.linalg.eigvals(model.jacobian(0.0, np.zeros(2 * model.coordinates), u))
 
 
 def below(found, x, y, start):

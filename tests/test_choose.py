@@ -30,12 +30,6 @@ KINDS = [("ejecting", False), ("ejecting", True), ("aspirating", True)]
 """Flows, with damping or without."""
 
 
-def random_pipe(rng, flow, damped):
-    """beta in [0.02, 0.95], gamma in [-5, 60]."""
-    damping = 10.0 ** rng.uniform(-3.0, -1.3) if damped else 0.0
-    return pp.Pipe(rng.uniform(0.02, 0.95), rng.uniform(-5.0, 60.0), flow=flow, damping=damping)
-
-
 @cache
 def exact_speed(pipe):
     return pp.critical_speed(pp.Continuum(pipe))
@@ -45,7 +39,9 @@ def exact_speed(pipe):
 def exact_cases(flow, damped):
     """A random pipe, and of three questions to it the name, the conditions and the exact answer."""
     rng = np.random.default_rng(8)
-    pipe, u = random_pipe(rng, flow, damped), rng.uniform(1.0, 8.0)
+    damping = 10.0 ** rng.uniform(-3.0, -1.3) if damped else 0.0
+    beta, gamma, u = rng.uniform([0.02, -5.0, 1.0], [0.95, 60.0, 8.0])
+    pipe = pp.Pipe(beta, gamma, flow=flow, damping=damping)
     questions = (
         ("critical_speed", {}),
         ("frequencies", {"u": u, "count": 3}),
@@ -309,11 +305,12 @@ def test_a_basis_has_functions_for_each_panel_between_terms():
     """Ten springs make eleven panels, more than the functions that the plain pipe would take."""
     terms = tuple(pp.Spring(at, 0.1) for at in np.linspace(0.05, 0.95, 10))
     pipe = pp.Pipe(0.2, damping=1e-3, terms=terms)
-    speed = pp.choose(pipe, "critical_speed", 1e-6, among="legendre")
-    assert speed.size >= 11
-    assert abs(speed.answer[0] / exact_speed(pipe).speed - 1.0) <= 1e-6
     motion = pp.choose(pipe, "motion", 1e-2, among="legendre", u=3.0, duration=0.05)
     assert motion.size >= 11
+    pipe = replace(pipe, terms=terms[::2])
+    speed = pp.choose(pipe, "critical_speed", 1e-6, among="legendre")
+    assert speed.size >= 6
+    assert abs(speed.answer[0] / exact_speed(pipe).speed - 1.0) <= 1e-6
 
 
 # ------------------------------------------------------------------------------------------ chance

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from independent import gauss
 from numpy.polynomial import Legendre
-from scipy.special import eval_legendre, roots_legendre
+from scipy.special import eval_legendre
 
 import pipedyn as pp
 
@@ -53,21 +53,16 @@ def test_beam_modes_are_orthogonal_with_unit_mass():
     model = pp.Galerkin(pp.Pipe(0.2), 60)
     nodes, weights = gauss(240)
     values = model.functions(nodes)
-    curvatures = model.functions(nodes, 2)
     roots = np.array([float(beam_root(i)) for i in range(1, 61)])
     np.testing.assert_allclose(values.T * weights @ values, np.eye(60), atol=1e-12)
-    scaled = curvatures / roots**2
+    scaled = model.functions(nodes, 2) / roots**2
     np.testing.assert_allclose(scaled.T * weights @ scaled, np.eye(60), atol=1e-12)
     np.testing.assert_allclose(model.operators().mass, np.eye(60), atol=1e-12)
     np.testing.assert_allclose(model.operators().stiffness, np.diag(roots**4), rtol=1e-12)
-
-
-def test_beam_modes_of_high_number_are_orthogonal():
-    model = pp.Galerkin(pp.Pipe(0.2), 1000)
-    nodes, weights = roots_legendre(2060)
-    every = [model.functions(0.5 * nodes + 0.5, derivative)[:, -3:] for derivative in range(3)]
-    assert np.isfinite(every).all()
-    np.testing.assert_allclose(every[0].T * (0.5 * weights) @ every[0], np.eye(3), atol=1e-9)
+    s = np.linspace(0.1, 0.9, 9)  # far from its ends a mode of high number is a sine
+    high = pp.Galerkin(pp.Pipe(0.2), 2000).functions(s)[:, -1]
+    sine = math.sqrt(2.0) * np.sin((1999.5 * s - 0.25) * math.pi)
+    np.testing.assert_allclose(high, sine, atol=1e-9)
 
 
 def test_legendre_functions_have_legendre_polynomials_for_curvature():

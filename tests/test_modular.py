@@ -10,8 +10,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import redundant
+from independent import derivative_along
 from test_modular_core import light, rich, state
 from test_motion import TAPERED
+from test_terms import jacobian_by_differences
 
 import pipedyn as pp
 from pipedyn import modular as md
@@ -182,22 +184,16 @@ def test_a_term_on_the_fixed_base_does_nothing() -> None:
 def test_the_jacobian_is_the_derivative_of_the_rates(name: str) -> None:
     scene = SCENES[name]()
     y, u = state(scene, seed=4), 3.0
-    jacobian = scene.jacobian(0.0, y, u)
-    step = 1e-5
-    near = [scene.rhs(0.0, y[:, None] + h * step * np.eye(y.size), u) for h in (-2, -1, 1, 2)]
-    differences = (near[0] - 8.0 * near[1] + 8.0 * near[2] - near[3]) / (12.0 * step)
-    np.testing.assert_allclose(jacobian, differences, atol=3e-7 * np.abs(differences).max())
+    differences = jacobian_by_differences(lambda y: scene.rhs(0.0, y, u), y, 1.0, 1e-5)
+    atol = 3e-7 * np.abs(differences).max()
+    np.testing.assert_allclose(scene.jacobian(0.0, y, u), differences, atol=atol)
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_energy_changes_by_the_power_of_the_parts(name: str) -> None:
     scene = SCENES[name]()
     y, u = state(scene, seed=6), 4.0
-    rate = scene.rhs(0.0, y, u)
-    h = 1e-5
-    points = np.stack([y + k * h * rate for k in (-2, -1, 1, 2)], axis=1)
-    e = scene.energy(points)
-    measured = (e[0] - 8.0 * e[1] + 8.0 * e[2] - e[3]) / (12.0 * h)
+    measured = derivative_along(scene.energy, y, scene.rhs(0.0, y, u), 1e-5)
     power = scene.power(y, u)
     assert math.isclose(measured, power.total, rel_tol=1e-7, abs_tol=1e-6 * abs(power.flow))
     own = name == "fitted" or name.startswith("rich")

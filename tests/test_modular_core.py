@@ -252,14 +252,13 @@ def test_what_states_miss_guides_by_decays_at_the_return_rate(name):
     rates = scene.motion_rates(np.concatenate([theta, omega, [0.0]]), 3.0)[:-1]
     np.testing.assert_array_equal(rates[:n], omega)
 
-    def off(h):
-        moved = scene.core.redundant(np.append(theta + h * omega, omega + h * rates[n:]))
-        places, speeds = (part[held] for part in np.split(moved, 2))
-        return places - scene._layout.held_values, speeds
+    def off(y):
+        places, speeds = (part[held] for part in np.split(scene.core.redundant(y), 2))
+        return np.stack([places - scene._layout.held_values, speeds])
 
-    h = 1e-4
-    slope = (8.0 * (off(h)[1] - off(-h)[1]) - off(2.0 * h)[1] + off(-2.0 * h)[1]) / (12.0 * h)
-    missed, speed = off(0.0)
+    y = np.append(theta, omega)
+    missed, speed = off(y)
+    slope = derivative_along(off, y, rates, 1e-4)[1]
     expected = -2.0 * rate * speed - rate**2 * missed
     np.testing.assert_allclose(slope, expected, rtol=1e-7, atol=1e-7)
 

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Answers as they were when the package was rebuilt, to what each algorithm warrants.
-
-Numbers of single states are derived by other equations in the tests of the models.
-"""
+"""Answers as they were when the package was rebuilt, to what each algorithm warrants."""
 
 import numpy as np
 import pytest

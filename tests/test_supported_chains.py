@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import redundant
 import scipy.linalg
+import scipy.optimize
 import scipy.special
 
 import pipedyn as pp
@@ -83,11 +84,7 @@ def test_damping_in_series_with_a_root_spring_is_that_of_the_material_to_first_o
             joints = 1.7 * material * bend + np.diag([first, 0.0])
             return complex(np.linalg.det(at**2 * free.mass + joints))
 
-        for _ in range(30):
-            h = 1e-6 * abs(value)
-            slope = (determinant(value + h) - determinant(value - h)) / (2.0 * h)
-            value -= determinant(value) / slope
-        return value
+        return scipy.optimize.newton(determinant, value, tol=1e-8)
 
     off = []
     for delta in (2e-3, 1e-3):

@@ -74,10 +74,8 @@ double* scratch(std::ptrdiff_t count) {
   const std::size_t needed = static_cast<std::size_t>(count + 7) / 8;
   if (kept.size() < needed) kept = std::vector<Line>(needed);
 #ifdef __SANITIZE_ADDRESS__  // so that access beyond these numbers is detected in a larger buffer
-  const std::size_t used = static_cast<std::size_t>(count) * sizeof(double);
-  char* const start = reinterpret_cast<char*>(kept.data());
-  __asan_unpoison_memory_region(start, used);
-  __asan_poison_memory_region(start + used, kept.size() * sizeof(Line) - used);
+  __asan_poison_memory_region(kept.data(), kept.size() * sizeof(Line));
+  __asan_unpoison_memory_region(kept.data(), static_cast<std::size_t>(count) * sizeof(double));
 #endif
   return kept.data()->numbers;
 }
