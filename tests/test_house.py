@@ -18,8 +18,8 @@ LIMITS = {
     "modules in a folder": 16,
     "names with more than one meaning": 10,
     "docstrings that begin with a leaning word": 0,
-    "lines of Python": 22066,
-    "lines of C++": 13585,
+    "lines of Python": 21233,
+    "lines of C++": 12847,
 }
 
 ROOT = Path(__file__).parents[1]
