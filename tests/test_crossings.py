@@ -352,6 +352,7 @@ def test_sensitivity_meets_differences(scene, kind):
 LOADS = pp.PointMass(0.25, 0.4), pp.Spring(0.6, 50.0), pp.PointMass(1.0, 0.2), pp.Spring(1.0, 3.0)
 LOADED = pp.Pipe(0.3, 6.0, damping=1e-3, terms=LOADS)
 LOSSY = pp.Pipe(0.3, 5.0, damping=1e-3, hysteresis=0.07)
+WEAK, WEAKER = pp.Pipe(1e-12, damping=1e-7), pp.Pipe(1e-12, hysteresis=3e-6, damping=1e-7)
 EACH = {"beta": 1e-5, "gamma": 1e-4, "damping": 1e-6, "alpha": 1e-5}
 
 
@@ -372,10 +373,15 @@ def of_size(n, kind=pp.Chain, *given):
         *((of_size(14, pp.Galerkin, name), LOADED, EACH, 1e-5) for name in ("beam", "legendre")),
         (of_size(14), LOSSY, EACH | {"hysteresis": 1e-5}, 1e-5),
         (of_size(8, pp.Galerkin), LOSSY, EACH | {"hysteresis": 1e-5}, 1e-5),
+        (of_size(5), WEAK, {"beta": 1e-15, "damping": 1e-10, "gamma": 1e-3}, 1e-4),
+        (
+            of_size(8, pp.Galerkin, "legendre"),
+            *(WEAKER, {"beta": 1e-15, "damping": 1e-10, "hysteresis": 3e-9}, 1e-3),
+        ),
     ],
 )
 def test_sensitivity_of_the_first_loss_meets_differences(make, pipe, steps, rel, monkeypatch):
-    """Of chains by sweeps, which those beyond 64 segments take, terms, hysteresis."""
+    """Of chains by sweeps, which those beyond 64 segments take, terms, hysteresis, weak forces."""
     monkeypatch.setattr("pipedyn.models.segments.LONGEST_DENSE", 20)
 
     def find(pipe):

@@ -220,9 +220,7 @@ def test_the_limit_of_weak_damping_depends_on_the_ratio_to_the_coriolis_force():
     speeds = []
     for size in (1e-12, 1e-6, 2e-4):
         pipe = pp.Pipe(0.04 * size**2, hysteresis=size)
-        found = pp.critical_speed(pp.Galerkin(pipe, 8, "legendre"))
-        speeds.append(found.speed)
-        assert (found.sensitivity is None) == (size < 2e-5)
+        speeds.append(pp.critical_speed(pp.Galerkin(pipe, 8, "legendre")).speed)
     assert speeds[0] == pytest.approx(speeds[1], rel=1e-9)
     assert speeds[0] == pytest.approx(speeds[2], rel=1e-6)
 

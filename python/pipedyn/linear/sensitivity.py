@@ -107,9 +107,8 @@ class Crossing(Result, units={"error": SPEED}):
             two branches that meet on the axis (beta = 0). At a divergence of a conservative pipe,
             the mode whose frequency at rest is nearest to Rayleigh's quotient of the buckled shape.
         sensitivity: derivatives of speed and frequency; None at u = 0, at beta = 0 without
-            damping, at the divergence of a chain with a free joint, about a bent pipe, whose shape
-            changes as well, and where sqrt(beta), damping and hysteresis are all so small (below
-            2e-5) that crossings are extrapolated.
+            damping, at the divergence of a chain with a free joint, and about a bent pipe, whose
+            shape changes as well.
         gyroscopic: whether, on the side where no root is unstable, only gyroscopic forces keep the
             pipe from diverging: it has no damping, its stiffness is indefinite there, and any
             damping makes it unstable (Kelvin, Tait and Chetaev).
@@ -294,10 +293,7 @@ def strengthened(pipe: Pipe) -> list[Pipe]:
 
 
 def extrapolated(pipe: Pipe, found: Sequence[tuple[Crossing, ...]]) -> tuple[Crossing, ...]:
-    """Crossings of a pipe from those of the strengthened pipes, which must agree in kind.
-
-    They come without sensitivities, most of which grow without bound as the forces get weaker.
-    """
+    """Crossings of a pipe from those of the strengthened pipes, which must agree in kind."""
     kinds = [[(c.kind, c.mode, c.unstable_before, c.unstable_after) for c in row] for row in found]
     if any(row != kinds[0] for row in kinds):
         raise NotConverged(
@@ -322,7 +318,31 @@ def extrapolated(pipe: Pipe, found: Sequence[tuple[Crossing, ...]]) -> tuple[Cro
                 speed=speed,
                 frequency=float(np.dot(parabola, frequencies)),
                 error=error,
-                sensitivity=None,
+                sensitivity=_weakened(pipe, same[0].sensitivity),
             )
         )
     return tuple(result)
+
+
+def _weakened(pipe: Pipe, sensitivity: Sensitivity | None) -> Sensitivity | None:
+    """Sensitivity of a pipe from that of its first strengthened pipe, rescaled by both sizes."""
+    if sensitivity is None:
+        return None
+    solved = strengthened(pipe)[0]
+    weaker = _size(solved) / _size(pipe)
+
+    def shrunk(by: Derivatives) -> Derivatives:
+        # In u = F(ratio) + beta G, derivatives of F grow as the size shrinks, by beta like
+        # 1 / beta. At beta = 0 with one kind of damping there is no ratio, and u is even in it.
+        shrinks = [by.beta is None and not other for other in (solved.hysteresis, solved.damping)]
+        damping, hysteresis = (
+            one * (1.0 / weaker if alone else weaker)
+            for one, alone in zip((by.damping, by.hysteresis), shrinks, strict=True)
+        )
+        beta = by.beta
+        if beta is not None:
+            across = 0.5 * (by.damping * solved.damping + by.hysteresis * solved.hysteresis)
+            beta += across / solved.beta - across / pipe.beta
+        return replace(by, beta=beta, damping=damping, hysteresis=hysteresis)
+
+    return Sensitivity(shrunk(sensitivity.speed), shrunk(sensitivity.frequency))
