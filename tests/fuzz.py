@@ -1490,7 +1490,7 @@ def _pictures() -> Iterator[Target]:
         },
         "style": {},
         "time_history": {"motions": several},
-        "phase_portrait": {"motions": several},
+        "phase_portrait": {"motions": several, "coordinate": place},
         "snapshots": {"motion": motion, "span": span, "count": count(2, 5, 10_001)},
         "animate": {
             "motion": motion,

@@ -196,7 +196,7 @@ def places(chain, at):
         ]
     rest = at - chain.base
     for j, length in enumerate(chain.lengths):
-        if 0.0 < rest <= length or (rest > length and j == chain.dof - 1):
+        if 0.0 < rest <= (1.0 + 1e-9) * length or (rest > length and j == len(chain.lengths) - 1):
             return [(j, min(rest, length), 1.0)]
         rest -= length
     return []

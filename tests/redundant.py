@@ -11,6 +11,7 @@ Source: Orsino and Di Giulio, eqs. (2)-(6) and (9)-(11); Orsino (2016).
 
 import math
 
+import independent
 import numpy as np
 import scipy.linalg
 
@@ -60,6 +61,38 @@ def mass(scene, q):
     return whole
 
 
+def load(law, numbers, r, angle, t, n, v, omega):
+    """Force (k, 2) and couple (k,) of a law, or those per length, at k moving places.
+
+    r: positions, (k, 2); angle: of the tangents; t, n: unit vectors along and normal to the pipe;
+    v: velocities; omega: rates of the angle. Added mass chi has the kinetic energy T = chi v_n^2 /
+    2, v_n = n . v. The change of its momentum chi v_n n as n turns acts as a force, and the
+    derivative of T by the angle as a couple.
+    """
+    number, *others = numbers
+    x, v_n, v_t = r[:, 0], np.sum(n * v, axis=1), np.sum(t * v, axis=1)
+    none, axis = np.zeros(len(r)), np.array([[1.0, 0.0]])
+    couples = {
+        "rotational_spring": -number * angle,
+        "rotational_damper": -number * omega,
+        "added_mass": -number * v_n * v_t,
+    }
+    if law == "added_mass":
+        force = number * omega[:, None] * (v_t[:, None] * n + v_n[:, None] * t)
+    elif law == "viscosity":
+        force = -number * v_n[:, None] * n
+    elif law == "tension":
+        force = np.tile([0.0, number], (len(r), 1))
+    elif law == "stretching":
+        force = np.outer(number * (1.0 - r[:, 1]) - others[0] * v[:, 1], [0.0, 1.0])
+    elif law == "stop":
+        force = -others[0] * (x - np.clip(x, -number, number))[:, None] * axis
+    else:
+        elastic = {"spring": x, "foundation": x, "cubic_spring": x**3, "damper": v[:, 0]}
+        force = -number * elastic.get(law, none)[:, None] * axis
+    return force, couples.get(law, none)
+
+
 def forces(scene, y, u, drive=None):
     """Forces of all modules at a state [q, q'], shape (3 n,).
 
@@ -92,19 +125,21 @@ def forces(scene, y, u, drive=None):
     add(layout.drag_points, normal * (-pipe.drag * lengths * np.abs(v) * v)[:, None], every)
     add(middle, normal * (-across_alone * (normal @ acceleration))[:, None], every)
 
-    segment, arm, weight = chain.places().T
-    segment = segment.astype(np.intp)
-    share, tangent = arm / lengths[segment], along[segment]
-    size = np.hypot(*tangent.T)[:, None]
-    turning = np.sum(across(tangent) / size**2 * np.diff(velocities, axis=0)[segment], axis=1)
-    where, moving = (between(of, share, segment) for of in (nodes, velocities))
-    angle = np.cumsum(q[2::3])[segment]
-    stations = np.column_stack([where + place, angle, tangent / size, moving + speed, turning])
-    loads = weight[:, None] * chain.loads(stations)
-    add(share, loads[:, :2], segment)
-    couple = (normal / lengths[:, None])[segment] * loads[:, 2:]  # two opposite forces on the nodes
-    np.add.at(on_nodes, segment, -couple)
-    np.add.at(on_nodes, segment + 1, couple)
+    angle, turning = np.cumsum(q[2::3]), np.sum(across(along) * np.diff(velocities, axis=0), axis=1)
+    for term in pipe.terms:
+        segment, arm, weight = np.transpose(independent.places(layout, term.place))
+        segment = segment.astype(np.intp)
+        share, t, n_at = arm / lengths[segment], along[segment], normal[segment]
+        where, moving = (between(of, share, segment) for of in (nodes, velocities))
+        t, omega = t / lengths[segment, None], turning[segment] / lengths[segment] ** 2
+        if term.law != "stretching":  # it acts between the pipe and the base
+            where, moving = where + place, moving + speed
+        numbers = term.law_numbers(pipe.damping)
+        force, couple = load(term.law, numbers, where, angle[segment], t, n_at, moving, omega)
+        add(share, weight[:, None] * force, segment)
+        pair = n_at * (weight * couple / lengths[segment])[:, None]  # opposite forces on the nodes
+        np.add.at(on_nodes, segment, -pair)
+        np.add.at(on_nodes, segment + 1, pair)
 
     on_nodes[:-1] -= fluid * u * velocities[1:]
     on_nodes[1:] += fluid * u * velocities[:-1]

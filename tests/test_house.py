@@ -18,8 +18,8 @@ LIMITS = {
     "modules in a folder": 16,
     "names with more than one meaning": 10,
     "docstrings that begin with a leaning word": 0,
-    "lines of Python": 21233,
-    "lines of C++": 12847,
+    "lines of Python": 21274,
+    "lines of C++": 12806,
 }
 
 ROOT = Path(__file__).parents[1]

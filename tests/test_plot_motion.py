@@ -80,6 +80,7 @@ NO_FILM = "path must end with .gif, .mp4 or .html and lie in a folder"
         (plot.time_history, ["cycle", "short"], {}, "motions[1] must have at least 3 samples"),
         (plot.time_history, "coarse", {}, f"motions {COARSE}"),
         (plot.phase_portrait, ["cycle", "coarse"], {}, f"motions[1] {COARSE}"),
+        (plot.phase_portrait, "cycle", {"coordinate": 6}, "coordinate must be from 0 to 5, got 6"),
         (plot.animate, "coarse", {}, f"motion {COARSE}"),
         (plot.animate, "cycle", {"path": "pipe.avi"}, NO_FILM),
         (plot.animate, "cycle", {"path": "none/pipe.gif"}, NO_FILM),
@@ -290,6 +291,15 @@ def test_the_only_member_that_did_not_fail_is_shown_as_one_motion():
         plot.time_history(none, ax=axes())
 
 
+def test_a_portrait_of_a_coordinate_shows_it_against_its_rate():
+    ax = plot.phase_portrait(run("decay"), 2, ax=axes())
+    shown = np.concatenate([np.column_stack(line.get_data()) for line in ax.lines[:3]])
+    states = np.column_stack([run("decay").q[:, 2], run("decay").qdot[:, 2]])
+    begin = np.abs(shown[:, None] - states[None, ::400]).max(axis=-1).min(axis=0)
+    assert begin.max() < 1e-3
+    assert "q_{2}" in ax.get_xlabel()
+
+
 def test_an_animation_has_its_frames_at_equal_times_and_can_be_read(tmp_path):
     path = tmp_path / "pipe.gif"
     ax = small_axes()
@@ -432,6 +442,11 @@ def test_films_are_of_each_attractor_that_moves(tmp_path):
         plot.films(3)
 
 
+def dots_and_curves(ax):
+    dotted = [line for line in ax.lines if line.get_marker() == "."]
+    return len(dotted), sum(len(line.get_xdata()) > 100 for line in ax.lines if line not in dotted)
+
+
 @pytest.mark.parametrize(
     ("model", "rate", "start"),
     [
@@ -443,11 +458,25 @@ def test_films_are_of_each_attractor_that_moves(tmp_path):
     ],
 )
 def test_pictures_of_a_default_motion_never_refuse(model, rate, start):
-    """They are drawn even where the pipe starts so fast that it whirls."""
+    """Neither where it starts so fast that it whirls, nor of coordinates that no tip shows."""
     motion = pp.simulate(model, 3.0, 1.0, start, np.zeros(model.dof) + rate)
     for ax in (plot.time_history(motion, ax=axes()), plot.phase_portrait(motion, ax=axes())):
-        assert any(len(line.get_xdata()) > 100 for line in ax.lines)
+        dots, curves = dots_and_curves(ax)
+        assert dots == 0
+        assert curves > 0
     plot.snapshots(motion, ax=axes())
     film = plot.animate(motion, ax=axes())
     film._init_draw()  # a film that was never drawn warns
     film._draw_was_started = True
+    for index in range(model.dof):
+        dots, curves = dots_and_curves(plot.phase_portrait(motion, index, ax=axes()))
+        assert (dots == 1) != (curves > 0)
+
+
+def test_a_coordinate_that_moves_too_fast_for_a_curve_is_shown_by_its_samples():
+    motion = pp.simulate(pp.Galerkin(pp.Pipe(0.2), 5), 4.0, 20.0, bend)
+    ax = plot.phase_portrait(motion, 4, ax=axes())
+    assert ax.get_title().endswith("samples, too far apart for a curve")
+    (line,) = ax.lines
+    np.testing.assert_array_equal(line.get_xdata(), motion.q[:, 4])
+    np.testing.assert_allclose(line.get_ydata(), motion.qdot[:, 4], rtol=1e-14)

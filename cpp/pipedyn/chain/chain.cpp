@@ -488,31 +488,6 @@ Matrix Chain::joints() const {
   return out;
 }
 
-Matrix Chain::places() const {
-  Matrix out(static_cast<Index>(loads_.size()), 3);
-  for (Index i = 0; i < out.rows(); ++i) {
-    const SegmentTerm& place = loads_[static_cast<std::size_t>(i)];
-    out.row(i) << static_cast<double>(place.segment), place.arm, place.weight;
-  }
-  return out;
-}
-
-Matrix Chain::loads(const Matrix& stations) const {
-  if (stations.rows() != static_cast<Index>(loads_.size()) || stations.cols() != 8) {
-    throw std::invalid_argument("stations must have one row of 8 numbers a place");
-  }
-  Matrix out(stations.rows(), 3);
-  for (Index i = 0; i < out.rows(); ++i) {
-    const auto row = stations.row(i);
-    const Station<double> at{row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7]};
-    Laws::with(loads_[static_cast<std::size_t>(i)].term, [&](const auto& law) {
-      const Acting<double> load(law.load(at));
-      out.row(i) << load.x, load.y, load.couple;
-    });
-  }
-  return out;
-}
-
 MotionModel Chain::motion() const {
   return {.links = links_.data(),
           .size = dof(),

@@ -139,14 +139,6 @@ class Chain {
   /// remain, and more where ends are held.
   Chain coarser(Index segments) const;
 
-  /// The places of the terms' loads, a row for each (k, 3): number of the segment, from 0, arm from
-  /// its joint, and weight, by which the load is multiplied.
-  Matrix places() const;
-  /// The loads of the terms' laws at the places (k, 3): x, y and couple, without the weights.
-  /// stations: motion of each place (k, 8), with the columns of Station. Throws
-  /// std::invalid_argument unless there is a station for each place.
-  Matrix loads(const Matrix& stations) const;
-
   // Motion, computed with the vector instructions of the processor (levels.hpp). A state y =
   // [theta, theta'] has 2 n entries; each column of a batch is a state. The caller provides arrays
   // of the sizes given; scratch belongs to the thread and is allocated by its first call for a

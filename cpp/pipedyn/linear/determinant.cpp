@@ -5,6 +5,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "pipedyn/terms/dual.hpp"
+
 namespace pipedyn {
 
 namespace {
@@ -130,53 +132,37 @@ Reals Determinant::quotients(double u, const ComplexTable& vectors) const {
 namespace {
 
 /// A number with its derivative by the flow speed.
-struct Dual {
-  Complex value, slope = 0.0;
-
-  friend Dual operator+(Dual a, Dual b) { return {a.value + b.value, a.slope + b.slope}; }
-  friend Dual operator-(Dual a, Dual b) { return {a.value - b.value, a.slope - b.slope}; }
-  friend Dual operator*(Dual a, Dual b) {
-    return {a.value * b.value, a.slope * b.value + a.value * b.slope};
-  }
-  friend Dual operator/(Dual a, Dual b) {
-    const Complex ratio = a.value / b.value;
-    return {ratio, (a.slope - ratio * b.slope) / b.value};
-  }
-};
+using Number = Dual<Complex, 1>;
 
 /// The pivots of P(0, u), whose product is its determinant, at a real or complex speed, the last
 /// segment's first. They are those of the recursion of chain/impedance.hpp at lambda =
 /// `beside_zero`.
-std::vector<Dual> static_pivots(const ImpedanceModel& model, Complex speed) {
-  std::vector<Dual> pivots;
+std::vector<Number> static_pivots(const ImpedanceModel& model, Complex speed) {
+  std::vector<Number> pivots;
   pivots.reserve(model.size);
-  const Dual u{speed, 1.0};
-  const auto number = [](double value) { return Dual{value}; };
-  const auto near_zero = [&](const ImpedanceParts& of) {
-    return number(of.stiffness + beside_zero * (of.damping + beside_zero * of.mass));
+  const auto near_zero = [](const ImpedanceParts& of) {
+    return of.stiffness + beside_zero * (of.damping + beside_zero * of.mass);
   };
-  const Dual thrust = number(model.thrust) * u * u;
-  const Dual coriolis = number(model.coriolis * beside_zero) * u;
-  Dual a = number(-model.entry * beside_zero) * u;
-  Dual b = model.guided ? number(0.0) - thrust : number(0.0), c = number(0.0), d = number(0.0);
+  const Number u{speed, {1.0}}, thrust = model.thrust * u * u;
+  const Number coriolis = (model.coriolis * beside_zero) * u;
+  Number a = (-model.entry * beside_zero) * u, b = model.guided ? -thrust : Number{}, c{}, d{};
   for (Index j = model.size - 1; j >= 0; --j) {
     const ImpedanceSegment& at = model.segments[j];
-    const Dual l = number(at.length), k = near_zero(at.joint), g = l * a + b;
+    const double l = at.length, k = near_zero(at.joint);
+    const Number moment = near_zero(at.moment) + l * l * coriolis, g = l * a + b;
+    const Number turned = near_zero(at.turned) + 2.0 * l * coriolis;
     if (at.held) {
-      const Dual moment = near_zero(at.moment) + l * l * coriolis;
-      const Dual force =
-          near_zero(at.across) + near_zero(at.turned) + number(2.0) * l * coriolis + thrust;
-      a = ((k + d + moment) / l - force) / l + near_zero(at.force);
+      const Number force = near_zero(at.across) + turned + thrust;
+      a = (1.0 / (l * l)) * (k + d + moment - l * force) + near_zero(at.force);
       b = k / l - thrust;
-      c = k / l;
-      d = k;
+      c = {k / l};
+      d = {k};
       continue;
     }
-    const Dual r = near_zero(at.moment) + l * l * coriolis + d + l * (c + g);
-    const Dual w = near_zero(at.across) + c + l * a, p = k + r;
-    const Dual h = g + near_zero(at.turned) + number(2.0) * l * coriolis;
+    const Number r = moment + d + l * (c + g), w = near_zero(at.across) + c + l * a;
+    const Number h = g + turned, p = k + r;
     pivots.push_back(p);
-    const Dual inverse = number(1.0) / p;
+    const Number inverse{1.0 / p.value, {-p.slope(0) / (p.value * p.value)}};
     a = a + near_zero(at.force) - (h + thrust) * w * inverse;
     b = (h * k - thrust * r) * inverse;
     c = w * k * inverse;
@@ -227,17 +213,17 @@ StaticDeterminants ChainDeterminant::static_determinants(const Values& u) const 
   const Index count = u.size();
   StaticDeterminants found{Values::Zero(count), Reals::Ones(count), Reals::Zero(count)};
   for (Index i = 0; i < count; ++i) {
-    for (const Dual& pivot : static_pivots(chain_->impedance(), u[i])) {
+    for (const Number& pivot : static_pivots(chain_->impedance(), u[i])) {
       if (pivot.value.real() < 0.0) found.sign[i] = -found.sign[i];
       found.logarithm[i] += std::log(std::abs(pivot.value));
-      found.slope[i] += pivot.slope / pivot.value;
+      found.slope[i] += pivot.slope(0) / pivot.value;
     }
   }
   return found;
 }
 
 int ChainDeterminant::negative_at_rest() const {
-  const auto is_negative = [](const Dual& pivot) { return pivot.value.real() < 0.0; };
+  const auto is_negative = [](const Number& pivot) { return pivot.value.real() < 0.0; };
   return static_cast<int>(
       std::ranges::count_if(static_pivots(chain_->impedance(), 0.0), is_negative));
 }

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import scipy
@@ -42,6 +42,8 @@ from pipedyn.plot.units import (
     TRANSVERSE,
     Units,
     View,
+    of_coordinate,
+    rate,
 )
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -76,7 +78,7 @@ def time_history(
         TypeError: for bad arguments.
     """
     named, failed = checked_motions(motions)
-    shown = _signals(named, units, rates_shown=False)
+    shown = _signals(named, None, units, rates_shown=False)
     ax = shown[0].view.axes(ax, (6.4, 3.2), ELAPSED, TIP)
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     for one in shown:
@@ -89,17 +91,21 @@ def time_history(
 
 def phase_portrait(
     motions: Shown | Sequence[Shown] | Ensemble,
+    coordinate: Literal["tip"] | int = "tip",
     *,
     units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> Axes:
-    """Transverse displacement of the free end against its velocity.
+    """Displacement against velocity; a ring marks the start, and the last cycle is a thicker line.
 
-    A ring marks the start, and the last cycle is a thicker line. Unstable limit cycles are dashed.
+    Unstable limit cycles are dashed. If a coordinate moves too fast for a curve through its
+    samples, dots show the samples.
 
     Args:
         motions: one or several motions, limit cycles or basins, or an ensemble, whose failed
             members are left out.
+        coordinate: "tip" for the transverse displacement of the end, or the index of a coordinate,
+            counted from 0, which shows how a pipe moves whose end is held.
         units: "nondimensional", or "si" if the pipe has scales.
         ax: Axes to draw on; new ones if not given.
 
@@ -108,14 +114,23 @@ def phase_portrait(
         >>> ax = plot.phase_portrait(motion)
 
     Raises:
-        ValueError: for fewer than 3 samples, or samples too far apart to interpolate.
+        ValueError: for fewer than 3 samples, for samples too far apart to interpolate the path of
+            the free end, or for an index that a model does not have.
         TypeError: for bad arguments.
     """
     named, failed = checked_motions(motions)
-    shown = _signals(named, units, rates_shown=True)
-    ax = shown[0].view.axes(ax, (4.8, 4.2), TIP, TIP_RATE)
+    least = min(motion.model.coordinates for motion in named.values())
+    index, across = of_coordinate(coordinate, least)
+    shown = _signals(named, index, units, rates_shown=True)
+    upward = TIP_RATE if index is None else rate(index, "its ")
+    ax = shown[0].view.axes(ax, (4.8, 4.2), across, upward)
     for one in shown:
         t, colour = finer_times(one.curve.x), one.look["color"]
+        if one.dotted:
+            t = one.curve.x
+            look = {"color": colour, "linestyle": "none", "marker": ".", "markersize": 2.0}
+            ax.plot(one.values(t), one.values(t, 1), label=f"{one.label}, samples", **look)
+            continue
         last = t
         if (ends := last_cycle(one.motion)) is not None:
             last = np.linspace(*ends, 401)
@@ -134,36 +149,45 @@ Cubics: TypeAlias = "scipy.interpolate.CubicHermiteSpline"
 
 
 class Signal:
-    """Transverse displacement of the free end as a function of time, and how it is drawn.
+    """The free end or a coordinate of a motion as a function of time, and how it is drawn.
 
     Args:
-        name: name of the motion in error messages; samples too far apart for a curve are refused.
+        name: name of the motion in error messages.
         motion: the motion.
+        index: index of the coordinate; None for the transverse displacement of the free end, for
+            which samples too far apart for a curve are refused.
         units: units of the picture.
         rates_shown: whether velocities are shown.
     """
 
-    def __init__(self, name: str, motion: Sampled, units: Units, rates_shown: bool) -> None:
-        self.motion, self.view = motion, View(units, motion.model.pipe)
-        at, velocity = motion.tip[:, 0], motion.tip_velocity[:, 0]
+    def __init__(
+        self, name: str, motion: Sampled, index: int | None, units: Units, rates_shown: bool
+    ) -> None:
+        self.motion, self.index, self.view = motion, index, View(units, motion.model.pipe)
+        shown = (motion.tip, motion.tip_velocity) if index is None else (motion.q, motion.qdot)
+        at, velocity = (values[:, index or 0] for values in shown)
         self.curve = scipy.interpolate.CubicHermiteSpline(motion.t, at, velocity)
-        refuse_coarse(name, self.curve, rates_shown=rates_shown)
+        if index is None:
+            refuse_coarse(name, self.curve, rates_shown=rates_shown)
+        self.dotted = index is not None and is_coarse(self.curve, rates_shown=rates_shown)
         self.label = self.view.speed(motion.u, 6)
         self.look: dict[str, Any] = {}
 
     def values(self, t: Array, derivative: int = 0) -> Array:
         """Values, or a derivative, at times t (in T), in the units shown."""
-        unit = self.view.one(TIP) / self.view.one(ELAPSED) ** derivative
-        return np.asarray(unit * self.curve(t, derivative))
+        unit = self.view.one(TIP) if self.index is None else 1.0
+        return np.asarray(unit / self.view.one(ELAPSED) ** derivative * self.curve(t, derivative))
 
 
-def _signals(named: dict[str, Sampled], units: Units, rates_shown: bool) -> list[Signal]:
+def _signals(
+    named: dict[str, Sampled], index: int | None, units: Units, rates_shown: bool
+) -> list[Signal]:
     """The curve to draw for each motion; samples too far apart are refused.
 
     Labels give the flow speed, and also the model if several motions have the same speed. Those of
     limit cycles say whether they are stable; unstable ones are dashed.
     """
-    shown = [Signal(name, one, units, rates_shown) for name, one in named.items()]
+    shown = [Signal(name, one, index, units, rates_shown) for name, one in named.items()]
     alike, widths = len({one.label for one in shown}) < len(shown), (1.6, 1.0, 2.2)
     for i, (one, look) in enumerate(zip(shown, cycle(common.CURVE_STYLES), strict=False)):
         one.look, model = look, one.motion.model
@@ -183,6 +207,8 @@ def _legend(ax: Axes, shown: Sequence[Signal], failed: Sequence[int]) -> None:
     title = []
     if len(shown) == 1:
         title.append(_title(shown[0].motion, shown[0].view))
+        if shown[0].dotted:
+            title.append("samples, too far apart for a curve")
     elif len(shown) <= 12:
         common.legend_below(ax)
     if failed:
@@ -566,15 +592,22 @@ def coordinates_at(motion: Sampled, times: Array) -> Array:
     return np.asarray(scipy.interpolate.CubicHermiteSpline(motion.t, motion.q, motion.qdot)(times))
 
 
+def is_coarse(
+    curve: scipy.interpolate.PPoly, *, invisible: float = 0.0, rates_shown: bool = False
+) -> bool:
+    """Whether samples are too far apart for a curve through them, as `coarse` judges it."""
+    times = curve.x
+    return coarse(times, curve(times), curve(times, 1), invisible, rates_shown=rates_shown)
+
+
 def refuse_coarse(
     name: str, curve: scipy.interpolate.PPoly, *, invisible: float = 0.0, rates_shown: bool = False
 ) -> None:
-    """Raises ValueError if samples are too far apart for a curve, as `coarse` judges it."""
-    times = curve.x
-    if coarse(times, curve(times), curve(times, 1), invisible, rates_shown=rates_shown):
+    """Raises ValueError if samples are too far apart for a curve through them."""
+    if is_coarse(curve, invisible=invisible, rates_shown=rates_shown):
         raise ValueError(
             f"{name} must be sampled at least six times a cycle of the fastest visible motion, got "
-            f"samples {np.diff(times).max():.3g} T apart: ask `simulate` for more `samples=`"
+            f"samples {np.diff(curve.x).max():.3g} T apart: ask `simulate` for more `samples=`"
         )
 
 
