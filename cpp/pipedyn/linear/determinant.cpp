@@ -155,8 +155,8 @@ std::vector<Number> static_pivots(const ImpedanceModel& model, Complex speed) {
       const Number force = near_zero(at.across) + turned + thrust;
       a = (1.0 / (l * l)) * (k + d + moment - l * force) + near_zero(at.force);
       b = k / l - thrust;
-      c = {k / l};
-      d = {k};
+      c = {k / l, {}};
+      d = {k, {}};
       continue;
     }
     const Number r = moment + d + l * (c + g), w = near_zero(at.across) + c + l * a;
