@@ -19,7 +19,7 @@ LIMITS = {
     "names with more than one meaning": 10,
     "docstrings that begin with a leaning word": 0,
     "lines of Python": 21274,
-    "lines of C++": 12806,
+    "lines of C++": 12840,
 }
 
 ROOT = Path(__file__).parents[1]

@@ -233,3 +233,12 @@ def test_the_errors_of_the_pipes_branches_cover_their_distance_to_exact_roots():
     clustering = pp.root_loci(pp.Continuum(pp.Pipe(0.2, damping=0.1)), [1.0], 3).errors
     assert np.isfinite(clustering).any(axis=1).all()
     assert np.isinf(clustering[:, -1]).all()
+
+
+def test_no_two_branches_go_on_as_one_root_where_roots_crowd():
+    """Dozens lie near -1 / damping; each sample's roots are matched as a whole."""
+    springs = {"root": pp.RootSpring(271.301), "terms": [pp.Spring(0.820868, 498.994)]}
+    pipe = pp.Pipe(0.0291917, damping=0.0589028, alpha=0.9999, end="guided", **springs)
+    loci = pp.root_loci(pp.Galerkin(pipe, 40, "legendre"), np.linspace(0.0, 5.5266, 40), count=4)
+    gaps = np.abs(loci.eigenvalues[:, :, None] - loci.eigenvalues[:, None])
+    assert (gaps + np.eye(4) > 0.0).all()

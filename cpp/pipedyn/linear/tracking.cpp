@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <numeric>
 #include <set>
 #include <tuple>
 
@@ -64,8 +63,61 @@ void order(Step& step, Index i, Index k) {
   }
 }
 
-/// Root of the right sample that continues each root of the left one: of all pairs that are left,
-/// the nearest. Throws NotConverged unless both have as many roots.
+/// The column of each row, so that the sum of costs (size, size) is least: the Hungarian method.
+Roots assignment(const std::vector<double>& cost, Index size) {
+  // Column `size` represents the row that is being added.
+  Roots row_of(size + 1, -1), before(size + 1), columns(size);
+  std::vector<double> by_row(size, 0.0), by_column(size + 1, 0.0), distance(size);
+  Roots open;
+  for (Index row = 0; row < size; ++row) {
+    Index column = 0;
+    by_row[row] = Eigen::Map<const Reals>(&cost[row * size], size).minCoeff(&column);
+    if (row_of[column] < 0) {
+      row_of[column] = row;
+    } else {
+      open.push_back(row);
+    }
+  }
+  for (const Index added : open) {
+    Flags reached(size + 1, 0);
+    std::fill(distance.begin(), distance.end(), infinite);
+    Index column = size;
+    row_of[size] = added;
+    while (row_of[column] >= 0) {
+      reached[column] = 1;
+      const Index row = row_of[column];
+      double least = infinite;
+      Index next = 0;
+      for (Index j = 0; j < size; ++j) {
+        if (reached[j]) continue;
+        const double reduced = cost[row * size + j] - by_row[row] - by_column[j];
+        if (reduced < distance[j]) {
+          distance[j] = reduced;
+          before[j] = column;
+        }
+        if (distance[j] < least) {
+          least = distance[j];
+          next = j;
+        }
+      }
+      for (Index j = 0; j <= size; ++j) {
+        if (reached[j]) {
+          by_row[row_of[j]] += least;
+          by_column[j] -= least;
+        } else {
+          distance[j] -= least;
+        }
+      }
+      column = next;
+    }
+    for (; column != size; column = before[column]) row_of[column] = row_of[before[column]];
+  }
+  for (Index j = 0; j < size; ++j) columns[row_of[j]] = j;
+  return columns;
+}
+
+/// Root of the right sample that continues each root of the left one, so that the sum of distances
+/// is least. Throws NotConverged unless both have as many roots.
 Roots matched(const Sample& left, const Sample& right, double h) {
   const Index size = left.size();
   if (right.size() != size) {
@@ -73,28 +125,13 @@ Roots matched(const Sample& left, const Sample& right, double h) {
   }
   const Values ahead = left.values + 0.5 * h * left.slopes;
   const Values behind = right.values - 0.5 * h * right.slopes;
-  Eigen::ArrayXXd distance(size, size);  // of each root of the right sample, by columns
+  std::vector<double> cost(size * size);
   for (Index i = 0; i < size; ++i) {
     // Values within the reach of the step decide where slopes near a meeting cannot.
-    distance.col(i) = (behind - ahead[i]).abs2().min((right.values - left.values[i]).abs2()).sqrt();
+    Eigen::Map<Reals>(&cost[i * size], size) =
+        (behind - ahead[i]).abs2().min((right.values - left.values[i]).abs2()).sqrt();
   }
-  Roots onto(size, -1), open(size);
-  std::iota(open.begin(), open.end(), 0);
-  while (!open.empty()) {
-    Roots nearest(size, -1);  // of the roots that are nearest to a root of the right sample
-    for (const Index i : open) {
-      Index j = 0;
-      const double least = distance.col(i).minCoeff(&j);
-      if (nearest[j] < 0 || least < distance(j, nearest[j])) nearest[j] = i;
-    }
-    for (Index j = 0; j < size; ++j) {
-      if (nearest[j] < 0) continue;
-      onto[nearest[j]] = j;
-      distance.row(j).setConstant(infinite);
-    }
-    std::erase_if(open, [&](Index i) { return onto[i] >= 0; });
-  }
-  return onto;
+  return assignment(cost, size);
 }
 
 /// Matches the two samples of a step.

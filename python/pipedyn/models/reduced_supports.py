@@ -57,7 +57,7 @@ class ReducedSupports:
         for _ in range(MOST_PROJECTIONS):
             if not np.nanmax(np.abs(missed), initial=0.0) > 0.1 * SUPPORT_MISSED:
                 break
-            columns -= self._step(by, missed)
+            columns -= np.nan_to_num(self._step(by, missed))  # those without a step stay
             missed, by = self.held(columns)
         off = ~(np.abs(missed) <= SUPPORT_MISSED).all(axis=0)
         by[off] = np.nan
