@@ -742,6 +742,34 @@ class Branches : public pipedyn::Spectrum {
   std::mt19937_64 shuffler_{1};
 };
 
+/// No permutation costs less than the assignment; whole numbers make ties.
+void check_assignment() {
+  Dice dice;
+  for (int trial = 0; trial < 300; ++trial) {
+    scene = "assignment " + std::to_string(trial);
+    const Index size = 1 + trial % 6;
+    std::vector<double> cost(size * size);
+    for (double& one : cost) one = dice.between(0.0, 4.0);
+    if (trial % 2 == 0)
+      std::for_each(cost.begin(), cost.end(), [](double& x) { x = std::floor(x); });
+    const auto total = [&](const pipedyn::Roots& columns) {
+      double sum = 0.0;
+      for (Index i = 0; i < size; ++i) sum += cost[i * size + columns[i]];
+      return sum;
+    };
+    pipedyn::Roots found = pipedyn::assignment(cost, size), columns(size);
+    std::iota(columns.begin(), columns.end(), 0);
+    double least = total(columns);
+    while (std::next_permutation(columns.begin(), columns.end())) {
+      least = std::min(least, total(columns));
+    }
+    check(std::abs(total(found) - least) < 1e-12, "the assignment costs least");
+    std::sort(found.begin(), found.end());
+    std::iota(columns.begin(), columns.end(), 0);
+    check(found == columns, "each column is taken once");
+  }
+}
+
 /// All eigenvalues of a chain's matrices pass the check that no root is missing, and no fewer; nor
 /// do they with one in place of another, or beside its own.
 void check_completeness() {
@@ -927,6 +955,7 @@ int main() {
   check_refusals();
   check_scenes();
   check_extremes();
+  check_assignment();
   check_completeness();
   check_crossings();
   check_mending();

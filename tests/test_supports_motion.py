@@ -165,6 +165,16 @@ def test_of_an_end_held_across_results_watch_the_longest_span(make):
     assert np.abs(rates - motion.tip_velocity[1:-1]).max() < 1e-2 * np.abs(rates).max()
 
 
+def test_a_start_that_no_support_can_hold_leaves_the_others_of_its_batch():
+    model = pp.Galerkin(pp.Pipe(0.2, supports=[0.5]), 6, "legendre")
+    small = model.sampled(lambda s: 0.3 * np.sin(3.0 * s))
+    both = np.stack([small, 500.0 * np.cos(np.arange(small.size))], axis=1)
+    found, _ = model.onto_constraints(both, 0.0 * both)
+    alone, _ = model.onto_constraints(small, 0.0 * small)
+    np.testing.assert_allclose(found[:, 0], alone, rtol=1e-12)
+    assert np.isnan(found[:, 1]).all()
+
+
 def test_starts_meet_supports_or_are_refused():
     model = pp.Galerkin(pp.Pipe(0.4, end="clamped", supports=[0.5]), 4)
     start = lambda q0, qdot0=None: pp.simulate(model, 0.0, 1e-3, q0, qdot0, samples=2)  # noqa: E731

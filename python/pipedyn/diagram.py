@@ -253,7 +253,7 @@ def _seconds_left(
     starts: list[Array],
     of_motions: MotionOptions,
 ) -> float:
-    """Time that the cycles and motions of a diagram take, from the times of some of them."""
+    """Time in s that the cycles and motions of a diagram take, from the times of some of them."""
     at, seconds, begun = options.speeds, 0.0, clock()
     first = _Cycles(model, replace(options, most=min(options.most, STEPS_AHEAD), shown=False), [])
     if options.most:

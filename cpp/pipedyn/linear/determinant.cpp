@@ -257,8 +257,8 @@ Pencil PanelDeterminant::matrices(double stiffness_size) const {
   };
   DenseOperator::Matrices made{part({.mass = 1.0}), part({.velocity = 1.0}), part({.damping = 1.0}),
                                part({.stiffness = 1.0}), part({.flux = 1.0})};
-  if (pencil_->pipe().hysteresis > 0.0)
-    made[5] = pencil_->pipe().hysteresis * part({.by_damping = 1.0});
+  const double loss = pencil_->pipe().hysteresis;
+  if (loss > 0.0) made[5] = loss * part({.by_damping = 1.0});
   std::array<double, 6> lost{};
   for (std::size_t k = 0; held() > 0 && k < made.size(); ++k) {
     lost[k] = 4.0 * eps * static_cast<double>(held()) * made[k].norm();

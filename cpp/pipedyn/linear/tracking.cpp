@@ -9,6 +9,58 @@
 
 namespace pipedyn {
 
+Roots assignment(const std::vector<double>& cost, Index size) {
+  // Column `size` represents the row that is being added.
+  Roots row_of(size + 1, -1), before(size + 1), columns(size);
+  std::vector<double> by_row(size, 0.0), by_column(size + 1, 0.0), distance(size);
+  Roots open;
+  for (Index row = 0; row < size; ++row) {
+    Index column = 0;
+    by_row[row] = Eigen::Map<const Reals>(&cost[row * size], size).minCoeff(&column);
+    if (row_of[column] < 0) {
+      row_of[column] = row;
+    } else {
+      open.push_back(row);
+    }
+  }
+  for (const Index added : open) {
+    Flags reached(size + 1, 0);
+    std::fill(distance.begin(), distance.end(), infinite);
+    Index column = size;
+    row_of[size] = added;
+    while (row_of[column] >= 0) {
+      reached[column] = 1;
+      const Index row = row_of[column];
+      double least = infinite;
+      Index next = 0;
+      for (Index j = 0; j < size; ++j) {
+        if (reached[j]) continue;
+        const double reduced = cost[row * size + j] - by_row[row] - by_column[j];
+        if (reduced < distance[j]) {
+          distance[j] = reduced;
+          before[j] = column;
+        }
+        if (distance[j] < least) {
+          least = distance[j];
+          next = j;
+        }
+      }
+      for (Index j = 0; j <= size; ++j) {
+        if (reached[j]) {
+          by_row[row_of[j]] += least;
+          by_column[j] -= least;
+        } else {
+          distance[j] -= least;
+        }
+      }
+      column = next;
+    }
+    for (; column != size; column = before[column]) row_of[column] = row_of[before[column]];
+  }
+  for (Index j = 0; j < size; ++j) columns[row_of[j]] = j;
+  return columns;
+}
+
 namespace {
 
 /// Number of steps tried, besides four times those of the sweep, before roots are given up as too
@@ -61,59 +113,6 @@ void order(Step& step, Index i, Index k) {
   if (is_above(step.start(i), step.start(k)) != is_above(step.end(i), step.end(k))) {
     std::swap(step.onto[i], step.onto[k]);
   }
-}
-
-/// The column of each row, so that the sum of costs (size, size) is least: the Hungarian method.
-Roots assignment(const std::vector<double>& cost, Index size) {
-  // Column `size` represents the row that is being added.
-  Roots row_of(size + 1, -1), before(size + 1), columns(size);
-  std::vector<double> by_row(size, 0.0), by_column(size + 1, 0.0), distance(size);
-  Roots open;
-  for (Index row = 0; row < size; ++row) {
-    Index column = 0;
-    by_row[row] = Eigen::Map<const Reals>(&cost[row * size], size).minCoeff(&column);
-    if (row_of[column] < 0) {
-      row_of[column] = row;
-    } else {
-      open.push_back(row);
-    }
-  }
-  for (const Index added : open) {
-    Flags reached(size + 1, 0);
-    std::fill(distance.begin(), distance.end(), infinite);
-    Index column = size;
-    row_of[size] = added;
-    while (row_of[column] >= 0) {
-      reached[column] = 1;
-      const Index row = row_of[column];
-      double least = infinite;
-      Index next = 0;
-      for (Index j = 0; j < size; ++j) {
-        if (reached[j]) continue;
-        const double reduced = cost[row * size + j] - by_row[row] - by_column[j];
-        if (reduced < distance[j]) {
-          distance[j] = reduced;
-          before[j] = column;
-        }
-        if (distance[j] < least) {
-          least = distance[j];
-          next = j;
-        }
-      }
-      for (Index j = 0; j <= size; ++j) {
-        if (reached[j]) {
-          by_row[row_of[j]] += least;
-          by_column[j] -= least;
-        } else {
-          distance[j] -= least;
-        }
-      }
-      column = next;
-    }
-    for (; column != size; column = before[column]) row_of[column] = row_of[before[column]];
-  }
-  for (Index j = 0; j < size; ++j) columns[row_of[j]] = j;
-  return columns;
 }
 
 /// Root of the right sample that continues each root of the left one, so that the sum of distances

@@ -12,7 +12,7 @@
 //
 // A pair that meets on the real axis has no slope there, but its sum and product are smooth through
 // the meeting and are compared instead: a step in which roots turn real or complex is matched only
-// if their sums and products agree. The cost is O(r^2) for r eigenvalues, and more where their
+// if their sums and products agree. The cost is O(r^2) for r eigenvalues, and O(r^3) where their
 // order changes much.
 #pragma once
 
@@ -77,6 +77,11 @@ struct Tracking {
   Cluster cluster;
   double longest;  // longest step in u
 };
+
+/// Column of each row so that the sum of the costs, (size, size) by rows, is least (the Hungarian
+/// method). Each row takes its cheapest column if that is free. The other rows are added one by
+/// one, along the shortest augmenting path by reduced costs, in O(size^2) each.
+Roots assignment(const std::vector<double>& cost, Index size);
 
 /// Takes steps from the first sample through increasing speeds, short enough to be unambiguous. The
 /// roots `tracked` of the first sample are tracked with certainty, the others are matched as well

@@ -45,8 +45,8 @@ struct Intervals {
   // For each stage the rates of its state from the forces, then derivatives of these rates by the
   // speed and by the state (count stages (2 + n), n).
   GivenMatrix linearised;
-  GivenMatrix
-      by_frequency;  // derivatives of the accelerations by the frequency (half, count stages)
+  // Derivatives of the accelerations by the frequency (half, count stages); empty if they are 0.
+  GivenMatrix by_frequency;
   bool speed_varies;
   double frequency;
   GivenMatrix nodes;        // c (stages, 1)

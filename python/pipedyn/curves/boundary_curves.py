@@ -226,9 +226,12 @@ def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[CurveS
     found, failures = list[CurveStart](), list[str]()
     extremes = list[tuple[int, Array, float, complex]]()
 
+    def on(line: Array, along: int, value: float) -> Array:
+        """The point (x, y) of a line along x (0) or y (1) at which that number has a value."""
+        return np.where([along == 0, along == 1], value, line)
+
     def add(along: int, line: Array, value: float, frequency: float) -> None:
-        at = np.where([along == 0, along == 1], value, line)
-        x, y = (at - window.low) / window.size
+        x, y = (on(line, along, value) - window.low) / window.size
         z = np.array([frequency, y, x] if frequency else [y, x])
         found.append(CurveStart(z, -2 if along == 0 else -1))
 
@@ -249,12 +252,13 @@ def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[CurveS
             for crossing in answer[1]:
                 frequency = crossing.frequency if crossing.speed >= max(low, 1e-9) else 0.0
                 if plane.conservative:
-                    at = np.where([along == 0, along == 1], crossing.speed, line)
-                    frequency = plane.meeting(at) if crossing.kind == "flutter" else 0.0
+                    meets = crossing.kind == "flutter"
+                    frequency = plane.meeting(on(line, along, crossing.speed)) if meets else 0.0
                 if frequency:
                     add(along, line, crossing.speed, frequency)
+            # Without flow only damping moves roots.
             searched = k % (LINES_OF_SPEED // 2) == 0 if by_speed else plane.speed_at(line) > 0.0
-            if searched and not plane.conservative:  # without flow only damping moves roots
+            if searched and not plane.conservative:
                 passing, others = plane.sections(line, along, halved=not by_speed)
                 extremes += [(along, line, *one) for one in others]
                 for share, root in () if by_speed else passing:

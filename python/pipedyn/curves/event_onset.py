@@ -63,14 +63,14 @@ class Onset:
             return
         lowest = math.inf
         for curve in curves:
+            problem = curve.problem
             for steps in self._between_turns(curve):
                 for z, speed in self._onsets(steps, plane.value):
                     if math.isnan(begin):
-                        problem = curve.problem
                         wanted = not others_unstable(problem.plane, problem, z) and speed < lowest
                     else:
-                        flutter = curve.problem.kind == "flutter"
-                        wanted = flutter and abs(speed / begin - 1.0) < SAME_ONSET
+                        near = abs(speed / begin - 1.0) < SAME_ONSET
+                        wanted = near and problem.kind == "flutter"
                     if wanted:
                         lowest, self._steps = speed, steps
 

@@ -235,7 +235,7 @@ class RegionSearch:
         """
         found, grown = list[RegionEdges](), list[tuple[int, Array]]()
         sampled = self.samples()
-        for index in [*sampled, *(set(range(self.amplitudes.size)) - set(sampled))]:
+        for index in dict.fromkeys([*sampled, *range(self.amplitudes.size)]):
             if index not in sampled and not any(one.followed[index] for one in found):
                 continue
             amplitude = float(self.amplitudes[index])

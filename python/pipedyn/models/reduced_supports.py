@@ -57,7 +57,7 @@ class ReducedSupports:
         for _ in range(MOST_PROJECTIONS):
             if not np.nanmax(np.abs(missed), initial=0.0) > 0.1 * SUPPORT_MISSED:
                 break
-            columns -= np.nan_to_num(self._step(by, missed))  # those without a step stay
+            columns -= self._step(by, missed)
             missed, by = self.held(columns)
         off = ~(np.abs(missed) <= SUPPORT_MISSED).all(axis=0)
         by[off] = np.nan
@@ -66,12 +66,15 @@ class ReducedSupports:
         return columns.reshape(q.shape), turning.reshape(rates.shape)
 
     def _step(self, by: Array, missed: Array) -> Array:
-        """The least change of each column by which x at the supports changes by `missed`."""
-        eased = by * self.ease.T
-        lost = ~np.isfinite(by).all(axis=(1, 2))
-        inverse = np.full((*by.shape[:2], by.shape[1]), np.nan)
-        inverse[~lost] = np.linalg.pinv(eased[~lost] @ by[~lost].transpose(0, 2, 1))
-        return np.asarray(np.einsum("kbi,kbc,ck->ik", eased, inverse, missed))
+        """The least change of each column by which x at the supports changes by `missed`.
+
+        It is 0 for columns whose x, or its derivative `by`, is not known.
+        """
+        known = np.isfinite(missed).all(axis=0) & np.isfinite(by).all(axis=(1, 2))
+        eased, change = by[known] * self.ease.T, np.zeros((self.size, len(by)))
+        inverse = np.linalg.pinv(eased @ by[known].transpose(0, 2, 1))
+        change[:, known] = np.einsum("kbi,kbc,ck->ik", eased, inverse, missed[:, known])
+        return change
 
     def allowed(self, q: Array) -> Array:
         """Orthonormal changes of coordinates that the supports allow, (size, size - supports).

@@ -41,12 +41,12 @@ from pipedyn.util.parallel import track
 from pipedyn.util.result import RATE, TableResult
 
 APART, CLOSE = 1e-5, 1e-6
-"""Distance of neighbours, in the norm of the state, at the start of each interval: for the names of
-motions in an ensemble, and for `lyapunov_exponent`. Each motion takes steps of its own, and the
-square of the distance changes the growth as well. With step errors of 1e-3 times APART the growth
-over an interval changes by 1e-4 or less: measured on four pipes, by 2e-5 over the first four
-intervals. With step errors of 1e-6 times CLOSE the exponents of seven pipes at rest and on cycles
-changed by 1e-7 or less, relative to the exponents of the variational equation."""
+"""Distance of neighbours, in the norm of the state, at the start of each interval: APART where the
+motions of an ensemble are classified, CLOSE in `lyapunov_exponent`. Each motion takes steps of its
+own, and the square of the distance changes the growth as well. With step errors of 1e-3 times APART
+the growth over an interval changes by 1e-4 or less: measured on four pipes, by 2e-5 over the first
+four intervals. With step errors of 1e-6 times CLOSE the exponents of seven pipes at rest and on
+cycles changed by 1e-7 or less, relative to the exponents of the variational equation."""
 
 PARTED = 1e4
 """Factor by which the distance of neighbours may grow or shrink in an interval: beyond it they are
@@ -210,11 +210,11 @@ def exponents_together(
 
     Each motion is integrated together with a neighbour. Those of an ensemble end early if the
     exponent over the later half of their time so far is above 0 by BEYOND_DOUBT spreads; this
-    exponent is then the answer. One that is asked for `alone`, which is not driven, does not, and
-    is computed with smaller errors.
+    exponent is then the answer. With `alone`, for a single motion that is not driven, it goes on to
+    its end and is computed with smaller errors.
 
     Raises:
-        NotConverged: if differences change too fast to be followed, of one that is `alone`.
+        NotConverged: with `alone`, if the difference changes too fast to be followed.
     """
     apart, error = (CLOSE, 1e-6 * CLOSE) if alone else (APART, 1e-3 * APART)
     each = max(math.ceil(duration / blocks / interval), 1)

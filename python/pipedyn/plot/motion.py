@@ -220,13 +220,13 @@ def _legend(ax: Axes, shown: Sequence[Signal], failed: Sequence[int]) -> None:
 
 def _title(motion: Sampled, view: View) -> str:
     """Title of a picture: flow speed and direction, and whether a limit cycle is stable."""
-    word = _steadiness(motion)
-    return f"{view.speed(motion.u)}, {motion.model.pipe.flow}{word and f', {word}'}"
+    words = view.speed(motion.u), motion.model.pipe.flow, _steadiness(motion)
+    return ", ".join(filter(None, words))
 
 
 def _steadiness(motion: Sampled) -> str:
     """Whether a limit cycle is stable, in a word; empty for other motions."""
-    return ("unstable", "stable")[motion.stable] if isinstance(motion, LimitCycle) else ""
+    return {None: "", True: "stable", False: "unstable"}[getattr(motion, "stable", None)]
 
 
 # ------------------------------------------------------------------------------- shapes of the pipe

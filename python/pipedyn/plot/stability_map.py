@@ -233,21 +233,19 @@ def stability_map(
     shown = OF_A_NUMBER[name] if pipe is None else of_number(name, pipe)
     ax = view.axes(ax, (6.4, 4.8), shown, FLOW_SPEED)
     divergences = list[tuple[Array, bool, bool, Any]]()
-    states, searched, reach = set[str](), list[float](), 0.0  # states: of pipes without a boundary
-    drawn = False
+    states, searched, reach = list[str](), list[float](), 0.0  # states: of pipes without a boundary
     for (label, found), look in zip(every, cycle(common.CURVE_STYLES), strict=False):
         plane = PlaneView(units, found.model.pipe, found.names)
         parts = [part for curve in found.curves for part in parts_of_stability(curve, found)]
         across, (_, end) = plane.limits(found.ranges)
         searched, reach = [*searched, *across.tolist()], max(reach, float(end))
-        drawn, note = drawn or bool(parts), ""
+        note = ""
         if not parts:
-            state = _stability(found)
-            states.add(state)
+            states.append(_stability(found))
             # The SI unit of speed depends on the mass ratio, so the range is nondimensional.
             said = View("nondimensional", None) if name == "beta" else plane
             low, high = (said.speed(float(end)) for end in found.ranges[1])
-            note = f": {state} from {low} to {high}"
+            note = f": {states[-1]} from {low} to {high}"
         if found.failures:
             note += f" ({check.how_many(len(found.failures), 'curve')} with failures)"
         ax.plot([], [], linewidth=1.5, label=f"{label}{note}", **look)
@@ -259,6 +257,7 @@ def stability_map(
                 middle = line.shape[0] // 2
                 gamma = line[middle, 0] if name == "gamma" else found.model.pipe.gamma
                 divergences.append((at[middle - 1 : middle + 1], left, gamma < 0.0, look["color"]))
+    drawn = len(states) < len(every)
     end = 1.1 * ax.dataLim.y1 if drawn else reach
     if highest is not None:
         end = view.one(FLOW_SPEED) * highest
@@ -274,7 +273,7 @@ def stability_map(
         ticks = withTickedStroke(angle=-90.0, **TICKS)
         ax.plot([], [], color="0.3", path_effects=[ticks], label="ticks: unstable side")
     else:
-        ax.text(0.5, 0.5, _why_nothing(states), transform=ax.transAxes, ha="center", wrap=True)
+        ax.text(0.5, 0.5, _why_nothing({*states}), transform=ax.transAxes, ha="center", wrap=True)
     common.legend_below(ax)
     return ax
 

@@ -502,7 +502,7 @@ def _results_within(one: Result) -> list[tuple[str, Result]]:
 
 
 def _short(value: Any, without_parts: bool = False) -> str:
-    """A value as a short text, if asked with "..." for what stands in its parentheses."""
+    """A value as a short text; `without_parts` shows what stands in its parentheses as "..."."""
     if isinstance(value, np.ndarray):
         return _short_array(value) if value.ndim else _short(value.item())
     if isinstance(value, bool | np.bool_ | str | type(None)):
