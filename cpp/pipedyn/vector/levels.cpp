@@ -18,16 +18,14 @@ namespace {
 const std::vector<const MotionKernel*>& kernels() {
   static const std::vector<const MotionKernel*> found = [] {
     std::vector<const MotionKernel*> kernels{&motion_baseline};
-#ifdef PIPEDYN_AVX2
+#ifdef PIPEDYN_X86_LEVELS
     __builtin_cpu_init();
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) {
       kernels.push_back(&motion_avx2);
-#ifdef PIPEDYN_AVX512
       if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
           __builtin_cpu_supports("avx512vl")) {
         kernels.push_back(&motion_avx512);
       }
-#endif
     }
 #endif
     return kernels;

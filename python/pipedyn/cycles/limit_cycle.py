@@ -100,8 +100,30 @@ KINDS = "a LimitCycle, a Hopf, a Motion, an angle theta(s), coordinates or a sta
 """Kinds of starts, in words."""
 
 
+class PeriodicMotion(Trajectory, TableResult):
+    """One period of a motion that repeats; base class of limit cycles and forced motions."""
+
+    amplitude: float
+    frequency: float
+    period: float
+    multipliers: Complex = field(repr=False)
+    stable: bool
+    t: Array = field(repr=False)
+    q: Array = field(repr=False)
+    qdot: Array = field(repr=False)
+    model: Model
+    error: float
+    residual: float
+    orbit: PeriodicOrbit = field(repr=False, compare=False)
+
+    @property
+    def tip(self) -> Array:
+        """Position (x, y) of the free end relative to the base, shape (S, 2)."""
+        return self.model.tips(self.q.T)
+
+
 @saved_as("LimitCycle")
-class LimitCycle(Trajectory, TableResult):
+class LimitCycle(PeriodicMotion):
     """One period of a periodic motion.
 
     Attributes:
@@ -133,29 +155,12 @@ class LimitCycle(Trajectory, TableResult):
         (0.4422, 0.4866, True)
     """
 
-    amplitude: float
-    frequency: float
-    period: float
-    multipliers: Complex = field(repr=False)
-    stable: bool
-    t: Array = field(repr=False)
-    q: Array = field(repr=False)
-    qdot: Array = field(repr=False)
     u: float
-    model: Model
-    error: float
     multiplier_error: float
-    residual: float
     symmetric: bool
     phases: int
     evaluations: int
     method: str
-    orbit: PeriodicOrbit = field(repr=False, compare=False)
-
-    @property
-    def tip(self) -> Array:
-        """Position (x, y) of the free end, shape (S, 2)."""
-        return self.model.tips(self.q.T)
 
     @property
     def others(self) -> Complex:

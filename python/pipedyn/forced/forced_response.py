@@ -21,7 +21,13 @@ from pipedyn.attraction.motion_ends import Case, motion_ends
 from pipedyn.attraction.motion_options import MotionOptions
 from pipedyn.continuation.arclength import Point
 from pipedyn.continuation.tracer import TestFunction, Tracer, between_folds, special_points
-from pipedyn.cycles.limit_cycle import amplitude_of, as_symmetric, one_period, refined_until
+from pipedyn.cycles.limit_cycle import (
+    PeriodicMotion,
+    amplitude_of,
+    as_symmetric,
+    one_period,
+    refined_until,
+)
 from pipedyn.forced.parametric_search import regions
 from pipedyn.forced.pulsating import Hill, PulsatingPipe, require_motion
 from pipedyn.linear.frequency_response import base_solution, checked_range
@@ -29,7 +35,7 @@ from pipedyn.linear.modes import largest_speed
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model
 from pipedyn.models.drive import Harmonic, Pulsation, require_steady, steady_speed
-from pipedyn.motion.simulate import Trajectory, checked_model_in_motion
+from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.motion.vector_field import Excitation, ForcedField
 from pipedyn.orbits.collocation import Linearised, OrbitProblem, residual, solved
 from pipedyn.orbits.floquet import UNIT, EventKind, crossing_event, orbit_multipliers
@@ -91,7 +97,7 @@ BranchKind = Literal["base", "subharmonic", "harmonic"]
 
 
 @saved_as("ForcedMotion")
-class ForcedMotion(Trajectory, TableResult):
+class ForcedMotion(PeriodicMotion):
     """One period of a periodic motion under a periodic forcing.
 
     Attributes:
@@ -114,24 +120,7 @@ class ForcedMotion(Trajectory, TableResult):
         orbit: the solution of the collocation equations.
     """
 
-    amplitude: float
-    frequency: float
-    period: float
-    multipliers: Complex = field(repr=False)
-    stable: bool
-    t: Array = field(repr=False)
-    q: Array = field(repr=False)
-    qdot: Array = field(repr=False)
     u: float | Pulsation
-    error: float
-    residual: float
-    model: Model = field(repr=False)
-    orbit: PeriodicOrbit = field(repr=False, compare=False)
-
-    @property
-    def tip(self) -> Array:
-        """Position (x, y) of the free end relative to the base, shape (S, 2)."""
-        return self.model.tips(self.q.T)
 
 
 @saved_as("ForcedEvent")
