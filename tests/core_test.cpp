@@ -156,7 +156,7 @@ class Dice {
 void check_log_derivative(const Chain& chain, double u, Dice& dice) {
   using pipedyn::Complex, pipedyn::ComplexTable;
   const Vector scale = dice.vector(chain.dof(), 0.3, 3.0);
-  const pipedyn::ImpedanceModel model = chain.impedance();
+  const pipedyn::ChainModel model = chain.model();
   const pipedyn::Complement complement(chain.held_rows(scale));
   const Matrix basis = complement.spread(Matrix::Identity(complement.dof(), complement.dof()));
   check_close(complement.gathered(basis), Matrix::Identity(basis.cols(), basis.cols()), 1e-14,
@@ -780,8 +780,8 @@ void check_completeness() {
     const Chain chain(dice.pipe(trial % 3 == 0), dice.segments(n));
     const double u = dice.between(0.5, 8.0);
     const Operators dense = chain.operators();
-    const pipedyn::ImpedanceModel flow = chain.impedance();
-    const double sign = flow.coriolis < 0.0 ? -1.0 : 1.0, thrust = flow.thrust * u * u;
+    const pipedyn::ChainModel flow = chain.model();
+    const double sign = flow.coriolis < 0.0 ? -1.0 : 1.0, thrust = flow.thrust[0] * u * u;
     Matrix step = Matrix::Zero(2 * n, 2 * n);
     step.topRightCorner(n, n).setIdentity();
     step.bottomLeftCorner(n, n) =

@@ -53,7 +53,7 @@ void for_each_place(const Terms& terms, const Vector& length, double base, const
 }
 
 /// Sums of each segment's loads for the chain at rest at the angles (n); empty if it has no loads.
-std::vector<LoadMoments<double>> loads_at(const MotionModel& model, const Vector& angles) {
+std::vector<LoadMoments<double>> loads_at(const ChainModel& model, const Vector& angles) {
   if (model.load_count == 0) return {};
   std::vector<LoadMoments<double>> sums(static_cast<std::size_t>(model.size));
   const Vector sine = angles.array().sin(), cosine = angles.array().cos();
@@ -210,7 +210,7 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
 
 void Chain::linearise() {
   const Index n = dof();
-  const std::vector<LoadMoments<double>> sums = loads_at(motion(), Vector::Zero(n));
+  const std::vector<LoadMoments<double>> sums = loads_at(model(), Vector::Zero(n));
   const std::pair<LinearPart, double ImpedanceParts::*> parts[] = {
       {{.stiffness = 1.0}, &ImpedanceParts::stiffness},
       {{.damping = 1.0}, &ImpedanceParts::damping},
@@ -256,15 +256,6 @@ void Chain::linearise() {
   for (std::size_t j = 1; j < impedances_.size(); ++j) {
     impedances_[j - 1].repeats = impedances_[j - 1] == impedances_[j];
   }
-}
-
-ImpedanceModel Chain::impedance() const {
-  return {.segments = impedances_.data(),
-          .size = dof(),
-          .coriolis = pipe_.direction() * pipe_.sqrt_beta(),
-          .entry = pipe_.entry(),
-          .thrust = pipe_.thrust()[0],
-          .guided = pipe_.is_guided()};
 }
 
 Matrix Chain::held_rows(const Vector& scale) const {
@@ -398,7 +389,7 @@ Vector Chain::joint_factors(const LinearPart& part) const {
 
 Matrix Chain::moments(const Matrix& x, const LinearPart& part, const Vector& angles) const {
   const Index n = dof(), columns = x.cols();
-  const std::vector<LoadMoments<double>> sums = loads_at(motion(), angles);
+  const std::vector<LoadMoments<double>> sums = loads_at(model(), angles);
   const bool loaded = !sums.empty(), guided = pipe_.is_guided();
   const double flow = pipe_.sqrt_beta() * pipe_.direction();
   const double entry = part.velocity * pipe_.entry(), push = part.unsteady * flow;
@@ -488,8 +479,9 @@ Matrix Chain::joints() const {
   return out;
 }
 
-MotionModel Chain::motion() const {
+ChainModel Chain::model() const {
   return {.links = links_.data(),
+          .impedances = impedances_.data(),
           .size = dof(),
           .base = segments_.base,
           .gravity = pipe_.gamma,

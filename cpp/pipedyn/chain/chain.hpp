@@ -118,16 +118,15 @@ class Chain {
   Chain without_forces() const;
 
   /// This chain with guides at the ends of the segments for which `held` (n) is true. The guides
-  /// act in the linear problem of `impedance` alone.
+  /// act in the linear problem of impedance.hpp alone.
   Chain guided(std::vector<bool> held) const;
 
   /// The segments with the masses of terms on them: columns mass, center, gyration_radius, and the
   /// mass that has inertia only across the segment (n, 4).
   Matrix bodies() const;
 
-  /// The linear problem for the recursion in impedance.hpp; it points into the chain, and is valid
-  /// as long as the chain exists.
-  ImpedanceModel impedance() const;
+  /// What the kernels read; it points into the chain, and is valid as long as the chain exists.
+  ChainModel model() const;
   /// Spring, damping and moment at rest of each joint, a row for each (joints, 3). The first joint
   /// includes the root's spring; the joint of a guided end is the last row.
   Matrix joints() const;
@@ -145,37 +144,37 @@ class Chain {
   // size.
 
   /// Rates dy/dtau (2 n, members), in O(n) a member.
-  void rhs(const Batch& batch, double* rates) const { motion_kernel().rhs(motion(), batch, rates); }
+  void rhs(const Batch& batch, double* rates) const { motion_kernel().rhs(model(), batch, rates); }
   /// Rates of [theta, theta', W] (2 n + 1, members), where W' is the sum of the powers. An
   /// integrator integrates W with the order of its method, so that E(t) - E(0) - W(t) measures the
   /// error of a motion.
   void rhs_and_power(const Batch& batch, double* rates) const {
-    motion_kernel().rhs_and_power(motion(), batch, rates);
+    motion_kernel().rhs_and_power(model(), batch, rates);
   }
   /// MotionKernel::axial of [theta, theta', theta''] (3 n, members), in O(n) a member.
-  void axial(const Batch& batch, double* out) const { motion_kernel().axial(motion(), batch, out); }
+  void axial(const Batch& batch, double* out) const { motion_kernel().axial(model(), batch, out); }
   /// Jacobians d(dy/dtau)/dy (members, 2 n, 2 n), row-major, in O(n^2) a member. The derivative of
   /// drag is 2 |v| dv, which is 0 where v = 0; moments of the batch change by their slopes.
   void jacobian(const Batch& batch, double* out) const {
-    motion_kernel().jacobian(motion(), batch, out);
+    motion_kernel().jacobian(model(), batch, out);
   }
   /// Solution of (mu - J) x = b for MotionKernel::shifts complex mu at once, J the Jacobian of a
   /// state, in O(n). `factorise` fills factors, an array of factor_numbers() numbers; `solve`
   /// replaces b (2 n, 2 shifts) by x. Real parts stand before imaginary parts, in mu as well.
-  Index factor_numbers() const { return motion_kernel().factor_numbers(motion()); }
+  Index factor_numbers() const { return motion_kernel().factor_numbers(model()); }
   void factorise(const Batch& one, const double* mu, double* factors) const {
-    motion_kernel().factorise(motion(), one, mu, factors);
+    motion_kernel().factorise(model(), one, mu, factors);
   }
-  void solve(double* factors, double* b) const { motion_kernel().solve(motion(), factors, b); }
+  void solve(double* factors, double* b) const { motion_kernel().solve(model(), factors, b); }
   /// Energy of each member (members,): kinetic, elastic and gravitational energy in the frame of
   /// the base, and the terms' energy in the frame of the ground. It is 0 for the straight pipe at
   /// rest.
   void energy(const Batch& batch, double* out) const {
-    motion_kernel().energy(motion(), batch, out);
+    motion_kernel().energy(model(), batch, out);
   }
   /// Powers of flow, joints, drag, terms (others) and the base's motion (5, members); their sum is
   /// dE/dtau.
-  void power(const Batch& batch, double* out) const { motion_kernel().power(motion(), batch, out); }
+  void power(const Batch& batch, double* out) const { motion_kernel().power(model(), batch, out); }
 
  private:
   Pipe pipe_;
@@ -197,7 +196,6 @@ class Chain {
   Matrix moments(const Matrix& x, const LinearPart& part, const Vector& angles) const;
   /// Factors of the joint angles in the moments of the joints between segments (n).
   Vector joint_factors(const LinearPart& part) const;
-  MotionModel motion() const;
 };
 
 }  // namespace pipedyn

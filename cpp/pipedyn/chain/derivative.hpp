@@ -60,7 +60,7 @@ struct Source {
 };
 
 template <class Real>
-Source<Real> angle_source(const MotionModel& model, const Kept<Real>& here, Count m, const Real& w,
+Source<Real> angle_source(const ChainModel& model, const Kept<Real>& here, Count m, const Real& w,
                           const Real& u) {
   const Link& link = model.links[m];
   const double l = link.length;
@@ -82,7 +82,7 @@ Source<Real> angle_source(const MotionModel& model, const Kept<Real>& here, Coun
 }
 
 template <class Real>
-Source<Real> rate_source(const MotionModel& model, const Kept<Real>& here, Count m, const Real& w,
+Source<Real> rate_source(const ChainModel& model, const Kept<Real>& here, Count m, const Real& w,
                          const Real& u) {
   const Link& link = model.links[m];
   const double l = link.length;
@@ -98,7 +98,7 @@ Source<Real> rate_source(const MotionModel& model, const Kept<Real>& here, Count
 /// Adds to a source the change of the loads on the segment by its own angle or rate, and the change
 /// of the forces of mass that has inertia only across the segment. w: rate of the segment.
 template <class Real>
-void add_loads_to(Source<Real>& source, const MotionModel& model, const Link& link,
+void add_loads_to(Source<Real>& source, const ChainModel& model, const Link& link,
                   const Kept<Real>& here, const LoadMoments<Real>& loads, const Frame<Real>& frame,
                   bool angle, const Real& w) {
   const double first_moment = 0.5 * link.length * link.added;
@@ -133,7 +133,7 @@ void add_loads_to(Source<Real>& source, const MotionModel& model, const Link& li
 /// which its derivatives are computed.
 template <class Real>
 struct Linearised {
-  const MotionModel& model;
+  const ChainModel& model;
   Members<Real> members;
   Real u, push;  // u and sqrt(beta) U'
   Sweep<Real> sweep;
@@ -141,7 +141,7 @@ struct Linearised {
   Kept<Real>* kept;
   LoadMoments<Real>* loads;  // filled if the model has loads
 
-  Linearised(const MotionModel& of, const Members<Real>& about, Layout& layout)
+  Linearised(const ChainModel& of, const Members<Real>& about, Layout& layout)
       : model(of),
         members(about),
         u(about.speed()),
@@ -232,7 +232,7 @@ template <class Real, class Number, Count size>
 void eliminate(const Linearised<Real>& about, const Number (&ratios)[3],
                Eliminated<Real, Number, size>* out) {
   constexpr bool is_jacobian = Eliminated<Real, Number, size>::is_jacobian;
-  const MotionModel& model = about.model;
+  const ChainModel& model = about.model;
   const Number zero{};
   // Z, K, z and s of node j.
   Number force[2][size] = {}, moment[size] = {}, turned[2] = {}, turned_moment{};
@@ -403,7 +403,7 @@ void solve_segments(const Segment* segments, Count n, const Right& right,
 
 /// Calls body.operator()<size>() with the size of m that the model needs.
 template <class Body>
-auto with_carried(const MotionModel& model, const Body& body) {
+auto with_carried(const ChainModel& model, const Body& body) {
   if (model.load_count > 0) return body.template operator()<6>();
   return model.resists() ? body.template operator()<4>() : body.template operator()<2>();
 }
@@ -430,7 +430,7 @@ struct Columns {
 /// Writes the Jacobian (2 n, 2 n) of a state, or of each state of a block: n rows of derivatives of
 /// theta', which are 0 and 1, then n rows of derivatives of theta''.
 template <class Real, Count size>
-void jacobian_of(const MotionModel& model, const Members<Real>& members, double* out) {
+void jacobian_of(const ChainModel& model, const Members<Real>& members, double* out) {
   using Segment = Eliminated<Real, Real, size>;
   const Count n = model.size, rows = 2 * n;
   struct Scratch {
@@ -476,7 +476,7 @@ void jacobian_of(const MotionModel& model, const Members<Real>& members, double*
 /// faster from 50 on, where the columns of one state fill packs as well and take less memory.
 constexpr Count side_by_side = 40;
 
-void jacobian(const MotionModel& model, const Batch& batch, double* out) {
+void jacobian(const ChainModel& model, const Batch& batch, double* out) {
   with_carried(model, [&]<Count size>() {
     if (model.size > side_by_side || batch.members == 1) {
       for (Count k = 0; k < batch.members; ++k) {

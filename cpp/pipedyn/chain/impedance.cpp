@@ -9,7 +9,7 @@
 
 namespace {
 
-using pipedyn::ImpedanceModel;
+using pipedyn::ChainModel;
 using pipedyn::ImpedanceParts;
 using pipedyn::ImpedanceSegment;
 using pipedyn::PairsAsked;
@@ -63,11 +63,11 @@ struct Problem {
   double flow, entry, thrust;  // sqrt(beta) U, (1 - c) sqrt(beta) U and a U^2
 
   Problem() = default;
-  Problem(const ImpedanceModel& model, const Lanes& lambda, double u)
+  Problem(const ChainModel& model, const Lanes& lambda, double u)
       : powers{lambda, lambda * lambda, (model.coriolis * u) * lambda},
         flow(model.coriolis * u),
         entry(model.entry * u),
-        thrust(model.thrust * u * u) {}
+        thrust(model.thrust[0] * u * u) {}
 
   Powers<Pack> sizes() const {
     const Pack size = size_of(powers.one);
@@ -83,7 +83,7 @@ struct Impedance {
 };
 
 /// Impedance at the end of the last segment.
-inline Impedance end_impedance(const ImpedanceModel& model, const Problem& problem) {
+inline Impedance end_impedance(const ChainModel& model, const Problem& problem) {
   Impedance end;
   end.a = -problem.entry * problem.powers.one;
   if (model.guided) end.b.re -= problem.thrust;
@@ -118,7 +118,7 @@ inline Impedance before_held(double l, const Impedance& beyond, const Coefficien
   return found;
 }
 
-void log_derivative(const ImpedanceModel& model, const Points& points, double* out) {
+void log_derivative(const ChainModel& model, const Points& points, double* out) {
   for (Count first = 0; first < points.count; first += width) {
     const Lanes lambda = taken(points, first);
     const Problem problem(model, lambda, points.u);
@@ -127,7 +127,7 @@ void log_derivative(const ImpedanceModel& model, const Points& points, double* o
     Lanes sum = -1.0 * poles(points, lambda);
     Coefficients<Lanes> own, change;
     for (Count j = model.size - 1; j >= 0; --j) {
-      const ImpedanceSegment& segment = model.segments[j];
+      const ImpedanceSegment& segment = model.impedances[j];
       if (!segment.repeats) {
         own = coefficients(segment, problem.powers);
         change = coefficients<true>(segment, problem.by_lambda());
@@ -214,10 +214,10 @@ struct Turned {
   Lanes right, left;
 };
 
-void pairs(const ImpedanceModel& model, const Points& points, const PairsAsked& out) {
+void pairs(const ChainModel& model, const Points& points, const PairsAsked& out) {
   const Count n = model.size;
   Count start = 0;  // first segment that moves
-  while (model.segments[start].held) ++start;
+  while (model.impedances[start].held) ++start;
   struct Scratch {
     Segment* segments;
     Turned* turned_by;
@@ -232,7 +232,7 @@ void pairs(const ImpedanceModel& model, const Points& points, const PairsAsked& 
     double weight = 0.5;  // factor of the load on a joint
     Coefficients<Lanes> own;
     for (Count j = n - 1; j >= 0; --j) {
-      const ImpedanceSegment& segment = model.segments[j];
+      const ImpedanceSegment& segment = model.impedances[j];
       const double l = segment.length;
       if (!segment.repeats) own = coefficients(segment, problem.powers);
       if (segment.held) {  // the guide balances forces; moments act as forces on the joint before
@@ -273,9 +273,9 @@ void pairs(const ImpedanceModel& model, const Points& points, const PairsAsked& 
     }
     Coefficients<Pack> terms;
     for (Count j = start; j < n; ++j) {
-      const ImpedanceSegment& segment = model.segments[j];
+      const ImpedanceSegment& segment = model.impedances[j];
       const double l = segment.length;
-      if (j == start || !model.segments[j - 1].repeats) {
+      if (j == start || !model.impedances[j - 1].repeats) {
         own = coefficients(segment, problem.powers);
         terms = coefficients(segment, sizes);
       }
@@ -357,7 +357,7 @@ void pairs(const ImpedanceModel& model, const Points& points, const PairsAsked& 
     put(out.by_lambda, points, first, rates.sum(problem));
     put(out.by_u, points, first,
         (model.coriolis * problem.powers.one) * rates.flow +
-            (2.0 * model.thrust * points.u) * pressed);
+            (2.0 * model.thrust[0] * points.u) * pressed);
     if (out.by_right != nullptr) put(out.by_right, points, first, own_rates.sum(problem));
     put(out.rest, points, first, rest);
     put(out.entries, points, first, entries);

@@ -26,8 +26,7 @@
 // on its entries, shows how accurate a root is.
 #pragma once
 
-#include <cstddef>
-
+#include "pipedyn/chain/motion.hpp"
 #include "pipedyn/vector/points.hpp"
 
 namespace pipedyn {
@@ -56,24 +55,14 @@ struct ImpedanceSegment {
   bool operator==(const ImpedanceSegment&) const = default;
 };
 
-/// The linear problem of a chain.
-struct ImpedanceModel {
-  const ImpedanceSegment* segments;
-  std::ptrdiff_t size;  // n
-  double coriolis;      // sqrt(beta) s
-  double entry;         // (1 - c) sqrt(beta) s
-  double thrust;        // a cos psi, which the formulas above call a
-  bool guided;          // whether the end keeps its direction
-};
-
 /// The functions of one vector level.
 struct ImpedanceKernel {
   /// Computes d log det P / dlambda - sum_k 1 / (lambda - lambda_k) at each lambda of the points:
   /// all real parts, then all imaginary parts. Roots lambda_k equal to lambda are left out.
-  void (*log_derivative)(const ImpedanceModel&, const Points&, double* out);
+  void (*log_derivative)(const ChainModel&, const Points&, double* out);
   /// Computes right and left vectors, and numbers from them, at roots or at values near roots. Uses
   /// the thread's scratch (vector/scratch.hpp).
-  void (*pairs)(const ImpedanceModel&, const Points&, const PairsAsked&);
+  void (*pairs)(const ChainModel&, const Points&, const PairsAsked&);
 };
 
 extern const ImpedanceKernel impedance_baseline, impedance_avx2, impedance_avx512;

@@ -31,7 +31,7 @@
 namespace {
 
 template <class Real>
-void energy_of(const MotionModel& model, const Members<Real>& members, Sweep<Real> sweep,
+void energy_of(const ChainModel& model, const Members<Real>& members, Sweep<Real> sweep,
                double* out) {
   const Count n = model.size;
   Real twice{};
@@ -74,7 +74,7 @@ void energy_of(const MotionModel& model, const Members<Real>& members, Sweep<Rea
 /// whose derivatives are l_j (n_j . A_j - (w_j' t_j + w_j^2 n_j) . D_j) by the angle of segment j,
 /// -l_j w_j (2 t_j . D_j + l_j) by its rate, and l_j n_j . D_j by its acceleration.
 template <class Real>
-void axial_of(const MotionModel& model, const Members<Real>& members, Sweep<Real> sweep,
+void axial_of(const ChainModel& model, const Members<Real>& members, Sweep<Real> sweep,
               double* out) {
   const Count n = model.size;
   for (Count j = 0; j < n; ++j) sweep.set(sweep.turn, j, members.row(j));
@@ -112,7 +112,7 @@ void axial_of(const MotionModel& model, const Members<Real>& members, Sweep<Real
 // ---------------------------------------------------------------------------------------- entry
 
 template <bool with_power>
-void rhs(const MotionModel& model, const Batch& batch, double* rates) {
+void rhs(const ChainModel& model, const Batch& batch, double* rates) {
   for_each_block(model, batch, [&](const auto& members, const auto& sweep) {
     const auto parts = accelerations_of<false>(model, members, sweep, rates);
     if (!with_power) return;
@@ -121,13 +121,13 @@ void rhs(const MotionModel& model, const Batch& batch, double* rates) {
   });
 }
 
-void energy(const MotionModel& model, const Batch& batch, double* out) {
+void energy(const ChainModel& model, const Batch& batch, double* out) {
   for_each_block(model, batch, [&](const auto& members, const auto& sweep) {
     energy_of(model, members, sweep, out);
   });
 }
 
-void power(const MotionModel& model, const Batch& batch, double* out) {
+void power(const ChainModel& model, const Batch& batch, double* out) {
   for_each_block(model, batch, [&](const auto& members, const auto& sweep) {
     const auto parts = accelerations_of<false>(model, members, sweep, nullptr);
     members.set_row(out, 0, parts.flow);
@@ -138,7 +138,7 @@ void power(const MotionModel& model, const Batch& batch, double* out) {
   });
 }
 
-void axial(const MotionModel& model, const Batch& batch, double* out) {
+void axial(const ChainModel& model, const Batch& batch, double* out) {
   for_each_block(model, batch, [&](const auto& members, const auto& sweep) {
     axial_of(model, members, sweep, out);
   });

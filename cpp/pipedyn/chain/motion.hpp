@@ -41,18 +41,21 @@ struct SegmentTerm {
   Term term;
 };
 
+struct ImpedanceSegment;
+
 /// Numbers of a chain and its pipe that the kernels read.
-struct MotionModel {
+struct ChainModel {
   const Link* links;
-  std::ptrdiff_t size;           // n
-  double base;                   // length of the fixed part at the clamp
-  double gravity;                // gamma
-  double coriolis;               // sqrt(beta) s
-  double entry;                  // (1 - c) sqrt(beta) s
-  std::array<double, 2> thrust;  // a cos psi along and a sin psi across the last segment
-  bool bent;                     // whether a joint is bent at rest
-  bool guided;                   // whether the end keeps the direction of the axis
-  double end_spring;             // k and c of the joint between a guided end and the last segment
+  const ImpedanceSegment* impedances;  // of small motions about the straight chain
+  std::ptrdiff_t size;                 // n
+  double base;                         // length of the fixed part at the clamp
+  double gravity;                      // gamma
+  double coriolis;                     // sqrt(beta) s
+  double entry;                        // (1 - c) sqrt(beta) s
+  std::array<double, 2> thrust;        // a cos psi along and a sin psi across the last segment
+  bool bent;                           // whether a joint is bent at rest
+  bool guided;                         // whether the end keeps the direction of the axis
+  double end_spring;  // k and c of the joint between a guided end and the last segment
   double end_damping;
   bool drag;                 // kappa > 0
   const SegmentTerm* loads;  // in their order from the clamp
@@ -88,7 +91,7 @@ struct EliminationKernel;
 
 /// The functions of one vector level. They use the thread's scratch (vector/scratch.hpp).
 struct MotionKernel {
-  using Function = void (*)(const MotionModel&, const Batch&, double* out);
+  using Function = void (*)(const ChainModel&, const Batch&, double* out);
 
   const char* name;
   std::ptrdiff_t width;
@@ -111,9 +114,9 @@ struct MotionKernel {
   // imaginary parts in mu (2 shifts) and in the rows of b, which x replaces.
   static constexpr std::ptrdiff_t shifts = 4;
   // For J of a chain's state, in O(n). factors: an array of factor_numbers() numbers.
-  std::ptrdiff_t (*factor_numbers)(const MotionModel&);
-  void (*factorise)(const MotionModel&, const Batch& one, const double* mu, double* factors);
-  void (*solve)(const MotionModel&, double* factors, double* b);
+  std::ptrdiff_t (*factor_numbers)(const ChainModel&);
+  void (*factorise)(const ChainModel&, const Batch& one, const double* mu, double* factors);
+  void (*solve)(const ChainModel&, double* factors, double* b);
   // Solution of A x = b for the same number of matrices A (n, n, 2 shifts), which factors replace;
   // pivots has 4 n entries.
   void (*factorise_dense)(double* a, std::ptrdiff_t n, std::ptrdiff_t* pivots);

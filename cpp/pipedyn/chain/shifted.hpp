@@ -58,7 +58,7 @@ struct ShiftedRight {
 
 /// Calls body(factors, pass) for each pass, which has as many shifts as a vector has lanes.
 template <class Body>
-void for_each_pass(const MotionModel& model, double* array, const Body& body) {
+void for_each_pass(const ChainModel& model, double* array, const Body& body) {
   with_carried(model, [&]<Count size>() {
     for (Count pass = 0; pass < shift_passes; ++pass) {
       body(ShiftedFactors<size>(array, model.size, pass), pass);
@@ -66,13 +66,12 @@ void for_each_pass(const MotionModel& model, double* array, const Body& body) {
   });
 }
 
-Count shifted_numbers(const MotionModel& model) {
+Count shifted_numbers(const ChainModel& model) {
   return with_carried(model,
                       [&]<Count size>() { return ShiftedFactors<size>::numbers(model.size); });
 }
 
-void factorise_shifted(const MotionModel& model, const Batch& one, const double* mu,
-                       double* array) {
+void factorise_shifted(const ChainModel& model, const Batch& one, const double* mu, double* array) {
   auto about =
       laid_out([&](Layout& layout) { return Linearised<double>(model, {one, 0, 1}, layout); });
   about.linearise();
@@ -83,7 +82,7 @@ void factorise_shifted(const MotionModel& model, const Batch& one, const double*
   });
 }
 
-void solve_shifted(const MotionModel& model, double* array, double* x) {
+void solve_shifted(const ChainModel& model, double* array, double* x) {
   const Count n = model.size;
   Complex* const alone = laid_out([&](Layout& layout) { return layout.take<Complex>(n); });
   for_each_pass(model, array, [&](const auto& factors, Count pass) {

@@ -16,7 +16,7 @@
 
 namespace {
 
-using pipedyn::MotionModel, pipedyn::SegmentTerm;
+using pipedyn::ChainModel, pipedyn::SegmentTerm;
 
 template <class Real>
 struct Plane {
@@ -90,7 +90,7 @@ struct Walk {
   const SegmentTerm *next, *end;
   Driven<Real> driven;
 
-  Walk(const MotionModel& model, const Driven<Real>& base)
+  Walk(const ChainModel& model, const Driven<Real>& base)
       : x(base.x),
         y(base.y + model.base),
         vx(base.vx),
@@ -144,7 +144,7 @@ struct LoadMoments {
 /// Computes the LoadMoments of each segment of a chain in a state. The state is given by sines and
 /// cosines of the angles, one Real a segment, by angle(j) and by rate(j). out: (n,).
 template <class Real, class Angle, class Rate>
-inline void load_moments(const MotionModel& model, const double* sine, const double* cosine,
+inline void load_moments(const ChainModel& model, const double* sine, const double* cosine,
                          const Angle& angle, const Rate& rate, const Driven<Real>& driven,
                          LoadMoments<Real>* out) {
   Walk<Real> walk(model, driven);

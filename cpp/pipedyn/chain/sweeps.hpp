@@ -48,7 +48,7 @@
 
 namespace {
 
-using pipedyn::Batch, pipedyn::Link, pipedyn::MotionModel;
+using pipedyn::Batch, pipedyn::Link, pipedyn::ChainModel;
 
 /// A block of members of a batch: one for each lane of a Real, or fewer in a batch of fewer
 /// members.
@@ -123,7 +123,7 @@ void for_each_members(const Batch& batch, const Body& body) {
 
 /// Calls body(members, sweep) for a member alone or for every block of members.
 template <class Body>
-void for_each_block(const MotionModel& model, const Batch& batch, const Body& body) {
+void for_each_block(const ChainModel& model, const Batch& batch, const Body& body) {
   const Count n = model.size;
   if (batch.members == 1) {
     body(Members<double>{batch, 0, 1},
@@ -148,7 +148,7 @@ template <class Real>
 struct Thrust {
   Real along, across;
 
-  Thrust(const MotionModel& model, const Members<Real>& members) {
+  Thrust(const ChainModel& model, const Members<Real>& members) {
     const Real u = members.speed(), square = u * u;
     along = model.thrust[0] * square;
     across = model.thrust[1] * square;
@@ -158,7 +158,7 @@ struct Thrust {
  private:
   /// Turns the force from the axis to the frame of the last segment. Not inlined: it would take
   /// registers from the sweeps.
-  PIPEDYN_NOINLINE void turn(const MotionModel& model, const Members<Real>& members) {
+  PIPEDYN_NOINLINE void turn(const ChainModel& model, const Members<Real>& members) {
     double angle[width] = {}, sine[width], cosine[width];
     store(angle, members.row(model.size - 1));
     sincos(angle, lanes<Real>, sine, cosine);
@@ -183,7 +183,7 @@ void read_state(const Members<Real>& members, Count n, Sweep<Real> sweep) {
 /// Calls body(j, vt, vn, w) for each segment j with the velocity of its joint, along and across it,
 /// and its rate w. vt, vn: the velocity of the clamp on entry, that of the free end on return.
 template <class Real, class Body>
-void for_each_velocity(const MotionModel& model, Sweep<Real> sweep, const Body& body, Real& vt,
+void for_each_velocity(const ChainModel& model, Sweep<Real> sweep, const Body& body, Real& vt,
                        Real& vn) {
   for (Count j = 0; j < model.size; ++j) {
     const Real s = sweep.at(sweep.sine, j), c = sweep.at(sweep.cosine, j);
@@ -205,7 +205,7 @@ struct LoadPower {
 
 /// Implements `add_loads`. drives: whether the batch has a drive.
 template <bool drives, class Real>
-PIPEDYN_NOINLINE LoadPower<Real> add_all_loads(const MotionModel& model,
+PIPEDYN_NOINLINE LoadPower<Real> add_all_loads(const ChainModel& model,
                                                const Members<Real>& members, Sweep<Real> sweep) {
   LoadPower<Real> power;
   const double* const moments = members.batch.moments;
@@ -267,7 +267,7 @@ PIPEDYN_NOINLINE LoadPower<Real> add_all_loads(const MotionModel& model,
 /// hold the force across the segment, the force along it and the moment about its joint, with the
 /// signs of a resistance. Returns the powers.
 template <class Real>
-LoadPower<Real> add_loads(const MotionModel& model, const Members<Real>& members,
+LoadPower<Real> add_loads(const ChainModel& model, const Members<Real>& members,
                           Sweep<Real> sweep) {
   return members.batch.drive != nullptr ? add_all_loads<true>(model, members, sweep)
                                         : add_all_loads<false>(model, members, sweep);
@@ -286,7 +286,7 @@ struct PowerParts {
 /// Computes rates (2 n, members) unless they are null, and returns the powers. keep: fills kept
 /// instead. Not inlined: each instance would have fewer registers next to the others.
 template <class Real, Outer outer, bool keep>
-PIPEDYN_NOINLINE PowerParts<Real> accelerations(const MotionModel& model,
+PIPEDYN_NOINLINE PowerParts<Real> accelerations(const ChainModel& model,
                                                 const Members<Real>& members, Sweep<Real> sweep,
                                                 double* rates, Kept<Real>* kept) {
   const Count n = model.size;
@@ -432,7 +432,7 @@ PIPEDYN_NOINLINE PowerParts<Real> accelerations(const MotionModel& model,
 }
 
 template <bool keep, class Real>
-PowerParts<Real> accelerations_of(const MotionModel& model, const Members<Real>& members,
+PowerParts<Real> accelerations_of(const ChainModel& model, const Members<Real>& members,
                                   Sweep<Real> sweep, double* rates, Kept<Real>* kept = nullptr) {
   const Batch& batch = members.batch;
   if (model.load_count > 0 || model.bent || batch.moments != nullptr || batch.drive != nullptr) {

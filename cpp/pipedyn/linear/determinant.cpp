@@ -137,17 +137,17 @@ using Number = Dual<Complex, 1>;
 /// The pivots of P(0, u), whose product is its determinant, at a real or complex speed, the last
 /// segment's first. They are those of the recursion of chain/impedance.hpp at lambda =
 /// `beside_zero`.
-std::vector<Number> static_pivots(const ImpedanceModel& model, Complex speed) {
+std::vector<Number> static_pivots(const ChainModel& model, Complex speed) {
   std::vector<Number> pivots;
   pivots.reserve(model.size);
   const auto near_zero = [](const ImpedanceParts& of) {
     return of.stiffness + beside_zero * (of.damping + beside_zero * of.mass);
   };
-  const Number u{speed, {1.0}}, thrust = model.thrust * u * u;
+  const Number u{speed, {1.0}}, thrust = model.thrust[0] * u * u;
   const Number coriolis = (model.coriolis * beside_zero) * u;
   Number a = (-model.entry * beside_zero) * u, b = model.guided ? -thrust : Number{}, c{}, d{};
   for (Index j = model.size - 1; j >= 0; --j) {
-    const ImpedanceSegment& at = model.segments[j];
+    const ImpedanceSegment& at = model.impedances[j];
     const double l = at.length, k = near_zero(at.joint);
     const Number moment = near_zero(at.moment) + l * l * coriolis, g = l * a + b;
     const Number turned = near_zero(at.turned) + 2.0 * l * coriolis;
@@ -213,7 +213,7 @@ StaticDeterminants ChainDeterminant::static_determinants(const Values& u) const 
   const Index count = u.size();
   StaticDeterminants found{Values::Zero(count), Reals::Ones(count), Reals::Zero(count)};
   for (Index i = 0; i < count; ++i) {
-    for (const Number& pivot : static_pivots(chain_->impedance(), u[i])) {
+    for (const Number& pivot : static_pivots(chain_->model(), u[i])) {
       if (pivot.value.real() < 0.0) found.sign[i] = -found.sign[i];
       found.logarithm[i] += std::log(std::abs(pivot.value));
       found.slope[i] += pivot.slope(0) / pivot.value;
@@ -224,8 +224,7 @@ StaticDeterminants ChainDeterminant::static_determinants(const Values& u) const 
 
 int ChainDeterminant::negative_at_rest() const {
   const auto is_negative = [](const Number& pivot) { return pivot.value.real() < 0.0; };
-  return static_cast<int>(
-      std::ranges::count_if(static_pivots(chain_->impedance(), 0.0), is_negative));
+  return static_cast<int>(std::ranges::count_if(static_pivots(chain_->model(), 0.0), is_negative));
 }
 
 // ---------------------------------------------------------------------------------------- panels

@@ -113,16 +113,16 @@ class ChainDeterminant : public Determinant {
   Pencil matrices(double stiffness_size) const override;
   bool is_pivoted() const override { return false; }
   bool turns_freely() const override { return chain_->springs().minCoeff() <= 0.0; }
-  double thrust() const override { return chain_->impedance().thrust; }
+  double thrust() const override { return chain_->model().thrust[0]; }
   StaticDeterminants static_determinants(const Values& u) const override;
   int negative_at_rest() const override;
 
  protected:
   void evaluate(const Points& points, double* out) const override {
-    motion_kernel().impedance->log_derivative(chain_->impedance(), points, out);
+    motion_kernel().impedance->log_derivative(chain_->model(), points, out);
   }
   void evaluate(const Points& points, const PairsAsked& out) const override {
-    motion_kernel().impedance->pairs(chain_->impedance(), points, out);
+    motion_kernel().impedance->pairs(chain_->model(), points, out);
   }
   Matrix gathered(const Matrix& angles) const override {
     return complement_->gathered(scale_.cwiseInverse().asDiagonal() * angles);
