@@ -18,8 +18,8 @@ LIMITS = {
     "modules in a folder": 16,
     "names with more than one meaning": 10,
     "docstrings that begin with a leaning word": 0,
-    "lines of Python": 21274,
-    "lines of C++": 12840,
+    "lines of Python": 21263,
+    "lines of C++": 12822,
 }
 
 ROOT = Path(__file__).parents[1]
