@@ -419,7 +419,8 @@ def animate(
     show(0)
     if own:  # one layout for all frames: they are then equally large and drawn faster
         figure.draw_without_rendering()
-        figure.set_layout_engine("none")
+        with rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+            figure.set_layout_engine(None)  # with "none", matplotlib would draw each frame twice
     film = Film(figure, show, frames=frames, interval=1000.0 / fps, blit=False)
     film.fps, film.repeats, film.frames = fps, cycle, frames
     if path is not None:
