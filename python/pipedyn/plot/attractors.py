@@ -237,7 +237,7 @@ def films(
 
     Example:
         >>> diagram = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.2), 2), [3.0, 4.0])
-        >>> for name, film in plot.films(diagram, 4.0, fps=5.0).items():
+        >>> for name, film in plot.films(diagram, 4.0, fps=4.0).items():
         ...     film.save(f"{name}.gif")
 
     Raises:

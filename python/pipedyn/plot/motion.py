@@ -369,7 +369,7 @@ def animate(
         The animation. Keep a reference to the animation as long as it is shown.
 
     Example:
-        >>> motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 10), 6.0, 1.0, lambda s: 0.1 * s)
+        >>> motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 10), 6.0, 0.4, lambda s: 0.1 * s)
         >>> film = plot.animate(motion, "flutter.gif", fps=5.0, speed=0.2)
 
     Raises:
