@@ -13,6 +13,8 @@ from canvas import axes as of_layout
 from canvas import legend_of
 from matplotlib.animation import FuncAnimation
 from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import PlaceHolderLayoutEngine
 from PIL import Image
 
 import pipedyn as pp
@@ -53,8 +55,12 @@ def run(name):
 
 
 axes = partial(of_layout, "constrained")
-small_axes = partial(of_layout, figsize=(2.0, 2.3), dpi=50)
-"""For animations, of which every frame is rendered."""
+
+
+def small_axes():
+    """For animations, of which every frame is rendered: without a layout computed for each."""
+    none = PlaceHolderLayoutEngine(adjust_compatible=True, colorbar_gridspec=True)
+    return Figure(figsize=(2.0, 2.3), dpi=50, layout=none).subplots()
 
 
 def by_gid(ax, gid):
@@ -465,7 +471,7 @@ def test_pictures_of_a_default_motion_never_refuse(model, rate, start):
         assert dots == 0
         assert curves > 0
     plot.snapshots(motion, ax=axes())
-    film = plot.animate(motion, ax=axes())
+    film = plot.animate(motion, fps=5.0, ax=small_axes())
     film._init_draw()  # a film that was never drawn warns
     film._draw_was_started = True
     for index in range(model.dof):
