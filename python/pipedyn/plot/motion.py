@@ -597,8 +597,7 @@ def is_coarse(
     curve: scipy.interpolate.PPoly, *, invisible: float = 0.0, rates_shown: bool = False
 ) -> bool:
     """Whether samples are too far apart for a curve through them, as `coarse` judges it."""
-    times = curve.x
-    return coarse(times, curve(times), curve(times, 1), invisible, rates_shown=rates_shown)
+    return coarse(curve.x, curve(curve.x), curve(curve.x, 1), invisible, rates_shown=rates_shown)
 
 
 def refuse_coarse(
