@@ -330,6 +330,7 @@ def test_an_animation_of_a_cycle_closes_and_has_all_frames(tmp_path):
     (trace,) = by_gid(ax, "trace")
     x, y = trace.get_data()
     assert math.hypot(x[0] - x[-1], y[0] - y[-1]) < 1e-3
+    assert np.ptp(x) > 0.1  # the whole path, from the first frame on
     assert ax.yaxis_inverted()
 
 
