@@ -380,7 +380,7 @@ SHAKES = pp.forced_response(SHAKEN, 1.0, base=SHAKER, frequencies=(20.0, 30.0))
 RESPONSE = pp.frequency_response(SHAKEN, 1.0, (1.0, 30.0))
 KEPT = Path(tempfile.mkdtemp()) / "kept.npz"
 CRITICAL.save(KEPT)
-REGIONS = pp.parametric_regions(pp.Chain(pp.Pipe(0.1, 3.0), 2), 3.0, [0.3, 0.6], (5.0, 60.0))
+REGIONS = pp.parametric_regions(pp.Chain(pp.Pipe(0.1, 3.0), 2), 3.0, [0.3, 0.6], (12.0, 60.0))
 OBJECTS = (PIPE, CHAIN, BEAM, EXACT, SCENE, CRITICAL, CROSSING, HOPF, CYCLE, MOTION, ENSEMBLE)
 OBJECTS += (DIAGRAM, ENDS, BRANCH, BRANCH.events[0], TRADE, LOCI, MODES, BOUNDARY, FIGURE, AX)
 OBJECTS += (MASS, modular.Clamp())

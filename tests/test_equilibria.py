@@ -67,7 +67,7 @@ def buckled_branch():
 
 @pytest.mark.parametrize("u", [0.0, 1.0, 1.6])
 def test_heavy_column_takes_the_shape_of_the_elastica(u):
-    found = pp.equilibria(pp.Galerkin(STANDING, 12, "legendre"), u)
+    found = pp.equilibria(pp.Galerkin(STANDING, 10, "legendre"), u)
     assert len(found) == 3
     assert found.stable.tolist() == [False, True, True]
     np.testing.assert_allclose(found.tips[bent(found)], elastica(-10.0, u), atol=1e-8)
@@ -95,8 +95,8 @@ def test_without_flow_the_energy_is_stationary_and_least_where_stable():
 
 
 def test_flow_straightens_the_buckled_pipe_before_it_flutters():
-    model = pp.Galerkin(STANDING, 12, "legendre")
-    straight = pp.equilibrium_branch(model, np.zeros(12), 1.0, (0.0, 6.0))
+    model = pp.Galerkin(STANDING, 8, "legendre")
+    straight = pp.equilibrium_branch(model, np.zeros(8), 1.0, (0.0, 6.0))
     assert straight.straight
     assert [point.kind for point in straight.points] == ["pitchfork", "hopf"]
     fork, flutter = straight.points
@@ -390,7 +390,7 @@ def half_waves(axial, u):
     [
         (1000.0, 3.2416, 3, 4, "legendre"),
         (300.0, 7.0, 5, 4, "beam"),
-        (300.0, 7.0, 5, 8, "legendre"),
+        (300.0, 7.0, 5, 6, "legendre"),
         (20.0, 5.0, 3, 4, "beam"),
     ],
 )
@@ -431,7 +431,7 @@ def test_a_coil_that_larger_bases_keep_is_resolved_but_not_valid():
         sn, *_ = ellipj(ellipk(k**2) * (2.0 * s - 1.0), k**2)
         return math.pi + 2.0 * np.arcsin(k * sn)
 
-    model = pp.Galerkin(pinned(pp.Stretching(stiffness)), 20, "legendre")
+    model = pp.Galerkin(pinned(pp.Stretching(stiffness)), 18, "legendre")
     found = pp.equilibria(model, u, starts=[coil])
     assert len(found) == 3
     others = found.discarded
@@ -450,7 +450,7 @@ def free_ends(gamma, u):
 
     Shot from the end, where theta is given and theta' is 0, for theta = 0 at the root.
     """
-    s = np.linspace(1.0, 0.0, 301)
+    s = np.linspace(1.0, 0.0, 101)
 
     def rates(s, y, end):
         theta, curvature = y
@@ -501,7 +501,7 @@ def test_rests_of_a_heavy_cantilever_that_count_are_elastica(gamma, u, m, basis)
         assert apart.min(axis=1).max() < 0.02
 
 
-@pytest.mark.parametrize("m", [4, 8])
+@pytest.mark.parametrize("m", [4, 7])
 @pytest.mark.parametrize(("load", "u"), [(21.354, 0.059), (48.7, 3.146)])
 def test_a_pinned_pipe_under_a_dead_load_is_found_buckled_and_upside_down(load, u, m):
     """Others have both ends at one place, where the force that holds the end across turns F."""

@@ -130,7 +130,7 @@ def test_a_full_disk_leaves_what_was_there(name, motion, tmp_path, monkeypatch):
     write = {".npz": motion.save, ".csv": motion.to_csv}.get(path.suffix)
     if write is None:
         ax = Figure(figsize=(2.0, 2.0), dpi=50).subplots()
-        film = plot.animate(motion, fps=10.0, span=(0.0, 0.5), speed=0.5, ax=ax)
+        film = plot.animate(motion, fps=10.0, span=(0.0, 0.15), speed=0.5, ax=ax)
         film._init_draw()
         monkeypatch.setattr(film, "to_jshtml", lambda: "page" * 1000)  # which has files of its own
         write = film.save
@@ -191,7 +191,7 @@ def test_ctrl_c_ends_the_command_with_one_line(tmp_path):
     with running:
         while not folder.exists() and running.poll() is None:
             time.sleep(0.05)
-        time.sleep(1.0)
+        time.sleep(0.5)
         running.send_signal(signal.SIGINT)
         out, err = running.communicate(timeout=120)
     assert (out, err, running.returncode) == ("", "pipedyn: interrupted\n", 130)

@@ -23,17 +23,24 @@ CHAIN = pp.Chain(PIPE, 3)
 LOCI = pp.root_loci(CHAIN, [0.0, 1.0, 2.0], 2)
 MODES = pp.modes(CHAIN, 1.0)
 CRITICAL = pp.critical_speed(CHAIN)
-BUCKLED = pp.boundary(
-    pp.Chain(pp.Pipe(0.2, -10.0), 4),
-    *("beta", "u", {"beta": (0.1, 0.5), "u": (0.0, 8.0)}),
-    criticality=False,
-)
-BOUNDARY = pp.boundary(CHAIN, "beta", "u", {"beta": (0.1, 0.2), "u": (0.0, 8.0)}, criticality=False)
 
 
-STANDING = pp.boundary(
-    pp.Chain(pp.Pipe(0.2, damping=0.01), 2), "gamma", "u", {"gamma": (-22, 0), "u": (0, 5)}
-)
+@cache
+def buckled():
+    window = {"beta": (0.1, 0.5), "u": (0.0, 8.0)}
+    return pp.boundary(pp.Chain(pp.Pipe(0.2, -10.0), 4), "beta", "u", window, criticality=False)
+
+
+@cache
+def plain():
+    window = {"beta": (0.1, 0.2), "u": (0.0, 8.0)}
+    return pp.boundary(CHAIN, "beta", "u", window, criticality=False)
+
+
+@cache
+def standing():
+    model, window = pp.Chain(pp.Pipe(0.2, damping=0.01), 2), {"gamma": (-22, 0), "u": (0, 5)}
+    return pp.boundary(model, "gamma", "u", window)
 
 
 def shown(ax):
@@ -44,23 +51,26 @@ def shown(ax):
 @pytest.mark.parametrize(
     ("draw", "given", "message"),
     [
-        (plot.convergence, ({"a": [1.0]}, CRITICAL), "families['a'][0] must be"),
-        (plot.stability_map, (BOUNDARY,), "boundaries must map labels to"),
-        (plot.stability_map, ({"a": 3},), "boundaries['a'] must be of type Boundary"),
+        (plot.convergence, lambda: ({"a": [1.0]}, CRITICAL), "families['a'][0] must be"),
+        (plot.stability_map, lambda: (plain(),), "boundaries must map labels to"),
+        (plot.stability_map, lambda: ({"a": 3},), "boundaries['a'] must be of type Boundary"),
         (
-            *(plot.stability_map, ({"a": dataclasses.replace(BOUNDARY, names=("u", "beta"))},)),
+            *(
+                plot.stability_map,
+                lambda: ({"a": dataclasses.replace(plain(), names=("u", "beta"))},),
+            ),
             "boundaries['a'] must have 'u' for y, got ('u', 'beta')",
         ),
         (
-            *(plot.stability_map, ({"a": BOUNDARY, "b": STANDING},)),
+            *(plot.stability_map, lambda: ({"a": plain(), "b": standing()},)),
             "boundaries must be over one number, got beta, gamma",
         ),
-        (partial(plot.colour_bar, ax=[3]), ("",), "ax must be of type Axes, got [3]"),
+        (partial(plot.colour_bar, ax=[3]), lambda: ("",), "ax must be of type Axes, got [3]"),
     ],
 )
 def test_a_picture_refuses_what_it_cannot_show_by_name(draw, given, message):
     with pytest.raises((ValueError, TypeError)) as caught:
-        draw(*given)
+        draw(*given())
     assert str(caught.value).startswith(message)
 
 
@@ -125,22 +135,20 @@ def test_ticks_of_a_map_point_to_the_unstable_side_and_words_tell_what_divergenc
     window = {"beta": (0.1, 0.5), "u": (0.0, 4.0)}
     held = pp.Galerkin(pp.Pipe(0.6, root="pinned", end="pinned"), 4, "beam")
     pinned = pp.boundary(held, "beta", "u", window, criticality=False)
-    for found, words in ((BUCKLED, "buckled by its weight below"), (pinned, "divergence above")):
+    for found, words in ((buckled(), "buckled by its weight below"), (pinned, "divergence above")):
         ax = plot.stability_map({"a": found}, ax=axes())
         assert [text.get_text() for text in ax.texts] == [words]
         for line in shown(ax):
             unstable, stable = side(line)
             assert found.unstable(*unstable) > 0 == found.unstable(*stable)
         assert legend_of(ax) == ["a", "ticks: unstable side"]
-    lowest = min(
-        line.get_ydata().max() for line in shown(plot.stability_map({"a": BUCKLED}, ax=axes()))
-    )
-    assert lowest < 2.0  # the flow straightens the pipe
+    ax = plot.stability_map({"a": buckled()}, ax=axes())
+    assert min(line.get_ydata().max() for line in shown(ax)) < 2.0  # the flow straightens the pipe
 
 
 def test_a_map_has_the_label_of_its_number_and_tells_what_failed():
-    assert "gravity" in plot.stability_map({"a": STANDING}, ax=axes()).get_xlabel()
-    failed = dataclasses.replace(BOUNDARY, failures=("a curve was not followed",))
+    assert "gravity" in plot.stability_map({"a": standing()}, ax=axes()).get_xlabel()
+    failed = dataclasses.replace(plain(), failures=("a curve was not followed",))
     legend = plot.stability_map({"a": failed}, ax=axes()).get_legend()
     assert legend.get_texts()[0].get_text() == "a (1 curve with failures)"
 
@@ -170,7 +178,7 @@ UP_TO_HALF = {"beta": (0.1, 0.9), "u": (0.0, 0.5)}
             ["a: unstable from $u = 0.1$ to $u = 2$"],
         ),
         (
-            lambda: dataclasses.replace(BOUNDARY, curves=(), failures=("not found",)),
+            lambda: dataclasses.replace(plain(), curves=(), failures=("not found",)),
             "No stability boundary was computed.",
             ["a: no boundary known from $u = 0$ to $u = 8$ (1 curve with failures)"],
         ),
@@ -214,11 +222,11 @@ def test_a_map_is_in_order_of_gravity():
 
 
 def test_a_map_ends_at_the_speed_that_is_asked_for():
-    assert plot.stability_map({"a": BOUNDARY}, 5.0, ax=axes()).get_ylim() == (0.0, 5.0)
+    assert plot.stability_map({"a": plain()}, 5.0, ax=axes()).get_ylim() == (0.0, 5.0)
 
 
 def test_a_boundary_shades_what_is_stable_and_names_its_organising_points():
-    ax = plot.boundary(STANDING, ax=axes())
+    ax = plot.boundary(standing(), ax=axes())
     (image,) = ax.images
     rows, columns, _ = image.get_array().shape
     left, right, low, high = image.get_extent()
@@ -226,10 +234,10 @@ def test_a_boundary_shades_what_is_stable_and_names_its_organising_points():
     wrong = 0
     for i, j in zip(rng.integers(rows, size=60), rng.integers(columns, size=60), strict=True):
         x, y = left + (right - left) * (j + 0.5) / columns, low + (high - low) * (i + 0.5) / rows
-        wrong += (image.get_array()[i, j, 3] > 0.0) != (STANDING.unstable(x, y) == 0)
+        wrong += (image.get_array()[i, j, 3] > 0.0) != (standing().unstable(x, y) == 0)
     assert wrong == 0
     named = set(legend_of(ax))
-    assert {point.kind for point in STANDING.points} <= named
+    assert {point.kind for point in standing().points} <= named
     assert {"Bogdanov-Takens", "degenerate pitchfork"} <= named
     assert {"flutter, supercritical", "divergence, subcritical"} <= named
     ax.figure.canvas.draw()
@@ -286,8 +294,8 @@ def test_an_upright_boundary_between_two_columns_parts_what_is_shaded():
 
 
 def test_parts_of_a_map_end_where_curves_cross():
-    point = next(one for one in STANDING.points if one.kind == "Bogdanov-Takens")
-    lines = shown(plot.stability_map({"a": STANDING}, ax=axes()))
+    point = next(one for one in standing().points if one.kind == "Bogdanov-Takens")
+    lines = shown(plot.stability_map({"a": standing()}, ax=axes()))
     ends = [tuple(line.get_xydata()[k]) for line in lines for k in (0, -1)]
     assert sum(end == pytest.approx((point.x, point.y), rel=1e-12) for end in ends) == 2
 
@@ -391,7 +399,7 @@ def test_the_legend_of_the_convergence_picture_fits_below_and_no_decade_is_empty
 @pytest.mark.parametrize("name", ["boundary", "stability_map", "time_history", "frequencies"])
 @pytest.mark.parametrize("within", [plot.style, nullcontext], ids=["style", "defaults"])
 def test_at_one_column_nothing_is_cut_off_and_the_curves_have_room(name, within):
-    shows = {"boundary": BUCKLED, "stability_map": {"n = 4": BUCKLED}, "frequencies": LOCI}
+    shows = {"boundary": buckled(), "stability_map": {"n = 4": buckled()}, "frequencies": LOCI}
     motion = pp.simulate(pp.Chain(HOSE, 3), 2.0, 2.0, lambda s: 0.1 * s)
     units = {"units": "si"} if name == "time_history" else {}
     with within():
@@ -427,12 +435,7 @@ OF_RESULTS = {
 def test_every_picture_takes_its_axes_last_by_name_and_makes_its_own_without():
     assert len(OF_RESULTS) >= 20
     for name, parameters in PICTURES.items():
-        if name in (
-            "dot_stride",
-            "explore",
-            "films",
-            "style",
-        ):  # draw on no Axes of the caller
+        if name in ("dot_stride", "explore", "films", "style"):  # draw on no Axes of the caller
             continue
         *_, last = parameters.values()
         assert (last.name, last.kind, last.default) == ("ax", last.KEYWORD_ONLY, None), name
@@ -450,13 +453,13 @@ def test_every_picture_takes_its_axes_last_by_name_and_makes_its_own_without():
 
 
 def test_four_modes_are_drawn_unless_more_are_asked_for():
-    found = pp.modes(pp.Chain(pp.Pipe(0.2), 12), 4.0)
-    for count, curves in ((None, 4), (2, 2), (12, 12), (99, 12)):
+    found = pp.modes(pp.Chain(pp.Pipe(0.2), 5), 4.0)
+    for count, curves in ((None, 4), (2, 2), (5, 5), (99, 5)):
         asked = {} if count is None else {"count": count}
         ax = plot.mode_shapes(found, ax=axes(), **asked)
         labels = [one for one in ax.get_legend_handles_labels()[1] if "lambda" in one]
         assert len(labels) == curves
-        assert ax.get_title() == ("$u = 4$" if curves == 12 else f"$u = 4$, {curves} of 12 modes")
+        assert ax.get_title() == ("$u = 4$" if curves == 5 else f"$u = 4$, {curves} of 5 modes")
 
 
 HOSE = pp.Pipe.from_si(
@@ -617,10 +620,8 @@ def test_speeds_over_the_mass_ratio_have_units_of_their_own():
         seen.add((stable, tuple(shade[i, j])))
     assert len(seen) == len({colour for _, colour in seen}) == 2
     hatch = ax.collections[0].get_paths()[0]  # above the window
-    assert [
-        hatch.contains_point((0.4, 9.1 * unit(0.4))),
-        hatch.contains_point((0.4, 8.9 * unit(0.4))),
-    ] == [True, False]
+    assert hatch.contains_point((0.4, 9.1 * unit(0.4)))
+    assert not hatch.contains_point((0.4, 8.9 * unit(0.4)))
     assert "not searched" in set(legend_of(ax))
 
 

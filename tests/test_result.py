@@ -130,7 +130,7 @@ def tables():
     motion = pp.simulate(SCALED_CHAIN, 4.0, 1.0, bend, samples=5, events=event, dense=True)
     small = pp.Chain(SCALED, 2)
     cycle = pp.limit_cycle(small, 6.0)
-    diagram = pp.bifurcation_diagram(small, [5.0, 6.0], cycles=8)
+    diagram = pp.bifurcation_diagram(small, [5.0, 5.2], cycles=8)
     shaken = pp.forced_response(
         pp.Chain(pp.Pipe.from_si(**HOSE, damping_time=0.01), 2),
         1.0,
@@ -172,7 +172,7 @@ def tables():
 
 @cache
 def regions():
-    return pp.parametric_regions(pp.Chain(pp.Pipe(0.1, 3.0), 2), 3.0, [0.6], (5.0, 20.0))
+    return pp.parametric_regions(pp.Chain(pp.Pipe(0.1, 3.0), 2), 3.0, [0.6], (11.0, 20.0))
 
 
 def cycle_fold():

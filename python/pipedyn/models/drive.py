@@ -463,7 +463,8 @@ def _finite(name: str, function: Any, t: float, entries: int) -> tuple[float, ..
         told = f"{type(error).__name__}: {error}"
         raise ValueError(f"{name}({t:g}) must be a number or numbers, it raised {told}") from error
     if entries == 1:
-        return (check.real(f"{name}({t:g})", came),)
+        known = isinstance(came, float) and math.isfinite(came)  # often, and named only if not
+        return (float(came) + 0.0 if known else check.real(f"{name}({t:g})", came),)
     try:
         values = tuple(check.real(name, one) for one in came)
     except (TypeError, ValueError):

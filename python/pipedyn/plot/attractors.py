@@ -237,7 +237,7 @@ def films(
 
     Example:
         >>> diagram = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.2), 2), [3.0, 4.0])
-        >>> for name, film in plot.films(diagram, 4.0, fps=5.0).items():
+        >>> for name, film in plot.films(diagram, 4.0, fps=4.0).items():
         ...     film.save(f"{name}.gif")
 
     Raises:
@@ -254,8 +254,7 @@ def films(
         raise ValueError(f"speed must be one of the diagram's speeds, got {speed:g}")
     cycles = [one for branch in diagram.cycles for one in branch.at(speed) if one.stable]
     made = {f"cycle {k}": animate(one, **how) for k, one in enumerate(cycles)}
-    ends = (one for one in diagram.motions if np.isclose(one.speed, speed, rtol=1e-12))
-    for one in ends:
+    for one in diagram.at(speed):
         if one.ending not in ("rest", "periodic", "failed"):
             q, qdot = np.split(one.end, 2)
             motion = simulate(diagram.model, speed, FILMED, q, qdot)

@@ -122,7 +122,7 @@ def parametric_regions(
         ax: Axes to draw on; new ones if not given.
 
     Example:
-        >>> model = pp.Galerkin(pp.Pipe(0.2, 10.0), 8)
+        >>> model = pp.Galerkin(pp.Pipe(0.2, 10.0), 4)
         >>> regions = pp.parametric_regions(model, 5.5, [0.15, 0.2], (27.0, 37.0))
         >>> ax = plot.parametric_regions(regions)
 

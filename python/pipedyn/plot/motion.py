@@ -369,7 +369,7 @@ def animate(
         The animation. Keep a reference to the animation as long as it is shown.
 
     Example:
-        >>> motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 10), 6.0, 1.0, lambda s: 0.1 * s)
+        >>> motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 10), 6.0, 0.4, lambda s: 0.1 * s)
         >>> film = plot.animate(motion, "flutter.gif", fps=5.0, speed=0.2)
 
     Raises:
@@ -419,7 +419,8 @@ def animate(
     show(0)
     if own:  # one layout for all frames: they are then equally large and drawn faster
         figure.draw_without_rendering()
-        figure.set_layout_engine("none")
+        with rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+            figure.set_layout_engine(None)  # with "none", matplotlib would draw each frame twice
     film = Film(figure, show, frames=frames, interval=1000.0 / fps, blit=False)
     film.fps, film.repeats, film.frames = fps, cycle, frames
     if path is not None:
@@ -596,8 +597,7 @@ def is_coarse(
     curve: scipy.interpolate.PPoly, *, invisible: float = 0.0, rates_shown: bool = False
 ) -> bool:
     """Whether samples are too far apart for a curve through them, as `coarse` judges it."""
-    times = curve.x
-    return coarse(times, curve(times), curve(times, 1), invisible, rates_shown=rates_shown)
+    return coarse(curve.x, curve(curve.x), curve(curve.x, 1), invisible, rates_shown=rates_shown)
 
 
 def refuse_coarse(
