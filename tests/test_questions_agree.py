@@ -35,8 +35,8 @@ PIPES = {
 }
 
 MODELS = [
-    pytest.param(lambda pipe: pp.Galerkin(pipe, 14, "legendre"), id="legendre"),
-    pytest.param(lambda pipe: pp.Chain(pipe, 21), id="chain"),
+    pytest.param(lambda pipe: pp.Galerkin(pipe, 10, "legendre"), id="legendre"),
+    pytest.param(lambda pipe: pp.Chain(pipe, 15), id="chain"),
     pytest.param(pp.Continuum, id="continuum"),
 ]
 LONG_SEARCHES = {"on a foundation", "on two supports", "standing, unstable at rest"}
