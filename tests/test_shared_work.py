@@ -18,8 +18,8 @@ MODELS = {
     "galerkin": pp.Galerkin(PIPE, 3),
     "scene": pp.modular.chain(PIPE, 2),
     "turned jet": pp.Galerkin(pp.Pipe(0.2, 10.0, jet_angle=0.3), 6, "legendre"),
-    "added mass": pp.Galerkin(ASPIRATING, 5),
-    "pinned": pp.Galerkin(pp.Pipe(0.2, end="pinned"), 4),
+    "added mass": pp.Galerkin(ASPIRATING, 5, "legendre"),
+    "pinned": pp.Galerkin(pp.Pipe(0.2, end="pinned"), 4, "legendre"),
     "pinned chain": pp.Chain(pp.Pipe(0.2, end="pinned"), 4),
 }
 MEMBERS = 3000
