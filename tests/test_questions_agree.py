@@ -22,7 +22,7 @@ PIPES = {
     ),
     "on two supports": (
         pp.Pipe(0.3, root="pinned", end="pinned", supports=(1 / 3, 2 / 3), damping=1e-4),
-        20.0,
+        16.0,
     ),
     "guided with hysteresis": (pp.Pipe(0.2, hysteresis=0.05, end="guided"), 3.5),
     "cantilevered with hysteresis": (pp.Pipe(0.2, hysteresis=0.05), 7.0),
