@@ -491,11 +491,8 @@ def test_a_curve_that_touches_the_window_in_its_corner_is_none():
     ranges = {"beta": (0.1, 0.2), "u": (speed, 7.0)}
     found = pp.boundary(model, "beta", "u", ranges, criticality=False)
     assert found.failures == found.curves == ()
-    assert (
-        found.unstable(0.15, 6.0)
-        == 2
-        == (eigenvalues(pp.Galerkin(pp.Pipe(0.15), 6), 6.0).real > 0.0).sum()
-    )
+    growing = (eigenvalues(pp.Galerkin(pp.Pipe(0.15), 6), 6.0).real > 0.0).sum()
+    assert found.unstable(0.15, 6.0) == growing == 2
 
 
 @pytest.mark.parametrize("gammas", [(-60.0, 60.0), (-40.0, 0.0)])

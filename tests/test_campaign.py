@@ -81,8 +81,7 @@ CASES += [
     ({"beta": 0.631, "supports": [0.52, 0.939, 0.945]}, "pp.Continuum({})", 20.0),
     (equal_spans(100), "pp.Chain({}, 200)", 285.0),
 ]
-LENGTHY = 21, 24, 26, 27, 30
-"""Places of cases that take longer than others of the same kind."""
+LENGTHY = 21, 24, 26, 27, 30  # places of cases beside which a quicker one asks for the same
 
 
 @pytest.mark.parametrize("name", CLASSES)
