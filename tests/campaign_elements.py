@@ -157,7 +157,7 @@ def continuum_changes(numbers: Numbers, end: float) -> Answer:
     """
     wave = wave_number(numbers, end)
     coarse, fine = (elements(numbers, wave, more) for more in (0, 4))
-    found = all_changes(coarse, end)
+    found = all_changes(coarse, end, 0.5 * wave)
     static = divergences(fine, end)
     changes: list[Change] = []
     for one in found.changes:

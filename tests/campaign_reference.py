@@ -30,7 +30,7 @@ Array = np.ndarray[Any, Any]
 LARGEST_BIALTERNATE = 6
 """Degrees of freedom up to which the bialternate product is formed: a pencil of 132 rows."""
 
-LARGEST_SAMPLED = 60
+LARGEST_SAMPLED = 24
 """Degrees of freedom up to which all roots are sampled; beyond, those of the lowest modes, and the
 whole system says where exactly the changes are, and counts."""
 
@@ -213,16 +213,19 @@ def _roots(system: System, u: float) -> Roots:
     step[n:, :n] = np.eye(n)
     mu, left, right = linalg.eig(step, left=True)
     with np.errstate(all="ignore"):
+        value = shift + 1.0 / mu
+        # With a loss only roots above the axis are roots; else those below are conjugate to them.
+        kept = value.imag > 1e-13 * np.abs(value) if lossy else value.imag >= 0.0
+        kept &= np.isfinite(value)
         # Vectors are known the less, the closer their roots lie and the less normal the problem.
         gaps = np.abs(mu - mu[:, None]) + np.where(np.eye(2 * n), np.inf, 0.0)
-        turned = np.abs(np.sum(left.conj() * right, axis=0)) * gaps.min(axis=1)
-        turned = 4.0 * EPSILON * np.linalg.norm(step, 2) / turned
+        value, left, right = value[kept], left[:, kept], right[:, kept]
+        turned = np.abs(np.sum(left.conj() * right, axis=0)) * gaps.min(axis=1)[kept]
+        # The 2-norm is at most the root of the product of the 1-norm and the infinity norm.
+        norm = math.sqrt(np.linalg.norm(step, 1) * np.linalg.norm(step, np.inf))
+        turned = 4.0 * EPSILON * norm / turned
         x, y = right[n:], linalg.lu_solve(factors, left[:n].conj(), trans=1)
-        x, y, value = x / np.linalg.norm(x, axis=0), y / np.linalg.norm(y, axis=0), shift + 1.0 / mu
-        kept = np.isfinite(value) & np.isfinite(x).all(axis=0) & np.isfinite(y).all(axis=0)
-        # With a loss only roots above the axis are roots; else those below are conjugate to them.
-        kept &= value.imag > 1e-13 * np.abs(value) if lossy else value.imag >= 0.0
-        value, x, y, turned = value[kept], x[:, kept], y[:, kept], turned[kept]
+        x, y = x / np.linalg.norm(x, axis=0), y / np.linalg.norm(y, axis=0)
         products = [np.sum(y * (one @ x), axis=0) for one in (m, c, k, system.flow, system.thrust)]
         ym, yc, yk, by_flow, by_thrust = products
         for _ in range(2):

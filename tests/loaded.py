@@ -82,7 +82,7 @@ def states(model: pp.Model, seed: int = 7, count: int = 9) -> np.ndarray:
     dice, size = np.random.default_rng(seed), model.integrated
     p, rates = dice.normal(size=(2, size, count)) / np.arange(1.0, size + 1.0)[:, None]
     for of, largest in ((p, 0.3), (rates, 1.0)):
-        of *= largest / np.array([model.largest_angle(one) for one in of.T])
+        of *= largest / model.largest_angle(of)
     q, qdot = model.to_user(*(of.T for of in model.onto_constraints(p, rates)))
     return np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
 

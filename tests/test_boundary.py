@@ -187,7 +187,9 @@ def test_damping_that_has_an_extreme_beside_the_axis_is_no_curve():
     assert line_starts(plane) == ([], [])
 
 
-@pytest.mark.parametrize("stiffest", [30.0, 60.0, 100.0, 1000.0])
+@pytest.mark.parametrize(
+    "stiffest", [30.0, *(pytest.param(k, marks=pytest.mark.slow) for k in (60.0, 100.0)), 1000.0]
+)
 def test_flutter_in_a_closed_curve_is_found_in_windows_of_any_size(stiffest):
     """Between root stiffness 0.89 and 5.71; lines are even in the angle that the spring passes."""
     chain = pp.Chain(pp.Pipe(0.2, gamma=10.0, root=pp.RootSpring(1.0)), 5)
@@ -489,11 +491,8 @@ def test_a_curve_that_touches_the_window_in_its_corner_is_none():
     ranges = {"beta": (0.1, 0.2), "u": (speed, 7.0)}
     found = pp.boundary(model, "beta", "u", ranges, criticality=False)
     assert found.failures == found.curves == ()
-    assert (
-        found.unstable(0.15, 6.0)
-        == 2
-        == (eigenvalues(pp.Galerkin(pp.Pipe(0.15), 6), 6.0).real > 0.0).sum()
-    )
+    growing = (eigenvalues(pp.Galerkin(pp.Pipe(0.15), 6), 6.0).real > 0.0).sum()
+    assert found.unstable(0.15, 6.0) == growing == 2
 
 
 @pytest.mark.parametrize("gammas", [(-60.0, 60.0), (-40.0, 0.0)])

@@ -136,7 +136,7 @@ FITTED = [replace(pipe, gamma=-3.0, terms=TERMS) for pipe in PIPES[1:3]]
 @pytest.mark.parametrize(
     ("chain", "u"),
     [
-        *((pp.Chain(PIPES[k], 500), u) for k, u in enumerate((6.0, 9.0, 3.0))),
+        *((pp.Chain(PIPES[k], 200), u) for k, u in enumerate((6.0, 9.0, 3.0))),
         *((pp.Chain(pipe, n), 5.0) for pipe in FITTED for n in (3, 40, 70)),
         *((pp.Chain(pipe, **own_segments(90, np.arange(90))), 5.0) for pipe in FITTED),
         (pp.Chain(PIPES[1], **own_segments(120, np.arange(120))), 5.0),

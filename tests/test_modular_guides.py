@@ -83,7 +83,7 @@ def test_joints_without_springs_may_be_held_or_not(nodes: tuple[int, ...], u: fl
 @pytest.mark.parametrize("name", [*PIPES, "buckled at rest"])
 @pytest.mark.parametrize(
     ("n", "nodes"),
-    [(6, ()), (24, ()), (4, (1,)), (10, (10,)), (16, (5, 16)), (70, (35, 70))],
+    [(6, ()), (24, ()), (4, (1,)), (10, (10,)), (16, (5, 16)), (67, (33, 67))],
 )
 def test_crossings_are_those_of_the_matrices(
     name: str, n: int, nodes: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
@@ -203,7 +203,7 @@ def test_long_chains_tend_to_the_beam(number: Callable[[int], tuple[float, float
 
 def test_a_guided_chain_of_any_length_has_eigenvalues() -> None:
     """Far beyond what matrices can hold."""
-    scene = guided(pp.Pipe(0.2), 20_000, (6_000, 20_000))
+    scene = guided(pp.Pipe(0.2), 10_000, (3_000, 10_000))
     found = pp.modes(scene, 3.0, 2)
     finer = pp.eigenvalues(guided(pp.Pipe(0.2), 1_000, (300, 1_000)), 3.0, 4)
     assert found.converged.all()

@@ -22,7 +22,7 @@ PIPES = {
     ),
     "on two supports": (
         pp.Pipe(0.3, root="pinned", end="pinned", supports=(1 / 3, 2 / 3), damping=1e-4),
-        20.0,
+        16.0,
     ),
     "guided with hysteresis": (pp.Pipe(0.2, hysteresis=0.05, end="guided"), 3.5),
     "cantilevered with hysteresis": (pp.Pipe(0.2, hysteresis=0.05), 7.0),
@@ -35,8 +35,8 @@ PIPES = {
 }
 
 MODELS = [
-    pytest.param(lambda pipe: pp.Galerkin(pipe, 14, "legendre"), id="legendre"),
-    pytest.param(lambda pipe: pp.Chain(pipe, 21), id="chain"),
+    pytest.param(lambda pipe: pp.Galerkin(pipe, 10, "legendre"), id="legendre"),
+    pytest.param(lambda pipe: pp.Chain(pipe, 15), id="chain"),
     pytest.param(pp.Continuum, id="continuum"),
 ]
 LONG_SEARCHES = {"on a foundation", "on two supports", "standing, unstable at rest"}

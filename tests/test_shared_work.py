@@ -18,8 +18,8 @@ MODELS = {
     "galerkin": pp.Galerkin(PIPE, 3),
     "scene": pp.modular.chain(PIPE, 2),
     "turned jet": pp.Galerkin(pp.Pipe(0.2, 10.0, jet_angle=0.3), 6, "legendre"),
-    "added mass": pp.Galerkin(ASPIRATING, 5),
-    "pinned": pp.Galerkin(pp.Pipe(0.2, end="pinned"), 4),
+    "added mass": pp.Galerkin(ASPIRATING, 5, "legendre"),
+    "pinned": pp.Galerkin(pp.Pipe(0.2, end="pinned"), 4, "legendre"),
     "pinned chain": pp.Chain(pp.Pipe(0.2, end="pinned"), 4),
 }
 MEMBERS = 3000
@@ -42,7 +42,7 @@ def test_members_of_a_large_batch_have_what_they_have_alone(name, driven):
         one = y[:, k], u[k], None if drive is None else drive[:, k]
         pair = model.motion_rates(*one), model.motion_jacobian(*one)
         for found, alone in zip(whole, pair, strict=True):
-            assert found[k] == pytest.approx(alone, abs=1e-9 * np.abs(alone).max())
+            assert np.abs(found[k] - alone).max() <= 1e-9 * np.abs(alone).max()
 
 
 @pytest.mark.parametrize("members", [1, 5, MEMBERS])
@@ -56,9 +56,7 @@ def test_linearised_rates_are_the_rates_and_their_derivatives(name, members):
     expected = (rates, (ahead - behind) / 0.2, *slopes.transpose(1, 0, 2))
     assert found.shape == (members, 2 + 2 * model.integrated, 2 * model.integrated)
     for part, right in zip(found.transpose(1, 0, 2), expected, strict=True):
-        assert part == pytest.approx(
-            right, abs=1e-8 * max(np.abs(rates).max(), np.abs(right).max())
-        )
+        assert np.abs(part - right).max() <= 1e-8 * max(np.abs(rates).max(), np.abs(right).max())
 
 
 def test_several_callers_at_once_have_what_one_has():

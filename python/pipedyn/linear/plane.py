@@ -394,30 +394,26 @@ class Plane:
 
         Slopes are derivatives by shares of the window along x and y, shape (2, k).
         """
-        (m, c, k), *changes = self.matrices(at)
-        inverse, vectors = np.linalg.eig(companion(m, c, k))
+        found = self.matrices(at)
+        inverse, vectors = np.linalg.eig(companion(*found[0]))
         n = self.dof
         # Rows of the inverse of the companion matrix' eigenvectors are its left eigenvectors. Their
         # product with the inverse of P(SHIFT) gives those of P(lambda).
-        rows = np.linalg.inv(vectors)[:, :n] @ np.linalg.inv(shifted(m, c, k))
+        rows = np.linalg.inv(vectors)[:, :n] @ np.linalg.inv(shifted(*found[0]))
         with np.errstate(divide="ignore", invalid="ignore"):
             values = SHIFT + 1.0 / inverse.astype(complex)
         sizes = np.where(np.isfinite(values), np.abs(values), np.inf)
         keep = np.argsort(sizes)[: min(2 * self.modes, np.count_nonzero(np.isfinite(sizes)))]
         values, x, y = values[keep], vectors[:n, keep], rows[keep]
-
-        def form(matrix: NDArray[Any]) -> Complex:
-            return np.asarray(np.einsum("ji,ij->j", y, matrix @ x))
-
         above = (values.imag > 1e-6) & (np.abs(values.real) < FAR + np.abs(values.imag))
-        values, x, y = values[above].astype(complex), x[:, above], y[above]
-        moved = np.array(
-            [values**2 * form(m_p) + values * form(c_p) + form(k_p) for m_p, c_p, k_p in changes]
-        )
+        values, x, y = values[above], x[:, above], y[above]
+        # Products with the left and right vectors, of M, C and K and of their changes by x and y.
+        (m, c, _), *changes = np.sum(y.T * (np.array(found) @ x), axis=2)
+        moved = np.array([values**2 * m_p + values * c_p + k_p for m_p, c_p, k_p in changes])
         with np.errstate(divide="ignore", invalid="ignore"):
-            slopes = -moved / (2.0 * values * form(m) + form(c))
+            slopes = -moved / (2.0 * values * m + c)
         by_shares = self.window.size[:, None] * np.nan_to_num(slopes)
-        return np.asarray(values, dtype=complex), np.asarray(by_shares, dtype=complex)
+        return np.asarray(values, dtype=complex), by_shares
 
 
 Sample = tuple[float, Complex, Complex]
