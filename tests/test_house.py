@@ -54,16 +54,16 @@ def within(folder):
 
 
 @functools.cache
-def trees():
-    """Syntax trees of all modules by path, made for the first test that asks."""
-    return {path: ast.parse(path.read_text("utf-8")) for path in MODULES.values()}
+def nodes():
+    """All nodes of each module's syntax tree by path, its root first, listed for the first test."""
+    return {path: [*ast.walk(ast.parse(path.read_text("utf-8")))] for path in MODULES.values()}
 
 
 @functools.cache
 def imported(name):
     """Modules of the package that one imports, wherever in its file the import stands."""
     path, found = MODULES[name], set()
-    for node in ast.walk(trees()[path]):
+    for node in nodes()[path]:
         if isinstance(node, ast.Import):
             found.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -75,10 +75,10 @@ def imported(name):
     return (found & MODULES.keys()) - {name}
 
 
-def lines_of_docstrings(tree):
+def lines_of_docstrings(every):
     """Numbers of the lines of strings that stand alone: docstrings, those of constants too."""
     lines = set()
-    for node in ast.walk(tree):
+    for node in every:
         match node:
             case ast.Expr(value=ast.Constant(value=str())):
                 lines.update(range(node.lineno, node.end_lineno + 1))
@@ -134,10 +134,10 @@ def test_folders_have_few_modules(folder):
 
 def test_names_mean_one_thing():
     where = {}
-    for path, tree in trees().items():
+    for path, (root, *_) in nodes().items():
         if path.stem == "__init__":
             continue
-        for node in tree.body:
+        for node in root.body:
             if isinstance(node, ast.FunctionDef | ast.ClassDef):
                 defined = [node.name]
             elif isinstance(node, ast.Assign | ast.AnnAssign):
@@ -154,8 +154,8 @@ def test_names_mean_one_thing():
 
 def test_docstrings_can_be_read_alone():
     found = []
-    for path, tree in trees().items():
-        for node in ast.walk(tree):
+    for path, every in nodes().items():
+        for node in every:
             if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
                 text = (ast.get_docstring(node) or "").strip()
                 if LEANING.match(text):
@@ -166,8 +166,8 @@ def test_docstrings_can_be_read_alone():
 
 def test_lines_of_python_stay_within_the_budget():
     lines = 0
-    for path, tree in trees().items():
-        said = lines_of_docstrings(tree)
+    for path, every in nodes().items():
+        said = lines_of_docstrings(every)
         numbered = enumerate(path.read_text("utf-8").splitlines(), start=1)
         lines += sum(i not in said and not re.match(r"\s*(#|$)", line) for i, line in numbered)
     assert lines <= LIMITS["lines of Python"]

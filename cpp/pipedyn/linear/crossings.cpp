@@ -73,9 +73,8 @@ class Search {
       const std::vector<double> speeds = samples(longest);
       Roots every(first->size());
       for (Index i = 0; i < first->size(); ++i) every[i] = i;
-      modes_ = ranked(*first);
       rest_ = first->values;
-      rest_modes_ = modes_;
+      modes_ = rest_modes_ = ranked(*first);
       unstable_ = states(*first, every, Flags(every.size(), 0));
       static_count_ = static_count(*first);
       sweep_.unstable_at_rest = unstable_count_ = count_unstable(*first) + static_count_;
@@ -324,8 +323,9 @@ class Search {
     return count;
   }
 
-  /// Carries modes and states over to the right sample of a step.
-  void move(const Step& step) {
+  /// Modes of the roots of a step's right sample, and whether they are unstable. Sees whether a
+  /// root that is not tracked became unstable, or one that is tracked was lost.
+  std::pair<Roots, Flags> moved(const Step& step) {
     const Flags after = states_after(step);
     const bool partly = range_.count < 2 * traits_.dof;
     const Index size = step.right->size();
@@ -338,20 +338,21 @@ class Search {
           partly && modes_[i] <= range_.tracked && traits_.counts(step.start(i)) && step.lost(i);
     }
     for (Index i = 0; i < size; ++i) every[i] = i;
-    modes_ = std::move(modes);
-    unstable_ = states(*step.right, every, before);
+    Flags unstable = states(*step.right, every, before);
     for (Index i = 0; partly && i < size; ++i) {
-      sweep_.untracked |= unstable_[i] && traits_.counts(step.right->values[i]) &&
-                          (modes_[i] == 0 || modes_[i] > range_.tracked);
+      sweep_.untracked |= unstable[i] && traits_.counts(step.right->values[i]) &&
+                          (modes[i] == 0 || modes[i] > range_.tracked);
     }
-    static_count_ = scanned_.static_count;
+    return {std::move(modes), std::move(unstable)};
   }
 
   /// Adds the crossings of a step; returns whether the search goes on.
   bool visit(const Step& step) {
-    std::vector<AxisCrossing> found = crossings(step);
-    move(step);
+    auto next = moved(step);
     if (sweep_.untracked) return false;
+    std::vector<AxisCrossing> found = crossings(step);
+    std::tie(modes_, unstable_) = std::move(next);
+    static_count_ = scanned_.static_count;
     int expected = unstable_count_;
     for (const AxisCrossing& crossing : found) expected += crossing.change;
     const int unstable = count_unstable(*step.right) + static_count_, missed = unstable - expected;

@@ -566,7 +566,8 @@ class _Solutions:
             size = float(np.abs(x).max())
             for image in map(self.statics.unwound, (x, -x) if size <= TEN_TURNS else ()):
                 far = DISTINCT * (1.0 + size)
-                new = all(np.abs(image - one).max() >= far for one in self.found)
+                others = np.reshape(self.found, (-1, x.size))
+                new = np.abs(image - others).max(axis=1).min(initial=math.inf) >= far
                 with suppress(ValueError, PipedynError):
                     if new and self.statics.unbalanced(image, self.u) <= BALANCED:
                         self.found.append(image + 0.0)

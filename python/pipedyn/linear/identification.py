@@ -177,11 +177,7 @@ class Identification(TableResult):
     measurements: tuple[Measurement, ...] = field(repr=False)
 
     def _columns(self) -> dict[str, Any]:
-        return {
-            "unknown": self.unknowns,
-            "value": self.values,
-            "uncertainty": self.uncertainties,
-        }
+        return {"unknown": self.unknowns, "value": self.values, "uncertainty": self.uncertainties}
 
 
 def identify(
@@ -407,13 +403,19 @@ class _Problem:
             starts += [low + (high - low) * random.uniform(size=low.size) for _ in range(4)]
         best, failed = None, list[PipedynError]()
         inner = 1e-9 * (high - low)
-        misfit = partial(self.misfit, size=size)
+        misfit, here = partial(self.misfit, size=size), begin
+
+        def tried(x: Array) -> Array:
+            nonlocal here
+            here = misfit(x)
+            return here
+
         for start in starts:
             try:
                 found = scipy.optimize.least_squares(
-                    misfit,
+                    tried,
                     np.clip(start, low + inner, high - inner),
-                    jac=partial(self.slopes, misfit),
+                    jac=lambda x: self.slopes(misfit, x, here),  # of the x tried last
                     bounds=(low, high),
                     xtol=1e-12,
                     ftol=1e-12,
@@ -429,8 +431,7 @@ class _Problem:
                 break
         if best is None:
             raise failed[0]
-        x: Array = best.x
-        return x
+        return np.asarray(best.x)
 
     def misfit(self, x: Array, size: int) -> Array:
         """Residuals (predicted - measured) / uncertainty of a model of this size, shape (M,)."""
@@ -438,12 +439,14 @@ class _Problem:
         measured, sigma = np.array([(one.value, one.uncertainty) for one in self.measurements]).T
         return np.asarray((predicted - measured) / sigma)
 
-    def slopes(self, question: Callable[[Array], Array], x: Array, step: float = LOG_STEP) -> Array:
+    def slopes(
+        self, question: Callable[[Array], Array], x: Array, here: Array, step: float = LOG_STEP
+    ) -> Array:
         """Derivatives by x of k functions of x, shape (k, U), by differences within the bounds.
 
+        here: values of the functions at x, shape (k,).
         step: step of the differences; its sign is changed where x + step is out of bounds.
         """
-        here = question(x)
         low, high = self.bounds
         steps = np.where((x + step > low) & (x + step < high), step, -step)
         columns = [(question(x + change) - here) / change.sum() for change in np.diag(steps)]
@@ -461,10 +464,11 @@ class _Problem:
         free = np.flatnonzero(~at_end)
         spread = np.full((x.size, x.size), math.nan)
         condition = math.inf
+        misfit = partial(self.misfit, size=size)
+        residuals = misfit(x)
         if free.size:
-            misfit = partial(self.misfit, size=size)
-            slopes = self.slopes(misfit, x)
-            jumps = np.abs(slopes - self.slopes(misfit, x, -LOG_STEP)).max(axis=1)
+            slopes = self.slopes(misfit, x, residuals)
+            jumps = np.abs(slopes - self.slopes(misfit, x, residuals, -LOG_STEP)).max(axis=1)
             if (jumps > JUMP * np.abs(slopes).max()).any():
                 k = int(np.argmax(jumps))
                 raise NotConverged(
@@ -488,7 +492,6 @@ class _Problem:
                 )
             elif relative[i] > WEAKLY_DETERMINED:
                 warnings.append(f"{one.name} is known to {100.0 * relative[i]:.0f} % only")
-        residuals = self.misfit(x, size)
         squares, freedom = float(residuals @ residuals), len(self.measurements) - free.size
         if not _explained_by_chance(squares, freedom):
             warnings.append(
@@ -500,7 +503,8 @@ class _Problem:
         def onset(x: Array) -> Array:
             return _predicted(self.pipe(x), size, [Measurement("critical_speed", 0.0, 1.0)])
 
-        (by_x,) = self.slopes(onset, x)
+        speed = onset(x)
+        (by_x,) = self.slopes(onset, x, speed)
         of_onset = by_x[free] @ spread[np.ix_(free, free)] @ by_x[free]
         return Identification(
             unknowns=tuple(one.name for one in self.unknowns),
@@ -514,7 +518,7 @@ class _Problem:
             freedom=freedom,
             condition=condition,
             warnings=tuple(warnings),
-            critical_speed=float(onset(x)[0]),
+            critical_speed=float(speed[0]),
             critical_speed_uncertainty=math.sqrt(of_onset) if free.size else math.nan,
             pipe=self.pipe(x),
             measurements=self.measurements,
@@ -555,11 +559,9 @@ def _predicted(pipe: Pipe, size: int, measurements: Sequence[Measurement]) -> Ar
     onset = critical_speed(model) if len(given) < len(measurements) else None
     found = []
     for one in measurements:
-        if one.quantity == "critical_speed":
-            assert onset is not None
+        if onset is not None and one.quantity == "critical_speed":
             found.append(_speed_unit(pipe) * onset.speed)
-        elif one.quantity == "critical_frequency":
-            assert onset is not None
+        elif onset is not None and one.quantity == "critical_frequency":
             found.append(_onset_frequency(onset) / (turn * time))
         else:
             root = complex(loci[one.speed][one.mode - 1])
@@ -575,8 +577,7 @@ def _roots_in_flow(model: Model, u: float, count: int) -> Complex:
     if u > MOST_SPEED:
         raise NotConverged(f"at u = {u:.3g} no mode is followed")
     speeds = np.linspace(0.0, u, 2 + math.ceil(u)) if u else np.zeros(1)
-    roots: Complex = root_loci(model, speeds, max(count, 2)).eigenvalues[-1]
-    return roots
+    return root_loci(model, speeds, max(count, 2)).eigenvalues[-1]
 
 
 def _onset_frequency(onset: CriticalSpeed) -> float:

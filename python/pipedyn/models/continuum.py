@@ -139,7 +139,7 @@ def converged_ahead(
     The arguments are those of `Continuum.converge`, but the question is a function of a model and
     the next larger model (None after the last). It returns the answers for both, or None for the
     larger, which is then asked separately. If it returns None for the smaller, the basis grows
-    faster.
+    faster; the last model is not asked then, as no answer would agree with its own.
     """
     tolerance = check.real("tolerance", tolerance, low=0.0, open_low=True)
     smallest = check.count("smallest", smallest, high=LARGEST_BASIS - 8)
@@ -148,7 +148,7 @@ def converged_ahead(
     size = smallest = min(smallest + FUNCTIONS_A_JOINT * inner, LARGEST_BASIS - 8)
     largest = min(largest + MOST_A_JOINT * inner, LARGEST_BASIS)
     last = max(largest, smallest + 8)
-    asked, more = model.frozen(size), 0
+    asked, more, error = model.frozen(size), 0, np.inf
     answers: list[tuple[Reply, int]] = []
 
     def following(share: int) -> int:
@@ -160,8 +160,9 @@ def converged_ahead(
         more += 1  # so that every panel gets more functions than before
         next_size = following(4)
         larger = None if size == last else enriched(model.frozen(next_size), more)
-        answer, ahead = question(asked, larger)
-        answers.append((answer, asked.dof))
+        if larger is not None or not answers or answers[-1][0] is not None:
+            answer, ahead = question(asked, larger)
+            answers.append((answer, asked.dof))
         if larger is not None and ahead is not None:
             answers.append((ahead, larger.dof))
         for (one, _), (other, of_size) in pairwise(answers):
@@ -173,7 +174,7 @@ def converged_ahead(
         if larger is None:
             raise NotConverged(
                 f"the continuous pipe's answer still moves by {error:.1e} at {size} functions",
-                answer,
+                answers[-1][0],
             )
         asked, answers = larger, [(answer, asked.dof)]
         if answer is None and following(2) > next_size:
