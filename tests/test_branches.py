@@ -132,15 +132,10 @@ def test_a_cycle_that_appears_and_vanishes_is_one_branch():
     np.testing.assert_allclose(law, law[-1], rtol=4e-3)
 
 
-@pytest.fixture
-def without_equilibria(monkeypatch):
-    """Leaves out branches of equilibria: the 49 of a pipe that touches a stop take most of time."""
-    monkeypatch.setattr(diagram, "equilibrium_branches", lambda *_: ())
-
-
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_equilibria")
-def test_a_branch_goes_on_where_its_cycles_begin_to_touch_a_stop():
+def test_a_branch_goes_on_where_its_cycles_begin_to_touch_a_stop(monkeypatch):
+    """Its 49 branches of equilibria take much longer and are left out."""
+    monkeypatch.setattr(diagram, "equilibrium_branches", lambda *_: ())
     stop = pp.Stop(1.0, gap=0.05, stiffness=200.0)
     model = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.005, terms=(stop,)), 2)
     speeds = [4.491, 4.4935, 4.51]
@@ -165,9 +160,12 @@ def test_a_branch_goes_on_where_its_cycles_begin_to_touch_a_stop():
     assert not unstable.stable
 
 
-@pytest.mark.usefixtures("without_equilibria")
-def test_a_branch_goes_on_where_its_cycles_touch_a_stop_once_more():
-    """At 5.0738, where a smaller maximum of the displacement comes to the stop."""
+def test_a_branch_goes_on_where_its_cycles_touch_a_stop_once_more(monkeypatch):
+    """At 5.0738, where a smaller maximum of the displacement comes to the stop.
+
+    A motion leads to the branch: the 49 branches of equilibria take much longer and are left out.
+    """
+    monkeypatch.setattr(diagram, "equilibrium_branches", lambda *_: ())
     stop = pp.Stop(1.0, gap=0.05, stiffness=200.0)
     model = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.005, terms=(stop,)), 2)
     u = 5.08
