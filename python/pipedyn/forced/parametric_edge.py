@@ -98,21 +98,16 @@ class Edge(DenseProblem):
     ) -> None:
         self.hill, self.kind, self.scale = hill, kind, scale
         share = SHARES[kind]
-        size = 2 if share is None else 1
-        super().__init__(self._equations, size, largest, CONTROL)
-        self.share, self.centre = share, centre
+        super().__init__(self._equations, 2 if share is None else 1, largest, CONTROL)
+        self.share, self.centre, self.largest = share, centre, largest
         self._of = hill.polynomial(share)
-        self.largest = largest
         self._border: tuple[Complex, Complex] | None = None
+        self._last: Segment[Edge] | None = None
         self.meeting = share is None and (hill.is_hermitian or hill.is_real)
 
     def _numbers(self, z: Array) -> list[float]:
         """Arguments of the polynomial H: frequency, nu if it is unknown, and amplitude."""
         return [*(self.scale * z[:-1]).tolist(), float(z[-1])]
-
-    def _by(self, z: Array, *which: int) -> Complex:
-        """Derivative of H by the numbers whose indices are given, one after the other."""
-        return self._of.by(which, *self._numbers(z))
 
     def _bordered(self, z: Array) -> Bordered:
         """The bordered equations at unknowns z."""
@@ -129,17 +124,19 @@ class Edge(DenseProblem):
         First derivatives have the shape (n + 1,). Second derivatives are those by each unknown in
         `rows` and by each of all, shape (len(rows), n + 1).
         """
-        at, by = self._bordered(z), [self._by(z, i) for i in range(z.size)]
+        at, numbers = self._bordered(z), self._numbers(z)
+        by = [self._of.by((i,), *numbers) for i in range(z.size)]
         left, right = [at.by_left(h) for h in by], at.changes(by) if rows else []
         g = [-part @ at.q for part in left]
         first = np.array([det_derivative(at.g, one) for one in g])
         second = np.zeros((z.size, z.size), dtype=np.complex128)
         for i, j in {(min(i, j), max(i, j)) for i in rows for j in range(z.size)}:
-            both = left[i] @ right[j] + left[j] @ right[i] - at.by_left(self._by(z, i, j)) @ at.q
+            bend = at.by_left(self._of.by((i, j), *numbers)) @ at.q
+            both = left[i] @ right[j] + left[j] @ right[i] - bend
             second[i, j] = second[j, i] = det_derivative(g[i], g[j]) + det_derivative(at.g, both)
-        units = np.append(np.full(z.size - 1, self.scale), 1.0)
-        second *= units * units[:, None]
-        return 0.5 * det_derivative(at.g, at.g), units * first, second[list(rows)]
+        units = np.append(np.full(z.size - 1, self.scale), 1.0)  # of the numbers in the unknowns
+        second = (units[:, None] * second * units)[list(rows)]
+        return 0.5 * det_derivative(at.g, at.g), units * first, second
 
     def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
         """Functions that vanish on the edge, shape (n,), and their derivatives, (n, n + 1)."""
@@ -229,7 +226,13 @@ class Edge(DenseProblem):
     def next(
         self, start: Point, step: float, ahead: Callable[[float], Array] | None = None
     ) -> tuple[Segment[Edge], float]:
-        """The step to the next point with borders of its own, and the length to try after it."""
+        """The step to the next point with borders of its own, and the length to try after it.
+
+        Newton's method begins on the cubic through the step before, if that led to `start`.
+        """
         self.renew(start.z)
+        ahead = self._last.ahead if self._last and self._last.end is start else ahead
         # Below amplitude 0 the edge goes on as its own mirror image: no step may lead there.
-        return super().next(start, min(step, max(0.4 * start.p / self.largest, 1e-9)), ahead)
+        most = max(0.4 * start.p / self.largest, 1e-9)
+        self._last, following = super().next(start, min(step, most), ahead)
+        return self._last, following
