@@ -392,16 +392,14 @@ def test_a_branch_goes_on_where_its_motion_begins_to_touch_a_stop():
     stop = pp.Stop(1.0, 0.08, 1e4)
     model = pp.Chain(pp.Pipe(0.05, 10.0, damping=0.002, terms=(stop,)), 4)
     shaken = pp.Harmonic(0.02, 9.0, "x")
-    found = pp.forced_response(model, 1.0, base=shaken, frequencies=(20.0, 30.0))
+    found = pp.forced_response(model, 1.0, base=shaken, frequencies=(20.0, 27.0))
     (branch,) = found.branches
     assert branch.failure is None
     grazing = next(event for event in branch.events if event.kind == "grazing")
     assert grazing.frequency == pytest.approx(22.785, abs=1e-3)
-    reach, still = [], found.at(23.0)[-1]
-    for one in found.at(23.0):
-        base = 0.02 * np.cos(23.0 * one.t)
-        reach.append(np.abs(one.tip[:, 0] + base).max())
-    assert [x > 0.08 for x in reach] == [True, True, False]
+    motions = _, still = found.at(23.0)
+    reach = [np.abs(one.tip[:, 0] + 0.02 * np.cos(23.0 * one.t)).max() for one in motions]
+    assert [x > 0.08 for x in reach] == [True, False]
     assert still.stable
     late = np.linspace(120.0, 124.0, 2001) * 2.0 * np.pi / 23.0
     motion = pp.simulate(

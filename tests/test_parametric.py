@@ -45,19 +45,19 @@ def integrated(pipe, amplitude, frequency):
 )
 def test_principal_regions_of_the_second_mode(mean, amplitude, low, high):
     """beta = 0.2, gamma = 10, undamped: a separate program, by Hill and by Magnus."""
-    (found,) = pp.parametric_regions(pp.Continuum(PIPE), mean, [amplitude], (30.0, 35.0))
+    (found,) = pp.parametric_regions(pp.Continuum(PIPE), mean, [amplitude], (34.0, 35.0))
     assert found.kind == "subharmonic"
     np.testing.assert_allclose(found.edges, [[low, high]], atol=1e-6)
     assert found.error <= 1e-7
 
 
 def test_the_least_amplitude_of_a_region():
-    amplitudes = [0.1, 0.15, 0.2]
-    (found,) = pp.parametric_regions(pp.Continuum(PIPE), 5.5, amplitudes, (28.0, 35.0))
+    amplitudes = [0.1, 0.2]
+    (found,) = pp.parametric_regions(pp.Continuum(PIPE), 5.5, amplitudes, (31.0, 32.0))
     assert found.threshold == pytest.approx(0.1234732, abs=5e-8)
     assert found.threshold_frequency == pytest.approx(31.5835, abs=1e-4)
     assert np.isnan(found.edges[0]).all()
-    np.testing.assert_allclose(found.edges[2], [27.431472, 36.229891], atol=1e-6)
+    np.testing.assert_allclose(found.edges[1], [27.431472, 36.229891], atol=1e-6)
     just = [found.threshold * (1.0 + step) for step in (-1e-5, 1e-5)]
     model = pp.Galerkin(PIPE, 20, "legendre")
     below, above = (
@@ -110,7 +110,7 @@ def test_regions_of_chains_converge_with_second_order():
     errors = []
     for n in (7, 14, 28):
         hill = Hill(PulsatingPipe.of(pp.Chain(PIPE, n).elastic_operators(), 5.5), 6)
-        (found,) = regions(hill, np.array([0.2]), 28.0, 35.0, ("subharmonic",))
+        (found,) = regions(hill, np.array([0.2]), 31.0, 32.0, ("subharmonic",))
         errors.append(np.abs(np.append(found.edges[0], found.bottom[0]) - expected))
     orders = np.log2(np.divide(errors[:-1], errors[1:]))
     np.testing.assert_allclose(orders, 2.0, atol=0.15)
@@ -120,7 +120,7 @@ def test_regions_of_chains_converge_with_second_order():
 def test_regions_without_the_fluids_acceleration_are_wrong_by_a_fifth():
     pipe = PulsatingPipe.of(pp.Galerkin(PIPE, 14, "legendre").elastic_operators(), 6.0)
     without = dataclasses.replace(pipe, unsteady=0.0 * pipe.unsteady)
-    (found,) = regions(Hill(without, 8), np.array([0.3]), 28.0, 33.0)
+    (found,) = regions(Hill(without, 8), np.array([0.3]), 30.0, 31.0)
     np.testing.assert_allclose(found.edges, [[24.861, 36.718]], atol=1e-3)
 
 
@@ -184,7 +184,7 @@ def test_both_edges_of_a_thin_combination_region_are_found():
 )
 def test_thin_regions_beside_what_changes_are_found(hill, low, high, edges):
     """Beside a region, and where multipliers have just left the real axis: by multipliers."""
-    found = regions(Hill(hill.pipe, 8), np.array([0.5]), low, high, ("combination",))
+    found = regions(Hill(hill.pipe, 7), np.array([0.5]), low, high, ("combination",))
     ((left, right),) = found[-1].edges
     assert (left, right) == pytest.approx(edges, abs=1e-4)
     for w, grows in ((left - 1e-3, False), (0.5 * (left + right), True), (right + 1e-3, False)):
@@ -268,7 +268,7 @@ def test_combination_regions_side_by_side_leave_the_gaps_between_them():
     for index, intervals in enumerate((3, 2)):
         edges = np.unique([one.edges[index].round(9) for one in found], axis=0)
         assert len(edges) == intervals
-        for w in np.linspace(66.0, 67.2, 241):
+        for w in np.linspace(66.0, 67.2, 121):
             grows = np.abs(pipe.multipliers(amplitudes[index], w)[0][0]) > 1.0 + 1e-6
             assert grows == ((edges[:, 0] < w) & (w < edges[:, 1])).any()
 
@@ -289,7 +289,7 @@ def test_a_combination_region_is_followed_beyond_the_range():
 def test_edges_of_a_large_model_follow_from_its_lowest_modes():
     """Multipliers are those of all its degrees of freedom."""
     model = pp.Chain(PIPE, 31)
-    (found,) = pp.parametric_regions(model, 5.5, 0.2, (28.0, 35.0))
+    (found,) = pp.parametric_regions(model, 5.5, 0.2, (31.0, 32.0))
     for edge, inward in zip(found.edges[0], (1e-5, -1e-5), strict=True):
         assert growing(model, pp.Pulsation(5.5, 0.2, 1.0), edge * (1.0 - inward)) < 1e-7
         assert growing(model, pp.Pulsation(5.5, 0.2, 1.0), edge * (1.0 + inward)) > 1e-7
@@ -340,7 +340,7 @@ def test_the_least_amplitude_of_a_region_of_a_lightly_damped_pipe(
 def test_a_region_whose_multipliers_turn_all_the_way_round_the_circle():
     """They pass the real axis on both sides, and leave the circle, alone, between 1 and -1."""
     model = pp.Galerkin(PIPE, 6, "legendre")
-    every = pp.parametric_regions(model, 5.5, 0.6, (5.4, 12.0))
+    every = pp.parametric_regions(model, 5.5, 0.6, (8.0, 9.0))
     (found,) = [one for one in every if one.kind == "combination"]
     ((left, right),) = found.edges
     for w, grows in ((left - 1e-4, False), (left + 1e-4, True), (right - 1e-4, True)):

@@ -158,9 +158,9 @@ def test_each_term_is_switched_off_like_any_other_effect():
 
 def test_the_growth_beside_is_of_modes_that_springs_stiffen():
     """A stiff foundation of many springs lifts all frequencies above those of the free beam."""
-    terms = tuple(pp.Spring(at, 1e7) for at in np.linspace(0.1, 1.0, 10))
+    terms = tuple(pp.Spring(at, 1e7) for at in np.linspace(0.2, 1.0, 5))
     pipe = pp.Pipe(0.2, damping=1e-6, terms=terms)
-    values = pp.eigenvalues(pp.Galerkin(pipe, 80, "legendre"), 2.0, 8)
+    values = pp.eigenvalues(pp.Galerkin(pipe, 60, "legendre"), 2.0, 8)
     growth = pp.relevant(pipe, 2.0, "frequencies", count=1).growth
     assert growth == pytest.approx(values.real.max(), rel=1e-6)
 

@@ -173,8 +173,8 @@ class FewModes:
             real=int(np.sign(largest)) if abs(largest) > 1.0 + self._grows else 0,
         )
 
-    def unstable(self, low: float, high: float) -> list[Growth]:
-        """Intervals of frequencies in which multipliers off the real axis are larger than 1."""
+    def scanned(self, low: float, high: float) -> list[Multipliers]:
+        """Multipliers at frequencies between two, close enough to show where motions grow."""
         if not self._seen.size:  # strong damping lets no mode oscillate
             return []
         turns = 2.0 * math.pi * self.fastest * (1.0 / low - 1.0 / high)
@@ -182,6 +182,13 @@ class FewModes:
         seen = [self.at(w) for w in (1.0 / every[::-1]).tolist()]
         for finer in (self._finer, self._finer, self._between):
             seen = _sorted(seen + [one for a, b in pairwise(seen) for one in finer(a, b)])
+        return seen
+
+    def unstable(self, seen: list[Multipliers]) -> list[Growth]:
+        """Intervals of frequencies in which multipliers off the real axis are larger than 1.
+
+        `seen` has the multipliers by rising frequency.
+        """
         found = list[Growth]()
         begin: GrowthEnd | None = None
         for a, b in pairwise(seen):

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -42,15 +42,6 @@ THINNEST = 1e-6
 """Width of a region, relative to its frequency, below which the region is left out."""
 
 
-@dataclass(frozen=True)
-class Changed:
-    """Products with a derivative H' of H: H' Q, H'^H W and the derivative G' = -W^H H' Q."""
-
-    right: Complex
-    left: Complex
-    g: Complex
-
-
 class Bordered:
     """Solutions of [H, B; C^H, 0] [Q; G] = [0; 1] and [H, B; C^H, 0]^H [W; .] = [0; 1].
 
@@ -70,24 +61,14 @@ class Bordered:
     def _solved(self, right: Array | Complex, trans: int = 0) -> Complex:
         return np.asarray(scipy.linalg.lu_solve(self._lu, right, trans, check_finite=False))
 
-    def changed(self, h: Complex) -> Changed:
-        """Products with a derivative h of H, shape (n, n)."""
-        right = h @ self.q
-        return Changed(right, h.conj().T @ self.w, -self.w.conj().T @ right)
+    def by_left(self, h: Complex) -> Complex:
+        """Product W^H H' with a derivative h of H, shape (2, n); that of G is -W^H H' Q."""
+        return np.asarray(self.w.conj().T @ h)
 
-    def second(self, one: Changed, other: Changed, h: Complex) -> Complex:
-        """Second derivative of G by two numbers.
-
-        Args:
-            one: products with the first derivative of H by one of them.
-            other: products with the first derivative of H by the other.
-            h: second derivative of H by both numbers.
-        """
-        last = np.zeros((2, 2))
-        both = np.concatenate([np.hstack([other.right, one.right]), np.hstack([last, last])])
-        solved = self._solved(both)[:-2]
-        found = one.left.conj().T @ solved[:, :2] + other.left.conj().T @ solved[:, 2:]
-        return np.asarray(found - self.w.conj().T @ (h @ self.q))
+    def changes(self, by: list[Complex]) -> list[Complex]:
+        """Derivatives of -Q, each (n, 2), where H has the derivatives `by`."""
+        right = np.hstack([h @ self.q for h in by])
+        return np.hsplit(self._solved(np.pad(right, ((0, 2), (0, 0))))[:-2], len(by))
 
 
 def det_derivative(a: Complex, b: Complex) -> complex:
@@ -117,22 +98,16 @@ class Edge(DenseProblem):
     ) -> None:
         self.hill, self.kind, self.scale = hill, kind, scale
         share = SHARES[kind]
-        size = 2 if share is None else 1
-        super().__init__(self._equations, size, largest, CONTROL)
-        self.share, self.centre = share, centre
+        super().__init__(self._equations, 2 if share is None else 1, largest, CONTROL)
+        self.share, self.centre, self.largest = share, centre, largest
         self._of = hill.polynomial(share)
-        self.largest = largest
         self._border: tuple[Complex, Complex] | None = None
+        self._last: Segment[Edge] | None = None
         self.meeting = share is None and (hill.is_hermitian or hill.is_real)
 
     def _numbers(self, z: Array) -> list[float]:
         """Arguments of the polynomial H: frequency, nu if it is unknown, and amplitude."""
         return [*(self.scale * z[:-1]).tolist(), float(z[-1])]
-
-    def _by(self, z: Array, *which: int) -> Complex:
-        """Derivative of H by the unknowns whose indices are given, one after the other."""
-        scale = self.scale ** np.count_nonzero(np.array(which) < z.size - 1)
-        return np.asarray(scale * self._of.by(which, *self._numbers(z)))
 
     def _bordered(self, z: Array) -> Bordered:
         """The bordered equations at unknowns z."""
@@ -149,15 +124,19 @@ class Edge(DenseProblem):
         First derivatives have the shape (n + 1,). Second derivatives are those by each unknown in
         `rows` and by each of all, shape (len(rows), n + 1).
         """
-        at = self._bordered(z)
-        first = [at.changed(self._by(z, i)) for i in range(z.size)]
-        by = np.array([det_derivative(at.g, one.g) for one in first])
-        second = np.empty((len(rows), z.size), dtype=np.complex128)
-        for k, i in enumerate(rows):
-            for j in range(z.size):
-                both = at.second(first[i], first[j], self._by(z, i, j))
-                second[k, j] = det_derivative(first[i].g, first[j].g) + det_derivative(at.g, both)
-        return 0.5 * det_derivative(at.g, at.g), by, second
+        at, numbers = self._bordered(z), self._numbers(z)
+        by = [self._of.by((i,), *numbers) for i in range(z.size)]
+        left, right = [at.by_left(h) for h in by], at.changes(by) if rows else []
+        g = [-part @ at.q for part in left]
+        first = np.array([det_derivative(at.g, one) for one in g])
+        second = np.zeros((z.size, z.size), dtype=np.complex128)
+        for i, j in {(min(i, j), max(i, j)) for i in rows for j in range(z.size)}:
+            bend = at.by_left(self._of.by((i, j), *numbers)) @ at.q
+            both = left[i] @ right[j] + left[j] @ right[i] - bend
+            second[i, j] = second[j, i] = det_derivative(g[i], g[j]) + det_derivative(at.g, both)
+        units = np.append(np.full(z.size - 1, self.scale), 1.0)  # of the numbers in the unknowns
+        second = (units[:, None] * second * units)[list(rows)]
+        return 0.5 * det_derivative(at.g, at.g), units * first, second
 
     def _equations(self, x: Array, p: float) -> tuple[Array, Array]:
         """Functions that vanish on the edge, shape (n,), and their derivatives, (n, n + 1)."""
@@ -247,7 +226,13 @@ class Edge(DenseProblem):
     def next(
         self, start: Point, step: float, ahead: Callable[[float], Array] | None = None
     ) -> tuple[Segment[Edge], float]:
-        """The step to the next point with borders of its own, and the length to try after it."""
+        """The step to the next point with borders of its own, and the length to try after it.
+
+        Newton's method begins on the cubic through the step before, if that led to `start`.
+        """
         self.renew(start.z)
+        ahead = self._last.ahead if self._last and self._last.end is start else ahead
         # Below amplitude 0 the edge goes on as its own mirror image: no step may lead there.
-        return super().next(start, min(step, max(0.4 * start.p / self.largest, 1e-9)), ahead)
+        most = max(0.4 * start.p / self.largest, 1e-9)
+        self._last, following = super().next(start, min(step, most), ahead)
+        return self._last, following

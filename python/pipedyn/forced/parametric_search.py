@@ -39,8 +39,8 @@ SAME_EDGE = 1e-6
 FARTHEST_START = 4e-3
 """Relative distance up to which an edge or a saddle belongs to the place where it is looked for."""
 
-WIDENINGS = 8
-"""Largest number of times that a range is widened, by a quarter, until the edges of all regions
+FARTHEST_END = 4.0
+"""Factor by which a range is widened at most, a quarter at a time, until the edges of all regions
 that touch it lie in it."""
 
 
@@ -266,15 +266,19 @@ class RegionSearch:
         """
         few = FewModes(self.hill, amplitude, self.low, self.high)
         first, last = low, high = self.around(amplitude)
-        for _ in range(WIDENINGS):
+        seen = few.scanned(low, high)
+        while True:
             found = [
                 (a, b)
-                for a, b in few.unstable(low, high)
+                for a, b in few.unstable(seen)
                 if a.outside.frequency <= last and b.outside.frequency >= first
             ]
-            if all(end.bounded for growth in found for end in growth):
+            if not all(a.bounded for a, _ in found) and low > first / FARTHEST_END:
+                seen, low = few.scanned(0.8 * low, low) + seen, 0.8 * low
+            elif not all(b.bounded for _, b in found) and high < FARTHEST_END * last:
+                seen, high = seen + few.scanned(high, 1.25 * high), 1.25 * high
+            else:
                 break
-            low, high = 0.8 * low, 1.25 * high
         # Between two multipliers that leave the real axis and return to it, on one side of 0, a
         # region is subharmonic or harmonic.
         return [(a, b) for a, b in found if not a.axis or a.axis != b.axis]
