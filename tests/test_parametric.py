@@ -285,6 +285,16 @@ def test_a_combination_region_is_followed_beyond_the_range():
         assert growing(model, pp.Pulsation(2.64, 0.31, 1.0), w) > 1e-3
 
 
+def test_regions_where_the_mean_square_of_the_speed_buckles_the_pipe():
+    """The lowest mode does not oscillate in the mean, but takes part in what grows."""
+    pipe = pp.Pipe(0.46, 0.86, damping=2.3e-3, root="pinned", end="pinned")
+    model, pulsation = pp.Galerkin(pipe, 3, "legendre"), pp.Pulsation(3.156, 0.54, 1.0)
+    found = pp.parametric_regions(model, 3.156, 0.54, (29.0, 70.0))
+    ((left, right),) = next(one.edges for one in found if one.kind == "combination")
+    for w in np.linspace(29.0, 70.0, 42):
+        assert (growing(model, pulsation, w) > 0.0) == (left < w < right)
+
+
 @pytest.mark.slow
 def test_edges_of_a_large_model_follow_from_its_lowest_modes():
     """Multipliers are those of all its degrees of freedom."""

@@ -121,22 +121,26 @@ class FewModes:
 
     def __init__(self, hill: Hill, amplitude: float, low: float, high: float) -> None:
         pipe, reach = hill.pipe, hill.many * low
-        highest = max(3.0 * high, reach)
         self.sharp = hill.is_hermitian or hill.is_real
         self._grows = GROWS_SHARP if self.sharp else GROWS
         square = pipe.mean**2 * (1.0 + 0.5 * amplitude**2)
-        values, right = np.linalg.eig(pipe.companion(pipe.mean, square))
+        values, right = (of + 0j for of in np.linalg.eig(pipe.companion(pipe.mean, square)))
+        # Two modes that do not oscillate, as where the mean square of the speed buckles the pipe,
+        # are written as a complex one and its conjugate.
+        real = np.flatnonzero(values.imag == 0.0)
+        first, second = real[np.argsort(np.abs(values[real]))].reshape(-1, 2).T
+        right[:, first] += 1j * right[:, second]
+        right[:, second] = right[:, first].conj()
+        values[first] += 1e-9j
         order = np.argsort(np.abs(values) + 1e9 * (values.imag <= 0.0))
-        turning = int(np.count_nonzero(values.imag > 0.0))
-        count = int(np.count_nonzero((values.imag > 0.0) & (np.abs(values) < highest)))
-        kept = order[: min(max(count + 3, 6), 10, turning)]
+        count = np.count_nonzero((values.imag > 0.0) & (np.abs(values) < max(3.0 * high, reach)))
+        kept = order[: min(max(count + 3, 6), 10, values.size // 2)]
         left = np.linalg.inv(right)[kept].T
         # Motions are left out if the frequencies of their modes lie beyond Hill's harmonics.
         self._seen = values.imag[kept] <= reach
         self.fastest = float(values.imag[kept][self._seen].max(initial=0.0))
         # The complex amplitude of each mode is written as two real coordinates.
-        right, left = right[:, kept], 2.0 * left
-        basis = np.concatenate([right.real, right.imag], axis=1)
+        basis = np.concatenate([right[:, kept].real, right[:, kept].imag], axis=1)
         rows = np.concatenate([left.real, -left.imag], axis=1)
         rows = rows @ np.linalg.inv(basis.T @ rows)
         self._parts = rows.T @ pipe.companions() @ basis
@@ -175,8 +179,6 @@ class FewModes:
 
     def scanned(self, low: float, high: float) -> list[Multipliers]:
         """Multipliers at frequencies between two, close enough to show where motions grow."""
-        if not self._seen.size:  # strong damping lets no mode oscillate
-            return []
         turns = 2.0 * math.pi * self.fastest * (1.0 / low - 1.0 / high)
         every = np.linspace(1.0 / high, 1.0 / low, math.ceil(turns / SCANNED_PHASE) + 8)
         seen = [self.at(w) for w in (1.0 / every[::-1]).tolist()]
