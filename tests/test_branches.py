@@ -398,7 +398,6 @@ def test_where_motions_wind_up_without_end_no_cycle_is_said_to_be_found():
 JET = pp.Chain(pp.Pipe(0.3, 10.0, jet_angle=0.4, damping=0.005), 3)
 
 
-@pytest.mark.slow
 def test_what_is_narrower_than_the_speeds_show_is_left_out_and_named():
     """The third generation at 6.96823, and folds without end near a homoclinic orbit at 8.68."""
     found = pp.bifurcation_diagram(JET, [6.0, 7.0])

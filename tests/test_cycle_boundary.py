@@ -258,7 +258,6 @@ def test_folds_of_forced_motions_over_the_amplitude_of_the_forcing(monkeypatch):
     assert len(folds(response(1.05 * cusp.x, *near))) == 2
 
 
-@pytest.mark.slow
 def test_folds_of_forced_motions_over_the_flow_speed():
     """They are those of the response at the other end of the range."""
     model = pp.Galerkin(pp.Pipe(0.2, damping=0.002), 3, "legendre")

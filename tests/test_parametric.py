@@ -104,7 +104,6 @@ def test_the_continuous_pipe_has_the_multipliers_of_many_functions():
     assert found.multipliers[0] == pytest.approx(other.multipliers[0], rel=1e-6)
 
 
-@pytest.mark.slow
 def test_regions_of_chains_converge_with_second_order():
     expected = np.array([27.431472, 36.229891, 0.1234732])
     errors = []
