@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+//
+// The nondimensional numbers of a pipe, and the matrices and quadratic forms of its linear problem.
 #pragma once
 
 #include <Eigen/Core>
@@ -55,8 +57,8 @@ struct Pipe {
     if (jet_angle == 0.0) return {end_coefficient, 0.0};  // saves time in each evaluation of rates
     return {end_coefficient * std::cos(jet_angle), end_coefficient * std::sin(jet_angle)};
   }
-  /// Factor of u v in the force on the free end, v its velocity: the change of velocity of the
-  /// entering flow causes this force.
+  /// Factor of u v, v the free end's velocity, in the force with which entering fluid, as it
+  /// changes velocity, acts on the free end.
   double entry() const { return (1.0 - inflow_share) * direction() * sqrt_beta(); }
 };
 
@@ -82,19 +84,24 @@ struct Operators {
   }
 };
 
-/// Factors of the parts of the straight pipe's linear problem, whose sum is a matrix. stiffness,
-/// damping, mass and flux multiply the matrices of these names in `Operators`; velocity multiplies
-/// s (gyroscopic + end_flux); gravity multiplies the derivative of the stiffness by
-/// gamma and by_damping the derivative of the damping by delta; unsteady multiplies s unsteady and
-/// is read by chains alone.
+/// Factors of the matrices whose sum is part of the straight pipe's linear problem.
+///   stiffness, damping, mass, flux: factors of the matrices of these names in `Operators`
+///   velocity: factor of s (gyroscopic + end_flux)
+///   gravity: factor of the derivative of the stiffness by gamma
+///   by_damping: factor of the derivative of the damping by delta
+///   unsteady: factor of s unsteady, which only chains read
 struct LinearPart {
   double stiffness = 0.0, damping = 0.0, mass = 0.0, velocity = 0.0, flux = 0.0, gravity = 0.0;
   double by_damping = 0.0, unsteady = 0.0;
 };
 
-/// Numbers that decide whether motions x grow, one entry a motion: x^H M x, Im x^H C x, Re x^H C x
-/// and Im x^H K x. lost: the largest error that rounding may cause in the sum
-/// omega Re x^H C x + Im x^H K x at the motion's frequency omega.
+/// Numbers that decide whether motions x grow, one entry a motion.
+///   mass: x^H M x
+///   gyroscopic: Im x^H C x
+///   resisted: Re x^H C x
+///   circulated: Im x^H K x
+///   lost: largest error that rounding may cause in omega resisted + circulated, with omega the
+///     motion's frequency
 struct Works {
   Eigen::ArrayXd mass, gyroscopic, resisted, circulated, lost;
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Dynamics of a pipe conveying fluid: chain, reduced-order and continuous models on one footing."""
+"""Dynamics of a pipe conveying fluid, modelled as a chain, a reduced model or a continuous pipe."""
 
 from importlib import import_module as _import_module
 from types import ModuleType as _ModuleType
@@ -131,7 +131,7 @@ __all__ = sorted(
     {name for name, one in globals().items() if not isinstance(one, _ModuleType) and name[0] != "_"}
     | {"continuation", "modular", "plot"}
 )
-"""All names above; of modules only the three whose functions users call by the module's name."""
+"""Public names: all imported above, and three modules, of which `plot` is imported on demand."""
 
 
 def __getattr__(name: str) -> _ModuleType:

@@ -2,22 +2,25 @@
 //
 // The linear problem T(lambda, u) X = 0 of a straight chain, without eliminating unknowns. Each
 // segment has the unknowns (phi_j, theta_j, w_j, Q_j): joint angle, angle, transverse displacement
-// of its end, and the force that the segments beyond exert on its end, less a U^2 theta_j. There
-// are four equations a segment:
+// of its end, and the force that its end exerts on the segments beyond, less a U^2 theta_j. There
+// are four equations a segment; z, f, t and g are the coefficients that `ImpedanceSegment` explains
+// below, with the contributions of the flow:
 //   theta_j - theta_{j-1} - phi_j = 0,   w_j - w_{j-1} - l_j theta_j = 0,
 //   e k_j phi_j - e k_{j+1} phi_{j+1} + g_j theta_j + f_j w_{j-1} + l_j Q_j = 0   (row j of P),
 //   Q_{j-1} = Q_j + z_j w_{j-1} + t_j theta_j + a U^2 phi_j,
 //   Q_n = -(1 - c) sqrt(beta) U lambda w_n; if the end is guided, less a U^2 theta_n, and g_n
 //   contains the spring of its joint,
-// where e k_j is k_j + c_j lambda, and with a loss factor mu also + i mu dc_j / ddelta. No entry is
-// a difference of nearly equal numbers; beyond a joint without a spring all entries are of the
-// order of lambda, and accurate to all digits. The segments beyond segment j react to a motion of
-// its end by Q_j = A w_j + B theta_j and -e k_{j+1} phi_{j+1} = C w_j + D theta_j. With
+// where the joint's stiffness e k_j is k_j + c_j lambda, with hysteresis also + i mu dc_j / ddelta
+// (mu: loss factor, delta: Kelvin-Voigt damping). No entry is a small difference of large numbers:
+// entries of the order of lambda, as they are beyond a joint without a spring, are accurate to all
+// digits. For the segments beyond to follow a motion of the end of segment j, Q_j must be A w_j + B
+// theta_j, and -e k_{j+1} phi_{j+1} must be C w_j + D theta_j. With
 //   G = l A + B,  R = g + D + l (C + G),  W = f + C + l A,  H = G + t,  p = e k + R
-// row j gives phi_j = -(R theta_{j-1} + W w_{j-1}) / p, and one segment nearer to the clamp
-//   A + z - (H + a U^2) W / p,   (H e k - a U^2 R) / p,   e k W / p,   e k R / p
-// take the place of A, B, C, D. If a guide holds the end of segment j, w_j = 0, its force is
-// unknown and theta_j = -w_{j-1} / l; A, B, C, D are then the limit for a stiff spring there,
+// row j gives phi_j = -(R theta_{j-1} + W w_{j-1}) / p. One segment nearer to the clamp, A, B, C
+// and D become
+//   A + z - (H + a U^2) W / p,   (H e k - a U^2 R) / p,   e k W / p,   e k R / p.
+// If a guide holds the end of segment j, w_j = 0, its force is unknown and theta_j = -w_{j-1} / l.
+// A, B, C and D then become the limit for a stiff spring there,
 //   (e k + D + g) / l^2 - (f + t + a U^2) / l + z,   e k / l - a U^2,   e k / l,   e k.
 // det P is the product of the pivots p of the segments that are not held; without damping and flow,
 // the number of negative pivots is the number of roots below |lambda|. The left vector Y, with

@@ -7,8 +7,7 @@ namespace pipedyn {
 
 namespace {
 
-/// Reflects every column of x in the plane normal to v, a unit vector that is zero before row
-/// `first`.
+/// Applies the Householder reflection 1 - 2 v v^T to x; v, of length 1, is 0 before row `first`.
 template <class Columns>
 void reflect(const Vector& v, Index first, Columns&& x) {
   Eigen::RowVectorXd along = Eigen::RowVectorXd::Zero(x.cols());
@@ -19,7 +18,8 @@ void reflect(const Vector& v, Index first, Columns&& x) {
 }  // namespace
 
 Complement::Complement(Matrix columns) : size_(columns.rows()), reflected_(columns.cols()) {
-  for (Index j = 0; j < columns.cols(); ++j) {  // each reflection turns its column into axis j
+  // Each reflection maps its column, without the entries before j, onto axis j.
+  for (Index j = 0; j < columns.cols(); ++j) {
     Vector& v = reflected_[j] = columns.col(j);
     v.head(j).setZero();
     v[j] += std::copysign(v.norm(), v[j]);

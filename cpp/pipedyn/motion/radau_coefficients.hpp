@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
 //
 // The Radau IIA method of seven stages and order 13 (Hairer and Wanner, Solving Ordinary
-// Differential Equations II, IV.5 and IV.8), from its definition in 60 digits: stages Z_i = h sum_j
-// A_ij f_j at Radau's nodes, with A^-1 = V diag(lambda) V^-1, one real lambda and three pairs.
+// Differential Equations II, IV.5 and IV.8), computed from its definition with 60 digits: the
+// stages at Radau's nodes are Z_i = h sum_j A_ij f_j, and A^-1 = V diag(lambda) V^-1 has one real
+// eigenvalue lambda and three complex pairs. So a step solves four systems: one for the real
+// eigenvalue, and one for each pair.
 #pragma once
 
 namespace pipedyn::radau {
@@ -18,18 +20,21 @@ inline constexpr double nodes[8] = {0.029316427159784893,
                                     0.9269456713197411,
                                     1.0,
                                     0};
-/// The eigenvalues lambda: four real parts, then four imaginary ones. The first is real.
+/// Eigenvalues of A^-1, one of each pair: four real parts, then four imaginary parts; the first is
+/// real.
 inline constexpr double shifts[8] = {
     8.936832788405216, 8.511834825102946, 7.14105521918764,  4.378693561506806, 0,
     3.281013624325059, 6.623045922639276, 10.169693283795011};
-/// Weights of the difference to the embedded rule of order 7, f_0 / lambda_0 h + sum_i error_i Z_i.
+/// Weights of the difference from the embedded rule of order 7, (h / lambda_0) f_0 + sum_i error_i
+/// Z_i.
 inline constexpr double error[stages] = {
     -6.084307291132809,  0.7832779430920006,  -0.2635901496382284, 0.12669914419515418,
     -0.0723848528985174, 0.04336361600925824, -0.01598520932857644};
 /// Largest |x (x - c_1) ... (x - c_7)| within the step: the interpolation error of the polynomial
 /// through the start and the stages, in units of h^8 y^(8) / 8!.
 inline constexpr double missed = 6.99e-05;
-/// V^-1 row by stage: what a stage contributes to real and imaginary parts of the four systems.
+/// V^-1 transposed, a row for each stage: what the stage contributes to the real parts of the four
+/// systems' unknowns, then to their imaginary parts.
 inline constexpr double to_systems[8][8] = {
     {227.51530596268069, -149.59312401412606, 37.33916611751135, -1.503695084725646, 0,
      -46.53825144871765, 29.178264425953287, -4.220981594160542},
@@ -45,7 +50,8 @@ inline constexpr double to_systems[8][8] = {
      2.4316424427830903, 0.9453204155001889, -0.1774253745608111},
     {1.4514535402547504, 0.45096912464804967, -0.4693463718037731, -0.20734952297165177, 0,
      -1.1232413647956199, -0.48582431969157414, 0.04599274566393277}};
-/// V row by system, with the conjugate of each complex pair.
+/// V transposed, a row for the real part of each system's unknown, then for each imaginary part:
+/// what it contributes to the stages, that of its conjugate included.
 inline constexpr double to_stages[8][8] = {
     {0.0024435843048706113, -0.001815339648319317, 0.004605339331161875, 0.017870023342853068,
      0.12818100807728391, 0.5200651497488247, 1.0, 0},
@@ -62,7 +68,7 @@ inline constexpr double to_stages[8][8] = {
      0.38642223220252403, 0.5510687899792517, 0, 0},
     {0.01756713585028829, -0.04305112118801375, 0.11770105841685358, -0.3314736225458877,
      0.5471266115973247, 0.9726456732351458, 0, 0}};
-/// A row by stage: what the rate at a stage contributes to Z / h.
+/// A transposed, a row for each stage: what the rate at the stage contributes to each Z_i / h.
 inline constexpr double integrals[8][8] = {
     {0.03754626499392133, 0.08014759651561897, 0.0720638469418819, 0.07570512581982441,
      0.07391234216319184, 0.07470556205979623, 0.07449423555601031, 0},

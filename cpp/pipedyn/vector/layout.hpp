@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
 //
 // Places arrays in the scratch memory of the thread. A caller takes all its arrays from a Layout in
-// one function, which runs twice: it first counts the numbers and then places the arrays, so that
-// exactly what is taken is allocated. An array that is not taken is a null pointer, and writing to
-// it ends the process at once. The address sanitizer detects access between two arrays.
+// one function. That function runs twice, first to count the numbers and then to place the arrays,
+// so that exactly what is taken is allocated. An array of 0 numbers is a null pointer, and writing
+// to it ends the process at once. The address sanitizer detects access between two arrays.
 //
-// The file is local to each translation unit, like pack.hpp.
+// All names are local to a translation unit, as each vector level compiles them anew: see pack.hpp.
 #pragma once
 
 #include "pipedyn/vector/pack.hpp"

@@ -48,7 +48,7 @@ class OwnNumber:
     Attributes:
         word: name of the number in a label.
         symbol: its symbol in TeX; a Greek letter is given by its name.
-        rule: range for `check.real`: far above any pipe's, far below overflow.
+        rule: allowed range for `check.real`, wider than any pipe's and far from overflow.
         slider: range of a slider, extended if the pipe's own number lies outside; None if only a
             number that is not at its default gets a slider.
         flow: the direction of flow to which the number is limited; empty if it applies to both.
@@ -56,8 +56,9 @@ class OwnNumber:
             does.
         not_large: why the number does not enter motions in time; empty if it does.
         unit: SI unit; None if it has none.
-        effect: name of the effect that `relevant` switches off by setting the number to its
-            default; empty if the effect vanishes with the number, as gravity does with gamma.
+        effect: name of the effect that the pipe lacks if the number has its default; `relevant`
+            switches the effect off by setting the default. Empty for a number such as gamma, whose
+            effect, gravity, is switched off by 0: accuracy/effects.py names these effects.
     """
 
     word: str
@@ -71,12 +72,12 @@ class OwnNumber:
     effect: str = ""
 
     def excluded(self, motions: bool) -> str:
-        """Why the number does not enter small motions, or motions of finite amplitude; else ""."""
+        """Why the number has no effect on finite (if `motions`) or small motions; "" if it has."""
         return self.not_large if motions else self.not_small
 
     @property
     def letter(self) -> str:
-        """The symbol in words; a Greek letter is given by its name."""
+        """The symbol without TeX's backslash."""
         return self.symbol.removeprefix("\\")
 
 
@@ -119,10 +120,12 @@ OWN_NUMBERS = {
 @saved_as("Pipe", added=("rotary_inertia",))
 @dataclass(frozen=True)
 class Pipe(Saved):
-    """A pipe conveying fluid, by default a cantilever, in units of L, mu_p + mu_f and EI.
+    """A pipe conveying fluid, by default a cantilever, described by nondimensional numbers.
 
-    The unit of time is L^2 sqrt((mu_p + mu_f) / EI), that of flow speed u is sqrt(EI / mu_f) / L.
-    If EI or mu_p varies along the pipe, the units use the values at the root; the bore is uniform.
+    The units are the length L, the mass per length mu_p + mu_f (pipe and fluid) and the bending
+    stiffness EI. So the unit of time is L^2 sqrt((mu_p + mu_f) / EI); that of flow speed u is
+    sqrt(EI / mu_f) / L. If EI or mu_p varies along the pipe, the units use the values at the root;
+    the bore is uniform.
 
     Attributes:
         beta: mass ratio mu_f / (mu_p + mu_f), 0 <= beta < 1.
@@ -134,19 +137,20 @@ class Pipe(Saved):
             ejecting pipe, and on the inlet of an aspirating one.
         drag: quadratic drag kappa = rho_e C_D d_e L / (2 (mu_p + mu_f)) >= 0; it does not enter the
             linear analysis.
-        damping: Kelvin-Voigt damping delta >= 0; EI becomes EI (1 + delta d/dtau).
+        damping: Kelvin-Voigt damping delta >= 0; EI becomes EI (1 + delta d/dtau), with tau the
+            nondimensional time.
         hysteresis: loss factor mu >= 0 of the material, the same at every frequency. EI becomes EI
             (1 + i mu) for oscillations exp(lambda tau) with Im lambda > 0, and its conjugate for Im
             lambda < 0. It applies to linear analysis only, as it has no equation of motion. It does
             not change divergence, as a static load has no loss. See `equivalent_damping`.
         inflow_share: for an aspirating pipe, share c in [0, 1] of the free end's velocity that the
-            fluid has before it enters: 1 if it already moves with the free end, as in the paper, 0
-            if it is drawn from rest. The free end gives it the remaining velocity, which damps the
-            pipe: the end's flux of energy is multiplied by c.
+            fluid has before it enters: 1 if it already moves with the free end, as Orsino and Di
+            Giulio assume, 0 if it is drawn from rest. The free end gives it the remaining velocity,
+            which damps the pipe: the energy that flows through the end is multiplied by c.
         jet_angle: for an ejecting pipe, angle psi in rad, in [-pi, pi], from the tangent at the
-            free end to the jet of an inclined nozzle, which leaves at theta(1) + psi from the
-            downward vertical. Such a pipe rests bent, see `equilibria`; the straight pipe is no
-            equilibrium with flow.
+            free end to the jet of an inclined nozzle. The jet leaves at theta(1) + psi from the
+            downward vertical, theta(1) being the tangent's angle. Such a pipe rests bent, see
+            `equilibria`; the straight pipe is no equilibrium with flow.
         rotary_inertia: J >= 0, moment of inertia per length of a cross-section about the axis
             across the plane of motion, in units of (mu_p + mu_f) L^2, including the part of the
             fluid that turns with the pipe. It is uniform along the pipe, and 0 for a slender pipe.
@@ -159,9 +163,9 @@ class Pipe(Saved):
             A pinned or clamped end slides along the axis.
         supports: arc lengths in L of rigid supports, hinges on the axis along which the pipe
             slides; at most 100, each in (0, 1), kept as an ascending tuple.
-        stiffness: bending stiffness along the pipe in units of that at the root: a function of arc
-            lengths s, (p,) to (p,), or a `Profile`, which may have jumps; 1 at s = 0. None if it is
-            uniform. Damping is proportional to it. Kept as a `Profile`.
+        stiffness: bending stiffness along the pipe in units of that at the root: a function from
+            arc lengths s (p,) to values (p,), or a `Profile`, which may have jumps; 1 at s = 0.
+            None if it is uniform. Damping is proportional to it. Kept as a `Profile`.
         mass: mass per length along the pipe, including the uniform mass of the fluid, in the same
             form as stiffness; nowhere below beta.
         scales: values in SI of the units, or None for a pipe not made with `from_si`.
@@ -272,19 +276,20 @@ class Pipe(Saved):
             drag_coefficient: C_D of the pipe's outer surface.
             external_diameter: d_e, m.
             external_density: rho_e of the surrounding fluid at rest, kg/m^3. Together with the
-                diameter it gives buoyancy: gamma is that of the weight less the displaced fluid's,
-                negative if the pipe floats up. A point mass, whose volume is not known, keeps its
-                whole weight: a `Weight` is added at its place. With a mass_profile it is allowed
-                only without gravity.
-            added_mass_coefficient: C_m, which adds an `AddedMass` of rho_e pi d_e^2 / 4 C_m: 1 far
-                from walls, (D^2 + d_e^2) / (D^2 - d_e^2) in the middle of a tank of diameter D.
+                diameter it gives buoyancy: gamma is that of weight minus buoyancy, negative if the
+                pipe floats up. A point mass, whose volume is not known, keeps its whole weight: a
+                `Weight` is added at its place. With a mass_profile it is allowed only without
+                gravity.
+            added_mass_coefficient: C_m, which adds an `AddedMass` of C_m rho_e pi d_e^2 / 4. It is
+                1 far from walls, (D^2 + d_e^2) / (D^2 - d_e^2) in the middle of a tank of diameter
+                D.
             damping_time: eps, s; the material's stress is E (strain + eps d strain / dt).
             hysteresis: the material's loss factor.
             flow: "ejecting" or "aspirating".
             alpha: end coefficient, see `end_coefficient`; 1 by default.
-            nozzle_ratio: A / A_j > 0, the section of an ejecting pipe over that of a uniform jet;
-                replaces alpha, to which it is equal: above 1 for a nozzle, below 1 for a diffuser.
-                Give a nozzle's mass as a term.
+            nozzle_ratio: A / A_j > 0, area of an ejecting pipe's bore over that of its jet, which
+                is uniform. It replaces alpha, to which it is equal: above 1 for a nozzle, below 1
+                for a diffuser. Give a nozzle's mass as a term.
             inflow_share: share of the free end's velocity that the fluid has before it enters.
             jet_angle: angle of an inclined nozzle's jet to the tangent at the free end, rad.
             rotary_inertia: density times second moment of area of the pipe's section, kg m,
@@ -296,7 +301,8 @@ class Pipe(Saved):
             supports: arc lengths of rigid supports, m.
             stiffness_profile: EI along the pipe over that at the clamp, a function of s = x / L
                 with x from the clamp, or a `Profile`, as for `Pipe`.
-            mass_profile: the same for mu_p, the pipe's own mass without the fluid.
+            mass_profile: mu_p, the pipe's own mass without the fluid, along the pipe over that at
+                the clamp, given as stiffness_profile is.
 
         Example:
             >>> hose = pp.Pipe.from_si(
@@ -379,7 +385,7 @@ class Pipe(Saved):
             for name, (value, causes) in numbers.items()
         }
         given = [converted(one, units, operator.truediv) for one in checked_terms(terms, length)]
-        borne = gravity * length**3 * displaced / stiffness  # part of gamma that buoyancy takes
+        borne = gravity * length**3 * displaced / stiffness  # part of gamma that buoyancy cancels
         given += [
             Weight(at=one.at, load=borne * one.mass)
             for one in given
@@ -393,7 +399,7 @@ class Pipe(Saved):
         if own is not None and displaced and gravity:
             raise ValueError(
                 "mass_profile must be None in a fluid that bears part of the weight, or gravity 0: "
-                "the displaced fluid's weight is uniform, that of such a pipe is not, got "
+                "buoyancy is uniform along the pipe, the weight of such a pipe is not, got "
                 f"external_density = {density:g}"
             )
         source = " from its SI value, length, bending_stiffness and the masses"
@@ -434,7 +440,7 @@ class Pipe(Saved):
         """Whether the pipe is uniform, without terms, inner supports and rotary inertia.
 
         Weight, damping and drag, which are uniform along the pipe, are allowed. Rotary inertia is
-        not, as high modes have more of it than low ones.
+        not, as its share in a mode's inertia grows with the mode.
         """
         varied = self.terms or self.supports or self.stiffness or self.mass
         return not varied and self.rotary_inertia == 0.0
@@ -463,12 +469,12 @@ class Pipe(Saved):
 
     @property
     def has_kinks(self) -> bool:
-        """Whether a force has kinks, as drag has where velocities change sign, or a stop."""
+        """Whether a force has kinks: drag where a velocity changes sign, a stop at its gap."""
         return self.drag > 0.0 or any(term.kinks for term in self.terms)
 
     @property
     def watched(self) -> float:
-        """Arc length in L of the point to which results on the free end or tip refer.
+        """Arc length in L of the point that stands for the free end, or tip, in results.
 
         It is the end, unless the end is held across: then it is a point at 0.382 of the longest
         span between supports, where no low mode has a node.
@@ -480,7 +486,7 @@ class Pipe(Saved):
         return float(ends[longest] + GOLDEN * (ends[longest + 1] - ends[longest]))
 
     def equivalent_damping(self, frequency: float) -> float:
-        """Kelvin-Voigt damping with the same loss at one frequency as all damping of the pipe.
+        """Kelvin-Voigt damping that dissipates as much, at one frequency, as all damping.
 
         At the onset of flutter, the pipe with this damping and without hysteresis is equivalent:
 
@@ -636,7 +642,7 @@ CHECKS: dict[str, Callable[[Any], Any]] = {
     "mass": partial(checked_profile, "mass"),
     "scales": _checked_scales,
 }
-"""Function for each field that checks and converts a value other than the default."""
+"""For each field, the function that checks and converts what is given, unless it is the default."""
 
 DEFAULTS = {item.name: item.default for item in fields(Pipe)}
 

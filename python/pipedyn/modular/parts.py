@@ -43,7 +43,7 @@ PART_RANGES: dict[str, dict[str, Any]] = {
 """Ranges of parts' numbers: those of `Chain` and of a pipe's terms, or limits far beyond use."""
 
 FIRST = {"joint": 1, "segment": 2, "node": 1}
-"""Least number of a place; the largest is the largest number of segments of a chain."""
+"""Lowest number of a place; the highest is `LARGEST_CHAIN`."""
 
 
 class Part:
@@ -100,7 +100,9 @@ class Segment(Module):
 @saved_as("TorsionalSpring")
 @dataclass(frozen=True)
 class TorsionalSpring(Module):
-    """A spring that bends a joint: the moment -stiffness (phi_j - rest_angle) - damping phi_j'.
+    """A spring that resists the bending of a joint.
+
+    Its moment is -stiffness (phi_j - rest_angle) - damping phi_j'.
 
     Attributes:
         joint: number of the joint, from 1; joint j connects segment j to segment j - 1, joint 1
@@ -158,11 +160,11 @@ class Custom(Module):
         joints: numbers of the joints it touches, from 1.
         energy: potential energy energy(q), in EI / L.
         force: generalized force force(q, qdot), shape (k,); if None, minus the energy's gradient.
-            `Power.others` contains the power of the force without that of minus the gradient.
+            `Power.others` contains the force's power less that of minus the energy's gradient.
         force_by_q: derivative of the force by q, shape (k, k), a row for each force.
         force_by_qdot: derivative of the force by qdot, shape (k, k), a row for each force.
-        mass: constant inertia, shape (k, k), symmetric, positive semidefinite; if None, there is
-            no inertia.
+        mass: constant mass matrix, shape (k, k), symmetric, positive semidefinite; if None, there
+            is no inertia.
         name: name of the module in error messages.
     """
 
@@ -259,7 +261,7 @@ class Clamp(Constraint):
 @saved_as("Joint")
 @dataclass(frozen=True)
 class Joint(Constraint):
-    """The constraint that connects a segment to the segment before, turned by phi_j from it.
+    """The constraint that connects a segment to the one before, at the angle phi_j between them.
 
     Attributes:
         segment: number of the segment, from 2.

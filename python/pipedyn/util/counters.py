@@ -20,7 +20,7 @@ Windows counts processor time in steps of 16 ms, so wall-clock time is used ther
 
 @saved_as("TookTooLong")
 class TookTooLong(Exception):
-    """A computation took longer than its limit; unlike a failure, it also ends a search."""
+    """A computation exceeded its time; unlike a failure of one step, this ends the whole of it."""
 
 
 @dataclass
