@@ -503,8 +503,8 @@ class Pipe(Saved):
             `from_si`.
 
         Example:
-            >>> lossy = pp.Pipe(0.2, damping=1e-3, hysteresis=0.02)
-            >>> round(lossy.equivalent_damping(10.0), 6)
+            >>> hysteretic = pp.Pipe(0.2, damping=1e-3, hysteresis=0.02)
+            >>> round(hysteretic.equivalent_damping(10.0), 6)
             0.003
 
         Raises:
