@@ -139,7 +139,7 @@ def converged_ahead(
     The arguments are those of `Continuum.converge`, but the question is a function of a model and
     the next larger model (None after the last). It returns the answers for both, or None for the
     larger, which is then asked separately. If it returns None for the smaller, the basis grows
-    faster. Where the last model but one has none, the last is not asked: two answers must agree.
+    faster. If the second last model has no answer, the last is not asked, as two must agree.
     """
     tolerance = check.real("tolerance", tolerance, low=0.0, open_low=True)
     smallest = check.count("smallest", smallest, high=LARGEST_BASIS - 8)
