@@ -44,7 +44,12 @@ from pipedyn.motion.simulate import (
 )
 from pipedyn.motion.vector_field import Excitation, VectorField
 from pipedyn.orbits.collocation import residual, solved
-from pipedyn.orbits.floquet import MULTIPLIER_TOLERANCE, nontrivial, orbit_multipliers
+from pipedyn.orbits.floquet import (
+    MULTIPLIER_TOLERANCE,
+    beyond_circle,
+    nontrivial,
+    orbit_multipliers,
+)
 from pipedyn.orbits.orbit_continuation import COARSE, breaking_part, continued, solved_anew
 from pipedyn.orbits.periodic_orbit import ORBIT_STAGES, PeriodicOrbit, refined
 from pipedyn.util import check
@@ -132,7 +137,8 @@ class LimitCycle(PeriodicMotion):
         period: period, in T.
         multipliers: Floquet multipliers, complex, shape (2 dof,), the largest modulus first, with
             the trivial one, 1.
-        stable: whether all nontrivial multipliers are smaller than 1 in modulus.
+        stable: whether no nontrivial multiplier's modulus exceeds 1 by more than 1e-6 or three
+            times its error.
         t: times from 0, where the free end is farthest to positive x, to the period, shape (S,).
         q, qdot: coordinates and rates, shape (S, coordinates).
         u: flow speed.
@@ -561,13 +567,12 @@ def cycle_on_mesh(
     multipliers, _, change = orbit_multipliers(motion, orbit, tolerance)
     # Rounding of the eigenvalues of matrices of this size leaves about as much.
     change = max(change, multipliers.size * float(np.finfo(float).eps))
-    others = np.abs(nontrivial(multipliers))
     return LimitCycle(
         amplitude=amplitude,
         frequency=orbit.frequency,
         period=float(t[-1]),
         multipliers=multipliers,
-        stable=bool(others.max(initial=0.0) < 1.0),
+        stable=not (beyond_circle(nontrivial(multipliers), change) > 0.0).any(),
         t=t,
         q=q,
         qdot=qdot,

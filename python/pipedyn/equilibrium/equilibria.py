@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import field, replace
 from functools import cached_property
 from itertools import product
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 import scipy
@@ -922,17 +922,18 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
         if meeting is not None:
             until = 0.0 if landed else 0.98 * ds * sizes[0] / sum(sizes)
         known = {0.0: self.growth[-1]}
-        growth = TestFunction(step, 1e-10 * (1.0 + until), self._growth, known=known)
+
+        def kind(before: float, s: float) -> Change:
+            if (growth.positive(s) - growth.positive(before)) % 2 == 0:
+                return "hopf"
+            return "pitchfork" if statics.straight(step.at(s).x) else "branch point"
+
+        growth = TestFunction(step, 1e-10 * (1.0 + until), self._growth, kind, known)
         found = special_points(step, 1e-12 if meeting is None else 0.0, [growth], until)
         turns = [s for name, _, s in found if name == "fold"]
-        for name, before, s in found:
-            kind: Change = "pitchfork" if statics.straight(step.at(s).x) else "branch point"
-            if name == "fold":
-                kind = "fold"
-            elif (growth.positive(s) - growth.positive(before)) % 2 == 0:
-                kind = "hopf"
-            if kind in ("fold", "hopf") or all(abs(s - turn) > 1e-3 * ds for turn in turns):
-                self.changes.append(self._point(kind, step.at(s)))
+        for name, _, s in found:
+            if name in ("fold", "hopf") or all(abs(s - turn) > 1e-3 * ds for turn in turns):
+                self.changes.append(self._point(cast(Change, name), step.at(s)))
         self.growth.append(growth.at(until))
         if meeting is not None:
             b = Point(np.append(statics.resting, meeting), a.tangent)
