@@ -12,7 +12,7 @@ import pytest
 from independent import beck_speed, series_crossing, series_newton_step
 
 import pipedyn as pp
-from pipedyn.accuracy.choose import CANDIDATES, measured
+from pipedyn.accuracy.choose import CANDIDATES, measure_model
 from pipedyn.accuracy.convergence import FAMILIES
 from pipedyn.accuracy.quantities import BEFORE_CLUSTER, Answer, checked_quantity
 
@@ -91,8 +91,8 @@ def test_the_true_error_is_below_the_tolerance_and_half_a_model_misses_it(
     chance, but not it and the next.
     """
     monkeypatch.setattr(
-        "pipedyn.accuracy.choose.measured",
-        lambda *asked: (row := measured(*asked)) and replace(row, seconds=1e-6 * row.dof),
+        "pipedyn.accuracy.choose.measure_model",
+        lambda *asked: (row := measure_model(*asked)) and replace(row, seconds=1e-6 * row.dof),
     )
     pipe, cases = exact_cases(flow, damped)
     for name, conditions, exact in cases:
@@ -383,10 +383,10 @@ def priced(monkeypatch, seconds):
     def fake(pipe, quantity, family, size, *others):
         sizes.append(size)
         return replace(
-            measured(pipe, quantity, family, size, *others), seconds=seconds(family, size)
+            measure_model(pipe, quantity, family, size, *others), seconds=seconds(family, size)
         )
 
-    monkeypatch.setattr("pipedyn.accuracy.choose.measured", fake)
+    monkeypatch.setattr("pipedyn.accuracy.choose.measure_model", fake)
     return sizes
 
 
