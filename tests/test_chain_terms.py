@@ -43,6 +43,17 @@ def test_springs_by_a_rule_are_those_of_the_bare_pipe(rule):
 # ------------------------------------------------------------------------------ linear analysis
 
 
+@pytest.mark.parametrize("n", [1, 5, 100])
+def test_the_response_to_a_force_is_that_of_the_matrices(n):
+    chain = pp.Chain(pp.Pipe(0.2, 4.0, damping=0.01, hysteresis=0.03, terms=ALL), n)
+    found = pp.frequency_response(chain, 3.0, [2.0, 20.0], input=("force", 0.6), output=0.9)
+    mass, damping, stiffness = chain.operators().at(3.0)
+    load, output = chain.deflection(np.eye(n), [0.6, 0.9])
+    for omega, response in zip(found.frequencies, found.response, strict=True):
+        dynamic = stiffness + 1j * omega * damping - omega**2 * mass
+        assert response == pytest.approx(output @ np.linalg.solve(dynamic, load), rel=1e-9)
+
+
 @pytest.mark.parametrize("n", [6, 90])
 def test_crossings_are_exact(n):
     chain = pp.Chain(pp.Pipe(0.2, 3.0, damping=0.01, terms=ALL), n)

@@ -298,8 +298,7 @@ def test_what_a_broken_solver_returns_is_refused(make, monkeypatch):
 @pytest.mark.parametrize("pipe", PIPES, ids=repr)
 def test_modes_solve_the_models_equation_of_motion(pipe, u):
     """P(lambda) x = 0 with the matrices that the model shows."""
-    loaded = (pp.Chain(replace(pipe, terms=ALL), n) for n in (1, 5, 100))
-    for model in [*every_model(pipe), pp.Chain(pipe, 80), *loaded]:
+    for model in [*every_model(pipe), pp.Chain(pipe, 80)]:
         mass, damping, stiffness = model.operators().at(u)
         found = pp.modes(model, u, min(model.dof, 4))
         assert found.converged.all()
