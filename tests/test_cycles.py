@@ -21,6 +21,11 @@ SUBCRITICAL = pp.Chain(pp.Pipe(0.05), 2)
 ASPIRATING = pp.Pipe(0.2, flow="aspirating", damping=0.01)
 
 
+def heavy(mass, gamma=1.5):
+    """A chain with a heavy nozzle, whose first mode is slow."""
+    return pp.Chain(pp.Pipe(0.35, gamma, damping=0.1, terms=(pp.PointMass(1.0, mass),)), 2)
+
+
 def bow(s):
     return 0.3 * s * (2.0 - s)
 
@@ -453,6 +458,23 @@ def test_the_trivial_multiplier_survives_one_of_ten_million():
     assert np.abs(cycle.multipliers - 1.0).min() < 1e-9
 
 
+def test_a_multiplier_of_1e28_costs_the_others_no_digits():
+    """Over the slow cycle of a heavy nozzle the other mode grows; another method agrees."""
+    model = heavy(5.0)
+    onset = pp.hopf(model, pp.crossings(model, 10.0)[-1])
+    cycle = pp.limit_cycle(model, 1.001 * onset.speed, onset)
+
+    def rates(t, y):
+        state = cycle.orbit.states(np.array([cycle.frequency * t]))[:, 0]
+        return (model.jacobian(t, state, cycle.u) @ y.reshape(4, 4)).ravel()
+
+    run = scipy.integrate.solve_ivp(rates, (0.0, cycle.period), np.eye(4).ravel(), rtol=1e-8)
+    grown = np.abs(np.linalg.eigvals(run.y[:, -1].reshape(4, 4))).max()
+    assert 1e28 < cycle.multipliers[0].real == pytest.approx(grown, rel=1e-5)
+    assert np.abs(cycle.multipliers - 1.0).min() < 1e-8
+    assert cycle.amplitude == pytest.approx(onset.amplitude(cycle.u), rel=0.01)
+
+
 def test_the_product_of_the_multipliers_is_the_exponential_of_the_divergence():
     # Liouville: the determinant is exp of the integral of the Jacobian's trace.
     model, u = GROWING, 6.5
@@ -465,15 +487,10 @@ def test_the_product_of_the_multipliers_is_the_exponential_of_the_divergence():
 # ------------------------------------------------------------------------------------ refusals
 
 
-def heavy(*, gamma=0.0):
-    """A chain with a heavy nozzle, whose first mode is slow."""
-    return pp.Chain(pp.Pipe(0.35, gamma, damping=0.1, terms=(pp.PointMass(1.0, 160.0),)), 2)
-
-
 def test_why_each_way_to_a_cycle_fails_is_told():
     failure = "the onset do not converge .*; no limit cycle at u = 3.2 by simulation"
     with pytest.raises(pp.NoCycle, match=failure):
-        pp.limit_cycle(heavy(), 3.2)
+        pp.limit_cycle(heavy(160.0, gamma=0.0), 3.2)
 
 
 def test_the_error_of_multipliers_is_never_below_rounding(known):
@@ -524,7 +541,7 @@ def test_a_bad_argument_is_refused_by_name(given, message):
 
 def test_multipliers_that_overflow_are_refused():
     """Over a slow cycle the fast mode grows by more than numbers can hold."""
-    model = heavy(gamma=1.5)
+    model = heavy(160.0)
     onset = pp.crossings(model, 30.0)[-1]
     rates = pp.eigenvalues(model, onset.speed).real
     assert np.exp(2.0 * np.pi / onset.frequency * rates.max()) > 1e100
