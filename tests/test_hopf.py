@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """The onset of flutter beyond linear theory: Lyapunov coefficients, laws, and refusals."""
 
-import sys
 from dataclasses import replace
 from functools import cache
 
@@ -10,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import pipedyn as pp
-from pipedyn.equilibrium.hopf import NormalForm, normal_form
+from pipedyn.equilibrium.hopf import normal_form
 
 PIPE = pp.Pipe(0.2)
 ASPIRATING = pp.Pipe(0.2, flow="aspirating", damping=0.01)
