@@ -167,22 +167,21 @@ def test_two_events_at_once_are_named_where_other_multipliers_pass_the_circle():
 
 
 @pytest.mark.parametrize("kind", ["pitchfork", "period doubling", "torus"])
-def test_multipliers_on_the_unit_circle(three, kind, monkeypatch):
+def test_multipliers_on_the_unit_circle(three, kind):
     """-1 at a period doubling, e^(i theta) at a torus; with the reflection -1 at a pitchfork.
 
     Other multipliers are as large as 1,000, and all are known relative to the largest.
     """
-    monkeypatch.setattr(event_curve, "LONGEST_EVENT_STEP", 0.5)
     branch, event = next(
         (b, e) for b in three.cycles for e in b.events if e.kind == kind and e.speed != b.onset
     )
-    window = {"beta": (0.3, 0.31), "u": (6.0, 9.0)}
+    window = {"beta": (0.3, 0.305), "u": (6.0, 9.0)}
     found = pp.cycle_boundary(branch, event, "beta", "u", window)
     (curve,) = found.curves
     assert curve.kind == kind
     assert curve.ends == ("range", "range")
     assert found.failures == ()
-    assert curve.x[[0, -1]] == pytest.approx([0.3, 0.31], abs=1e-10)
+    assert curve.x[[0, -1]] == pytest.approx([0.3, 0.305], abs=1e-10)
     for i, orbit in list(enumerate(curve.orbits))[-1:]:
         halved = orbit.span < 0.9 * 2.0 * math.pi
         assert halved == (kind != "period doubling")
@@ -202,9 +201,8 @@ def test_multipliers_on_the_unit_circle(three, kind, monkeypatch):
         assert np.sort(np.abs(others - 1.0))[1] > 1e-2  # only the trivial one is 1
 
 
-def test_a_pitchfork_is_followed_from_either_branch_that_meets_there(three, monkeypatch):
+def test_a_pitchfork_is_followed_from_either_branch_that_meets_there(three):
     """Also from that of cycles without mirror symmetry, which it is the beginning of."""
-    monkeypatch.setattr(event_curve, "LONGEST_EVENT_STEP", 0.5)
     ranges = {"beta": (0.295, 0.305), "u": (6.0, 9.0)}
     found = []
     for branch in three.cycles[:2]:
@@ -219,8 +217,7 @@ def test_a_pitchfork_is_followed_from_either_branch_that_meets_there(three, monk
     assert other.orbits[0].symmetric
 
 
-def test_a_period_doubling_is_followed_from_the_cycles_of_twice_the_period(three, monkeypatch):
-    monkeypatch.setattr(event_curve, "LONGEST_EVENT_STEP", 0.5)
+def test_a_period_doubling_is_followed_from_the_cycles_of_twice_the_period(three):
     branch = three.cycles[1]
     (event,) = (one for one in branch.events if one.kind == "period doubling")
     near = min(branch.cycles, key=lambda cycle: abs(cycle.u - event.speed))
@@ -233,9 +230,8 @@ def test_a_period_doubling_is_followed_from_the_cycles_of_twice_the_period(three
     assert curve.frequency[0] == pytest.approx(near.frequency, rel=0.02)
 
 
-def test_folds_of_forced_motions_over_the_amplitude_of_the_forcing(monkeypatch):
+def test_folds_of_forced_motions_over_the_amplitude_of_the_forcing():
     """Both folds of a resonance that bends over lie on one curve, which ends in a cusp below."""
-    monkeypatch.setattr(event_curve, "LONGEST_EVENT_STEP", 0.2)
     model = pp.Galerkin(pp.Pipe(0.2, damping=0.002), 3, "legendre")
 
     def response(amplitude, low, high):
@@ -364,11 +360,8 @@ HANGING = pp.Galerkin(pp.Pipe(0.01, gamma=300.0), 10, "legendre")
     ],
     ids=["four segments", "gamma = 300"],
 )
-def test_folds_of_four_segments_and_of_the_long_hanging_pipe(
-    model, speeds, end, speeds_there, monkeypatch
-):
+def test_folds_of_four_segments_and_of_the_long_hanging_pipe(model, speeds, end, speeds_there):
     """At the other end of the range they are those of the branch there; rest is stable above."""
-    monkeypatch.setattr(event_curve, "LONGEST_EVENT_STEP", 0.5)
     begin = model.pipe.beta
     other = model.with_pipe(replace(model.pipe, beta=end))
     branch, there = (
