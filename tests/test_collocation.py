@@ -32,9 +32,7 @@ def at_stages(orbit):
     return columns.transpose(1, 2, 0)
 
 
-@pytest.mark.parametrize("level", _core.vector_levels())
-def test_maps_are_what_motions_make_of_small_changes(cycle, level, at_level):
-    at_level(level)
+def test_maps_are_what_motions_make_of_small_changes(cycle, each_level):
     motion, orbit = VectorField(MODEL), cycle.orbit
     maps, units = collocation_maps(motion, orbit)
     for m in (0, len(maps) - 1):
