@@ -7,12 +7,27 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
-from pipedyn.continuation.own_equations import Control, DenseProblem, follow
+from pipedyn.continuation import Continuation, Control, follow
 
 
 def cubic(x, p):
     """The fold lines of p = x^3 - x lie at x = +-1 / sqrt(3)."""
     return x**3 - x - p
+
+
+class Own(Continuation):
+    """One equation with the slopes dx and -1, which solves for its steps itself."""
+
+    def __init__(self, equation, slope):
+        super().__init__(np.ones(2), Control(longest=0.1))
+        self.equation, self.slope = equation, slope
+
+    def linearised(self, z):
+        residual, slopes = self.equation(z[:1], z[1]), [self.slope(z), -1.0]
+        return lambda row, gap, share: np.linalg.solve([slopes, row], [-share * residual[0], gap])
+
+    def relative(self, z, step):
+        return self.length(step)
 
 
 def test_a_branch_is_followed_past_both_folds_with_a_derivative_or_without():
@@ -64,12 +79,7 @@ def test_equilibria_are_a_branch_of_equations_like_others():
 
 def test_a_problem_that_solves_its_own_equations_is_followed():
     """As those of equilibria and boundaries do, with a control of steps of their own."""
-    problem = DenseProblem(
-        lambda x, p: (cubic(x, p), np.array([[3.0 * x[0] ** 2 - 1.0, -1.0]])),
-        1,
-        1.0,
-        Control(longest=0.1),
-    )
+    problem = Own(cubic, lambda x: 3.0 * x[0] ** 2 - 1.0)
     branch = follow(problem, [-1.4], -1.344, (-2.0, 2.0))
     assert len(branch.folds) == 2
     assert np.linalg.norm(np.diff(branch.tangents, axis=0), axis=1).max() < 0.36
@@ -170,8 +180,7 @@ def test_exceptions_of_the_equations_end_the_branch_which_says_so_and_keeps_what
         assert f"problem raised {type(error).__name__}: {error}, at p = 0.5" in failure
         with pytest.raises(type(error)):  # at the start it passes through
             follow(broken(error), [0.6], 0.6, (-1.0, 1.0))
-    own = DenseProblem(lambda x, p: (equal(x, p), np.array([[1.0, -1.0]])), 1, 1.0, Control(0.1))
-    equal = broken(RuntimeError("no such pipe"))
+    own = Own(broken(RuntimeError("no such pipe")), lambda x: 1.0)
     branch = follow(own, [0.0], 0.0, (-1.0, 1.0))
     assert branch.ends == ("range", "not converged")
     assert branch.failures[0].endswith("RuntimeError: no such pipe")

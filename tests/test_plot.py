@@ -16,7 +16,6 @@ from canvas import axes, legend_of
 
 import pipedyn as pp
 from pipedyn import plot
-from pipedyn.plot import common
 
 PIPE = pp.Pipe(0.2)
 CHAIN = pp.Chain(PIPE, 3)
@@ -275,7 +274,7 @@ def test_shading_and_lines_say_what_eigenvalues_say_next_to_organising_points():
         for gamma, u in [*middles[:: max(1, len(middles) // 20)], middles[-1]]:
             model = LEGENDRE.with_pipe(dataclasses.replace(LEGENDRE.pipe, gamma=gamma))
             values = pp.eigenvalues(model, u)
-            own = 1 if line.get_color() in (common.BLUE, common.PURPLE) else 2
+            own = 1 if line.get_color() in (plot.BLUE, plot.PURPLE) else 2
             others = values[np.argsort(np.abs(values.real))][own:]
             beside = not line.get_linewidth() > 1.0
             assert (others.real > 0.0).any() == beside
