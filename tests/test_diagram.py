@@ -116,7 +116,10 @@ def test_two_frequencies_without_a_common_period_are_quasi_periodic():
         brute_force=2,
         transient=0.0,
         duration=10.0,
+        seed=5,
     )
+    small, large = (np.ptp(one.turnings) for one in found.at(0.0))
+    assert large > 5.0 * small  # motions whose turning points are not alike do not go on as one
     for one in found.at(0.0):
         assert one.name == "quasi-periodic"
         assert abs(one.exponent.value) < 3.0 * one.exponent.spread
@@ -205,7 +208,7 @@ def test_motions_that_go_on_as_one_end_where_each_alone_does(model, u, ending):
         else:  # of two chaotic records the farthest turning is chance, not how all are spread
             assert scipy.stats.ks_2samp(*turnings, method="asymp").pvalue > 0.01
     if ending == "irregular":
-        assert together.right_hand_sides < 0.8 * apart.right_hand_sides
+        assert together.right_hand_sides < 0.45 * apart.right_hand_sides
 
 
 def test_a_motion_that_rests_where_nothing_stays_goes_on():
