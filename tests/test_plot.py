@@ -473,15 +473,15 @@ def film(motion, **how):
 
 
 @cache
-def of_the_hose():
-    """Each picture of results of a pipe with scales, as a function of `units` and `ax`."""
-    chain = pp.Chain(HOSE, 2)
+def of_the_hose(pipe=HOSE):
+    """Each picture of results of a pipe, as a function of `units` and `ax`."""
+    chain = pp.Chain(pipe, 2)
     loci = pp.root_loci(chain, [0.0, 3.0, 6.0], 2)
     window = {"gamma": (10.0, 30.0), "u": (0.0, 12.0)}
     onset = pp.boundary(chain, "gamma", "u", window, criticality=False)
-    onset.unstable(20.0, 3.0)  # makes pipes once, here, where they still may have scales
+    onset.unstable(20.0, 3.0)
     critical = pp.critical_speed(chain)
-    sizes = [pp.critical_speed(pp.Chain(HOSE, n)) for n in (2, 4, 8)]
+    sizes = [pp.critical_speed(pp.Chain(pipe, n)) for n in (2, 4, 8)]
     diagram = pp.bifurcation_diagram(chain, [3.0, 4.5], cycles=0)
     cycle = pp.limit_cycle(chain, 5.0)
     branch = pp.CycleBranch(
@@ -493,7 +493,7 @@ def of_the_hose():
     ends = pp.attractors(chain, 5.0, pp.StartPlane(angles, angles))
     response = pp.frequency_response(chain, 2.0, (0.5, 40.0), input=("force", 1.0))
     edges = np.array([[2.0, 3.0], [1.5, 4.0]])
-    region = pp.ParametricRegion("harmonic", np.array([0.1, 0.2]), edges, 0.05, 2.4, 0.0, HOSE)
+    region = pp.ParametricRegion("harmonic", np.array([0.1, 0.2]), edges, 0.05, 2.4, 0.0, pipe)
     base = pp.Harmonic(0.02, 5.0)
     forced = pp.forced_response(chain, 2.0, base=base, frequencies=(4.0, 6.0))
     known = pp.CycleBoundary(
@@ -506,7 +506,7 @@ def of_the_hose():
         failures=(),
         evaluations=0,
     )
-    trade = pp.trade(HOSE, "critical_speed", families="legendre", sizes=[4, 8], repeats=1)
+    trade = pp.trade(pipe, "critical_speed", families="legendre", sizes=[4, 8], repeats=1)
     draw = {
         "animate": (motion,),
         "basins": (ends,),
@@ -563,10 +563,8 @@ def test_every_picture_shows_si_units_on_request():
     assert seen == set(units)
 
 
-def test_a_pipe_without_scales_has_no_si_units(monkeypatch):
-    drawn = of_the_hose()
-    monkeypatch.setattr(pp.Pipe, "scales", property(lambda pipe: None))
-    for name, draw in drawn.items():
+def test_a_pipe_without_scales_has_no_si_units():
+    for name, draw in of_the_hose(dataclasses.replace(HOSE, scales=None)).items():
         with pytest.raises(ValueError, match="units must be 'nondimensional' where the pipe has"):
             draw(units="si", ax=axes())
         with pytest.raises(ValueError, match="units must be one of 'nondimensional', 'si'"):
