@@ -339,3 +339,9 @@ def test_too_long_a_record_is_refused():
 def test_too_many_motions_are_refused():
     with pytest.raises(ValueError, match="at most 100000 motions"):
         pp.bifurcation_diagram(TWO, np.linspace(0.0, 1.0, 11), brute_force=10_000)
+
+
+def test_batches_count_for_their_caller():
+    with counted() as counters:
+        found = pp.simulate_many(TWO, np.linspace(3.0, 6.0, 70), 1.0, lambda s: 0.1 * s, samples=5)
+    assert counters.right_hand_sides == sum(motion.evaluations for motion in found.motions)
