@@ -32,6 +32,27 @@ def at_level():
 
 
 @pytest.fixture
+def levels():
+    """All vector levels that this processor has."""
+    from pipedyn import _core
+
+    return _core.vector_levels()
+
+
+@pytest.fixture
+def each_level(at_level, request):
+    """Sets the vector level; a test that asks for it runs at each."""
+    at_level(request.param)
+
+
+def pytest_generate_tests(metafunc):
+    if "each_level" in metafunc.fixturenames:
+        from pipedyn import _core
+
+        metafunc.parametrize("each_level", _core.vector_levels(), indirect=True)
+
+
+@pytest.fixture
 def interrupted_after():
     """Sees that a call that would take hours is interrupted after so many seconds."""
     if not hasattr(signal, "setitimer"):
