@@ -382,3 +382,8 @@ def test_a_computation_ends_with_its_time(method):
     with pytest.raises(TookTooLong), limited(0.01):
         pp.limit_cycle(pp.Galerkin(pp.Pipe(0.2), 16, "legendre"), 6.0)
     pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 2), 6.0)
+
+
+def test_an_ensemble_that_takes_too_long_is_no_failure_of_its_members():
+    with limited(0.0), pytest.raises(TookTooLong):
+        pp.simulate_many(pp.Chain(PIPE, 2), [4.0, 5.0], 100.0, lambda s: 0.1 * s, method="dop853")
