@@ -47,6 +47,14 @@ def each_level(request, at_level):
 
 
 @pytest.fixture
+def levels():
+    """All vector levels that this processor has."""
+    from pipedyn import _core
+
+    return _core.vector_levels()
+
+
+@pytest.fixture
 def interrupted_after():
     """Sees that a call that would take hours is interrupted after so many seconds."""
     if not hasattr(signal, "setitimer"):

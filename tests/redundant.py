@@ -16,7 +16,6 @@ import numpy as np
 import scipy.linalg
 
 from pipedyn import modular as md
-from pipedyn.models.base import ROWS
 
 
 def across(along):
@@ -101,9 +100,9 @@ def forces(scene, y, u, drive=None):
     r_n' - a U^2 (cos jet_angle t + sin jet_angle n). Segments have their weights, less the mass
     times the acceleration of the base. Joints have -k (phi - psi) - c phi'. Drag at a segment's
     drag point is -kappa l |v| v n, v = n . r'. Terms and custom modules add theirs. The forcing
-    `drive`, (ROWS,), has U' and the motion of the base, on which inflow, drag and terms depend.
+    `drive`, shape (7,), has U' and the motion of the base, on which inflow, drag and terms depend.
     """
-    rate, *moves = np.zeros(ROWS) if drive is None else drive
+    rate, *moves = np.zeros(7) if drive is None else drive
     place, speed, acceleration = np.reshape(moves, (3, 2))
     layout, lengths, chain = scene._layout, scene._layout.lengths, scene.core.chain
     pipe, n = layout.acting(scene.pipe), scene.integrated

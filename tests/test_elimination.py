@@ -17,7 +17,7 @@ from pipedyn import _core
 from pipedyn.linear.critical_speed import _run_searches, _Search
 from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.models.galerkin import PanelPencil, enriched, last_functions
-from pipedyn.util.counters import counted
+from pipedyn.util.counters import count_work
 
 SPANS = tuple(np.arange(1, 10) / 10.0)
 STATIONS = (pp.PointMass(0.3, 0.4), pp.Spring(0.65, 30.0), pp.Damper(1.0, 0.2))
@@ -245,7 +245,7 @@ def test_a_sweep_of_a_heavy_hanging_pipe_needs_no_more_samples_than_that_of_a_li
     """Their critical speeds go with the speeds of their free ends, and so do the steps."""
     counts, speeds = [], []
     for gamma in (0.0, 1e4):
-        with counted() as counters:
+        with count_work() as counters:
             speeds.append(pp.critical_speed(pp.Galerkin(pp.Pipe(0.2, gamma), 40, "legendre")).speed)
         counts.append(counters.factorisations)
     assert speeds[1] > 8.0 * speeds[0]
