@@ -229,13 +229,13 @@ def test_what_cannot_be_told_is_unsettled_with_the_reason():
 def test_an_irregular_motion_is_named_by_what_its_exponent_shows(
     monkeypatch, value, ending, reason
 ):
-    def measured(model, states, options):
+    def measured(model, speeds, states, *times, **drive):
         if value is None:
             return [pp.MotionStopped("it stopped", None)] * len(states)
         none = np.zeros(0)
         return [pp.LyapunovExponent(value, 0.1, none, none, none, 1.0, none)] * len(states)
 
-    monkeypatch.setattr("pipedyn.attraction.motion_ends.exponents_of", measured)
+    monkeypatch.setattr("pipedyn.attraction.motion_ends.exponents_together", measured)
     start = np.array([[1.0, -0.5, 0.3]])
     found = pp.attractors(pp.Chain(pp.Pipe(0.3), 3), 8.5, start, transient=20.0, duration=4.0)
     (one,) = found.unsettled_motions or (found.basins[0].attractor,)

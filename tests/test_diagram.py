@@ -197,15 +197,15 @@ def test_settled_motions_end_early_where_they_would_have_ended(monkeypatch):
     [
         (pp.Chain(pp.Pipe(0.3), 3), 8.5, "irregular"),
         # Irregular for a while, and then on a cycle, on which each has to arrive by itself.
-        (pp.Chain(pp.Pipe(0.2, 20.0, drag=0.5), 2), 10.154, "periodic"),
+        (pp.Chain(pp.Pipe(0.2, 20.0, drag=0.5), 2), 10.18, "periodic"),
     ],
 )
 def test_motions_that_go_on_as_one_end_where_each_alone_does(model, u, ending, monkeypatch):
     options, starts = MotionOptions(60.0, 20.0, 1e-6, False), initial_bends(model, 3, 0)
-    answers, costs, joined, joining = [], [], [0], engine._Engine.joining
+    answers, costs, joined, join = [], [], [0], engine._Engine.join
 
     def counting(batch, irregular, twice):
-        found = joining(batch, irregular, twice)
+        found = join(batch, irregular, twice)
         joined[0] += len(found)
         return found
 
@@ -218,10 +218,10 @@ def test_motions_that_go_on_as_one_end_where_each_alone_does(model, u, ending, m
             finally:  # chance has it how many cycles are looked for, and how long
                 spent[0] += work.right_hand_sides
 
-    monkeypatch.setattr(engine._Engine, "joining", counting)
+    monkeypatch.setattr(engine._Engine, "join", counting)
     monkeypatch.setattr(engine, "solved_cycle", solving)
     for share in (0.25, math.inf):
-        monkeypatch.setattr(engine, "JOINED", share)
+        monkeypatch.setattr(engine, "JOIN_SHARE", share)
         with counted() as work:
             answers.append(motions(model, [u], starts, options))
         costs.append(work.right_hand_sides - spent[0])
