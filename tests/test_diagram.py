@@ -190,7 +190,7 @@ def test_settled_motions_end_early_where_they_would_have_ended():
     [
         (pp.Chain(pp.Pipe(0.3), 3), 8.5, "irregular"),
         # Irregular for a while, and then on a cycle, on which each has to arrive by itself.
-        (pp.Chain(pp.Pipe(0.2, 20.0, drag=0.5), 2), 10.154, "periodic"),
+        (pp.Chain(pp.Pipe(0.2, 20.0, drag=0.5), 2), 10.18, "periodic"),
     ],
 )
 def test_motions_that_go_on_as_one_end_where_each_alone_does(model, u, ending):

@@ -23,7 +23,7 @@ from pipedyn.attraction.from_motion import (
     last_period,
     run_through_once,
 )
-from pipedyn.attraction.motion_ends import FAR_BACK, Case, motion_ends
+from pipedyn.attraction.motion_ends import LATE_RECURRENCE, Case, motion_ends
 from pipedyn.attraction.motion_options import MotionOptions
 from pipedyn.attraction.records import Stretch
 from pipedyn.attraction.regions import NOWHERE
@@ -300,7 +300,7 @@ def _near(motion: VectorField, u: float, start: LimitCycle | Motion) -> tuple[Pe
     y = motion.model.from_user(start.q, start.qdot)
     x, velocity = start.tip[:, 0], start.tip_velocity[:, 0]
     stretch = Stretch(start.t, y, x, velocity, 1e-6)
-    states, frequency = last_period(stretch, FAR_BACK)
+    states, frequency = last_period(stretch, LATE_RECURRENCE)
     found = solved_anew(motion, states, frequency, u, False, COARSE)
     _, found = run_through_once(motion, found, ROUGHLY)
     return as_symmetric(motion, found), "from a motion"
@@ -364,12 +364,12 @@ def _simulated(motion: VectorField, u: float, start: Array) -> PeriodicOrbit:
     """The cycle on which the motion from a state [p, p'] ends, or else one that it has passed."""
     model, none = motion.model, f"no limit cycle at u = {u:g} by simulation"
     most = SEARCH * (SEARCH_FACTOR if model.dof <= 6 else 1)
-    back = FAR_BACK  # right-hand sides may be costly: a cycle is solved for early
-    options = MotionOptions(SEARCHED, SEEN, exponents=False, most=most, back=back)
+    near = LATE_RECURRENCE  # right-hand sides may be costly: a cycle is solved for early
+    options = MotionOptions(SEARCHED, SEEN, exponents=False, most=most, recurrence=near)
     with count_work() as work:
-        cases = [Case(model, Excitation(u), starts={0: start.reshape(2, -1)})]
-        [ends], [case] = motion_ends(model, cases, options)
-    number, end = ends[0]
+        cases = [Case(model, Excitation(u), starts={0: start})]
+        [case] = motion_ends(model, cases, options)
+    number, end = case.ends[0]
     motion.evaluations += work.right_hand_sides
     if isinstance(end, Exception):
         raise NoCycle(f"{none}: {end}", u) from None

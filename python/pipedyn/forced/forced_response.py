@@ -441,11 +441,11 @@ def _settled(motion: ForcedField, u: float) -> PeriodicOrbit:
     assert isinstance(base, Harmonic)
     drive, time = Excitation(u, base), SETTLING * 2.0 * math.pi / base.frequency
     options = MotionOptions(drive.whole(time), drive.whole(max(time, 1.0)), exponents=False)
-    begun = Case(model, drive, starts={0: motion.resting().reshape(2, -1)})
+    begun = Case(model, drive, starts={0: motion.resting()})
     with count_work() as work:
-        [ends], [case] = motion_ends(model, [begun], options)
+        [case] = motion_ends(model, [begun], options)
     motion.evaluations += work.right_hand_sides
-    number, end = ends[0]
+    number, end = case.ends[0]
     orbit = case.solutions[number].orbit if number >= 0 else None
     if orbit is None or not math.isclose(orbit.frequency, base.frequency, rel_tol=1e-6):
         why = end if isinstance(end, Exception) else "it was not found to repeat with the base"
