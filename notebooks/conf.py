@@ -69,12 +69,12 @@ def source(name, rawtext, text, lineno, inliner, options=None, content=None):
 
 INTERNAL = """
 archived bounds by_coordinates calls_python cantilevered coordinate_kind core
-elastic_operators elastic_scale elastic_share end_directed end_held end_spring equations
+elastic_operators elastic_scale elastic_share end_guided end_held end_spring equations
 free_directions free_states from_elastic from_user frozen has_kinks index initial_state integrated
 kinks kinks_known largest_angle law_numbers linear linear_cost motion_jacobian
 motion_rates numbers panels place reference require_base require_equilibrium resisted resolution
-resolved_modes resting restored sampled series size supported thrust_across to_user
-watched weight_in
+resolved_modes resting restored sampled series size supported thrust_across tip_place
+to_user weight_in
 """
 # What the package's own modules ask of pipes, models and terms, by the name of the member.
 

@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import pipedyn as pp
-from pipedyn.accuracy.choose import CANDIDATES, measured
+from pipedyn.accuracy.choose import CANDIDATES, measure_model
 from pipedyn.accuracy.convergence import FAMILIES, RULES
 from pipedyn.accuracy.quantities import Answer
 from pipedyn.util.counters import clock
@@ -118,7 +118,7 @@ def least_by_hand(case, choice, truth, tolerance, most):
         for size in sizes:
             if size < quantity.least or (name == "legendre" and size > 64):
                 continue
-            row = measured(case.pipe, quantity, FAMILIES[name], size, truth, 1)
+            row = measure_model(case.pipe, quantity, FAMILIES[name], size, truth, 1)
             if row.error <= tolerance:
                 good.append(row)
             if row.seconds > (COSTLY if is_linear(quantity.name) else 1.5 * most):
@@ -129,7 +129,7 @@ def least_by_hand(case, choice, truth, tolerance, most):
 def least_time(case, choice, row):
     """Of three answers of a row's model."""
     family = FAMILIES[row.family]
-    return measured(case.pipe, choice.quantity, family, row.size, choice.reference, 3).seconds
+    return measure_model(case.pipe, choice.quantity, family, row.size, choice.reference, 3).seconds
 
 
 def held(case):

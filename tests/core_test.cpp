@@ -158,8 +158,8 @@ void check_log_derivative(const Chain& chain, double u, Dice& dice) {
   const Vector scale = dice.vector(chain.dof(), 0.3, 3.0);
   const pipedyn::ChainModel model = chain.model();
   const pipedyn::Complement complement(chain.held_rows(scale));
-  const Matrix basis = complement.spread(Matrix::Identity(complement.dof(), complement.dof()));
-  check_close(complement.gathered(basis), Matrix::Identity(basis.cols(), basis.cols()), 1e-14,
+  const Matrix basis = complement.lifted(Matrix::Identity(complement.dof(), complement.dof()));
+  check_close(complement.projected(basis), Matrix::Identity(basis.cols(), basis.cols()), 1e-14,
               "the basis is orthonormal");
   const Operators ops = chain.joint_operators(scale);
   const auto reduced = [&](const Matrix& of) -> ComplexTable {
@@ -172,7 +172,7 @@ void check_log_derivative(const Chain& chain, double u, Dice& dice) {
   const ComplexTable still = reduced(ops.stiffness + end_coefficient * u * u * ops.flux);
   const double re[] = {0.3, -2.0, 0.1}, im[] = {1.5, 7.0, 90.0};
   double found[6];
-  pipedyn::motion_kernel().impedance->log_derivative(model, {u, 3, re, im}, found);
+  pipedyn::motion_kernel().dynamic_stiffness->log_derivative(model, {u, 3, re, im}, found);
   for (Index i = 0; i < 3; ++i) {
     const Complex at(re[i], im[i]);
     const ComplexTable p = at * at * mass + at * rate + still;
@@ -921,13 +921,13 @@ void check_mending() {
 void check_threads() {
   for (const Index parts : {1, 2, 5, 3}) {
     std::vector<Index> calls(static_cast<std::size_t>(parts));
-    pipedyn::at_once(parts, [&](Index k) { ++calls[k]; });
+    pipedyn::run_on_threads(parts, [&](Index k) { ++calls[k]; });
     check(calls == std::vector<Index>(static_cast<std::size_t>(parts), 1),
           "each part is done once");
     for (Index failing = 0; failing < parts; ++failing) {
       check_refused(
           [&] {
-            pipedyn::at_once(parts, [&](Index k) {
+            pipedyn::run_on_threads(parts, [&](Index k) {
               if (k == failing) throw std::invalid_argument("of a part");
             });
           },
@@ -935,8 +935,8 @@ void check_threads() {
     }
   }
   Index nested = 0;
-  pipedyn::at_once(2, [&](Index k) {
-    if (k == 0) pipedyn::at_once(3, [&](Index) { ++nested; });
+  pipedyn::run_on_threads(2, [&](Index k) {
+    if (k == 0) pipedyn::run_on_threads(3, [&](Index) { ++nested; });
   });
   check(nested == 3, "parts may have parts");
   std::vector<int> covered(1000);

@@ -12,7 +12,7 @@ import pytest
 from independent import beck_speed, series_crossing, series_newton_step
 
 import pipedyn as pp
-from pipedyn.accuracy.choose import CANDIDATES, measured
+from pipedyn.accuracy.choose import CANDIDATES, measure_model
 from pipedyn.accuracy.convergence import FAMILIES
 from pipedyn.accuracy.quantities import BEFORE_CLUSTER, Answer, checked_quantity
 
@@ -91,8 +91,8 @@ def test_the_true_error_is_below_the_tolerance_and_half_a_model_misses_it(
     chance, but not it and the next.
     """
     monkeypatch.setattr(
-        "pipedyn.accuracy.choose.measured",
-        lambda *asked: (row := measured(*asked)) and replace(row, seconds=1e-6 * row.dof),
+        "pipedyn.accuracy.choose.measure_model",
+        lambda *asked: (row := measure_model(*asked)) and replace(row, seconds=1e-6 * row.dof),
     )
     pipe, cases = exact_cases(flow, damped)
     for name, conditions, exact in cases:
@@ -230,7 +230,7 @@ def test_what_is_said_of_the_other_chains_is_so(monkeypatch):
 
     No model is given up for its time, which a busy machine would make of any.
     """
-    monkeypatch.setattr("pipedyn.accuracy.choose.limited", lambda seconds: nullcontext())
+    monkeypatch.setattr("pipedyn.accuracy.choose.time_limit", lambda seconds: nullcontext())
     choice = pp.choose(HOSE, "critical_speed", 0.01, among="chain")
     assert onset_error(HOSE, choice.family, choice.size) <= choice.error <= 0.01
     assert onset_error(HOSE, choice.family, choice.size - 1) > 0.01
@@ -383,10 +383,10 @@ def priced(monkeypatch, seconds):
     def fake(pipe, quantity, family, size, *others):
         sizes.append(size)
         return replace(
-            measured(pipe, quantity, family, size, *others), seconds=seconds(family, size)
+            measure_model(pipe, quantity, family, size, *others), seconds=seconds(family, size)
         )
 
-    monkeypatch.setattr("pipedyn.accuracy.choose.measured", fake)
+    monkeypatch.setattr("pipedyn.accuracy.choose.measure_model", fake)
     return sizes
 
 

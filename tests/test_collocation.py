@@ -63,7 +63,7 @@ def test_eliminated_stages_solve_their_equations(half):
     start, rates = random.normal(size=(1, n)), random.normal(size=(1, stages, half))
     linearised = random.normal(size=(stages, 2 + n, n))
     force, by_speed, jacobians = linearised[:, 0, half:], linearised[:, 1, half:], linearised[:, 2:]
-    found, ends = _core.eliminated(
+    found, ends = _core.condense(
         np.array([h]), start, rates, linearised, None, True, frequency, WEIGHTS
     )
     found = found.reshape(stages, half, n + 3)
@@ -91,8 +91,8 @@ def test_what_an_interval_misses_of_the_next_is_part_of_the_residual():
     linearised = random.normal(size=(count * stages, 2 + n, n))
     units = np.array([1.0, 2.0, 4.0, 0.5])
     given = h, starts, rates, linearised, None, False, 4.0, WEIGHTS
-    by_rates, plain = _core.eliminated(*given)
-    same, found = _core.eliminated(*given, -1.0, units)
+    by_rates, plain = _core.condense(*given)
+    same, found = _core.condense(*given, -1.0, units)
     orbit = PeriodicOrbit(np.append(0.0, 4.0 * np.cumsum(h)), starts, rates, 4.0, 1.0)
     plain[:, :, n] += at_stages(orbit)[:, -1] - np.stack([starts[1], starts[2], -starts[0]])
     plain /= units[:, None]
@@ -104,7 +104,7 @@ def test_what_an_interval_misses_of_the_next_is_part_of_the_residual():
 def test_joined_intervals_are_products_and_runs_end_before_they_lose_digits():
     random = np.random.default_rng(2)
     maps, right = random.normal(size=(9, 5, 5)), random.normal(size=(9, 5, 2))
-    whole, begins = _core.carried(np.concatenate([maps, right], axis=2), 40.0)
+    whole, begins = _core.map_products(np.concatenate([maps, right], axis=2), 40.0)
     assert begins[0] == 0
     assert len(begins) > 1
     for first, last in zip(begins, [*begins[1:], 9], strict=True):
@@ -138,9 +138,9 @@ def test_velocities_at_the_stages_are_those_at_their_phases(cycle):
 
 def test_arrays_that_do_not_fit_are_refused():
     with pytest.raises(ValueError, match="maps must have shape"):
-        _core.carried(np.zeros((2, 3, 2)), 1e5)
+        _core.map_products(np.zeros((2, 3, 2)), 1e5)
     with pytest.raises(ValueError, match="rates must have shape"):
-        _core.eliminated(*[np.zeros(3)] * 4, None, False, 1.0, WEIGHTS)
+        _core.condense(*[np.zeros(3)] * 4, None, False, 1.0, WEIGHTS)
     given = np.zeros(3), np.zeros((2, 2)), np.zeros((2, STAGE_NODES.size, 1))
     with pytest.raises(ValueError, match="durations must hold 2 numbers"):
-        _core.eliminated(*given, np.zeros(0), None, False, 1.0, WEIGHTS)
+        _core.condense(*given, np.zeros(0), None, False, 1.0, WEIGHTS)

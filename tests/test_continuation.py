@@ -11,7 +11,7 @@ from pipedyn.continuation.arclength import Control, DenseProblem, Segment
 from pipedyn.continuation.tracer import TestFunction as Function
 from pipedyn.continuation.tracer import Tracer, special_points
 from pipedyn.motion.vector_field import VectorField
-from pipedyn.orbits.orbit_continuation import FINE, followed, from_hopf, orbit_at
+from pipedyn.orbits.orbit_continuation import FINE, branch_steps, from_hopf, orbit_at
 from pipedyn.util.newton import NewtonFailed
 
 
@@ -110,7 +110,7 @@ def test_meshes_of_orbits_are_refined_on_the_way_and_beyond_1000_unknowns():
     model = pp.Chain(pp.Pipe(0.2), 20)
     motion = VectorField(model)
     sizes, last = [], None
-    for step in followed(motion, from_hopf(motion, pp.hopf(model)), FINE):
+    for step in branch_steps(motion, from_hopf(motion, pp.hopf(model)), FINE):
         orbit = orbit_at(step, step.length)
         sizes.append(orbit.rates.size)
         assert orbit.defects().max() <= FINE.defect

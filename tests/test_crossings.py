@@ -17,7 +17,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 import pipedyn as pp
 from pipedyn import modular
-from pipedyn.util.counters import counted
+from pipedyn.util.counters import count_work
 
 
 def counts_meet_the_matrices(model, max_speed, samples=160, slack=1e-5, share=0.9):
@@ -254,7 +254,7 @@ def test_a_sweep_of_a_heavy_hanging_pipe_needs_no_more_samples_than_that_of_a_li
     """Their critical speeds go with the speeds of their free ends, and so do the steps."""
     counts, speeds = [], []
     for gamma in (0.0, 1e4):
-        with counted() as counters:
+        with count_work() as counters:
             speeds.append(pp.critical_speed(pp.Galerkin(pp.Pipe(0.2, gamma), 40, "legendre")).speed)
         counts.append(counters.factorisations)
     assert speeds[1] > 8.0 * speeds[0]

@@ -539,7 +539,7 @@ def test_multipliers_that_overflow_are_refused(monkeypatch, pivot):
         right[0, 0] = pivot
         return np.eye(maps.shape[1]), right
 
-    monkeypatch.setattr("pipedyn.orbits.floquet.through", singular)
+    monkeypatch.setattr("pipedyn.orbits.floquet.span_maps", singular)
     with pytest.raises(pp.NotConverged, match="fails its check: its Floquet multipliers overflow"):
         pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 4), 6.5)
 

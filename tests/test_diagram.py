@@ -17,7 +17,7 @@ from pipedyn.attraction.motion_options import MotionOptions
 from pipedyn.attraction.records import Stretch
 from pipedyn.motion.sampling import turning_points
 from pipedyn.motion.simulate import initial_bends
-from pipedyn.util.counters import counted
+from pipedyn.util.counters import count_work
 
 TWO = pp.Chain(pp.Pipe(0.2, -20.0), 2)
 SPEEDS = np.array([0.5, 1.0, 2.0, 3.0, 3.5, 5.0])
@@ -78,7 +78,7 @@ def test_motions_that_are_periodic_are_cycles_though_a_period_has_a_dozen_maxima
 def test_what_a_diagram_takes_is_told_beforehand(change, terminal, monkeypatch):
     model, speeds = pp.Galerkin(pp.Pipe(0.2), 3), np.linspace(5.0, 6.5, 7)
     given = {"brute_force": 3, "transient": 10.0, "duration": 4.0, **change}
-    with counted() as work:  # right-hand sides stand for seconds
+    with count_work() as work:  # right-hand sides stand for seconds
         monkeypatch.setattr(module, "clock", lambda: work.right_hand_sides)
         pp.bifurcation_diagram(model, speeds, **given)
         needed = work.right_hand_sides
@@ -182,7 +182,7 @@ def test_settled_motions_end_early_where_they_would_have_ended(monkeypatch):
     answers, costs = [], []
     for first_look in (engine.FIRST_LOOK, 200.0):
         monkeypatch.setattr(engine, "FIRST_LOOK", first_look)
-        with counted() as work:
+        with count_work() as work:
             answers.append(motions(model, speeds, starts, options))
         costs.append(work.right_hand_sides)
     assert costs[0] < 0.25 * costs[1]
@@ -212,7 +212,7 @@ def test_motions_that_go_on_as_one_end_where_each_alone_does(model, u, ending, m
     solved, spent = engine.solved_cycle, [0]
 
     def solving(*arguments):
-        with counted() as work:
+        with count_work() as work:
             try:
                 return solved(*arguments)
             finally:  # chance has it how many cycles are looked for, and how long
@@ -222,7 +222,7 @@ def test_motions_that_go_on_as_one_end_where_each_alone_does(model, u, ending, m
     monkeypatch.setattr(engine, "solved_cycle", solving)
     for share in (0.25, math.inf):
         monkeypatch.setattr(engine, "JOINED", share)
-        with counted() as work:
+        with count_work() as work:
             answers.append(motions(model, [u], starts, options))
         costs.append(work.right_hand_sides - spent[0])
         spent[0] = 0

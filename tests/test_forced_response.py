@@ -264,7 +264,7 @@ def test_an_axially_fixed_pipe_on_a_shaker_is_duffings_oscillator():
     found = pp.forced_response(model, 0.0, base=pp.Harmonic(reach, omega), frequencies=(8.0, 16.5))
     motions = found.at(omega)
     assert [motion.stable for motion in motions] == [True, False, True]
-    sine = math.sin(math.pi * pipe.watched)
+    sine = math.sin(math.pi * pipe.tip_place)
     for motion, start in ((motions[0], 0.08), (motions[2], -0.02)):
         assert motion.amplitude == pytest.approx(sine * largest(start), rel=1e-2)
     assert motions[0].amplitude > 2.0 * motions[2].amplitude

@@ -41,7 +41,7 @@ def test_a_load_inside_the_pipe(driven, output, held):
     found = pp.frequency_response(
         pp.Continuum(pipe), 2.0, omega, input=(driven, 0.6), output=output
     )
-    assert found.output == (pipe.watched if output == "tip" else output)
+    assert found.output == (pipe.tip_place if output == "tip" else output)
     expected = [series_response(pipe, w, 2.0, (driven, 0.6), found.output) for w in omega]
     np.testing.assert_allclose(found.response, expected, rtol=1e-8)
 

@@ -16,7 +16,7 @@ from pipedyn.attraction.solutions import equilibria_near, kept_apart
 from pipedyn.cycles.branches import _steepness
 from pipedyn.motion.simulate import checked_task, initial_bends
 from pipedyn.motion.vector_field import Excitation, VectorField
-from pipedyn.util.counters import counted
+from pipedyn.util.counters import count_work
 
 MODEL, SPEED = pp.Chain(pp.Pipe(0.2), 3), 5.0
 BLOCK = 32
@@ -115,7 +115,7 @@ def test_motions_end_where_they_would_have_ended_and_cost_less():
         known[u] = [solution(MODEL, Excitation(u), orbit, True)]
     answers, costs = [], []
     for solutions in ({}, known):
-        with counted() as work:
+        with count_work() as work:
             answers.append(motions(MODEL, speeds, starts, options, solutions))
         costs.append(work.right_hand_sides)
     assert costs[1] < 0.75 * costs[0]

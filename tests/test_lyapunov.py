@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 import pipedyn as pp
 from pipedyn.motion import lyapunov
 from pipedyn.motion.lyapunov import exponents_together
-from pipedyn.util.counters import counted
+from pipedyn.util.counters import count_work
 
 CHAIN = pp.Chain(pp.Pipe(0.2), 3)
 
@@ -67,7 +67,7 @@ def test_a_pair_about_a_bent_pipe_at_rest_takes_steps_as_long_as_its_motion():
     model = pp.Chain(pp.Pipe(0.2, -20.0, damping=0.005), 4)
     rest = pp.equilibria(model, 1.0)
     stable = np.flatnonzero(rest.stable)[0]
-    with counted() as work:
+    with count_work() as work:
         found = pp.lyapunov_exponent(model, 1.0, rest.q[stable], duration=20.0, transient=10.0)
     assert found.value == pytest.approx(rest.growth[stable], abs=2.0 * found.spread)
     assert 0 < work.right_hand_sides < 100_000

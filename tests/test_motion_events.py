@@ -19,7 +19,7 @@ import pipedyn as pp
 from pipedyn.motion import integrator
 from pipedyn.motion.events import Recorder, checked_events
 from pipedyn.motion.integrator import CORE
-from pipedyn.util.counters import counted
+from pipedyn.util.counters import count_work
 
 CHAIN = pp.Chain(pp.Pipe(0.2), 5)
 SCENE = pp.modular.chain(pp.Pipe(0.2), n=3)
@@ -373,7 +373,7 @@ def test_another_thread_runs_while_a_motion_goes_on():
 
 
 def test_batches_count_for_their_caller():
-    with counted() as counters:
+    with count_work() as counters:
         found = pp.simulate_many(CHAIN, np.linspace(3.0, 6.0, 70), 1.0, bow, samples=5)
     assert counters.right_hand_sides == sum(motion.evaluations for motion in found.motions)
 

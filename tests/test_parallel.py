@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
-from pipedyn.util.counters import TookTooLong, limited
+from pipedyn.util.counters import TookTooLong, time_limit
 from pipedyn.util.parallel import parallel
 
 JOBS = [partial(int, text) for text in ("3", "one", "5", "")]
@@ -378,7 +378,7 @@ def test_a_law_that_raises_fails_its_members_and_keeps_the_others():
 
 
 def test_an_ensemble_that_takes_too_long_is_no_failure_of_its_members():
-    with limited(0.0), pytest.raises(TookTooLong):
+    with time_limit(0.0), pytest.raises(TookTooLong):
         pp.simulate_many(TWO, [4.0, 5.0], 100.0, lambda s: 0.1 * s, method="dop853")
 
 

@@ -96,6 +96,6 @@ def test_a_singular_interval_is_refused_whichever_thread_meets_it(singular):
     given = h, np.zeros((count, n)), np.zeros((count, stages, half)), slopes, None, False, 1.0
     own = STAGE_NODES, np.eye(stages), np.zeros((stages, stages))  # rates k with k = k + ...
     with pytest.raises(np.linalg.LinAlgError, match="Singular"):
-        _core.eliminated(*given, own)
+        _core.condense(*given, own)
     slopes[singular] = 0.0
-    _core.eliminated(*given, own)
+    _core.condense(*given, own)

@@ -154,11 +154,11 @@ def test_a_pipe_let_go_below_and_above_buckling_comes_to_rest():
 )
 def test_of_an_end_held_across_results_watch_the_longest_span(make):
     pipe = pp.Pipe(0.3, 6.0, end="pinned", supports=[0.4], damping=1e-3)
-    assert pipe.watched == pytest.approx(0.4 + 0.381966 * 0.6, rel=1e-6)
-    assert pp.Pipe(0.3, end="guided", supports=[0.4]).watched == 1.0
+    assert pipe.tip_place == pytest.approx(0.4 + 0.381966 * 0.6, rel=1e-6)
+    assert pp.Pipe(0.3, end="guided", supports=[0.4]).tip_place == 1.0
     model = make(pipe)
     motion = pp.simulate(model, 3.0, 0.2, lambda s: 0.3 * np.sin(7.0 * s), rtol=1e-9, samples=201)
-    drawn = np.array([model.shape(q, [pipe.watched])[0] for q in motion.q])
+    drawn = np.array([model.shape(q, [pipe.tip_place])[0] for q in motion.q])
     assert np.abs(motion.tip - drawn).max() < 1e-12
     assert np.ptp(motion.tip[:, 0]) > 0.01
     rates = (motion.tip[2:] - motion.tip[:-2]) / (motion.t[2:] - motion.t[:-2])[:, None]

@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 
 import pipedyn as pp
 from pipedyn import plot
-from pipedyn.accuracy.choose import measured
+from pipedyn.accuracy.choose import measure_model
 from pipedyn.accuracy.convergence import FAMILIES
 from pipedyn.accuracy.quantities import (
     CriticalSpeedOf,
@@ -26,7 +26,7 @@ from pipedyn.accuracy.quantities import (
     RootLociOver,
 )
 from pipedyn.orbits.periodic_orbit import ORBIT_STAGES
-from pipedyn.util.counters import TookTooLong, counted, limited
+from pipedyn.util.counters import TookTooLong, count_work, time_limit
 
 PIPE = pp.Pipe(0.2)
 DAMPED = pp.Pipe(0.2, damping=1e-3)
@@ -225,7 +225,7 @@ def test_a_start_that_does_not_move_is_refused(ask):
 @pytest.mark.parametrize("method", ["scipy:LSODA", "scipy:Radau"])
 def test_an_implicit_motion_counts_its_factorisations(method):
     chain = pp.Chain(pp.Pipe(0.2, damping=0.1), 6)
-    with counted() as counters:
+    with count_work() as counters:
         pp.simulate(*(chain, 6.0, 1.0, lambda s: 0.05 * s**2), method=method, rtol=1e-8, atol=1e-10)
     start = np.concatenate([chain.bent(lambda s: 0.05 * s**2), np.zeros(6)])
     peer = solve_ivp(
@@ -241,24 +241,24 @@ def test_an_implicit_motion_counts_its_factorisations(method):
 def test_a_row_has_the_counts_of_one_answer():
     family, asked = FAMILIES["legendre"], CriticalSpeedOf()
     reference = asked.reference(PIPE, 1e-6)
-    row = measured(PIPE, asked, family, 6, reference, 3)
-    with counted() as counters:
+    row = measure_model(PIPE, asked, family, 6, reference, 3)
+    with count_work() as counters:
         asked.answer(family.make(PIPE, 6))
     assert row.factorisations == counters.factorisations > 10
     assert row.right_hand_sides == 0
 
 
 def test_motions_cycles_and_eigenvalue_problems_count_what_they_do():
-    with counted() as counters:
+    with count_work() as counters:
         motion = pp.simulate(pp.Chain(DAMPED, 6), 6.0, 1.0, lambda s: 0.05 * s**2, method="dop853")
     assert counters.right_hand_sides == motion.evaluations
     assert counters.factorisations == 0
-    with counted() as counters:
+    with count_work() as counters:
         cycle = pp.limit_cycle(pp.Galerkin(DAMPED, 3, "legendre"), 6.0)
     assert counters.right_hand_sides >= cycle.evaluations
     assert counters.factorisations > cycle.phases / ORBIT_STAGES  # each interval's, at least
-    with counted() as outer:
-        with counted() as inner:
+    with count_work() as outer:
+        with count_work() as inner:
             pp.eigenvalues(pp.Galerkin(PIPE, 6), 3.0)
         pp.eigenvalues(pp.Galerkin(PIPE, 6), 3.0)
     assert inner.factorisations == outer.factorisations == 2
@@ -374,8 +374,8 @@ def test_a_reference_that_no_larger_model_confirms_is_refused():
 @pytest.mark.parametrize("method", ["dop853", "scipy:LSODA"])
 def test_a_computation_ends_with_its_time(method):
     chain = pp.Chain(pp.Pipe(0.2, damping=1e-3), 20)
-    with pytest.raises(TookTooLong, match=r"more than 0\.1 s"), limited(60.0), limited(0.1):
+    with pytest.raises(TookTooLong, match=r"more than 0\.1 s"), time_limit(60.0), time_limit(0.1):
         pp.simulate(chain, 6.0, 1e3, 0.1 * np.ones(20), samples=2, method=method)
-    with pytest.raises(TookTooLong), limited(0.01):
+    with pytest.raises(TookTooLong), time_limit(0.01):
         pp.limit_cycle(pp.Galerkin(pp.Pipe(0.2), 16, "legendre"), 6.0)
     pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 2), 6.0)

@@ -48,7 +48,7 @@ Lapack found_lapack() {
 
 /// An object that Python keeps alive.
 template <class Kept>
-std::shared_ptr<const Kept> kept_elsewhere(const Kept& one) {
+std::shared_ptr<const Kept> unowned(const Kept& one) {
   return {std::shared_ptr<const Kept>(), &one};
 }
 
@@ -56,11 +56,11 @@ std::shared_ptr<const Kept> kept_elsewhere(const Kept& one) {
 /// by a signal or by an exception of the function that counts.
 class Report {
  public:
-  Report(std::shared_ptr<Spectrum> spectrum, const py::object& factorised)
-      : spectrum_(std::move(spectrum)), factorised_(factorised) {}
+  Report(std::shared_ptr<Spectrum> spectrum, const py::object& count_work)
+      : spectrum_(std::move(spectrum)), count_work_(count_work) {}
 
   /// Reports the work of one search of many, and begins the next.
-  void go_on(std::shared_ptr<Spectrum> next) {
+  void next_search(std::shared_ptr<Spectrum> next) {
     done_ += spectrum_->factorisations();
     spectrum_ = std::move(next);
   }
@@ -70,18 +70,18 @@ class Report {
     if (now - last_ < std::chrono::milliseconds(20)) return;
     last_ = now;
     const py::gil_scoped_acquire locked;
-    tell();
+    send();
   }
 
-  void tell() {
-    factorised_(std::exchange(done_, 0) + spectrum_->factorisations());
+  void send() {
+    count_work_(std::exchange(done_, 0) + spectrum_->factorisations());
     if (PyErr_CheckSignals() != 0) throw py::error_already_set();
   }
 
  private:
   std::shared_ptr<Spectrum> spectrum_;
   int done_ = 0;
-  const py::object& factorised_;
+  const py::object& count_work_;
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
 
@@ -168,8 +168,8 @@ void define_linear(py::module_& m) {
       .def(
           "root_loci",
           [](const std::shared_ptr<Spectrum>& spectrum, const std::vector<double>& speeds,
-             Index count, Index taken, const py::object& factorised, const py::object& row_done) {
-            Report report(spectrum, factorised);
+             Index count, Index roots, const py::object& count_work, const py::object& row_done) {
+            Report report(spectrum, count_work);
             Index counted = 1;  // the first speed is where tracking starts
             const auto sampled = [&](Index rows) {
               report();
@@ -180,12 +180,12 @@ void define_linear(py::module_& m) {
             std::optional<RootLoci> found;
             {
               const py::gil_scoped_release unlocked;
-              found = root_loci(*spectrum, speeds, count, taken, sampled);
+              found = root_loci(*spectrum, speeds, count, roots, sampled);
             }
-            report.tell();
+            report.send();
             return found;
           },
-          "speeds"_a, "count"_a, "taken"_a, "factorised"_a, "row_done"_a = py::none())
+          "speeds"_a, "count"_a, "roots"_a, "count_work"_a, "row_done"_a = py::none())
       .def("set_without_loss", &Spectrum::set_without_loss, "other"_a)
       .def("factorisations", &Spectrum::factorisations);
 
@@ -196,21 +196,21 @@ void define_linear(py::module_& m) {
   m.def(
       "crossings",
       [](const std::vector<std::shared_ptr<Spectrum>>& spectra, const std::vector<Range>& ranges,
-         const py::object& factorised) {
+         const py::object& count_work) {
         std::vector<Sweep> found;
         if (spectra.empty()) return found;
-        Report report(spectra[0], factorised);
+        Report report(spectra[0], count_work);
         {
           const py::gil_scoped_release unlocked;
           for (std::size_t i = 0; i < spectra.size(); ++i) {
-            report.go_on(spectra[i]);
+            report.next_search(spectra[i]);
             found.push_back(crossings(*spectra[i], ranges.at(i), std::ref(report)));
           }
         }
-        report.tell();
+        report.send();
         return found;
       },
-      "spectra"_a, "ranges"_a, "factorised"_a);
+      "spectra"_a, "ranges"_a, "count_work"_a);
 
   py::class_<PanelPencil, std::shared_ptr<PanelPencil>>(m, "PanelPencil")
       .def(py::init([](const Galerkin& model) {
@@ -261,25 +261,25 @@ void define_linear(py::module_& m) {
   py::class_<Complement>(m, "Complement")
       .def_property_readonly("dof", &Complement::dof)
       .def(py::init<Matrix>(), "columns"_a)
-      .def("spread", &Complement::spread, "z"_a)
-      .def("gathered", &Complement::gathered, "x"_a);
+      .def("lifted", &Complement::lifted, "z"_a)
+      .def("projected", &Complement::projected, "x"_a);
   // The spectrum refers to chain and complement, which Python keeps alive as long as it lives.
   py::class_<Structured, Eigenproblem, std::shared_ptr<Structured>>(m, "Structured")
       .def(py::init([](const Traits& traits, const Chain& chain, const Complement& complement,
                        const Vector& scale, double size) {
              const auto of = std::make_shared<const ChainDeterminant>(
-                 kept_elsewhere(chain), kept_elsewhere(complement), scipy_lapack(), scale);
+                 unowned(chain), unowned(complement), scipy_lapack(), scale);
              return std::make_shared<Structured>(traits, of, size);
            }),
            "traits"_a, "chain"_a, "complement"_a, "scale"_a, "size"_a, py::keep_alive<1, 3>(),
            py::keep_alive<1, 4>())
       .def(py::init([](const Traits& traits, std::shared_ptr<PanelPencil> pencil,
-                       const Matrix& spread, const Matrix& gathered, double size) {
+                       const Matrix& lift, const Matrix& projection, double size) {
              const auto of = std::make_shared<const PanelDeterminant>(
-                 std::move(pencil), scipy_lapack(), spread, gathered);
+                 std::move(pencil), scipy_lapack(), lift, projection);
              return std::make_shared<Structured>(traits, of, size);
            }),
-           "traits"_a, "pencil"_a, "spread"_a, "gathered"_a, "size"_a)
+           "traits"_a, "pencil"_a, "lift"_a, "projection"_a, "size"_a)
       .def(
           "log_derivatives",
           [](const Structured& of, double u, const Values& at) {

@@ -22,40 +22,40 @@ namespace {
 /// (s, s) of second integrals, as in collocation.hpp.
 using Weights = std::tuple<Numbers, Numbers, Numbers>;
 
-GivenMatrix table(const char* name, const Numbers& of, Index rows, Index columns) {
-  require_size(name, of, rows * columns);
-  return {of.data(), rows, columns};
+GivenMatrix matrix(const char* name, const Numbers& values, Index rows, Index columns) {
+  require_size(name, values, rows * columns);
+  return {values.data(), rows, columns};
 }
 
-py::typing::Tuple<Numbers, Numbers> eliminated(const Numbers& durations, const Numbers& starts,
-                                               const Numbers& rates, const Numbers& linearised,
-                                               const std::optional<Numbers>& by_frequency,
-                                               bool speed_varies, double frequency,
-                                               const Weights& weights, double mirror,
-                                               const std::optional<Numbers>& units) {
+py::typing::Tuple<Numbers, Numbers> condense(const Numbers& durations, const Numbers& starts,
+                                             const Numbers& rates, const Numbers& linearised,
+                                             const std::optional<Numbers>& by_frequency,
+                                             bool speed_varies, double frequency,
+                                             const Weights& weights, double mirror_sign,
+                                             const std::optional<Numbers>& units) {
   if (rates.ndim() != 3) {
     throw py::value_error("rates must have shape (M, s, n / 2), got " + shape_of(rates));
   }
-  const auto& [nodes, once, twice] = weights;
+  const auto& [nodes, single, twofold] = weights;
   const Index count = rates.shape(0), stages = rates.shape(1), half = rates.shape(2);
   const Index n = 2 * half, size = stages * half;
   const GivenMatrix none(nullptr, 0, 0);
   const Intervals intervals{
       .stages = stages,
       .half = half,
-      .durations = table("durations", durations, count, 1),
-      .starts = table("starts", starts, count, n),
+      .durations = matrix("durations", durations, count, 1),
+      .starts = matrix("starts", starts, count, n),
       .rates = {rates.data(), count * stages, half},
-      .linearised = table("linearised", linearised, count * stages * (2 + n), n),
+      .linearised = matrix("linearised", linearised, count * stages * (2 + n), n),
       .by_frequency =
-          by_frequency ? table("by_frequency", *by_frequency, half, count * stages) : none,
+          by_frequency ? matrix("by_frequency", *by_frequency, half, count * stages) : none,
       .speed_varies = speed_varies,
       .frequency = frequency,
-      .nodes = table("nodes", nodes, stages, 1),
-      .once = table("once", once, stages, stages),
-      .twice = table("twice", twice, stages, stages),
-      .mirror = mirror,
-      .units = units ? table("units", *units, n, 1) : none,
+      .nodes = matrix("nodes", nodes, stages, 1),
+      .single = matrix("single", single, stages, stages),
+      .twofold = matrix("twofold", twofold, stages, stages),
+      .mirror_sign = mirror_sign,
+      .units = units ? matrix("units", *units, n, 1) : none,
   };
   Numbers by(std::vector<py::ssize_t>{count, size, n + 3});
   Numbers ends(std::vector<py::ssize_t>{count, n, n + 3});
@@ -84,7 +84,7 @@ py::typing::Tuple<Numbers, Numbers> eliminated(const Numbers& durations, const N
   return py::make_tuple(by, ends);
 }
 
-py::typing::Tuple<Numbers, std::vector<Index>> carried(const Numbers& maps, double most) {
+py::typing::Tuple<Numbers, std::vector<Index>> map_products(const Numbers& maps, double most) {
   if (maps.ndim() != 3 || maps.shape(2) < maps.shape(1) || maps.shape(0) == 0) {
     throw py::value_error("maps must have shape (M, n, n + k), got " + shape_of(maps));
   }
@@ -94,23 +94,23 @@ py::typing::Tuple<Numbers, std::vector<Index>> carried(const Numbers& maps, doub
   std::vector<Index> begins;
   {
     const py::gil_scoped_release unlocked;
-    begins = carry_maps(maps.data(), count, n, columns, most, to);
+    begins = multiply_maps(maps.data(), count, n, columns, most, to);
   }
   return py::make_tuple(whole, begins);
 }
 
 Numbers states_of(const Numbers& edges, const Numbers& starts, const Numbers& rates,
-                  double frequency, double mirror, const Numbers& once, const Numbers& twice,
-                  const Vector& phases) {
-  const Index count = edges.size() - 1, stages = once.size() / std::max<Index>(once.shape(0), 1);
-  const Index half = rates.size() / std::max<Index>(count * stages, 1);
-  const Polynomials orbit{.edges = table("edges", edges, count + 1, 1),
-                          .starts = table("starts", starts, count, 2 * half),
-                          .rates = table("rates", rates, count * stages, half),
+                  double frequency, double mirror_sign, const Numbers& single,
+                  const Numbers& twofold, const Vector& phases) {
+  const Index stages = single.size() / std::max<Index>(single.shape(0), 1);
+  const Index count = edges.size() - 1, half = rates.size() / std::max<Index>(count * stages, 1);
+  const Polynomials orbit{.edges = matrix("edges", edges, count + 1, 1),
+                          .starts = matrix("starts", starts, count, 2 * half),
+                          .rates = matrix("rates", rates, count * stages, half),
                           .frequency = frequency,
-                          .mirror = mirror,
-                          .once = table("once", once, stages + 1, stages),
-                          .twice = table("twice", twice, stages + 2, stages)};
+                          .mirror_sign = mirror_sign,
+                          .single = matrix("single", single, stages + 1, stages),
+                          .twofold = matrix("twofold", twofold, stages + 2, stages)};
   Numbers made = new_numbers(2 * half, phases.size(), false);
   double* const to = made.mutable_data();
   const py::gil_scoped_release unlocked;
@@ -121,12 +121,12 @@ Numbers states_of(const Numbers& edges, const Numbers& starts, const Numbers& ra
 }  // namespace
 
 void define_orbits(py::module_& m) {
-  m.def("eliminated", &eliminated, "durations"_a, "starts"_a, "rates"_a, "linearised"_a,
-        "by_frequency"_a, "speed_varies"_a, "frequency"_a, "weights"_a, "mirror"_a = 1.0,
+  m.def("condense", &condense, "durations"_a, "starts"_a, "rates"_a, "linearised"_a,
+        "by_frequency"_a, "speed_varies"_a, "frequency"_a, "weights"_a, "mirror_sign"_a = 1.0,
         "units"_a = py::none());
-  m.def("carried", &carried, "maps"_a, "most"_a);
-  m.def("orbit_states", &states_of, "edges"_a, "starts"_a, "rates"_a, "frequency"_a, "mirror"_a,
-        "once"_a, "twice"_a, "phases"_a);
+  m.def("map_products", &map_products, "maps"_a, "most"_a);
+  m.def("orbit_states", &states_of, "edges"_a, "starts"_a, "rates"_a, "frequency"_a,
+        "mirror_sign"_a, "single"_a, "twofold"_a, "phases"_a);
 }
 
 }  // namespace pipedyn

@@ -49,7 +49,9 @@ struct Pipe {
 
   double sqrt_beta() const { return std::sqrt(beta); }
   /// Whether the end keeps the direction of the axis.
-  bool is_guided() const { return end == End::guided || end == End::clamped; }
+  bool end_guided() const { return end == End::guided || end == End::clamped; }
+  /// Whether the end is held on the axis of the straight pipe.
+  bool end_held() const { return end == End::pinned || end == End::clamped; }
   /// The sign s of the flow: U = s u is the flow speed, positive towards the free end.
   double direction() const { return aspirating ? -1.0 : 1.0; }
   /// Thrust of the flow divided by u^2: its components along and across the free end.
@@ -95,20 +97,18 @@ struct LinearPart {
   double by_damping = 0.0, unsteady = 0.0;
 };
 
-/// Numbers that decide whether motions x grow, one entry a motion.
+/// The forms of Rayleigh's quotients that decide whether motions x grow, one entry a motion.
 ///   mass: x^H M x
 ///   gyroscopic: Im x^H C x
-///   resisted: Re x^H C x
-///   circulated: Im x^H K x
-///   lost: largest error that rounding may cause in omega resisted + circulated, with omega the
-///     motion's frequency
-struct Works {
-  Eigen::ArrayXd mass, gyroscopic, resisted, circulated, lost;
+///   dissipative: Re x^H C x
+///   circulatory: Im x^H K x
+///   error: largest error that rounding may cause in omega dissipative + circulatory, with omega
+///     the frequency of the motion
+struct Rayleigh {
+  Eigen::ArrayXd mass, gyroscopic, dissipative, circulatory, error;
 
-  explicit Works(Index count) {
-    for (Eigen::ArrayXd* const of : {&mass, &gyroscopic, &resisted, &circulated, &lost}) {
-      of->setZero(count);
-    }
+  explicit Rayleigh(Index count) {
+    mass = gyroscopic = dissipative = circulatory = error = Eigen::ArrayXd::Zero(count);
   }
 };
 

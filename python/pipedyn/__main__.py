@@ -26,7 +26,7 @@ from pipedyn import plot
 from pipedyn.models.chain import SPRING_RULES
 from pipedyn.models.galerkin import BASES
 from pipedyn.models.pipe import FLOWS, Pipe
-from pipedyn.paper.analysis import HIGHEST_SPEED, LEAST_HIGHEST, Findings, Options, gather
+from pipedyn.paper.analysis import HIGHEST_SPEED, LEAST_HIGHEST, Findings, Options, compute_findings
 from pipedyn.paper.report import FIGURES, HEADINGS, SI_HEADER, Draw, report, table
 from pipedyn.util import check
 from pipedyn.util.files import replacing
@@ -70,7 +70,7 @@ def add_pipe_options(parser: argparse.ArgumentParser) -> None:
     add("--flow", choices=FLOWS, default="ejecting", help=f"direction {usual}")
 
 
-def taken_pipe(given: dict[str, Any]) -> Pipe:
+def pop_pipe(given: dict[str, Any]) -> Pipe:
     """Makes the pipe from its options, and removes the options from `given`.
 
     Raises:
@@ -104,7 +104,7 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: error: {message}\n")
 
 
-def _parsed(arguments: Sequence[str] | None) -> Options:
+def _parse(arguments: Sequence[str] | None) -> Options:
     parser = _Parser(
         prog=PROGRAM,
         description="Modal analysis of a pipe conveying fluid: articulated chains, reduced models "
@@ -155,7 +155,7 @@ def _parsed(arguments: Sequence[str] | None) -> Options:
 
     given = vars(parser.parse_args(arguments))
     try:
-        pipe = taken_pipe(given)
+        pipe = pop_pipe(given)
         if given["highest"] is not None:
             unit = 1.0 if pipe.scales is None else pipe.scales.speed
             bounds: dict[str, Any] = {"low": 0.0, "high": HIGHEST_SPEED * unit, "open_low": True}
@@ -211,7 +211,7 @@ def save_figure(draw: Draw, case: Options, findings: Findings, path: Path) -> No
         draw(case, findings).savefig(path)
 
 
-def written(case: Options, findings: Findings, savers: dict[str, Saver]) -> list[Path]:
+def write_files(case: Options, findings: Findings, savers: dict[str, Saver]) -> list[Path]:
     """Writes files and returns their paths; failures are added to `findings.failures`."""
     paths = []
     for name, save in savers.items():
@@ -227,14 +227,14 @@ def written(case: Options, findings: Findings, savers: dict[str, Saver]) -> list
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command and returns its exit status."""
-    case = _parsed(arguments)
+    case = _parse(arguments)
     # Nine tenths of the time are spent in the core, which releases the lock of the interpreter. The
     # executor is not closed, so that Ctrl-C does not wait for its threads.
-    findings = gather(case, ThreadPoolExecutor(case.workers) if case.workers else None)
+    findings = compute_findings(case, ThreadPoolExecutor(case.workers) if case.workers else None)
     savers: dict[str, Saver] = {"critical-speeds.csv": save_table}
     for name, draw in FIGURES.items():
         savers[f"{name}.{case.format}"] = partial(save_figure, draw)
-    paths = written(case, findings, savers)
+    paths = write_files(case, findings, savers)
     try:
         print(report(case, findings))
         print("\nWritten: " + ", ".join(map(str, paths)), flush=True)

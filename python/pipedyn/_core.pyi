@@ -34,11 +34,11 @@ __all__: list[str] = [
     "Sweep",
     "Traits",
     "Truncated",
-    "carried",
+    "condense",
     "crossings",
     "dense_limit",
-    "eliminated",
     "is_felt_by_small_motions",
+    "map_products",
     "orbit_states",
     "rounding",
     "set_vector_level",
@@ -317,8 +317,8 @@ class Spectrum:
         self,
         speeds: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
         count: typing.SupportsInt | typing.SupportsIndex,
-        taken: typing.SupportsInt | typing.SupportsIndex,
-        factorised: typing.Any,
+        roots: typing.SupportsInt | typing.SupportsIndex,
+        count_work: typing.Any,
         row_done: typing.Any = None,
     ) -> RootLoci | None: ...
     def set_without_loss(self, other: Spectrum) -> None: ...
@@ -393,11 +393,11 @@ class Complement:
     def __init__(
         self, columns: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> None: ...
-    def gathered(
-        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
-    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
-    def spread(
+    def lifted(
         self, z: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    def projected(
+        self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     @property
     def dof(self) -> int: ...
@@ -417,8 +417,8 @@ class Structured(Eigenproblem):
         self,
         traits: Traits,
         pencil: PanelPencil,
-        spread: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
-        gathered: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        lift: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        projection: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
         size: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
     def log_derivatives(
@@ -576,16 +576,7 @@ class Integrator:
     @property
     def members(self) -> list[Member]: ...
 
-def carried(
-    maps: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-    most: typing.SupportsFloat | typing.SupportsIndex,
-) -> tuple[numpy.typing.NDArray[numpy.float64], list[int]]: ...
-def crossings(
-    spectra: collections.abc.Sequence[Spectrum],
-    ranges: collections.abc.Sequence[Range],
-    factorised: typing.Any,
-) -> list[Sweep]: ...
-def eliminated(
+def condense(
     durations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     rates: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
@@ -598,18 +589,27 @@ def eliminated(
         typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
         typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     ],
-    mirror: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+    mirror_sign: typing.SupportsFloat | typing.SupportsIndex = 1.0,
     units: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None,
 ) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
+def crossings(
+    spectra: collections.abc.Sequence[Spectrum],
+    ranges: collections.abc.Sequence[Range],
+    count_work: typing.Any,
+) -> list[Sweep]: ...
 def is_felt_by_small_motions(law: str) -> bool: ...
+def map_products(
+    maps: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    most: typing.SupportsFloat | typing.SupportsIndex,
+) -> tuple[numpy.typing.NDArray[numpy.float64], list[int]]: ...
 def orbit_states(
     edges: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     rates: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     frequency: typing.SupportsFloat | typing.SupportsIndex,
-    mirror: typing.SupportsFloat | typing.SupportsIndex,
-    once: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-    twice: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    mirror_sign: typing.SupportsFloat | typing.SupportsIndex,
+    single: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    twofold: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     phases: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
 ) -> numpy.typing.NDArray[numpy.float64]: ...
 def rounding(

@@ -54,8 +54,8 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import clock
 from pipedyn.util.errors import PipedynError
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.parallel import one_thread, parallel, track, watched
-from pipedyn.util.result import TableResult, joined
+from pipedyn.util.parallel import one_thread, parallel, progress_visible, track
+from pipedyn.util.result import TableResult, join_tables
 
 MOST_MOTIONS = 100_000
 """Largest number of motions of one call: an hour at 30 ms each."""
@@ -127,7 +127,7 @@ class BifurcationDiagram(TableResult):
         ]
         kinds = ["equilibrium"] * len(self.equilibria) + ["cycle"] * len(self.cycles)
         branches = [dict(zip(names, table, strict=True)) for table in tables]
-        return joined(branches, branch=range(len(kinds)), kind=kinds)
+        return join_tables(branches, branch=range(len(kinds)), kind=kinds)
 
 
 def bifurcation_diagram(
@@ -218,7 +218,7 @@ def bifurcation_diagram(
     branches = equilibrium_branches(model, at, failed, shown)
     steps_shown = shown and executor is None  # other processes write over one another
     options = BranchOptions(at, of_motions.rtol, steps, shown=steps_shown)
-    if shown and watched():
+    if shown and progress_visible():
         seconds = clock() - begun + _seconds_left(model, branches, options, starts, of_motions)
         print(f"bifurcation diagram: about {seconds:.2g} s on one thread", file=sys.stderr)
     found = _Cycles(model, options, failed)
@@ -332,7 +332,7 @@ def _cases(
     cases = list[Case]()
     with one_thread(model.dof):
         for u in speeds.tolist():
-            passing = [_passing(branch, u) for branch in equilibria]
+            passing = [_branch_coordinates(branch, u) for branch in equilibria]
             q = np.concatenate([np.empty((0, model.coordinates)), *passing])
             guesses = model.from_user(q, np.zeros_like(q))[:, : model.integrated]
             drive, found = Excitation(u), equilibria_near(model, guesses, u)
@@ -343,7 +343,7 @@ def _cases(
             nearest = (min(b.cycles, key=lambda one: abs(one.u - u)) for b in cycles)
             near = (one for one in nearest if 0.0 < abs(one.u - u) <= NEAR_BRANCH * u)
             begins = dict(enumerate(starts))
-            begins |= {-1 - k: _off(model, one) for k, one in enumerate(near)}
+            begins |= {-1 - k: _start_near(model, one) for k, one in enumerate(near)}
             cases.append(Case(model, drive, kept_apart(found), begins))
     return cases
 
@@ -376,13 +376,13 @@ def motions_at(
     return tuple(found), reached
 
 
-def _off(model: Model, one: LimitCycle) -> Array:
+def _start_near(model: Model, one: LimitCycle) -> Array:
     """A start a hundredth away from a cycle, maybe unstable: rows p and p', (2, integrated)."""
     p, rates = np.split(np.asarray(model.initial_state(one.q[0], one.qdot[0])), 2)
     return np.stack(model.onto_constraints(1.01 * p, rates))
 
 
-def _passing(branch: EquilibriumBranch, u: float) -> Array:
+def _branch_coordinates(branch: EquilibriumBranch, u: float) -> Array:
     """Coordinates where a branch passes a speed, by linear interpolation, (k, coordinates)."""
     before, after = branch.speeds[:-1], branch.speeds[1:]
     within = np.flatnonzero((before - u) * (after - u) <= 0.0)

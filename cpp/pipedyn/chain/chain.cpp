@@ -124,7 +124,7 @@ Operators operators_by(const Part& part, Index dof, double direction) {
 Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::move(segments)) {
   auto& [l, chi, eta, spring, xi, base, damping, rest_moment, mass] = segments_;
   const Index n = dof();
-  const Index joints = n + (pipe_.is_guided() ? 1 : 0);
+  const Index joints = n + (pipe_.end_guided() ? 1 : 0);
   damped_springs_ = spring;
   if (damping.size() == 0) damping = pipe_.damping * spring;
   if (rest_moment.size() == 0) rest_moment = Vector::Zero(n);
@@ -134,7 +134,7 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
     throw std::invalid_argument("segments must have one entry a segment in every array" +
                                 std::string(joints > n ? ", and one more joint" : ""));
   }
-  if (pipe_.is_guided()) {
+  if (pipe_.end_guided()) {
     end_spring_ = spring[n];
     end_damping_ = damping[n];
     for (Vector* const of : {&spring, &damping, &damped_springs_}) of->conservativeResize(n);
@@ -211,16 +211,16 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
 void Chain::linearise() {
   const Index n = dof();
   const std::vector<LoadMoments<double>> sums = loads_at(model(), Vector::Zero(n));
-  const std::pair<LinearPart, double ImpedanceParts::*> parts[] = {
-      {{.stiffness = 1.0}, &ImpedanceParts::stiffness},
-      {{.damping = 1.0}, &ImpedanceParts::damping},
-      {{.mass = 1.0}, &ImpedanceParts::mass}};
+  const std::pair<LinearPart, double StiffnessParts::*> parts[] = {
+      {{.stiffness = 1.0}, &StiffnessParts::stiffness},
+      {{.damping = 1.0}, &StiffnessParts::damping},
+      {{.mass = 1.0}, &StiffnessParts::mass}};
   double tension = 0.0;  // sum of the loads along the pipe beyond the segment
-  impedances_.assign(static_cast<std::size_t>(n), {});
+  dynamic_stiffnesses_.assign(static_cast<std::size_t>(n), {});
   for (Index j = n - 1; j >= 0; --j) {
     const Link& link = this->link(j);
     const auto* const loads = sums.empty() ? nullptr : &sums[static_cast<std::size_t>(j)];
-    ImpedanceSegment& made = impedances_[static_cast<std::size_t>(j)];
+    StiffnessSegment& made = dynamic_stiffnesses_[static_cast<std::size_t>(j)];
     made.length = link.length;
     made.joint = {link.spring, link.damping, 0.0};
     made.joint_hysteresis = pipe_.hysteresis * damped_springs_[j];
@@ -249,12 +249,12 @@ void Chain::linearise() {
       made.moment_size += made.moment_hysteresis;
     }
     made.loaded = made.moment.damping != 0.0 || made.moment_hysteresis != 0.0;
-    for (const ImpedanceParts* const part : {&made.force, &made.across, &made.turned}) {
+    for (const StiffnessParts* const part : {&made.force, &made.across, &made.turned}) {
       made.loaded = made.loaded || part->damping != 0.0 || part->stiffness != 0.0;
     }
   }
-  for (std::size_t j = 1; j < impedances_.size(); ++j) {
-    impedances_[j - 1].repeats = impedances_[j - 1] == impedances_[j];
+  for (std::size_t j = 1; j < dynamic_stiffnesses_.size(); ++j) {
+    dynamic_stiffnesses_[j - 1].repeats = dynamic_stiffnesses_[j - 1] == dynamic_stiffnesses_[j];
   }
 }
 
@@ -307,7 +307,7 @@ Chain Chain::coarser(Index segments) const {
   joined.mass = Vector::Zero(groups);
   // Coefficients of 1 / (k + c lambda) = compliance - loss lambda of each joint of the coarser
   // chain, the joint of a guided end among them.
-  const bool guided = pipe_.is_guided();
+  const bool guided = pipe_.end_guided();
   Vector compliance = Vector::Zero(groups + (guided ? 1 : 0)), loss = compliance;
   const auto add_joint = [&](Index to, double softness, double own) {
     compliance[to] += softness;
@@ -390,7 +390,7 @@ Vector Chain::joint_factors(const LinearPart& part) const {
 Matrix Chain::moments(const Matrix& x, const LinearPart& part, const Vector& angles) const {
   const Index n = dof(), columns = x.cols();
   const std::vector<LoadMoments<double>> sums = loads_at(model(), angles);
-  const bool loaded = !sums.empty(), guided = pipe_.is_guided();
+  const bool loaded = !sums.empty(), guided = pipe_.end_guided();
   const double flow = pipe_.sqrt_beta() * pipe_.direction();
   const double entry = part.velocity * pipe_.entry(), push = part.unsteady * flow;
   const auto along = [&](double angle) { return Plane<double>{std::sin(angle), std::cos(angle)}; };
@@ -473,7 +473,7 @@ Matrix Chain::bodies() const {
 
 Matrix Chain::joints() const {
   const Index n = dof();
-  Matrix out = Matrix::Zero(n + (pipe_.is_guided() ? 1 : 0), 3);
+  Matrix out = Matrix::Zero(n + (pipe_.end_guided() ? 1 : 0), 3);
   out.topRows(n) << segments_.spring, segments_.damping, segments_.rest_moment;
   if (out.rows() > n) out.row(n) << end_spring_, end_damping_, 0.0;
   return out;
@@ -481,7 +481,7 @@ Matrix Chain::joints() const {
 
 ChainModel Chain::model() const {
   return {.links = links_.data(),
-          .impedances = impedances_.data(),
+          .dynamic_stiffnesses = dynamic_stiffnesses_.data(),
           .size = dof(),
           .base = segments_.base,
           .gravity = pipe_.gamma,
@@ -489,7 +489,7 @@ ChainModel Chain::model() const {
           .entry = pipe_.entry(),
           .thrust = pipe_.thrust(),
           .bent = bent_,
-          .guided = pipe_.is_guided(),
+          .guided = pipe_.end_guided(),
           .end_spring = end_spring_,
           .end_damping = end_damping_,
           .drag = pipe_.drag != 0.0,

@@ -66,7 +66,7 @@
 #include <complex>
 #include <vector>
 
-#include "pipedyn/chain/impedance.hpp"
+#include "pipedyn/chain/dynamic_stiffness.hpp"
 #include "pipedyn/chain/motion.hpp"
 #include "pipedyn/pipe.hpp"
 #include "pipedyn/vector/levels.hpp"
@@ -118,7 +118,7 @@ class Chain {
   Chain without_forces() const;
 
   /// This chain with guides at the ends of the segments for which `held` (n) is true. The guides
-  /// act in the linear problem of impedance.hpp alone.
+  /// act in the linear problem of dynamic_stiffness.hpp alone.
   Chain guided(std::vector<bool> held) const;
 
   /// The segments with the masses of terms on them: columns mass, center, gyration_radius, and the
@@ -186,7 +186,7 @@ class Chain {
   bool bent_;               // whether any joint is bent at rest
   std::vector<Link> links_;
   std::vector<SegmentTerm> loads_;
-  std::vector<ImpedanceSegment> impedances_;  // about the straight pipe
+  std::vector<StiffnessSegment> dynamic_stiffnesses_;  // about the straight pipe
 
   const Link& link(Index j) const { return links_[static_cast<std::size_t>(j)]; }
   void linearise();

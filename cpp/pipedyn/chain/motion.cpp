@@ -19,7 +19,7 @@
 #include "pipedyn/chain/motion.hpp"
 
 #include "pipedyn/chain/derivative.hpp"
-#include "pipedyn/chain/impedance.hpp"
+#include "pipedyn/chain/dynamic_stiffness.hpp"
 #include "pipedyn/chain/shifted.hpp"
 #include "pipedyn/chain/sweeps.hpp"
 #include "pipedyn/galerkin/elimination.hpp"
@@ -182,7 +182,7 @@ const MotionKernel PIPEDYN_NAMED(motion) = {
     .correct_stages = ::correct_stages,
     .sincos = sincos,
     .galerkin = &PIPEDYN_NAMED(galerkin),
-    .impedance = &PIPEDYN_NAMED(impedance),
+    .dynamic_stiffness = &PIPEDYN_NAMED(stiffness),
     .elimination = &PIPEDYN_NAMED(elimination),
 };
 

@@ -41,21 +41,21 @@ struct SegmentTerm {
   Term term;
 };
 
-struct ImpedanceSegment;
+struct StiffnessSegment;
 
 /// Numbers of a chain and its pipe that the kernels read.
 struct ChainModel {
   const Link* links;
-  const ImpedanceSegment* impedances;  // of small motions about the straight chain
-  std::ptrdiff_t size;                 // n
-  double base;                         // length of the fixed part at the clamp
-  double gravity;                      // gamma
-  double coriolis;                     // sqrt(beta) s
-  double entry;                        // (1 - c) sqrt(beta) s
-  std::array<double, 2> thrust;        // a cos psi along and a sin psi across the last segment
-  bool bent;                           // whether a joint is bent at rest
-  bool guided;                         // whether the end keeps the direction of the axis
-  double end_spring;  // k and c of the joint between a guided end and the last segment
+  const StiffnessSegment* dynamic_stiffnesses;  // of small motions about the straight chain
+  std::ptrdiff_t size;                          // n
+  double base;                                  // length of the fixed part at the clamp
+  double gravity;                               // gamma
+  double coriolis;                              // sqrt(beta) s
+  double entry;                                 // (1 - c) sqrt(beta) s
+  std::array<double, 2> thrust;  // a cos psi along and a sin psi across the last segment
+  bool bent;                     // whether a joint is bent at rest
+  bool guided;                   // whether the end keeps the direction of the axis
+  double end_spring;             // k and c of the joint between a guided end and the last segment
   double end_damping;
   bool drag;                 // kappa > 0
   const SegmentTerm* loads;  // in their order from the clamp
@@ -86,7 +86,7 @@ struct Batch {
 };
 
 struct GalerkinKernel;
-struct ImpedanceKernel;
+struct StiffnessKernel;
 struct EliminationKernel;
 
 /// The functions of one vector level. They use the thread's scratch (vector/scratch.hpp).
@@ -133,9 +133,9 @@ struct MotionKernel {
   /// itself.
   void (*sincos)(const double* x, std::ptrdiff_t count, double* sine, double* cosine);
 
-  const GalerkinKernel* galerkin;        // motion of reduced models
-  const ImpedanceKernel* impedance;      // linear problem of chains
-  const EliminationKernel* elimination;  // linear problem of reduced models
+  const GalerkinKernel* galerkin;            // motion of reduced models
+  const StiffnessKernel* dynamic_stiffness;  // linear problem of chains
+  const EliminationKernel* elimination;      // linear problem of reduced models
 };
 
 extern const MotionKernel motion_baseline, motion_avx2, motion_avx512;

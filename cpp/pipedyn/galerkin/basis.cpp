@@ -36,8 +36,8 @@ Basis::Basis(Family family, Index m, const Vector& joints, Index more, const Pip
       size_(m),
       root_(held.root),
       turns_(held.root < std::numeric_limits<double>::infinity()),
-      directed_(held.end == End::guided || held.end == End::clamped),
-      held_across_(held.end == End::pinned || held.end == End::clamped),
+      end_guided_(held.end_guided()),
+      held_across_(held.end_held()),
       ends_(joints.size() + 2) {
   const bool beam = family == Family::beam;
   if (m < (beam && held_across_ ? 2 : 1)) {
@@ -98,7 +98,7 @@ void Basis::set_panels() {
   to_panels_ = Matrix::Zero(first + count, size_);
   by_number.bottomRightCorner(size_ - ahead(), size_ - ahead()).setIdentity();
   if (ahead() > 0) to_panels_(0, 0) = 1.0 / std::sqrt(std::max(root_, 1.0));
-  if (directed_) by_number.row(0).setZero();
+  if (end_guided_) by_number.row(0).setZero();
   // The curvatures of degree 0 turn the end by the square roots of the panels' lengths, which form
   // a unit vector: a Householder reflection maps it to one of them, so that the others do not turn
   // the end. This one is s^2 / 2 up to its sign, the sum of all of them with these coefficients.
@@ -112,7 +112,7 @@ void Basis::set_panels() {
     constant.push_back(next);
     for (const Index number : numbers) to_panels_.row(next++) = by_number.row(number);
   }
-  if (!directed_) return;
+  if (!end_guided_) return;
   const Matrix own = to_panels_(constant, Eigen::all);
   to_panels_(constant, Eigen::all) -=
       (2.0 / normal.squaredNorm() * normal) * (normal.transpose() * own);
@@ -153,7 +153,7 @@ Matrix Basis::evaluate(const Vector& s, int derivative) const {
   }
   if (family_ == Family::legendre) return evaluate_panels(s, derivative);
   if (!held_across_) return modes_.evaluate(s, derivative);
-  const EndShape shape(root_, directed_);
+  const EndShape shape(root_, end_guided_);
   const auto x = s.array();
   Matrix out(s.size(), size_);
   out.rightCols(size_ - 1) = modes_.evaluate(s, derivative);
@@ -167,7 +167,7 @@ Vector Basis::stiffness() const {
   Vector found = Vector::Ones(size_);
   if (family_ == Family::beam) {
     found.tail(modes_.stiffness().size()) = modes_.stiffness();
-    if (held_across_) found[0] = EndShape(root_, directed_).force;
+    if (held_across_) found[0] = EndShape(root_, end_guided_).force;
   } else if (ahead() > 0) {
     found[0] = std::min(root_, 1.0);
   }

@@ -86,14 +86,14 @@ class Basis {
   Matrix evaluate_panels(const Vector& s, int derivative) const;
   /// Number of Legendre functions that precede those on panels, and number of functions on panels
   /// that the conditions at the end remove.
-  Index ahead() const { return family_ == Family::legendre && turns_ && !directed_ ? 1 : 0; }
-  Index dropped() const { return family_ == Family::legendre && directed_ && !turns_ ? 1 : 0; }
+  Index ahead() const { return family_ == Family::legendre && turns_ && !end_guided_ ? 1 : 0; }
+  Index dropped() const { return family_ == Family::legendre && end_guided_ && !turns_ ? 1 : 0; }
 
   Family family_;
   Index size_;
   double root_;
-  bool turns_, directed_, held_across_;  // root turns; end held in direction; end held across
-  BeamModes modes_;                      // beam only
+  bool turns_, end_guided_, held_across_;  // root turns; end held in direction; end held across
+  BeamModes modes_;                        // beam only
   Vector ends_;
   std::vector<std::vector<Index>> numbers_;  // functions on each panel, by degree, counted from 0
   Matrix to_panels_;                         // converts amplitudes as `on_panels` does

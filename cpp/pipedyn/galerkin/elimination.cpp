@@ -122,8 +122,8 @@ inline DualLanes less_product(const DualLanes& x, const DualLanes& a, const Dual
 
 /// Factor by which another entry must be larger to be the pivot instead, far from panels' borders.
 /// Growth is bounded as it is if the largest entry is the pivot, and fewer rows are exchanged
-/// (Duff, Erisman and Reid 1986, ch. 5). Where panels join, the largest entry is taken: otherwise
-/// vectors lose four digits with three panels.
+/// (Duff, Erisman and Reid 1986, ch. 5). Where panels join, the largest entry is lanes_of:
+/// otherwise vectors lose four digits with three panels.
 constexpr double inner_threshold = 10.0;
 
 /// Exchanges two numbers in the lanes of a mask.
@@ -415,7 +415,7 @@ void log_derivative(const EliminationModel& model, const Points& points, double*
   DualLanes* const table =
       laid_out([&](Layout& layout) { return take_table<DualLanes>(layout, model); });
   for (Count first = 0; first < points.count; first += width) {
-    Elimination<DualLanes> elimination{model, {taken(points, first)}, table};
+    Elimination<DualLanes> elimination{model, {lanes_of(points, first)}, table};
     const PivotSums& found = elimination.found;
     elimination.found.multiplied = signs != nullptr;
     elimination.run(nullptr);
@@ -556,7 +556,7 @@ void pairs(const EliminationModel& model, const Points& points, const PairsAsked
   EliminationModel transposed = model;
   transposed.transposed = true;
   for (Count first = 0; first < points.count; first += width) {
-    const EntryPowers lambda{taken(points, first)};
+    const EntryPowers lambda{lanes_of(points, first)};
     null_vector(model, lambda, table, columns, kept, rights);
     null_vector(transposed, lambda, table, columns, kept, lefts);
     PairSums sum;

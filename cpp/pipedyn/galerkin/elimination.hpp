@@ -6,8 +6,8 @@
 // curvature (basis.hpp); all are 0 before the panel. With lengths in units of h and moments in
 // units of EI / h, their matrices are banded, and the elastic matrix is the identity. The part of
 // the pipe beyond the end of the panel moves with the displacement w and the slope theta there, and
-// resists by a force Q and a moment M. Its impedance would be infinite where that part has a root
-// of its own, so the elimination carries two equations from panel to panel instead:
+// resists by a force Q and a moment M. Its dynamic_stiffness would be infinite where that part has
+// a root of its own, so the elimination carries two equations from panel to panel instead:
 //   r_w w + r_theta theta + r_Q Q + r_M M = 0.
 // With these and the equations of the panel its functions are eliminated, those of highest degree
 // first, with threshold pivoting, and two equations remain at its start. The equation of each

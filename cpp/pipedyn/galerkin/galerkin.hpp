@@ -112,8 +112,7 @@ class Galerkin {
 
   /// Number of supports that hold the pipe across, x = 0, with the one at the end.
   Index supports() const {
-    return static_cast<Index>(pipe_.supports.size()) +
-           (pipe_.end == End::pinned || pipe_.end == End::clamped ? 1 : 0);
+    return static_cast<Index>(pipe_.supports.size()) + (pipe_.end_held() ? 1 : 0);
   }
   /// Rate k at which states that violate x = 0 at supports return to it; it is the same for scenes
   /// (modular).

@@ -140,7 +140,7 @@ Panels::Panels(const Basis& basis, const Pipe& pipe)
   for (const double support : pipe.supports) {
     held.push_back(std::lower_bound(places.begin(), places.end(), support) - places.begin() - 1);
   }
-  if (pipe.end == End::pinned || pipe.end == End::clamped) held.push_back(count() - 1);
+  if (pipe.end_held()) held.push_back(count() - 1);
   Matrix root = Matrix::Zero(basis.size(), basis.size());  // of a spring there
   if (pipe.root > 0.0 && pipe.root < std::numeric_limits<double>::infinity()) {
     const Vector slope = basis.evaluate(Vector::Zero(1), 1).row(0);

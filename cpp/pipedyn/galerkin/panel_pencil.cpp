@@ -124,10 +124,10 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
   for (Index p = 0; p < count; ++p) {
     const bool last = p + 1 == count;
     const Index own = static_cast<Index>(numbers[static_cast<std::size_t>(p)].size());
-    const bool held = (last && (pipe.end == End::pinned || pipe.end == End::clamped)) ||
+    const bool held = (last && pipe.end_held()) ||
                       std::count(pipe.supports.begin(), pipe.supports.end(), ends[p + 1]) > 0;
     panels_.push_back(
-        {ends[p + 1] - ends[p], own + 2, rows, nullptr, {}, held, last && pipe.is_guided()});
+        {ends[p + 1] - ends[p], own + 2, rows, nullptr, {}, held, last && pipe.end_guided()});
     rows += own + 4;
     size_ += own;
   }
@@ -339,7 +339,7 @@ Matrix PanelPencil::times(const Matrix& x, const LinearPart& of) const {
   return out;
 }
 
-Works PanelPencil::works(double u, const Reals& frequencies, const Matrix& x) const {
+Rayleigh PanelPencil::rayleigh(double u, const Reals& frequencies, const Matrix& x) const {
   const Index count = x.cols() / 2;
   const auto both = [&](const Eigen::RowVectorXd& columns) -> Reals {
     return (columns.head(count) + columns.tail(count)).transpose().array();
@@ -363,14 +363,14 @@ Works PanelPencil::works(double u, const Reals& frequencies, const Matrix& x) co
   const double thrust = pipe_.end_coefficient * u * u * std::cos(pipe_.jet_angle);
   const double lost_term = 4.0 * eps * std::sqrt(static_cast<double>(size_));
   const Reals omega = frequencies.abs();
-  Works sum(count);
+  Rayleigh sum(count);
   sum.mass = form(tables_[mass], z);
   sum.gyroscopic = u * skew(z, tables_[velocity] * z);
   const Reals strained = form(tables_[elastic], z), resisted = form(tables_[resistance], z);
   const Reals sizes = form(tables_[resistance].cwiseAbs(), z.cwiseAbs());
-  sum.resisted = pipe_.damping * strained + resisted;
-  sum.circulated = pipe_.hysteresis * strained;
-  sum.lost = lost_term * (omega * (pipe_.damping * strained + sizes) + pipe_.hysteresis * strained);
+  sum.dissipative = pipe_.damping * strained + resisted;
+  sum.circulatory = pipe_.hysteresis * strained;
+  sum.error = lost_term * (omega * (pipe_.damping * strained + sizes) + sum.circulatory);
   for (const EliminationPanel& panel : panels_) {
     if (panel.held) continue;
     // Work of follower loads comes from the skew part of the stiffness of a station.
@@ -383,11 +383,11 @@ Works PanelPencil::works(double u, const Reals& frequencies, const Matrix& x) co
     const Reals w = size(z.row(end)), theta = size(z.row(end + 1));
     const Reals lost_w = lost_term * size(bounds.row(end)),
                 lost_theta = lost_term * size(bounds.row(end + 1));
-    sum.resisted += moved * w.square();
-    sum.lost += std::abs(moved) * omega * (2.0 * w + lost_w) * lost_w;
+    sum.dissipative += moved * w.square();
+    sum.error += std::abs(moved) * omega * (2.0 * w + lost_w) * lost_w;
     if (panel.directed) continue;
-    sum.circulated += skewed * skew(z.row(end), z.row(end + 1));
-    sum.lost += std::abs(skewed) * ((theta + lost_theta) * lost_w + w * lost_theta);
+    sum.circulatory += skewed * skew(z.row(end), z.row(end + 1));
+    sum.error += std::abs(skewed) * ((theta + lost_theta) * lost_w + w * lost_theta);
   }
   return sum;
 }

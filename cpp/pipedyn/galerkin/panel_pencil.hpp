@@ -57,7 +57,7 @@ class PanelPencil {
   /// The work done in motions x with given frequencies, first the real parts of the motions and
   /// then the imaginary parts, (size, 2 r). The work of flow and of follower loads is evaluated at
   /// the ends of panels alone, where no difference of large numbers arises.
-  Works works(double u, const Eigen::ArrayXd& frequencies, const Matrix& x) const;
+  Rayleigh rayleigh(double u, const Eigen::ArrayXd& frequencies, const Matrix& x) const;
   /// Displacements at the ends of panels where the pipe is held across, and the slope at an end
   /// that keeps its direction, as rows by the coordinates: (conditions, size).
   Matrix held() const;

@@ -28,14 +28,14 @@ Complement::Complement(Matrix columns) : size_(columns.rows()), reflected_(colum
   }
 }
 
-Matrix Complement::spread(const Matrix& z) const {
+Matrix Complement::lifted(const Matrix& z) const {
   Matrix x = Matrix::Zero(size_, z.cols());
   x.bottomRows(dof()) = z;
   for (Index j = size_ - dof() - 1; j >= 0; --j) reflect(reflected_[j], j, x);
   return x;
 }
 
-Matrix Complement::gathered(Matrix x) const {
+Matrix Complement::projected(Matrix x) const {
   for (Index j = 0; j < size_ - dof(); ++j) reflect(reflected_[j], j, x);
   return x.bottomRows(dof());
 }

@@ -21,9 +21,9 @@ class Complement {
   Index dof() const { return size_ - static_cast<Index>(reflected_.size()); }
 
   /// Z z for coefficients z (dof, r).
-  Matrix spread(const Matrix& z) const;
+  Matrix lifted(const Matrix& z) const;
   /// Z^T x for vectors x (n, r).
-  Matrix gathered(Matrix x) const;
+  Matrix projected(Matrix x) const;
 
  private:
   Index size_;

@@ -15,7 +15,7 @@ bool is_known(double speed, double error) { return error <= largest_error * spee
 
 /// The root that a growing real root of the pipe without loss factor becomes with it: the nearest
 /// of the growing roots.
-Complex twin_of(Complex growing, const Values& values) {
+Complex nearest_growing(Complex growing, const Values& values) {
   Complex nearest(0.0, -1.0);
   double least = infinite;
   for (const Complex value : values) {
@@ -313,7 +313,7 @@ class Search {
     }
     int count = 0;
     for (const Complex value : growing) {
-      const Complex twin = twin_of(value, at.values);
+      const Complex twin = nearest_growing(value, at.values);
       const auto nearer = [=](Complex one) {
         return std::abs(one - twin) < std::abs(value - twin);
       };
@@ -366,7 +366,7 @@ class Search {
       if (possible && change != 0) found.push_back(of(*zero, change, modes_[least]));
     } else if (traits_.is_hysteretic() && step.shortest() && missed != 0 && missed % 2 == 0) {
       if (missed < 0) {
-        throw refusal(
+        throw not_converged(
             "a growing motion ceases to oscillate near u = %g, where a loss factor says nothing "
             "of it: a pipe with hysteresis is known up to where it loses stability",
             step.right->u);
@@ -381,7 +381,7 @@ class Search {
         *next = {0.0, next->value, next->change, next->mode, next->speed + next->error};
       }
       if ((next->speed > 0.0 || traits_.damped) && !is_known(next->speed, next->error)) {
-        throw refusal(
+        throw not_converged(
             "a crossing near u = %.6g is not known to three digits: rounding hides the "
             "eigenvalue's real part",
             next->speed);
@@ -398,8 +398,8 @@ class Search {
       found.erase(next);
     }
     if (unstable_count_ != unstable) {
-      throw refusal("%d unstable roots at u = %g, where the crossings found account for %d",
-                    unstable, step.right->u, unstable_count_);
+      throw not_converged("%d unstable roots at u = %g, where the crossings found account for %d",
+                          unstable, step.right->u, unstable_count_);
     }
     return true;
   }
@@ -575,7 +575,7 @@ class Search {
       std::optional<AxisCrossing> met;
       if (off_axis && traits_.conservative) met = meeting(step, one.root, one.rising ? 2 : -2);
       const bool at_rest = step.left->u == 0.0 && !traits_.damped;
-      AxisCrossing crossing = met ? *met : at_rest ? beyond_rest(step, one) : polished(step, one);
+      AxisCrossing crossing = met ? *met : at_rest ? near_rest(step, one) : by_newton(step, one);
       if (met || traits_.counts(crossing.pair.value)) found.push_back(std::move(crossing));
     }
     for (const Index i : scan.roots) {
@@ -600,7 +600,7 @@ class Search {
   /// damps it. The speed is halved until the root is on the other side of the axis. Where rounding
   /// hides the side below that speed, as for a pipe that aspirates fluid, the root leaves the axis
   /// at rest; this is known to a factor of 2 in speed.
-  AxisCrossing beyond_rest(const Step& step, const Scan::Predicted& predicted) {
+  AxisCrossing near_rest(const Step& step, const Scan::Predicted& predicted) {
     const Index root = predicted.root;
     const int change = predicted.rising ? 2 : -2;
     const auto there = [&](double u) { return spectrum_.refined(u, Pair{step.expected(root, u)}); };
@@ -632,7 +632,7 @@ class Search {
   }
 
   /// A crossing to within rounding, by Newton's method on the model itself.
-  AxisCrossing polished(const Step& step, const Scan::Predicted& predicted) {
+  AxisCrossing by_newton(const Step& step, const Scan::Predicted& predicted) {
     const Index root = predicted.root, mode = modes_[root];
     const int change = predicted.rising ? 2 : -2;
     const double at = step.left->u + predicted.at * step.length();
@@ -642,20 +642,20 @@ class Search {
     auto [u, pair] =
         newton(spectrum_, at, std::move(guess), step.left->u - slack, step.right->u + slack);
     // Newton's method has failed where its root is far from the one that the step predicts.
-    const auto astray = [&] {
+    const auto has_failed = [&] {
       const double tolerance = 1e-6 * (1.0 + std::abs(pair.value));
       const double off = std::abs(pair.value - step.expected(root, u));
       return (pair.slope.real() > 0.0) != predicted.rising ||
              off > 4.0 * step.error[root] + tolerance || std::abs(pair.value.real()) > tolerance ||
              !is_known(u, error_of(pair));
     };
-    if (astray()) {
+    if (has_failed()) {
       u = bisected(step, root);
       const SharedSample at = take(u);
       pair = spectrum_.refined(u, at->pair(nearest(*at, step.expected(root, u))[0]));
     }
     if (!pair.converged()) {
-      throw refusal(
+      throw not_converged(
           "the eigenvalue near %.6g%+.6gj that passes the axis at u = %g failed its residual check "
           "with %.1e",
           pair.value.real(), pair.value.imag(), u, pair.residual);

@@ -67,7 +67,7 @@ Pairs Determinant::pairs(double u, const Values& values, bool vectors, bool own,
   }
   if (vectors) {
     for (ComplexTable* const of : {&found.right, &found.left}) {
-      *of = mapped([this](const Matrix& x) { return gathered(x); }, *of);
+      *of = mapped([this](const Matrix& x) { return projected(x); }, *of);
     }
   }
   for (Index i = 0; i < count; ++i) {
@@ -93,8 +93,8 @@ Pairs Determinant::pairs(double u, const Values& values, bool vectors, bool own,
   return found;
 }
 
-ComplexTable Determinant::spread(const ComplexTable& x) const {
-  return mapped([this](const Matrix& part) { return spread(part); }, x);
+ComplexTable Determinant::lifted(const ComplexTable& x) const {
+  return mapped([this](const Matrix& part) { return lifted(part); }, x);
 }
 
 Values Determinant::inner(const ComplexTable& y, const ComplexTable& x,
@@ -104,7 +104,7 @@ Values Determinant::inner(const ComplexTable& y, const ComplexTable& x,
 }
 
 Forms Determinant::forms(const Pair& pair) const {
-  const ComplexTable x = spread(ComplexTable(pair.right)), y = spread(ComplexTable(pair.left));
+  const ComplexTable x = lifted(ComplexTable(pair.right)), y = lifted(ComplexTable(pair.left));
   const auto form = [&](const LinearPart& part) { return inner(y, x, part)[0]; };
   return Forms{.mass = form({.mass = 1.0}),
                .velocity = form({.velocity = 1.0}),
@@ -116,13 +116,13 @@ Forms Determinant::forms(const Pair& pair) const {
 }
 
 Values Determinant::by_lambda(double u, const Pairs& pairs) const {
-  const ComplexTable x = spread(pairs.right), y = spread(pairs.left);
+  const ComplexTable x = lifted(pairs.right), y = lifted(pairs.left);
   return 2.0 * pairs.values * inner(y, x, {.mass = 1.0}) +
          inner(y, x, {.damping = 1.0, .velocity = u});
 }
 
 Reals Determinant::quotients(double u, const ComplexTable& vectors) const {
-  const ComplexTable x = spread(vectors);
+  const ComplexTable x = lifted(vectors);
   return inner(x, x, {.stiffness = 1.0, .flux = thrust() * u * u}).real() /
          inner(x, x, {.mass = 1.0}).real();
 }
@@ -135,19 +135,19 @@ namespace {
 using Number = Dual<Complex, 1>;
 
 /// The pivots of P(0, u), whose product is its determinant, at a real or complex speed, the last
-/// segment's first. They are those of the recursion of chain/impedance.hpp at lambda =
+/// segment's first. They are those of the recursion of chain/dynamic_stiffness.hpp at lambda =
 /// `beside_zero`.
 std::vector<Number> static_pivots(const ChainModel& model, Complex speed) {
   std::vector<Number> pivots;
   pivots.reserve(model.size);
-  const auto near_zero = [](const ImpedanceParts& of) {
+  const auto near_zero = [](const StiffnessParts& of) {
     return of.stiffness + beside_zero * (of.damping + beside_zero * of.mass);
   };
   const Number u{speed, {1.0}}, thrust = model.thrust[0] * u * u;
   const Number coriolis = (model.coriolis * beside_zero) * u;
   Number a = (-model.entry * beside_zero) * u, b = model.guided ? -thrust : Number{}, c{}, d{};
   for (Index j = model.size - 1; j >= 0; --j) {
-    const ImpedanceSegment& at = model.impedances[j];
+    const StiffnessSegment& at = model.dynamic_stiffnesses[j];
     const double l = at.length, k = near_zero(at.joint);
     const Number moment = near_zero(at.moment) + l * l * coriolis, g = l * a + b;
     const Number turned = near_zero(at.turned) + 2.0 * l * coriolis;
@@ -203,8 +203,8 @@ Pencil ChainDeterminant::matrices(double stiffness_size) const {
     Matrix& of = made[k];
     if (of.size() == 0) continue;
     lost[k] = 4.0 * eps * static_cast<double>(held()) * of.norm();
-    const Matrix columns = complement_->gathered(of).transpose();
-    of = complement_->gathered(columns).transpose();
+    const Matrix columns = complement_->projected(of).transpose();
+    of = complement_->projected(columns).transpose();
   }
   return {lapack, std::move(made), chain_->pipe().end_coefficient, stiffness_size, lost};
 }
@@ -238,8 +238,8 @@ std::unique_ptr<Determinant> PanelDeterminant::coarser(Index size) const {
   auto coarse = std::make_shared<const PanelPencil>(pencil_->coarser(size));
   const Complement free(coarse->held().transpose());
   const Index dof = free.dof();
-  const Matrix spread = free.spread(Matrix::Identity(dof, dof));
-  return std::make_unique<PanelDeterminant>(std::move(coarse), lapack, spread, spread.transpose());
+  const Matrix lift = free.lifted(Matrix::Identity(dof, dof));
+  return std::make_unique<PanelDeterminant>(std::move(coarse), lapack, lift, lift.transpose());
 }
 
 const PanelPencil::At& PanelDeterminant::at(double u) const {
@@ -252,7 +252,7 @@ const PanelPencil::At& PanelDeterminant::at(double u) const {
 
 Pencil PanelDeterminant::matrices(double stiffness_size) const {
   const auto part = [&](const LinearPart& of) -> Matrix {
-    return spread_.transpose() * times(Matrix(spread_), of);
+    return lift_.transpose() * times(Matrix(lift_), of);
   };
   DenseOperator::Matrices made{part({.mass = 1.0}), part({.velocity = 1.0}), part({.damping = 1.0}),
                                part({.stiffness = 1.0}), part({.flux = 1.0})};
@@ -262,18 +262,18 @@ Pencil PanelDeterminant::matrices(double stiffness_size) const {
   for (std::size_t k = 0; held() > 0 && k < made.size(); ++k) {
     lost[k] = 4.0 * eps * static_cast<double>(held()) * made[k].norm();
   }
-  // Each entry is a sum over the nonzero entries of a column of `spread`.
-  std::vector<Index> entries(spread_.cols(), 0);
-  for (Index k = 0; k < spread_.nonZeros(); ++k) ++entries[spread_.innerIndexPtr()[k]];
+  // Each entry is a sum over the nonzero entries of a column of `lift`.
+  std::vector<Index> entries(lift_.cols(), 0);
+  for (Index k = 0; k < lift_.nonZeros(); ++k) ++entries[lift_.innerIndexPtr()[k]];
   const double summed = static_cast<double>(*std::ranges::max_element(entries));
   return {lapack, std::move(made), thrust(), stiffness_size, lost, summed * eps};
 }
 
-std::optional<Works> PanelDeterminant::works(double u, const Reals& frequencies,
-                                             const ComplexTable& vectors) const {
+std::optional<Rayleigh> PanelDeterminant::rayleigh(double u, const Reals& frequencies,
+                                                   const ComplexTable& vectors) const {
   Matrix parts(vectors.rows(), 2 * vectors.cols());
   parts << vectors.real(), vectors.imag();
-  return pencil_->works(u, frequencies, spread(parts));
+  return pencil_->rayleigh(u, frequencies, lifted(parts));
 }
 
 const EliminationModel& PanelDeterminant::stiffness() const {
@@ -292,8 +292,7 @@ StaticDeterminants PanelDeterminant::static_determinants(const Values& u) const 
 }
 
 int PanelDeterminant::negative_at_rest() const {
-  return negative_eigenvalues(lapack,
-                              spread_.transpose() * times(Matrix(spread_), {.stiffness = 1.0}));
+  return negative_eigenvalues(lapack, lift_.transpose() * times(Matrix(lift_), {.stiffness = 1.0}));
 }
 
 }  // namespace pipedyn

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
 // What a search for roots of a determinant needs of a model whose P(lambda, u) is eliminated along
-// the pipe, in O(dof) for each lambda. Two models have it: a chain (chain/impedance.hpp) and a
-// reduced model in Legendre curvatures (galerkin/elimination.hpp).
+// the pipe, in O(dof) for each lambda. Two models have it: a chain (chain/dynamic_stiffness.hpp)
+// and a reduced model in Legendre curvatures (galerkin/elimination.hpp).
 #pragma once
 
 #include <Eigen/SparseCore>
@@ -63,7 +63,9 @@ class Determinant {
   Values by_lambda(double u, const Pairs& pairs) const;
   /// Work on vectors (dof, r) that oscillate with some frequencies, if it is known without
   /// differences of nearly equal numbers.
-  virtual std::optional<Works> works(double, const Reals&, const ComplexTable&) const { return {}; }
+  virtual std::optional<Rayleigh> rayleigh(double, const Reals&, const ComplexTable&) const {
+    return {};
+  }
   /// Rayleigh quotients x^H K x / x^H M x of vectors (dof, r).
   Reals quotients(double u, const ComplexTable& vectors) const;
 
@@ -81,16 +83,16 @@ class Determinant {
   virtual void evaluate(const Points& points, double* out) const = 0;
   virtual void evaluate(const Points& points, const PairsAsked& out) const = 0;
   /// Takes vectors in the coordinates of the kernel, (size, r), to elastic coordinates.
-  virtual Matrix gathered(const Matrix& x) const = 0;
+  virtual Matrix projected(const Matrix& x) const = 0;
   /// Takes vectors in elastic coordinates, (dof, r), to the coordinates in which `times` knows
   /// products.
-  virtual Matrix spread(const Matrix& x) const = 0;
+  virtual Matrix lifted(const Matrix& x) const = 0;
   virtual Matrix times(const Matrix& x, const LinearPart& part) const = 0;
   /// Whether the coordinates of `times` are joint angles, where each joint has a spring of its own.
   virtual bool has_joints() const = 0;
 
  private:
-  ComplexTable spread(const ComplexTable& x) const;
+  ComplexTable lifted(const ComplexTable& x) const;
   /// y^H A x of each column of y and of x, in the coordinates of `times`.
   Values inner(const ComplexTable& y, const ComplexTable& x, const LinearPart& part) const;
 };
@@ -119,16 +121,16 @@ class ChainDeterminant : public Determinant {
 
  protected:
   void evaluate(const Points& points, double* out) const override {
-    motion_kernel().impedance->log_derivative(chain_->model(), points, out);
+    motion_kernel().dynamic_stiffness->log_derivative(chain_->model(), points, out);
   }
   void evaluate(const Points& points, const PairsAsked& out) const override {
-    motion_kernel().impedance->pairs(chain_->model(), points, out);
+    motion_kernel().dynamic_stiffness->pairs(chain_->model(), points, out);
   }
-  Matrix gathered(const Matrix& angles) const override {
-    return complement_->gathered(scale_.cwiseInverse().asDiagonal() * angles);
+  Matrix projected(const Matrix& angles) const override {
+    return complement_->projected(scale_.cwiseInverse().asDiagonal() * angles);
   }
-  Matrix spread(const Matrix& x) const override {
-    return scale_.asDiagonal() * complement_->spread(x);
+  Matrix lifted(const Matrix& x) const override {
+    return scale_.asDiagonal() * complement_->lifted(x);
   }
   Matrix times(const Matrix& x, const LinearPart& part) const override {
     return chain_->joint_times(x, part);
@@ -143,14 +145,14 @@ class ChainDeterminant : public Determinant {
 
 class PanelDeterminant : public Determinant {
  public:
-  /// spread: takes a model's elastic coordinates to those of the pencil, (size, dof); gathered:
+  /// lift: takes a model's elastic coordinates to those of the pencil, (size, dof); projection:
   /// takes those of the pencil back.
   PanelDeterminant(std::shared_ptr<const PanelPencil> pencil, const Lapack& known,
-                   const Matrix& spread, const Matrix& gathered)
+                   const Matrix& lift, const Matrix& projection)
       : Determinant(known),
         pencil_(std::move(pencil)),
-        spread_(spread.sparseView()),
-        gathered_(gathered.sparseView()) {}
+        lift_(lift.sparseView()),
+        projection_(projection.sparseView()) {}
 
   Index size() const override { return pencil_->size(); }
   Index held() const override { return pencil_->conditions(); }
@@ -162,8 +164,8 @@ class PanelDeterminant : public Determinant {
   double thrust() const override { return pencil_->pipe().end_coefficient; }
   StaticDeterminants static_determinants(const Values& u) const override;
   int negative_at_rest() const override;
-  std::optional<Works> works(double u, const Reals& frequencies,
-                             const ComplexTable& vectors) const override;
+  std::optional<Rayleigh> rayleigh(double u, const Reals& frequencies,
+                                   const ComplexTable& vectors) const override;
 
  protected:
   void evaluate(const Points& points, double* out) const override {
@@ -172,8 +174,8 @@ class PanelDeterminant : public Determinant {
   void evaluate(const Points& points, const PairsAsked& out) const override {
     motion_kernel().elimination->pairs(at(points.u).model, points, out);
   }
-  Matrix gathered(const Matrix& x) const override { return gathered_ * x; }
-  Matrix spread(const Matrix& x) const override { return spread_ * x; }
+  Matrix projected(const Matrix& x) const override { return projection_ * x; }
+  Matrix lifted(const Matrix& x) const override { return lift_ * x; }
   Matrix times(const Matrix& x, const LinearPart& part) const override {
     return pencil_->times(x, part);
   }
@@ -185,7 +187,7 @@ class PanelDeterminant : public Determinant {
   const EliminationModel& stiffness() const;
 
   std::shared_ptr<const PanelPencil> pencil_;
-  Eigen::SparseMatrix<double, Eigen::RowMajor> spread_, gathered_;  // most columns have one entry
+  Eigen::SparseMatrix<double, Eigen::RowMajor> lift_, projection_;  // most columns have one entry
   mutable double latest_speed_ = -1.0;
   mutable PanelPencil::At latest_;
   mutable std::optional<PanelPencil::At> static_;  // set when it is first asked for

@@ -55,18 +55,18 @@ constexpr double slope_rounding = 10.0;
 
 /// Whether a residual passes the check that allows all that rounding explains: for high modes this
 /// is enough where low ones matter.
-bool passable(Complex value, double residual) {
+bool is_nearly_converged(Complex value, double residual) {
   return residual <= tolerance + eps * std::norm(value);
 }
 
 bool is_good(const Pairs& pairs, Index i, bool high) {
-  return (high ? has_converged : passable)(pairs.values[i], pairs.residual[i]);
+  return (high ? has_converged : is_nearly_converged)(pairs.values[i], pairs.residual[i]);
 }
 
 bool is_finite(Complex value) { return std::isfinite(value.real()) && std::isfinite(value.imag()); }
 
 /// The largest residual, infinite where one is not a number.
-double worst(const Pairs& pairs) {
+double largest_residual_of(const Pairs& pairs) {
   double most = 0.0;
   for (const double residual : pairs.residual) {
     most = std::isnan(residual) ? infinite : std::max(most, residual);
@@ -118,7 +118,7 @@ Pair refine(const DenseOperator& p, const Pair& guess, int& steps) {
 }
 
 /// Work of an operator on vectors (dof, r) that oscillate with some frequencies.
-Works work_of(const DenseOperator& p, const Reals& frequencies, const ComplexTable& vectors) {
+Rayleigh forms_of(const DenseOperator& p, const Reals& frequencies, const ComplexTable& vectors) {
   // The parts of C and K that do work, and the sizes of the entries from whose rounding they
   // result.
   const DenseOperator parts = p.with(p.mass(), 0.5 * (p.velocity() + p.velocity().transpose()),
@@ -132,7 +132,7 @@ Works work_of(const DenseOperator& p, const Reals& frequencies, const ComplexTab
   const auto [same, resisting, circulatory] = parts.multiply(vectors);
   const ComplexTable lengths = vectors.cwiseAbs().cast<Complex>();
   const auto [none, velocity_sizes, stiffness_sizes] = sizes.multiply(lengths);
-  Works found(vectors.cols());
+  Rayleigh found(vectors.cols());
   for (Index i = 0; i < vectors.cols(); ++i) {
     const double omega = std::abs(frequencies[i]);
     const ComplexVector x = vectors.col(i).conjugate();
@@ -141,8 +141,8 @@ Works work_of(const DenseOperator& p, const Reals& frequencies, const ComplexTab
         x.cwiseProduct(p.is_hysteretic() ? stiffness.col(i) : circulatory.col(i));
     found.mass[i] = x.cwiseProduct(mass.col(i)).sum().real();
     found.gyroscopic[i] = x.cwiseProduct(velocity.col(i)).sum().imag();
-    found.resisted[i] = by_velocity.sum().real();
-    found.circulated[i] = by_place.sum().imag();
+    found.dissipative[i] = by_velocity.sum().real();
+    found.circulatory[i] = by_place.sum().imag();
     // Rounding of two sums of dof terms, and rounding of the matrices.
     const double sums = omega * by_velocity.cwiseAbs().sum() + by_place.cwiseAbs().sum();
     const double entries = lengths.col(i)
@@ -151,7 +151,7 @@ Works work_of(const DenseOperator& p, const Reals& frequencies, const ComplexTab
                                .sum();
     const double matrices = omega * p.lost.velocity + p.lost.stiffness;
     const double added = static_cast<double>(p.dof + 2) * eps * sums;
-    found.lost[i] = 2.0 * (added + p.lost.entries * entries) + matrices;
+    found.error[i] = 2.0 * (added + p.lost.entries * entries) + matrices;
   }
   return found;
 }
@@ -167,7 +167,7 @@ bool is_mirrored(const Values& values, Index i) {
 }  // namespace
 
 bool has_converged(Complex value, double residual) {
-  return passable(value, residual) && residual <= largest_residual;
+  return is_nearly_converged(value, residual) && residual <= largest_residual;
 }
 
 namespace {
@@ -264,7 +264,7 @@ Pairs Eigenproblem::lowest(double u, Index count, bool left, bool high) {
     mend(u, *pairs, left, high);
     bool good = true;
     for (Index i = 0; i < pairs->values.size(); ++i) good = good && is_good(*pairs, i, high);
-    if (!best || worst(*pairs) < worst(*best)) best = std::move(pairs);
+    if (!best || largest_residual_of(*pairs) < largest_residual_of(*best)) best = std::move(pairs);
     if (good) break;
   }
   if (!best) {
@@ -365,13 +365,13 @@ void Eigenproblem::assess(double u, Pairs& pairs) {
   }
 }
 
-Works Eigenproblem::works(double u, const Reals& frequencies, const ComplexTable& vectors) {
-  return work_of(at(u), frequencies, vectors);
+Rayleigh Eigenproblem::rayleigh(double u, const Reals& frequencies, const ComplexTable& vectors) {
+  return forms_of(at(u), frequencies, vectors);
 }
 
 /// Replaces Re lambda by that of its energy balance where rounding hides a slow growth: for high
 /// modes without damping, for modes on which the flow does hardly any work, and at rest, where only
-/// damping works.
+/// damping forms.
 ///
 /// With lambda = sigma + i omega, the imaginary part of x^H P x = 0 is
 ///
@@ -393,16 +393,16 @@ void Eigenproblem::improve(double u, Pairs& pairs, Reals& uncertain) {
   if (hidden.empty()) return;
   const Pairs some = pairs.take(hidden);
   const Reals omega = some.values.imag();
-  const Works right = works(u, omega, some.right), left = works(u, omega, some.left);
-  const auto balance = [&](const Works& of) -> Reals {
+  const Rayleigh right = rayleigh(u, omega, some.right), left = rayleigh(u, omega, some.left);
+  const auto balance = [&](const Rayleigh& of) -> Reals {
     return 2.0 * omega * of.mass + of.gyroscopic;
   };
-  const auto rate = [&](const Works& of) -> Reals {
-    return -(omega * of.resisted + of.circulated) / balance(of);
+  const auto rate = [&](const Rayleigh& of) -> Reals {
+    return -(omega * of.dissipative + of.circulatory) / balance(of);
   };
   const Reals rates = rate(right);
   const Reals errors =
-      right.lost / balance(right).abs() + vector_error * (rates - rate(left)).abs();
+      right.error / balance(right).abs() + vector_error * (rates - rate(left)).abs();
   for (std::size_t k = 0; k < hidden.size(); ++k) {
     const Index i = hidden[k];
     if (!(errors[k] < uncertain[i])) continue;
@@ -436,18 +436,18 @@ void Eigenproblem::leave_axis(Pairs& pairs) {
   const Matrix none = Matrix::Zero(p.dof, p.dof);
   const DenseOperator by_flow(p.lapack, {p.mass(), p.velocity_rate(), none}, p.size,
                               {.entries = p.lost.entries});
-  const Works found = work_of(by_flow, Reals::Ones(pairs.size()), pairs.right);
+  const Rayleigh found = forms_of(by_flow, Reals::Ones(pairs.size()), pairs.right);
   for (Index i = 0; i < pairs.size(); ++i) {
     if (pairs.values[i].imag() == 0.0) continue;
-    pairs.slopes[i].real(-0.5 * found.resisted[i] / found.mass[i]);
-    pairs.slope_noise[i] = 0.5 * found.lost[i] / found.mass[i];
+    pairs.slopes[i].real(-0.5 * found.dissipative[i] / found.mass[i]);
+    pairs.slope_noise[i] = 0.5 * found.error[i] / found.mass[i];
   }
 }
 
 Sample Eigenproblem::sample(double u, Index count) {
   Pairs pairs = lowest(u, count, true, false);
   if (!pairs.values.isFinite().all()) {
-    throw refusal("an eigenvalue at u = %g is beyond double precision", u);
+    throw not_converged("an eigenvalue at u = %g is beyond double precision", u);
   }
   assess(u, pairs);
   const Reals size = pairs.values.abs2().sqrt();
@@ -584,13 +584,13 @@ Divergences Eigenproblem::divergences(double max_speed, bool) {
     if (next < found.size()) reach = std::min(reach, 0.4 * (found[next].speed - u));
     const int multiplicity = static_cast<int>(next - i);
     const double spread = found[next - 1].speed - u;
-    auto polished = divergence_near(u, std::max(reach, near));
-    if (!polished && multiplicity > 1) polished = Divergence{u, near};
-    if (!polished)
-      throw refusal("rounding hides whether the stiffness is singular near u = %.6g", u);
-    polished->multiplicity = multiplicity;
-    polished->error += spread;
-    result.all.push_back(std::move(*polished));
+    auto refined = divergence_near(u, std::max(reach, near));
+    if (!refined && multiplicity > 1) refined = Divergence{u, near};
+    if (!refined)
+      throw not_converged("rounding hides whether the stiffness is singular near u = %.6g", u);
+    refined->multiplicity = multiplicity;
+    refined->error += spread;
+    result.all.push_back(std::move(*refined));
     i = next;
   }
   std::sort(result.all.begin(), result.all.end(), before);

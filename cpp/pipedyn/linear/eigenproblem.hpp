@@ -62,7 +62,7 @@ class Eigenproblem : public Spectrum {
   /// Errors of roots that follow from their residuals, except for the scatter of roots that meet.
   static Reals told_by_residuals(const Pairs& pairs);
   /// Work of the operator P on vectors (dof, r) that oscillate with the given frequencies.
-  virtual Works works(double u, const Reals& frequencies, const ComplexTable& vectors);
+  virtual Rayleigh rayleigh(double u, const Reals& frequencies, const ComplexTable& vectors);
   /// Replaces Re lambda and its uncertainty by those of the energy balance, where rounding hides
   /// it.
   void improve(double u, Pairs& pairs, Reals& uncertain);

@@ -50,7 +50,7 @@ struct NotConverged : std::runtime_error {
 
 /// An exception with a message in printf's format.
 template <class... Numbers>
-NotConverged refusal(const char* format, Numbers... numbers) {
+NotConverged not_converged(const char* format, Numbers... numbers) {
   char text[200];
   std::snprintf(text, sizeof text, format, numbers...);
   return NotConverged(text);

@@ -122,7 +122,7 @@ Pairs Structured::at(double u, const Values& values, bool vectors) const {
 }
 
 /// Pairs of the given roots, corrected by their vectors as far as these allow.
-Pairs Structured::polished(double u, const Approximations& roots, bool vectors) const {
+Pairs Structured::refined_roots(double u, const Approximations& roots, bool vectors) const {
   Values values(roots.size());
   for (std::size_t i = 0; i < roots.size(); ++i) values[i] = roots[i].value;
   Pairs found = at(u, values, vectors);
@@ -192,7 +192,7 @@ std::optional<Pairs> Structured::from(Approximations roots, double u, Index coun
   }
   const bool every = roots_in(roots) >= 2 * traits.dof;
   if (!(every ? has_all(*of_, u, roots) : has_lowest(u, roots, next))) return std::nullopt;
-  Pairs all = polished(u, roots, vectors);
+  Pairs all = refined_roots(u, roots, vectors);
   for (std::size_t i = 0; i < roots.size(); ++i) {
     const Complex slope = all.slopes[i];
     roots[i].settled = roots[i].value == 0.0;
@@ -312,9 +312,9 @@ std::optional<Forms> Structured::forms(const Pair& pair) const { return of_->for
 
 Reals Structured::rounding(const Pairs& pairs) const { return told_by_residuals(pairs); }
 
-Works Structured::works(double u, const Reals& frequencies, const ComplexTable& vectors) {
-  const std::optional<Works> known = of_->works(u, frequencies, vectors);
-  return known ? *known : Eigenproblem::works(u, frequencies, vectors);
+Rayleigh Structured::rayleigh(double u, const Reals& frequencies, const ComplexTable& vectors) {
+  const std::optional<Rayleigh> known = of_->rayleigh(u, frequencies, vectors);
+  return known ? *known : Eigenproblem::rayleigh(u, frequencies, vectors);
 }
 
 Reals Structured::quotients(double u, const Pairs& pairs) {
@@ -330,7 +330,7 @@ Pair Structured::refined(double u, const Pair& guess) {
     value[0] -= change;
     if (std::abs(change) <= 1e-8 * std::abs(value[0])) break;  // convergence is quadratic
   }
-  Pairs found = polished(u, {{value[0], false}}, true);
+  Pairs found = refined_roots(u, {{value[0], false}}, true);
   // Where the flow does hardly any work on a mode, as on one whose tip is held by a mass, its
   // energy balance gives a more accurate growth. It takes O(n^2), so it is used only there.
   const bool hidden = found.uncertain[0] > faint_growth * u * std::abs(found.slopes[0].real());

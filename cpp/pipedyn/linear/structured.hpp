@@ -49,7 +49,7 @@ class Structured : public Eigenproblem {
 
  protected:
   Reals rounding(const Pairs& pairs) const override;
-  Works works(double u, const Reals& frequencies, const ComplexTable& vectors) override;
+  Rayleigh rayleigh(double u, const Reals& frequencies, const ComplexTable& vectors) override;
   void find_growth(double u, Pairs& pairs) override;
 
  private:
@@ -66,7 +66,7 @@ class Structured : public Eigenproblem {
   std::optional<Pairs> from(Approximations starts, double u, Index count, bool vectors,
                             int most_corrections);
   Pairs at(double u, const Values& values, bool vectors) const;
-  Pairs polished(double u, const Approximations& roots, bool vectors) const;
+  Pairs refined_roots(double u, const Approximations& roots, bool vectors) const;
   Index roots_at_zero(double u) const { return u == 0.0 ? zeros_at_rest_ : zeros_in_flow_; }
   /// Approximate roots of an operator at a speed, from its undamped modes if these are known.
   Approximations starts_of(const DenseOperator& p, double u,

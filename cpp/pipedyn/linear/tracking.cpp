@@ -120,7 +120,7 @@ void order(Step& step, Index i, Index k) {
 Roots matched(const Sample& left, const Sample& right, double h) {
   const Index size = left.size();
   if (right.size() != size) {
-    throw refusal("the number of eigenvalues near u = %.6g depends on rounding", right.u);
+    throw not_converged("the number of eigenvalues near u = %.6g depends on rounding", right.u);
   }
   const Values ahead = left.values + 0.5 * h * left.slopes;
   const Values behind = right.values - 0.5 * h * right.slopes;
@@ -292,7 +292,7 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
       Step step{left, ahead.back()};
       const double middle = 0.5 * (left->u + step.right->u);
       if (--trials < 0.0) {
-        throw refusal("eigenvalues near u = %.6g are too close to be tracked", left->u);
+        throw not_converged("eigenvalues near u = %.6g are too close to be tracked", left->u);
       }
       match(step, tracked, tracking.cluster);
       if (!tracking.good(step) && !step.shortest()) {

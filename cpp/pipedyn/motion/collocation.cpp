@@ -8,7 +8,7 @@
 namespace pipedyn {
 
 void states_at(const Polynomials& orbit, const Vector& phases, Eigen::Map<Matrix> out) {
-  const Index s = orbit.once.cols(), half = orbit.rates.cols(), count = orbit.starts.rows();
+  const Index s = orbit.single.cols(), half = orbit.rates.cols(), count = orbit.starts.rows();
   const double *const edges = orbit.edges.data(), span = edges[count];
   Vector legendre = Vector::Ones(s + 2);
   for (Index k = 0; k < phases.size(); ++k) {
@@ -22,14 +22,14 @@ void states_at(const Polynomials& orbit, const Vector& phases, Eigen::Map<Matrix
       legendre[j] =
           ((2.0 * order - 1.0) * x * legendre[j - 1] - (order - 1.0) * legendre[j - 2]) / order;
     }
-    const Vector once = h * orbit.once.transpose().lazyProduct(legendre.head(s + 1));
-    const Vector twice = h * h * orbit.twice.transpose().lazyProduct(legendre);
-    const double sign = std::fmod(turns, 2.0) != 0.0 ? orbit.mirror : 1.0;
+    const Vector single = h * orbit.single.transpose().lazyProduct(legendre.head(s + 1));
+    const Vector twofold = h * h * orbit.twofold.transpose().lazyProduct(legendre);
+    const double sign = std::fmod(turns, 2.0) != 0.0 ? orbit.mirror_sign : 1.0;
     const auto rates = orbit.rates.middleRows(m * s, s).transpose();
     const auto start = orbit.starts.row(m).transpose();
     out.col(k).head(half) =
-        sign * (start.head(half) + h * share * start.tail(half) + rates.lazyProduct(twice));
-    out.col(k).tail(half) = sign * (start.tail(half) + rates.lazyProduct(once));
+        sign * (start.head(half) + h * share * start.tail(half) + rates.lazyProduct(twofold));
+    out.col(k).tail(half) = sign * (start.tail(half) + rates.lazyProduct(single));
   }
 }
 
@@ -40,10 +40,10 @@ bool eliminate_stages(const Lapack& lapack, const Intervals& of, Index m,
   const Vector start = of.starts.row(m);
   const auto k = of.rates.middleRows(m * s, s);
   // Integrals of the accelerations from the beginning to each stage (half, s).
-  const Matrix once = h * k.transpose().lazyProduct(of.once.transpose());
-  const Matrix twice = h * h * k.transpose().lazyProduct(of.twice.transpose());
+  const Matrix single = h * k.transpose().lazyProduct(of.single.transpose());
+  const Matrix twofold = h * h * k.transpose().lazyProduct(of.twofold.transpose());
   Matrix by_frequency(n, s);  // of the states at the stages
-  by_frequency << h * start.tail(half).lazyProduct(of.nodes.transpose()) + 2.0 * twice, once;
+  by_frequency << h * start.tail(half).lazyProduct(of.nodes.transpose()) + 2.0 * twofold, single;
   by_frequency /= -of.frequency;
 
   Matrix matrix(s * half, s * half);
@@ -55,7 +55,7 @@ bool eliminate_stages(const Lapack& lapack, const Intervals& of, Index m,
     const auto by_place = by_state.leftCols(half), by_speed = by_state.rightCols(half);
     for (Index j = 0; j < s; ++j) {
       matrix.block(i * half, j * half, half, half) =
-          -h * of.once(i, j) * by_speed - h * h * of.twice(i, j) * by_place;
+          -h * of.single(i, j) * by_speed - h * h * of.twofold(i, j) * by_place;
     }
     auto own = right.middleRows(i * half, half);
     own.leftCols(half) = by_place;
@@ -82,22 +82,22 @@ bool eliminate_stages(const Lapack& lapack, const Intervals& of, Index m,
   end.col(n + 1) = by_frequency.col(s - 1);
   for (Index j = 0; j < s; ++j) {
     const auto rates = by_start.middleRows(j * half, half);
-    end.topRows(half) += h * h * of.twice(s - 1, j) * rates;
-    end.bottomRows(half) += h * of.once(s - 1, j) * rates;
+    end.topRows(half) += h * h * of.twofold(s - 1, j) * rates;
+    end.bottomRows(half) += h * of.single(s - 1, j) * rates;
   }
   if (of.units.size() == 0) return true;
   const bool last = m + 1 == of.starts.rows();
-  Vector gap = start - (last ? of.mirror : 1.0) * of.starts.row(last ? 0 : m + 1).transpose();
-  gap.head(half) += h * start.tail(half) + twice.col(s - 1);
-  gap.tail(half) += once.col(s - 1);
+  Vector gap = start - (last ? of.mirror_sign : 1.0) * of.starts.row(last ? 0 : m + 1).transpose();
+  gap.head(half) += h * start.tail(half) + twofold.col(s - 1);
+  gap.tail(half) += single.col(s - 1);
   end.col(n) += gap;
   end.leftCols(n).array().rowwise() *= of.units.col(0).transpose().array();
   end.array().colwise() /= of.units.col(0).array();
   return true;
 }
 
-std::vector<Index> carry_maps(const double* maps, Index count, Index n, Index columns, double most,
-                              double* out) {
+std::vector<Index> multiply_maps(const double* maps, Index count, Index n, Index columns,
+                                 double most, double* out) {
   std::vector<Index> begins;
   for (Index m = 0; m < count; ++m) {
     const GivenMatrix map(maps + m * n * columns, n, columns);

@@ -27,10 +27,10 @@ struct Polynomials {
   GivenMatrix starts;  // states where intervals begin (count, 2 half)
   GivenMatrix rates;   // accelerations at the stages (count stages, half)
   double frequency;
-  double mirror;  // factor of the states after the span, 1 or -1
+  double mirror_sign;  // factor of the states after the span, 1 or -1
   // Expansions in Legendre polynomials, on an interval of length 1, of the first integral of the
   // polynomial through the stages, (stages + 1, stages), and of its second, (stages + 2, stages).
-  GivenMatrix once, twice;
+  GivenMatrix single, twofold;
 };
 
 /// Computes the states at given phases, out (2 half, number of phases).
@@ -49,10 +49,10 @@ struct Intervals {
   GivenMatrix by_frequency;
   bool speed_varies;
   double frequency;
-  GivenMatrix nodes;        // c (stages, 1)
-  GivenMatrix once, twice;  // O and T (stages, stages)
-  double mirror;      // ratio of the state after the last interval to the first state, 1 or -1
-  GivenMatrix units;  // units of the state (n, 1), or empty if only maps of intervals are needed
+  GivenMatrix nodes;            // c (stages, 1)
+  GivenMatrix single, twofold;  // O and T (stages, stages)
+  double mirror_sign;  // ratio of the state after the last interval to the first state, 1 or -1
+  GivenMatrix units;   // units of the state (n, 1), or empty if only maps of intervals are needed
 };
 
 /// Computes, for interval m, the derivatives of the accelerations (stages half, n + 3) and of the
@@ -67,7 +67,7 @@ bool eliminate_stages(const Lapack& lapack, const Intervals& of, Index m,
 /// intervals are divided into runs; out receives for each interval the product [P | R] of all maps
 /// from the beginning of its run to its own end (count, n, columns). A run ends before an entry of
 /// P reaches most. Returns the beginnings of the runs.
-std::vector<Index> carry_maps(const double* maps, Index count, Index n, Index columns, double most,
-                              double* out);
+std::vector<Index> multiply_maps(const double* maps, Index count, Index n, Index columns,
+                                 double most, double* out);
 
 }  // namespace pipedyn

@@ -40,7 +40,7 @@ using Table = double[lanes][lanes];
 const double* first(const Table& table) { return &table[0][0]; }
 
 /// Computes out = in M.
-void mix(const double* in, const Table& matrix, Index rows, double* out) {
+void combine_rows(const double* in, const Table& matrix, Index rows, double* out) {
   motion_kernel().mix_stages(in, first(matrix), nullptr, nullptr, rows, out);
 }
 
@@ -127,8 +127,8 @@ void Radau::predict(double h) {
         beyond[k][i] = weight - (k == radau::stages - 1 ? 1.0 : 0.0);
       }
     }
-    mix(before_.data(), beyond, n, z_.data());
-    mix(z_.data(), radau::to_systems, n, w_.data());
+    combine_rows(before_.data(), beyond, n, z_.data());
+    combine_rows(z_.data(), radau::to_systems, n, w_.data());
   }
   at_.topRows(n) = z_.topRows(n).colwise() + y_.head(n);
   predicted_ = z_.col(radau::stages - 1).head(n);
@@ -268,11 +268,11 @@ void Radau::accept(Index which, double h) {
   if (more > 0) {
     of_.others(times(from, h), at_.data(), std::vector<Index>(lanes, which),
                rates_at_.row(n).data());
-    mix(rates_at_.row(n).data(), radau::integrals, more, z_.row(n).data());
+    combine_rows(rates_at_.row(n).data(), radau::integrals, more, z_.row(n).data());
     z_.bottomRows(more) *= h;
   }
   if (is_asked_for(members_[which])) {
-    mix(z_.data(), radau::powers, rows_, rates_at_.data());
+    combine_rows(z_.data(), radau::powers, rows_, rates_at_.data());
     Interpolant step{from, members_[which].time, Matrix(lanes, rows_)};
     step.coefficients.row(0) = y_.transpose();
     for (Index k = 1; k < lanes; ++k) {

@@ -18,16 +18,16 @@ struct Stop : NoLaw {
   explicit Stop(const pipedyn::Term& term) : gap(term.numbers[0]), k(term.numbers[1]) {}
   /// Twice the distance by which x exceeds g, 0 where it does not; without a branch, so that it
   /// works on packs.
-  static auto twice_beyond(const auto& x, double g) {
+  static auto twice_overlap(const auto& x, double g) {
     const auto apart = x - g;
     return apart + absolute(apart);
   }
   auto load(const auto& at) const {
-    return Load((0.5 * k) * (twice_beyond(-at.x, gap) - twice_beyond(at.x, gap)), none);
+    return Load((0.5 * k) * (twice_overlap(-at.x, gap) - twice_overlap(at.x, gap)), none);
   }
   template <class Real>
   Real energy(const Station<Real>& at) const {
-    const Real pressed = twice_beyond(absolute(at.x), gap);
+    const Real pressed = twice_overlap(absolute(at.x), gap);
     return 0.125 * k * (pressed * pressed);
   }
 };

@@ -23,7 +23,7 @@ Index threads() {
   return found;
 }
 
-void at_once(Index parts, const std::function<void(Index)>& part) {
+void run_on_threads(Index parts, const std::function<void(Index)>& part) {
   static std::atomic<Index> callers = 0;
   struct Caller {
     const bool alone = callers++ == 0;

@@ -18,7 +18,7 @@ Index threads();
 /// Calls part(k) for k = 0 .. parts - 1 in parallel, the first in the caller's thread, and returns
 /// when all have returned. If another caller has the threads, the calls are made one after the
 /// other. Exceptions are passed on.
-void at_once(Index parts, const std::function<void(Index)>& part);
+void run_on_threads(Index parts, const std::function<void(Index)>& part);
 
 /// Calls part(begin, end) for parts of 0 .. count, each large enough for a thread of its own. each:
 /// amount of work for one index.
@@ -27,7 +27,7 @@ void in_parts(Index count, Index each, const Part& part) {
   const Index worth = std::min(count, count * each / worth_a_thread);
   if (worth < 2) return part(Index{0}, count);
   const Index parts = std::min(worth, threads());
-  at_once(parts, [&](Index k) { part(k * count / parts, (k + 1) * count / parts); });
+  run_on_threads(parts, [&](Index k) { part(k * count / parts, (k + 1) * count / parts); });
 }
 
 }  // namespace pipedyn

@@ -42,7 +42,7 @@ inline Pack size_of(const DualLanes& a) { return size_of(a.value); }
 
 /// Values of lambda of as many points as a pack holds, from `first` on. Lanes beyond the last point
 /// repeat it.
-inline Lanes taken(const pipedyn::Points& points, Count first) {
+inline Lanes lanes_of(const pipedyn::Points& points, Count first) {
   double re[width], im[width];
   for (Count i = 0; i < width; ++i) {
     const Count from = first + i < points.count ? first + i : points.count - 1;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// Arguments and results of the determinants that are computed along the pipe (chain/impedance.hpp,
-// galerkin/elimination.hpp).
+// Arguments and results of the determinants that are computed along the pipe
+// (chain/dynamic_stiffness.hpp, galerkin/elimination.hpp).
 #pragma once
 
 #include <cstddef>

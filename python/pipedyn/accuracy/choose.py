@@ -50,7 +50,7 @@ from pipedyn.models.base import Model
 from pipedyn.models.pipe import Pipe, checked_pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
-from pipedyn.util.counters import clock, counted, limited
+from pipedyn.util.counters import clock, count_work, time_limit
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.parallel import track
 from pipedyn.util.result import Result, Table, TableResult
@@ -261,7 +261,7 @@ def trade(
         )
     patience = math.inf if sizes is not None else LONGEST_ANSWER
     rows = [
-        measured(pipe, asked, family, size, reference, repeats, patience)
+        measure_model(pipe, asked, family, size, reference, repeats, patience)
         for family, size in track(every, len(every), "models", shown)
     ]
     return Trade(pipe, asked, reference, tuple(rows))
@@ -290,7 +290,7 @@ def _increasing(given: Any) -> tuple[int, ...]:
     return sizes
 
 
-def measured(
+def measure_model(
     pipe: Pipe,
     quantity: Quantity,
     family: ModelFamily,
@@ -308,7 +308,7 @@ def measured(
             dof = sum(model.dof for model in models)
             if models[0].dof < quantity.least:
                 raise ValueError(f"size must be at least {quantity.least} here, got {size}")
-            with counted() as counters, limited(patience):
+            with count_work() as counters, time_limit(patience):
                 start = clock()
                 answers = [quantity.answer(model) for model in models]
                 answer = answers[0]
@@ -540,13 +540,13 @@ def choose(
         budget=budget,
         reference=reference,
         steady=None if tolerance is None else search.is_robust(row, tolerance),
-        tried=_tried(search, row),
+        tried=_last_rows(search, row),
         seconds=time.perf_counter() - start,
         quantity=asked,
     )
 
 
-def _tried(search: ModelSearch, chosen: TradeRow | None) -> tuple[Tried, ...]:
+def _last_rows(search: ModelSearch, chosen: TradeRow | None) -> tuple[Tried, ...]:
     """An entry for each family: its last measured row, and the reason why it was not chosen."""
     last = {name: row for (name, _), row in search.rows.items()}
     if chosen is not None:
@@ -561,7 +561,7 @@ def _tried(search: ModelSearch, chosen: TradeRow | None) -> tuple[Tried, ...]:
 
 def _refusal(search: ModelSearch, nearest: TradeRow | None, demand: str) -> NoModel:
     """The exception to raise if no model meets the demand."""
-    tried = _tried(search, None)
+    tried = _last_rows(search, None)
     if nearest is None or math.isinf(search.bound(nearest)):
         why = "; ".join(f"{one.family}: {one.why}" for one in tried)
         return NoModel(f"no model meets {demand}: {why}", tried, None)
@@ -657,7 +657,7 @@ class ModelSearch:
         key = (family.name, size)
         if key not in self.rows:
             given = (self.reference, self.repeats, patience)
-            self.rows[key] = measured(self.pipe, self.quantity, family, size, *given)
+            self.rows[key] = measure_model(self.pipe, self.quantity, family, size, *given)
         return self.rows[key]
 
     def _climb(

@@ -298,7 +298,7 @@ def _effects(pipe: Pipe) -> Effects:
     for name, number in EFFECTS.items():
         value, absent = float(getattr(pipe, number)), ABSENT.get(name)
         if value != absent:
-            strength = f"{OWN_NUMBERS[number].letter} = {value:.6g}"
+            strength = f"{OWN_NUMBERS[number].ascii} = {value:.6g}"
             found[name] = strength if value or name in ABSENT else "", {number: absent or 0.0}
     parts = [found[name][0] for name in ("Coriolis", "centrifugal")]
     found["flow"] = ", ".join(filter(None, parts)), {"beta": 0.0, "alpha": 0.0}

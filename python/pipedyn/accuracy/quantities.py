@@ -34,7 +34,7 @@ from pipedyn.motion.simulate import simulate
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.counters import TookTooLong, clock, limited
+from pipedyn.util.counters import TookTooLong, clock, time_limit
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.result import Result
 
@@ -355,7 +355,7 @@ class _Integrated(Quantity):
         failed, error, end = "", math.inf, clock() + LONGEST_REFERENCE
         for i, size in enumerate(sizes):
             try:
-                with limited(end - clock()):
+                with time_limit(end - clock()):
                     answers.append(asked[i % 2].answer(family.make(pipe, size)))
             except (TookTooLong, PipedynError) as failure:
                 if i < 2 and isinstance(failure, PipedynError):
@@ -436,7 +436,7 @@ class MotionOf(_Integrated):
             rtol=self.rtol,
             base=self.base,
         )
-        return Answer(motion.tip + np.array([0.0, 1.0 - model.pipe.watched]))  # (0, 1) at rest
+        return Answer(motion.tip + np.array([0.0, 1.0 - model.pipe.tip_place]))  # (0, 1) at rest
 
     def prepared(self, pipe: Pipe) -> MotionOf:
         """A copy with a start, which is the least damped mode if none was given."""
@@ -454,7 +454,7 @@ class MotionOf(_Integrated):
         found = modes(model, u, 4)
         growth = found.eigenvalues.real  # if all grow equally, the lowest mode is taken
         mode = found.shapes[int(np.argmax(growth >= growth.max() - 0.2 * abs(growth.max())))]
-        q = 0.05 * mode.coordinates / mode([pipe.watched])[0]  # 2 % of such a motion is nonlinear
+        q = 0.05 * mode.coordinates / mode([pipe.tip_place])[0]  # 2 % of such a motion is nonlinear
         bend, rates = np.split(model.initial_state(q.real, (mode.eigenvalue * q).real), 2)
         angle, turning = (partial(_angle_of, model, of.copy()) for of in (bend, rates))
         return replace(self, start=angle, rates=turning)

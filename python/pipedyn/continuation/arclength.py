@@ -32,7 +32,7 @@ from numpy.linalg import LinAlgError
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.counters import factorised
+from pipedyn.util.counters import count_factorisations
 from pipedyn.util.newton import NewtonFailed, newton
 
 EVERY = slice(None)
@@ -362,7 +362,7 @@ class DenseProblem(Continuation):
 
         def change(row: Array, gap: float, share: float) -> Array:
             matrix = np.vstack([derivative, row])
-            factorised()
+            count_factorisations()
             return np.asarray(np.linalg.solve(matrix, np.append(-share * residual, gap)))
 
         return change

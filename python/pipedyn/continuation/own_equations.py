@@ -23,7 +23,7 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.result import Result, TableResult, numbered
+from pipedyn.util.result import Result, TableResult, numbered_columns
 
 
 @saved_as("MarkedPoint")
@@ -74,7 +74,7 @@ class Branch(TableResult):
         return tuple(point for point in self.points if point.kind == "fold")
 
     def _columns(self) -> dict[str, Any]:
-        return {"p": self.p, **numbered("x", self.x)}
+        return {"p": self.p, **numbered_columns("x", self.x)}
 
 
 def follow(
@@ -167,7 +167,7 @@ def follow(
     solutions, ends, reasons = tracer.both_ways(solver, start, longest)
     every = np.array([point.z for point in solutions])
     failures = [
-        f"the branch was not followed beyond {_spelled(solutions[k].z)}: "
+        f"the branch was not followed beyond {_as_text(solutions[k].z)}: "
         + (f"it takes more than {most} points" if ends[k] == "points" else reasons[k])
         for k in (0, -1)
         if reasons[k]
@@ -186,7 +186,7 @@ def follow(
                 what = "folds" if test is None else f"zeros of tests[{str(name)!r}]"
                 unknown.setdefault(
                     what,
-                    f"{what} are not known from {_spelled(a.z)} to {_spelled(b.z)}, or further "
+                    f"{what} are not known from {_as_text(a.z)} to {_as_text(b.z)}, or further "
                     f"on: {reason_of(error)}",
                 )
         for s, kind in sorted(found):
@@ -241,7 +241,7 @@ def _proportion(xs: Array, scale: float) -> list[str]:
     return [f"scale is out of proportion: it is {scale:g}, and x is about {size:.1g}: {effect}"]
 
 
-def _spelled(z: Array) -> str:
+def _as_text(z: Array) -> str:
     x = np.array2string(z[:-1], precision=6, threshold=4, edgeitems=2, separator=", ")
     return f"p = {z[-1]:.6g}, x = {' '.join(x.split())}"
 
@@ -309,10 +309,10 @@ class _UserEquations:
             raised = (
                 "" if str(error).startswith(name) else f"{name} raised {type(error).__name__}: "
             )
-            raise NewtonFailed(f"{raised}{error}, at {_spelled(z)}") from error
+            raise NewtonFailed(f"{raised}{error}, at {_as_text(z)}") from error
         if not np.isfinite(found).all():
             wrong = found[~np.isfinite(found)][0]
-            raise NewtonFailed(f"{name} gives {wrong:g} at {_spelled(z)}")
+            raise NewtonFailed(f"{name} gives {wrong:g} at {_as_text(z)}")
         return found
 
     def _difference(self, z: Array, i: int, times: float = 1.0) -> Array:
@@ -386,7 +386,7 @@ def _folds_or_zeros(
     def value(point: Point) -> float:
         found = _test_value(name, test, point.x, point.p)
         if not math.isfinite(found):
-            raise NewtonFailed(f"it gives {found:g} at {_spelled(point.z)}")
+            raise NewtonFailed(f"it gives {found:g} at {_as_text(point.z)}")
         return found
 
     sign = TestFunction(step, 1e-13 * step.length, value)

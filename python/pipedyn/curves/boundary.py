@@ -259,7 +259,7 @@ def boundary(
         if u is None:
             raise ValueError(f'u must be given where neither x nor y is "u", got {x!r} and {y!r}')
         u = check.real("u", u, low=0.0, high=largest_speed(model))
-    return bounded(model, window, u, asked, only, (x, y))[0]
+    return boundaries_in(model, window, u, asked, only, (x, y))[0]
 
 
 def checked_window(
@@ -292,7 +292,7 @@ def checked_window(
     return Window((numbers[0], numbers[1]), low_, high_ - low_)
 
 
-def bounded(
+def boundaries_in(
     model: AnyModel,
     window: Window,
     u: float | None,

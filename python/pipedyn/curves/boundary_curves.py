@@ -266,13 +266,13 @@ def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[CurveS
     for along, at, share, root in extremes:
         z = (at - window.low) / window.size
         z[along] = share
-        start = climbed(plane, z, root, only_stability)
+        start = flutter_start(plane, z, root, only_stability)
         if start is not None:
             found.append(start)
     return found, failures
 
 
-def climbed(plane: Plane, z: Array, root: complex, only_stability: bool) -> CurveStart | None:
+def flutter_start(plane: Plane, z: Array, root: complex, only_stability: bool) -> CurveStart | None:
     """Start on a curve of flutter, reached along a path on which a pair's real part tends to 0.
 
     The path begins at shares z = (x, y) of the window, where the real part of `root` has an extreme

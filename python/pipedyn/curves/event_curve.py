@@ -18,7 +18,7 @@ from pipedyn.curves.event_problem import EventProblem, event_angle
 from pipedyn.cycles.limit_cycle import amplitude_of
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.floquet import UNIT, crossing_event, nontrivial, orbit_multipliers
-from pipedyn.orbits.orbit_continuation import FINE, breaking_part, onward
+from pipedyn.orbits.orbit_continuation import FINE, breaking_part, steps_from
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit, resolved_orbit
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
@@ -261,7 +261,7 @@ class EventFollower(Tracer[EventProblem]):
     def _one_way(self, problem: EventProblem, point: Point) -> tuple[list[_Cycle], str]:
         """Points of the curve from a given one to its end, and why it ends there."""
         places = self.places = [self.place(problem, point)]
-        steps = onward(problem, point, 0.25 * self.how.longest)
+        steps = steps_from(problem, point, 0.25 * self.how.longest)
         steps = track(steps, None, self.kind, self.shown)
         _, end, reason = self.one_way(steps, problem, point)
         if end == "not converged" and (name := self._near_end()) is not None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from pipedyn.continuation.arclength import Segment
 from pipedyn.continuation.tracer import TestFunction
-from pipedyn.curves.boundary import Boundary, bounded, checked_window
+from pipedyn.curves.boundary import Boundary, boundaries_in, checked_window
 from pipedyn.curves.boundary_curves import TracedCurve
 from pipedyn.curves.event_plane import EventPlane
 from pipedyn.curves.organising import others_unstable
@@ -57,7 +57,7 @@ class Onset:
                     raise ValueError(f"the straight pipe does not rest, got {one.model!r}")
             # A number without effect on small motions has a level boundary.
             window = checked_window(plane.model, plane.names, ranges, motions=True)
-            self.found, curves = bounded(plane.model, window, None, False, True, plane.names)
+            self.found, curves = boundaries_in(plane.model, window, None, False, True, plane.names)
         except (PipedynError, ValueError) as error:
             self.failures.append(f"the onset of flutter was not followed over {name}: {error}")
             return

@@ -35,7 +35,7 @@ from pipedyn.curves.event_plane import EventPlane, Followed
 from pipedyn.orbits.collocation import Linearised, OrbitProblem
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit
 from pipedyn.util.check import Array, Complex
-from pipedyn.util.counters import factorised
+from pipedyn.util.counters import count_factorisations
 from pipedyn.util.newton import NewtonFailed
 
 SHORT = 1e-6
@@ -155,7 +155,7 @@ class EventProblem(OrbitProblem):
             sizes = np.abs(system).max(axis=1)
             if not np.isfinite(system).all() or not sizes.all():
                 raise NewtonFailed("the event's condition has no derivative")
-            factorised()
+            count_factorisations()
             along, by, *angles = np.linalg.solve(system / sizes[:, None], right / sizes)
             return np.concatenate([share * newton + along * tangent + by * with_x, angles, [by]])
 
@@ -237,15 +237,15 @@ class EventProblem(OrbitProblem):
             return slope
         factor = -1.0 if angle is None else complex(np.exp(1j * angle))
         first, last = equations.closing
-        factorised()
-        left, _, right = np.linalg.svd(first + orbit.mirror * factor * last)
+        count_factorisations()
+        left, _, right = np.linalg.svd(first + orbit.mirror_sign * factor * last)
         w, v = left[:, -1].conj(), right[-1].conj()
 
         def singular(near: Linearised, other: PeriodicOrbit) -> Array:
             first, last = near.closing
             if turn != 1.0:
                 first = 0.0 * first
-            value = w @ (first + turn * other.mirror * factor * last) @ v
+            value = w @ (first + turn * other.mirror_sign * factor * last) @ v
             return np.array([value.real] if angle is None else [value.real, value.imag])
 
         return singular

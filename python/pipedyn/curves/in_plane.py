@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from pipedyn.models.pipe_numbers import unit_of_number
 from pipedyn.models.scales import scales_at
-from pipedyn.util.result import Result, TableResult, Unit, joined
+from pipedyn.util.result import Result, TableResult, Unit, join_tables
 
 
 class InPlane(TableResult):
@@ -54,4 +54,4 @@ class InPlane(TableResult):
             for one in own.curves
         ]
         kinds = [one.kind for one in own.curves]
-        return joined(tables, curve=range(len(kinds)), kind=kinds)
+        return join_tables(tables, curve=range(len(kinds)), kind=kinds)

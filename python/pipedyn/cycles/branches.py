@@ -51,11 +51,11 @@ from pipedyn.orbits.orbit_continuation import (
     Meeting,
     Step,
     both_ways,
-    followed_past_grazing,
     from_branch_point,
     from_hopf,
     meeting,
     orbit_at,
+    steps_past_grazing,
 )
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit
 from pipedyn.util import check
@@ -463,7 +463,7 @@ class _Follower(Tracer[OrbitProblem]):
 
         From an event, the steps begin at the first orbit; cycles on the way to it are kept.
         """
-        followed = followed_past_grazing(self.motion, self.start, FINE, self._grazes)
+        followed = steps_past_grazing(self.motion, self.start, FINE, self._grazes)
         steps = track(followed, None, f"cycles {self.how}", self.options.shown)
         if self.begin is None:
             self.last = self._finished(self.here)

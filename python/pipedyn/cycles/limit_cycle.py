@@ -45,12 +45,12 @@ from pipedyn.motion.simulate import (
 from pipedyn.motion.vector_field import Excitation, VectorField
 from pipedyn.orbits.collocation import residual, solved
 from pipedyn.orbits.floquet import MULTIPLIER_TOLERANCE, nontrivial, orbit_multipliers
-from pipedyn.orbits.orbit_continuation import COARSE, breaking_part, continued, solved_anew
+from pipedyn.orbits.orbit_continuation import COARSE, breaking_part, orbit_at_speed, solved_anew
 from pipedyn.orbits.periodic_orbit import ORBIT_STAGES, PeriodicOrbit, refined
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
-from pipedyn.util.counters import counted
+from pipedyn.util.counters import count_work
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import one_thread
@@ -265,7 +265,7 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
             onset = begin if isinstance(begin, Hopf) else hopf(own.model, begin)
             leads = onset.amplitude_law * (u - onset.speed) > 0.0 or onset.fold is not None
             if leads or onset is start or onset.criticality == "subcritical":
-                orbit = continued(own, onset, u)
+                orbit = orbit_at_speed(own, onset, u)
                 if own is motion:
                     return orbit, f"followed from the onset at u = {onset.speed:.6g}"
                 motion.evaluations += own.evaluations
@@ -360,7 +360,7 @@ def _simulated(motion: VectorField, u: float, start: Array) -> PeriodicOrbit:
     most = SEARCH * (SEARCH_FACTOR if model.dof <= 6 else 1)
     back = FAR_BACK  # right-hand sides may be costly: a cycle is solved for early
     options = MotionOptions(SEARCHED, SEEN, exponents=False, most=most, back=back)
-    with counted() as work:
+    with count_work() as work:
         cases = [Case(model, Excitation(u), starts={0: start.reshape(2, -1)})]
         [ends], [case] = motion_ends(model, cases, options)
     number, end = ends[0]

@@ -28,7 +28,7 @@ from pipedyn.continuation.arclength import Control, DenseProblem, Point
 from pipedyn.linear.plane import Matrices, Plane
 from pipedyn.linear.sensitivity import CrossingKind
 from pipedyn.util.check import Array
-from pipedyn.util.counters import factorised
+from pipedyn.util.counters import count_factorisations
 from pipedyn.util.newton import NewtonFailed
 
 LEAST = 1e-5
@@ -142,7 +142,7 @@ class AxisProblem(DenseProblem):
         n = len(matrix)
         if not np.isfinite(matrix).all():
             raise ValueError("matrices are not finite")
-        factorised()
+        count_factorisations()
         if self._borders is None:
             left, _, right = np.linalg.svd(matrix)
             self._borders = self._between(left[:, -1], right[-1])
@@ -265,9 +265,9 @@ class CoupledModeProblem(AxisProblem):
         v_turned = np.linalg.solve(bordered, np.append(-(turned @ v), 0.0))[:-1]
         w_turned = np.linalg.solve(bordered.T, np.append(-(w @ turned), 0.0))[:-1]
         first, second = [], []  # derivatives of g by lambda, y and x, and of these by lambda
-        for by, twice in zip([turned, *slopes], [2.0 * pencil[0], *mixed], strict=True):
+        for by, mixed_by in zip([turned, *slopes], [2.0 * pencil[0], *mixed], strict=True):
             first.append(-(w @ by @ v))
-            second.append(-(w_turned @ by @ v + w @ twice @ v + w @ by @ v_turned))
+            second.append(-(w_turned @ by @ v + w @ mixed_by @ v + w @ by @ v_turned))
         # Derivatives by lambda are converted to derivatives by s with ds = -2 lambda dlambda.
         by_s = -0.5 / root
         slope, bend = by_s * first[0], by_s**2 * (second[0] + 2.0 * by_s * first[0])

@@ -33,7 +33,7 @@ from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.newton import NewtonFailed, newton
 from pipedyn.util.parallel import one_thread
-from pipedyn.util.result import RATE, Result, TableResult, numbered
+from pipedyn.util.result import RATE, Result, TableResult, numbered_columns
 
 EQUILIBRIA_DOF = 500
 """Most degrees of freedom in which equilibria are searched. A search in a chain takes 0.4 s with
@@ -161,7 +161,7 @@ class Equilibria(TableResult, units={"growth": RATE}):
             "growth_rate": self.growth,
             "stable": self.stable,
             **{name: one for name, one in asked.items() if one is not None},
-            **numbered("q", self.q),
+            **numbered_columns("q", self.q),
         }
 
 
@@ -228,7 +228,7 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
     own = [statics.from_start(f"starts[{i}]", start) for i, start in enumerate(starts)]
     with one_thread(model.dof):
         solutions = _Solutions(statics, u)
-        solutions.look(own, counted)
+        solutions.run(own, counted)
         found = solutions.found
         if not found:
             raise NotConverged(f"no equilibrium was found at u = {u:g}")
@@ -526,7 +526,7 @@ class _Solutions:
         self.found: list[Array] = []
         self.complete, self.search = False, ""
 
-    def look(self, own: list[Array], counted: bool) -> None:
+    def run(self, own: list[Array], counted: bool) -> None:
         """Looks for solutions, from a user's own starts and from others.
 
         With `counted`, a search in few degrees of freedom goes on until all solutions are known.
@@ -792,7 +792,7 @@ class EquilibriumBranch(TableResult):
             "tip_y": self.tips[:, 1],
             "stable": self.stable,
             "unstable": self.unstable,
-            **numbered("q", self.q),
+            **numbered_columns("q", self.q),
         }
 
 

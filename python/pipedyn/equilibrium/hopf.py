@@ -59,7 +59,7 @@ from pipedyn.equilibrium.equilibria import BranchPoint, Statics
 from pipedyn.linear.critical_speed import critical_point
 from pipedyn.linear.neutral import grows
 from pipedyn.linear.sensitivity import Crossing
-from pipedyn.linear.stability_curve import Failure, SweptResult, swept
+from pipedyn.linear.stability_curve import Failure, SweptResult, sweep
 from pipedyn.models.base import Model
 from pipedyn.models.drive import Supply
 from pipedyn.models.pipe import Pipe
@@ -69,7 +69,7 @@ from pipedyn.motion.vector_field import VectorField
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
-from pipedyn.util.counters import factorised
+from pipedyn.util.counters import count_factorisations
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.parallel import one_thread, outcome_of
 from pipedyn.util.result import LENGTH, SPEED, Result
@@ -154,11 +154,11 @@ def _cubic_terms(
         second = slopes[0] + 1j * slopes[1]  # B(q, .)
         third = ((ahead + behind - 2.0 * a) / h**2).sum(axis=0)  # C(q, q*, .)
         total = third @ q
-        both, twice = (second @ q.conj()).real, second @ q  # B(q, q*) is real
-        if max(np.abs(both).max(), np.abs(twice).max()) > 1e-13 * np.abs(total).max():
-            factorised(2)
-            total = total - 2.0 * (second @ np.linalg.solve(a, both))
-            outer = np.linalg.solve(2j * frequency * np.eye(q.size) - a, twice)
+        mean, second_harmonic = (second @ q.conj()).real, second @ q  # B(q, q*) is real
+        if max(np.abs(mean).max(), np.abs(second_harmonic).max()) > 1e-13 * np.abs(total).max():
+            count_factorisations(2)
+            total = total - 2.0 * (second @ np.linalg.solve(a, mean))
+            outer = np.linalg.solve(2j * frequency * np.eye(q.size) - a, second_harmonic)
             total = total + second.conj() @ outer
         yield total
 
@@ -179,7 +179,7 @@ def vectors(
     unit[len(a) // 2 :] = frequency
     scaled = a * unit / unit[:, None]
     shift = 1j * frequency * (1.0 + 1e-12) + 1e-11 * frequency
-    factorised()
+    count_factorisations()
     factors = scipy.linalg.lu_factor(scaled - shift * np.eye(len(a)))
     solve = partial(scipy.linalg.lu_solve, factors, check_finite=False)
     start = np.cos(np.arange(len(a))) + 1.5j
@@ -597,7 +597,7 @@ def _slope(motion: VectorField, rest: Array, u: float, form: NormalForm) -> comp
     force = motion.linearised(rest[:, None], u)[0, 1]
     moved = np.zeros_like(rest)
     if np.abs(force).max() > 1e-10 * (1.0 + u):
-        factorised()
+        count_factorisations()
         moved = -np.asarray(np.linalg.solve(motion.jacobian(rest, u), force), dtype=np.float64)
     return complex(form.left.conj() @ (motion.jacobian_by_speed(rest, u, moved) @ form.right))
 
@@ -725,7 +725,7 @@ def criticality_curve(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    at, pipes, onsets, failures = swept(
+    at, pipes, onsets, failures = sweep(
         make_model, values, _onsets, executor, progress, "criticality"
     )
     return CriticalityCurve(at, tuple(onsets), failures, pipes)

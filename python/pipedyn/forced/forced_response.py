@@ -46,10 +46,10 @@ from pipedyn.orbits.orbit_continuation import (
     BranchStart,
     Grazing,
     Step,
-    followed_past_grazing,
     from_orbit,
     meeting,
     orbit_at,
+    steps_past_grazing,
 )
 from pipedyn.orbits.periodic_orbit import (
     PeriodicOrbit,
@@ -61,11 +61,11 @@ from pipedyn.orbits.periodic_orbit import (
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
-from pipedyn.util.counters import counted
+from pipedyn.util.counters import count_work
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import one_thread, track
-from pipedyn.util.result import Result, TableResult, joined
+from pipedyn.util.result import Result, TableResult, join_tables
 
 FORCED_DOF = 60
 """Largest number of degrees of freedom: with 20 of them a motion takes some 0.1 s, and a branch has
@@ -253,7 +253,7 @@ class ForcedResponse(TableResult):
     def _columns(self) -> dict[str, Any]:
         tables = [one._columns() for one in self.branches]
         kinds = [one.kind for one in self.branches]
-        return joined(tables, branch=range(len(kinds)), kind=kinds)
+        return join_tables(tables, branch=range(len(kinds)), kind=kinds)
 
 
 def forced_response(
@@ -440,7 +440,7 @@ def _settled(motion: ForcedField, u: float) -> PeriodicOrbit:
     drive, time = Excitation(u, base), SETTLING * 2.0 * math.pi / base.frequency
     options = MotionOptions(drive.whole(time), drive.whole(max(time, 1.0)), exponents=False)
     begun = Case(model, drive, starts={0: motion.resting().reshape(2, -1)})
-    with counted() as work:
+    with count_work() as work:
         [ends], [case] = motion_ends(model, [begun], options)
     motion.evaluations += work.right_hand_sides
     number, end = ends[0]
@@ -589,7 +589,7 @@ class _ForcedTracer(Tracer[OrbitProblem]):
 
     def branch(self, shown: bool) -> ForcedBranch:
         """The branch, after it was followed."""
-        followed = followed_past_grazing(self.motion, self.start, FINE, self._grazes)
+        followed = steps_past_grazing(self.motion, self.start, FINE, self._grazes)
         _, end, reason = self.one_way(track(followed, None, "forced response", shown))
         last = self.points[-1]
         if end in ("points", "not converged"):

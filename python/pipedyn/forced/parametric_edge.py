@@ -21,7 +21,7 @@ import scipy
 from pipedyn.continuation.arclength import Control, DenseProblem, Point, Segment
 from pipedyn.forced.pulsating import Hill
 from pipedyn.util.check import Array, Complex
-from pipedyn.util.counters import factorised
+from pipedyn.util.counters import count_factorisations
 from pipedyn.util.newton import NewtonFailed, newton
 
 RegionKind = Literal["subharmonic", "harmonic", "combination"]
@@ -50,7 +50,7 @@ class Bordered:
 
     def __init__(self, h: Complex, b: Complex, c: Complex) -> None:
         n = len(h)
-        factorised()
+        count_factorisations()
         whole = np.zeros((n + 2, n + 2), dtype=np.result_type(h, b, c), order="F")
         whole[:n, :n], whole[:n, n:], whole[n:, :n] = h, b, c.conj().T
         self._lu = scipy.linalg.lu_factor(whole, overwrite_a=True, check_finite=False)

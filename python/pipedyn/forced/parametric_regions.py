@@ -23,7 +23,7 @@ from pipedyn.forced.parametric_edge import (
     THINNEST,
     RegionKind,
 )
-from pipedyn.forced.parametric_search import RegionEdges, again, apart, regions
+from pipedyn.forced.parametric_search import RegionEdges, recompute, region_change, regions
 from pipedyn.forced.pulsating import Hill, pulsating_pipe, require_motion
 from pipedyn.linear.frequency_response import checked_range
 from pipedyn.models.base import Model
@@ -36,7 +36,7 @@ from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import one_thread
-from pipedyn.util.result import FREQUENCY, SPEED, ResultSequence, TableResult, joined
+from pipedyn.util.result import FREQUENCY, SPEED, ResultSequence, TableResult, join_tables
 
 TRUNCATIONS = (12, 16, 22, 30, 40)
 """Numbers of functions or modes that are tried, one after the other, until edges converge."""
@@ -110,7 +110,7 @@ class ParametricRegions(
             return {name: [] for name in ("region", "kind", "amplitude", "lowest", "highest")}
         kinds = [one.kind for one in self.regions]
         tables = [one.columns() for one in self.regions]
-        return joined(tables, region=range(len(kinds)), kind=kinds)
+        return join_tables(tables, region=range(len(kinds)), kind=kinds)
 
 
 def parametric_regions(
@@ -189,13 +189,13 @@ def _converged(
             else:
                 hill = Hill(pipe, many)
                 try:
-                    found = [again(hill, region, mu, window[0]) for region in last]
+                    found = [recompute(hill, region, mu, window[0]) for region in last]
                 except NewtonFailed as reason:
                     raise NotConverged(
                         "edges of parametric regions were not found again with more functions and "
                         f"harmonics: {reason}"
                     ) from None
-        error = math.inf if last is None else max(map(apart, last, found), default=0.0)
+        error = math.inf if last is None else max(map(region_change, last, found), default=0.0)
         if error <= EDGE_TOLERANCE:
             for one in found:
                 one.edges[np.diff(one.edges)[:, 0] < 0.3 * THINNEST * one.edges[:, 1]] = math.nan

@@ -491,7 +491,7 @@ def regions(
     return sorted(touching, key=lambda one: float(np.nanmin([one.bottom[1], *one.edges.flat])))
 
 
-def again(hill: Hill, old: RegionEdges, amplitudes: Array, low: float) -> RegionEdges:
+def recompute(hill: Hill, old: RegionEdges, amplitudes: Array, low: float) -> RegionEdges:
     """A known region computed again by other equations, such as those of a larger truncation.
 
     Raises:
@@ -515,7 +515,7 @@ def again(hill: Hill, old: RegionEdges, amplitudes: Array, low: float) -> Region
     return found
 
 
-def apart(one: RegionEdges, other: RegionEdges) -> float:
+def region_change(one: RegionEdges, other: RegionEdges) -> float:
     """Largest relative difference of two regions' edges and least amplitudes."""
     pairs = [(one.edges, other.edges), (one.bottom[:1], other.bottom[:1])]
     moved = [np.abs(a - b) / np.maximum(np.abs(b), 1e-3) for a, b in pairs]

@@ -27,8 +27,8 @@ from pipedyn.models.continuum import (
     FUNCTIONS_A_JOINT,
     AnyModel,
     Continuum,
-    answered,
     checked_model,
+    converged_answer,
     relative,
 )
 from pipedyn.models.drive import Pulsation
@@ -448,7 +448,7 @@ def floquet(model: AnyModel, pulsation: Pulsation) -> FloquetMultipliers:
 
     speeds = (pulsation.mean,)
     try:
-        answer = answered(
+        answer = converged_answer(
             *(model, speeds, question, moved), tolerance=1e-7, smallest=12, largest=60
         )
     except NewtonFailed as reason:

@@ -36,7 +36,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.counters import factorised
+from pipedyn.util.counters import count_factorisations
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.parallel import Job, Returned, one_thread, outcome_of
 from pipedyn.util.result import SPEED
@@ -647,7 +647,8 @@ def _run_searches(searches: Sequence[_Search], final: bool = True) -> None:
     while searches:
         with one_thread(max(one.problem.rows for one in searches)):
             spectra = [one.spectrum for one in searches]
-            found = _core.crossings(spectra, [one.range() for one in searches], factorised)
+            ranges = [one.range() for one in searches]
+            found = _core.crossings(spectra, ranges, count_factorisations)
         for one, swept in zip(searches, found, strict=True):
             one.swept = swept
         searches = [one for one in searches if final and one.swept and one.swept.untracked]

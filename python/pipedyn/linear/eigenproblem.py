@@ -24,7 +24,7 @@ from pipedyn import _core
 from pipedyn.models.base import Model
 from pipedyn.models.pencil import Pencil, Vectors
 from pipedyn.util.check import Array, Complex
-from pipedyn.util.counters import factorised
+from pipedyn.util.counters import count_factorisations
 from pipedyn.util.parallel import one_thread
 
 
@@ -134,8 +134,8 @@ class Eigenproblem:
                     found = spectrum.lowest(u, asked, left, high=True)
                 still = self.static.lowest(u, min(count, most), left)
                 grows = np.flatnonzero(self.grows_statically(still.values))
-                found = _with_conjugates(found, _taken(still, grows), count)
-        factorised(spectrum.factorisations())
+                found = _with_conjugates(found, _select_pairs(still, grows), count)
+        count_factorisations(spectrum.factorisations())
         return found
 
     def errors(self, u: float, pairs: _core.Pairs) -> Array:
@@ -143,13 +143,13 @@ class Eigenproblem:
         still = (pairs.values.imag == 0.0) & (self.pipe.hysteresis > 0.0)
         errors = np.empty(still.size)
         for problem, which in ((self, ~still), (self.static if still.any() else self, still)):
-            some = _taken(pairs, np.flatnonzero(which))
+            some = _select_pairs(pairs, np.flatnonzero(which))
             problem.spectrum().assess(u, some)
             errors[which] = some.uncertain
         return errors
 
 
-def _taken(pairs: _core.Pairs, which: NDArray[np.intp]) -> _core.Pairs:
+def _select_pairs(pairs: _core.Pairs, which: NDArray[np.intp]) -> _core.Pairs:
     """The pairs with the indices `which`."""
     right, left = (of[:, which] if of.size else of for of in (pairs.right, pairs.left))
     return _core.Pairs(pairs.values[which], right, left, pairs.residuals[which])
@@ -162,7 +162,7 @@ def _with_conjugates(hysteretic: _core.Pairs, grows: _core.Pairs, count: int) ->
     for value in grows.values if growing.size else ():
         # The nearest growing root is the same motion, changed by the loss factor.
         oscillates[growing[np.abs(hysteretic.values[growing] - value).argmin()]] = False
-    above = _taken(hysteretic, np.flatnonzero(oscillates))
+    above = _select_pairs(hysteretic, np.flatnonzero(oscillates))
     values = np.concatenate([above.values, above.values.conj(), grows.values])
     places = np.lexsort((-values.imag, values.real, np.abs(values)))[:count]
     right, left = (
@@ -170,7 +170,7 @@ def _with_conjugates(hysteretic: _core.Pairs, grows: _core.Pairs, count: int) ->
         for a, b in ((above.right, grows.right), (above.left, grows.left))
     )
     residuals = np.concatenate([above.residuals, above.residuals, grows.residuals])
-    return _taken(_core.Pairs(values, right, left, residuals), places)
+    return _select_pairs(_core.Pairs(values, right, left, residuals), places)
 
 
 def eigenproblem(model: Model) -> Eigenproblem:

@@ -29,8 +29,8 @@ from pipedyn.models.continuum import (
     AnyModel,
     Continuum,
     Converged,
-    answered,
     checked_model,
+    converged_answer,
     relative,
 )
 from pipedyn.models.drive import steady_speed
@@ -38,7 +38,7 @@ from pipedyn.models.terms import PointMass
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
-from pipedyn.util.counters import factorised
+from pipedyn.util.counters import count_factorisations
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import FREQUENCY, Result, TableResult
@@ -152,7 +152,7 @@ def frequency_response(
             nearer one; its error is of second order in 1 / n, but of first order at a free end, as
             the jet leaves along the last segment, which does not bend further under it.
         output: arc length in L of the place whose transverse displacement is computed; "tip" is the
-            free end, or `Pipe.watched` if that is held. If the base moves, the displacement is
+            free end, or `Pipe.tip_place` if that is held. If the base moves, the displacement is
             relative to the base.
         tolerance: error of the lines between chosen frequencies, relative to |response| at the
             larger of their ends, in [1e-6, 0.1].
@@ -175,7 +175,7 @@ def frequency_response(
     checked_model(model)
     u = steady_speed("u", u, high=largest_speed(model))
     tolerance = check.real("tolerance", tolerance, low=1e-6, high=0.1)
-    driven, place = checked_input(input), checked_output(output, model.pipe.watched)
+    driven, place = checked_input(input), checked_output(output, model.pipe.tip_place)
     if isinstance(model, Model) and model.dof > DENSE_LIMIT:
         raise ValueError(
             f"model must have at most {DENSE_LIMIT} degrees of freedom for frequency_response, "
@@ -202,7 +202,7 @@ def frequency_response(
     ask = partial(_Response, u=u, input=driven, output=place)
     first = ask(one)
     with one_thread(first.rows):
-        grid = _chosen(first, poles, low, high, tolerance)
+        grid = _grid(first, poles, low, high, tolerance)
     # Bases are compared at frequencies that resolve the response, whose slope shows shifts of
     # poles.
     at = np.unique(np.concatenate([grid, [] if given is None else given]))
@@ -212,7 +212,7 @@ def frequency_response(
         with one_thread(response.rows):
             return response, response(at)
 
-    answer: Converged[tuple[_Response, Complex]] = answered(
+    answer: Converged[tuple[_Response, Complex]] = converged_answer(
         asked,
         (u,),
         question,
@@ -337,7 +337,7 @@ class _Response:
                     f"the response at a frequency of {at[worst]:g} leaves a residual of "
                     f"{share[worst]:.1e}"
                 )
-        return _seen(self.output @ self._vectors, x)
+        return _output_displacement(self.output @ self._vectors, x)
 
     def _grown(self, solution: Complex) -> bool:
         """Adds a solution to the basis; returns False if the solution was in its span already."""
@@ -374,7 +374,7 @@ class _Response:
         if not self.pencil.is_long:
             return _solutions(self._matrices, self.loads, np.array([omega]))[:, 0]
         powers = (1j * omega) ** np.arange(3)
-        factorised()
+        count_factorisations()
 
         def product(x: Complex) -> Complex:
             return np.asarray(sum(map(np.multiply, powers, self.products(x[:, None]))))[:, 0]
@@ -400,7 +400,7 @@ def _solutions(matrices: tuple[Array, ...], loads: Array, at: Array) -> Complex:
         powers = (1j * at[some, None]) ** np.arange(3)
         left = np.tensordot(powers, np.stack([stiffness, damping, mass]), 1)
         right = (powers @ loads.T)[..., None]
-        factorised(len(left))
+        count_factorisations(len(left))
         try:
             found[:, some] = np.linalg.solve(left, right)[..., 0].T
         except np.linalg.LinAlgError:
@@ -411,7 +411,7 @@ def _solutions(matrices: tuple[Array, ...], loads: Array, at: Array) -> Complex:
     return found
 
 
-def _seen(output: Array, x: Complex) -> Complex:
+def _output_displacement(output: Array, x: Complex) -> Complex:
     """Displacement of the output, (F,), in solutions (n, F): infinite with them unless always 0."""
     infinite = np.isinf(x).any(axis=0)
     found: Complex = np.asarray(output @ np.where(infinite, 0.0, x))
@@ -487,7 +487,7 @@ def _poles(model: AnyModel, u: float, high: float) -> tuple[Complex, Model, bool
     return values[values.imag >= 0.0], one, stable
 
 
-def _chosen(response: _Response, poles: Complex, low: float, high: float, most: float) -> Array:
+def _grid(response: _Response, poles: Complex, low: float, high: float, most: float) -> Array:
     """Frequencies between which straight lines err by at most the share `most` of the response."""
     if low == high:
         return np.array([low])

@@ -478,7 +478,7 @@ class _Problem:
             _, sizes, right = np.linalg.svd(slopes[:, free], full_matrices=False)
             condition = float(sizes[0] / sizes[-1]) if sizes[-1] > 0.0 else math.inf
             if not sizes[-1] * UNTOLD > 1.0:
-                raise NotIdentifiable(self._untold(free, right[-1], sizes[-1]))
+                raise NotIdentifiable(self._undetermined(free, right[-1], sizes[-1]))
             spread[np.ix_(free, free)] = (right.T / sizes**2) @ right
         values, relative = np.exp(x), np.sqrt(np.diag(spread))
         warnings = []
@@ -524,7 +524,7 @@ class _Problem:
             measurements=self.measurements,
         )
 
-    def _untold(self, free: Any, direction: Array, size: float) -> str:
+    def _undetermined(self, free: Any, direction: Array, size: float) -> str:
         """A sentence naming the combination of unknowns that the measurements do not determine."""
         names = [self.unknowns[i].name for i in free]
         powers = direction / direction[int(np.argmax(np.abs(direction)))]

@@ -19,8 +19,8 @@ from pipedyn.models.continuum import (
     AnyModel,
     Continuum,
     Converged,
-    answered,
     checked_model,
+    converged_answer,
     relative,
 )
 from pipedyn.models.drive import LARGEST_SPEED, require_steady, steady_speed
@@ -28,7 +28,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
-from pipedyn.util.counters import factorised
+from pipedyn.util.counters import count_factorisations
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.parallel import one_thread, track
 from pipedyn.util.result import RATE, Result, TableResult
@@ -228,11 +228,11 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
 
 def roots_and_shapes(model: AnyModel, u: float, count: int | None) -> Modes:
     """The lowest `count` eigenvalues, with both of each conjugate pair, and their mode shapes."""
-    found = answered(
+    found = converged_answer(
         model,
         (u,),
         lambda one: _modes(one, u, count),
-        partial(_moved, model.pipe),
+        partial(_basis_change, model.pipe),
         smallest=max(16, count or 0),
     )
     if not isinstance(model, Continuum):
@@ -270,7 +270,7 @@ def _below_cluster(found: Modes, pipe: Pipe) -> Modes:
     return _selected(found, np.flatnonzero(np.abs(found.eigenvalues) * delta < 1.0 - CLUSTER))
 
 
-def _moved(pipe: Pipe, before: Modes, after: Modes) -> float:
+def _basis_change(pipe: Pipe, before: Modes, after: Modes) -> float:
     """Relative change of the modes below the cluster from one basis to the next, beyond rounding.
 
     If neither basis has a mode there, it is the change of the lowest one.
@@ -341,7 +341,7 @@ def neutral_shape(model: Model, u: float, frequency: float) -> ModeShape:
         for _ in range(3):
             x = np.linalg.solve(dynamic, x)
             x /= np.linalg.norm(x)
-    factorised(3)
+    count_factorisations(3)
     (shape,) = _shapes(model, np.array([value]), np.asarray(x[:, None], dtype=np.complex128))
     return shape
 
@@ -452,7 +452,7 @@ def root_loci(
     count = _checked_count(count, model, most)
     shown = check.flag("progress", progress)
     smallest = max(16, 3 * count, math.ceil(at[-1]))
-    answer: Converged[RootLoci] = answered(
+    answer: Converged[RootLoci] = converged_answer(
         model,
         (float(at[0]), float(at[-1])),
         lambda one: _root_loci(one, at, count, shown),
@@ -500,17 +500,17 @@ def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci
     overdamped = model.pipe.damping * (math.pi * count) ** 2 > 2.0
     problem = eigenproblem(model)
     spectrum, every = problem.spectrum(), 2 * problem.dof
-    taken = every if overdamped else 2 * count + 16
+    size = every if overdamped else 2 * count + 16
     done = track(range(1, speeds.size), speeds.size - 1, "root loci", shown)
     row_done = (lambda: next(done, None)) if shown else None
     while True:
-        taken = taken if problem.is_long and taken < problem.dof else every
+        size = size if problem.is_long and size < problem.dof else every
         with one_thread(problem.rows):
-            found = spectrum.root_loci(speeds.tolist(), count, taken, factorised, row_done)
-        if found is not None:
+            loci = spectrum.root_loci(speeds.tolist(), count, size, count_factorisations, row_done)
+        if loci is not None:
             for _ in done:
                 pass
-            values, partners = found.values, found.partners
-            checks = found.converged, found.errors
+            values, partners = loci.values, loci.partners
+            checks = loci.converged, loci.errors
             return RootLoci(speeds, values, partners, *checks, problem.dof, model.pipe)
-        taken *= 2
+        size *= 2

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pipedyn import _core
 from pipedyn.util.check import Array, Complex
-from pipedyn.util.counters import factorised
+from pipedyn.util.counters import count_factorisations
 
 SHIFT: float = _core.SHIFT
 """Shift about which eigenvalues are computed, here and in the core; only by chance it is an
@@ -31,7 +31,7 @@ def shifted(mass: Array, damping: Array, stiffness: NDArray[Any]) -> NDArray[Any
 def companion(mass: Array, damping: Array, stiffness: NDArray[Any]) -> NDArray[Any]:
     """Matrix (2n, 2n) with eigenvalues 1 / (lambda - SHIFT), vectors (x, (lambda - SHIFT) x)."""
     n = len(mass)
-    factorised()
+    count_factorisations()
     right = np.hstack([damping + 2.0 * SHIFT * mass, mass])
     solved = -np.linalg.solve(shifted(mass, damping, stiffness), right)
     result = np.zeros((2 * n, 2 * n), dtype=solved.dtype)

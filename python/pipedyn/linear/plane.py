@@ -28,7 +28,7 @@ from pipedyn.models.chain import Chain
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe_numbers import PipeNumber
 from pipedyn.util.check import Array, Complex
-from pipedyn.util.counters import factorised
+from pipedyn.util.counters import count_factorisations
 
 AFFINE = 1e-12
 """Largest distance of the matrices at a point inside from the interpolated ones, relative to the
@@ -304,7 +304,7 @@ class Plane:
         _, damping, stiffness = self.at(at)
         if damping.any() or not self.conservative_at(at):
             return None
-        factorised()
+        count_factorisations()
         return np.linalg.eigvalsh(0.5 * (stiffness.real + stiffness.real.T))
 
     def meeting(self, at: Array) -> float:
@@ -342,7 +342,7 @@ class Plane:
             change = end - begin
             if np.abs(change).max() <= 1e-13 * np.abs(begin).max():
                 continue
-            factorised()
+            count_factorisations()
             inverse = np.linalg.eigvals(np.linalg.solve(begin + shift * change, -change))
             with np.errstate(divide="ignore", invalid="ignore"):
                 shares = shift + 1.0 / inverse

@@ -204,7 +204,7 @@ def stability_curve(
     if max_speed is not None:
         max_speed = checked_end(max_speed)
     solve = critical_points if max_speed is None else partial(stability_losses, max_speed=max_speed)
-    at, pipes, answers, failures = swept(make_model, values, solve, executor, progress)
+    at, pipes, answers, failures = sweep(make_model, values, solve, executor, progress)
     none: CriticalPointIfAny = (None, ())
     critical, found = zip(*(none if one is None else one for one in answers), strict=True)
     name = _name_of_argument(make_model)
@@ -219,7 +219,7 @@ def _name_of_argument(function: Callable[[float], Any]) -> str:
         return ""
 
 
-def swept(
+def sweep(
     make_model: Callable[[float], AnyModel],
     values: ArrayLike,
     solve: Callable[[Sequence[Any]], Sequence[Returned | Exception]],

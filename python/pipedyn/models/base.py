@@ -752,7 +752,7 @@ class Model(OfPipe, ABC):
     def tips(self, q: ArrayLike) -> Array:
         """Positions (x, y) of the free end, (k, 2), for k configurations, (coordinates, k).
 
-        If the end is held across, they are positions of the pipe's point `Pipe.watched`.
+        If the end is held across, they are positions of the pipe's point `Pipe.tip_place`.
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
@@ -771,8 +771,8 @@ class Model(OfPipe, ABC):
         columns, rates = self._configurations("q", q), self._configurations("qdot", qdot)
         if columns.shape != rates.shape:
             raise ValueError(f"qdot must have the shape of q, {columns.shape}, got {rates.shape}")
-        moving = resolved("tip_velocities", lambda: self._tip_velocities(columns, rates).T, True)
-        return moving.T
+        velocity = resolved("tip_velocities", lambda: self._tip_velocities(columns, rates).T, True)
+        return velocity.T
 
     def _tip_velocities(self, q: Array, qdot: Array) -> Array:
         step = COMPLEX_STEP / max(1.0, float(np.abs(qdot).max(initial=0.0)))
@@ -825,14 +825,14 @@ class Model(OfPipe, ABC):
         return check.array("angle(s)", values_along("angle", angle, s), size=s.size, **ANGLES)
 
     def tip(self, q: ArrayLike) -> Array:
-        """Position (x, y) of the free end, shape (2,); of `Pipe.watched` if the end is held across.
+        """Position (x, y), shape (2,), of the free end; of `Pipe.tip_place` if that is held across.
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
             >>> chain.tip([0.0, np.pi / 2.0]).round(3)
             array([0.5, 0.5])
         """
-        return self.shape(q, [self.pipe.watched])[0]
+        return self.shape(q, [self.pipe.tip_place])[0]
 
     def _check_dense(self) -> None:
         if self.dof > DENSE_LIMIT:

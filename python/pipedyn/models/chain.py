@@ -22,7 +22,7 @@ from pipedyn.models.base import (
 from pipedyn.models.galerkin import Galerkin, basis_joints
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments, reciprocal
-from pipedyn.models.segments import MET, SegmentModel, along, core_segments, held_ends
+from pipedyn.models.segments import MET, SegmentModel, core_segments, held_ends, position_along
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -135,7 +135,7 @@ class Chain(SegmentModel):
         arrays = {"lengths": lengths, "centres": centres, "gyration_radii": gyration_radii}
         arrays |= {"drag_points": drag_points, "masses": masses}
         if n is None:
-            n = _segments_in(arrays | {"springs": None if rule else springs}, pipe.end_directed)
+            n = _segments_in(arrays | {"springs": None if rule else springs}, pipe.end_guided)
         n = check.count("n", n, high=LARGEST_CHAIN)
         cells = _cells(n, base, pipe.supports)
         if rule == "midpoint":
@@ -146,7 +146,7 @@ class Chain(SegmentModel):
             base = 0.5 / n
             cells = np.full(n, 1.0 / n)
             cells[-1] = 0.5 / n
-        self._lengths = _given("lengths", lengths, cells, open_low=True)
+        self._lengths = _segment_values("lengths", lengths, cells, open_low=True)
         total = base + float(self._lengths.sum())  # pairwise sum, whose rounding 1e-9 allows
         if abs(total - 1.0) > 1e-9:
             raise ValueError(f"base + sum(lengths) must be 1, got {total!r}")
@@ -162,10 +162,10 @@ class Chain(SegmentModel):
                 f"mass, which varies along it, got {' and '.join(own)}"
             )
         mass, center, radius = self._pipe_inertia()
-        self._masses = _given("masses", masses, mass, high=1e6, open_low=True)
-        self._centres = _given("centres", centres, center, high=1.0)
-        self._drag_points = _given("drag_points", drag_points, np.full(n, 0.5), high=1.0)
-        self._gyration_radii = _given("gyration_radii", gyration_radii, radius, high=1e3)
+        self._masses = _segment_values("masses", masses, mass, high=1e6, open_low=True)
+        self._centres = _segment_values("centres", centres, center, high=1.0)
+        self._drag_points = _segment_values("drag_points", drag_points, np.full(n, 0.5), high=1.0)
+        self._gyration_radii = _segment_values("gyration_radii", gyration_radii, radius, high=1e3)
         arm = self._centres[-1] * self._lengths[-1] + self._gyration_radii[-1]
         if arm < 0.1 * SHORTEST_SEGMENT:
             raise ValueError(
@@ -175,10 +175,10 @@ class Chain(SegmentModel):
         self._rule = rule
         if rule is None:
             self._joints = check.array(
-                "springs", springs, size=n + pipe.end_directed, low=0.0, high=1e15
+                "springs", springs, size=n + pipe.end_guided, low=0.0, high=1e15
             )
         else:
-            self._joints = _frozen(self._springs_by_rule(rule))
+            self._joints = _read_only(self._springs_by_rule(rule))
         self._check_pipe()
         self._approximates = rule is not None and not own
 
@@ -202,11 +202,11 @@ class Chain(SegmentModel):
         kept = check.array("joints", joints, low=0.0, longest=LARGEST_CHAIN + 1)
         if kept.size not in (n, n + 1):
             raise ValueError(f"joints must have {n} or {n + 1} entries, got {kept.size}")
-        made = cls(springs=kept[: n + fields["pipe"].end_directed], **fields)
+        made = cls(springs=kept[: n + fields["pipe"].end_guided], **fields)
         for name in ARRAYS:
             given = fields.get(name)
             if isinstance(given, np.ndarray) and given.dtype == np.float64:
-                setattr(made, f"_{name}", _frozen(given))  # chains with other pipes share it
+                setattr(made, f"_{name}", _read_only(given))  # chains with other pipes share it
         made._joints = kept
         made._rule = None if rule is None else check.choice("rule", rule, SPRING_RULES)
         made._approximates = check.flag("approximates", approximates)
@@ -279,7 +279,7 @@ class Chain(SegmentModel):
             )
         if pipe.cantilevered:
             return
-        guided = pipe.end_directed
+        guided = pipe.end_guided
         if self._rule == "midpoint" and (pipe.root != "clamped" or guided or pipe.supports):
             raise ValueError(
                 "springs='midpoint' is made for a clamped root, an end free or pinned and no "
@@ -313,7 +313,7 @@ class Chain(SegmentModel):
 
     @property
     def _own_joints(self) -> Array:
-        return self._joints[: self.coordinates + self._pipe.end_directed]
+        return self._joints[: self.coordinates + self._pipe.end_guided]
 
     @cached_property
     def core(self) -> _core.Scene:
@@ -349,7 +349,7 @@ class Chain(SegmentModel):
     @property
     def end_spring(self) -> float:
         """Stiffness k_{n+1} of the joint at a guided or clamped end; 0 for other ends."""
-        return float(self._joints[-1]) if self._pipe.end_directed else 0.0
+        return float(self._joints[-1]) if self._pipe.end_guided else 0.0
 
     @property
     def linear_cost(self) -> bool:
@@ -392,7 +392,7 @@ class Chain(SegmentModel):
 
     def _centreline(self, q: ArrayLike, s: Array) -> Array:
         angles = super()._coordinates(q)  # the angles need not meet supports
-        line = along(self._lengths * np.exp(1j * angles), self._base, self._lengths, s)
+        line = position_along(self._lengths * np.exp(1j * angles), self._base, self._lengths, s)
         return np.stack([line.imag, line.real + np.minimum(s, self._base)], axis=-1)
 
     @property
@@ -455,13 +455,13 @@ def _cells(n: int, base: float, supports: Sequence[float]) -> Array:
     return np.repeat(spans / counts, counts)
 
 
-def _frozen(values: Array) -> Array:
+def _read_only(values: Array) -> Array:
     values.flags.writeable = False
     return values
 
 
-def _given(name: str, values: Any, default: Array, **rule: Any) -> Array:
+def _segment_values(name: str, values: Any, default: Array, **rule: Any) -> Array:
     """One number >= 0 for each segment: the user's numbers, checked, or the default."""
     if values is None:
-        return _frozen(default)
+        return _read_only(default)
     return check.array(name, values, size=default.size, low=0.0, **rule)

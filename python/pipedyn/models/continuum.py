@@ -191,7 +191,7 @@ def checked_model(model: Any) -> AnyModel:
     return model
 
 
-def answered(
+def converged_answer(
     model: AnyModel,
     speeds: tuple[float, ...],
     question: Callable[[Any], Reply],

@@ -154,7 +154,7 @@ class Galerkin(Model):
         # one of them, and a root that can turn needs one more.
         needs = self.panels - len(self._held)
         if self._basis == "legendre":
-            turns, directed = self._pipe.root != "clamped", self._pipe.end_directed
+            turns, directed = self._pipe.root != "clamped", self._pipe.end_guided
             needs += int(turns and not directed) - int(directed and not turns)
         if self._size < needs:
             raise ValueError(
@@ -254,7 +254,7 @@ class Galerkin(Model):
         order = check.count("derivative", derivative, low=0, high=2)
         at, asked = arc_lengths(s)
         found = self._basis_at(at, order)
-        found = found @ self._free.spread if self._held else found
+        found = found @ self._free.lift if self._held else found
         return found.reshape((*asked, self._size))
 
     def _basis_at(self, s: Array, derivative: int) -> Array:
@@ -290,7 +290,7 @@ class Galerkin(Model):
         free = self._free
         if self._pipe.stiffness is None:
             return np.diag(free.scale), free.share
-        by_core = free.spread * free.scale
+        by_core = free.lift * free.scale
         by, share = orthonormal(by_core.T @ self.core.elastic() @ by_core, free.share)
         return free.scale[:, None] * by, share
 
@@ -303,7 +303,7 @@ class Galerkin(Model):
         """
         rest = self._reference
         if rest is None or not self._held:
-            return self._free.spread, self._elastic[0]
+            return self._free.lift, self._elastic[0]
         by = self._supports.allowed(rest)
         return by, np.linalg.inv(np.linalg.cholesky(by.T @ self.core.elastic() @ by)).T
 
@@ -322,8 +322,8 @@ class Galerkin(Model):
     @property
     def _amplitudes(self) -> Array:
         """Amplitudes of the core's functions for a unit of each elastic coordinate, (core's, m)."""
-        spread, scale = self.small_motions
-        return spread @ scale
+        lift, scale = self.small_motions
+        return lift @ scale
 
     def _held_across(self, core: Operators, by: Array, straight: bool) -> Operators:
         """Operators in coordinates q, where the core's coordinates are `by` q."""
@@ -352,8 +352,8 @@ class Galerkin(Model):
         return self._supports.onto_constraints(p, rates) if self._held else (p, rates)
 
     def initial_state(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
-        q, exact = self._spread("q0", q0)
-        rates = np.zeros_like(q) if qdot0 is None else self._spread("qdot0", qdot0)[0]
+        q, exact = self._amplitudes_of("q0", q0)
+        rates = np.zeros_like(q) if qdot0 is None else self._amplitudes_of("qdot0", qdot0)[0]
         state = self._closed("q0", q, rates)
         missed = float(np.abs(state - np.concatenate([q, rates])).max())
         if exact and missed > MISSED:
@@ -363,12 +363,12 @@ class Galerkin(Model):
             )
         return state
 
-    def _spread(self, name: str, given: ArrayLike) -> tuple[Array, bool]:
+    def _amplitudes_of(self, name: str, given: ArrayLike) -> tuple[Array, bool]:
         """Amplitudes of the core's functions, and whether the argument has all of them."""
         rows = check.array(name, given, size=(self.dof, self.coordinates), **ANGLES)
         if rows.size == self.coordinates:
             return rows, True
-        return self._free.spread @ rows, False
+        return self._free.lift @ rows, False
 
     def _closed(self, name: str, q: Array, rates: Array) -> Array:
         """The nearby state [q, q'] that meets the supports."""
@@ -378,7 +378,7 @@ class Galerkin(Model):
         return state
 
     def _coordinates(self, q: ArrayLike) -> Array:
-        rows, exact = self._spread("q", q)
+        rows, exact = self._amplitudes_of("q", q)
         return rows if exact else self._closed("q", rows, np.zeros_like(rows))[: rows.size]
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
@@ -423,7 +423,7 @@ class Galerkin(Model):
 
     def _tips_in_motion(self, q: Array, qdot: Array) -> Array:
         """Positions and velocities of the point of `tips`, shape (4, k)."""
-        place = self._pipe.watched
+        place = self._pipe.tip_place
         if place == 1.0:
             found = self.core.tips(np.concatenate([q, qdot]))
         else:
@@ -488,16 +488,16 @@ class PanelPencil(Pencil):
         self.end_moves = model.pipe.cantilevered and model.pipe.beta * model.pipe.inflow_share > 0.0
 
     @cached_property
-    def spread(self) -> Array:
+    def lift(self) -> Array:
         """Matrix from elastic coordinates to root slope and curvatures, (core's, dof)."""
         return self.core.on_panels(self.model._amplitudes)
 
     @cached_property
-    def gathered(self) -> Array:
+    def projection(self) -> Array:
         """Matrix from root slope and curvatures to elastic coordinates, (dof, core's)."""
         if (self.model.elastic_share < 1.0).any():
-            return np.asarray(np.linalg.pinv(self.spread), dtype=np.float64)
-        return np.ascontiguousarray(self._elastic(self.spread).T)
+            return np.asarray(np.linalg.pinv(self.lift), dtype=np.float64)
+        return np.ascontiguousarray(self._elastic(self.lift).T)
 
     def _elastic(self, x: Array) -> Array:
         """Elastic loads by root slope and curvatures, with the root's spring."""
@@ -507,10 +507,10 @@ class PanelPencil(Pencil):
         return loads
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
-        return _core.Structured(traits, self.core, self.spread, self.gathered, size)
+        return _core.Structured(traits, self.core, self.lift, self.projection, size)
 
     def _product(self, x: Array, part: str) -> Array:
-        return self.spread.T @ self.core.times(self.spread @ x, **{part: 1.0})
+        return self.lift.T @ self.core.times(self.lift @ x, **{part: 1.0})
 
 
 def enriched(model: Galerkin, more: int) -> Galerkin:

@@ -97,9 +97,9 @@ class Pencil:
 
     def by_springs(self, value: complex) -> Any:
         """Derivative of k_j + value c_j, with its loss, by each joint's spring k_j, shape (n,)."""
-        return 1.0 + self._lost(value)
+        return 1.0 + self._damping_factor(value)
 
-    def _lost(self, value: complex) -> complex:
+    def _damping_factor(self, value: complex) -> complex:
         """Addition by damping to a unit elastic stiffness; without loss at lambda = value = 0."""
         return self.pipe.damping * value + (1j * self.pipe.hysteresis if value else 0.0)
 

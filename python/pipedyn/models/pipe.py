@@ -46,38 +46,38 @@ class OwnNumber:
     """Description of a number of the pipe, for code that treats all numbers alike.
 
     Attributes:
-        word: name of the number in a label.
+        label: name of the number in a label.
         symbol: its symbol in TeX; a Greek letter is given by its name.
         rule: allowed range for `check.real`, wider than any pipe's and far from overflow.
         slider: range of a slider, extended if the pipe's own number lies outside; None if only a
             number that is not at its default gets a slider.
         flow: the direction of flow to which the number is limited; empty if it applies to both.
-        not_small: why the number does not enter small motions about the straight pipe; empty if it
-            does.
-        not_large: why the number does not enter motions in time; empty if it does.
+        no_linear_effect: why the number does not enter small motions about the straight pipe; empty
+            if it does.
+        no_nonlinear_effect: why the number does not enter motions in time; empty if it does.
         unit: SI unit; None if it has none.
         effect: name of the effect that the pipe lacks if the number has its default; `relevant`
             switches the effect off by setting the default. Empty for a number such as gamma, whose
             effect, gravity, is switched off by 0: accuracy/effects.py names these effects.
     """
 
-    word: str
+    label: str
     symbol: str
     rule: dict[str, Any]
     slider: tuple[float, float] | None = None
     flow: str = ""
-    not_small: str = ""
-    not_large: str = ""
+    no_linear_effect: str = ""
+    no_nonlinear_effect: str = ""
     unit: Unit | None = None
     effect: str = ""
 
     def excluded(self, motions: bool) -> str:
         """Why the number has no effect on finite (if `motions`) or small motions; "" if it has."""
-        return self.not_large if motions else self.not_small
+        return self.no_nonlinear_effect if motions else self.no_linear_effect
 
     @property
-    def letter(self) -> str:
-        """The symbol without TeX's backslash."""
+    def ascii(self) -> str:
+        """The symbol in ASCII, without TeX's backslash."""
         return self.symbol.removeprefix("\\")
 
 
@@ -92,12 +92,12 @@ OWN_NUMBERS = {
     ),
     "drag": OwnNumber(
         *("drag", r"\kappa", {"low": 0.0, "high": 1e9}),
-        not_small="drag has no part in small motions",
+        no_linear_effect="drag has no part in small motions",
     ),
     "damping": OwnNumber("damping", r"\delta", {"low": 0.0, "high": 1e6}, (0.0, 0.05), unit=TIME),
     "hysteresis": OwnNumber(
         *("loss factor", r"\mu", {"low": 0.0, "high": 1e3}, (0.0, 0.2)),
-        not_large="a pipe with hysteresis has no equation of motion in time",
+        no_nonlinear_effect="a pipe with hysteresis has no equation of motion in time",
     ),
     "inflow_share": OwnNumber(
         *("inflow share", "c", {"low": 0.0, "high": 1.0}, (0.0, 1.0)),
@@ -107,7 +107,7 @@ OWN_NUMBERS = {
     "jet_angle": OwnNumber(
         *("jet angle", r"\psi", {"low": -math.pi, "high": math.pi}),
         flow="ejecting",
-        not_small="the straight pipe is no equilibrium of an inclined jet",
+        no_linear_effect="the straight pipe is no equilibrium of an inclined jet",
         effect="jet angle",
     ),
     "rotary_inertia": OwnNumber(
@@ -385,11 +385,11 @@ class Pipe(Saved):
             for name, (value, causes) in numbers.items()
         }
         given = [converted(one, units, operator.truediv) for one in checked_terms(terms, length)]
-        borne = gravity * length**3 * displaced / stiffness  # part of gamma that buoyancy cancels
+        buoyancy = gravity * length**3 * displaced / stiffness  # the part of gamma that it cancels
         given += [
-            Weight(at=one.at, load=borne * one.mass)
+            Weight(at=one.at, load=buoyancy * one.mass)
             for one in given
-            if isinstance(one, PointMass) and borne
+            if isinstance(one, PointMass) and buoyancy
         ]
         if added_mass_coefficient:
             causes = f"added_mass_coefficient, {outside} and the masses"
@@ -463,7 +463,7 @@ class Pipe(Saved):
         return self.end in ("pinned", "clamped")
 
     @property
-    def end_directed(self) -> bool:
+    def end_guided(self) -> bool:
         """Whether the end keeps the direction of the straight pipe's axis."""
         return self.end in ("guided", "clamped")
 
@@ -473,7 +473,7 @@ class Pipe(Saved):
         return self.drag > 0.0 or any(term.kinks for term in self.terms)
 
     @property
-    def watched(self) -> float:
+    def tip_place(self) -> float:
         """Arc length in L of the point that stands for the free end, or tip, in results.
 
         It is the end, unless the end is held across: then it is a point at 0.382 of the longest
@@ -542,7 +542,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).speed_si(3.0)
             6.0
         """
-        return _times_scale("u", u, np.multiply, self._units("speed").speed)
+        return _scaled_by("u", u, np.multiply, self._units("speed").speed)
 
     def speed_from_si(self, V: ArrayLike) -> Any:
         """Nondimensional flow speed u from V in m/s; a number or an array.
@@ -552,7 +552,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).speed_from_si(6.0)
             3.0
         """
-        return _times_scale("V", V, np.divide, self._units("speed").speed)
+        return _scaled_by("V", V, np.divide, self._units("speed").speed)
 
     def time_si(self, tau: ArrayLike) -> Any:
         """Time in s from the nondimensional tau; a number or an array.
@@ -562,7 +562,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).time_si(1.5)
             3.0
         """
-        return _times_scale("tau", tau, np.multiply, self._units("time").time)
+        return _scaled_by("tau", tau, np.multiply, self._units("time").time)
 
     def time_from_si(self, t: ArrayLike) -> Any:
         """Nondimensional time tau from t in s; a number or an array.
@@ -572,7 +572,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).time_from_si(3.0)
             1.5
         """
-        return _times_scale("t", t, np.divide, self._units("time").time)
+        return _scaled_by("t", t, np.divide, self._units("time").time)
 
     def frequency_si(self, omega: ArrayLike) -> Any:
         """Angular frequency in rad/s from the nondimensional omega; a number or an array.
@@ -584,7 +584,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).frequency_si(14.0)
             7.0
         """
-        return _times_scale("omega", omega, np.divide, self._units("time").time)
+        return _scaled_by("omega", omega, np.divide, self._units("time").time)
 
     def frequency_from_si(self, omega_si: ArrayLike) -> Any:
         """Nondimensional angular frequency from rad/s (2 pi times Hz); a number or an array.
@@ -594,7 +594,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).frequency_from_si(7.0)
             14.0
         """
-        return _times_scale("omega_si", omega_si, np.multiply, self._units("time").time)
+        return _scaled_by("omega_si", omega_si, np.multiply, self._units("time").time)
 
     def length_si(self, s: ArrayLike) -> Any:
         """Length in m from a length in units of L; a number or an array.
@@ -604,7 +604,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).length_si(0.5)
             1.0
         """
-        return _times_scale("s", s, np.multiply, self._units("length").length)
+        return _scaled_by("s", s, np.multiply, self._units("length").length)
 
     def length_from_si(self, x: ArrayLike) -> Any:
         """Length in units of L from a length in m; a number or an array.
@@ -614,7 +614,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).length_from_si(1.0)
             0.5
         """
-        return _times_scale("x", x, np.divide, self._units("length").length)
+        return _scaled_by("x", x, np.divide, self._units("length").length)
 
 
 def checked_pipe(pipe: Any) -> Pipe:
@@ -647,7 +647,7 @@ CHECKS: dict[str, Callable[[Any], Any]] = {
 DEFAULTS = {item.name: item.default for item in fields(Pipe)}
 
 
-def _times_scale(name: str, value: ArrayLike, by: np.ufunc, scale: float) -> Any:
+def _scaled_by(name: str, value: ArrayLike, by: np.ufunc, scale: float) -> Any:
     numbers = check.numbers(name, value, "a number or an array of numbers", longest=10_000_000)
     if not np.isfinite(numbers).all():
         raise ValueError(f"{name} must be finite, got {check.shown(value)}")

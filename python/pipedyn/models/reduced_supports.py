@@ -114,7 +114,7 @@ class FreeFunctions:
         beam: whether the functions are beam modes.
 
     Attributes:
-        spread: amplitudes of the core's functions for each of the model's, (core's, model's).
+        lift: amplitudes of the core's functions for each of the model's, (core's, model's).
         scale: amplitude for a unit of each elastic coordinate, (model's,).
         share: elastic stiffness in elastic coordinates, (model's,): 1, but less for a function that
             hardly bends.
@@ -124,7 +124,7 @@ class FreeFunctions:
         stiffness = core.elastic_stiffness()
         self.scale = 1.0 / np.sqrt(np.maximum(stiffness, 1.0))
         self.share = stiffness * self.scale**2
-        self.spread = np.eye(stiffness.size)
+        self.lift = np.eye(stiffness.size)
         self._core = core
         if not held:
             return
@@ -137,9 +137,9 @@ class FreeFunctions:
         rows = core.basis(np.array(held), 0)[:, low] * self.scale[low]
         combined = _orthonormal_zeros(rows, self.share[low])
         own, first = [k for of in high for k in of], combined.shape[1]
-        self.spread = np.zeros((count, first + len(own)))
-        self.spread[low, :first] = self.scale[low, None] * combined
-        self.spread[own, first:] = np.eye(len(own))
+        self.lift = np.zeros((count, first + len(own)))
+        self.lift[low, :first] = self.scale[low, None] * combined
+        self.lift[own, first:] = np.eye(len(own))
         unit = np.ones(first)
         self.scale = np.concatenate([unit, self.scale[own]])
         self.share = np.concatenate([unit, self.share[own]])

@@ -70,7 +70,7 @@ class SmallMotions:
 
     def joint_angles(self, zeta: NDArray[Any]) -> NDArray[Any]:
         """Angles of the joints, shape (n, r), for elastic coordinates, shape (dof, r)."""
-        result: NDArray[Any] = self.scale[:, None] * real_columns(self.elastic.spread, zeta)
+        result: NDArray[Any] = self.scale[:, None] * real_columns(self.elastic.lifted, zeta)
         return result
 
 
@@ -106,7 +106,7 @@ class SegmentModel(Model):
     def pencil(self) -> Pencil:
         return ChainPencil(self) if self.linear_cost else DensePencil(self)
 
-    def _unheld(self, theta: Array) -> Operators:
+    def _unconstrained(self, theta: Array) -> Operators:
         """Operators in the segments' angles, without what holds nodes or acts at the joints."""
         return operators_from(self.core.operators(theta, joints=False), self._pipe)
 
@@ -118,7 +118,7 @@ class SegmentModel(Model):
         still, pipe = self.core.free_accelerations(theta), self._pipe
         if still.any():
             still = self.core.operators(theta).mass @ still
-        end = (0.0 if pipe.end_directed else theta[-1]) + pipe.jet_angle
+        end = (0.0 if pipe.end_guided else theta[-1]) + pipe.jet_angle
         # The product of one direction exp(i theta) with another's conjugate gives the sine of their
         # difference.
         along_pipe = self._lengths * np.exp(1j * theta)
@@ -197,7 +197,7 @@ class SegmentModel(Model):
 
         def found(model: SegmentModel) -> Operators:
             linear = model._linear_at(q)
-            joints = np.diff(linear.basis.spread(np.eye(self.dof)), axis=0, prepend=0.0)
+            joints = np.diff(linear.basis.lifted(np.eye(self.dof)), axis=0, prepend=0.0)
             return model._operators(linear, joints)
 
         return self._with_loss(found)
@@ -208,7 +208,7 @@ class SegmentModel(Model):
         Where nothing holds nodes it is the identity; else its columns are orthonormal. The argument
         and exceptions are those of `operators`.
         """
-        return self._linear_at(q).basis.spread(np.eye(self.dof))
+        return self._linear_at(q).basis.lifted(np.eye(self.dof))
 
     def free_directions(self, p: Array) -> Array:
         return self.basis(p)
@@ -246,13 +246,13 @@ class SegmentModel(Model):
         return replace(operators, **matrices)
 
     def _bent(self, linear: SmallMotions) -> Operators:
-        """The operators of `_unheld`, with the stiffness of the forces that hold nodes.
+        """The operators of `_unconstrained`, with the stiffness of the forces that hold nodes.
 
         The forces balance the moments at rest, and their own moments change as the segments turn.
         They are found by least squares in elastic coordinates, where stiff springs do not hide soft
         ones.
         """
-        theta, chain = linear.theta, self._unheld(linear.theta)
+        theta, chain = linear.theta, self._unconstrained(linear.theta)
         if not linear.rows.size:
             return chain
         rows, loads = map(linear.elastic_loads, (linear.rows, self._rest_moments(theta)))
@@ -271,18 +271,18 @@ class SegmentModel(Model):
         columns, linear = self._columns("z", z), self.linear
         joints = linear.joint_angles(columns.reshape(self.dof, -1))
         angles = np.cumsum(joints, axis=0, out=joints)
-        return real_columns(linear.basis.gathered, angles).reshape(columns.shape)
+        return real_columns(linear.basis.projected, angles).reshape(columns.shape)
 
     def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
         if len(columns) == self.integrated:
             return columns
-        return real_columns(self.linear.basis.spread, columns)
+        return real_columns(self.linear.basis.lifted, columns)
 
     def _deflected(self, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
         if derivative:
-            return turned(p, self._ends(), float(self._own_joints[0]), self._pipe, s)
+            return rotation(p, self._ends(), float(self._own_joints[0]), self._pipe, s)
         across = self._lengths * np.cos(self.linear.theta)
-        return along((across * p.T).T, self._base, self._lengths, s)
+        return position_along((across * p.T).T, self._base, self._lengths, s)
 
     def _segment_angles(self, q: NDArray[Any]) -> NDArray[Any]:
         """Angles of the segments, (n, k), in configurations, (coordinates, k)."""
@@ -295,7 +295,7 @@ class SegmentModel(Model):
     @cached_property
     def _lengths_to_tip(self) -> Array:
         """Lengths of the parts of the segments up to the point of `tips`, shape (n,)."""
-        place = self.pipe.watched
+        place = self.pipe.tip_place
         if place == 1.0:
             return self._lengths
         starts = self._base + np.cumsum(self._lengths) - self._lengths
@@ -303,7 +303,7 @@ class SegmentModel(Model):
 
     def _across(self, p: Array, s: Array) -> Array:
         steps = self._lengths[:, None] * np.sin(p)
-        return np.asarray(along(steps, self._base, self._lengths, s))
+        return np.asarray(position_along(steps, self._base, self._lengths, s))
 
     def motion_linearised(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
         step = np.where(np.greater(u, 0.0), np.multiply(u, 0.5), 1.0)
@@ -400,8 +400,8 @@ class ChainPencil(Pencil):
         return _core.Structured(traits, self.core, self.complement, self.scale, size)
 
     def elastic(self, x: Vectors) -> Vectors:
-        result: Vectors = super().elastic(real_columns(self.complement.spread, x))
-        return real_columns(self.complement.gathered, result)
+        result: Vectors = super().elastic(real_columns(self.complement.lifted, x))
+        return real_columns(self.complement.projected, result)
 
     def by_springs(self, value: complex) -> Any:
         every, root = super().by_springs(value), self.pipe.root_stiffness
@@ -410,13 +410,13 @@ class ChainPencil(Pencil):
         by = np.full(self.scale.size, every, dtype=np.complex128)
         # The root's spring is in series with the first joint's and has no damping.
         share = root / (root + float(self.model._own_joints[0])) if root else 0.0
-        by[0] = share**2 * (1.0 + self._lost(value) * (2.0 * share - 1.0))
+        by[0] = share**2 * (1.0 + self._damping_factor(value) * (2.0 * share - 1.0))
         return by
 
     def _product(self, x: Array, part: str) -> Array:
         scale = self.scale[:, None]
-        rows = self.core.joint_times(scale * self.complement.spread(x), **{part: 1.0})
-        return self.complement.gathered(scale * rows)
+        rows = self.core.joint_times(scale * self.complement.lifted(x), **{part: 1.0})
+        return self.complement.projected(scale * rows)
 
 
 def core_segments(one: Any, **joints: Array) -> _core.Segments:
@@ -462,7 +462,7 @@ def closest(core: _core.Scene, starts: Iterable[Array]) -> tuple[Array, float]:
     return best, least
 
 
-def along(steps: NDArray[Any], base: float, lengths: Array, s: Array) -> NDArray[Any]:
+def position_along(steps: NDArray[Any], base: float, lengths: Array, s: Array) -> NDArray[Any]:
     """Sum of the segments' vectors (n, ...) up to s, linear within a segment, 0 on the base."""
     ends = base + np.concatenate([[0.0], np.cumsum(lengths)])
     nodes = np.concatenate([np.zeros_like(steps[:1]), np.cumsum(steps, axis=0)])
@@ -471,7 +471,7 @@ def along(steps: NDArray[Any], base: float, lengths: Array, s: Array) -> NDArray
     return nodes[j] + (part * steps[j].T).T
 
 
-def turned(theta: NDArray[Any], ends: Array, spring: float, pipe: Pipe, s: Array) -> NDArray[Any]:
+def rotation(theta: NDArray[Any], ends: Array, spring: float, pipe: Pipe, s: Array) -> NDArray[Any]:
     """Angles at arc lengths s of the pipe that a chain approximates, (p, ...), of second order.
 
     Each segment has the pipe's angle at its middle. Between two middles the moment is nearly
@@ -489,7 +489,7 @@ def turned(theta: NDArray[Any], ends: Array, spring: float, pipe: Pipe, s: Array
     """
     places = np.concatenate([[0.0], 0.5 * (ends[:-1] + ends[1:]), [1.0]])
     at_root = spring / (spring + pipe.root_stiffness) if spring > 0.0 else 1.0
-    last = 0.0 if pipe.end_directed else 1.0
+    last = 0.0 if pipe.end_guided else 1.0
     angles = np.concatenate([at_root * theta[:1], theta, last * theta[-1:]])
     if pipe.stiffness is not None:
         every = np.unique(np.concatenate([places, s]))

@@ -21,7 +21,7 @@ from pipedyn.models.base import (
 )
 from pipedyn.models.chain import Chain, SpringRule
 from pipedyn.models.pipe import Pipe, checked_pipe
-from pipedyn.models.segments import MET, SegmentModel, SmallMotions, along
+from pipedyn.models.segments import MET, SegmentModel, SmallMotions, position_along
 from pipedyn.models.terms import Term
 from pipedyn.modular.custom import CustomForces
 from pipedyn.modular.layout import CONSTRAINTS, MODULES, Layout
@@ -127,7 +127,7 @@ class Assembly(SegmentModel):
         for custom in self._customs.each:
             custom.validate(self._configuration(self._layout.rest)[custom.index])
         self._check_pipe()
-        self._reference = straight if self._misses(straight) <= MET else None
+        self._reference = straight if self._residual(straight) <= MET else None
 
     def archived(self) -> dict[str, Any]:
         """Arguments by name and the configuration of `about`, from which files restore a scene."""
@@ -148,7 +148,7 @@ class Assembly(SegmentModel):
         reference = fields.pop("reference")
         made = cls(**fields)
         if reference is not None:
-            made._reference = made._turned("reference", reference, sizes=(made.integrated,))
+            made._reference = made._angles_from("reference", reference, sizes=(made.integrated,))
         return made
 
     def _check_pipe(self) -> None:
@@ -235,7 +235,7 @@ class Assembly(SegmentModel):
         constraints: tuple[Constraint, ...] = (),
     ) -> Assembly:
         """The scene on another pipe, with further parts; a free or pinned end has no spring."""
-        joints = self.integrated + pipe.end_directed
+        joints = self.integrated + pipe.end_guided
         own = [m for m in self.modules if getattr(m, "joint", 1) <= joints]
         more = Assembly(
             pipe,
@@ -243,7 +243,7 @@ class Assembly(SegmentModel):
             (*self._layout.given, *constraints),
         )
         chosen = self._reference
-        if chosen is not None and chosen.size == more.integrated and more._misses(chosen) <= MET:
+        if chosen is not None and chosen.size == more.integrated and more._residual(chosen) <= MET:
             more._reference = chosen
         return more
 
@@ -278,19 +278,19 @@ class Assembly(SegmentModel):
                 `admissible`.
             TypeError: for arguments that are no arrays of real numbers.
         """
-        theta = self._turned("angles", angles, sizes=(self.integrated,))
-        omega = self._turned("rates", rates, theta, sizes=(self.integrated,))
+        theta = self._angles_from("angles", angles, sizes=(self.integrated,))
+        omega = self._angles_from("rates", rates, theta, sizes=(self.integrated,))
         return self.core.redundant(np.append(theta, omega))
 
     def _configuration(self, theta: Array) -> Array:
         """Redundant coordinates, shape (3 n,), at angles of the segments, shape (n,)."""
-        return self._still(theta)[: self.coordinates, 0]
+        return self._rest_state(theta)[: self.coordinates, 0]
 
-    def _still(self, theta: Array) -> Array:
+    def _rest_state(self, theta: Array) -> Array:
         """The redundant state at rest, shape (6 n, 1), at angles of the segments, shape (n,)."""
         return self.core.redundant(np.append(theta, 0.0 * theta)[:, None])
 
-    def _misses(self, theta: Array) -> float:
+    def _residual(self, theta: Array) -> float:
         """Largest distance of the nodes at angles theta from guides and pins."""
         missed = self._configuration(theta)[self._layout.held] - self._layout.held_values
         return float(np.abs(missed).max(initial=0.0))
@@ -361,7 +361,7 @@ class Assembly(SegmentModel):
         except NewtonFailed as reason:
             raise NotConverged(f"no equilibrium was found at u = {u:g} near start") from reason
         configuration = self._configuration(found)
-        left = self._left(self._small_motions(found), u)
+        left = self._relative_imbalance(self._small_motions(found), u)
         if left > BALANCED:
             raise NotConverged(
                 f"no equilibrium was found at u = {u:g} near start: a force of {left:.2g} times "
@@ -387,9 +387,9 @@ class Assembly(SegmentModel):
         return self._reference
 
     def unbalanced(self, u: float) -> float:
-        return self._left(self.linear, u)
+        return self._relative_imbalance(self.linear, u)
 
-    def _left(self, linear: SmallMotions, u: float) -> float:
+    def _relative_imbalance(self, linear: SmallMotions, u: float) -> float:
         """Largest unbalanced force, relative to 1 + |gamma| + a u^2."""
         size = 1.0 + abs(self._pipe.gamma) + self._pipe.alpha * u**2
         return float(np.abs(self._forces(linear, u)).max(initial=0.0)) / size
@@ -398,7 +398,7 @@ class Assembly(SegmentModel):
         """Unbalanced force at rest, in elastic coordinates, (dof,); it is 0 at an equilibrium."""
         factors = np.array([1.0, self._pipe.alpha * u**2, 0.0])
         moments = self._rest_moments(linear.theta) @ factors
-        return linear.elastic.gathered(linear.elastic_loads(moments[:, None]))[:, 0]
+        return linear.elastic.projected(linear.elastic_loads(moments[:, None]))[:, 0]
 
     @property
     def _held(self) -> NDArray[np.intp]:
@@ -412,18 +412,18 @@ class Assembly(SegmentModel):
         found = super()._rest_moments(theta)
         found[:, 1:] *= self._layout.has_flow
         if self._customs:
-            found[:, 0] += self._customs.moments(self._still(theta))[:, 0]
+            found[:, 0] += self._customs.moments(self._rest_state(theta))[:, 0]
         return found
 
-    def _unheld(self, theta: Array) -> Operators:
-        found = super()._unheld(theta)
+    def _unconstrained(self, theta: Array) -> Operators:
+        found = super()._unconstrained(theta)
         if not self._layout.has_flow:
             found = replace(found, flux=0.0 * found.flux, centrifugal=0.0)
         if not self._customs:
             return found
         layout = self._layout
         rows = layout.moments(theta, layout.inertia.T)
-        by_angles, by_rates = np.hsplit(self._customs.slopes(self._still(theta)), 2)
+        by_angles, by_rates = np.hsplit(self._customs.slopes(self._rest_state(theta)), 2)
         return replace(
             found,
             mass=found.mass + rows @ rows.T,
@@ -491,8 +491,8 @@ class Assembly(SegmentModel):
     # ------------------------------------------------------------------------- what is integrated
 
     def initial_state(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
-        theta = self._turned("q0", q0)
-        return np.concatenate([theta, self._turned("qdot0", qdot0, theta)])
+        theta = self._angles_from("q0", q0)
+        return np.concatenate([theta, self._angles_from("qdot0", qdot0, theta)])
 
     def to_user(self, p: Array, pdot: Array) -> tuple[Array, Array]:
         y = self.core.redundant(np.concatenate(self.onto_constraints(p.T, pdot.T)))
@@ -515,7 +515,7 @@ class Assembly(SegmentModel):
         places = self._configuration(rows) if rows.size == self.integrated else rows
         nodes = places.reshape(self.integrated, 3)[:, :2]
         steps = np.diff(nodes, axis=0, prepend=[[0.0, self._base]])
-        line = along(steps, self._base, self._lengths, s)
+        line = position_along(steps, self._base, self._lengths, s)
         line[:, 1] += np.minimum(s, self._base)
         return line
 
@@ -541,9 +541,9 @@ class Assembly(SegmentModel):
     # ----------------------------------------------------------------------------------- arguments
 
     def _coordinates(self, q: ArrayLike) -> Array:
-        return self._turned("q", q)
+        return self._angles_from("q", q)
 
-    def _turned(
+    def _angles_from(
         self,
         name: str,
         given: ArrayLike | None,
@@ -618,7 +618,7 @@ def chain(
     columns = (plain.lengths, plain.centres, plain.gyration_radii, plain.drag_points, plain.masses)
     rows = zip(*(column.tolist() for column in columns), strict=True)
     modules: list[Module] = [Segment(*row) for row in rows]
-    springs = [*plain.springs.tolist(), plain.end_spring][: plain.coordinates + pipe.end_directed]
+    springs = [*plain.springs.tolist(), plain.end_spring][: plain.coordinates + pipe.end_guided]
     modules += [TorsionalSpring(j, k) for j, k in enumerate(springs, start=1)]
     modules += [InternalFlow(), Drag()]
     joints = [Joint(j) for j in range(2, plain.coordinates + 1)]

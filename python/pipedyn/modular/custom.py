@@ -187,12 +187,12 @@ class CustomForces:
 
     def _forces(self, states: Array) -> Array:
         """Generalized forces, shape (3 n, k)."""
-        places, moving = np.split(states, 2)
-        total = np.zeros(places.shape)
+        positions, velocities = np.split(states, 2)
+        total = np.zeros(positions.shape)
         with np.errstate(all="ignore"):
-            for forces, q, rates in zip(total.T, places.T, moving.T, strict=True):
+            for forces, q, qdot in zip(total.T, positions.T, velocities.T, strict=True):
                 for custom in self.each:
-                    forces[custom.index] += custom.force(q[custom.index], rates[custom.index])
+                    forces[custom.index] += custom.force(q[custom.index], qdot[custom.index])
         return total
 
     def slopes(self, states: Array) -> Array:

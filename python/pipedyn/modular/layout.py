@@ -69,10 +69,10 @@ class Layout:
         self, modules: Sequence[Module], constraints: Sequence[Constraint], pipe: Pipe
     ) -> None:
         self.modules, self.constraints = tuple(modules), tuple(constraints)
-        self.given, self.guided = self.constraints, pipe.end_directed
+        self.given, self.guided = self.constraints, pipe.end_guided
         """Constraints without those of the pipe's supports; whether there is a joint n + 1."""
-        self.segments = segments = _of(modules, Segment)
-        self.customs = _of(modules, Custom)
+        self.segments = segments = _of_kind(modules, Segment)
+        self.customs = _of_kind(modules, Custom)
         self.size = len(segments)
         if self.size == 0:
             raise ValueError("modules must hold at least one Segment, got none")
@@ -90,7 +90,7 @@ class Layout:
         self.masses = np.array([s.length if s.mass is None else s.mass for s in segments])
         self.springs, self.rest_moments = np.zeros(self.size + self.guided), np.zeros(self.size)
         """Stiffness k_j of each joint, without a root's spring, and moment k_j psi_j at angle 0."""
-        for spring in _of(modules, TorsionalSpring):
+        for spring in _of_kind(modules, TorsionalSpring):
             self.springs[spring.joint - 1] += spring.stiffness
             if spring.joint <= self.size:
                 self.rest_moments[spring.joint - 1] += spring.stiffness * spring.rest_angle
@@ -98,8 +98,8 @@ class Layout:
                 raise ValueError(f"{part_text(spring)}: rest_angle of a guided end must be 0")
         for array in (self.lengths, self.ends, self.springs):
             array.flags.writeable = False
-        self.has_flow = bool(_of(modules, InternalFlow))
-        self.has_drag = bool(_of(modules, Drag))
+        self.has_flow = bool(_of_kind(modules, InternalFlow))
+        self.has_drag = bool(_of_kind(modules, Drag))
         rows = [custom._inertia_rows(3 * self.size) for custom in self.customs]
         self.inertia = np.concatenate([np.zeros((0, 3 * self.size)), *rows])
         """Rows W of the inertia of custom modules, (m, 3 n): the mass matrix in redundant
@@ -132,16 +132,16 @@ class Layout:
                         f"{part_text(part)}: {name} must be at most {most}, the number of "
                         f"{'joints' if most > n else 'segments'}, got {beyond[0]}"
                     )
-        if self.guided and n + 1 not in [s.joint for s in _of(self.modules, TorsionalSpring)]:
+        if self.guided and n + 1 not in [s.joint for s in _of_kind(self.modules, TorsionalSpring)]:
             raise ValueError(
                 f"modules must hold a TorsionalSpring(joint={n + 1}), between segment {n} and the "
                 "end that keeps its direction"
             )
         for kind in (InternalFlow, Drag):
-            count = len(_of(self.modules, kind))
+            count = len(_of_kind(self.modules, kind))
             if count > 1:
                 raise ValueError(f"modules must hold at most one {kind.__name__}, got {count}")
-        tied = {getattr(part, "segment", 1) for part in _of(self.constraints, (Clamp, Joint))}
+        tied = {getattr(part, "segment", 1) for part in _of_kind(self.constraints, (Clamp, Joint))}
         if loose := [j for j in range(1, n + 1) if j not in tied]:
             lacking = "a Clamp" if loose[0] == 1 else f"Joint(segment={loose[0]})"
             raise ValueError(
@@ -150,7 +150,7 @@ class Layout:
 
     def _checked_base(self) -> float:
         """Length of the fixed part of the pipe; ValueError if clamps give different lengths."""
-        clamps = _of(self.constraints, Clamp)
+        clamps = _of_kind(self.constraints, Clamp)
         bases = [clamp.base for clamp in clamps]
         if max(bases) - min(bases) > SAME:
             named = " and ".join(map(part_text, clamps))
@@ -201,7 +201,7 @@ class Layout:
         """
         torn = np.diff((given - exact).reshape(self.size, 3)[:, :2], axis=0, prepend=0.0)
         missed = np.abs(exact[self.held] - (0.0 if order else self.held_values))
-        ties = _of(self.constraints, (Clamp, Joint))
+        ties = _of_kind(self.constraints, (Clamp, Joint))
         gaps = [float(np.abs(torn[getattr(part, "segment", 1) - 1]).max()) for part in ties]
         every = zip([*missed.tolist(), *gaps], [*self.holding, *ties], strict=True)
         return max(every, key=itemgetter(0))
@@ -285,7 +285,7 @@ class Layout:
     def joint_damping(self, pipe: Pipe) -> Array:
         """Damping c_j of each joint, without a root's spring."""
         damping = np.zeros(self.springs.size)
-        for s in _of(self.modules, TorsionalSpring):
+        for s in _of_kind(self.modules, TorsionalSpring):
             damping[s.joint - 1] += pipe.damping * s.stiffness if s.damping is None else s.damping
         return damping
 
@@ -306,7 +306,7 @@ class Layout:
         )
 
 
-def _of(parts: Iterable[Part], kind: type[P] | tuple[type[P], ...]) -> list[P]:
+def _of_kind(parts: Iterable[Part], kind: type[P] | tuple[type[P], ...]) -> list[P]:
     """The parts of one kind or of several kinds."""
     return [part for part in parts if isinstance(part, kind)]
 

@@ -22,7 +22,7 @@ from pipedyn.motion.constant_head import ConstantHead
 from pipedyn.motion.events import Recorder
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.counters import evaluated, factorised, in_time
+from pipedyn.util.counters import check_time, count_factorisations, count_right_hand_sides
 from pipedyn.util.parallel import track
 from pipedyn.util.power_iteration import largest_stretch
 
@@ -207,7 +207,7 @@ class Monitor:
 
     def check(self, t: float) -> None:
         """Raises `Stopped` if the task needs too many calls or its steps vanish."""
-        in_time()
+        check_time()
         task, fastest = self.task, max(self.fastest)
         remaining, least, needed, why = float(task.times[-1]) - t, LEAST_STEP, 0.0, ""
         if task.method.lower().endswith("dop853"):
@@ -315,8 +315,8 @@ def _of_one(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Outc
         why = str(failed)
     except Stopped as stopped:
         why = NOT_FINITE if monitor.overflowed else str(stopped)
-    evaluated(monitor.calls + monitor.jacobians)
-    factorised(monitor.factorisations)
+    count_right_hand_sides(monitor.calls + monitor.jacobians)
+    count_factorisations(monitor.factorisations)
     return [(np.array(rows), monitor.calls, why)]
 
 
@@ -354,7 +354,7 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
             except (Stopped, DriveFailed) as stopped:
                 whys[:] = [str(stopped)] * members
                 return
-            in_time()
+            check_time()
             now = motion.members
             samples = np.array([member.samples for member in now])
             for j in observer.ended(states, samples):
@@ -399,7 +399,7 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
             samples, why = int(np.searchsorted(times[:samples], observer.end, "right")), None
         rows = np.concatenate([start[None, :, j], states[j, :samples]])
         answers.append((rows, member.evaluations, why))
-    evaluated(sum(calls for _, calls, _ in answers))
+    count_right_hand_sides(sum(calls for _, calls, _ in answers))
     return answers
 
 

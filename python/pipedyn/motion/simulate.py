@@ -57,7 +57,7 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import TookTooLong
 from pipedyn.util.errors import PipedynError
 from pipedyn.util.parallel import Returned, parallel
-from pipedyn.util.result import Result, TableResult, Unit, joined, states_over_time
+from pipedyn.util.result import Result, TableResult, Unit, join_tables, states_over_time
 
 Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
 """The angle theta(s) of the bent pipe, or coordinates; some functions also take states."""
@@ -221,7 +221,7 @@ class Ensemble(TableResult):
 
     def _columns(self) -> dict[str, Any]:
         tables = [one._columns() for one in self.motions]
-        return joined(tables, member=range(len(tables)))
+        return join_tables(tables, member=range(len(tables)))
 
     def _scales_of_rows(self, scales: Any) -> Any:
         """SI scales for the rows of the table, from the pipe of each member."""
@@ -440,7 +440,7 @@ def simulate_many(
                     *(model, u, duration, q, qdot, *options), base=base, members=len(same)
                 )
             else:
-                task = driven(replace(tasks[same[0]], start=checked_start(model, q, qdot)), u)
+                task = with_speed(replace(tasks[same[0]], start=checked_start(model, q, qdot)), u)
         except (ValueError, TypeError) as error:
             raise type(error)(f"{error} (member {i})") from error
         tasks.append(task)
@@ -602,7 +602,7 @@ def as_sparse_as_shown(task: Task, outcome: Outcome) -> tuple[Task, Outcome]:
     return replace(task, times=task.times[::every], finer=1), (rows, calls, why)
 
 
-def _driven(task: Task, outcome: Outcome) -> tuple[Array, int, str | None, Array]:
+def _with_drive(task: Task, outcome: Outcome) -> tuple[Array, int, str | None, Array]:
     """The outcome, cut before the first sample at which a function of time fails, and its drive.
 
     The drive has a row of u, u' and the base's place, velocity and acceleration for the start and
@@ -629,7 +629,7 @@ def assembled(
     They have energies, audits and free ends.
     """
     model, size = tasks[0].model, tasks[0].model.integrated
-    driven = list(map(_driven, tasks, outcomes))
+    driven = list(map(_with_drive, tasks, outcomes))
     rows = np.concatenate([rows for rows, *_ in driven])
     q, qdot = model.to_user(rows[:, :size], rows[:, size : 2 * size])
     states = np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
@@ -793,10 +793,10 @@ def checked_task(
     if method == "auto":
         method = choose_method(model, members, dense=isinstance(u, Supply))
     steady = Task(*(model, 0.0, at, start, rtol, atol, method, t0, end, most, max_step), base=base)
-    return driven(steady, u)
+    return with_speed(steady, u)
 
 
-def driven(task: Task, u: Any) -> Task:
+def with_speed(task: Task, u: Any) -> Task:
     """The task at another flow speed, which may vary and is checked."""
     if task.base is None and not _varies(u):
         u = check.real("u", u, low=0.0, high=LARGEST_SPEED)

@@ -16,7 +16,7 @@ from pipedyn.models.drive import Harmonic, Pulsation
 from pipedyn.models.reduced_supports import STENCIL
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.counters import evaluated
+from pipedyn.util.counters import count_right_hand_sides
 
 
 class VectorField:
@@ -48,7 +48,7 @@ class VectorField:
     def _count(self, states: int) -> None:
         """Counts evaluations of f at a number of states."""
         self.evaluations += states
-        evaluated(states)
+        count_right_hand_sides(states)
 
     def _driven(self, u: Any) -> tuple[Any, Array | None]:
         """Flow speed, or speeds (k,) of k states, and the forcing, shape (ROWS, k), or None."""

@@ -33,7 +33,7 @@ from pipedyn.orbits.periodic_orbit import (
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.counters import factorised
+from pipedyn.util.counters import count_factorisations
 from pipedyn.util.newton import NewtonFailed
 
 LOSS = 1e5
@@ -45,7 +45,7 @@ WEIGHTS = STAGE_NODES, ONCE, TWICE
 # -------------------------------------------------------------------------------- one interval
 
 
-def _condensed(
+def _condense(
     motion: VectorField, orbit: PeriodicOrbit, speed_varies: bool
 ) -> tuple[Array, Array, Array]:
     """Derivatives of each interval's stages and of the state at its end, and units of the state.
@@ -63,27 +63,27 @@ def _condensed(
     by_frequency = motion.by_frequency(y, u)[half:] if motion.forced else None
     linearised = motion.linearised(y, u)
     units = _units(linearised[0, 2:])
-    factorised(len(orbit.starts))
+    count_factorisations(len(orbit.starts))
     given = orbit.durations, orbit.starts, orbit.rates, linearised, by_frequency, speed_varies
-    by_rates, ends = _core.eliminated(*given, orbit.frequency, WEIGHTS, orbit.mirror, units)
+    by_rates, ends = _core.condense(*given, orbit.frequency, WEIGHTS, orbit.mirror_sign, units)
     return by_rates, ends, units
 
 
 # -------------------------------------------------------------------------------- all intervals
 
 
-def carried(maps: Array) -> tuple[Array, list[int]]:
+def map_products(maps: Array) -> tuple[Array, list[int]]:
     """Products of the maps of intervals, in runs over which no digits are lost.
 
     maps: [T | r], (M, n, n + k), of x -> T x + r over each interval. Returns the products [P | R],
     (M, n, n + k), from the beginning of the interval's run up to the interval's end, and the first
     interval of each run. A run ends where entries grow so large that digits would be lost.
     """
-    return _core.carried(maps, LOSS)
+    return _core.map_products(maps, LOSS)
 
 
-def _collapsed(whole: Array, begins: list[int]) -> tuple[Array, Array, Array, list[list[Array]]]:
-    """L, R and C of L x(begin) + R x(end) = C over all intervals, from their `carried` maps.
+def _reduce_runs(whole: Array, begins: list[int]) -> tuple[Array, Array, Array, list[list[Array]]]:
+    """L, R and C of L x(begin) + R x(end) = C over all intervals, from their `map_products` maps.
 
     For each level of the pairwise elimination of runs, also the triangles T, and L, R and C, of the
     eliminated states x, with T x = C - L x(begin) - R x(end).
@@ -95,7 +95,7 @@ def _collapsed(whole: Array, begins: list[int]) -> tuple[Array, Array, Array, li
     while len(relations) > 1:
         even = 2 * (len(relations) // 2)
         a, b = relations[0:even:2], relations[1:even:2]
-        factorised(even // 2)
+        count_factorisations(even // 2)
         middle = np.concatenate([a[:, :, n : 2 * n], b[:, :, :n]], axis=1)
         q, triangles = np.linalg.qr(middle, mode="complete")
         of_a, of_b = (q[:, part].transpose(0, 2, 1) for part in (slice(n), slice(n, None)))
@@ -107,12 +107,12 @@ def _collapsed(whole: Array, begins: list[int]) -> tuple[Array, Array, Array, li
     return relations[0, :, :n], relations[0, :, n : 2 * n], relations[0, :, 2 * n :], between
 
 
-def through(maps: Array) -> tuple[Array, Array]:
+def span_maps(maps: Array) -> tuple[Array, Array]:
     """L and R, (n, n) each, of L x(0) + R x(span) = 0, from maps of intervals, (M, n, n).
 
     R is the identity if no digits are lost.
     """
-    first, last, _, _ = _collapsed(*carried(maps))
+    first, last, _, _ = _reduce_runs(*map_products(maps))
     return first, last
 
 
@@ -133,13 +133,13 @@ class Linearised:
         speed_varies: bool = False,
     ) -> None:
         self.orbit, self._phase = orbit, phase
-        n, mirror = motion.size, orbit.mirror
-        self._rates, ends, self._units = _condensed(motion, orbit, speed_varies)
+        n, mirror = motion.size, orbit.mirror_sign
+        self._rates, ends, self._units = _condense(motion, orbit, speed_varies)
         if orbit.forced:  # the parameter is the last unknown
             for part in (self._rates, ends):
                 part[..., [n + 1, n + 2]] = part[..., [n + 2, n + 1]]
-        self._carried, begins = carried(ends)
-        self._first, self._last, self._right, self._between = _collapsed(self._carried, begins)
+        self._products, begins = map_products(ends)
+        self._first, self._last, self._right, self._between = _reduce_runs(self._products, begins)
         self._runs = np.repeat(np.arange(len(begins)), np.diff([*begins, len(ends)]))
         self._matrix = np.zeros((n + 2, n + 2))
         self._matrix[:n, :n] = self._first + mirror * self._last
@@ -166,10 +166,10 @@ class Linearised:
         last /= length
         right[:n, 0] = self._right[:, 0] * share
         right[n, 1], right[n + 1, 2] = 1.0, 1.0 / length
-        factorised()
+        count_factorisations()
         known = np.linalg.solve(matrix, right)
         acting = np.concatenate([[[share, 0.0, 0.0]], known[n:]])
-        ends = np.stack([known[:n], self.orbit.mirror * known[:n]])
+        ends = np.stack([known[:n], self.orbit.mirror_sign * known[:n]])
         found = self._restored(ends, acting)
         conditions = np.stack([phase @ found, row @ found])
         shares = np.linalg.solve(conditions[:, 1:], [shift, gap] - conditions[:, 0])
@@ -188,7 +188,7 @@ class Linearised:
 
         With the root -1 the error is 0 where an orbit loses its symmetry or doubles its period.
         """
-        factor = root * self.orbit.mirror
+        factor = root * self.orbit.mirror_sign
         y = np.linalg.svd(self._first + factor * self._last)[2][-1]
         ends = np.stack([y, factor * y])
         return self._restored(ends[..., None], np.zeros((3, 1)))[:, 0]
@@ -206,9 +206,9 @@ class Linearised:
             more[1 : 2 * pairs : 2] = np.linalg.solve(triangles, known)
             more[2 * pairs + 1 :] = ends[pairs + 1 :]
             ends = more
-        count, n, columns = len(self._carried), self._units.size, factors.shape[1]
+        count, n, columns = len(self._products), self._units.size, factors.shape[1]
         acting = np.broadcast_to(factors, (count, *factors.shape))
-        later = self._carried @ np.concatenate([ends[self._runs], acting], axis=1)
+        later = self._products @ np.concatenate([ends[self._runs], acting], axis=1)
         given = np.empty((count, n + 3, columns))
         given[0, :n], given[1:, :n], given[:, n:] = ends[0], later[:-1], factors
         given[:, :n] *= self._units[:, None]
@@ -248,7 +248,7 @@ def _along_stages(motion: VectorField, orbit: PeriodicOrbit) -> VectorField:
 
 def collocation_maps(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
     """Maps of a change of state over each interval, (M, n, n), in units of the state, (n,)."""
-    _, ends, units = _condensed(motion, orbit, False)
+    _, ends, units = _condense(motion, orbit, False)
     return ends[:, :, : motion.size], units
 
 
@@ -258,7 +258,7 @@ def interval_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     Their shape is (M, s, integrated, 2 integrated); they are taken along solutions of the
     collocation equations.
     """
-    by_rates, _, _ = _condensed(motion, orbit, False)
+    by_rates, _, _ = _condense(motion, orbit, False)
     return by_rates[..., : motion.size].reshape(*orbit.rates.shape, motion.size)
 
 

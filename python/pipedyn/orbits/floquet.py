@@ -20,11 +20,11 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.motion.vector_field import VectorField
-from pipedyn.orbits.collocation import collocation_maps, stage_derivatives, state_units, through
+from pipedyn.orbits.collocation import collocation_maps, span_maps, stage_derivatives, state_units
 from pipedyn.orbits.magnus import interval_maps
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit, interpolated, refined
 from pipedyn.util.check import Array, Complex
-from pipedyn.util.counters import factorised
+from pipedyn.util.counters import count_factorisations
 from pipedyn.util.newton import NewtonFailed
 
 MULTIPLIER_TOLERANCE, MOST_HALVINGS, MOST_FLOQUET_INTERVALS = 1e-7, 4, 4000
@@ -230,7 +230,7 @@ def _roots_of_maps(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units
     allowed: Array | None = None
     if motion.constrained:
         allowed = motion.model.free_states(orbit.starts[0]) / units[:, None]
-    return np.asarray(orbit.mirror * eigenvalues_through(maps, allowed))
+    return np.asarray(orbit.mirror_sign * eigenvalues_through(maps, allowed))
 
 
 def eigenvalues_through(maps: Array, allowed: Array | None = None) -> Complex:
@@ -239,10 +239,10 @@ def eigenvalues_through(maps: Array, allowed: Array | None = None) -> Complex:
     Raises:
         NewtonFailed: if they overflow.
     """
-    factorised()
+    count_factorisations()
     with np.errstate(over="raise", invalid="raise"):
         try:
-            left, right = through(maps)
+            left, right = span_maps(maps)
             if allowed is not None:
                 allowed, _ = np.linalg.qr(allowed)
                 left = allowed.T @ np.linalg.solve(right, left @ allowed)
@@ -266,7 +266,7 @@ def fast_turns(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     every = len(orbit.starts) // 2
     some = np.ascontiguousarray(orbit.starts[::every].T)
     motion = motion.along(orbit.edges[:-1:every], orbit.frequency)
-    factorised(some.shape[1])
+    count_factorisations(some.shape[1])
     rates = np.linalg.eigvals(motion.jacobians(some, orbit.u))
     persist = rates.real > -25.0 * orbit.frequency / orbit.span
     return np.asarray(orbit.durations * np.abs(rates[persist]).max(initial=0.0))

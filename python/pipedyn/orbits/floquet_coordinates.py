@@ -19,7 +19,7 @@ from pipedyn.orbits.collocation import interval_derivatives
 from pipedyn.orbits.floquet import fast_turns, parts_for
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit, integrals
 from pipedyn.util.check import Array, Complex
-from pipedyn.util.counters import factorised
+from pipedyn.util.counters import count_factorisations
 
 POINTS = 256
 """Least number of points on a cycle: a state is compared with a point so near that Floquet vectors
@@ -70,7 +70,7 @@ def modal_coordinates(
     Raises:
         LinAlgError: if two eigenvectors coincide.
     """
-    factorised()
+    count_factorisations()
     values, vectors = np.linalg.eig(motion.jacobian(rest, u))
     kept = np.argsort(-values.real)[:MOST_COORDINATES]
     rows = np.linalg.inv(vectors / np.linalg.norm(vectors * units[:, None], axis=0))[kept]
@@ -102,8 +102,8 @@ def floquet_coordinates(
     for one in ends:
         begins.append(whole)
         whole = one @ whole
-    factorised()
-    values, vectors = np.linalg.eig(orbit.mirror * whole)
+    count_factorisations()
+    values, vectors = np.linalg.eig(orbit.mirror_sign * whole)
     vectors = vectors / np.linalg.norm(vectors * units[:, None], axis=0)
     moduli = np.abs(values)
     moduli[np.abs(values - 1.0).argmin()] = 0.0  # the trivial one
@@ -137,10 +137,10 @@ def _maps_to(motion: VectorField, orbit: PeriodicOrbit, places: Array) -> tuple[
     h, half, n = orbit.durations[:, None, None, None], orbit.half, motion.size
     rates = interval_derivatives(motion, orbit)
     places = np.append(places, 1.0)
-    once, twice = integrals(places, 1), integrals(places, 2)
+    single, double = integrals(places, 1), integrals(places, 2)
     maps = np.zeros((len(orbit.starts), places.size, n, n))
     maps[:] = np.eye(n)
     maps[:, :, np.arange(half), half + np.arange(half)] = h[..., 0] * places[:, None]
-    maps[:, :, :half] += h**2 * np.einsum("ks,msij->mkij", twice, rates)
-    maps[:, :, half:] += h * np.einsum("ks,msij->mkij", once, rates)
+    maps[:, :, :half] += h**2 * np.einsum("ks,msij->mkij", double, rates)
+    maps[:, :, half:] += h * np.einsum("ks,msij->mkij", single, rates)
     return maps[:, :-1], maps[:, -1]

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from pipedyn.orbits.periodic_orbit import ORBIT_STAGES, integrals
 from pipedyn.util.check import Array
-from pipedyn.util.counters import in_time
+from pipedyn.util.counters import check_time
 
 CACHED = 14_000
 """Largest number of entries in a stack of matrices: nine stacks of this size fit into 1 MB of
@@ -45,11 +45,11 @@ _SUMS[3, 3] = _TAYLOR[DEGREE]
 def _magnus_weights(parts: int) -> tuple[Array, Array]:
     """Weights of the stages in b0 and b1 of each part of an interval of length 1, (parts, s)."""
     ends = np.linspace(0.0, 1.0, parts + 1)
-    once, twice = integrals(ends, 1), integrals(ends, 2)
+    single, double = integrals(ends, 1), integrals(ends, 2)
     # Integration by parts: int (t - middle) p dt is h / 2 times the sum of the integral of p at
     # both ends, less the integral of that integral.
-    first = 0.5 * (once[1:] + once[:-1]) - parts * np.diff(twice, axis=0)
-    return np.diff(once, axis=0), first
+    first = 0.5 * (single[1:] + single[:-1]) - parts * np.diff(double, axis=0)
+    return np.diff(single, axis=0), first
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -68,7 +68,7 @@ def interval_maps(rows: Array, durations: Array, units: Array, parts: NDArray[np
         piece = max(1, CACHED // (count * size**2))
         same = np.flatnonzero(parts == count)
         for some in np.split(same, range(piece, same.size, piece)):
-            in_time()
+            check_time()
             weights = np.stack(_magnus_weights(count)).reshape(2 * count, ORBIT_STAGES)
             scaled = rows[some].reshape(some.size, ORBIT_STAGES, -1) * durations[some, None, None]
             both = (weights @ scaled).reshape(some.size, 2, count, half, size)

@@ -372,14 +372,14 @@ AnyOrbitProblem = TypeVar("AnyOrbitProblem", bound=OrbitProblem)
 # -------------------------------------------------------------------------- following branches
 
 
-def followed(motion: VectorField, start: BranchStart, how: OrbitControl) -> Iterator[Step]:
+def branch_steps(motion: VectorField, start: BranchStart, how: OrbitControl) -> Iterator[Step]:
     """Steps along a branch of orbits, past folds, in an endless iterator."""
     step = _first_step(motion, start, how)
     yield step
-    yield from onward(step.problem, step.end, 1.5 * min(0.2 * how.longest, step.length))
+    yield from steps_from(step.problem, step.end, 1.5 * min(0.2 * how.longest, step.length))
 
 
-def followed_past_grazing(
+def steps_past_grazing(
     motion: VectorField, start: BranchStart, how: OrbitControl, note: Callable[[Grazing], None]
 ) -> Iterator[Step]:
     """Steps along a branch of orbits, past places where they begin or cease to touch a stop.
@@ -389,7 +389,7 @@ def followed_past_grazing(
     for _ in range(MOST_GRAZES + 1):
         last: Step | None = None
         try:
-            for last in followed(motion, start, how):
+            for last in branch_steps(motion, start, how):
                 yield last
         except NewtonFailed:
             grazing = None if last is None else past_grazing(motion, last)
@@ -400,7 +400,7 @@ def followed_past_grazing(
     raise NewtonFailed(f"its orbits graze stops more than {MOST_GRAZES} times")
 
 
-def onward(
+def steps_from(
     problem: AnyOrbitProblem, point: Point, length: float
 ) -> Iterator[Segment[AnyOrbitProblem]]:
     """Endless steps from a solution onwards, the first of at most a given length.
@@ -469,14 +469,14 @@ def _on_mesh_to(
     return (finer, tangent), lambda s: z + s * (slope + s * bend)
 
 
-def continued(motion: VectorField, point: Hopf, u: float) -> PeriodicOrbit:
+def orbit_at_speed(motion: VectorField, point: Hopf, u: float) -> PeriodicOrbit:
     """The orbit at a speed on the branch from a Hopf point; NewtonFailed says why if none."""
     amplitude = FIRST_AMPLITUDE
     with suppress(ValueError):  # one step may do, within the range of the amplitude equation
         amplitude = min(1.05 * point.amplitude(u) or FIRST_AMPLITUDE, LARGEST_AMPLITUDE)
     last_evaluation = motion.evaluations + MOST_EVALUATIONS
     turns, here, reason = list[float](), point.speed, TOO_LONG
-    steps = followed(motion, from_hopf(motion, point, amplitude, u), COARSE)
+    steps = branch_steps(motion, from_hopf(motion, point, amplitude, u), COARSE)
     try:
         for step in islice(steps, MOST_ON_THE_WAY):
             first, last = step.slopes

@@ -126,7 +126,7 @@ class PeriodicOrbit:
         return self.span < 4.0
 
     @property
-    def mirror(self) -> float:
+    def mirror_sign(self) -> float:
         """-1 where the state after the span is the mirror image of the first, else 1."""
         return -1.0 if self.symmetric else 1.0
 
@@ -159,7 +159,7 @@ class PeriodicOrbit:
 
     def states(self, phase: Array) -> Array:
         """States [p, p'] at phases, shape (2 integrated, k)."""
-        given = self.edges, self.starts, self.rates, self.frequency, self.mirror
+        given = self.edges, self.starts, self.rates, self.frequency, self.mirror_sign
         return _core.orbit_states(*given, _INTEGRATED[1], _INTEGRATED[2], phase)
 
     def sampled(self, parts: int, whole: bool = False) -> tuple[Array, Array]:
@@ -203,7 +203,7 @@ class PeriodicOrbit:
 
     def doubled(self, sign: float = 1.0) -> PeriodicOrbit:
         """The whole of a symmetric orbit, or two rounds of a whole one, the second times a sign."""
-        edges, again = np.append(self.edges, self.span + self.edges[1:]), sign * self.mirror
+        edges, again = np.append(self.edges, self.span + self.edges[1:]), sign * self.mirror_sign
         share = 1.0 if self.symmetric else 0.5
         return PeriodicOrbit(
             share * edges,

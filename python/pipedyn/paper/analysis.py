@@ -95,7 +95,7 @@ class Findings:
     failures: list[str] = field(default_factory=list)
 
 
-def gather(case: Options, executor: futures.Executor | None = None) -> Findings:
+def compute_findings(case: Options, executor: futures.Executor | None = None) -> Findings:
     """Computes all results in the figures and the table, in an executor or in this thread."""
     exact, findings = Continuum(case.pipe), Findings()
 

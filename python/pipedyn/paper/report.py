@@ -39,7 +39,7 @@ def loci_figure(case: Options, findings: Findings) -> plot.Figure:
                 ax.axhline(view.one(FLOW_SPEED) * findings.exact.speed, **CRITICAL_LINE)
             else:
                 ax.plot([0.0], [rate * findings.exact.frequency], **CRITICAL_POINT)
-    return _explained(case, figure, findings, CRITICAL_POINT)
+    return _with_legend(case, figure, findings, CRITICAL_POINT)
 
 
 def frequency_figure(case: Options, findings: Findings) -> plot.Figure:
@@ -57,7 +57,7 @@ def frequency_figure(case: Options, findings: Findings) -> plot.Figure:
                 ax.axvline(view.one(FLOW_SPEED) * findings.exact.speed, zorder=0.6, **CRITICAL_LINE)
     outline = Line2D([], [], color="0.85", linewidth=2.0, label="unstable: black outline")
     outline.set_path_effects([withStroke(linewidth=4.2, foreground="black")])
-    return _explained(case, figure, findings, CRITICAL_LINE, outline)
+    return _with_legend(case, figure, findings, CRITICAL_LINE, outline)
 
 
 CRITICAL_LINE: dict[str, Any] = {"color": "black", "linestyle": ":", "linewidth": 1.1}
@@ -130,7 +130,7 @@ def _panel_figure(
             ax.text(0.5, 0.5, "not computed", transform=ax.transAxes, ha="center")
         else:
             picture(loci, units=_units_of(case.pipe), ax=ax)
-            beyond = _beyond(ax, across, top)
+            beyond = _note_range(ax, across, top)
             ax.text(0.97, 0.96, beyond, transform=ax.transAxes, ha="right", va="top", size=6.5)
         ax.label_outer()
     named = "" if _view(case.pipe).si else "; all quantities nondimensional"
@@ -141,7 +141,7 @@ def _panel_figure(
     return figure, shown
 
 
-def _beyond(ax: Any, across: tuple[float, float], top: float) -> str:
+def _note_range(ax: Any, across: tuple[float, float], top: float) -> str:
     """A note on how far branches extend beyond the axes, which are those of the continuous pipe."""
     (left, right), (_, high) = ax.dataLim.intervalx, ax.dataLim.intervaly
     name = ax.get_xlabel()
@@ -151,7 +151,7 @@ def _beyond(ax: Any, across: tuple[float, float], top: float) -> str:
     return "\n".join(["outside:", *ends]).replace("-", "\u2212") if ends else ""
 
 
-def _explained(
+def _with_legend(
     case: Options, figure: plot.Figure, findings: Findings, critical: Any, *more: Any
 ) -> plot.Figure:
     """Adds a legend of the marks below a figure, and returns the figure."""
@@ -196,7 +196,7 @@ def _view(pipe: Pipe) -> View:
     return View(_units_of(pipe), pipe)
 
 
-def _said(pipe: Pipe, u: float) -> str:
+def _u_text(pipe: Pipe, u: float) -> str:
     """A flow speed in words for a sentence, in the units of the figures."""
     return _view(pipe).speed(u, 5).replace("$", "")
 
@@ -223,8 +223,8 @@ def verdict(findings: Findings) -> str:
         sizes = ", ".join(f"{size:g}" for size in fitted.sizes)
         return (
             "The paper's spring rule (rayleigh) does not converge to the continuous pipe: its "
-            f"critical speed tends to {_said(exact.pipe, exact.speed * (1.0 + fitted.limit))}, "
-            f"{100.0 * fitted.limit:+.2f} % from the exact {_said(exact.pipe, exact.speed)} "
+            f"critical speed tends to {_u_text(exact.pipe, exact.speed * (1.0 + fitted.limit))}, "
+            f"{100.0 * fitted.limit:+.2f} % from the exact {_u_text(exact.pipe, exact.speed)} "
             f"(extrapolated from n = {sizes})."
         )
     return "The sizes computed do not show whether the paper's spring rule (rayleigh) converges."
@@ -241,16 +241,16 @@ def instabilities(pipe: Pipe, findings: Findings) -> str:
     if findings.crossings is None:
         return f"{start}The instabilities of the continuous pipe were not computed."
     ranges = stable_speeds(Continuum(pipe), findings.crossings, findings.highest)
-    parts = [f"from {_said(pipe, low)} to {_said(pipe, high)}" for low, high in ranges]
+    parts = [f"from {_u_text(pipe, low)} to {_u_text(pipe, high)}" for low, high in ranges]
     stable = f"stable {' and '.join(parts)}" if parts else "unstable at every speed"
     found = [
-        f"{_said(pipe, c.speed)} ({c.kind}, mode {c.mode}, "
+        f"{_u_text(pipe, c.speed)} ({c.kind}, mode {c.mode}, "
         f"{'begins' if c.destabilising else 'ends'}{'' if c.unstable_after else '; stable beyond'})"
         for c in findings.crossings
         if c.speed > 0.0
     ]
     listed = textwrap.shorten(", ".join(found), 500, placeholder=" ...") or "none"
-    end = _said(pipe, findings.highest)
+    end = _u_text(pipe, findings.highest)
     return f"{start}Up to {end} the continuous pipe is {stable}. Instabilities: {listed}."
 
 
@@ -259,8 +259,8 @@ def second_mode(exact: CriticalSpeed, rows: Sequence[Row]) -> str:
     asked = "Is the instability in the second mode (branches counted from rest)?"
     if exact.unstable_before:
         return (
-            f"{asked} The pipe has no stability to lose at {_said(exact.pipe, exact.speed)}: it is "
-            "unstable below, too."
+            f"{asked} The pipe has no stability to lose at {_u_text(exact.pipe, exact.speed)}: it "
+            "is unstable below, too."
         )
     answer = "yes" if exact.mode == 2 else f"no, in mode {exact.mode}"
     modes = [(row, row.critical.mode) for row in rows if row.critical is not None]

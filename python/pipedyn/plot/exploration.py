@@ -318,10 +318,10 @@ class Exploration:
         kind = "flutter" if value.imag else "divergence"
         state = f"unstable, {kind} grows" if self.unstable else "stable"
         pair = f" ± {value.imag:.4g}i" if value.imag else ""
-        now = f"u = {self._said(self.values['u'])}: {state}"
+        now = f"u = {self._text(self.values['u'])}: {state}"
         return f"{now}. Least stable mode: λ = {value.real:.3g}{pair}.", self._stability()
 
-    def _said(self, u: float) -> str:
+    def _text(self, u: float) -> str:
         """A flow speed in words, also in m/s if the pipe has scales."""
         pipe = self.model.pipe
         return f"{u:.4g} ({pipe.speed_si(u):.3g} m/s)" if pipe.scales else f"{u:.4g}"
@@ -334,13 +334,13 @@ class Exploration:
             ranges = stable_speeds(self.model, crossings(self.model, end), end)
             if lost is None and ranges == ((0.0, end),):
                 return f"No loss of stability up to u = {end:g}."
-            parts = [f"from u = {self._said(low)} to {self._said(high)}" for low, high in ranges]
+            parts = [f"from u = {self._text(low)} to {self._text(high)}" for low, high in ranges]
             if not parts:
-                return f"Unstable at every flow speed up to u = {self._said(end)}."
-            return f"Up to u = {self._said(end)} stable only {' and '.join(parts)}."
-        begins = f"{lost.kind} begins at u = {self._said(lost.speed)}, mode {lost.mode}"
+                return f"Unstable at every flow speed up to u = {self._text(end)}."
+            return f"Up to u = {self._text(end)} stable only {' and '.join(parts)}."
+        begins = f"{lost.kind} begins at u = {self._text(lost.speed)}, mode {lost.mode}"
         if lost.stable_from:
-            begins = f"stable from u = {self._said(lost.stable_from)} on; {begins}"
+            begins = f"stable from u = {self._text(lost.stable_from)} on; {begins}"
         if lost.frequency:
             begins += f", frequency {lost.frequency:.4g}"
             if self.model.pipe.scales:
@@ -586,9 +586,7 @@ GREEK = dict(zip(["alpha", "beta", "gamma", "delta", "kappa", "mu", "psi"], "α�
 LABELS = {
     "u": "flow speed u",
     "root.stiffness": "root stiffness",
-    **{
-        name: f"{one.word} {GREEK.get(one.letter, one.letter)}" for name, one in OWN_NUMBERS.items()
-    },
+    **{name: f"{one.label} {GREEK.get(one.ascii, one.ascii)}" for name, one in OWN_NUMBERS.items()},
 }
 
 SAME_PLACE = "1 / 1 / 2 / 2"

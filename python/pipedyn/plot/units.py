@@ -55,7 +55,7 @@ PER_MOMENT = Unit("1/N", lambda scales: scales.time**2 / (scales.mass * scales.l
 
 OF_A_NUMBER = {
     "u": FLOW_SPEED,
-    **{name: Measure(f"{one.word} ${one.symbol}$") for name, one in OWN_NUMBERS.items()},
+    **{name: Measure(f"{one.label} ${one.symbol}$") for name, one in OWN_NUMBERS.items()},
     "beta": Measure(common.BETA_LABEL),
     "damping": Measure(r"damping $\delta$", "damping time", TIME),
     "frequency": Measure("frequency of the forcing", OMEGA.words, OMEGA.unit),

@@ -366,7 +366,7 @@ class _Reader:
                 entry = _entry(name, object)
                 values = {entry.field(k): self.decoded(v) for k, v in fields.items()}
                 if len(values) == len(fields):
-                    return _made(entry, values)
+                    return _rebuild(entry, values)
         raise ValueError(f"it has {check.shown(value)}, which `save` does not write")
 
     def _error(self, name: str, args: tuple[Any, ...]) -> Exception:
@@ -378,7 +378,7 @@ class _Reader:
         return kind(*args)
 
 
-def _made(entry: _Entry, values: dict[str, Any]) -> Any:
+def _rebuild(entry: _Entry, values: dict[str, Any]) -> Any:
     """An object with the given values of its fields, whose types are checked."""
     check_types(entry.kind, values)
     make = getattr(entry.kind, "restored", None)

@@ -34,13 +34,13 @@ class Counters:
     factorisations: int = 0
 
 
-_unasked = Counters()  # takes the counts outside all `counted` blocks
-_tally: ContextVar[Counters] = ContextVar("counters", default=_unasked)
+_outside = Counters()  # takes the counts outside all `count_work` blocks
+_tally: ContextVar[Counters] = ContextVar("counters", default=_outside)
 _end: ContextVar[tuple[float, str]] = ContextVar("end", default=(math.inf, ""))
 
 
 @contextmanager
-def counted() -> Iterator[Counters]:
+def count_work() -> Iterator[Counters]:
     """Counts the computations of this thread in a `with` block, except those in inner blocks."""
     counters = Counters()
     token = _tally.set(counters)
@@ -51,7 +51,7 @@ def counted() -> Iterator[Counters]:
 
 
 @contextmanager
-def limited(seconds: float) -> Iterator[None]:
+def time_limit(seconds: float) -> Iterator[None]:
     """Limits the time of this thread in a `with` block; the limit of an outer block holds as well.
 
     TookTooLong is raised at the first right-hand side or factorisation after that time; integrators
@@ -64,20 +64,20 @@ def limited(seconds: float) -> Iterator[None]:
         _end.reset(token)
 
 
-def in_time() -> None:
+def check_time() -> None:
     """Raises TookTooLong if the time limit of this thread has passed."""
     end, message = _end.get()
     if end < math.inf and clock() > end:
         raise TookTooLong(message)
 
 
-def factorised(matrices: int = 1) -> None:
+def count_factorisations(matrices: int = 1) -> None:
     """Counts matrices that were factorised."""
-    in_time()
+    check_time()
     _tally.get().factorisations += matrices
 
 
-def evaluated(states: int) -> None:
+def count_right_hand_sides(states: int) -> None:
     """Counts states at which the right-hand side was computed."""
-    in_time()
+    check_time()
     _tally.get().right_hand_sides += states

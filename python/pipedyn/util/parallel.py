@@ -86,7 +86,7 @@ Job = Callable[[], Returned]
 module does, so that it can run in any process."""
 
 
-def watched() -> bool:
+def progress_visible() -> bool:
     """Whether somebody can read stderr, because it goes to a terminal or a notebook."""
     return sys.stderr.isatty() or "ipykernel" in sys.modules
 
@@ -97,7 +97,7 @@ def track(items: Iterable[Item], total: int | None, label: str, shown: bool) -> 
     Nothing is written if `shown` is False or nobody can read stderr. `total` is the number of
     items, or None if it is not known.
     """
-    if not (shown and watched()) or total == 0:
+    if not (shown and progress_visible()) or total == 0:
         yield from items
         return
     try:

@@ -104,7 +104,7 @@ def _line(cells: tuple[str, ...], tag: str) -> str:
 
 Units = Literal["nondimensional", "si"]
 
-SHOWN, WIDTH, ROWS = 6, 100, 20
+SHOWN, WIDTH, TABLE_ROWS = 6, 100, 20
 """Largest numbers of array entries and of characters a line in a `repr`, and of rows of a table in
 a notebook."""
 
@@ -359,10 +359,10 @@ class TableResult(Result):
 
     def _table(self) -> Table:
         columns = self.columns("si" if self._scales() is not None else "nondimensional")
-        shown = zip(*(values[:ROWS].tolist() for values in columns.values()), strict=True)
+        shown = zip(*(values[:TABLE_ROWS].tolist() for values in columns.values()), strict=True)
         rows = [tuple(one if isinstance(one, str) else _short(one) for one in row) for row in shown]
         count = len(next(iter(columns.values()), ()))
-        notes = [f"{count - ROWS} more rows"] if count > ROWS else []
+        notes = [f"{count - TABLE_ROWS} more rows"] if count > TABLE_ROWS else []
         title = repr(self)
         if list(columns) != list(self.columns()):
             title += "\nThese numbers are nondimensional, those of the table in SI units."
@@ -564,7 +564,7 @@ def same(one: Any, other: Any) -> bool:
     return bool(one == other)
 
 
-def joined(tables: Sequence[dict[str, Any]], **names: Sequence[Any]) -> dict[str, Any]:
+def join_tables(tables: Sequence[dict[str, Any]], **names: Sequence[Any]) -> dict[str, Any]:
     """One table from several with the same columns; `names` adds columns with a value per table."""
     sizes = [len(next(iter(one.values()))) for one in tables]
     columns = {name: np.repeat(np.asarray(values), sizes) for name, values in names.items()}
@@ -573,7 +573,7 @@ def joined(tables: Sequence[dict[str, Any]], **names: Sequence[Any]) -> dict[str
     return columns
 
 
-def numbered(name: str, values: Any) -> dict[str, Any]:
+def numbered_columns(name: str, values: Any) -> dict[str, Any]:
     """Columns of an array of shape (rows, k), named name_0, name_1 and so on."""
     return {f"{name}_{index}": column for index, column in enumerate(np.asarray(values).T)}
 
@@ -581,4 +581,4 @@ def numbered(name: str, values: Any) -> dict[str, Any]:
 def states_over_time(t: Any, q: Any, qdot: Any, tip: Any = None) -> dict[str, Any]:
     """Columns of the table of a motion: time, free end, coordinates and their rates."""
     end = {} if tip is None else {"tip_x": tip[:, 0], "tip_y": tip[:, 1]}
-    return {"t": t, **end, **numbered("q", q), **numbered("qdot", qdot)}
+    return {"t": t, **end, **numbered_columns("q", q), **numbered_columns("qdot", qdot)}

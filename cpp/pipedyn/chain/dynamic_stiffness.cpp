@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
-// The recursion of impedance.hpp for one vector level. This source is compiled once for each level,
-// with PIPEDYN_LEVEL and PIPEDYN_WIDTH set.
-#include "pipedyn/chain/impedance.hpp"
+// The recursion of dynamic_stiffness.hpp for one vector level. This source is compiled once for
+// each level, with PIPEDYN_LEVEL and PIPEDYN_WIDTH set.
+#include "pipedyn/chain/dynamic_stiffness.hpp"
 
 #include "pipedyn/vector/lanes.hpp"
 #include "pipedyn/vector/layout.hpp"
@@ -10,10 +10,10 @@
 namespace {
 
 using pipedyn::ChainModel;
-using pipedyn::ImpedanceParts;
-using pipedyn::ImpedanceSegment;
 using pipedyn::PairsAsked;
 using pipedyn::Points;
+using pipedyn::StiffnessParts;
+using pipedyn::StiffnessSegment;
 
 /// lambda and its products in the coefficients; their absolute values, or derivatives by lambda.
 template <class Number>
@@ -32,7 +32,7 @@ struct Coefficients {
 /// values of the powers, sums of the absolute values of the numbers whose sums are the
 /// coefficients.
 template <bool derivatives = false, class Number>
-inline Coefficients<Number> coefficients(const ImpedanceSegment& at, const Powers<Number>& by) {
+inline Coefficients<Number> coefficients(const StiffnessSegment& at, const Powers<Number>& by) {
   constexpr bool sizes = std::is_same_v<Number, Pack>;
   const auto fixed = [](double x) { return derivatives ? 0.0 : x; };
   const auto of = [](double x) { return sizes ? std::fabs(x) : x; };
@@ -77,14 +77,14 @@ struct Problem {
   Powers<Lanes> by_lambda() const { return {Lanes{} + 1.0, 2.0 * powers.one, Lanes{} + flow}; }
 };
 
-/// Reaction of the segments beyond the end of a segment to its motion: A, B, C, D of impedance.hpp.
-struct Impedance {
+/// Reaction of the segments beyond the end of a segment to its motion: A, B, C and D.
+struct DynamicStiffness {
   Lanes a, b, c, d;
 };
 
-/// Impedance at the end of the last segment.
-inline Impedance end_impedance(const ChainModel& model, const Problem& problem) {
-  Impedance end;
+/// Dynamic stiffness at the end of the last segment.
+inline DynamicStiffness end_stiffness(const ChainModel& model, const Problem& problem) {
+  DynamicStiffness end;
   end.a = -problem.entry * problem.powers.one;
   if (model.guided) end.b.re -= problem.thrust;
   return end;
@@ -94,7 +94,7 @@ inline Impedance end_impedance(const ChainModel& model, const Problem& problem) 
 struct Step {
   Lanes r, w, h, p;
 
-  Step(double l, const Impedance& beyond, const Coefficients<Lanes>& at) {
+  Step(double l, const DynamicStiffness& beyond, const Coefficients<Lanes>& at) {
     const Lanes carried = l * beyond.a, g = carried + beyond.b;
     r = at.moment + beyond.d + l * (beyond.c + g);
     w = at.across + beyond.c + carried;
@@ -103,12 +103,12 @@ struct Step {
   }
 };
 
-/// Impedance before a segment whose end is held. It is linear in beyond, at and thrust, so that it
-/// gives derivatives as well.
-inline Impedance before_held(double l, const Impedance& beyond, const Coefficients<Lanes>& at,
-                             double thrust) {
+/// Dynamic stiffness before a segment whose end is held. It is linear in beyond, at and thrust, so
+/// that it gives derivatives as well.
+inline DynamicStiffness before_held(double l, const DynamicStiffness& beyond,
+                                    const Coefficients<Lanes>& at, double thrust) {
   const double share = 1.0 / l;
-  Impedance found;
+  DynamicStiffness found;
   found.d = at.elastic;
   found.b = found.c = share * at.elastic;
   found.b.re -= thrust;
@@ -120,14 +120,14 @@ inline Impedance before_held(double l, const Impedance& beyond, const Coefficien
 
 void log_derivative(const ChainModel& model, const Points& points, double* out) {
   for (Count first = 0; first < points.count; first += width) {
-    const Lanes lambda = taken(points, first);
+    const Lanes lambda = lanes_of(points, first);
     const Problem problem(model, lambda, points.u);
-    Impedance at = end_impedance(model, problem), by;  // by: derivative of `at` by lambda
+    DynamicStiffness at = end_stiffness(model, problem), by;  // by: derivative of `at` by lambda
     by.a.re = all<Pack>(-problem.entry);
     Lanes sum = -1.0 * poles(points, lambda);
     Coefficients<Lanes> own, change;
     for (Count j = model.size - 1; j >= 0; --j) {
-      const ImpedanceSegment& segment = model.impedances[j];
+      const StiffnessSegment& segment = model.dynamic_stiffnesses[j];
       if (!segment.repeats) {
         own = coefficients(segment, problem.powers);
         change = coefficients<true>(segment, problem.by_lambda());
@@ -178,7 +178,7 @@ struct Motion {
 };
 
 /// Effect of the loads on all segments beyond: the force and the moment at the segment's end that
-/// they add to its impedance, and the angle by which they turn the segment.
+/// they add to its dynamic_stiffness, and the angle by which they turn the segment.
 struct LoadBeyond {
   Lanes force, moment, turned;
 };
@@ -187,7 +187,7 @@ struct LoadBeyond {
 struct Rates {
   Lanes mass, flow, damping;  // their factors are 2 lambda, sqrt(beta) U and 1
 
-  PIPEDYN_INLINE void add(const ImpedanceSegment& at, const Motion& dual, const Motion& motion) {
+  PIPEDYN_INLINE void add(const StiffnessSegment& at, const Motion& dual, const Motion& motion) {
     const double l = at.length;
     const Lanes &x = motion.joint, &angle = motion.angle, &y = dual.joint, &other = dual.angle;
     mass += y * (at.force.mass * x + at.turned.mass * angle) +
@@ -203,9 +203,9 @@ struct Rates {
   }
 };
 
-/// Numbers of a segment that the sweep from the clamp needs: impedance of all beyond, and 1 / p.
+/// Numbers of a segment that the sweep from the clamp needs: stiffness of all beyond, and 1 / p.
 struct Segment {
-  Impedance beyond;
+  DynamicStiffness beyond;
   Lanes share;
 };
 
@@ -217,7 +217,7 @@ struct Turned {
 void pairs(const ChainModel& model, const Points& points, const PairsAsked& out) {
   const Count n = model.size;
   Count start = 0;  // first segment that moves
-  while (model.impedances[start].held) ++start;
+  while (model.dynamic_stiffnesses[start].held) ++start;
   struct Scratch {
     Segment* segments;
     Turned* turned_by;
@@ -226,13 +226,13 @@ void pairs(const ChainModel& model, const Points& points, const PairsAsked& out)
     return Scratch{layout.take<Segment>(n), layout.take<Turned>(out.loaded ? n : 0)};
   });
   for (Count first = 0; first < points.count; first += width) {
-    const Problem problem(model, taken(points, first), points.u);
-    Impedance at = end_impedance(model, problem);
+    const Problem problem(model, lanes_of(points, first), points.u);
+    DynamicStiffness at = end_stiffness(model, problem);
     LoadBeyond load, dual;
     double weight = 0.5;  // factor of the load on a joint
     Coefficients<Lanes> own;
     for (Count j = n - 1; j >= 0; --j) {
-      const ImpedanceSegment& segment = model.impedances[j];
+      const StiffnessSegment& segment = model.dynamic_stiffnesses[j];
       const double l = segment.length;
       if (!segment.repeats) own = coefficients(segment, problem.powers);
       if (segment.held) {  // the guide balances forces; moments act as forces on the joint before
@@ -273,9 +273,9 @@ void pairs(const ChainModel& model, const Points& points, const PairsAsked& out)
     }
     Coefficients<Pack> terms;
     for (Count j = start; j < n; ++j) {
-      const ImpedanceSegment& segment = model.impedances[j];
+      const StiffnessSegment& segment = model.dynamic_stiffnesses[j];
       const double l = segment.length;
-      if (j == start || !model.impedances[j - 1].repeats) {
+      if (j == start || !model.dynamic_stiffnesses[j - 1].repeats) {
         own = coefficients(segment, problem.powers);
         terms = coefficients(segment, sizes);
       }
@@ -369,7 +369,7 @@ void pairs(const ChainModel& model, const Points& points, const PairsAsked& out)
 
 namespace pipedyn {
 
-const ImpedanceKernel PIPEDYN_NAMED(impedance) = {.log_derivative = ::log_derivative,
+const StiffnessKernel PIPEDYN_NAMED(stiffness) = {.log_derivative = ::log_derivative,
                                                   .pairs = ::pairs};
 
 }  // namespace pipedyn

@@ -3,8 +3,8 @@
 // The linear problem T(lambda, u) X = 0 of a straight chain, without eliminating unknowns. Each
 // segment has the unknowns (phi_j, theta_j, w_j, Q_j): joint angle, angle, transverse displacement
 // of its end, and the force that its end exerts on the segments beyond, less a U^2 theta_j. There
-// are four equations a segment; z, f, t and g are the coefficients that `ImpedanceSegment` explains
-// below, with the contributions of the flow:
+// are four equations a segment; z, f, t and g are the coefficients that `StiffnessSegment`
+// explains below, with the contributions of the flow:
 //   theta_j - theta_{j-1} - phi_j = 0,   w_j - w_{j-1} - l_j theta_j = 0,
 //   e k_j phi_j - e k_{j+1} phi_{j+1} + g_j theta_j + f_j w_{j-1} + l_j Q_j = 0   (row j of P),
 //   Q_{j-1} = Q_j + z_j w_{j-1} + t_j theta_j + a U^2 phi_j,
@@ -35,31 +35,31 @@
 namespace pipedyn {
 
 /// Factors of lambda^0, lambda^1 and lambda^2 in a coefficient.
-struct ImpedanceParts {
+struct StiffnessParts {
   double stiffness, damping, mass;
 
-  bool operator==(const ImpedanceParts&) const = default;
+  bool operator==(const StiffnessParts&) const = default;
 };
 
 /// Coefficients of one segment, without the contributions of the flow.
-struct ImpedanceSegment {
+struct StiffnessSegment {
   double length;
-  ImpedanceParts joint;   // e k, of the joint, which has no inertia
-  ImpedanceParts force;   // z: force on all beyond the joint, by the joint's displacement
-  ImpedanceParts across;  // f: moment about the joint, by the joint's displacement
-  ImpedanceParts turned;  // t: force on all beyond the joint, by the angle
-  ImpedanceParts moment;  // g: moment about the joint, by the angle
+  StiffnessParts joint;   // e k, of the joint, which has no inertia
+  StiffnessParts force;   // z: force on all beyond the joint, by the joint's displacement
+  StiffnessParts across;  // f: moment about the joint, by the joint's displacement
+  StiffnessParts turned;  // t: force on all beyond the joint, by the angle
+  StiffnessParts moment;  // g: moment about the joint, by the angle
   double joint_hysteresis, moment_hysteresis;  // imaginary parts of e k and of g
   double moment_size;  // sum of the absolute values of the numbers whose sum is g at lambda = 0
   bool held;           // whether a guide holds its end
   bool loaded;         // whether z, f or t is more than inertia, or g has damping or hysteresis
   bool repeats;        // whether the next segment equals it in all of the above
 
-  bool operator==(const ImpedanceSegment&) const = default;
+  bool operator==(const StiffnessSegment&) const = default;
 };
 
 /// The functions of one vector level.
-struct ImpedanceKernel {
+struct StiffnessKernel {
   /// Computes d log det P / dlambda - sum_k 1 / (lambda - lambda_k) at each lambda of the points:
   /// all real parts, then all imaginary parts. Roots lambda_k equal to lambda are left out.
   void (*log_derivative)(const ChainModel&, const Points&, double* out);
@@ -68,6 +68,6 @@ struct ImpedanceKernel {
   void (*pairs)(const ChainModel&, const Points&, const PairsAsked&);
 };
 
-extern const ImpedanceKernel impedance_baseline, impedance_avx2, impedance_avx512;
+extern const StiffnessKernel stiffness_baseline, stiffness_avx2, stiffness_avx512;
 
 }  // namespace pipedyn
