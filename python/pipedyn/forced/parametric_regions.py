@@ -19,10 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.forced.parametric_edge import (
-    THINNEST,
-    RegionKind,
-)
+from pipedyn.forced.parametric_edge import THINNEST, RegionKind
 from pipedyn.forced.parametric_search import RegionEdges, recompute, region_change, regions
 from pipedyn.forced.pulsating import Hill, pulsating_pipe, require_motion
 from pipedyn.linear.frequency_response import checked_range

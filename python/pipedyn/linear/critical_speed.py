@@ -24,13 +24,7 @@ from pipedyn.linear.sensitivity import (
     strengthened,
 )
 from pipedyn.models.base import Model
-from pipedyn.models.continuum import (
-    AnyModel,
-    Continuum,
-    Converged,
-    checked_model,
-    converged_ahead,
-)
+from pipedyn.models.continuum import AnyModel, Continuum, Converged, checked_model, converged_ahead
 from pipedyn.models.galerkin import Galerkin, PanelPencil, last_functions
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check

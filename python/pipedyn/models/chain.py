@@ -13,12 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
-from pipedyn.models.base import (
-    Model,
-    Operators,
-    core_pipe,
-    stored,
-)
+from pipedyn.models.base import Model, Operators, core_pipe, stored
 from pipedyn.models.galerkin import Galerkin, basis_joints
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments, reciprocal

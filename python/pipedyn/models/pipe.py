@@ -48,7 +48,7 @@ class OwnNumber:
     Attributes:
         label: name of the number in a label.
         symbol: its symbol in TeX; a Greek letter is given by its name.
-        rule: allowed range for `check.real`, wider than any pipe's and far from overflow.
+        bounds: allowed range (low, high), wider than any pipe's and far from overflow.
         slider: range of a slider, extended if the pipe's own number lies outside; None if only a
             number that is not at its default gets a slider.
         flow: the direction of flow to which the number is limited; empty if it applies to both.
@@ -59,17 +59,24 @@ class OwnNumber:
         effect: name of the effect that the pipe lacks if the number has its default; `relevant`
             switches the effect off by setting the default. Empty for a number such as gamma, whose
             effect, gravity, is switched off by 0: accuracy/effects.py names these effects.
+        open_high: whether the upper bound itself is not allowed.
     """
 
     label: str
     symbol: str
-    rule: dict[str, Any]
+    bounds: tuple[float, float]
     slider: tuple[float, float] | None = None
     flow: str = ""
     no_linear_effect: str = ""
     no_nonlinear_effect: str = ""
     unit: Unit | None = None
     effect: str = ""
+    open_high: bool = False
+
+    @property
+    def rule(self) -> dict[str, Any]:
+        """The allowed range as arguments of `check.real`."""
+        return {"low": self.bounds[0], "high": self.bounds[1], "open_high": self.open_high}
 
     def excluded(self, motions: bool) -> str:
         """Why the number has no effect on finite (if `motions`) or small motions; "" if it has."""
@@ -82,37 +89,34 @@ class OwnNumber:
 
 
 OWN_NUMBERS = {
-    "beta": OwnNumber(
-        "mass ratio", r"\beta", {"low": 0.0, "high": 1.0, "open_high": True}, (0.02, 0.95)
-    ),
-    "gamma": OwnNumber("gravity", r"\gamma", {"low": -1e6, "high": 1e6}, (-20.0, 60.0)),
+    "beta": OwnNumber("mass ratio", r"\beta", (0.0, 1.0), (0.02, 0.95), open_high=True),
+    "gamma": OwnNumber("gravity", r"\gamma", (-1e6, 1e6), (-20.0, 60.0)),
     "alpha": OwnNumber(
-        *("end coefficient", r"\alpha", {"low": 0.0, "high": 1e6}, (0.0, 2.0)),
-        effect="end coefficient",
+        "end coefficient", r"\alpha", (0.0, 1e6), (0.0, 2.0), effect="end coefficient"
     ),
     "drag": OwnNumber(
-        *("drag", r"\kappa", {"low": 0.0, "high": 1e9}),
-        no_linear_effect="drag has no part in small motions",
+        "drag", r"\kappa", (0.0, 1e9), no_linear_effect="drag has no part in small motions"
     ),
-    "damping": OwnNumber("damping", r"\delta", {"low": 0.0, "high": 1e6}, (0.0, 0.05), unit=TIME),
+    "damping": OwnNumber("damping", r"\delta", (0.0, 1e6), (0.0, 0.05), unit=TIME),
     "hysteresis": OwnNumber(
-        *("loss factor", r"\mu", {"low": 0.0, "high": 1e3}, (0.0, 0.2)),
+        "loss factor",
+        r"\mu",
+        (0.0, 1e3),
+        (0.0, 0.2),
         no_nonlinear_effect="a pipe with hysteresis has no equation of motion in time",
     ),
     "inflow_share": OwnNumber(
-        *("inflow share", "c", {"low": 0.0, "high": 1.0}, (0.0, 1.0)),
-        flow="aspirating",
-        effect="inflow",
+        "inflow share", "c", (0.0, 1.0), (0.0, 1.0), flow="aspirating", effect="inflow"
     ),
     "jet_angle": OwnNumber(
-        *("jet angle", r"\psi", {"low": -math.pi, "high": math.pi}),
+        "jet angle",
+        r"\psi",
+        (-math.pi, math.pi),
         flow="ejecting",
         no_linear_effect="the straight pipe is no equilibrium of an inclined jet",
         effect="jet angle",
     ),
-    "rotary_inertia": OwnNumber(
-        *("rotary inertia", "J", {"low": 0.0, "high": 1e3}), effect="rotary inertia"
-    ),
+    "rotary_inertia": OwnNumber("rotary inertia", "J", (0.0, 1e3), effect="rotary inertia"),
 }
 """The numbers of a pipe by argument name, in the order of `own_numbers` in pipe.hpp."""
 

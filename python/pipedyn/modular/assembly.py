@@ -13,12 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
-from pipedyn.models.base import (
-    ANGLES,
-    BALANCED,
-    Operators,
-    stored,
-)
+from pipedyn.models.base import ANGLES, BALANCED, Operators, stored
 from pipedyn.models.chain import Chain, SpringRule
 from pipedyn.models.pipe import Pipe, checked_pipe
 from pipedyn.models.segments import MET, SegmentModel, SmallMotions, position_along
