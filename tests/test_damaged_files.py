@@ -146,6 +146,36 @@ def test_numbers_are_checked_as_by_constructors_and_against_their_types(
         pp.load(edited(name, tmp_path, changed(where, change)))
 
 
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda text: text.replace('"beta": 0.2', '"beta": 0.3, "beta": 0.2'), "names something"),
+        (lambda text: text.replace("0.2,", "NaN,"), "has the number nan, which is not finite"),
+        (lambda text: text.replace("0.2,", "1e999,"), "has the number inf, which is not finite"),
+        (lambda text: text[:-1], "is no JSON: Expecting"),
+        (lambda text: [text], "is no text"),
+        (lambda text: 7, "is no text"),
+    ],
+)
+def test_a_header_is_a_text_in_json_that_names_each_thing_once(change, said, tmp_path):
+    header, _ = read(path_of("pipe").read_bytes())
+    text = json.dumps(header)
+    np.savez(tmp_path / "pipe.npz", header=np.array(change(text)))
+    with pytest.raises(ValueError, match=rf"pipe\.npz cannot be loaded: its header {said}"):
+        pp.load(tmp_path / "pipe.npz")
+
+
+@pytest.mark.parametrize("name", ["header.npy", "array0.npy"])
+def test_a_member_that_is_there_twice_is_refused(name, tmp_path):
+    """Whatever its two parts hold: readers differ in which of them they take."""
+    with zipfile.ZipFile(path_of("chain")) as file:
+        members = [(one, file.read(one)) for one in file.namelist()]
+    path = tmp_path / "twice.npz"
+    path.write_bytes(zipped([*members, (name, dict(members)[name])]))
+    with pytest.raises(ValueError, match="cannot be loaded: two of its members have one name"):
+        pp.load(path)
+
+
 def test_arguments_of_exceptions_are_checked(tmp_path):
     def edit(header, arrays):
         error = next(one for one in header["objects"] if "error" in one)

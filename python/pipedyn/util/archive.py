@@ -277,6 +277,8 @@ class _Members:
     def __init__(self, archive: zipfile.ZipFile, size: int) -> None:
         self._archive = archive
         self._unread = {one.filename: one for one in archive.infolist()}
+        if len(self._unread) < len(archive.infolist()):
+            raise ValueError("two of its members have one name")
         if sum(one.compress_size for one in archive.infolist()) > size:
             raise ValueError("its members are longer than the file")
         if "header.npy" not in self._unread:
@@ -327,7 +329,7 @@ class _Reader:
     def decoded(self, value: Any) -> Any:
         """The value whose JSON form, as `_Writer.encoded` makes it, is given."""
         if isinstance(value, float) and not math.isfinite(value):
-            raise ValueError("it has a number that overflows")
+            raise ValueError(f"its header has the number {value}, which is not finite")
         if isinstance(value, list):
             return [self.decoded(one) for one in value]
         if not isinstance(value, dict):
@@ -446,7 +448,12 @@ def load(path: str | os.PathLike[str], kind: type[Any] = object) -> Any:
 
 def _header(values: np.ndarray[Any, Any]) -> dict[str, Any]:
     """The header by its keys, refused if one lacks or if a later version of the format wrote it."""
-    header = json.loads(str(values))
+    if values.shape != () or values.dtype.kind != "U":
+        raise ValueError("its header is no text")
+    try:
+        header = json.loads(str(values), object_pairs_hook=_named_once)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"its header is no JSON: {error}") from error
     lacking = [one for one in HEADER if not isinstance(header, dict) or one not in header]
     if lacking:
         raise ValueError(f"its header has no {lacking[0]!r}, which `save` writes")
@@ -459,6 +466,13 @@ def _header(values: np.ndarray[Any, Any]) -> dict[str, Any]:
             f"{sys.modules['pipedyn'].__version__}"
         )
     return header
+
+
+def _named_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of the header, refused if it names something twice."""
+    if len(found := dict(pairs)) < len(pairs):
+        raise ValueError("its header names something twice")
+    return found
 
 
 def _checked(path: str | os.PathLike[str]) -> Path:
