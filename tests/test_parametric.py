@@ -407,7 +407,9 @@ def test_bad_arguments_of_regions_are_named(arguments, error, rule):
 
 
 def test_bad_arguments_of_floquet_are_named():
-    with pytest.raises(ValueError, match=r"amplitude must lie in \[-1, 1\]"):
+    with pytest.raises(
+        ValueError, match=r"amplitude must lie in \[-1, 1\] or the flow reverses, got 1.5"
+    ):
         pp.floquet(MODEL, pp.Pulsation(5.0, 1.5, 20.0))
     with pytest.raises(TypeError, match=r"pulsation must be a Pulsation, got 5\.0"):
         pp.floquet(MODEL, 5.0)

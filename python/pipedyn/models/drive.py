@@ -75,9 +75,12 @@ class Pulsation:
     frequency: float
 
     def __post_init__(self) -> None:
+        amplitude = check.real("amplitude", self.amplitude)
+        if abs(amplitude) > 1.0:
+            raise ValueError(f"amplitude must lie in [-1, 1] or the flow reverses, got {amplitude}")
         vars(self).update(
             mean=check.real("mean", self.mean, low=0.0, high=LARGEST_SPEED),
-            amplitude=check.real("amplitude", self.amplitude, low=-1.0, high=1.0),
+            amplitude=amplitude,
             frequency=_frequency(self.frequency),
         )
 
