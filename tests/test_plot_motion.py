@@ -44,6 +44,7 @@ MOTIONS = {
     "rest": partial(pp.simulate, CHAIN, 1.0, 1.0, np.zeros(6), samples=11),
     "reduced": partial(pp.simulate, pp.Galerkin(pp.Pipe(0.2), 6), 6.5, 20.0, bend, samples=1601),
     "short": partial(pp.simulate, CHAIN, 1.0, 1.0, bend, samples=2),
+    "sparse cycle": partial(pp.limit_cycle, pp.Chain(pp.Pipe(0.2), 3), 8.0, samples=9),
     "many": partial(pp.simulate_many, CHAIN, [5.5, 6.0], 5.0, bend, samples=401),
 }
 
@@ -77,7 +78,7 @@ NO_FILM = "path must end with .gif, .mp4 or .html and lie in a folder"
     [
         (
             *(plot.snapshots, "short", {}),
-            "motion must have at least 3 samples, got 2: ask `simulate` for more `samples=`",
+            "motion must have at least 3 samples, got 2: compute it with more `samples=`",
         ),
         (plot.snapshots, "coarse", {}, f"motion {COARSE}"),
         (plot.snapshots, "cycle", {"span": (2.0, 1.0)}, "span must be a start and a later end"),
@@ -86,6 +87,7 @@ NO_FILM = "path must end with .gif, .mp4 or .html and lie in a folder"
         (plot.time_history, ["cycle", "short"], {}, "motions[1] must have at least 3 samples"),
         (plot.time_history, "coarse", {}, f"motions {COARSE}"),
         (plot.phase_portrait, ["cycle", "coarse"], {}, f"motions[1] {COARSE}"),
+        (plot.phase_portrait, "sparse cycle", {}, f"motions {COARSE}"),
         (plot.phase_portrait, "cycle", {"coordinate": 6}, "coordinate must be from 0 to 5, got 6"),
         (plot.animate, "coarse", {}, f"motion {COARSE}"),
         (plot.animate, "cycle", {"path": "pipe.avi"}, NO_FILM),
@@ -379,7 +381,7 @@ def test_a_default_motion_is_drawn_by_every_picture(model, u, duration, start):
     np.testing.assert_array_equal(asked.q, motion.q[::parts])
     assert asked.evaluations == motion.evaluations
     if parts > 1:
-        with pytest.raises(ValueError, match="ask `simulate` for more `samples=`"):
+        with pytest.raises(ValueError, match="compute it with more `samples=`"):
             plot.phase_portrait(asked, ax=axes())
 
 

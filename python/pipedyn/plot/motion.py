@@ -549,7 +549,7 @@ def checked_motion(motion: Any, name: str = "motion") -> Sampled:
     checked: Sampled = motion
     if checked.t.size < 3:
         raise ValueError(
-            f"{name} must have at least 3 samples, got {checked.t.size}: ask `simulate` for more "
+            f"{name} must have at least 3 samples, got {checked.t.size}: compute it with more "
             "`samples=`"
         )
     return checked
@@ -607,7 +607,7 @@ def refuse_coarse(
     if is_coarse(curve, invisible=invisible, rates_shown=rates_shown):
         raise ValueError(
             f"{name} must be sampled at least six times a cycle of the fastest visible motion, got "
-            f"samples {np.diff(curve.x).max():.3g} T apart: ask `simulate` for more `samples=`"
+            f"samples {np.diff(curve.x).max():.3g} T apart: compute it with more `samples=`"
         )
 
 
