@@ -102,7 +102,8 @@ def _exponents(b0: Array, b1: Array, step: Array) -> Array:
 def exponentials(exponents: Array) -> Array:
     """Exponentials of a stack of matrices, (..., n, n), by Taylor's polynomial and squarings.
 
-    If they overflow, they are infinite or NaN.
+    If they overflow, they are infinite or NaN. `scipy.linalg.expm`, which takes one matrix after
+    the other, needs four times as long for n = 6, and as long for n from 20 to 40.
     """
     if len(exponents) > 1 and exponents.size > CACHED:
         return np.concatenate([exponentials(half) for half in np.array_split(exponents, 2)])

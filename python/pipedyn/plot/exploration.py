@@ -5,7 +5,8 @@ Only `explore` needs a notebook. The answers of an `Exploration` are those of pu
 `root_loci`, `modes` and `critical_speed` of a chain, and `stability_curve` against one of the
 numbers. Matplotlib draws the picture again for each state, which takes a tenth of a second; the
 Axes are kept, as making them takes as long again. The moving pipe is an animated SVG on top of the
-picture, which the browser animates.
+picture, which the browser animates, also in a page without a kernel, where ipympl shows nothing. It
+is written in 1 ms and has 7 kB; matplotlib takes 1.8 s for the frames of a film, of 160 kB.
 """
 
 from __future__ import annotations
