@@ -59,7 +59,7 @@ BUCKLED = (0.5, 1.5, 3.0)
 one upside down, the search misses 2 of 84 elastica of 15 pinned pipes under a dead load;
 without them it misses 40."""
 
-MOST_WOUND = 30
+MOST_DOF_WOUND = 30
 """Most degrees of freedom for which all starts are taken. In five chains of 31 to 60 segments under
 a weight up to 180, all starts led to no more equilibria than the first look."""
 
@@ -549,7 +549,7 @@ class _Solutions:
         found = _balanced(statics, u, starts, 0.2)
         self.add(found)
         taken = len(starts)
-        if statics.size <= MOST_WOUND and (len(found) > 1 or model.pipe.gamma < 0.0):
+        if statics.size <= MOST_DOF_WOUND and (len(found) > 1 or model.pipe.gamma < 0.0):
             starts, modes = [*_bends(statics, 4, BEND_ANGLES, odd)], 4
             self.add(_balanced(statics, u, starts, 0.5))
             taken += len(starts)

@@ -44,7 +44,7 @@ LARGE_GRAVITY = 100.0
 0.8, critical speeds at this gamma are 1.6 to 1.9 times those without weight; beyond, they grow
 about like gamma^(1/3)."""
 
-BESIDE = 1e-3
+JUST_BEYOND = 1e-3
 """Distance beyond the last crossing, relative to its speed, at which unstable roots are counted."""
 
 LAST = {"ejecting": 1e-2, "aspirating": 1e-6}
@@ -624,7 +624,7 @@ class _Search:
         assert self.swept is not None
         end, found = self.max_speed, self.swept.crossings
         if self.until_unstable and found and found[-1].change > 0:
-            end = min(end, found[-1].speed * (1.0 + BESIDE))
+            end = min(end, found[-1].speed * (1.0 + JUST_BEYOND))
         assert self.resolved is not None
         problem, spectrum = self.larger
         # If all resolved modes are tracked, the larger model counts the modes that it resolves.

@@ -332,14 +332,14 @@ class _Response:
             worst = int(np.argmax(share))
             if share[worst] <= RESIDUAL:
                 break
-            if not self._grown(self.solution(float(at[worst]))):
+            if not self._extend_basis(self.solution(float(at[worst]))):
                 raise NotConverged(
                     f"the response at a frequency of {at[worst]:g} leaves a residual of "
                     f"{share[worst]:.1e}"
                 )
         return _output_displacement(self.output @ self._vectors, x)
 
-    def _grown(self, solution: Complex) -> bool:
+    def _extend_basis(self, solution: Complex) -> bool:
         """Adds a solution to the basis; returns False if the solution was in its span already."""
         before = self._vectors.shape[1]
         for part in (solution.real, solution.imag):

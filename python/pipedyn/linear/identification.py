@@ -64,10 +64,10 @@ the shortest waves that the largest model can represent."""
 MOST_TRIALS = 40
 """Largest number of pipes tried from one start; searches that find an optimum try 5 to 30."""
 
-STAYING = 0.02
+RESOLVED_CHANGE = 0.02
 """Largest change of a prediction in a larger model, as a share of its uncertainty."""
 
-UNTOLD = 1.0
+UNDETERMINED = 1.0
 """Standard deviation of a combination of logarithms, here a factor of e, beyond which measurements
 do not determine it: the linear law of errors does not apply there."""
 
@@ -228,7 +228,7 @@ def identify(
         for size in FUNCTIONS:
             x = known.fitted(x, size)
             moved = known.moved(x, size)
-            if moved <= STAYING:
+            if moved <= RESOLVED_CHANGE:
                 return known.estimated(x, size)
     raise NotConverged(
         f"with {FUNCTIONS[-1]} functions a prediction still moves by {moved:.2g} of its uncertainty"
@@ -477,7 +477,7 @@ class _Problem:
                 )
             _, sizes, right = np.linalg.svd(slopes[:, free], full_matrices=False)
             condition = float(sizes[0] / sizes[-1]) if sizes[-1] > 0.0 else math.inf
-            if not sizes[-1] * UNTOLD > 1.0:
+            if not sizes[-1] * UNDETERMINED > 1.0:
                 raise NotIdentifiable(self._undetermined(free, right[-1], sizes[-1]))
             spread[np.ix_(free, free)] = (right.T / sizes**2) @ right
         values, relative = np.exp(x), np.sqrt(np.diag(spread))

@@ -590,7 +590,7 @@ class Model(OfPipe, ABC):
         """States [p, p'], (S, 2 integrated), from users' q and qdot, (S, coordinates)."""
         return np.concatenate([q, qdot], axis=1)
 
-    def _advanced(self, y: Any) -> Any:
+    def _integrated_state(self, y: Any) -> Any:
         """States [p, p'] of an integrator, (2 integrated, ...), from users' states [q, q']."""
         return y
 
@@ -658,7 +658,7 @@ class Model(OfPipe, ABC):
             >>> round(float(chain.energy([0.1, 0.0, 0.0, 0.0])), 12)  # of springs 4 and 2
             0.03
         """
-        return self.core.energy(self._advanced(y), drive=self._drive(y, None, base))
+        return self.core.energy(self._integrated_state(y), drive=self._drive(y, None, base))
 
     def power(
         self,
@@ -679,7 +679,7 @@ class Model(OfPipe, ABC):
             Power(flow=-1.788854, joints=0, drag=0, others=0)
         """
         drive = self._drive(y, u_dot, base)
-        return Power(*self.equations.power(self._advanced(y), u, drive=drive))
+        return Power(*self.equations.power(self._integrated_state(y), u, drive=drive))
 
     def shape(self, q: ArrayLike, s: ArrayLike) -> Array:
         """Centreline (x, y), inextensible at any amplitude: x is transverse, y points downward.

@@ -258,7 +258,7 @@ class Supply:
         """The supply whose head gives the straight pipe at rest the flow speed u > 0."""
         u = check.real("u", u, low=0.0, high=LARGEST_SPEED, open_low=True)
         still = cls(0.0, friction, weight, start)
-        return cls(0.5 * still.friction * u**2 - still._hanging(pipe), friction, weight, start)
+        return cls(0.5 * still.friction * u**2 - still._weight_head(pipe), friction, weight, start)
 
     @classmethod
     def from_si(
@@ -299,7 +299,7 @@ class Supply:
             start = pipe.speed_from_si(check.real("start", start, low=0.0))
         return cls(head, friction, weight, start)
 
-    def _hanging(self, pipe: Pipe) -> float:
+    def _weight_head(self, pipe: Pipe) -> float:
         """Contribution of the fluid's weight in the straight pipe to the head."""
         return checked_pipe(pipe).direction * self.weight_in(pipe)
 
@@ -313,11 +313,11 @@ class Supply:
         Raises:
             ValueError: if the head drives no flow in the pipe's direction.
         """
-        driving = self.head + self._hanging(pipe)
+        driving = self.head + self._weight_head(pipe)
         if driving <= 0.0:
             raise ValueError(
                 f"head must drive a flow through the straight pipe, got {self.head:g}, to which "
-                f"the weight of its fluid adds {self._hanging(pipe):g}"
+                f"the weight of its fluid adds {self._weight_head(pipe):g}"
             )
         u = math.sqrt(2.0 * driving / self.friction)
         return check.real("speed at this head and friction", u, high=LARGEST_SPEED)

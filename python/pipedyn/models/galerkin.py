@@ -47,7 +47,7 @@ SHORTEST_PANEL = 1e-4
 changes results by d^3, 1e-11 of a critical speed at this length; on panels shorter than a third of
 it, functions move so little mass that rounding makes their eigenvalues arbitrary."""
 
-MISSED = 1e-6
+SUPPORT_TOLERANCE = 1e-6
 """Largest distance from supports of a state given in all coordinates: integrators' tolerances."""
 
 
@@ -354,9 +354,9 @@ class Galerkin(Model):
     def initial_state(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
         q, exact = self._amplitudes_of("q0", q0)
         rates = np.zeros_like(q) if qdot0 is None else self._amplitudes_of("qdot0", qdot0)[0]
-        state = self._closed("q0", q, rates)
+        state = self._onto_supports("q0", q, rates)
         missed = float(np.abs(state - np.concatenate([q, rates])).max())
-        if exact and missed > MISSED:
+        if exact and missed > SUPPORT_TOLERANCE:
             raise ValueError(
                 f"q0 and qdot0 must meet the supports, got a deviation of {missed:.1e}; those "
                 f"close to {self.dof} small amplitudes are found"
@@ -370,7 +370,7 @@ class Galerkin(Model):
             return rows, True
         return self._free.lift @ rows, False
 
-    def _closed(self, name: str, q: Array, rates: Array) -> Array:
+    def _onto_supports(self, name: str, q: Array, rates: Array) -> Array:
         """The nearby state [q, q'] that meets the supports."""
         state = np.concatenate(self.onto_constraints(q, rates))
         if not np.isfinite(state).all():
@@ -379,7 +379,7 @@ class Galerkin(Model):
 
     def _coordinates(self, q: ArrayLike) -> Array:
         rows, exact = self._amplitudes_of("q", q)
-        return rows if exact else self._closed("q", rows, np.zeros_like(rows))[: rows.size]
+        return rows if exact else self._onto_supports("q", rows, np.zeros_like(rows))[: rows.size]
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
         return np.tensordot(self.elastic_scale, self._columns("z", z), axes=1)
@@ -459,7 +459,7 @@ class Galerkin(Model):
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         q = self.sampled(angle)
-        return self._closed("angle", q, np.zeros_like(q))[: q.size]
+        return self._onto_supports("angle", q, np.zeros_like(q))[: q.size]
 
     def sampled(self, angle: Callable[[Array], ArrayLike]) -> Array:
         nodes, fit = self._fit

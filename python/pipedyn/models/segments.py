@@ -224,7 +224,7 @@ class SegmentModel(Model):
         Springs are added in the joints' angles, so that the rounding of stiff springs does not hide
         soft ones.
         """
-        angles, operators = np.cumsum(joints, axis=0), self._bent(linear)
+        angles, operators = np.cumsum(joints, axis=0), self._about_bent(linear)
         sizes = np.linalg.norm(angles, axis=0)
 
         def of_angles(matrix: Array) -> Array:
@@ -245,7 +245,7 @@ class SegmentModel(Model):
         matrices["damping"] += joints.T @ (damping[:, None] * joints)
         return replace(operators, **matrices)
 
-    def _bent(self, linear: SmallMotions) -> Operators:
+    def _about_bent(self, linear: SmallMotions) -> Operators:
         """The operators of `_unconstrained`, with the stiffness of the forces that hold nodes.
 
         The forces balance the moments at rest, and their own moments change as the segments turn.

@@ -499,7 +499,7 @@ class Assembly(SegmentModel):
     def resting(self) -> Array:
         return self._layout.rest if self._reference is None else self._reference
 
-    def _advanced(self, y: Any) -> Any:
+    def _integrated_state(self, y: Any) -> Any:
         return self.core.angles(y)
 
     # ---------------------------------------------------------------------------------- geometry

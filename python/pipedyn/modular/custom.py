@@ -17,7 +17,7 @@ from pipedyn.modular.layout import Layout
 from pipedyn.modular.parts import Custom, UserLaw
 from pipedyn.util.check import Array
 
-STRIDE = 1e-3
+GRADIENT_STEP = 1e-3
 """Step of differences, of order 4, of a complex-step gradient; their error is some 1e-12."""
 
 TRIAL_STEP, AGREEMENT = 1e-5, 1e-4
@@ -62,7 +62,7 @@ class CustomForce:
         if self.module.force_by_q is not None:
             return np.array(self._call("force_by_q", (q.size, q.size), q, qdot))
         if self.module.force is None:
-            return -_differences(self._gradient, q, STRIDE * (1.0 + np.abs(q)))
+            return -_differences(self._gradient, q, GRADIENT_STEP * (1.0 + np.abs(q)))
         return self._complex_step("force", q.shape, lambda z: (z, qdot), q)
 
     def by_qdot(self, q: Array, qdot: Array) -> Array:
@@ -222,20 +222,20 @@ class CustomForces:
 
     def energy(self, states: Array) -> Array:
         """Potential energy of all modules, shape (k,); 0 on the straight pipe."""
-        return self._summed(CustomForce.energy, states[: len(states) // 2]) - self._straight_energy
+        return self._sum(CustomForce.energy, states[: len(states) // 2]) - self._straight_energy
 
     @cached_property
     def _straight_energy(self) -> Array:
         """Potential energy that the user's functions give on the straight pipe, shape (1,)."""
         straight = np.zeros((3 * self.layout.size, 1))
         straight[1::3, 0] = np.cumsum(np.append(self.layout.base, self.layout.lengths))[1:]
-        return self._summed(CustomForce.energy, straight)
+        return self._sum(CustomForce.energy, straight)
 
     def work(self, states: Array) -> Array:
         """Power of the forces that do not come from a potential energy, shape (k,)."""
-        return self._summed(CustomForce.work, *np.split(states, 2))
+        return self._sum(CustomForce.work, *np.split(states, 2))
 
-    def _summed(self, function: Callable[..., float], *rows: Array) -> Array:
+    def _sum(self, function: Callable[..., float], *rows: Array) -> Array:
         """Sum over the modules of a function of their coordinates or rates, (3 n, k): (k,)."""
         totals = np.zeros(rows[0].shape[1])
         with np.errstate(all="ignore"):

@@ -43,7 +43,7 @@ MODULES = (Segment, TorsionalSpring, InternalFlow, Drag, Custom)
 DEPENDENT = 1e-9
 """Relative size of a pivot, well above rounding, below which a guide or pin is dependent."""
 
-TAUT = 1e-5
+LEAST_PIVOT = 1e-5
 """Relative size of a pivot below which guides and pins are dependent because a span is taut.
 
 Newton's method meets them to 1e-12, which leaves angles of some 1e-6 on a span without slack.
@@ -269,8 +269,8 @@ class Layout:
         if not self.holding:
             return
         bent = self.rest + 0.3 * np.cos(1.0 + 1.7 * np.arange(self.size))
-        here = self._independent(self.rest, TAUT)
-        if here.size < self._independent(bent, TAUT).size:
+        here = self._independent(self.rest, LEAST_PIVOT)
+        if here.size < self._independent(bent, LEAST_PIVOT).size:
             lost = [part for i, part in enumerate(self.holding) if i not in here]
             named = " and ".join(dict.fromkeys(map(part_text, lost)))
             raise ValueError(f"{named} must leave some slack, got a span that is taut")

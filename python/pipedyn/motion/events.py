@@ -218,7 +218,7 @@ class Recorder:
                 rises, falls = before < 0.0 <= value, before > 0.0 >= value
                 if (rises and event.direction >= 0.0) or (falls and event.direction <= 0.0):
                     step = steps[k]
-                    found.append(self._located(i, ends[step : step + 2], coefficients[step], x[k]))
+                    found.append(self._locate(i, ends[step : step + 2], coefficients[step], x[k]))
                 self._last[i] = value
             for i, at, place, rates in sorted(found, key=lambda one: one[1]):
                 self._found[i].append((at, place, rates))
@@ -227,7 +227,7 @@ class Recorder:
                     return at
         return None
 
-    def _located(
+    def _locate(
         self, i: int, ends: Array, coefficients: Array, high: float
     ) -> tuple[int, float, Array, Array]:
         """Index i, time, q and q' of an event i in the part of a step that ends at x = high."""

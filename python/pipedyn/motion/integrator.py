@@ -58,7 +58,7 @@ CALLS_A_RATE = 1.5
 """Least number of right-hand sides of an explicit method in the time 1 / |lambda| of the fastest
 mode: measured at rtol 1e-6, 1.6 with damping to 16 without."""
 
-STAGES, HOPELESS = 8, 100.0
+STAGES, MOST_EXCESS = 8, 100.0
 """Number of right-hand sides in an iteration of an implicit step; and the multiple of the allowed
 number of right-hand sides at which a motion is given up, if it would need more than that at its
 present step size. Steps grow when fast modes decay: measured, up to 50 times."""
@@ -77,7 +77,7 @@ LARGEST_IMPLICIT = 1000
 complex factorisations of 2,001 unknowns take 256 MB and about 15 s on one core, extrapolated from
 1.8 s measured with half as many unknowns."""
 
-STILL = 1e-9
+LEAST_FLOW = 1e-9
 """Flow speed at constant head below which a motion ends, since its flow is about to reverse."""
 
 LARGEST_KEPT = 100_000_000
@@ -92,7 +92,7 @@ class Stopped(Exception):
     """An integration stopped early; the message gives the reason."""
 
 
-def _spent(most: float) -> str:
+def _too_many_calls(most: float) -> str:
     """Message for a motion that needs more right-hand sides than `most`."""
     return f"it needs more than {most:g} right-hand sides: give `simulate` more as `most=`"
 
@@ -179,7 +179,7 @@ class Monitor:
         if self.calls >= self.next_check:
             self.check(t)
         if self.calls >= self.task.most:
-            raise Stopped(_spent(self.task.most))
+            raise Stopped(_too_many_calls(self.task.most))
         self.calls += 1
         try:
             found = self.task.rates(t, y)
@@ -217,7 +217,7 @@ class Monitor:
             least /= STAGES
             covered = t - max(self.reached, task.t0)
             ahead = CALLS * remaining / max(covered, 1e-300)
-            needed = ahead if ahead > HOPELESS * task.most else 0.0
+            needed = ahead if ahead > MOST_EXCESS * task.most else 0.0
             why = f"its steps follow modes up to |lambda| = {fastest:.2g}"
         if self.calls + needed > task.most:
             raise Stopped(
@@ -391,10 +391,10 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
     answers: list[Outcome] = []
     for j, member in enumerate(motion.members):
         why, samples = whys[j] or EARLY_ENDS.get(member.progress), min(member.samples, count)
-        if why is not None and first.constant_head is not None and motion.state(j)[-1] < STILL:
+        if why is not None and first.constant_head is not None and motion.state(j)[-1] < LEAST_FLOW:
             why = "its flow stops and would turn back"
         if member.progress == "spent" and j not in left:
-            why = why or _spent(first.most)
+            why = why or _too_many_calls(first.most)
         if observer.end is not None:
             samples, why = int(np.searchsorted(times[:samples], observer.end, "right")), None
         rows = np.concatenate([start[None, :, j], states[j, :samples]])

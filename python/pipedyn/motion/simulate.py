@@ -635,7 +635,7 @@ def assembled(
     states = np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
     moves = np.concatenate([values[:, 2:].T.reshape(3, 2, -1) for *_, values in driven], axis=2)
     drive = model._drive(states, None, None if tasks[0].base is None else moves)
-    states = model._advanced(states)
+    states = model._integrated_state(states)
     energy = np.asarray(model.core.energy(states, drive, refuses=False))
     states[size:] = 0.0  # the same configurations at rest
     kinetic = energy - np.asarray(model.core.energy(states, drive, refuses=False))

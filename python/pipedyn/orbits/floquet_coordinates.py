@@ -32,7 +32,7 @@ cycle of 21 maxima were up to 5e-3 from the curve through the points."""
 ACCURACY = 1e-4
 """Error allowed for the multipliers: rates of decay need no more accuracy."""
 
-GONE = 1e-3
+LEAST_MULTIPLIER = 1e-3
 """Multiplier over the orbit, or over half of a symmetric one, below which a coordinate is left
 out."""
 
@@ -108,7 +108,7 @@ def floquet_coordinates(
     moduli = np.abs(values)
     moduli[np.abs(values - 1.0).argmin()] = 0.0  # the trivial one
     kept = np.argsort(-moduli)[:MOST_COORDINATES]
-    kept = kept[moduli[kept] > GONE]
+    kept = kept[moduli[kept] > LEAST_MULTIPLIER]
     if not kept.size or moduli[kept[0]] >= 1.0:
         raise np.linalg.LinAlgError("no coordinate decays slowly")
     rows = np.linalg.inv(vectors)[kept]

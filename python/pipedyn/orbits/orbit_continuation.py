@@ -63,7 +63,7 @@ COARSE = OrbitControl(0.3, tolerance=3e-4, stagnation=1e-2, defect=1e-3)
 meshes that follow. A last step of the size of the tolerance leaves an error of its square, some
 1e-7."""
 
-PAST, GRAZING, MOST_CONTACTS, MOST_GRAZES = 3e-4, 3e-2, 3, 8
+PAST_STOP, GRAZING, MOST_CONTACTS, MOST_GRAZES = 3e-4, 3e-2, 3, 8
 """Distance beyond a grazed stop at which a branch goes on, relative to its parameter; distance from
 the stop within which its orbits come before, relative to their size; number of extrema near the
 stop that are tried; and largest number of times that a branch may graze."""
@@ -212,7 +212,7 @@ def past_grazing(motion: VectorField, last: Step) -> Grazing | None:
     # that from which the step came.
     crosses = (contacts.beyond[nearest] > 0.0) == (contacts.crossings == before.crossings)
     changes = dict.fromkeys((contacts.outward[nearest] != crosses).tolist())  # each is tried once
-    for larger, share in product(changes, (way * PAST, -way * PAST)):
+    for larger, share in product(changes, (way * PAST_STOP, -way * PAST_STOP)):
         beyond = _with_parameter(here, p * (1.0 + share))
         try:
             orbit = beside_kink(motion, beyond, 1.0 if larger else -1.0)

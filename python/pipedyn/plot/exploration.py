@@ -176,9 +176,9 @@ class Exploration:
         self._pipe, self._springs = pipe, springs
         model = Chain(pipe, n, springs=springs)
         given = _checked_ranges(ranges, pipe)
-        self._numbers = _turnable(pipe, given)
+        self._numbers = _slider_numbers(pipe, given)
         own = {name: number.of(pipe) for name, number in self._numbers.items()}
-        self.critical = _loss(model)
+        self.critical = _critical_or_none(model)
         if u is None:
             u = 4.0 if self.critical is None else 1.05 * self.critical.speed
         u = check.real("u", u, low=0.0, high=1e3)
@@ -220,7 +220,7 @@ class Exploration:
                 if values[turned] != number.of(self._pipe):
                     pipe = number.changed(pipe, values[turned])
             model = Chain(pipe, round(values["segments"]), springs=self._springs)
-            critical = _loss(model)
+            critical = _critical_or_none(model)
             curve = self.curve if name == self.against else self._curve_of(model)
             self.model, self.critical, self.curve = model, critical, curve
         self.values = values
@@ -391,7 +391,7 @@ class Exploration:
         return ExplorationPicture(self)
 
 
-def _loss(model: Chain) -> CriticalSpeed | None:
+def _critical_or_none(model: Chain) -> CriticalSpeed | None:
     try:
         return critical_speed(model, MAX_SPEED)
     except NoCrossing:
@@ -412,7 +412,7 @@ def _checked_ranges(ranges: Any, pipe: Pipe) -> dict[str, tuple[float, float]]:
     return found
 
 
-def _turnable(pipe: Pipe, given: Mapping[str, Any]) -> dict[str, PipeNumber]:
+def _slider_numbers(pipe: Pipe, given: Mapping[str, Any]) -> dict[str, PipeNumber]:
     """Numbers of the pipe that get a slider, by name; a number with two names gets one slider."""
     numbers, names = pipe_numbers(pipe), dict[str, str]()
     for name, number in numbers.items():
