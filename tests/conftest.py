@@ -31,6 +31,29 @@ def at_level():
     _core.set_vector_level(before)
 
 
+def pytest_generate_tests(metafunc):
+    """A test of `each_level` runs at every vector level of the processor."""
+    if "each_level" in metafunc.fixturenames:
+        from pipedyn import _core
+
+        metafunc.parametrize("each_level", _core.vector_levels(), indirect=True)
+
+
+@pytest.fixture
+def each_level(request, at_level):
+    """The vector level at which the test runs."""
+    at_level(request.param)
+    return request.param
+
+
+@pytest.fixture
+def levels():
+    """All vector levels that this processor has."""
+    from pipedyn import _core
+
+    return _core.vector_levels()
+
+
 @pytest.fixture
 def interrupted_after():
     """Sees that a call that would take hours is interrupted after so many seconds."""

@@ -12,7 +12,6 @@ import numpy as np
 
 import pipedyn as pp
 from pipedyn import modular
-from pipedyn.models.chain import SPRING_RULES
 
 LAWS = sorted(pp.Term.__subclasses__(), key=lambda law: law.__name__)
 SPEED = 3.0
@@ -59,8 +58,9 @@ def scene(pipe: pp.Pipe) -> modular.Assembly:
     return modular.chain(pipe, 4)
 
 
+RULES = "consistent", "midpoint", "rayleigh", "uniform", "frequency"
 SPANS = {"root": "pinned", "end": "pinned", "supports": (0.5,)}
-MAKERS = {f"chain of {rule} springs": Maker(chain(rule)) for rule in SPRING_RULES} | {
+MAKERS = {f"chain of {rule} springs": Maker(chain(rule)) for rule in RULES} | {
     "pinned chain": Maker(chain("midpoint"), {"end": "pinned"}),
     "chain on supports": Maker(chain("consistent"), SPANS),
     "beam": Maker(beam),

@@ -155,6 +155,23 @@ def path_of(name):
     return FOLDER / f"{name.replace(' ', '-')}.npz"
 
 
+def names_in(path):
+    """Names of classes that a file has, as it has them."""
+
+    def within(value):
+        if isinstance(value, dict):
+            for key, one in value.items():
+                if key in ("class", "parts", "error", "named") and isinstance(one, str):
+                    yield one
+                yield from within(one)
+        elif isinstance(value, list):
+            for one in value:
+                yield from within(one)
+
+    with np.load(path) as file:
+        return set(within(json.loads(str(file["header"]))["objects"]))
+
+
 def main():
     told = json.loads(FACTS.read_text("utf-8"))
     for name, make in NEW.items():

@@ -13,9 +13,7 @@ from independent import any_chain, dense_jacobian, dense_rates, lagrangian_accel
 from test_chain import UNEQUAL
 
 import pipedyn as pp
-from pipedyn import _core
 
-LEVELS = _core.vector_levels()
 FLOWS = [
     {"flow": "ejecting"},
     {"flow": "aspirating", "alpha": 0.7},
@@ -60,11 +58,9 @@ def test_chain_moves_as_the_papers_lagrangian_says(flow):
     assert worst(found[3:], expected) < 1e-12
 
 
-@pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("n", [1, 2, 3, 50])
 @with_terms
-def test_recursion_solves_the_dense_equations(n, flow, level, at_level):
-    at_level(level)
+def test_recursion_solves_the_dense_equations(n, flow, each_level):
     for chain in with_and_without_forces(n, 0, flow):
         y = states(n, 5)
         for u in (0.0, 4.5):
@@ -73,9 +69,7 @@ def test_recursion_solves_the_dense_equations(n, flow, level, at_level):
             assert worst(chain.rhs(0.0, y[:, 0], u), expected[:, 0]) < 1e-14 * (10 + n**1.5)
 
 
-@pytest.mark.parametrize("level", LEVELS)
-def test_angles_of_many_turns_count_by_their_sine(level, at_level):
-    at_level(level)
+def test_angles_of_many_turns_count_by_their_sine(each_level):
     chain = any_chain(9, 0, gamma=4.0)
     y = states(9, 4)
     y[4:9] += 1e5  # the fifth joint has no spring
@@ -112,12 +106,10 @@ def test_a_hundred_thousand_segments_obey_their_equations():
 # ------------------------------------------------------------------------------------- derivative
 
 
-@pytest.mark.parametrize("level", LEVELS)
 @with_terms
 @pytest.mark.parametrize("n", [1, 2, 3, 33])
-def test_jacobian_is_the_derivative(n, flow, level, at_level):
+def test_jacobian_is_the_derivative(n, flow, each_level):
     """Of the dense equations, by complex steps: to rounding."""
-    at_level(level)
     for chain in with_and_without_forces(n, 3, flow):
         for u in (0.0, 4.5):
             y = states(n, 1, seed=7)[:, 0]
@@ -128,8 +120,7 @@ def test_jacobian_is_the_derivative(n, flow, level, at_level):
 # --------------------------------------------------------------------------------- vector levels
 
 
-def test_level_can_be_forced():
-    assert LEVELS[0] == "baseline"
+def test_level_can_be_forced(at_level):
     code = "from pipedyn import _core; print(_core.vector_level())"
     environment = {**os.environ, "PIPEDYN_VECTOR_LEVEL": "baseline"}
     command = [sys.executable, "-c", code]
@@ -140,7 +131,7 @@ def test_level_can_be_forced():
     assert run.returncode != 0
     assert "vector level must be one of 'baseline'" in run.stderr
     with pytest.raises(ValueError, match=r"vector level must be one of 'baseline'.*, got 'sse9'"):
-        _core.set_vector_level("sse9")
+        at_level("sse9")
 
 
 @pytest.fixture(scope="module")
@@ -161,9 +152,7 @@ def sines_and_cosines():
     return x, *exact
 
 
-@pytest.mark.parametrize("level", LEVELS)
-def test_sine_and_cosine_are_good_to_two_ulp(level, at_level, sines_and_cosines):
-    at_level(level)
+def test_sine_and_cosine_are_good_to_two_ulp(each_level, sines_and_cosines):
     x, *exact = sines_and_cosines
 
     def sincos(x):

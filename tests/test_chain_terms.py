@@ -12,7 +12,6 @@ from independent import chain_crossing, unstable_count
 from test_chain_motion import TERMS as ALL
 
 import pipedyn as pp
-from pipedyn.models.pencil import DensePencil
 
 # ------------------------------------------------------------------------------------- places
 
@@ -45,13 +44,14 @@ def test_springs_by_a_rule_are_those_of_the_bare_pipe(rule):
 
 
 @pytest.mark.parametrize("n", [1, 5, 100])
-def test_products_are_those_of_the_matrices(n):
-    chain = pp.Chain(pp.Pipe(0.2, 4.0, damping=0.01, terms=ALL), n)
-    dense, long = DensePencil(chain), chain.pencil()
-    x = np.random.default_rng(7).normal(size=(n, 2)) + 1j
-    for product in ("mass", "velocity", "damping", "stiffness", "gravity", "by_damping", "flux"):
-        found, expected = getattr(long, product)(x), getattr(dense, product)(x)
-        np.testing.assert_allclose(found, expected, atol=1e-13 * (1.0 + np.abs(expected).max()))
+def test_the_response_to_a_force_is_that_of_the_matrices(n):
+    chain = pp.Chain(pp.Pipe(0.2, 4.0, damping=0.01, hysteresis=0.03, terms=ALL), n)
+    found = pp.frequency_response(chain, 3.0, [2.0, 20.0], input=("force", 0.6), output=0.9)
+    mass, damping, stiffness = chain.operators().at(3.0)
+    load, output = chain.deflection(np.eye(n), [0.6, 0.9])
+    for omega, response in zip(found.frequencies, found.response, strict=True):
+        dynamic = stiffness + 1j * omega * damping - omega**2 * mass
+        assert response == pytest.approx(output @ np.linalg.solve(dynamic, load), rel=1e-9)
 
 
 @pytest.mark.parametrize("n", [6, 90])
@@ -69,15 +69,14 @@ def test_crossings_are_exact(n):
         ((pp.PointMass(0.8, 0.3),), True, 5),
         ((pp.Spring(0.2, 20.0),), True, 5),
         ((pp.Spring(0.2, 20.0), pp.PointMass(0.9, 0.2)), True, 5),
-        ((pp.Spring(0.2, 20.0), pp.PointMass(0.9, 0.2)), True, 30),
+        ((pp.Spring(0.2, 20.0), pp.PointMass(0.9, 0.2)), True, 66),
         ((pp.Spring(0.9, 20.0),), False, 5),
-        ((pp.Spring(0.9, 20.0),), False, 30),
+        ((pp.Spring(0.9, 20.0),), False, 66),
     ],
 )
 def test_a_root_stands_at_zero_unless_a_spring_holds_what_is_beyond_the_free_joint(
-    terms, standing, n, monkeypatch
+    terms, standing, n
 ):
-    monkeypatch.setattr("pipedyn.models.segments.LONGEST_DENSE", 20)
     springs = np.full(n, float(n))
     springs[2 * n // 5] = 0.0
     chain = pp.Chain(pp.Pipe(0.3, terms=terms), springs=springs)

@@ -3,7 +3,6 @@
 
 import math
 import re
-from contextlib import nullcontext
 from dataclasses import FrozenInstanceError, replace
 from functools import cache
 
@@ -77,6 +76,20 @@ def true_error(quantity, model, exact):
         return math.inf
 
 
+def priced(monkeypatch, seconds):
+    """Rows whose errors are measured and whose times are given; returns the sizes measured."""
+    sizes = []
+
+    def fake(pipe, quantity, family, size, *others):
+        sizes.append(size)
+        return replace(
+            measure_model(pipe, quantity, family, size, *others), seconds=seconds(family, size)
+        )
+
+    monkeypatch.setattr("pipedyn.accuracy.choose.measure_model", fake)
+    return sizes
+
+
 # ----------------------------------------------------------------------------------- the promise
 
 
@@ -90,10 +103,7 @@ def test_the_true_error_is_below_the_tolerance_and_half_a_model_misses_it(
     One size less may do where it is measured to cost more. Of what is smaller yet, one may do by
     chance, but not it and the next.
     """
-    monkeypatch.setattr(
-        "pipedyn.accuracy.choose.measure_model",
-        lambda *asked: (row := measure_model(*asked)) and replace(row, seconds=1e-6 * row.dof),
-    )
+    priced(monkeypatch, lambda family, size: 1e-6 * size * (1 + 2 * family.paired))
     pipe, cases = exact_cases(flow, damped)
     for name, conditions, exact in cases:
         choice = pp.choose(pipe, name, tolerance, **conditions)
@@ -226,11 +236,8 @@ def test_the_papers_rule_serves_where_its_limit_lies_within_the_tolerance():
 
 
 def test_what_is_said_of_the_other_chains_is_so(monkeypatch):
-    """Segments are not said to be needed where fewer do: uniform springs take 35.
-
-    No model is given up for its time, which a busy machine would make of any.
-    """
-    monkeypatch.setattr("pipedyn.accuracy.choose.time_limit", lambda seconds: nullcontext())
+    """Segments are not said to be needed where fewer do: uniform springs take 35."""
+    priced(monkeypatch, lambda family, size: 1e-2 * size)
     choice = pp.choose(HOSE, "critical_speed", 0.01, among="chain")
     assert onset_error(HOSE, choice.family, choice.size) <= choice.error <= 0.01
     assert onset_error(HOSE, choice.family, choice.size - 1) > 0.01
@@ -374,20 +381,6 @@ def test_a_budget_that_nothing_meets_is_refused_with_what_came_nearest():
         pp.choose(PIPE, "frequencies", budget=1e-9, among="legendre", u=5.0)
     assert caught.value.nearest is not None
     assert caught.value.tried
-
-
-def priced(monkeypatch, seconds):
-    """Rows whose errors are measured and whose times are given; returns the sizes measured."""
-    sizes = []
-
-    def fake(pipe, quantity, family, size, *others):
-        sizes.append(size)
-        return replace(
-            measure_model(pipe, quantity, family, size, *others), seconds=seconds(family, size)
-        )
-
-    monkeypatch.setattr("pipedyn.accuracy.choose.measure_model", fake)
-    return sizes
 
 
 def test_a_small_model_that_costs_more_does_not_hide_larger_ones_within_the_budget(monkeypatch):

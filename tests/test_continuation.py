@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Pseudo-arclength continuation: on curves that are known, and of orbits on meshes that change."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,6 +11,11 @@ import pipedyn as pp
 from pipedyn.continuation.arclength import Control, DenseProblem, Segment
 from pipedyn.continuation.tracer import TestFunction as Function
 from pipedyn.continuation.tracer import Tracer, special_points
+from pipedyn.curves.boundary import checked_window
+from pipedyn.curves.boundary_curves import CurveTracer, line_starts, not_followed
+from pipedyn.curves.event_onset import Onset
+from pipedyn.curves.event_plane import EventPlane
+from pipedyn.linear.plane import Plane, Scale, Window
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.orbit_continuation import FINE, branch_steps, from_hopf, orbit_at
 from pipedyn.util.newton import NewtonFailed
@@ -133,3 +139,109 @@ def test_at_rest_drag_has_no_slope_also_where_guides_leave_differences_alone():
     np.testing.assert_array_equal(drags.jacobian(np.zeros(8), 5.0), plain)
     moving = np.append(np.zeros(4), 1e-3 * np.ones(4))
     assert np.abs(drags.jacobian(moving, 5.0) - plain).max() > 1e-3
+
+
+# ---------------------------------------------------------------- curves in a plane of two numbers
+
+
+class Ring(Plane):
+    """One degree of freedom, damped by its distance's square from a circle: it flutters inside."""
+
+    def __init__(self, center=(0.5, 0.5), radius=0.3):
+        self.center, self.radius = np.array(center), radius
+        self._scales = [Scale(0.0, 1.0)] * 2
+        self.window = Window((None, None), np.zeros(2), np.ones(2))
+        self.dof = self.modes = 1
+        self.hysteretic = self.conservative = False
+        self.exact, self.speed_index, self.speed = True, None, 1.0
+
+    def matrices(self, at):
+        away = at - self.center
+        one, none = np.ones((1, 1)), np.zeros((1, 1))
+        damping = np.full((1, 1), float(away @ away - (self.radius**2).real))
+        by_x, by_y = ((none, 2.0 * part * one, none) for part in away)
+        return (one, damping, one), by_x, by_y
+
+    def at(self, at):
+        return self.matrices(at)[0]
+
+
+@pytest.mark.parametrize(
+    ("center", "radius", "only_stability"),
+    [((0.5, 0.5), 0.3, False), ((0.68, 0.27), 0.05, False), ((0.68, 0.27), 0.05, True)],
+    ids=["met by lines", "met by none", "stability"],
+)
+def test_a_closed_curve_that_no_edge_meets_is_found_and_closes(center, radius, only_stability):
+    """Small ones, which no line meets, are reached uphill."""
+    plane = Ring(center, radius)
+    starts, failures = line_starts(plane, only_stability)
+    tracer = CurveTracer(plane, starts)
+    (curve,) = tracer.trace(starts)
+    assert failures == [*not_followed(plane, tracer.curves)] == []
+    assert curve.ends == ("closed", "closed")
+    away = curve.places() - plane.center
+    assert away[0].tolist() == away[-1].tolist()
+    assert np.hypot(*away.T) == pytest.approx(radius, abs=1e-12)
+    turned = np.unwrap(np.arctan2(*away.T))
+    assert abs(turned[-1] - turned[0]) == pytest.approx(2.0 * np.pi)
+    (change,) = {curve.problem.change(point) for point in curve.points}
+    assert change * (turned[-1] - turned[0]) < 0.0  # the inside, left of the way, is unstable
+
+
+def test_damping_that_has_an_extreme_beside_the_axis_is_no_curve():
+    plane = Ring(center=(0.68, 0.27), radius=0.0)
+    plane.radius = 0.1j  # damped everywhere
+    assert line_starts(plane) == ([], [])
+
+
+SPRUNG = pp.Pipe(0.07, gamma=5.0, root=pp.RootSpring(3.0), damping=0.01, hysteresis=0.02)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [pp.Chain(SPRUNG, 3), pp.Galerkin(SPRUNG, 4, "legendre"), pp.modular.chain(SPRUNG, 3)],
+    ids=["chain", "legendre", "scene"],
+)
+def test_derivatives_by_a_roots_stiffness_hold_where_numbers_begin(model):
+    """Eigenvalues of pipes whose numbers differ by a little, on the corner of the window."""
+    ranges = {"root.stiffness": (1.0, 40.0), "alpha": (0.0, 3.0)}
+    plane = Plane(model, checked_window(model, tuple(ranges), ranges), 7.0)
+    at = np.array([1.0, 0.0])
+    whole, *slopes = plane.matrices(at)
+
+    def determinant(at, power):
+        mass, damping, stiffness = plane.at(at)
+        return np.linalg.slogdet(stiffness + 3.0j * damping - 9.0 * mass)[1]
+
+    inverse = np.linalg.inv(whole[2] + 3.0j * whole[1] - 9.0 * whole[0])
+    for k, (by_mass, by_damping, by_stiffness) in enumerate(slopes):
+        slope = np.trace(inverse @ (by_stiffness + 3.0j * by_damping - 9.0 * by_mass)).real
+        step = np.eye(2)[k] * 1e-4
+        values = [determinant(at + i * step, 3.0j) for i in range(5)]
+        by_differences = np.dot([-25.0, 48.0, -36.0, 16.0, -3.0], values) / 12e-4
+        assert slope == pytest.approx(by_differences, rel=1e-7, abs=1e-8)
+
+
+@pytest.mark.parametrize("which", [0, 1, 2])
+def test_with_folds_of_the_onset_that_one_is_followed_which_the_cycles_come_from(which):
+    """Of six segments it turns back near beta = 0.2912 and 0.289: between there are three."""
+    model = pp.Chain(pp.Pipe(0.2905), 6)
+    begins = [c.speed for c in pp.crossings(model, 8.0) if c.unstable_before + c.unstable_after < 3]
+    assert len(begins) == 3
+
+    def make(beta):
+        return VectorField(model.with_pipe(replace(model.pipe, beta=beta)))
+
+    plane = EventPlane(make, ("beta", "u"), model, 0.2905, ((0.28, 0.3), (6.0, 9.0)))
+    onset = Onset(plane, begins[which], 9.0)
+    assert onset.failures == []
+    values = np.array([0.285, 0.288, 0.29, 0.2905, 0.291, 0.2914, 0.295])
+    speeds = onset.along(values)
+    assert speeds[3] == pytest.approx(begins[which], rel=1e-10)
+    assert [len(pp.crossings(pp.Chain(pp.Pipe(b), 6), 8.0)) for b in (0.288, 0.2914)] == [1, 1]
+    known = [slice(None, 5), slice(2, 5), slice(2, None)][which]
+    assert np.flatnonzero(np.isfinite(speeds)).tolist() == list(range(7))[known]
+    for beta, speed in zip(values[known], speeds[known], strict=True):
+        other = pp.crossings(pp.Chain(pp.Pipe(float(beta)), 6), 8.0)
+        assert min(abs(c.speed - speed) for c in other) < 1e-9
+    assert (np.diff(speeds[known]) > 0.0).all() == (which != 1)

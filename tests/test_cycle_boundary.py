@@ -16,10 +16,6 @@ from matplotlib.figure import Figure
 
 import pipedyn as pp
 from pipedyn import plot
-from pipedyn.curves import event_curve
-from pipedyn.curves.event_onset import Onset
-from pipedyn.curves.event_plane import EventPlane
-from pipedyn.motion.vector_field import VectorField
 
 BETA = 0.05
 FOUR = pp.Chain(pp.Pipe(0.09, gamma=200.0), 4)
@@ -151,6 +147,12 @@ def test_folds_shrink_to_the_onset_as_the_drag_falls_to_0():
     assert (cusp.kind, end.kind) == ("cusp", "Hopf")
     assert (end.x, end.y) == pytest.approx((0.0, speed), abs=1e-6)
     assert found.failures == ()
+    # Drag has no part in small motions: the onset is level.
+    assert found.curves[0].onset == pytest.approx(speed, rel=1e-12)
+    (bound,) = (curve for curve in found.onsets.curves if abs(curve.y[0] - speed) < 0.1)
+    assert bound.y == pytest.approx(speed, rel=1e-12)
+    assert {tuple(sides) for sides in bound.sides.tolist()} in ({(2, 0)}, {(0, 2)})
+    assert [found.onsets.unstable(0.5, speed + way) for way in (-0.1, 0.1)] == [0, 2]
 
 
 def test_two_events_at_once_are_named_where_other_multipliers_pass_the_circle():
@@ -167,22 +169,21 @@ def test_two_events_at_once_are_named_where_other_multipliers_pass_the_circle():
 
 
 @pytest.mark.parametrize("kind", ["pitchfork", "period doubling", "torus"])
-def test_multipliers_on_the_unit_circle(three, kind, monkeypatch):
+def test_multipliers_on_the_unit_circle(three, kind):
     """-1 at a period doubling, e^(i theta) at a torus; with the reflection -1 at a pitchfork.
 
     Other multipliers are as large as 1,000, and all are known relative to the largest.
     """
-    monkeypatch.setattr(event_curve, "LONGEST_EVENT_STEP", 0.5)
     branch, event = next(
         (b, e) for b in three.cycles for e in b.events if e.kind == kind and e.speed != b.onset
     )
-    window = {"beta": (0.3, 0.31), "u": (6.0, 9.0)}
+    window = {"beta": (0.3, 0.305), "u": (6.0, 9.0)}
     found = pp.cycle_boundary(branch, event, "beta", "u", window)
     (curve,) = found.curves
     assert curve.kind == kind
     assert curve.ends == ("range", "range")
     assert found.failures == ()
-    assert curve.x[[0, -1]] == pytest.approx([0.3, 0.31], abs=1e-10)
+    assert curve.x[[0, -1]] == pytest.approx([0.3, 0.305], abs=1e-10)
     for i, orbit in list(enumerate(curve.orbits))[-1:]:
         halved = orbit.span < 0.9 * 2.0 * math.pi
         assert halved == (kind != "period doubling")
@@ -202,9 +203,8 @@ def test_multipliers_on_the_unit_circle(three, kind, monkeypatch):
         assert np.sort(np.abs(others - 1.0))[1] > 1e-2  # only the trivial one is 1
 
 
-def test_a_pitchfork_is_followed_from_either_branch_that_meets_there(three, monkeypatch):
+def test_a_pitchfork_is_followed_from_either_branch_that_meets_there(three):
     """Also from that of cycles without mirror symmetry, which it is the beginning of."""
-    monkeypatch.setattr(event_curve, "LONGEST_EVENT_STEP", 0.5)
     ranges = {"beta": (0.295, 0.305), "u": (6.0, 9.0)}
     found = []
     for branch in three.cycles[:2]:
@@ -219,8 +219,7 @@ def test_a_pitchfork_is_followed_from_either_branch_that_meets_there(three, monk
     assert other.orbits[0].symmetric
 
 
-def test_a_period_doubling_is_followed_from_the_cycles_of_twice_the_period(three, monkeypatch):
-    monkeypatch.setattr(event_curve, "LONGEST_EVENT_STEP", 0.5)
+def test_a_period_doubling_is_followed_from_the_cycles_of_twice_the_period(three):
     branch = three.cycles[1]
     (event,) = (one for one in branch.events if one.kind == "period doubling")
     near = min(branch.cycles, key=lambda cycle: abs(cycle.u - event.speed))
@@ -233,9 +232,8 @@ def test_a_period_doubling_is_followed_from_the_cycles_of_twice_the_period(three
     assert curve.frequency[0] == pytest.approx(near.frequency, rel=0.02)
 
 
-def test_folds_of_forced_motions_over_the_amplitude_of_the_forcing(monkeypatch):
+def test_folds_of_forced_motions_over_the_amplitude_of_the_forcing():
     """Both folds of a resonance that bends over lie on one curve, which ends in a cusp below."""
-    monkeypatch.setattr(event_curve, "LONGEST_EVENT_STEP", 0.2)
     model = pp.Galerkin(pp.Pipe(0.2, damping=0.002), 3, "legendre")
 
     def response(amplitude, low, high):
@@ -273,82 +271,41 @@ def test_folds_of_forced_motions_over_the_flow_speed():
     assert curve.y[-1] == pytest.approx(folds(response(0.4))[0].frequency, rel=1e-6)
 
 
-def test_a_curve_that_cannot_be_followed_says_where_and_keeps_what_it_has(monkeypatch, subcritical):
-    monkeypatch.setattr(event_curve, "MOST_EVENT_STEPS", 2)
+def test_a_curve_that_cannot_be_followed_says_where_and_keeps_what_it_has(subcritical):
+    """Without fluid mass there is no such fold: flow and stiffness alone keep the energy."""
     (fold,) = folds(subcritical)
-    found = pp.cycle_boundary(
-        subcritical, fold, "u", "beta", {"u": (2.0, 5.0), "beta": (0.02, 0.2)}
-    )
+    window = {"u": (2.0, 5.0), "beta": (0.0, 0.2)}
+    found = pp.cycle_boundary(subcritical, fold, "u", "beta", window)
     (curve,) = found.curves
-    assert curve.ends == ("points", "points")
-    assert len(curve) == 5
-    assert len(found.failures) == 2
-    beyond = f"({curve.x[-1]:.6g}, {curve.y[-1]:.6g})"
-    assert (
-        found.failures[0]
-        == f"the fold was not followed beyond {beyond}: it takes more than 2 steps"
-    )
+    assert curve.ends == ("not converged", "Bautin")
+    assert len(curve) > 5
+    beyond = f"({curve.x[0]:.6g}, {curve.y[0]:.6g})"
+    (only,) = found.failures
+    assert only.startswith(f"the fold was not followed beyond {beyond}: ")
     assert found.names == ("u", "beta")
 
 
-def plane_over(model, name, ranges):
-    """The plane of a number of a pipe and the flow speed, for cycles."""
-
-    def make(value):
-        return VectorField(model.with_pipe(replace(model.pipe, **{name: value})))
-
-    return EventPlane(make, (name, "u"), model, getattr(model.pipe, name), ranges)
-
-
-@pytest.mark.parametrize("which", [0, 1, 2])
-def test_with_folds_of_the_onset_that_one_is_followed_which_the_cycles_come_from(which):
-    """Of six segments it turns back near beta = 0.2912 and 0.289: between there are three."""
-    model = pp.Chain(pp.Pipe(0.2905), 6)
-    begins = [c.speed for c in pp.crossings(model, 8.0) if c.unstable_before + c.unstable_after < 3]
-    assert len(begins) == 3
-    plane = plane_over(model, "beta", ((0.28, 0.3), (6.0, 9.0)))
-    onset = Onset(plane, begins[which], 9.0)
-    assert onset.failures == []
-    values = np.array([0.285, 0.288, 0.29, 0.2905, 0.291, 0.2914, 0.295])
-    speeds = onset.along(values)
-    assert speeds[3] == pytest.approx(begins[which], rel=1e-10)
-    assert [len(pp.crossings(pp.Chain(pp.Pipe(b), 6), 8.0)) for b in (0.288, 0.2914)] == [1, 1]
-    known = [slice(None, 5), slice(2, 5), slice(2, None)][which]
-    assert np.flatnonzero(np.isfinite(speeds)).tolist() == list(range(7))[known]
-    for beta, speed in zip(values[known], speeds[known], strict=True):
-        other = pp.crossings(pp.Chain(pp.Pipe(float(beta)), 6), 8.0)
-        assert min(abs(c.speed - speed) for c in other) < 1e-9
-    assert (np.diff(speeds[known]) > 0.0).all() == (which != 1)
-
-
-@pytest.mark.parametrize(("beta", "low"), [(0.19, 0.19), (0.21, 0.19), (0.21, 0.0)])
-def test_the_onset_is_followed_from_an_edge_of_the_range(beta, low):
-    model = pp.Chain(pp.Pipe(beta), 2)
-    ranges = ((low, 0.21), (3.0, 9.0))
-    onset = Onset(plane_over(model, "beta", ranges), pp.critical_speed(model).speed, 9.0)
-    values = np.array([0.19, 0.2, 0.21])
-    known = [pp.critical_speed(pp.Chain(pp.Pipe(float(b)), 2)).speed for b in values]
-    assert onset.along(values) == pytest.approx(known, rel=1e-10)
-
-
-def test_over_a_number_without_a_part_in_small_motions_the_onset_is_level():
-    model = pp.Chain(pp.Pipe(0.2, drag=1.0), 2)
-    speed = pp.critical_speed(model).speed
-    onset = Onset(plane_over(model, "drag", ((0.0, 5.0), (3.0, 9.0))), speed, 9.0)
-    assert onset.along(np.array([0.0, 2.0])) == pytest.approx(speed, rel=1e-12)
-    (bound,) = onset.found.curves
-    assert bound.y == pytest.approx(speed, rel=1e-12)
-    assert {tuple(sides) for sides in bound.sides.tolist()} in ({(2, 0)}, {(0, 2)})
-    assert [onset.found.unstable(3.0, speed + way) for way in (-0.1, 0.1)] == [0, 2]
+@pytest.mark.parametrize("ends", [(BETA, 0.055), (0.045, BETA), (0.0, BETA)])
+def test_the_onset_is_followed_from_an_edge_of_the_range(subcritical, ends):
+    window = {"beta": ends, "u": (2.0, 5.0)}
+    (curve,) = pp.cycle_boundary(subcritical, folds(subcritical)[0], "beta", "u", window).curves
+    for beta, onset in zip(curve.x[::5], curve.onset[::5], strict=True):
+        if beta > 1e-3:
+            known = pp.critical_speed(pp.Chain(pp.Pipe(float(beta)), 2)).speed
+            assert onset == pytest.approx(known, rel=1e-10)
 
 
 def test_where_the_onset_cannot_be_followed_it_says_why():
     """The straight pipe is no equilibrium of an inclined jet."""
-    model = pp.Chain(pp.Pipe(0.2, jet_angle=0.2), 2)
-    onset = Onset(plane_over(model, "beta", ((0.1, 0.3), (3.0, 9.0))), math.nan, 9.0)
-    assert onset.found is None
-    assert np.isnan(onset.along(np.array([0.2]))).all()
-    assert onset.failures[0].startswith("the onset of flutter was not followed over beta: ")
+    (branch,) = pp.bifurcation_diagram(
+        pp.Chain(pp.Pipe(BETA, jet_angle=0.01), 2), [3.0, 3.3]
+    ).cycles
+    window = {"beta": (0.045, 0.055), "u": (2.0, 5.0)}
+    found = pp.cycle_boundary(branch, folds(branch)[0], "beta", "u", window)
+    assert found.onsets is None
+    assert np.isnan(found.curves[0].onset).all()
+    (only,) = found.failures
+    assert only.startswith("the onset of flutter was not followed over beta: the straight pipe")
 
 
 HANGING = pp.Galerkin(pp.Pipe(0.01, gamma=300.0), 10, "legendre")
@@ -364,11 +321,8 @@ HANGING = pp.Galerkin(pp.Pipe(0.01, gamma=300.0), 10, "legendre")
     ],
     ids=["four segments", "gamma = 300"],
 )
-def test_folds_of_four_segments_and_of_the_long_hanging_pipe(
-    model, speeds, end, speeds_there, monkeypatch
-):
+def test_folds_of_four_segments_and_of_the_long_hanging_pipe(model, speeds, end, speeds_there):
     """At the other end of the range they are those of the branch there; rest is stable above."""
-    monkeypatch.setattr(event_curve, "LONGEST_EVENT_STEP", 0.5)
     begin = model.pipe.beta
     other = model.with_pipe(replace(model.pipe, beta=end))
     branch, there = (
@@ -395,9 +349,9 @@ def test_folds_of_four_segments_and_of_the_long_hanging_pipe(
 @pytest.mark.parametrize("m", [4, 12, 30])
 def test_the_mirror_of_a_model_of_many_functions_is_seen(m):
     """The states that show it are bent by 0.3 rad, not each of their functions."""
-    assert VectorField(pp.Galerkin(pp.Pipe(0.01, gamma=300.0), m, "beam")).is_odd(11.8)
-    leaning = pp.Chain(pp.Pipe(0.2, jet_angle=0.3), 3)
-    assert not VectorField(leaning).is_odd(1.0)
+    onset = pp.hopf(pp.Galerkin(pp.Pipe(0.01, gamma=300.0), m, "beam"))
+    u = onset.speed + math.copysign(1e-3, onset.amplitude_law)
+    assert pp.limit_cycle(onset.model, u, onset, rtol=1e-2).symmetric
 
 
 WINDOW = {"beta": (0.02, 0.2), "u": (2.0, 5.0)}

@@ -4,9 +4,10 @@
 import itertools
 from functools import cache
 
+import mpmath
 import numpy as np
 import pytest
-from independent import series_crossing, unstable_count
+from independent import chain_crossing, clamp_misfit, series_crossing, unstable_count
 from scipy.optimize import brentq
 
 import pipedyn as pp
@@ -67,17 +68,22 @@ def test_a_chain_diverges_at_its_free_joint_where_the_flow_no_longer_damps_it():
         assert first.sensitivity is None  # gravity parts the two zeros: no derivative
 
 
-def test_a_long_chain_with_a_free_joint_is_solved_alike_by_bands_and_dense(monkeypatch):
-    springs = np.full(24, 24.0)
-    springs[12] = 0.0
-    chain = pp.Chain(pp.Pipe(0.2), springs=springs)
-    dense = pp.crossings(chain, 6.0)
-    monkeypatch.setattr("pipedyn.models.segments.LONGEST_DENSE", 20)
-    by_bands = pp.crossings(chain, 6.0)
-    assert [crossing.kind for crossing in by_bands] == ["flutter", "divergence"]
-    for a, b in zip(by_bands, dense, strict=True):
-        assert a.speed == pytest.approx(b.speed, rel=1e-11)
-        assert a.frequency == pytest.approx(b.frequency, rel=1e-10)
+def test_a_long_chain_with_a_free_joint_has_the_crossings_of_its_equations():
+    """By shooting in mpmath, where a spring of 1e-14 stands for none."""
+    springs = np.full(66, 66.0)
+    springs[33] = 0.0
+    flutter, divergence = pp.crossings(pp.Chain(pp.Pipe(0.2), springs=springs), 6.0)
+    almost = pp.Chain(pp.Pipe(0.2), springs=np.maximum(springs, 1e-14))
+    speed, frequency = chain_crossing(almost, flutter.speed, flutter.frequency)
+    assert (flutter.kind, divergence.kind) == ("flutter", "divergence")
+    assert flutter.speed == pytest.approx(float(speed), rel=1e-11)
+    assert flutter.frequency == pytest.approx(float(frequency), rel=1e-10)
+
+    def slope(u):  # where it vanishes, a second root comes to the one that stays at zero
+        return mpmath.diff(lambda value: clamp_misfit(almost, value, u), 0).real
+
+    with mpmath.workdps(40):
+        assert divergence.speed == pytest.approx(float(mpmath.findroot(slope, 3.0)), rel=1e-11)
 
 
 def test_sensitivity_of_a_flutter_beside_a_standing_zero_meets_differences():

@@ -7,16 +7,11 @@ import re
 import numpy as np
 import pytest
 import scipy.stats
-from test_known_solutions import motions
 
 import pipedyn as pp
 from pipedyn import diagram as module
-from pipedyn.attraction import motion_ends as engine
-from pipedyn.attraction.motion_ends import spread_alike
-from pipedyn.attraction.motion_options import MotionOptions
 from pipedyn.attraction.records import Stretch
 from pipedyn.motion.sampling import turning_points
-from pipedyn.motion.simulate import initial_bends
 from pipedyn.util.counters import count_work
 
 TWO = pp.Chain(pp.Pipe(0.2, -20.0), 2)
@@ -90,29 +85,26 @@ def test_what_a_diagram_takes_is_told_beforehand(change, terminal, monkeypatch):
     assert needed / 3.0 < told < 3.0 * needed
 
 
-def test_points_that_fail_are_marked_and_the_others_kept(monkeypatch):
-    real_equilibria, real_many = module.searched, engine.in_batches
-
-    def none_at_rest(model, u, starts, counted):
-        if u == 0.5:
-            raise pp.NotConverged("none here")
-        return real_equilibria(model, u, starts, counted)
-
-    def one_stops(tasks, work, members):
-        done = real_many(tasks, work, members=members)
-        if len(tasks) == 6:  # all of them
-            outcome, *others = done[3]
-            done[3] = (*outcome[:2], "it stopped"), *others
-        return done
-
-    monkeypatch.setattr(module, "searched", none_at_rest)
-    monkeypatch.setattr(engine, "in_batches", one_stops)
-    found = pp.bifurcation_diagram(
-        TWO, [0.5, 2.0, 5.0], cycles=0, brute_force=2, transient=3.0, duration=2.0
-    )
-    assert [(failure.index, failure.value) for failure in found.failures] == [(0, 0.5), (1, 2.0)]
-    assert [one.ending == "failed" for one in found.motions] == [False] * 3 + [True] + [False] * 2
-    assert len(found.equilibria) == 3
+@pytest.mark.parametrize(
+    ("model", "speeds", "failed", "endings"),
+    [
+        (  # of two functions, which do not resolve how far the fast jet bends it
+            pp.Galerkin(pp.Pipe(0.2, jet_angle=0.6), 2),
+            *([0.5, 2.0, 6.0], 1, ["rest"] * 6),
+        ),
+        (  # nothing bounds motions that the flow feeds
+            pp.Chain(pp.Pipe(0.5, flow="aspirating"), 2),
+            *([0.0, 0.1, 5.0], 2, ["irregular"] * 4 + ["failed"] * 2),
+        ),
+    ],
+    ids=["equilibria", "motions"],
+)
+def test_points_that_fail_are_marked_and_the_others_kept(model, speeds, failed, endings):
+    asked = {"transient": 3.0, "duration": 2.0, "exponents": False}
+    found = pp.bifurcation_diagram(model, speeds, cycles=0, brute_force=2, **asked)
+    assert [(one.index, one.value) for one in found.failures] == [(2, speeds[2])] * failed
+    assert [one.ending for one in found.motions] == endings
+    assert len(found.equilibria) == 1
 
 
 def test_two_frequencies_without_a_common_period_are_quasi_periodic():
@@ -124,7 +116,10 @@ def test_two_frequencies_without_a_common_period_are_quasi_periodic():
         brute_force=2,
         transient=0.0,
         duration=10.0,
+        seed=5,
     )
+    small, large = (np.ptp(one.turnings) for one in found.at(0.0))
+    assert large > 5.0 * small  # motions whose turning points are not alike do not go on as one
     for one in found.at(0.0):
         assert one.name == "quasi-periodic"
         assert abs(one.exponent.value) < 3.0 * one.exponent.spread
@@ -144,8 +139,6 @@ def test_irregular_motions_are_named_and_those_that_are_spread_alike_share_an_ex
     unnamed = pp.bifurcation_diagram(model, [6.0, 8.5], **asked, exponents=False).at(8.5)
     assert {one.name for one in unnamed} == {"irregular"}
     assert {one.exponent for one in unnamed} == {None}
-    assert spread_alike(first.turnings[:60], first.turnings[60:])
-    assert not spread_alike(first.turnings, 0.5 * first.turnings)
 
 
 @pytest.mark.slow
@@ -174,22 +167,22 @@ def test_motions_begin_beside_cycles_to_which_others_led_at_other_speeds():
     ]
 
 
-def test_settled_motions_end_early_where_they_would_have_ended(monkeypatch):
+def test_settled_motions_end_early_where_they_would_have_ended():
+    """So it costs nothing to allow them a longer transient."""
     model = pp.Galerkin(pp.Pipe(0.2), 4)
-    speeds = np.array([4.0, 6.5, 8.0])
-    options = MotionOptions(100.0, 40.0, 1e-6, False)
-    starts = initial_bends(model, 2, 0)
-    answers, costs = [], []
-    for first_look in (engine.FIRST_LOOK, 200.0):
-        monkeypatch.setattr(engine, "FIRST_LOOK", first_look)
-        with count_work() as work:
-            answers.append(motions(model, speeds, starts, options))
-        costs.append(work.right_hand_sides)
-    assert costs[0] < 0.25 * costs[1]
-    for early, late in zip(*answers, strict=True):
-        assert (early.ending, early.period) == (late.ending, late.period)
-        for end in (np.min, np.max):
-            assert end(early.turnings) == pytest.approx(end(late.turnings), abs=2e-6)
+    for u, ending in ((4.0, "rest"), (6.5, "periodic"), (8.0, "periodic")):
+        costs = []
+        for transient in (100.0, 1e4):
+            with count_work() as work:
+                found = pp.attractors(model, u, 2, transient=transient)
+            costs.append(work.right_hand_sides)
+        assert costs[1] == pytest.approx(costs[0], rel=0.01)
+        for basin in found.basins:
+            assert basin.ending == ending
+            amplitude = 0.0 if ending == "rest" else pp.limit_cycle(model, u).amplitude
+            turnings = basin.attractor.turnings
+            assert turnings.max() == pytest.approx(amplitude, abs=2e-6)
+            assert turnings.min() == pytest.approx(-amplitude, abs=2e-6)
 
 
 @pytest.mark.parametrize(
@@ -197,53 +190,32 @@ def test_settled_motions_end_early_where_they_would_have_ended(monkeypatch):
     [
         (pp.Chain(pp.Pipe(0.3), 3), 8.5, "irregular"),
         # Irregular for a while, and then on a cycle, on which each has to arrive by itself.
-        (pp.Chain(pp.Pipe(0.2, 20.0, drag=0.5), 2), 10.154, "periodic"),
+        (pp.Chain(pp.Pipe(0.2, 20.0, drag=0.5), 2), 10.18, "periodic"),
     ],
 )
-def test_motions_that_go_on_as_one_end_where_each_alone_does(model, u, ending, monkeypatch):
-    options, starts = MotionOptions(60.0, 20.0, 1e-6, False), initial_bends(model, 3, 0)
-    answers, costs, joined, joining = [], [], [0], engine._Engine.joining
-
-    def counting(batch, irregular, twice):
-        found = joining(batch, irregular, twice)
-        joined[0] += len(found)
-        return found
-
-    solved, spent = engine.solved_cycle, [0]
-
-    def solving(*arguments):
-        with count_work() as work:
-            try:
-                return solved(*arguments)
-            finally:  # chance has it how many cycles are looked for, and how long
-                spent[0] += work.right_hand_sides
-
-    monkeypatch.setattr(engine._Engine, "joining", counting)
-    monkeypatch.setattr(engine, "solved_cycle", solving)
-    for share in (0.25, math.inf):
-        monkeypatch.setattr(engine, "JOINED", share)
-        with count_work() as work:
-            answers.append(motions(model, [u], starts, options))
-        costs.append(work.right_hand_sides - spent[0])
-        spent[0] = 0
-        assert joined[0] > 0
-    for one, alone in zip(*answers, strict=True):
-        assert one.ending == alone.ending == ending
+def test_motions_that_go_on_as_one_end_where_each_alone_does(model, u, ending):
+    asked = {"duration": 20.0, "exponents": False}
+    with count_work() as together:
+        found = pp.attractors(model, u, 3, **asked)
+    with count_work() as apart:
+        alone = [pp.attractors(model, u, [start], **asked).basins[0] for start in found.starts]
+    for basin, one in zip((found.basins[k] for k in found.ends), alone, strict=True):
+        assert basin.ending == one.ending == ending
+        turnings = basin.attractor.turnings, one.attractor.turnings
         if ending == "periodic":
-            assert one.period == alone.period
-            assert one.turnings.max() == pytest.approx(alone.turnings.max(), rel=0.05)
+            assert basin.attractor.period == one.attractor.period
+            assert turnings[0].max() == pytest.approx(turnings[1].max(), rel=0.05)
         else:  # of two chaotic records the farthest turning is chance, not how all are spread
-            test = scipy.stats.ks_2samp(one.turnings, alone.turnings, method="asymp")
-            assert test.pvalue > 0.01
+            assert scipy.stats.ks_2samp(*turnings, method="asymp").pvalue > 0.01
     if ending == "irregular":
-        assert costs[0] < 0.8 * costs[1]
+        assert together.right_hand_sides < 0.45 * apart.right_hand_sides
 
 
 def test_a_motion_that_rests_where_nothing_stays_goes_on():
     # Upright and too heavy: 1e-12 beside the straight pipe a motion rests for a while.
     start = np.full(2, 1e-12)
-    options = MotionOptions(40.0, 10.0, 1e-6, False)
-    (one,) = motions(TWO, [1.0], [start], options)
+    (basin,) = pp.attractors(TWO, 1.0, [start], transient=40.0, duration=10.0).basins
+    one = basin.attractor
     stable = pp.equilibria(TWO, 1.0)
     assert np.abs(stable.tips[stable.stable, 0] - one.turnings[-1]).min() < 1e-2
 
@@ -284,9 +256,12 @@ def test_a_period_is_found_however_many_maxima_it_holds(times):
 
 
 def test_starts_of_guided_scenes_meet_the_guide():
-    scene = pp.modular.chain(pp.Pipe(0.2, damping=0.05), n=3).plus(pp.modular.Guide(node=3))
-    for q in initial_bends(scene, 5, 1):
-        assert abs(scene.tips(q[:, None])[0, 0]) < 1e-9
+    scene = pp.modular.chain(pp.Pipe(0.2, damping=0.3), n=3).plus(pp.modular.Guide(node=2))
+    found = pp.attractors(scene, 0.5, 8, duration=2.0)
+    assert found.failed.count == 0
+    for state in found.starts:
+        assert abs(scene.shape(np.split(state, 2)[0], [2.0 / 3.0])[0, 0]) < 1e-9
+        assert np.ptp(scene.angles(state)) > 0.01
 
 
 def test_turning_points_of_a_sine():
@@ -320,9 +295,8 @@ def test_what_is_recorded_keeps_to_rtol():
     model = pp.Chain(pp.Pipe(0.2), 3)
     speeds = np.array([1.01, 1.1]) * pp.critical_speed(model).speed
     cycles = [pp.limit_cycle(model, u, rtol=1e-8) for u in speeds]
-    options = MotionOptions(100.0, 20.0, 1e-6, False)
-    starts = initial_bends(model, 4, 0)  # eight motions take explicit steps
-    found = motions(model, speeds, starts, options)
+    asked = {"cycles": 0, "brute_force": 4, "duration": 20.0}  # eight motions take explicit steps
+    found = pp.bifurcation_diagram(model, speeds, **asked).motions
     assert [one.name for one in found] == ["periodic, 1 maximum"] * 8
     for one in found:
         cycle = cycles[speeds.tolist().index(one.speed)]
@@ -365,3 +339,9 @@ def test_too_long_a_record_is_refused():
 def test_too_many_motions_are_refused():
     with pytest.raises(ValueError, match="at most 100000 motions"):
         pp.bifurcation_diagram(TWO, np.linspace(0.0, 1.0, 11), brute_force=10_000)
+
+
+def test_batches_count_for_their_caller():
+    with count_work() as counters:
+        found = pp.simulate_many(TWO, np.linspace(3.0, 6.0, 70), 1.0, lambda s: 0.1 * s, samples=5)
+    assert counters.right_hand_sides == sum(motion.evaluations for motion in found.motions)

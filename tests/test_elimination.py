@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Reduced models eliminated panel by panel: tables, determinants and vectors, beside matrices.
+"""The core's eigenproblems: pairs, sweeps, and elimination panel by panel beside matrices.
 
 The matrices come from quadrature on a grid, which shares nothing with the banded tables.
 """
@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from independent import companion_eigenvalues, series_crossing
 from scipy.optimize import brentq
+from test_continuum import PIPES as CONTINUOUS
 
 import pipedyn as pp
 from pipedyn import _core
 from pipedyn.linear.critical_speed import _run_searches, _Search
 from pipedyn.linear.eigenproblem import eigenproblem
-from pipedyn.models.galerkin import PanelPencil, last_functions
+from pipedyn.models.galerkin import PanelPencil, enriched, last_functions
+from pipedyn.util.counters import count_work
 
 SPANS = tuple(np.arange(1, 10) / 10.0)
 STATIONS = (pp.PointMass(0.3, 0.4), pp.Spring(0.65, 30.0), pp.Damper(1.0, 0.2))
@@ -204,3 +206,85 @@ def test_all_crossings_are_found_where_larger_bases_show_more():
     for one, other in zip(found, alone, strict=True):
         assert abs(one.speed - other.speed) <= one.error + other.error
         assert one.error < 1e-6 * one.speed
+
+
+# ------------------------------------------------------------------- pairs and their residuals
+
+
+@pytest.mark.parametrize("n", [10, 100])
+def test_a_wrong_pair_has_a_residual_that_shows_it(n):
+    """An eigenvalue wrong in the seventh digit, or a vector wrong in the seventh, does not pass."""
+    problem = eigenproblem(pp.Chain(pp.Pipe(0.2), n))
+    assert problem.is_long == (n == 100)
+    spectrum = problem.spectrum()
+    pairs = spectrum.lowest(6.0, 4, left=False, high=True)
+    assert pairs.converged.all()
+    off = _core.Pairs(pairs.values * (1 + 1e-7), pairs.right)
+    bent = _core.Pairs(pairs.values, pairs.right + 1e-7 * np.eye(n)[:, [n // 2]])
+    for wrong in (off, bent):
+        spectrum.assess(6.0, wrong)
+        assert (wrong.residuals > 1e-9).all()
+        assert not wrong.converged.any()
+
+
+def test_a_slope_of_a_stiff_root_is_the_change_of_the_root():
+    chain = pp.Chain(pp.Pipe(0.4, damping=1e-9), lengths=[0.3, 1e-4, 0.7 - 1e-4])
+    spectrum = eigenproblem(chain).spectrum()
+    u, h = 5.0, 0.01
+    before, at, after = (
+        spectrum.lowest(speed, 6, left=True, high=True) for speed in (u - h, u, u + h)
+    )
+    spectrum.assess(u, at)
+    slope = at.slopes[-2]
+    change = (after.values[-2] - before.values[-2]) / (2.0 * h)
+    assert abs(at.values[-2]) > 1e5
+    assert abs(slope - change) <= 1e-7 * abs(change)
+
+
+def test_a_sweep_of_a_heavy_hanging_pipe_needs_no_more_samples_than_that_of_a_light_one():
+    """Their critical speeds go with the speeds of their free ends, and so do the steps."""
+    counts, speeds = [], []
+    for gamma in (0.0, 1e4):
+        with count_work() as counters:
+            speeds.append(pp.critical_speed(pp.Galerkin(pp.Pipe(0.2, gamma), 40, "legendre")).speed)
+        counts.append(counters.factorisations)
+    assert speeds[1] > 8.0 * speeds[0]
+    assert counts[1] < 3 * counts[0]
+
+
+# ------------------------------------------------------------- one search for two sizes
+
+
+def searched(model, max_speed, larger=None):
+    """A search over three fifths of the modes, and what it says of a larger model."""
+    problem = eigenproblem(model)
+    spectrum, resolved = problem.spectrum(), (3 * model.dof) // 5
+    if larger is not None:
+        others = eigenproblem(larger).spectrum()
+        spectrum = _core.Truncated(spectrum, others, resolved)
+    size = model.dof
+    asked = _core.Range(max_speed, 1.0, 2 * size, size, resolved, model.resolved_modes, False)
+    (sweep,) = _core.crossings([spectrum], [asked], lambda _: None)
+    if larger is None:
+        return sweep
+    return spectrum.of_larger(sweep, max_speed, (3 * larger.dof) // 5)
+
+
+@pytest.mark.parametrize("pipe", [one for one in CONTINUOUS if one.flow == "ejecting"], ids=str)
+def test_a_search_finds_the_crossings_of_the_next_size(pipe):
+    model = pp.Continuum(pipe)
+    larger = enriched(model.frozen(38), 1)
+    found = searched(model.frozen(30), 12.0, larger)
+    assert found is not None
+    expected = searched(larger, 12.0).crossings
+    assert len(found.crossings) == len(expected) > 0
+    for one, other in zip(found.crossings, expected, strict=True):
+        assert abs(one.speed - other.speed) <= one.error + other.error
+        assert one.change == other.change
+
+
+@pytest.mark.parametrize("size", [4, 5, 6, 7, 8, 10])
+def test_too_small_a_basis_says_nothing_of_a_larger_one(size):
+    """At u = 20 it has not the crossings of the larger one, or misses too much of some root."""
+    model = pp.Continuum(pp.Pipe(0.5))
+    assert searched(model.frozen(size), 20.0, model.frozen(size + 8)) is None

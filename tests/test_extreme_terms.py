@@ -13,7 +13,6 @@ import pytest
 from loaded import LAWS, MAKERS, SPEED, answers, deviations, extremes, states
 
 import pipedyn as pp
-from pipedyn import _core
 
 CROWD = tuple(pp.Spring((j + 1) / 16, 1.0) for j in range(15))
 """Many terms, with a panel of a reduced model between each two."""
@@ -33,10 +32,8 @@ def test_answers_are_finite_and_a_batch_has_those_of_its_states(name, law):
                 assert share < SAME, (what, term, len(crowd))
 
 
-@pytest.mark.parametrize("level", _core.vector_levels())
 @pytest.mark.parametrize("name", MAKERS)
-def test_all_laws_act_together_at_every_vector_level(name, level, at_level):
-    at_level(level)
+def test_all_laws_act_together_at_every_vector_level(name, each_level):
     taken = [law for law in LAWS if MAKERS[name].takes(law)]
     for end in (0, -1):
         model = MAKERS[name](*CROWD, *(extremes(law)[end] for law in taken))

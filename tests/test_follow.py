@@ -7,12 +7,27 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
-from pipedyn.continuation.own_equations import Control, DenseProblem, follow
+from pipedyn.continuation import Continuation, Control, follow
 
 
 def cubic(x, p):
     """The fold lines of p = x^3 - x lie at x = +-1 / sqrt(3)."""
     return x**3 - x - p
+
+
+class Own(Continuation):
+    """One equation with the slopes dx and -1, which solves for its steps itself."""
+
+    def __init__(self, equation, slope, least=0.0, **control):
+        super().__init__(np.ones(2), Control(longest=0.1, **control))
+        self.equation, self.slope, self.least = equation, slope, least
+
+    def linearised(self, z):
+        residual, slopes = self.equation(z[:1], z[1]), [self.slope(z), -1.0]
+        return lambda row, gap, share: np.linalg.solve([slopes, row], [-share * residual[0], gap])
+
+    def relative(self, z, step):
+        return max(self.length(step), self.least)
 
 
 def test_a_branch_is_followed_past_both_folds_with_a_derivative_or_without():
@@ -64,15 +79,63 @@ def test_equilibria_are_a_branch_of_equations_like_others():
 
 def test_a_problem_that_solves_its_own_equations_is_followed():
     """As those of equilibria and boundaries do, with a control of steps of their own."""
-    problem = DenseProblem(
-        lambda x, p: (cubic(x, p), np.array([[3.0 * x[0] ** 2 - 1.0, -1.0]])),
-        1,
-        1.0,
-        Control(longest=0.1),
-    )
+    problem = Own(cubic, lambda x: 3.0 * x[0] ** 2 - 1.0)
     branch = follow(problem, [-1.4], -1.344, (-2.0, 2.0))
     assert len(branch.folds) == 2
     assert np.linalg.norm(np.diff(branch.tangents, axis=0), axis=1).max() < 0.36
+
+
+def of_two(x, p):
+    """The root of two where p = 0."""
+    return x**2 - 2.0 - p
+
+
+def test_newtons_method_converges_to_rounding_in_a_few_steps():
+    problem = Own(of_two, lambda z: 2.0 * z[0], iterations=6)
+    branch = follow(problem, [1.0], 0.0, (-1e-9, 1e-9))
+    assert branch.x[np.argmin(np.abs(branch.p)), 0] == pytest.approx(2.0**0.5, rel=1e-15)
+
+
+def test_its_steps_are_shortened_to_the_longest_allowed():
+    iterates = []
+
+    def recorded(x, p):
+        iterates.append(x[0])
+        return of_two(x, p)
+
+    problem = Own(recorded, lambda z: 2.0 * z[0], longest_change=10.0, iterations=50)
+    follow(problem, [100.0], 0.0, (-1e-9, 1e-9))
+    assert np.abs(np.diff(iterates)).max() <= 10.0
+    assert iterates[:2] == [100.0, 90.0]
+
+
+@pytest.mark.parametrize(
+    ("equation", "slope", "control", "reason"),
+    [
+        (of_two, lambda z: 2.0 * z[0], {"least": 1e-9, "stagnation": 0.0}, "did not converge"),
+        (lambda x, p: x - np.nan, lambda z: 1.0, {}, "met numbers that are not finite"),
+        (of_two, lambda z: 0.0, {}, "met a singular matrix"),
+    ],
+)
+def test_newtons_method_says_why_it_fails(equation, slope, control, reason):
+    with pytest.raises(pp.NotConverged, match=f"near x0 at p = 0: Newton's method {reason}"):
+        follow(Own(equation, slope, **control), [1.0], 0.0, (-1.0, 1.0))
+
+
+def test_steps_that_only_rounding_keeps_up_end_it_or_are_few():
+    """Each step has the size 1e-9 at least: of the slow ones two are allowed."""
+    problem = Own(of_two, lambda z: 2.0 * z[0], least=1e-9, stagnation=1e-8, tolerance=1e-12)
+    assert follow(problem, [1.4], 0.0, (-0.01, 0.01)).ends == ("range", "range")
+    asked = []
+
+    def counted(x, p):
+        asked.append(x[0])
+        return of_two(x, p)
+
+    problem = Own(counted, lambda z: 2.0 * z[0], least=1e-9, stagnation=0.0, patience=2)
+    with pytest.raises(pp.NotConverged, match="did not converge"):
+        follow(problem, [2.0**0.5], 0.0, (-1.0, 1.0))
+    assert len(asked) < 9
 
 
 HARMONICS = np.array([1, 3, 5])
@@ -170,8 +233,7 @@ def test_exceptions_of_the_equations_end_the_branch_which_says_so_and_keeps_what
         assert f"problem raised {type(error).__name__}: {error}, at p = 0.5" in failure
         with pytest.raises(type(error)):  # at the start it passes through
             follow(broken(error), [0.6], 0.6, (-1.0, 1.0))
-    own = DenseProblem(lambda x, p: (equal(x, p), np.array([[1.0, -1.0]])), 1, 1.0, Control(0.1))
-    equal = broken(RuntimeError("no such pipe"))
+    own = Own(broken(RuntimeError("no such pipe")), lambda x: 1.0)
     branch = follow(own, [0.0], 0.0, (-1.0, 1.0))
     assert branch.ends == ("range", "not converged")
     assert branch.failures[0].endswith("RuntimeError: no such pipe")

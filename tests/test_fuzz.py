@@ -42,7 +42,7 @@ def public_calls():
                 continue  # what plot hands on from matplotlib
             if isinstance(item, FunctionType) or item in MADE_BY_USERS:
                 yield prefix + name
-            if isinstance(item, type) and item is not pp.Model:
+            if isinstance(item, type) and item not in (pp.Model, pp.continuation.Continuation):
                 yield from methods_with_arguments(prefix + name, item)
 
 

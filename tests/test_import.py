@@ -13,7 +13,6 @@ import pipedyn as pp
 FEATURES = """
 import sys
 import pipedyn as pp
-import pipedyn.linear.stability_curve
 effects = {"gamma": 3.0, "drag": 1.0, "damping": 0.01}
 pipes = [pp.Pipe(0.2), *(pp.Pipe(0.2, **{name: value}) for name, value in effects.items())]
 pipes.append(pp.Pipe(0.2, flow="aspirating", alpha=0.5, **effects))

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
-from pipedyn.attraction import regions
 from pipedyn.attraction.motion_ends import Case, motion_ends
 from pipedyn.attraction.motion_options import MotionOptions
-from pipedyn.attraction.regions import FALLEN, NOWHERE, Approach, WatchedTask
+from pipedyn.attraction.regions import DECAY_SHARE, NOWHERE, Approach, ApproachTask, Arrivals
 from pipedyn.attraction.solutions import cycle as solution
-from pipedyn.attraction.solutions import equilibria_near, kept_apart
+from pipedyn.attraction.solutions import equilibria_near, with_separate_regions
 from pipedyn.cycles.branches import _steepness
 from pipedyn.motion.simulate import checked_task, initial_bends
 from pipedyn.motion.vector_field import Excitation, VectorField
@@ -41,15 +40,15 @@ def ends_on(solutions, orbit, distances, sign=1.0):
     y = sign * orbit.states(np.tile(PHASES, len(distances))).T
     states = y + np.repeat(distances, BLOCK)[:, None] * ASIDE
     stable = [one for one in solutions if one.attracts]
-    task = WatchedTask(
+    task = ApproachTask(
         **vars(checked_task(MODEL, SPEED, 1.0, np.zeros(3), None)),
-        regions=[one.region for one in stable],
+        regions=tuple(one.region for one in stable),
         phases=np.zeros((BLOCK, 0)),
     )
-    watch = regions._Watch([task])
-    watch.ended(states[None], np.array([len(states)]))
-    [label] = watch.labels
-    return NOWHERE if label == NOWHERE else solutions.index(stable[label])
+    arrivals = Arrivals([task])
+    arrivals.ended(states[None], np.array([len(states)]))
+    [approach] = arrivals.approaches
+    return solutions.index(stable[approach.region]) if approach.reached else NOWHERE
 
 
 def test_distances_are_across_a_cycle_and_not_along_it(cycle):
@@ -85,7 +84,7 @@ def test_an_unstable_cycle_next_to_a_stable_one_leaves_it_open_where_motions_end
     near = at_distances(False, pp.limit_cycle(MODEL, 1.001 * SPEED).orbit)
     distances = np.geomspace(0.03, 0.001, 8)
     assert ends_on([cycle], cycle.orbit, distances) == 0
-    assert ends_on(kept_apart([cycle, near]), cycle.orbit, distances) == NOWHERE
+    assert ends_on(with_separate_regions([cycle, near]), cycle.orbit, distances) == NOWHERE
 
 
 def test_equilibria_and_their_stability_are_those_of_a_pipe_that_leans():
@@ -101,10 +100,10 @@ def test_equilibria_and_their_stability_are_those_of_a_pipe_that_leans():
 def motions(model, speeds, starts, options, solutions=None):
     """Ends of motions from starts at speeds, where some solutions may be known."""
     known = solutions or {}
-    numbered = dict(enumerate(starts))
+    numbered = {k: np.asarray(model.initial_state(q, None)) for k, q in enumerate(starts)}
     cases = [Case(model, Excitation(u), known.get(u, ()), numbered) for u in speeds]
-    ends, _ = motion_ends(model, cases, options)
-    return [end for answers in ends for _, end in answers.values()]
+    cases = motion_ends(model, cases, options)
+    return [case.ends[k][1] for case in cases for k in numbered]
 
 
 def test_motions_end_where_they_would_have_ended_and_cost_less():
@@ -226,16 +225,16 @@ def test_motions_come_nearer_where_every_floquet_coordinate_falls_as_it_must():
 
     def compared(rates, times):
         """Whether a motion whose coordinates change at rates is told to come nearer, and when."""
-        approach, fallen = Approach(0, 0.01), False
+        approach = Approach(0, 0.01)
         for time in times:
             squares = start * np.exp(-2.0 * rates * time)
-            approach, fallen = approach.later(times[1] - times[0], squares, decay)
-            if fallen:
+            approach = approach.later(times[1] - times[0], squares, decay)
+            if approach.reached:
                 return time
         return None
 
     times = np.arange(0.0, 20.0, 0.5)
-    slowest = -np.log(FALLEN) / decay[0]
+    slowest = -np.log(DECAY_SHARE) / decay[0]
     # The fast one rules the first comparison, the slow one the second.
     assert slowest <= compared(decay, times) <= slowest + 1.5
     assert compared(0.6 * decay, times) is not None

@@ -9,8 +9,8 @@ from scipy.optimize import linear_sum_assignment
 import pipedyn as pp
 
 PIPE = pp.Pipe(0.2)
-LONG = pp.Chain(PIPE, 30)
-"""Followed as chains beyond 64 segments are, where LONGEST_DENSE is 20."""
+LONG = pp.Chain(PIPE, 66)
+"""Beyond 64 segments the eigenvalues are a few, by sweeps along the chain."""
 
 
 def followed_by_tiny_steps(model, speeds, step, count):
@@ -67,8 +67,7 @@ def test_branches_meet_nearest_neighbours_at_tiny_steps(model, end):
     [pp.Continuum(PIPE), LONG, pp.Galerkin(PIPE, 12)],
     ids=["continuum", "long chain", "beam"],
 )
-def test_branches_do_not_depend_on_the_speeds_asked_for(model, monkeypatch):
-    monkeypatch.setattr("pipedyn.models.segments.LONGEST_DENSE", 20)
+def test_branches_do_not_depend_on_the_speeds_asked_for(model):
     fine = np.linspace(0.0, 10.0, 21)
     every = pp.root_loci(model, fine, count=4)
     for stride in (4, 20):
@@ -83,9 +82,8 @@ def test_branches_do_not_depend_on_the_speeds_asked_for(model, monkeypatch):
     [pp.Continuum(PIPE), pp.Chain(PIPE, 20), LONG],
     ids=["continuum", "chain", "long chain"],
 )
-def test_a_pair_turns_real_and_back_without_a_jump(model, monkeypatch):
+def test_a_pair_turns_real_and_back_without_a_jump(model):
     """beta = 0.2 near u = 8: a branch meets its conjugate on the real axis."""
-    monkeypatch.setattr("pipedyn.models.segments.LONGEST_DENSE", 20)
     speeds = np.linspace(6.0, 10.0, 81)
     loci = pp.root_loci(model, speeds, count=4)
     real = (loci.eigenvalues.imag == 0.0) & (loci.partners.imag == 0.0)
@@ -190,29 +188,23 @@ def test_overdamped_modes_do_not_hide_those_asked_for(damping):
     np.testing.assert_array_equal(unstable, loci.speeds > critical.speed)
 
 
+@pytest.mark.parametrize("n", [30, 66])  # from all eigenvalues at each speed, and from some
 @pytest.mark.parametrize(
-    ("pipe", "n", "end", "count"),
-    [(pp.Pipe(0.2, damping=0.05), 30, 14.0, 1), (pp.Pipe(0.2, -100.0), 30, 30.0, 1)],
+    ("pipe", "end"),
+    [(pp.Pipe(0.2, damping=0.05), 14.0), (pp.Pipe(0.2, -100.0), 30.0)],
     ids=["damped", "standing"],
 )
-def test_a_branch_that_climbs_out_of_the_eigenvalues_computed_is_followed_on(
-    pipe, n, end, count, monkeypatch
-):
-    speeds, chain = np.linspace(0.0, end, 41), pp.Chain(pipe, n)
-    whole = pp.root_loci(chain, speeds, count)
-    monkeypatch.setattr("pipedyn.models.segments.LONGEST_DENSE", 20)
-    some = pp.root_loci(chain, speeds, count)  # from some eigenvalues at each speed
-    assert some.converged.all()
-    for loci in (some, whole):
-        steps = np.abs(np.diff(loci.eigenvalues, axis=0))
-        assert steps.max() < 0.15 * np.abs(loci.eigenvalues).max()
+def test_a_branch_that_climbs_out_of_the_eigenvalues_computed_is_followed_on(pipe, end, n):
+    loci = pp.root_loci(pp.Chain(pipe, n), np.linspace(0.0, end, 16), 1)
+    assert loci.converged.all()
+    steps = np.abs(np.diff(loci.eigenvalues, axis=0))
+    assert steps.max() < 0.15 * np.abs(loci.eigenvalues).max()
 
 
-@pytest.mark.parametrize("n", [6, 30])  # all roots, and a few of them
+@pytest.mark.parametrize("n", [6, 66])  # all roots, and a few of them
 @pytest.mark.parametrize("pipe", [PIPE, pp.Pipe(0.5, gamma=300.0), pp.Pipe(0.3, damping=0.02)])
-def test_the_errors_of_a_chains_branches_cover_their_distance_to_exact_roots(pipe, n, monkeypatch):
+def test_the_errors_of_a_chains_branches_cover_their_distance_to_exact_roots(pipe, n):
     """Newton's corrections of the chain's equations in 40 digits."""
-    monkeypatch.setattr("pipedyn.models.segments.LONGEST_DENSE", 20)
     chain = pp.Chain(pipe, n)
     loci = pp.root_loci(chain, [0.0, 3.0, 7.0], 4)
     assert loci.errors.shape == loci.eigenvalues.shape

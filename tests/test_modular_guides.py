@@ -11,9 +11,6 @@ from test_modular_core import light
 
 import pipedyn as pp
 from pipedyn import modular as md
-from pipedyn.linear.eigenproblem import Eigenproblem
-from pipedyn.models.pencil import DensePencil
-from pipedyn.models.segments import ChainPencil
 
 EJECTING = pp.Pipe(0.3, 5.0, drag=0.5)
 TERMS = (
@@ -48,23 +45,27 @@ def guided(pipe: pp.Pipe, n: int, nodes: tuple[int, ...], **chain: object) -> md
     return md.chain(pipe, n, **chain).plus(*map(md.Guide, nodes))
 
 
+def by_matrices(scene: md.Assembly) -> md.Assembly:
+    """The scene with a law in Python that does nothing, for which recursions are not known."""
+    same = scene.plus(md.Custom(nodes=(1,), energy=lambda q: 0.0 * q[0]))
+    assert scene.linear_cost
+    assert not same.linear_cost
+    return same
+
+
 def compared(scene: md.Assembly, u: float, recursion_alone: bool = True) -> None:
     """All eigenvalues are the dense ones within the errors that both state."""
-    mine, theirs = Eigenproblem(scene.pencil()), Eigenproblem(DensePencil(scene))
-    assert isinstance(mine.pencil, ChainPencil)
-    assert (mine.dof, mine.is_conservative) == (theirs.dof, theirs.is_conservative)
-    found, dense = (p.spectrum().lowest(u, 2 * p.dof, True, True) for p in (mine, theirs))
-    for problem, pairs in ((mine, found), (theirs, dense)):
-        problem.spectrum().assess(u, pairs)
+    found, dense = pp.modes(scene, u), pp.modes(by_matrices(scene), u)
     if recursion_alone:
-        values = mine.spectrum().by_recursion(u, 2 * mine.dof, vectors=True).values
-        np.testing.assert_array_equal(values, found.values)
+        values = pp.eigenvalues(scene, u)
+        np.testing.assert_allclose(values[values.imag >= 0.0], found.eigenvalues, rtol=1e-14)
         assert found.residuals.max() < 1e-12
-    left = list(range(dense.values.size))
-    for value, error in zip(found.values, found.uncertain, strict=True):
-        i = min(left, key=lambda k: abs(dense.values[k] - value))
+    left = list(range(dense.eigenvalues.size))
+    for value, error in zip(found.eigenvalues, found.errors, strict=True):
+        i = min(left, key=lambda k: abs(dense.eigenvalues[k] - value))
         left.remove(i)
-        assert abs(dense.values[i] - value) <= 2.0 * (error + dense.uncertain[i]) + 1e-13
+        assert abs(dense.eigenvalues[i] - value) <= 2.0 * (error + dense.errors[i]) + 1e-13
+    assert left == []
 
 
 @pytest.mark.parametrize("name", PIPES)
@@ -85,16 +86,14 @@ def test_joints_without_springs_may_be_held_or_not(nodes: tuple[int, ...], u: fl
     ("n", "nodes"),
     [(6, ()), (24, ()), (4, (1,)), (10, (10,)), (16, (5, 16)), (67, (33, 67))],
 )
-def test_crossings_are_those_of_the_matrices(
-    name: str, n: int, nodes: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_crossings_are_those_of_the_matrices(name: str, n: int, nodes: tuple[int, ...]) -> None:
     """And, without guides, those of `Chain`."""
     end = 11.0 if nodes else 9.0  # beyond which the matrices of 24 free segments have few digits
     pipe = PIPES.get(name, pp.Pipe(0.3, -12.0))
-    mine = pp.crossings(guided(pipe, n, nodes), end)
+    scene = guided(pipe, n, nodes)
+    mine = pp.crossings(scene, end)
     others = [] if nodes else [(pp.crossings(pp.Chain(pipe, n), end), 1e-9)]
-    monkeypatch.setattr(md.Assembly, "linear_cost", False)
-    others.append((pp.crossings(guided(pipe, n, nodes), end), 1e-5))
+    others.append((pp.crossings(by_matrices(scene), end), 1e-5))
     for theirs, rel in others:
         for a, b in zip(mine, theirs, strict=True):
             assert (a.kind, a.mode, a.unstable_after) == (b.kind, b.mode, b.unstable_after)
@@ -108,15 +107,13 @@ def test_crossings_are_those_of_the_matrices(
 
 @pytest.mark.parametrize("name", ["ejecting", "terms", "damper", "idle damper"])
 @pytest.mark.parametrize(("n", "nodes"), [(4, (2, 3)), (4, (2, 4, 3)), (5, (3, 4)), (12, (10, 11))])
-@pytest.mark.parametrize("by", ["recursion", "matrices"])
+@pytest.mark.parametrize("by", [lambda scene: scene, by_matrices], ids=["recursion", "matrices"])
 def test_a_span_that_neighbouring_guides_clamp_diverges(
-    name: str, n: int, nodes: tuple[int, ...], by: str, monkeypatch: pytest.MonkeyPatch
+    name: str, n: int, nodes: tuple[int, ...], by: Callable[[md.Assembly], md.Assembly]
 ) -> None:
     """Nothing beyond moves with it, and nothing takes its energy: zero is a double root."""
-    if by == "matrices":
-        monkeypatch.setattr(md.Assembly, "linear_cost", False)
     pipe = PIPES.get(name, pp.Pipe(0.3, terms=[pp.Damper(at=1.0, coefficient=0.5)]))
-    scene = guided(pipe, n, (*nodes, n) if name == "idle damper" and n not in nodes else nodes)
+    scene = by(guided(pipe, n, (*nodes, n) if name == "idle damper" and n not in nodes else nodes))
     critical = pp.critical_speed(scene, 11.0)
     assert critical.kind == "divergence"
     assert critical.error < 1e-12
@@ -127,13 +124,9 @@ def test_a_span_that_neighbouring_guides_clamp_diverges(
 
 
 @pytest.mark.parametrize("nodes", [(12,), (5, 6), (3, 9)])
-def test_root_loci_are_those_of_the_matrices(
-    nodes: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    speeds = np.linspace(0.0, 6.0, 13)
-    mine = pp.root_loci(guided(EJECTING, 12, nodes), speeds, 3)
-    monkeypatch.setattr(md.Assembly, "linear_cost", False)
-    theirs = pp.root_loci(guided(EJECTING, 12, nodes), speeds, 3)
+def test_root_loci_are_those_of_the_matrices(nodes: tuple[int, ...]) -> None:
+    speeds, scene = np.linspace(0.0, 6.0, 13), guided(EJECTING, 12, nodes)
+    mine, theirs = (pp.root_loci(one, speeds, 3) for one in (scene, by_matrices(scene)))
     assert (np.abs(mine.eigenvalues - theirs.eigenvalues) <= mine.errors + theirs.errors).all()
 
 

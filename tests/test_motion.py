@@ -13,9 +13,7 @@ from independent import any_chain, bent_state, derivative
 from test_terms import LENGTHS, jacobian_by_differences, sizes_of, state_of
 
 import pipedyn as pp
-from pipedyn import _core
 
-LEVELS = _core.vector_levels()
 TERMS = (pp.Spring(0.6, 50.0), pp.PointMass(0.6, 0.1), pp.PointMass(1.0, 0.2), pp.Spring(1.0, 3.0))
 LOADED = pp.Pipe(0.4, -3.0, drag=0.7, damping=0.01)
 IN_FLUID = pp.Pipe(0.3, 4.0, drag=0.5, damping=0.01, terms=[pp.AddedMass(0.6), pp.Spring(0.7, 5.0)])
@@ -63,11 +61,9 @@ def states(model, angles, seed=8):
 # ------------------------------------------------------------------------ batches and threads
 
 
-@pytest.mark.parametrize("level", LEVELS)
 @models
-def test_a_batch_is_its_members(model, level, at_level):
+def test_a_batch_is_its_members(model, each_level):
     """At every width, whatever the neighbours' amplitudes."""
-    at_level(level)
     y = states(model, np.random.default_rng(8).choice([0.0, 0.1, 1.0, 3.0], 20))
     u = np.random.default_rng(9).uniform(0.0, 7.0, 20)
     u[::5] = 0.0
@@ -90,11 +86,11 @@ def test_a_batch_is_its_members(model, level, at_level):
 
 
 @models
-def test_jacobians_of_a_batch_are_those_of_its_members_at_every_level(model, at_level):
+def test_jacobians_of_a_batch_are_those_of_its_members_at_every_level(model, levels, at_level):
     """Of angles from small ones to two turns, which take grids of several sizes."""
     y, u = states(model, np.repeat([0.3, 1.0, 2.0, 12.0], 5)[:19]), np.linspace(0.0, 6.0, 19)
     first = None
-    for level in LEVELS:
+    for level in levels:
         at_level(level)
         found, rates = model.jacobian(0.0, y, u), model.rhs(0.0, y, u)
         for k in range(19):

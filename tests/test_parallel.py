@@ -17,11 +17,10 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
-from pipedyn.util.counters import TookTooLong, time_limit
-from pipedyn.util.parallel import parallel
 
-JOBS = [partial(int, text) for text in ("3", "one", "5", "")]
 PIPE = pp.Pipe(0.2)
+SEGMENTS = 3, 1, 2, 1
+"""Of four chains, each a job of its own; those of one segment never lose stability."""
 TWO = pp.Chain(PIPE, 2)
 THREE = [pp.Chain(PIPE, n) for n in (1, 2, 3)]
 
@@ -52,6 +51,19 @@ class Refusing:
         return future
 
 
+def answers_of(executor, segments=SEGMENTS, **more):
+    """The critical speed of each chain, or the error of its job."""
+    places = np.arange(len(segments))
+    found = pp.stability_curve(
+        lambda i: pp.Chain(PIPE, segments[round(i)]), places, executor=executor, **more
+    )
+    errors = {failure.index: failure.error for failure in found.failures}
+    return [errors.get(i, speed) for i, speed in enumerate(found.speeds.tolist())]
+
+
+SPEEDS = [pp.critical_speed(pp.Chain(PIPE, n)).speed for n in (3, 2)]
+
+
 def broken_pool():
     """A pool of processes whose only worker is dead."""
     pool = ProcessPoolExecutor(1)
@@ -62,45 +74,22 @@ def broken_pool():
 @pytest.mark.parametrize("pool", [None, ThreadPoolExecutor, ProcessPoolExecutor])
 def test_a_job_that_fails_keeps_its_place_and_leaves_the_others(pool):
     executor = pool and pool(1)
-    outcomes = list(parallel(JOBS, executor))
+    outcomes = answers_of(executor)
     if executor:
         executor.shutdown()
-    assert outcomes[::2] == [3, 5]
-    assert [type(outcome) for outcome in outcomes[1::2]] == [ValueError, ValueError]
-    assert "one" in str(outcomes[1])
-
-
-def test_without_an_executor_a_job_runs_when_its_answer_is_taken():
-    ran = []
-    outcomes = parallel([partial(ran.append, i) for i in range(3)])
-    next(outcomes)
-    assert ran == [0]
-
-
-def test_jobs_that_have_not_begun_are_cancelled_where_no_more_answers_are_taken():
-    futures = []
-
-    class OnlyTheFirst:
-        def submit(self, job):
-            futures.append(Future())
-            if len(futures) == 1:
-                futures[0].set_result(job())
-            return futures[-1]
-
-    outcomes = parallel(JOBS, OnlyTheFirst())
-    assert next(outcomes) == 3
-    outcomes.close()
-    assert [future.cancelled() for future in futures] == [False, True, True, True]
+    assert outcomes[::2] == pytest.approx(SPEEDS)
+    assert [type(outcome) for outcome in outcomes[1::2]] == [pp.NoCrossing] * 2
+    assert "no loss of stability" in str(outcomes[1])
 
 
 def test_progress_is_written_to_terminals_alone(capsys):
-    assert list(parallel(JOBS[:1], label="numbers", progress=True)) == [3]
+    answers_of(None, progress=True)
     assert capsys.readouterr().err == ""
 
 
 def test_progress_is_counted_on_stderr(terminal):
-    assert list(parallel(JOBS[:1], label="numbers", progress=True)) == [3]
-    assert "numbers" in terminal.readouterr().err
+    answers_of(None, progress=True)
+    assert "4/4" in terminal.readouterr().err
 
 
 # --------------------------------------------------------------------- executors that do not answer
@@ -108,9 +97,9 @@ def test_progress_is_counted_on_stderr(terminal):
 
 def test_a_worker_that_dies_leaves_what_was_answered_before():
     with ProcessPoolExecutor(1) as pool:
-        outcomes = list(parallel(JOBS, Dying(pool, 2)))
-    assert outcomes[0] == 3
-    assert [type(outcome) for outcome in outcomes[1:]] == [ValueError, *[BrokenProcessPool] * 2]
+        outcomes = answers_of(Dying(pool, 2))
+    assert outcomes[0] == pytest.approx(SPEEDS[0])
+    assert [type(one) for one in outcomes[1:]] == [pp.NoCrossing, *[BrokenProcessPool] * 2]
 
 
 def shut_down(pool):
@@ -134,7 +123,7 @@ def shut_down(pool):
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_a_pool_that_cannot_work_answers_with_the_reason(make, kind, said):
     with make() as pool:
-        outcomes = list(parallel(JOBS, pool))
+        outcomes = answers_of(pool)
     assert [type(outcome) for outcome in outcomes] == [kind] * 4
     assert all(said in str(outcome) for outcome in outcomes)
 
@@ -153,8 +142,8 @@ def test_jobs_that_an_executor_cancels_say_so():
                 future.set_result(job())
             return future
 
-    outcomes = list(parallel([JOBS[0]] * 3, CancelsTheSecond()))
-    assert outcomes[::2] == [3, 3]
+    outcomes = answers_of(CancelsTheSecond(), (3, 3, 2))
+    assert outcomes[::2] == pytest.approx(SPEEDS)
     assert isinstance(outcomes[1], CancelledError)
     assert "cancelled the job" in str(outcomes[1])
 
@@ -174,7 +163,7 @@ def test_an_interrupt_ends_a_sweep_and_cancels_what_has_not_begun(given_by):
             return submitted[-1]
 
     with pytest.raises(KeyboardInterrupt):
-        list(parallel(JOBS, Interrupted()))
+        answers_of(Interrupted())
     cancelled = [future.cancelled() for future in submitted]
     assert cancelled == ([True] * 2 if given_by == "submit" else [False, *[True] * 3])
 
@@ -375,11 +364,6 @@ def test_a_law_that_raises_fails_its_members_and_keeps_the_others():
     assert isinstance(failure.error.__cause__, ZeroDivisionError)
     assert "ZeroDivisionError: the spring is torn" in str(failure.error)
     assert found.motions[1].t.size == 5
-
-
-def test_an_ensemble_that_takes_too_long_is_no_failure_of_its_members():
-    with time_limit(0.0), pytest.raises(TookTooLong):
-        pp.simulate_many(TWO, [4.0, 5.0], 100.0, lambda s: 0.1 * s, method="dop853")
 
 
 # ------------------------------------------------------------------- what a pool of processes takes

@@ -16,7 +16,6 @@ from canvas import axes, legend_of
 
 import pipedyn as pp
 from pipedyn import plot
-from pipedyn.plot import common
 
 PIPE = pp.Pipe(0.2)
 CHAIN = pp.Chain(PIPE, 3)
@@ -275,7 +274,7 @@ def test_shading_and_lines_say_what_eigenvalues_say_next_to_organising_points():
         for gamma, u in [*middles[:: max(1, len(middles) // 20)], middles[-1]]:
             model = LEGENDRE.with_pipe(dataclasses.replace(LEGENDRE.pipe, gamma=gamma))
             values = pp.eigenvalues(model, u)
-            own = 1 if line.get_color() in (common.BLUE, common.PURPLE) else 2
+            own = 1 if line.get_color() in (plot.BLUE, plot.PURPLE) else 2
             others = values[np.argsort(np.abs(values.real))][own:]
             beside = not line.get_linewidth() > 1.0
             assert (others.real > 0.0).any() == beside
@@ -474,15 +473,15 @@ def film(motion, **how):
 
 
 @cache
-def of_the_hose():
-    """Each picture of results of a pipe with scales, as a function of `units` and `ax`."""
-    chain = pp.Chain(HOSE, 2)
+def of_the_hose(pipe=HOSE):
+    """Each picture of results of a pipe, as a function of `units` and `ax`."""
+    chain = pp.Chain(pipe, 2)
     loci = pp.root_loci(chain, [0.0, 3.0, 6.0], 2)
     window = {"gamma": (10.0, 30.0), "u": (0.0, 12.0)}
     onset = pp.boundary(chain, "gamma", "u", window, criticality=False)
-    onset.unstable(20.0, 3.0)  # makes pipes once, here, where they still may have scales
+    onset.unstable(20.0, 3.0)
     critical = pp.critical_speed(chain)
-    sizes = [pp.critical_speed(pp.Chain(HOSE, n)) for n in (2, 4, 8)]
+    sizes = [pp.critical_speed(pp.Chain(pipe, n)) for n in (2, 4, 8)]
     diagram = pp.bifurcation_diagram(chain, [3.0, 4.5], cycles=0)
     cycle = pp.limit_cycle(chain, 5.0)
     branch = pp.CycleBranch(
@@ -494,7 +493,7 @@ def of_the_hose():
     ends = pp.attractors(chain, 5.0, pp.StartPlane(angles, angles))
     response = pp.frequency_response(chain, 2.0, (0.5, 40.0), input=("force", 1.0))
     edges = np.array([[2.0, 3.0], [1.5, 4.0]])
-    region = pp.ParametricRegion("harmonic", np.array([0.1, 0.2]), edges, 0.05, 2.4, 0.0, HOSE)
+    region = pp.ParametricRegion("harmonic", np.array([0.1, 0.2]), edges, 0.05, 2.4, 0.0, pipe)
     base = pp.Harmonic(0.02, 5.0)
     forced = pp.forced_response(chain, 2.0, base=base, frequencies=(4.0, 6.0))
     known = pp.CycleBoundary(
@@ -507,7 +506,7 @@ def of_the_hose():
         failures=(),
         evaluations=0,
     )
-    trade = pp.trade(HOSE, "critical_speed", families="legendre", sizes=[4, 8], repeats=1)
+    trade = pp.trade(pipe, "critical_speed", families="legendre", sizes=[4, 8], repeats=1)
     draw = {
         "animate": (motion,),
         "basins": (ends,),
@@ -564,10 +563,8 @@ def test_every_picture_shows_si_units_on_request():
     assert seen == set(units)
 
 
-def test_a_pipe_without_scales_has_no_si_units(monkeypatch):
-    drawn = of_the_hose()
-    monkeypatch.setattr(pp.Pipe, "scales", property(lambda pipe: None))
-    for name, draw in drawn.items():
+def test_a_pipe_without_scales_has_no_si_units():
+    for name, draw in of_the_hose(dataclasses.replace(HOSE, scales=None)).items():
         with pytest.raises(ValueError, match="units must be 'nondimensional' where the pipe has"):
             draw(units="si", ax=axes())
         with pytest.raises(ValueError, match="units must be one of 'nondimensional', 'si'"):

@@ -11,8 +11,6 @@ from canvas import legend_of
 
 import pipedyn as pp
 from pipedyn import plot
-from pipedyn.cycles.branches import CycleEvent
-from pipedyn.plot.bifurcation import A_STEP, smooth
 
 TWO = pp.Chain(pp.Pipe(0.2, -20.0), 2)
 SPEEDS = np.linspace(2.0, 3.0, 5)
@@ -23,7 +21,7 @@ BRANCH = pp.CycleBranch(
     frequencies=5.0 + SPEEDS,
     stable=SPEEDS < 2.6,
     multipliers=np.array([[-0.4 * u, 1.0, 0.2 + 0.1j, 0.2 - 0.1j] for u in SPEEDS]),
-    events=(CycleEvent("period doubling", 2.5, 0.0, -1.0 + 0j, 0.25),),
+    events=(pp.CycleEvent("period doubling", 2.5, 0.0, -1.0 + 0j, 0.25),),
     cycles=(),
 )
 
@@ -150,13 +148,26 @@ def test_multipliers_of_a_branch_are_coloured_by_speed():
 
 def test_branches_are_drawn_without_corners_through_their_points():
     """Of a circle with 16 points, whose chords turn by 22.5 degrees."""
+
+    def drawn(speeds, highest):
+        every = {
+            "amplitudes": 0.0 * speeds,
+            "highest": highest,
+            "stable": np.full(speeds.size, True),
+        }
+        branch = replace(BRANCH, speeds=speeds, events=(), **every)
+        ax = plot.bifurcation_diagram(replace(diagram(), cycles=(branch,)), ax=axes())
+        curve, _ = (line.get_xydata() for line in ax.lines if line.get_color() == plot.BLUE)
+        return curve
+
     turn = np.linspace(0.0, 1.5 * np.pi, 13)
-    curve = smooth(5.0 + np.cos(turn), np.sin(turn))
-    np.testing.assert_array_equal(curve[::A_STEP], np.stack([5.0 + np.cos(turn), np.sin(turn)]).T)
+    points = np.stack([5.0 + np.cos(turn), np.sin(turn)], axis=1)
+    curve = drawn(*points.T)
+    assert np.abs(curve[:, None] - points).max(axis=2).min(axis=0).max() == 0.0
     pieces = np.diff(curve, axis=0)
     angles = np.unwrap(np.arctan2(pieces[:, 1], pieces[:, 0]))
     assert np.degrees(np.abs(np.diff(angles)).max()) < 5.0
     assert np.abs(np.hypot(curve[:, 0] - 5.0, curve[:, 1]) - 1.0).max() < 0.01
-    straight = smooth(np.array([1.0, 2.0]), np.array([0.0, 0.0]))
-    assert straight.shape == (A_STEP + 1, 2)
+    straight = drawn(np.array([1.0, 2.0]), np.zeros(2))
     assert straight[[0, -1], 0].tolist() == [1.0, 2.0]
+    assert not straight[:, 1].any()

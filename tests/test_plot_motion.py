@@ -16,10 +16,10 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import PlaceHolderLayoutEngine
 from PIL import Image
+from scipy.interpolate import CubicSpline
 
 import pipedyn as pp
 from pipedyn import plot
-from pipedyn.plot.motion import coordinates_at, last_cycle, tip_path_of
 
 
 def bend(s):
@@ -68,6 +68,19 @@ def by_gid(ax, gid):
     return [child for child in ax.get_children() if child.get_gid() == gid]
 
 
+def shapes_of(motion, **asked):
+    """Shapes, (k, points, 2), that a picture shows, and their times, (k,)."""
+    (shapes,) = plot.snapshots(motion, ax=axes(), **asked).collections
+    return np.array(shapes.get_segments()), np.asarray(shapes.get_array())
+
+
+def last_cycle(motion):
+    """Start and end of the cycle that is shown if no span is given, of 16 equal times."""
+    _, t = shapes_of(motion)
+    np.testing.assert_allclose(np.diff(t), np.ptp(t) / 15.0, rtol=1e-9)
+    return t[0] - np.ptp(t) / 15.0, t[-1]
+
+
 SEVERAL = "motions must be a Motion, several of them or an En"
 COARSE = "must be sampled at least six times a cycle"
 NO_FILM = "path must end with .gif, .mp4 or .html and lie in a folder"
@@ -114,10 +127,9 @@ def test_a_picture_of_motion_refuses_what_it_cannot_show_by_name(draw, motion, a
 
 
 def test_samples_once_a_cycle_are_no_pipe_at_rest():
-    start, end = last_cycle(run("fine"))
-    state = coordinates_at(run("fine"), np.array([start]))[0]
-    rates = (coordinates_at(run("fine"), np.array([start + 1e-4]))[0] - state) / 1e-4
-    motion = pp.simulate(CHAIN, 6.0, 10 * (end - start), state, rates, samples=11, rtol=1e-8)
+    fine, (start, end) = run("fine"), last_cycle(run("fine"))
+    on = (rows[np.argmin(np.abs(fine.t - start))] for rows in (fine.q, fine.qdot))
+    motion = pp.simulate(CHAIN, 6.0, 10 * (end - start), *on, samples=11, rtol=1e-8)
     assert np.ptp(motion.tip[:, 0]) < 0.01
     for draw in plot.time_history, plot.phase_portrait:
         with pytest.raises(ValueError, match="at least six times a cycle"):
@@ -151,9 +163,16 @@ def test_the_velocity_of_the_tip_refuses_what_is_no_state(model, q, qdot, messag
 
 def test_between_samples_lies_the_motion_itself():
     cycle, fine = run("cycle"), run("fine")
-    np.testing.assert_allclose(tip_path_of(cycle)(fine.t), fine.tip, atol=5e-4)
-    np.testing.assert_allclose(coordinates_at(cycle, fine.t), fine.q, atol=3e-3)
-    np.testing.assert_array_equal(coordinates_at(cycle, cycle.t[100:200]), cycle.q[100:200])
+    times, positions = plot.time_history(cycle, ax=axes()).lines[-1].get_xydata().T
+    assert times.size > 2 * cycle.t.size
+    path = CubicSpline(fine.t, fine.tip[:, 0])
+    np.testing.assert_allclose(positions, path(times), atol=5e-4)
+    shapes, times = shapes_of(cycle, span=(20.0, 20.25), count=101)
+    np.testing.assert_array_equal(times, np.linspace(20.0, 20.25, 101))
+    expected = [CHAIN.shape(q, np.linspace(0.0, 1.0, len(shapes[0]))) for q in fine.q[8000:8101]]
+    np.testing.assert_allclose(shapes, expected, atol=3e-3)
+    every = [CHAIN.shape(q, np.linspace(0.0, 1.0, len(shapes[0]))) for q in cycle.q[800:811]]
+    np.testing.assert_allclose(shapes[::10], every, atol=1e-12)
 
 
 def test_the_last_cycle_is_a_period_of_the_settled_motion():
@@ -162,7 +181,8 @@ def test_the_last_cycle_is_a_period_of_the_settled_motion():
     middles = run("fine").t[1:][(x[:-1] < 0.0) & (x[1:] >= 0.0)]
     assert end - start == pytest.approx(np.diff(middles[-10:]).mean(), rel=1e-3)
     assert 30.0 - end < end - start
-    assert last_cycle(run("rest")) is None
+    _, times = shapes_of(run("rest"))
+    np.testing.assert_allclose(times, np.linspace(0.0, 1.0, 16))
 
 
 def test_a_cycle_with_three_crossings_is_shown_whole():
@@ -170,7 +190,7 @@ def test_a_cycle_with_three_crossings_is_shown_whole():
     pipe = pp.Pipe(0.2, -10.0, "aspirating", drag=1.0, damping=0.02)
     motion = pp.simulate(pp.Chain(pipe, 12), 3.0, 20.0, bend, samples=2001)
     start, end = last_cycle(motion)
-    first, last = coordinates_at(motion, np.array([start, end]))
+    (first, last), _ = shapes_of(motion, span=(start, end), count=2)
     np.testing.assert_allclose(first, last, atol=0.05)
     x = motion.tip[(motion.t > start) & (motion.t < end), 0]
     assert x.min() < -0.9
@@ -229,14 +249,6 @@ def test_snapshots_are_the_pipe_at_equal_steps_the_latest_darkest():
         np.testing.assert_allclose(line, CHAIN.shape(run("decay").q[i], s), atol=1e-12)
     bar = plot.colour_bar(plot.TIME_LABEL, ax=ax)
     assert ax.figure.axes == [ax, bar]
-
-
-def test_a_cycle_without_count_or_span_is_shown_to_its_end():
-    start, end = last_cycle(run("cycle"))
-    (shapes,) = plot.snapshots(run("cycle"), ax=axes()).collections
-    np.testing.assert_allclose(shapes.get_array(), np.linspace(start, end, 17)[1:])
-    (shapes,) = plot.snapshots(run("rest"), ax=axes()).collections
-    np.testing.assert_allclose(shapes.get_array(), np.linspace(0.0, 1.0, 16))
 
 
 @pytest.mark.parametrize("name", ["cycle", "rest", "reduced"])
@@ -312,7 +324,7 @@ def test_an_animation_has_its_frames_at_equal_times_and_can_be_read(tmp_path):
     (pipe,) = by_gid(ax, "pipe")
     animation._draw_frame(4)
     s = np.linspace(0.0, 1.0, pipe.get_xdata().size)
-    shape = CHAIN.shape(coordinates_at(run("cycle"), np.array([20.25]))[0], s)
+    shape = CHAIN.shape(run("cycle").q[810], s)
     np.testing.assert_allclose(np.column_stack(pipe.get_data()), shape, atol=1e-12)
     (trace,) = by_gid(ax, "trace")
     np.testing.assert_allclose(np.column_stack(trace.get_data())[-1], shape[-1], atol=1e-12)

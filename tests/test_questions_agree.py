@@ -9,7 +9,6 @@ import pytest
 from scipy.special import jv
 
 import pipedyn as pp
-from pipedyn.linear.neutral import grows
 
 PIPES = {
     "cantilevered": (pp.Pipe(0.3, 10.0, damping=1e-3), 12.0),
@@ -90,7 +89,7 @@ def test_speeds_and_numbers_of_unstable_roots_are_the_same(name, make):
         assert curve.speeds == pytest.approx([critical.speed], abs=2.0 * critical.error)
     for low, high, count in counted:
         values = pp.eigenvalues(model, 0.5 * (low + high), 14)
-        assert grows(values).sum() == count
+        assert np.sum(values.real > 1e-9 * np.abs(values)) == count
     if isinstance(model, pp.Continuum) or pipe.hysteresis:
         return  # equilibria are asked of neither
     for low, high, count in counted[:2]:  # a search of all equilibria takes a second

@@ -10,10 +10,7 @@ from independent import any_chain
 from test_integrator import moved
 
 import pipedyn as pp
-from pipedyn import _core
 from pipedyn import modular as md
-
-LEVELS = _core.vector_levels()
 
 
 def driven(t, y):
@@ -104,10 +101,8 @@ def test_van_der_pol_of_stiffness_a_million_has_its_known_end():
     assert member.evaluations < 60_000
 
 
-@pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("n", [1, 3, 30])
-def test_a_small_motion_is_the_exponential_of_the_matrix(n, level, at_level):
-    at_level(level)
+def test_a_small_motion_is_the_exponential_of_the_matrix(n, each_level):
     chain = any_chain(n, 0, gamma=4.0, drag=1.5, damping=0.02)  # drag is of second order
     slopes = chain.jacobian(0.0, np.zeros(2 * n), 3.0)
     start = 1e-7 * np.cos(np.arange(n))
@@ -197,8 +192,7 @@ def test_members_move_as_each_does_alone():
         assert motion.evaluations == alone.evaluations
 
 
-@pytest.mark.parametrize("level", LEVELS)
-def test_vector_levels_agree(level, at_level):
+def test_vector_levels_agree(levels, at_level):
     def ends():
         return [
             pp.simulate(MODELS[name], 4.0, 0.5, start_of(name), rtol=1e-10, samples=3).q
@@ -206,9 +200,10 @@ def test_vector_levels_agree(level, at_level):
         ]
 
     widest = ends()
-    at_level(level)
-    for other, found in zip(ends(), widest, strict=True):
-        assert np.abs(other - found).max() < 1e-9
+    for level in levels:
+        at_level(level)
+        for other, found in zip(ends(), widest, strict=True):
+            assert np.abs(other - found).max() < 1e-9
 
 
 def test_a_thousand_damped_segments_take_no_more_steps_than_twenty():

@@ -8,7 +8,7 @@ import pytest
 import scipy.integrate
 
 import pipedyn as pp
-from pipedyn import _core, modular
+from pipedyn import modular
 
 STIFF = pp.Pipe(0.592138856705, gamma=58.9115777566)
 SPANS = pp.Pipe(0.3, 5.0, drag=0.5, end="pinned", supports=(0.5,), terms=[pp.AddedMass(0.3)])
@@ -108,9 +108,7 @@ def test_a_refusal_says_how_far_the_quadrature_resolves(name, turned):
             ask(beyond)
 
 
-@pytest.mark.parametrize("level", _core.vector_levels())
-def test_a_refusal_names_the_states_of_a_batch(level, at_level):
-    at_level(level)
+def test_a_refusal_names_the_states_of_a_batch(each_level):
     model = MODELS["beam"]
     angles = np.ones(11)
     angles[[2, 3, 7]] = 60.0

@@ -3,7 +3,9 @@
 
 import csv
 import io
+import itertools
 import math
+import re
 from dataclasses import replace
 
 import matplotlib
@@ -338,22 +340,25 @@ def test_bad_arguments_are_refused(quantity, given, error, message):
 # ---------------------------------------------------------------------------------- an end to it
 
 
-def test_a_reference_that_takes_too_long_serves_as_far_as_it_got(monkeypatch):
-    """The third model is not done: what the second moved the first by is the error."""
-    answers, answer = [], MotionOf.answer
+def test_a_reference_whose_next_model_fails_serves_as_far_as_it_got():
+    """The third model has no start: what the second moved the first by is the error."""
+    calls = itertools.count(1)
 
-    def slow(self, model):
-        answers.append(answer(self, model))
-        if len(answers) == 3:
-            raise TookTooLong("it took more than 30 s")
-        return answers[-1]
+    def start(s):
+        if next(calls) == 4:  # the first call is to see whether it bends the pipe
+            raise pp.PipedynError("no such start")
+        return 0.1 * np.sin(0.5 * np.pi * s)
 
-    monkeypatch.setattr(MotionOf, "answer", slow)
-    pipe = pp.Pipe(0.2, damping=1e-3)
-    table = pp.trade(pipe, "motion", families="legendre", sizes=5, u=7.0, duration=1.0)
-    moved = table.quantity.distance(answers[0], answers[1])
+    asked = {"u": 7.0, "duration": 1.0, "start": start}
+    table = pp.trade(DAMPED, "motion", families="legendre", sizes=5, **asked)
+    words = r"Galerkin, (\d+) legendre functions, as that of (\d+) failed"
+    size, failed = map(int, re.fullmatch(words, table.reference.source).groups())
+    assert failed == size + 2
+    ask = table.quantity
+    moved = ask.distance(
+        *(ask.answer(pp.Galerkin(DAMPED, n, "legendre")) for n in (size - 2, size))
+    )
     assert table.reference.error == pytest.approx(moved, rel=1e-6)
-    assert "functions, as that of" in table.reference.source
     assert not table.rows[0].resolved or table.rows[0].error >= 10.0 * moved
 
 
@@ -379,3 +384,8 @@ def test_a_computation_ends_with_its_time(method):
     with pytest.raises(TookTooLong), time_limit(0.01):
         pp.limit_cycle(pp.Galerkin(pp.Pipe(0.2), 16, "legendre"), 6.0)
     pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 2), 6.0)
+
+
+def test_an_ensemble_that_takes_too_long_is_no_failure_of_its_members():
+    with time_limit(0.0), pytest.raises(TookTooLong):
+        pp.simulate_many(pp.Chain(PIPE, 2), [4.0, 5.0], 100.0, lambda s: 0.1 * s, method="dop853")

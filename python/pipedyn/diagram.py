@@ -17,7 +17,7 @@ from pipedyn.attraction.attractor import Attractor
 from pipedyn.attraction.from_motion import LARGEST_CYCLE
 from pipedyn.attraction.motion_ends import Case, motion_ends
 from pipedyn.attraction.motion_options import MotionOptions
-from pipedyn.attraction.solutions import Solution, cycle, equilibria_near, kept_apart
+from pipedyn.attraction.solutions import Solution, cycle, equilibria_near, with_separate_regions
 from pipedyn.cycles.branches import (
     BEYOND,
     BranchOptions,
@@ -329,7 +329,7 @@ def _cases(
     Beside the starts that are given, motions begin beside cycles of branches nearby; these starts
     have negative numbers.
     """
-    cases = list[Case]()
+    cases, states = list[Case](), [np.asarray(model.initial_state(q, None)) for q in starts]
     with one_thread(model.dof):
         for u in speeds.tolist():
             passing = [_branch_coordinates(branch, u) for branch in equilibria]
@@ -342,9 +342,9 @@ def _cases(
                     found += [found[-1].mirrored(False)] if branch.mirrored else []
             nearest = (min(b.cycles, key=lambda one: abs(one.u - u)) for b in cycles)
             near = (one for one in nearest if 0.0 < abs(one.u - u) <= NEAR_BRANCH * u)
-            begins = dict(enumerate(starts))
+            begins = dict(enumerate(states))
             begins |= {-1 - k: _start_near(model, one) for k, one in enumerate(near)}
-            cases.append(Case(model, drive, kept_apart(found), begins))
+            cases.append(Case(model, drive, with_separate_regions(found), begins))
     return cases
 
 
@@ -356,12 +356,11 @@ def motions_at(
     Motions whose starts have negative numbers, beside cycles of branches nearby, only count if no
     other motion ends on their attractor, as ends with the start -1.
     """
-    ends, cases = motion_ends(model, cases, options, "brute force")
     found, reached = list[Attractor](), list[Solution]()
-    for case, answers in zip(cases, ends, strict=True):
-        u, known = case.drive.mean, {number for k, (number, _) in answers.items() if k >= 0}
+    for case in motion_ends(model, cases, options, "brute force"):
+        u, known = case.drive.mean, {number for k, (number, _) in case.ends.items() if k >= 0}
         reached += [case.solutions[number] for number in sorted(known) if number >= 0]
-        for k, (number, end) in sorted(answers.items()):
+        for k, (number, end) in sorted(case.ends.items()):
             if k < 0:
                 one = case.solutions[number] if number >= 0 and number not in known else None
                 # Those that are known to repel are no ends of motions from elsewhere.
@@ -377,9 +376,9 @@ def motions_at(
 
 
 def _start_near(model: Model, one: LimitCycle) -> Array:
-    """A start a hundredth away from a cycle, maybe unstable: rows p and p', (2, integrated)."""
+    """A start a hundredth away from a cycle, maybe unstable: a state [p, p'], (2 integrated,)."""
     p, rates = np.split(np.asarray(model.initial_state(one.q[0], one.qdot[0])), 2)
-    return np.stack(model.onto_constraints(1.01 * p, rates))
+    return np.concatenate(model.onto_constraints(1.01 * p, rates))
 
 
 def _branch_coordinates(branch: EquilibriumBranch, u: float) -> Array:

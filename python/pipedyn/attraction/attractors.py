@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.attraction.attractor import Attractor
-from pipedyn.attraction.motion_ends import RECORDED, Case, motion_ends
+from pipedyn.attraction.motion_ends import RECORD_FACTOR, Case, motion_ends
 from pipedyn.attraction.motion_options import FIRST_LOOK, SAMPLES_A_TIME, MotionOptions
 from pipedyn.attraction.regions import NOWHERE, STOPPED
 from pipedyn.attraction.solutions import Solution, equilibria_near
@@ -306,7 +306,8 @@ def attractors(
     plane = starts if isinstance(starts, StartPlane) else None
     _require_moving_end(model)
     given = _given_starts(model, starts, options.seed)
-    ends, unsettled, failed, case = _ends(model, drive, given, options)
+    case = _case(model, drive, given, options)
+    ends = np.array([case.ends[i][0] for i in range(len(given))])
     shares = [_share(ends, k) for k in range(len(case.solutions))]
     order = np.argsort([-share.count for share in shares], kind="stable").tolist()
     order = [k for k in order if shares[k].count]
@@ -319,6 +320,9 @@ def attractors(
         basins.append(_basin(model, drive, options, one, shares[k], start, image))
     places = np.append(np.zeros(len(shares), dtype=int), [STOPPED, NOWHERE])
     places[order] = np.arange(len(order))
+    every = sorted(case.ends.items())
+    failures = [StartFailure(i, end) for i, (_, end) in every if isinstance(end, Exception)]
+    unsettled = [end for _, (_, end) in every if isinstance(end, Attractor) and end.reason]
     return Attractors(
         u=drive.u,
         base=drive.base,
@@ -327,7 +331,7 @@ def attractors(
         failed=_share(ends, STOPPED),
         starts=given,
         ends=places[ends],
-        failures=tuple(StartFailure(i, error) for i, error in sorted(failed.items())),
+        failures=tuple(failures),
         model=model,
         plane=plane,
         unsettled_motions=tuple(unsettled),
@@ -425,44 +429,28 @@ def _require_moving_end(model: Model) -> None:
 # --------------------------------------------------------------------------------------- the search
 
 
-def _ends(
-    model: Model, drive: Excitation, starts: Array, options: MotionOptions
-) -> tuple[NDArray[np.int_], list[Attractor], dict[int, Exception], Case]:
-    """Ends of the motions from states [q, q'].
-
-    Returns:
-        The index of the case's solution on which each motion ends, (N,); the unsettled motions; by
-        start, the error of each motion that stopped or was not computed; and the case.
-    """
-    states, errors, unsettled = dict[int, Array](), dict[int, Exception](), list[Attractor]()
+def _case(model: Model, drive: Excitation, starts: Array, options: MotionOptions) -> Case:
+    """The case of the motions from states [q, q'], with their ends."""
+    case = Case(model, drive, _stable_equilibria(model, drive))
     for i, start in enumerate(starts):
         try:
-            states[i] = np.asarray(model.initial_state(*np.split(start, 2))).reshape(2, -1)
+            case.starts[i] = np.asarray(model.initial_state(*np.split(start, 2)))
         except PipedynError as error:
-            errors[i] = error
+            case.ends[i] = STOPPED, error
         except ValueError as error:
             rule = str(error).replace("qdot0", "q0").replace("q0", "starts", 1)
             raise ValueError(f"{rule} (start {i})") from error
     order = np.random.default_rng(options.seed).permutation(len(starts)).tolist()
-    order = [i for i in order if i in states]
-    case = Case(model, drive, _stable_equilibria(model, drive))
-    ends = np.full(len(starts), STOPPED)
+    order = [i for i in order if i in case.starts]
     for some in (order[:PILOTS], order[PILOTS:]):
-        parts = [some[i : i + GROUP] for i in range(0, len(some), GROUP)]
         known = case.solutions
-        copies = [Case(model, drive, known, {i: states[i] for i in part}) for part in parts]
-        every, copies = motion_ends(model, copies, options, "attractors")
-        for answers, copy in zip(every, copies, strict=True):
+        parts = [some[i : i + GROUP] for i in range(0, len(some), GROUP)]
+        copies = [Case(model, drive, known, {i: case.starts[i] for i in part}) for part in parts]
+        for copy in motion_ends(model, copies, options, "attractors"):
             new = [case.learn(one) for one in copy.solutions[len(known) :]]
             numbers = [*range(len(known)), *new, STOPPED, NOWHERE]
-            for i, (number, one) in answers.items():
-                ends[i] = numbers[number]
-                if isinstance(one, Exception):
-                    errors[i] = one
-                elif number == NOWHERE:
-                    unsettled.append(one)
-    unsettled.sort(key=lambda one: one.start)
-    return ends, unsettled, errors, case
+            case.ends |= {i: (numbers[number], end) for i, (number, end) in copy.ends.items()}
+    return case
 
 
 def _stable_equilibria(model: Model, drive: Excitation) -> list[Solution]:
@@ -501,31 +489,32 @@ def _basin(
 ) -> Basin:
     """The basin of a solution, with a recorded motion on it and the quantities measured on that."""
     end, period = one.attractor, one.period
-    ending, repeats, none = end.ending, not math.isnan(period), np.zeros(0)
-    duration, samples = drive.whole(RECORDED * options.duration), 0
+    ending, repeats = end.ending, not math.isnan(period)
     if ending == "rest":
         duration, samples = 1.0, 101
-    elif repeats and drive.period:
-        order = round(period / drive.period)
-        duration = max(DRIVE_PERIODS // order, 1) * period
+    elif not repeats:
+        duration = drive.whole(RECORD_FACTOR * options.duration)
+        samples = math.ceil(duration * SAMPLES_A_TIME) + 1
+    elif drive.period:
+        duration = max(DRIVE_PERIODS // round(period / drive.period), 1) * period
         samples = round(duration / drive.period) * SAMPLES_A_MAXIMUM // 2 + 1
-    elif repeats:
-        duration, samples = (
-            RECORDED_PERIODS * period,
-            RECORDED_PERIODS * SAMPLES_A_MAXIMUM * end.period + 1,
-        )
-    samples = min(samples or math.ceil(duration * SAMPLES_A_TIME) + 1, MOST_SAMPLES + 1)
+    else:
+        duration = RECORDED_PERIODS * period
+        samples = RECORDED_PERIODS * SAMPLES_A_MAXIMUM * end.period + 1
     q, qdot = (part[0] for part in model.to_user(*(y[None] for y in np.split(end.end, 2))))
     motion = simulate(
         *(model, drive.u, duration, q, qdot),
-        samples=samples,
+        samples=min(samples, MOST_SAMPLES + 1),
         base=drive.base,
         rtol=RECORD_TOLERANCE,
         dense=True,
     )
-    section, frequencies, spectrum = np.empty((0, 2 * q.size)), none, none
+    amplitude, section = 0.0, np.empty((0, 2 * q.size))
+    frequencies = spectrum = np.zeros(0)
     if ending != "rest":
-        section = _begins(motion, drive.period) if drive.period else _states_at_maxima(motion)
+        turnings = turning_points(motion.t, motion.tip[:, 0], motion.tip_velocity[:, 0])
+        amplitude = 0.5 * float(np.ptp(turnings)) if turnings.size else 0.0
+        section = _section(motion, drive.period)
         frequencies, spectrum = _lines(motion.t[:-1], motion.tip[:-1, 0], whole=repeats)
         # Between the harmonics the spectrum is 0 but for errors.
         every = slice(0, None, round(duration / period) if repeats else 1)
@@ -539,8 +528,8 @@ def _basin(
         attractor=replace(end, start=start),
         share=share,
         attracts=one.attracts,
-        period=0.0 if ending == "rest" else period,
-        amplitude=0.0 if ending == "rest" else _amplitude(motion),
+        period=period,
+        amplitude=amplitude,
         exponent=exponent,
         mirror_image=image,
         frequencies=frequencies,
@@ -550,22 +539,12 @@ def _basin(
     )
 
 
-def _begins(motion: Motion, drive: float) -> Array:
-    """States [q, q'] at the beginnings of periods of the drive, shape (K, 2 coordinates)."""
-    assert motion.dense is not None
-    count = math.floor(motion.t[-1] / drive + 1e-6)
-    return np.ascontiguousarray(motion.dense(drive * np.arange(count)).T)
+def _section(motion: Motion, drive: float) -> Array:
+    """States [q, q'] of a Poincare section, shape (K, 2 coordinates).
 
-
-def _amplitude(motion: Motion) -> float:
-    """Half the peak-to-peak transverse motion of the free end."""
-    x, rate = motion.tip[:, 0], motion.tip_velocity[:, 0]
-    turnings = turning_points(motion.t, x, rate)
-    return 0.5 * float(np.ptp(turnings)) if turnings.size else 0.0
-
-
-def _states_at_maxima(motion: Motion) -> Array:
-    """States [q, q'] where the transverse position of the free end is at a maximum, (K, 2 q)."""
+    They are those at the beginnings of the periods of the drive; or, if all is steady and `drive`
+    0, those where the transverse position of the free end is at a maximum.
+    """
     dense, model, half = motion.dense, motion.model, motion.model.coordinates
     assert dense is not None
 
@@ -574,10 +553,13 @@ def _states_at_maxima(motion: Motion) -> Array:
         return np.asarray(model.tip_velocities(states[:half], states[half:])[:, 0])
 
     end = float(dense.t[-1])
-    t = np.linspace(0.0, end, math.ceil(end * SAMPLES_A_TIME) + 1)
-    values = velocity(t)
-    falls = np.flatnonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
-    at = zeros_between(velocity, t[falls], t[falls + 1], values[falls], values[falls + 1])
+    if drive:
+        at = drive * np.arange(math.floor(end / drive + 1e-6))
+    else:
+        t = np.linspace(0.0, end, math.ceil(end * SAMPLES_A_TIME) + 1)
+        values = velocity(t)
+        falls = np.flatnonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
+        at = zeros_between(velocity, t[falls], t[falls + 1], values[falls], values[falls + 1])
     return np.ascontiguousarray(dense(at).T)
 
 

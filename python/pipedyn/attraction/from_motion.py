@@ -13,7 +13,7 @@ from pipedyn.attraction.records import Stretch
 from pipedyn.models.base import Model
 from pipedyn.motion.vector_field import Excitation, VectorField
 from pipedyn.orbits.collocation import solved
-from pipedyn.orbits.floquet import LARGEST_ERROR, nontrivial, orbit_multipliers
+from pipedyn.orbits.floquet import LARGEST_ERROR, circle_margin, nontrivial, orbit_multipliers
 from pipedyn.orbits.orbit_continuation import COARSE, FINE, solved_anew
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit, interpolated, refined
 from pipedyn.util.check import Array
@@ -92,7 +92,7 @@ def solved_cycle(
     if not error <= LARGEST_ERROR:
         raise NewtonFailed(f"its multipliers are known to {error:.1e} only")
     others = multipliers if drive.period else nontrivial(multipliers)
-    return orbit, float(np.abs(others).max(initial=0.0)) < 1.0 - error
+    return orbit, float(np.abs(others).max(initial=0.0)) < 1.0 - circle_margin(error)
 
 
 def run_through_once(

@@ -21,7 +21,7 @@ to be the cheapest."""
 SAMPLES_A_TIME = 100
 """Number of samples in a unit of time: cubics through them give a maximum of flutter to 1e-6."""
 
-BACK = 0.005
+EARLY_RECURRENCE = 0.005
 """Distance to an earlier state, relative to a motion's size, below which a cycle is solved for
 while the motion is on its way: chaotic motions keep coming back to within a fiftieth."""
 
@@ -37,7 +37,7 @@ class MotionOptions:
     seed: int = 0  # seed of random starts
     executor: futures.Executor | None = None  # to which batches are submitted
     shown: bool = False  # whether progress is shown
-    back: float = BACK  # distance to an earlier state, see `BACK`
+    recurrence: float = EARLY_RECURRENCE  # distance to an earlier state, see there
     most: float = MOST_CALLS  # most right-hand sides of a motion between two looks
 
     @staticmethod

@@ -25,15 +25,15 @@ RECURRENCE = 1e-3
 """Largest difference, relative to the range, between maxima that still converge and those a period
 before: if it is larger, a record is too short to show that they converge."""
 
-GROWN = 1.5
+DRIFT_FACTOR = 1.5
 """Factor by which a change over two periods may exceed a change over one period if both are errors:
 for a motion that drifts the factor is 2."""
 
-ERRORS = 30.0
+ERROR_FACTOR = 30.0
 """Change of states in two periods, relative to their ranges and to the tolerance of a step, that
 errors of all their steps explain."""
 
-FASTER, CONVERGED = 0.15, 1e-3
+AVERAGE_SHARE, AVERAGE_ERROR = 0.15, 1e-3
 """Largest share of their differences that weighted averages keep over twice the time if they
 converge faster than any power of the time, as they do only on a torus: averages of chaotic motions
 keep about 0.7. Second, the largest difference that may then be left, relative to the spread of the
@@ -101,7 +101,7 @@ class Stretch:
             once = float(np.abs(passed[turns:] - passed[:-turns]).max())
             if once < RECURRENCE:
                 twice = float(np.abs(passed[2 * turns :] - passed[: -2 * turns]).max())
-                if twice < max(GROWN * once, ERRORS * self.rtol):
+                if twice < max(DRIFT_FACTOR * once, ERROR_FACTOR * self.rtol):
                     last = times.size - 1
                     return float(times[last] - times[last % turns]) / (last // turns)
                 drifting.append(turns)
@@ -117,16 +117,15 @@ class Stretch:
             return "periodic"
         approaches = quarters[-1] < 0.8 * quarters[0] and all(b < a for a, b in pairwise(quarters))
         _, passed = self._passages
+        errors = ERROR_FACTOR * self.rtol
         for turns in range(1, (len(passed) - 1) // 5 + 1):
             # A Floquet multiplier whose motion still decays shrinks the changes by a constant
             # factor. Near a torus the changes may shrink for a while as well, but not by a further
             # factor of 2 in each quarter. Small changes may shrink more slowly.
             change = np.abs(passed[turns:] - passed[:-turns]).max(axis=1)
             share = 1.0 if change.max() < RECURRENCE else 0.5
-            parts = [
-                max(float(part.max()), ERRORS * self.rtol) for part in np.array_split(change, 4)
-            ]
-            approaches |= all(b <= max(share * a, ERRORS * self.rtol) for a, b in pairwise(parts))
+            parts = [max(float(part.max()), errors) for part in np.array_split(change, 4)]
+            approaches |= all(b <= max(share * a, errors) for a, b in pairwise(parts))
         return "settling" if approaches else "irregular"
 
     @cached_property
@@ -183,7 +182,7 @@ class Stretch:
             return float(np.ptp(means, axis=0).max())
 
         twice, once = apart(4), apart(2)
-        return once <= CONVERGED and once <= FASTER * twice
+        return once <= AVERAGE_ERROR and once <= AVERAGE_SHARE * twice
 
 
 def _lagrange(share: Array) -> Array:

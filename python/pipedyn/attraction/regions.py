@@ -18,7 +18,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import scipy
@@ -44,27 +43,24 @@ longest period."""
 PHASES = 12
 """Number of phases in a period of the drive at which states are compared."""
 
-LOOK = 400
+CALLS_A_LOOK = 400
 """Right-hand sides of a member between two looks, a third of the time of some ten periods. Looks at
 a full batch every 200 right-hand sides took a fifth as long as the motions, with two segments."""
 
-NEARER = 0.05
+ARRIVAL_SHARE = 0.05
 """Share of the largest distance in the first period within a region at which a motion has reached
 the attractor: a motion that leaves again never comes this near."""
 
-FALLEN, ACTING = 0.75, 0.01
+DECAY_SHARE, ACTIVE_SHARE = 0.75, 0.01
 """Largest share of its square that a Floquet coordinate keeps when a motion is said to come nearer;
 and the share of the sum of all squares below which a coordinate is ignored, as others drive it."""
 
-WIDEST = 0.05
+LARGEST_RADIUS = 0.05
 """Radius of a region, root mean square in rad, if no other known solution is near."""
 
 TRIALS = 16
 """Number of motions from beside an attractor, in directions drawn at random, that show that it
 attracts."""
-
-REGION_SHARE = 0.25
-"""Largest share of the way to any other known solution that a region extends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +86,7 @@ class Region:
     points: Array
     unit: float
     period: float
-    radius: float = WIDEST
+    radius: float = LARGEST_RADIUS
     turn: Array | None = None
     driven: bool = False
     rates: Array | None = None
@@ -106,7 +102,7 @@ class Region:
 
     @cached_property
     def _tree(self) -> scipy.spatial.cKDTree:
-        points = self._unwound(self.points)
+        points = self._without_turns(self.points)
         if self.turn is not None:  # the point nearest to an unwound state may be a turn away
             turn = np.zeros(points.shape[1])
             turn[: self.half] = self.turn
@@ -124,7 +120,7 @@ class Region:
         units = np.repeat([1.0, self.unit], self.half) / math.sqrt(self.half)
         return np.append(units, np.ones(2 * self.driven))
 
-    def _unwound(self, states: Array) -> Array:
+    def _without_turns(self, states: Array) -> Array:
         if self.turn is None:
             return states
         states, half = states.copy(), self.half
@@ -133,31 +129,32 @@ class Region:
         return states
 
     def distances(self, states: Array, most: float | None = None) -> Array:
-        """Distances of states, (k,), infinite where larger than `most`, by default the radius.
+        """Distances of states, infinite where larger than `most`, by default the radius.
 
-        States have shape (k, 2 integrated). If motions are driven, the phases of the drive are
+        States have shape (..., 2 integrated). If motions are driven, the phases of the drive are
         appended to the states; without phases, the states are those at the beginning of a period.
         """
         most = self.radius if most is None else most
-        if states.shape[1] < self.points.shape[1]:
-            states = np.concatenate([states, np.tile([1.0, 0.0], (len(states), 1))], axis=1)
-        away, _ = self._away(states, most)
-        found = np.linalg.norm(away, axis=1)
+        rows = states.reshape(-1, states.shape[-1])
+        if rows.shape[1] < self.points.shape[1]:
+            rows = np.concatenate([rows, np.tile([1.0, 0.0], (len(rows), 1))], axis=1)
+        away, _ = self._differences(rows, most)
+        found = np.linalg.norm(away, axis=1).reshape(states.shape[:-1])
         return np.where(found <= most, found, math.inf)
 
     def coordinates(self, states: Array) -> Complex:
         """The Floquet coordinates, (k, coordinates), of states, (k, 2 integrated)."""
         assert self.floquet is not None
-        away, near = self._away(states, math.inf)
+        away, near = self._differences(states, math.inf)
         rows = self.floquet.rows
         return np.asarray(np.einsum("kci,ki->kc", rows[near % len(rows)], away / self.units))
 
-    def _away(self, states: Array, most: float) -> tuple[Array, NDArray[np.intp]]:
+    def _differences(self, states: Array, most: float) -> tuple[Array, NDArray[np.intp]]:
         """Scaled differences of states from the attractor, infinite if larger than `most`.
 
         Second come the numbers of the points nearest to the states.
         """
-        scaled = self._unwound(states) * self.units
+        scaled = self._without_turns(states) * self.units
         found, near = self._tree.query(scaled, distance_upper_bound=most + self._reach)
         missed = np.isinf(found)
         near[missed] = 0
@@ -171,11 +168,6 @@ class Region:
         away[missed] = math.inf
         return away, near
 
-    def apart(self, other: Region) -> float:
-        """Smallest distance from another region's states, infinite if they are far apart."""
-        most = 4.0 * max(self.radius, other.radius)
-        return float(self.distances(other.points, most).min())
-
     def mirrored(self, shifts: bool = False) -> Region:
         """The region of the mirror image; it is half a period later if `shifts` is true."""
         signs = -np.ones(self.points.shape[1])
@@ -184,12 +176,13 @@ class Region:
         rates = None if self.rates is None else -self.rates
         return replace(self, points=signs * self.points, rates=rates)
 
-    def beside(self, model: Model, seed: int = 0) -> Array:
-        """States nearly a radius away, in random directions, shape (k, 2 integrated)."""
-        random = np.random.default_rng(seed)
-        half, at = self.half, np.arange(len(self.points))
-        if self.driven:  # points at the beginning of a period of the drive
-            at = np.flatnonzero(self.points[:, -2] > 1.0 - 1e-9)
+    def states_beside(self, model: Model) -> Array:
+        """States nearly a radius away, in random directions, shape (k, 2 integrated).
+
+        If motions are driven, the states are at the beginning of a period of the drive.
+        """
+        random, half = np.random.default_rng(0), self.half
+        at = np.arange(0, len(self.points), PHASES if self.driven else 1)
         on = self.points[random.choice(at, TRIALS), : 2 * half]
         away = random.normal(size=on.shape)
         away[:, half:] /= self.unit
@@ -211,126 +204,114 @@ class Approach:
         first: its largest distance in its first period in the region.
         squares: mean squares over a period of its Floquet coordinates when they were last compared.
         since: time since that comparison.
+        reached: whether the motion has reached the attractor.
     """
 
     region: int = NOWHERE
     first: float = math.inf
     squares: Array | None = None
     since: float = 0.0
+    reached: bool = False
 
-    def later(self, time: float, squares: Array, decay: Array) -> tuple[Approach, bool]:
-        """The approach after a time, and whether Floquet coordinates have fallen as they must.
+    def later(self, time: float, squares: Array, decay: Array) -> Approach:
+        """The approach after a time; it is completed if Floquet coordinates fall as they must.
 
         They are compared when the slowest coordinate, falling at half its rate, would have fallen
-        to `FALLEN`.
+        to `DECAY_SHARE`.
         """
         if self.squares is None:
-            return replace(self, squares=squares, since=0.0), False
-        slowest = decay[self.squares >= ACTING * self.squares.sum()].min()
-        if (since := self.since + time) * slowest < -math.log(FALLEN):
-            return replace(self, since=since), False
-        acting = squares >= ACTING * squares.sum()
-        fallen = (squares <= FALLEN * self.squares)[acting].all()
-        return replace(self, squares=squares, since=0.0), bool(fallen)
+            return replace(self, squares=squares, since=0.0)
+        slowest = decay[self.squares >= ACTIVE_SHARE * self.squares.sum()].min()
+        if (since := self.since + time) * slowest < -math.log(DECAY_SHARE):
+            return replace(self, since=since)
+        acting = squares >= ACTIVE_SHARE * squares.sum()
+        fallen = bool((squares <= DECAY_SHARE * self.squares)[acting].all())
+        return replace(self, squares=squares, since=0.0, reached=self.reached or fallen)
 
 
 @dataclass(frozen=True)
-class WatchedTask(Task):
+class ApproachTask(Task):
     """A motion to be integrated until it has reached a region.
 
     Attributes:
         regions: regions that it may reach.
-        every: every how many samples one is judged.
-        phases: `Excitation.phases` of the judged samples of a block.
+        every: number of samples of which one is compared with the regions.
+        phases: `Excitation.phases` of the compared samples of a block.
         approach: how it came nearer to one of the regions before.
     """
 
-    regions: Sequence[Region] = ()
+    regions: tuple[Region, ...] = ()
     every: int = 1
     phases: Array = field(default_factory=lambda: np.zeros((1, 0)))
     approach: Approach = field(default_factory=Approach)
 
 
-class _Watch(Observer):
-    """Ends motions of a batch that have reached a region, which is judged by blocks of samples."""
+class Arrivals(Observer):
+    """Ends motions of a batch that have reached a region, from blocks of their samples."""
 
-    def __init__(self, tasks: Sequence[WatchedTask]) -> None:
+    def __init__(self, tasks: Sequence[ApproachTask]) -> None:
         super().__init__()
-        self.stretch = LOOK
+        self.stretch = CALLS_A_LOOK
         self.tasks, self.rows = tasks, 2 * tasks[0].model.integrated
-        self.labels = np.full(len(tasks), NOWHERE)
-        self.judged = np.zeros(len(tasks), dtype=int)  # number of blocks judged
+        self.blocks = np.zeros(len(tasks), dtype=int)  # number of blocks that were compared
         self.approaches = [task.approach for task in tasks]  # approaches up to the last block
-        members_of: dict[int, list[int]] = {}  # members with the same list of regions
+        members_of: dict[tuple[Region, ...], list[int]] = {}
         for member, task in enumerate(tasks):
-            if task.regions:
-                members_of.setdefault(id(task.regions), []).append(member)
-        self.groups = [np.array(some) for some in members_of.values()]
+            members_of.setdefault(task.regions, []).append(member)
+        self.groups = [np.array(some) for regions, some in members_of.items() if regions]
 
     def ended(self, states: Array, samples: Array) -> list[int]:
         """Members of the batch that have reached a region, as `Observer` requires."""
-        found: list[int] = []
         for members in self.groups:
             task = self.tasks[members[0]]
             span = np.arange(len(task.phases)) * task.every
             size = span.size * task.every
             while True:
-                whole = samples[members] > self.judged[members] * size + span[-1]
-                ready = members[whole & (self.labels[members] == NOWHERE)]
+                whole = samples[members] > self.blocks[members] * size + span[-1]
+                ready = members[whole & [not self.approaches[one].reached for one in members]]
                 if not ready.size:
                     break
-                places = self.judged[ready, None] * size + span
-                found += self._judge(task, ready, states[ready[:, None], places, : self.rows])
-                self.judged[ready] += 1
-        return found
+                places = self.blocks[ready, None] * size + span
+                self._compare(task, ready, states[ready[:, None], places, : self.rows])
+                self.blocks[ready] += 1
+        return [member for member, one in enumerate(self.approaches) if one.reached]
 
-    def _judge(self, task: WatchedTask, members: Any, blocks: Array) -> list[int]:
-        """Selects the members, with tasks of equal regions, that have reached a region.
+    def _compare(self, task: ApproachTask, members: NDArray[np.intp], blocks: Array) -> None:
+        """Notes how members, whose tasks have the same regions, have approached these.
 
-        blocks: judged samples of each member, (k, samples, rows).
+        blocks: compared samples of each member, (k, samples, rows).
         """
-        regions = task.regions
         if task.phases.size:
             phases = np.broadcast_to(task.phases, (len(blocks), *task.phases.shape))
             blocks = np.concatenate([blocks, phases], axis=2)
-        last = np.stack([region.distances(blocks[:, -1]) for region in regions])
-        nearest, before = last.argmin(axis=0), [self.approaches[member] for member in members]
+        last = np.stack([region.distances(blocks[:, -1]) for region in task.regions])
+        nearest = np.where(np.isfinite(last.min(axis=0)), last.argmin(axis=0), NOWHERE)
+        before = [self.approaches[member] for member in members]
         for member in members:
             self.approaches[member] = Approach()
-        for k, region in enumerate(regions):
-            some = np.flatnonzero((nearest == k) & np.isfinite(last[k]))
-            if not some.size:
-                continue
-            rows = blocks[some]
-            largest = region.distances(rows.reshape(-1, rows.shape[2])).reshape(rows.shape[:2])
-            largest = largest.max(axis=1)
-            inside = np.isfinite(largest)
-            some, rows, largest = some[inside], rows[inside], largest[inside]
-            floquet = region.floquet if some.size else None
-            if floquet is not None:
-                time = (task.times[1] - task.times[0]) * blocks.shape[1] * task.every
-                squares = np.abs(region.coordinates(rows.reshape(-1, rows.shape[2]))) ** 2
-                squares = squares.reshape(some.size, blocks.shape[1], -1).mean(axis=1)
-            for i, place in enumerate(some.tolist()):
+        for k in set(nearest.tolist()) - {NOWHERE}:
+            region, some = task.regions[k], np.flatnonzero(nearest == k)
+            largest = region.distances(blocks[some]).max(axis=1)
+            for place, distance in zip(some.tolist(), largest.tolist(), strict=True):
+                if distance == math.inf:
+                    continue
                 approach, near = before[place], FLOOR
                 if approach.region == k:
-                    near = max(near, NEARER * approach.first)
+                    near = max(near, ARRIVAL_SHARE * approach.first)
                 else:
-                    approach = Approach(k, float(largest[i]))
-                reached = bool(largest[i] <= near)
-                if floquet is not None:
-                    approach, fallen = approach.later(time, squares[i], floquet.decay)
-                    reached |= fallen
+                    approach = Approach(k, distance)
+                approach = replace(approach, reached=distance <= near)
+                if region.floquet is not None:
+                    squares = np.abs(region.coordinates(blocks[place])) ** 2
+                    time = (task.times[1] - task.times[0]) * blocks.shape[1] * task.every
+                    approach = approach.later(time, squares.mean(axis=0), region.floquet.decay)
                 self.approaches[members[place]] = approach
-                if reached:
-                    self.labels[members[place]] = k
-        return [int(member) for member in members if self.labels[member] != NOWHERE]
 
 
-def watched_outcomes(
-    tasks: Sequence[WatchedTask], shown: bool, observer: Observer
-) -> list[tuple[Outcome, int, Approach]]:
-    """Outcomes of the motions of a batch, regions that they have reached, and their approaches."""
-    watch = _Watch(tasks)
-    outcomes: list[Outcome] = integrate(tasks, shown, watch if watch.groups else observer)
-    return list(zip(outcomes, watch.labels.tolist(), watch.approaches, strict=True))
+def approach_outcomes(
+    tasks: Sequence[ApproachTask], shown: bool, observer: Observer
+) -> list[tuple[Outcome, Approach]]:
+    """Outcomes of the motions of a batch, and their approaches to regions."""
+    arrivals = Arrivals(tasks)
+    outcomes = integrate(tasks, shown, arrivals if arrivals.groups else observer)
+    return list(zip(outcomes, arrivals.approaches, strict=True))

@@ -16,10 +16,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy
 from numpy.linalg import LinAlgError
+from numpy.typing import NDArray
 
 from pipedyn.attraction.attractor import Attractor
 from pipedyn.attraction.records import Stretch
-from pipedyn.attraction.regions import FLOOR, PHASE_STEP, PHASES, REGION_SHARE, Region
+from pipedyn.attraction.regions import FLOOR, PHASE_STEP, PHASES, Region
 from pipedyn.equilibrium.equilibria import Statics
 from pipedyn.linear.neutral import decays
 from pipedyn.models.base import Model
@@ -42,10 +43,13 @@ interval of its mesh."""
 SAME_ATTRACTOR = 3e-3
 """Distance up to which two motions are on the same attractor: each is known to 1e-3."""
 
-SLOWEST = 2.0
+REGION_SHARE = 0.25
+"""Largest share of the way to any other known solution that a region extends."""
+
+LONGEST_PERIOD = 2.0
 """Largest period that is assumed for equilibria about which nothing oscillates."""
 
-FARTHEST = 0.1
+LARGEST_DISTANCE = 0.1
 """Largest distance of an equilibrium from the place where it is looked for, in rad or in a
 coordinate."""
 
@@ -75,10 +79,10 @@ class Solution:
     orbit: PeriodicOrbit | None = field(default=None, repr=False)
     scatter: float = 0.0
 
-    @property
-    def near(self) -> float:
-        """Distance up to which a motion counts as on the solution."""
-        return max(min(self.region.radius, SAME_ATTRACTOR), self.scatter)
+    def contains(self, states: Array) -> NDArray[np.bool_]:
+        """Whether states, (k, 2 integrated), are so near that they count as on the solution."""
+        near = max(min(self.region.radius, SAME_ATTRACTOR), self.scatter)
+        return np.isfinite(self.region.distances(states, near))
 
     def holds(self, state: Array, period: float) -> bool:
         """Whether the solution is the end of a motion that was seen to repeat after a period.
@@ -96,16 +100,14 @@ class Solution:
         times = max(round(period / self.period), 1) if self.attracts and self.period else 1
         if abs(period - times * self.period) > 0.01 * period:
             return False
-        return bool(np.isfinite(self.region.distances(state[None], self.near))[0])
+        return bool(self.contains(state[None]))
 
     def is_mirror_image(self, other: Solution, shifts: bool) -> bool:
         """Whether the other is its image in the axis, half a period later if `shifts` is true."""
         if other.attractor.ending != self.attractor.ending:
             return False
         points = self.region.mirrored(shifts).points
-        points = points[:: max(len(points) // 200, 1)]
-        within = np.isfinite(other.region.distances(points, other.near))
-        return bool(np.mean(within) > 0.9)
+        return bool(np.mean(other.contains(points[:: max(len(points) // 200, 1)])) > 0.9)
 
     def mirrored(self, shifts: bool) -> Solution:
         """The mirror image of the solution in the axis of the pipe, which is a solution as well.
@@ -123,7 +125,7 @@ class Solution:
         return replace(self, attractor=image, region=region, orbit=orbit)
 
 
-def kept_apart(solutions: Sequence[Solution]) -> list[Solution]:
+def with_separate_regions(solutions: Sequence[Solution]) -> list[Solution]:
     """Solutions, with regions that leave out all other solutions, except around irregular ones.
 
     A region extends over the share REGION_SHARE of the way there at most. As a cycle may cross or
@@ -133,9 +135,10 @@ def kept_apart(solutions: Sequence[Solution]) -> list[Solution]:
     for one in solutions:
         region = one.region
         if not math.isnan(one.period):
-            others = (region.apart(other.region) for other in solutions if other is not one)
-            radius = min(region.radius, REGION_SHARE * min(others, default=math.inf))
-            region = replace(region, radius=max(radius, 10.0 * FLOOR))
+            points = [other.region.points for other in solutions if other is not one]
+            apart = [region.distances(some, region.radius / REGION_SHARE).min() for some in points]
+            radius = min([region.radius, *(REGION_SHARE * distance for distance in apart)])
+            region = replace(region, radius=max(float(radius), 10.0 * FLOOR))
         found.append(replace(one, region=region))
     return found
 
@@ -144,7 +147,7 @@ def kept_apart(solutions: Sequence[Solution]) -> list[Solution]:
 
 
 def equilibria_near(model: Model, places: Iterable[Array], u: float) -> list[Solution]:
-    """Equilibria within `FARTHEST` of given positions p, (integrated,) each, at a flow speed."""
+    """Equilibria within `LARGEST_DISTANCE` of positions p, (integrated,) each, at a flow speed."""
     found: list[Solution] = []
     statics = Statics(model)
     for place in places:
@@ -153,7 +156,7 @@ def equilibria_near(model: Model, places: Iterable[Array], u: float) -> list[Sol
         except NewtonFailed:
             continue
         known = (np.abs(one.region.points[0, : p.size] - p).max() for one in found)
-        if np.abs(p - place).max() <= FARTHEST and min(known, default=math.inf) >= 1e-5:
+        if np.abs(p - place).max() <= LARGEST_DISTANCE and min(known, default=math.inf) >= 1e-5:
             found.append(equilibrium(statics, p, u))
     return found
 
@@ -165,7 +168,7 @@ def equilibrium(statics: Statics, p: Array, u: float) -> Solution:
     oscillating = np.abs(values[values.imag != 0.0])
     omega = oscillating.min() if oscillating.size else np.abs(values).min()
     unit = 1.0 / max(float(omega), 1e-3)
-    period = min(2.0 * math.pi * unit, SLOWEST)
+    period = min(2.0 * math.pi * unit, LONGEST_PERIOD)
     region = Region(rest[None], unit, period, turn=statics.whole_turn)
     motion = statics.motion
     if stable and not motion.constrained:
@@ -182,8 +185,8 @@ def around_cycle(
     model: Model,
     drive: Excitation,
     states: Callable[[Array], Array],
-    unit: float,
     period: float,
+    count: int,
     phases: Array,
 ) -> Region:
     """The region around a cycle whose states, (2 integrated, k), are a function of phase, (k,).
@@ -193,11 +196,12 @@ def around_cycle(
         drive: what drives motions on the cycle.
         states: the function; if motions are driven, phase 0 is the beginning of a period of the
             drive.
-        unit: time by which rates are multiplied.
         period: period of the cycle.
+        count: number of maxima of the tip's transverse position in a period.
         phases: phases of the points, from 0 on, (M,), if motions are not driven.
     """
     step, omega, turn = PHASE_STEP, 2.0 * math.pi / period, Statics(model).whole_turn
+    unit = period / (2.0 * math.pi * count)
     if drive.period:
         t = np.linspace(0.0, period, round(period / drive.period) * PHASES, endpoint=False)
         points = np.concatenate([states(omega * t).T, drive.phases(t)], axis=1)
@@ -214,14 +218,11 @@ def cycle(model: Model, drive: Excitation, orbit: PeriodicOrbit, stable: bool) -
     t = np.linspace(
         0.0, TURNING_PERIODS * period, TURNING_PERIODS * SAMPLES_AN_INTERVAL * len(orbit.starts) + 1
     )
-    states = orbit.states(orbit.frequency * t).T
-    q, qdot = model.to_user(*np.split(states, 2, axis=1))
-    x, velocity = model.tips(q.T)[:, 0], model.tip_velocities(q.T, qdot.T)[:, 0]
-    turnings = turning_points(t, x, velocity)
+    states = orbit.states(orbit.frequency * t)
+    turnings = turning_points(t, field.tip(states), field.tip_velocity(states))
     count = max(round((maxima(turnings).size + 1) / TURNING_PERIODS), 1)
-    end = Attractor(drive.mean, -1, "periodic", count, turnings, states[-1].copy())
-    unit = period / (2.0 * math.pi * count)
-    region = around_cycle(model, drive, orbit.states, unit, period, point_phases(orbit))
+    end = Attractor(drive.mean, -1, "periodic", count, turnings, states[:, -1].copy())
+    region = around_cycle(model, drive, orbit.states, period, count, point_phases(orbit))
     if stable and not field.constrained and not drive.period:
         with suppress(LinAlgError):
             region = replace(region, floquet=floquet_coordinates(field, orbit, region.units))
@@ -250,12 +251,11 @@ def by_record(
     def states(phase: Array) -> Array:
         return np.asarray(curve(last - span + 0.5 / math.pi * span * phase).T)
 
-    unit = span / (2.0 * math.pi * max(end.period, 1))
-    count = max(POINTS, int(np.count_nonzero(stretch.t > last - span)))
-    phases = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
-    region = around_cycle(model, drive, states, unit, span, phases)
-    points = record_points(drive, stretch)
-    two = points[-round(2.0 * span / last * len(points)) :]
+    points = max(POINTS, int(np.count_nonzero(stretch.t > last - span)))
+    phases = np.linspace(0.0, 2.0 * math.pi, points, endpoint=False)
+    region = around_cycle(model, drive, states, span, max(end.period, 1), phases)
+    on = record_points(drive, stretch)
+    two = on[-round(2.0 * span / last * len(on)) :]
     scatter = min(2.0 * float(region.distances(two, math.inf).max()), region.radius)
     return Solution(end, region, False, period, scatter=scatter)
 
@@ -266,7 +266,7 @@ def record_points(drive: Excitation, stretch: Stretch) -> Array:
     return np.concatenate([stretch.states[::every], drive.phases(stretch.t[::every])], axis=1)
 
 
-def irregular(model: Model, drive: Excitation, end: Attractor, stretch: Stretch) -> Solution:
+def irregular_motion(model: Model, drive: Excitation, end: Attractor, stretch: Stretch) -> Solution:
     """The solution of a motion that does not repeat, computed from its record."""
     count = max(maxima(stretch.turnings).size, 1)
     unit = float(stretch.t[-1]) / (2.0 * math.pi * count)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Continuation by arc length: of a user's own equations, and of all branches in the package."""
 
-from pipedyn.continuation.arclength import Control
+from pipedyn.continuation.arclength import Continuation, Control
 from pipedyn.continuation.own_equations import Branch, MarkedPoint, follow
 
-__all__ = ["Branch", "Control", "MarkedPoint", "follow"]
+__all__ = ["Branch", "Continuation", "Control", "MarkedPoint", "follow"]

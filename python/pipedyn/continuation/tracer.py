@@ -55,7 +55,8 @@ class TestFunction:
         step: the step.
         tolerance: arc length to which zeros are located.
         values: function of a point of the branch: a number, or numbers in falling order, (k,).
-        name: name of the special points.
+        name: name of the special points, or a function that names one from the arc lengths right
+            before and right beyond it. A point with an empty name is left out.
         known: values that are known already, by arc length.
         beside_folds: share of the step on either side of a fold in which zeros are not looked for.
     """
@@ -63,7 +64,7 @@ class TestFunction:
     step: Segment[Any]
     tolerance: float
     values: Callable[[Point], ArrayLike]
-    name: str = ""
+    name: str | Callable[[float, float], str] = ""
     known: dict[float, Array] = field(default_factory=dict)
     beside_folds: float = 0.0
 
@@ -76,6 +77,10 @@ class TestFunction:
     def positive(self, s: float) -> int:
         """Number of positive values at an arc length."""
         return int(np.count_nonzero(self.at(s) > 0.0))
+
+    def named(self, before: float, beyond: float) -> str:
+        """Name of the special point between two arc lengths."""
+        return self.name if isinstance(self.name, str) else self.name(before, beyond)
 
     def changes(self, low: float, high: float) -> Iterator[tuple[float, float]]:
         """Arc lengths right before and right beyond each zero between low and high, in order.
@@ -157,8 +162,8 @@ def special_points(
         ends = [0.0, *(s + side for s in turns if near for side in (-near, near)), length]
         for low, high in zip(ends[::2], ends[1::2], strict=True):
             if low < high:
-                found += [(test.name, *pair) for pair in test.changes(low, high)]
-    return sorted(found, key=lambda one: one[2])
+                found += [(test.named(*pair), *pair) for pair in test.changes(low, high)]
+    return sorted((one for one in found if one[0]), key=lambda one: one[2])
 
 
 # --------------------------------------------------------------------------- along the branch

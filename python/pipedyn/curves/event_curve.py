@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from pipedyn.curves.event_plane import EVENTS, EventPlane, Followed
 from pipedyn.curves.event_problem import EventProblem, event_angle
 from pipedyn.cycles.limit_cycle import amplitude_of
 from pipedyn.motion.vector_field import VectorField
-from pipedyn.orbits.floquet import UNIT, crossing_event, nontrivial, orbit_multipliers
+from pipedyn.orbits.floquet import CircleTest, beyond_circle, nontrivial, orbit_multipliers
 from pipedyn.orbits.orbit_continuation import FINE, breaking_part, steps_from
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit, resolved_orbit
 from pipedyn.util.archive import saved_as
@@ -140,11 +141,6 @@ class _Cycle:
     unstable: int
 
 
-def _growth_of_others(rest: Complex) -> Array:
-    """Logarithms of multipliers' moduli relative to 1 + `UNIT`, in falling order."""
-    return np.sort(np.log(np.maximum(np.abs(rest), 1e-300) / (1.0 + UNIT)))[::-1]
-
-
 class EventFollower(Tracer[EventProblem]):
     """Tracer of the curve of one event.
 
@@ -241,7 +237,7 @@ class EventFollower(Tracer[EventProblem]):
         vanishing = {
             name: float(np.linalg.norm(odd)) for name, odd in self._odd(problem, point.z).items()
         }
-        unstable = int(np.count_nonzero(_growth_of_others(rest) > 0.0))
+        unstable = int(np.count_nonzero(beyond_circle(rest) > 0.0))
         return _Cycle(point.z, second, own, orbit, amplitude, rest, opens, vanishing, unstable)
 
     def rest(self, motion: VectorField, orbit: PeriodicOrbit, z: Array) -> Complex:
@@ -393,28 +389,30 @@ class EventFollower(Tracer[EventProblem]):
                     return math.cos(point.z[-2]) - cosine
 
                 tests.append(TestFunction(step, 1e-8 * step.length, apart, name))
+        place_at = cache(lambda s: self.place(step.problem, step.at(s)))
         if before.unstable != after.unstable:
-            ends = {0.0: before.rest, step.length: after.rest}
-            known = {s: _growth_of_others(rest) for s, rest in ends.items()}
+            known = {0.0: beyond_circle(before.rest), step.length: beyond_circle(after.rest)}
 
-            def growth(point: Point) -> Array:
+            def values(point: Point) -> Array:
                 motion, orbit = self.plane.at(point.p), step.problem.orbit(point.z)
-                return _growth_of_others(self.rest(motion, orbit, point.z))
+                return beyond_circle(self.rest(motion, orbit, point.z))
 
-            tests.append(TestFunction(step, 1e-6 * step.length, growth, known=known))
+            def two_events(before: float, beyond: float) -> str:
+                return self._two_events(others.kind(before, beyond), place_at(beyond))
+
+            given = step, 1e-6 * step.length, values, two_events, known
+            tests.append(others := CircleTest(*given, roots=lambda s: place_at(s).rest))
         # At a cusp both parameters turn back.
         cusps = self.kind == "fold" and before.opens * after.opens < 0
         for found, _, s in special_points(step, 1e-6 if cusps else 0.0, tests):
-            place = self.place(step.problem, step.at(s))
-            name = "cusp" if found == "fold" else found or self._two_events(place)
+            place, name = place_at(s), "cusp" if found == "fold" else found
             self.points.append(self._named(name, place))
             opens = 0 if name == "cusp" else place.opens
             yield replace(place, opens=opens, unstable=min(before.unstable, after.unstable))
 
-    def _two_events(self, place: _Cycle) -> str:
-        """Name of a point at which two events happen at once."""
+    def _two_events(self, second: str, place: _Cycle) -> str:
+        """Name of a point at which a second event happens at once."""
         own, values = self.kind, place.rest
-        second: str = crossing_event(values, place.orbit.symmetric)[0]
         # Where three multipliers meet, errors move them by the cube root of their size.
         nearest = complex(values[int(np.argmin(np.abs(np.log(np.abs(values)))))])
         root = -1.0 if own in ("pitchfork", "period doubling") else 1.0

@@ -13,13 +13,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import Point
-from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
+from pipedyn.continuation.tracer import Tracer, special_points
 from pipedyn.cycles.limit_cycle import (
     ON_BRANCH,
     LimitCycle,
@@ -37,9 +38,9 @@ from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import OrbitProblem
 from pipedyn.orbits.floquet import (
     LARGEST_ERROR,
+    CircleTest,
     EventKind,
-    crossing_event,
-    log_moduli,
+    beyond_circle,
     nontrivial,
     orbit_multipliers,
 )
@@ -539,28 +540,30 @@ class _Follower(Tracer[OrbitProblem]):
         found: list[CycleOnStep] = [(0.0, first, None)] if self.last is None else []
         found.append((length, last, None))
         if max(first.multiplier_error, last.multiplier_error) <= LARGEST_ERROR:
-            ends = {0.0: log_moduli(first.multipliers), length: log_moduli(last.multipliers)}
+            ends = {0.0: beyond_circle(first.others), length: beyond_circle(last.others)}
 
-            def growth(point: Point) -> Array:
-                return self._log_moduli(step.problem.orbit(point.z))
+            cycle_at = cache(lambda s: self._cycle(orbit_at(step, s)))
 
-            test = TestFunction(step, 3e-5 * length, growth, "", ends, NEAR_FOLD)
+            def values(point: Point) -> Array:
+                return self._growth(step.problem.orbit(point.z))
+
+            def roots(s: float) -> Complex:
+                return nontrivial(orbit_multipliers(self.motion, cycle_at(s).orbit)[1])
+
+            test = CircleTest(step, 3e-5 * length, values, "", ends, NEAR_FOLD, roots=roots)
             # The error of a fold's speed is the square of that of its location in arc length.
             turns = list[float]()
             for name, before, s in special_points(step, 1e-5, [test]):
-                cycle = self._cycle(orbit_at(step, s))
+                cycle = cycle_at(s)
                 if name == "fold":
                     turns.append(s)
                     error = max(abs(step.at(s + 1e-3 * length).p - cycle.u), 1e-9)
                     event = CycleEvent("fold", cycle.u, error, 1.0 + 0j, cycle.amplitude)
                 else:
-                    _, roots, _ = orbit_multipliers(self.motion, cycle.orbit)
-                    kind, multiplier = crossing_event(nontrivial(roots), cycle.symmetric)
-                    if kind == "fold":  # folds are found by the tangent
-                        continue
                     low, high = step.at(before).p, cycle.u
                     speed, error = 0.5 * (low + high), 0.5 * abs(low - high)
-                    event = CycleEvent(kind, speed, error, multiplier, cycle.amplitude)
+                    kind, passing = cast(EventKind, name), test.multipliers[s]
+                    event = CycleEvent(kind, speed, error, passing, cycle.amplitude)
                     if event.kind != "torus" and self.options.holds(event.speed):
                         stable = cycle.stable or not test.positive(before)
                         self.forks.append((event, cycle.orbit, stable))
@@ -578,15 +581,15 @@ class _Follower(Tracer[OrbitProblem]):
         """The cycle of an orbit on the branch."""
         return on_branch(self.motion, orbit, FINE.defect, SAMPLES_A_CYCLE, self.how)
 
-    def _log_moduli(self, orbit: PeriodicOrbit) -> Array:
-        """Logarithms of the moduli of all nontrivial multipliers, in falling order."""
+    def _growth(self, orbit: PeriodicOrbit) -> Array:
+        """The `beyond_circle` of all nontrivial multipliers."""
         # `_cycle` may refine the mesh: with its multipliers, a pitchfork at which a branch begins
         # was not found near an infinite period.
         if not self.motion.model.pipe.has_kinks:
             found, _, error = orbit_multipliers(self.motion, orbit, ON_BRANCH)
             if error <= ON_BRANCH:
-                return log_moduli(found)
-        return log_moduli(self._cycle(orbit).multipliers)
+                return beyond_circle(nontrivial(found))
+        return beyond_circle(self._cycle(orbit).others)
 
     def _take(self, found: Iterable[CycleOnStep]) -> None:
         """Keeps events on a step, and cycles known well enough, in order along the branch."""

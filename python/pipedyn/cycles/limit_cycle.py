@@ -23,7 +23,7 @@ from pipedyn.attraction.from_motion import (
     last_period,
     run_through_once,
 )
-from pipedyn.attraction.motion_ends import FAR_BACK, Case, motion_ends
+from pipedyn.attraction.motion_ends import LATE_RECURRENCE, Case, motion_ends
 from pipedyn.attraction.motion_options import MotionOptions
 from pipedyn.attraction.records import Stretch
 from pipedyn.attraction.regions import NOWHERE
@@ -44,7 +44,12 @@ from pipedyn.motion.simulate import (
 )
 from pipedyn.motion.vector_field import Excitation, VectorField
 from pipedyn.orbits.collocation import residual, solved
-from pipedyn.orbits.floquet import MULTIPLIER_TOLERANCE, nontrivial, orbit_multipliers
+from pipedyn.orbits.floquet import (
+    MULTIPLIER_TOLERANCE,
+    beyond_circle,
+    nontrivial,
+    orbit_multipliers,
+)
 from pipedyn.orbits.orbit_continuation import COARSE, breaking_part, orbit_at_speed, solved_anew
 from pipedyn.orbits.periodic_orbit import ORBIT_STAGES, PeriodicOrbit, refined
 from pipedyn.util import check
@@ -132,7 +137,8 @@ class LimitCycle(PeriodicMotion):
         period: period, in T.
         multipliers: Floquet multipliers, complex, shape (2 dof,), the largest modulus first, with
             the trivial one, 1.
-        stable: whether all nontrivial multipliers are smaller than 1 in modulus.
+        stable: whether no nontrivial multiplier's modulus exceeds 1 by more than 1e-6 or three
+            times its error.
         t: times from 0, where the free end is farthest to positive x, to the period, shape (S,).
         q, qdot: coordinates and rates, shape (S, coordinates).
         u: flow speed.
@@ -294,7 +300,7 @@ def _near(motion: VectorField, u: float, start: LimitCycle | Motion) -> tuple[Pe
     y = motion.model.from_user(start.q, start.qdot)
     x, velocity = start.tip[:, 0], start.tip_velocity[:, 0]
     stretch = Stretch(start.t, y, x, velocity, 1e-6)
-    states, frequency = last_period(stretch, FAR_BACK)
+    states, frequency = last_period(stretch, LATE_RECURRENCE)
     found = solved_anew(motion, states, frequency, u, False, COARSE)
     _, found = run_through_once(motion, found, ROUGHLY)
     return as_symmetric(motion, found), "from a motion"
@@ -358,12 +364,12 @@ def _simulated(motion: VectorField, u: float, start: Array) -> PeriodicOrbit:
     """The cycle on which the motion from a state [p, p'] ends, or else one that it has passed."""
     model, none = motion.model, f"no limit cycle at u = {u:g} by simulation"
     most = SEARCH * (SEARCH_FACTOR if model.dof <= 6 else 1)
-    back = FAR_BACK  # right-hand sides may be costly: a cycle is solved for early
-    options = MotionOptions(SEARCHED, SEEN, exponents=False, most=most, back=back)
+    near = LATE_RECURRENCE  # right-hand sides may be costly: a cycle is solved for early
+    options = MotionOptions(SEARCHED, SEEN, exponents=False, most=most, recurrence=near)
     with count_work() as work:
-        cases = [Case(model, Excitation(u), starts={0: start.reshape(2, -1)})]
-        [ends], [case] = motion_ends(model, cases, options)
-    number, end = ends[0]
+        cases = [Case(model, Excitation(u), starts={0: start})]
+        [case] = motion_ends(model, cases, options)
+    number, end = case.ends[0]
     motion.evaluations += work.right_hand_sides
     if isinstance(end, Exception):
         raise NoCycle(f"{none}: {end}", u) from None
@@ -561,13 +567,12 @@ def cycle_on_mesh(
     multipliers, _, change = orbit_multipliers(motion, orbit, tolerance)
     # Rounding of the eigenvalues of matrices of this size leaves about as much.
     change = max(change, multipliers.size * float(np.finfo(float).eps))
-    others = np.abs(nontrivial(multipliers))
     return LimitCycle(
         amplitude=amplitude,
         frequency=orbit.frequency,
         period=float(t[-1]),
         multipliers=multipliers,
-        stable=bool(others.max(initial=0.0) < 1.0),
+        stable=not (beyond_circle(nontrivial(multipliers), change) > 0.0).any(),
         t=t,
         q=q,
         qdot=qdot,

@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import field, replace
 from functools import cached_property
 from itertools import product
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 import scipy
@@ -578,18 +578,19 @@ class _Solutions:
         statics, model = self.statics, self.statics.model
         basis = _modal_basis(model, model.dof)
         first = max(FIRST_STARTS**model.dof, 256)
-        anywhere = scipy.stats.qmc.Halton(model.dof + 1, seed=0)
+        # Multiples of these, modulo 1, fill a cube evenly (Richtmyer's sequence).
+        roots = np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0])[: model.dof + 1]
         beside = np.random.default_rng(0)
 
         def led_to(starts: Array) -> int:
             """Number of new solutions to which Newton's method leads from the rows of `starts`."""
             return self.add(_balanced(statics, self.u, list(starts), 0.5))
 
-        size, here, every, settled = FIRST_SIZE, 0, 0, False
+        size, here, drawn, every, settled = FIRST_SIZE, 0, 0, 0, False
         reach = _reach(statics, self.u)
         while not settled and every < MOST_STARTS and len(self.found) < MOST_FOUND:
             many = max(first, here)
-            draws = anywhere.random(many)
+            draws = np.arange(drawn + 1.0, drawn + many + 1.0)[:, None] * roots % 1.0
             # High modes are stiff: their largest angle falls as a power of their number, whose
             # exponent is drawn as well.
             even = 2.0 * draws[:, :-1] - 1.0
@@ -601,7 +602,7 @@ class _Solutions:
                 parts = RADIUS * beside.uniform(-1.0, 1.0, (len(around), model.dof))
                 near = led_to(around + (parts * _shares(basis, 0.75)) @ basis)
                 every += len(around)
-            here, every = here + many, every + 2 * many
+            here, drawn, every = here + many, drawn + many, every + 2 * many
             largest = max((float(np.abs(x).max()) for x in self.found), default=0.0)
             if largest > 0.5 * size and size < TEN_TURNS:
                 size, here = min(2.0 * size, TEN_TURNS), 0
@@ -922,17 +923,18 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
         if meeting is not None:
             until = 0.0 if landed else 0.98 * ds * sizes[0] / sum(sizes)
         known = {0.0: self.growth[-1]}
-        growth = TestFunction(step, 1e-10 * (1.0 + until), self._growth, known=known)
+
+        def kind(before: float, s: float) -> Change:
+            if (growth.positive(s) - growth.positive(before)) % 2 == 0:
+                return "hopf"
+            return "pitchfork" if statics.straight(step.at(s).x) else "branch point"
+
+        growth = TestFunction(step, 1e-10 * (1.0 + until), self._growth, kind, known)
         found = special_points(step, 1e-12 if meeting is None else 0.0, [growth], until)
         turns = [s for name, _, s in found if name == "fold"]
-        for name, before, s in found:
-            kind: Change = "pitchfork" if statics.straight(step.at(s).x) else "branch point"
-            if name == "fold":
-                kind = "fold"
-            elif (growth.positive(s) - growth.positive(before)) % 2 == 0:
-                kind = "hopf"
-            if kind in ("fold", "hopf") or all(abs(s - turn) > 1e-3 * ds for turn in turns):
-                self.changes.append(self._point(kind, step.at(s)))
+        for name, _, s in found:
+            if name in ("fold", "hopf") or all(abs(s - turn) > 1e-3 * ds for turn in turns):
+                self.changes.append(self._point(cast(Change, name), step.at(s)))
         self.growth.append(growth.at(until))
         if meeting is not None:
             b = Point(np.append(statics.resting, meeting), a.tangent)

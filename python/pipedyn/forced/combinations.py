@@ -22,12 +22,13 @@ from numpy.typing import NDArray
 
 from pipedyn.forced.parametric_edge import RegionKind
 from pipedyn.forced.pulsating import Hill
+from pipedyn.orbits.floquet import beyond_circle
 from pipedyn.orbits.magnus import exponentials
 from pipedyn.util.check import Complex
 
-GROWS, GROWS_SHARP = 1e-5, 1e-7
-"""Excess of a multiplier's modulus over 1 beyond which its motion counts as growing, in damped
-pipes and in pipes without damping, whose multipliers lie on the circle but for rounding."""
+DAMPED_ERROR = 3e-6
+"""Error of multipliers in damped pipes. Without damping they lie on the unit circle but for
+rounding."""
 
 GAUSS = np.array([-0.5, 0.5]) / math.sqrt(3.0)
 """Two nodes of Gauss-Legendre quadrature, from the middle of an interval of length 1, (2,)."""
@@ -122,7 +123,7 @@ class FewModes:
     def __init__(self, hill: Hill, amplitude: float, low: float, high: float) -> None:
         pipe, reach = hill.pipe, hill.many * low
         self.sharp = hill.is_hermitian or hill.is_real
-        self._grows = GROWS_SHARP if self.sharp else GROWS
+        self._error = 0.0 if self.sharp else DAMPED_ERROR
         square = pipe.mean**2 * (1.0 + 0.5 * amplitude**2)
         values, right = (of + 0j for of in np.linalg.eig(pipe.companion(pipe.mean, square)))
         # Two modes that do not oscillate, as where the mean square of the speed buckles the pipe,
@@ -173,8 +174,8 @@ class FewModes:
             values=values,
             right=right,
             left=left,
-            growing=int(np.count_nonzero(np.abs(values) > 1.0 + self._grows)),
-            real=int(np.sign(largest)) if abs(largest) > 1.0 + self._grows else 0,
+            growing=int(np.count_nonzero(beyond_circle(values, self._error) > 0.0)),
+            real=int(np.sign(largest) * (beyond_circle(largest, self._error) > 0.0)),
         )
 
     def scanned(self, low: float, high: float) -> list[Multipliers]:

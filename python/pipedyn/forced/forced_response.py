@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import field, replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn.attraction.motion_ends import Case, motion_ends
 from pipedyn.attraction.motion_options import MotionOptions
 from pipedyn.continuation.arclength import Point
-from pipedyn.continuation.tracer import TestFunction, Tracer, between_folds, special_points
+from pipedyn.continuation.tracer import Tracer, between_folds, special_points
 from pipedyn.cycles.limit_cycle import (
     PeriodicMotion,
     amplitude_of,
@@ -38,7 +38,13 @@ from pipedyn.models.drive import Harmonic, Pulsation, require_steady, steady_spe
 from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.motion.vector_field import Excitation, ForcedField
 from pipedyn.orbits.collocation import Linearised, OrbitProblem, residual, solved
-from pipedyn.orbits.floquet import UNIT, EventKind, crossing_event, orbit_multipliers
+from pipedyn.orbits.floquet import (
+    CircleTest,
+    EventKind,
+    beyond_circle,
+    circle_margin,
+    orbit_multipliers,
+)
 from pipedyn.orbits.orbit_continuation import (
     FINE,
     FIRST_AMPLITUDE,
@@ -74,10 +80,6 @@ some 50 motions."""
 MOST_STEPS = 400
 """Largest number of steps along a branch. The longest steps are 0.15 in amplitude or in the
 relative frequency."""
-
-UNKNOWN = 1e-3
-"""Largest error of multipliers that is allowed for when a modulus is compared with 1. Multipliers
-that hardly converge have a larger estimate, or none."""
 
 SETTLING = 10
 """Number of periods after which a motion from rest is recorded for as many periods; if it comes
@@ -439,11 +441,11 @@ def _settled(motion: ForcedField, u: float) -> PeriodicOrbit:
     assert isinstance(base, Harmonic)
     drive, time = Excitation(u, base), SETTLING * 2.0 * math.pi / base.frequency
     options = MotionOptions(drive.whole(time), drive.whole(max(time, 1.0)), exponents=False)
-    begun = Case(model, drive, starts={0: motion.resting().reshape(2, -1)})
+    begun = Case(model, drive, starts={0: motion.resting()})
     with count_work() as work:
-        [ends], [case] = motion_ends(model, [begun], options)
+        [case] = motion_ends(model, [begun], options)
     motion.evaluations += work.right_hand_sides
-    number, end = ends[0]
+    number, end = case.ends[0]
     orbit = case.solutions[number].orbit if number >= 0 else None
     if orbit is None or not math.isclose(orbit.frequency, base.frequency, rel_tol=1e-6):
         why = end if isinstance(end, Exception) else "it was not found to repeat with the base"
@@ -500,18 +502,10 @@ class _ForcedPoint(NamedTuple):
     stable: bool = False
 
 
-def circle_margin(error: float) -> float:
-    """Largest distance from 1 of a multiplier's modulus at which it counts as on the unit circle.
-
-    It is three times the error of the multipliers, between `UNIT` and `UNKNOWN`.
-    """
-    return max(UNIT, min(3.0 * error, UNKNOWN))
-
-
 def _point_of_orbit(motion: ForcedField, orbit: PeriodicOrbit) -> _ForcedPoint:
     multipliers, _, error = orbit_multipliers(motion, orbit)
     amplitude, largest = amplitude_of(motion, orbit)[0], float(np.abs(multipliers).max())
-    stable = largest <= 1.0 + circle_margin(error)
+    stable = not (beyond_circle(multipliers, error) > 0.0).any()
     return _ForcedPoint(motion.order * orbit.frequency, amplitude, largest, stable)
 
 
@@ -522,38 +516,32 @@ def _events_on(step: Step, motion: ForcedField) -> Iterator[tuple[float, EventKi
     the amplitude grows makes no event. Folds are found by the tangent.
     """
 
-    def about(point: Point) -> tuple[Array, Complex, float]:
-        """Logarithms of the multipliers' moduli, descending, the roots and the circle margin.
+    def multipliers(point: Point) -> tuple[Complex, Complex, float]:
+        return orbit_multipliers(motion, step.problem.orbit(point.z))
 
-        The roots, in the same order, are those that `orbit_multipliers` describes; the margin is
-        that of `circle_margin`.
-        """
-        values, roots, error = orbit_multipliers(motion, step.problem.orbit(point.z))
-        order = np.argsort(-np.abs(values), kind="stable")
-        sizes = np.log(np.maximum(np.abs(values[order]), 1e-300))
-        return sizes, roots[order], circle_margin(error)
+    def values(point: Point) -> Array:
+        return beyond_circle(multipliers(point)[0], error)
 
-    (first, _, before), (last, _, after) = map(about, (step.begin, step.end))
-    around = max(before, after)
-    known = {0.0: first - around, step.length: last - around}
+    def roots(s: float) -> Complex:
+        return multipliers(step.at(s))[1]
 
-    def growth(point: Point) -> Array:
-        return np.asarray(about(point)[0] - around)
-
-    test = TestFunction(step, 1e-3 * step.length, growth, "", known, NEAR_FOLD)
-    for name, low, high in special_points(step, 1e-4, [test]):
-        if name == "fold":
-            yield high, "fold"
-            continue
-        outside = max(low, high, key=test.positive)
+    def name(before: float, beyond: float) -> str:
+        outside = max(before, beyond, key=test.positive)
         passing = test.positive(outside) - 1
-        neutral = min(abs(first[passing]), abs(last[passing])) <= around
-        if neutral and test.at(outside)[passing] < around:
-            continue
-        root = about(step.at(outside))[1][[passing]]
-        kind, _ = crossing_event(root, orbit_at(step, outside).symmetric)
-        if kind != "fold":
-            yield high, kind
+        ends = [abs(test.at(s)[passing] + margin) for s in (0.0, step.length)]
+        if min(ends) <= margin and test.at(outside)[passing] < margin:
+            return ""
+        kind = test.kind(before, beyond)
+        return "" if kind == "fold" else kind
+
+    (first, _, before), (last, _, after) = map(multipliers, (step.begin, step.end))
+    error = max(before, after)
+    margin = math.log1p(circle_margin(error))
+    known = {0.0: beyond_circle(first, error), step.length: beyond_circle(last, error)}
+    tolerance = 1e-3 * step.length
+    test = CircleTest(step, tolerance, values, name, known, NEAR_FOLD, roots=roots)
+    for kind, _, s in special_points(step, 1e-4, [test]):
+        yield s, cast(EventKind, kind)
 
 
 class _ForcedTracer(Tracer[OrbitProblem]):
@@ -678,7 +666,7 @@ def _refined_motion(
         frequency=motion.order * orbit.frequency,
         period=float(t[-1]),
         multipliers=multipliers,
-        stable=bool(np.abs(multipliers).max() <= 1.0 + circle_margin(unsure)),
+        stable=not (beyond_circle(multipliers, unsure) > 0.0).any(),
         t=t,
         q=q,
         qdot=qdot,

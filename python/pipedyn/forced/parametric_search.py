@@ -352,8 +352,9 @@ class RegionSearch:
             if not 0 < i < roots.size:
                 return False
             low, high = roots[i - 1 : i + 1]
-            # The test is next to both roots: in the middle two multipliers beyond 1 or -1 may have
-            # met and left the real axis.
+            # Between two roots a real multiplier lies on one side of 1 or -1; whether it is neutral
+            # is not asked here. The test is next to both roots: in the middle two multipliers
+            # beyond 1 or -1 may have met and left the real axis.
             for part in (0.002, 0.998):
                 values, _ = self.hill.pipe.multipliers(amplitude, low + part * (high - low))
                 real = np.abs(values.imag) < 1e-9

@@ -33,7 +33,7 @@ from pipedyn.models.continuum import (
 )
 from pipedyn.models.drive import Pulsation
 from pipedyn.models.galerkin import basis_joints
-from pipedyn.orbits.floquet import UNIT, by_series
+from pipedyn.orbits.floquet import beyond_circle, by_series
 from pipedyn.orbits.periodic_orbit import STAGE_NODES
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
@@ -458,7 +458,7 @@ def floquet(model: AnyModel, pulsation: Pulsation) -> FloquetMultipliers:
     return FloquetMultipliers(
         multipliers=values,
         growth=math.log(max(largest, 1e-300)) / pulsation.period,
-        stable=largest <= 1.0 + UNIT,
+        stable=not (beyond_circle(values) > 0.0).any(),
         pulsation=pulsation,
         model=model,
         size=answer.size,

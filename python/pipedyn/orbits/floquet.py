@@ -13,12 +13,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from pipedyn.continuation.tracer import TestFunction
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import collocation_maps, span_maps, stage_derivatives, state_units
 from pipedyn.orbits.magnus import interval_maps
@@ -281,29 +283,58 @@ def nontrivial(multipliers: ArrayLike) -> Complex:
     return np.delete(given, int(np.argmin(np.abs(given - 1.0))))
 
 
-def log_moduli(multipliers: ArrayLike) -> Array:
-    """Logarithms of the moduli of nontrivial multipliers, relative to 1 + UNIT, descending."""
-    sizes = np.sort(np.abs(nontrivial(multipliers)))[::-1]
-    return np.asarray(np.log(np.maximum(sizes, 1e-300) / (1.0 + UNIT)))
+def circle_margin(error: float = 0.0) -> float:
+    """Largest distance from 1 of a multiplier's modulus at which it counts as on the unit circle.
 
-
-def crossing_event(others: Complex, mirrored: bool) -> tuple[EventKind, complex]:
-    """Kind of event at which a multiplier passes the unit circle, and that multiplier.
-
-    A multiplier that passes 1 makes a fold. With a mirror symmetry of the cycle the multipliers are
-    squares of their roots, the eigenvalues of the map over half a period followed by the
-    reflection, which distinguish a pitchfork from a fold. Without the symmetry the roots are the
-    multipliers.
-
-    Args:
-        others: roots of the multipliers without the trivial one, shape (k,).
-        mirrored: whether the cycle has the mirror symmetry.
+    It is three times the error of the multipliers, between `UNIT` and `LARGEST_ERROR`.
     """
-    nearest = complex(others[int(np.argmin(np.abs(np.abs(others) - 1.0)))])
-    kind: EventKind = "torus"
-    if abs(nearest.imag) < 1e-3 * abs(nearest):  # two roots that meet split by sqrt(error)
-        flipped: EventKind = "pitchfork" if mirrored else "period doubling"
-        kind = "fold" if nearest.real > 0.0 else flipped
-        nearest = complex(math.copysign(1.0, nearest.real))
-    nearest /= abs(nearest)
-    return kind, nearest**2 if mirrored else nearest
+    return max(UNIT, min(3.0 * error, LARGEST_ERROR))
+
+
+def beyond_circle(multipliers: ArrayLike, error: float = 0.0) -> Array:
+    """Logarithms of moduli relative to 1 + `circle_margin`, of the shape of the multipliers.
+
+    A motion is stable if none is positive, as for its real parts `neutral.beyond_rounding`.
+    """
+    return np.log(np.maximum(np.abs(multipliers), 1e-300) / (1.0 + circle_margin(error)))
+
+
+@dataclass(kw_only=True)
+class CircleTest(TestFunction):
+    """Test function along a branch of orbits that is 0 where a multiplier passes the unit circle.
+
+    Special points have the names of events by default, without folds, which the tangent shows.
+    With a mirror symmetry of the orbit its multipliers are squares of their roots, the eigenvalues
+    of the map over half a period followed by the reflection, which distinguish a pitchfork from a
+    fold. Without it the roots are the multipliers.
+
+    Attributes:
+        roots: function from an arc length to the roots of the multipliers, the largest first; the
+            values of the test function are `beyond_circle` of these multipliers.
+        multipliers: the multiplier that passes, on the unit circle, by the arc length right beyond.
+    """
+
+    roots: Callable[[float], Complex]
+    multipliers: dict[float, complex] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.name = self.name or self._named
+
+    def kind(self, before: float, beyond: float) -> EventKind:
+        """Kind of the event between two arc lengths: a fold if a multiplier passes 1."""
+        passing = min(self.positive(before), self.positive(beyond))
+        root = complex(self.roots(beyond)[passing])
+        root /= abs(root)
+        mirrored = self.step.problem.orbit(self.step.at(beyond).z).symmetric
+        kind: EventKind = "torus"
+        if abs(root.imag) < 1e-3:  # two roots that meet split by sqrt(error)
+            flipped: EventKind = "pitchfork" if mirrored else "period doubling"
+            kind = "fold" if root.real > 0.0 else flipped
+            root = complex(math.copysign(1.0, root.real))
+        self.multipliers[beyond] = root**2 if mirrored else root
+        return kind
+
+    def _named(self, before: float, beyond: float) -> str:
+        """Kind of the event between two arc lengths; empty for a fold, which the tangent shows."""
+        kind = self.kind(before, beyond)
+        return "" if kind == "fold" else kind

@@ -15,7 +15,7 @@ from pipedyn.cycles.branches import CycleBranch
 from pipedyn.cycles.limit_cycle import LimitCycle
 from pipedyn.diagram import BifurcationDiagram
 from pipedyn.equilibrium.equilibria import EquilibriumBranch
-from pipedyn.orbits.floquet import UNIT, nontrivial
+from pipedyn.orbits.floquet import beyond_circle, nontrivial
 from pipedyn.plot import common
 from pipedyn.plot.units import FLOW_SPEED, Units, View, of_coordinate
 from pipedyn.util import check
@@ -220,7 +220,7 @@ def multipliers(
     ax.axhline(0.0, color="0.8", linewidth=0.5, zorder=0.3)
     ax.axvline(0.0, color="0.8", linewidth=0.5, zorder=0.3)
     values = np.array([nontrivial(row) for row in np.atleast_2d(cycles.multipliers)])
-    outside = np.abs(values) > 1.0 + UNIT
+    outside = beyond_circle(values) > 0.0
     speeds = None
     if isinstance(cycles, CycleBranch):
         speeds = np.broadcast_to(view.one(FLOW_SPEED) * cycles.speeds[:, None], values.shape)
