@@ -67,7 +67,7 @@ def test_a_bad_option_ends_the_command_with_one_line(words, said, tmp_path, monk
 
 
 def case_of(words, tmp_path):
-    return command._parsed([*words, "--output", str(tmp_path)])
+    return command._parse([*words, "--output", str(tmp_path)])
 
 
 def test_a_pipe_in_si_units_is_that_of_from_si(tmp_path):

@@ -188,14 +188,14 @@ def test_multipliers_on_the_unit_circle(three, kind):
         halved = orbit.span < 0.9 * 2.0 * math.pi
         assert halved == (kind != "period doubling")
         y0, end, moved = monodromy(model_at(found, i), orbit, orbit.span)
-        assert np.abs(end - orbit.mirror * y0).max() < 1e-6 * np.abs(y0).max()
+        assert np.abs(end - orbit.mirror_sign * y0).max() < 1e-6 * np.abs(y0).max()
         root = -1.0
         if kind == "torus":
             assert abs(curve.multiplier[i]) == pytest.approx(1.0, abs=1e-12)
             assert curve.multiplier[i].imag > 0.1
             root = np.sqrt(curve.multiplier[i])
         units = np.where(np.arange(len(y0)) < len(y0) // 2, 1.0, orbit.frequency)
-        scaled = orbit.mirror * moved * units / units[:, None]
+        scaled = orbit.mirror_sign * moved * units / units[:, None]
         sizes = [np.linalg.svd(scaled - sign * root * np.eye(len(y0)))[1] for sign in (1.0, -1.0)]
         nearest = min(s[-1] / s[0] for s in sizes[: 1 + (kind == "torus")])
         assert nearest < 1e-6

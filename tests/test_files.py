@@ -162,14 +162,14 @@ def some_findings(case):
 
 
 def test_on_a_full_disk_the_command_keeps_tables_and_figures_and_says_so(tmp_path):
-    case = command._parsed(["--output", str(tmp_path)])
+    case = command._parse(["--output", str(tmp_path)])
     findings = some_findings(case)
     savers = {"table.csv": command.save_table}
     savers["map.png"] = partial(command.save_figure, map_figure)
-    paths = command.written(case, findings, savers)
+    paths = command.write_files(case, findings, savers)
     before = [path.read_bytes() for path in paths]
     with full_disk(100):
-        assert command.written(case, findings, savers) == []
+        assert command.write_files(case, findings, savers) == []
     assert findings.failures == [f"{path}: File too large" for path in paths]
     assert [path.read_bytes() for path in paths] == before
     assert sorted(tmp_path.iterdir()) == sorted(paths)
@@ -206,7 +206,7 @@ def test_a_report_that_nobody_reads_ends_with_one_line(tmp_path):
     def gather(case, executor):
         return command.Findings(highest=8.0)
 
-    command.gather, command.save_figure = gather, lambda *given: None
+    command.compute_findings, command.save_figure = gather, lambda *given: None
     command.program()
     """
     options = ["--quiet", "--output", str(tmp_path)]
