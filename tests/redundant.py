@@ -93,7 +93,7 @@ def load(law, numbers, r, angle, t, n, v, omega):
     return force, couples.get(law, none)
 
 
-def forces(scene, y, u, drive=None):
+def forces(scene, y, u, drive=None, load=load):
     """Forces of all modules at a state [q, q'], shape (3 n,).
 
     The flow exerts, for each segment, -sqrt(beta) U r_j' on node j - 1 and sqrt(beta) U r_{j-1}' on
@@ -102,6 +102,7 @@ def forces(scene, y, u, drive=None):
     times the acceleration of the base. Joints have -k (phi - psi) - c phi'. Drag at a segment's
     drag point is -kappa l |v| v n, v = n . r'. Terms and custom modules add theirs. The forcing
     `drive`, (ROWS,), has U' and the motion of the base, on which inflow, drag and terms depend.
+    `load` states the laws of the terms.
     """
     rate, *moves = np.zeros(ROWS) if drive is None else drive
     place, speed, acceleration = np.reshape(moves, (3, 2))
@@ -202,7 +203,7 @@ def constraints(scene, q, rates):
     )
 
 
-def accelerations(scene, y, u, drive=None):
+def accelerations(scene, y, u, drive=None, load=load):
     """Accelerations q'', shape (3 n,), by the null space of all constraints at once."""
     q, rates = np.split(y, 2)
     _, a, _ = constraints(scene, q, np.eye(q.size))
@@ -210,5 +211,5 @@ def accelerations(scene, y, u, drive=None):
     ways, inertia = scipy.linalg.null_space(a, rcond=1e-9), mass(scene, q)
     assert ways.shape[1] == scene.dof
     whole = np.concatenate([ways.T @ inertia, a])
-    right = np.concatenate([ways.T @ forces(scene, y, u, drive), b])
+    right = np.concatenate([ways.T @ forces(scene, y, u, drive, load), b])
     return np.linalg.lstsq(whole, right, rcond=1e-12)[0]
