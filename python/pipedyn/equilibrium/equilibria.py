@@ -578,18 +578,19 @@ class _Solutions:
         statics, model = self.statics, self.statics.model
         basis = _modal_basis(model, model.dof)
         first = max(FIRST_STARTS**model.dof, 256)
-        anywhere = scipy.stats.qmc.Halton(model.dof + 1, seed=0)
+        # Multiples of these, modulo 1, fill a cube evenly (Richtmyer's sequence).
+        roots = np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0])[: model.dof + 1]
         beside = np.random.default_rng(0)
 
         def led_to(starts: Array) -> int:
             """Number of new solutions to which Newton's method leads from the rows of `starts`."""
             return self.add(_balanced(statics, self.u, list(starts), 0.5))
 
-        size, here, every, settled = FIRST_SIZE, 0, 0, False
+        size, here, drawn, every, settled = FIRST_SIZE, 0, 0, 0, False
         reach = _reach(statics, self.u)
         while not settled and every < MOST_STARTS and len(self.found) < MOST_FOUND:
             many = max(first, here)
-            draws = anywhere.random(many)
+            draws = np.arange(drawn + 1.0, drawn + many + 1.0)[:, None] * roots % 1.0
             # High modes are stiff: their largest angle falls as a power of their number, whose
             # exponent is drawn as well.
             even = 2.0 * draws[:, :-1] - 1.0
@@ -601,7 +602,7 @@ class _Solutions:
                 parts = RADIUS * beside.uniform(-1.0, 1.0, (len(around), model.dof))
                 near = led_to(around + (parts * _shares(basis, 0.75)) @ basis)
                 every += len(around)
-            here, every = here + many, every + 2 * many
+            here, drawn, every = here + many, drawn + many, every + 2 * many
             largest = max((float(np.abs(x).max()) for x in self.found), default=0.0)
             if largest > 0.5 * size and size < TEN_TURNS:
                 size, here = min(2.0 * size, TEN_TURNS), 0

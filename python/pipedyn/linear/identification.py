@@ -544,7 +544,7 @@ def _explained_by_chance(squares: float, freedom: int) -> bool:
     """
     if not freedom:
         return squares < 1e-6
-    return bool(scipy.stats.chi2.sf(squares, freedom) > 0.01)
+    return bool(scipy.special.chdtrc(freedom, squares) > 0.01)
 
 
 def _predicted(pipe: Pipe, size: int, measurements: Sequence[Measurement]) -> Array:
