@@ -64,32 +64,22 @@ def load(law, numbers, r, angle, t, n, v, omega):
     """Force (k, 2) and couple (k,) of a law, or those per length, at k moving places.
 
     r: positions, (k, 2); angle: of the tangents; t, n: unit vectors along and normal to the pipe;
-    v: velocities; omega: rates of the angle. Added mass chi has the kinetic energy T = chi v_n^2 /
-    2, v_n = n . v. The change of its momentum chi v_n n as n turns acts as a force, and the
-    derivative of T by the angle as a couple.
+    v: velocities; omega: rates of the angle. Of added mass chi, of the kinetic energy T = chi v_n^2
+    / 2, v_n = n . v, the change of its momentum chi v_n n as n turns acts as a force, and the
+    derivative of T by the angle as a couple. Laws that only test_terms.py has are left to it.
     """
     number, *others = numbers
     x, v_n, v_t = r[:, 0], np.sum(n * v, axis=1), np.sum(t * v, axis=1)
-    none, axis = np.zeros(len(r)), np.array([[1.0, 0.0]])
-    couples = {
-        "rotational_spring": -number * angle,
-        "rotational_damper": -number * omega,
-        "added_mass": -number * v_n * v_t,
-    }
+    none = np.zeros(len(r))
     if law == "added_mass":
         force = number * omega[:, None] * (v_t[:, None] * n + v_n[:, None] * t)
-    elif law == "viscosity":
-        force = -number * v_n[:, None] * n
-    elif law == "tension":
-        force = np.tile([0.0, number], (len(r), 1))
-    elif law == "stretching":
-        force = np.outer(number * (1.0 - r[:, 1]) - others[0] * v[:, 1], [0.0, 1.0])
-    elif law == "stop":
-        force = -others[0] * (x - np.clip(x, -number, number))[:, None] * axis
-    else:
-        elastic = {"spring": x, "foundation": x, "cubic_spring": x**3, "damper": v[:, 0]}
-        force = -number * elastic.get(law, none)[:, None] * axis
-    return force, couples.get(law, none)
+        return force, -number * v_n * v_t
+    if law == "viscosity":
+        return -number * v_n[:, None] * n, none
+    if law == "stretching":
+        return np.outer(number * (1.0 - r[:, 1]) - others[0] * v[:, 1], [0.0, 1.0]), none
+    across = {"spring": x, "foundation": x, "cubic_spring": x**3, "damper": v[:, 0]}
+    return np.outer(-number * (none if law == "point_mass" else across[law]), [1.0, 0.0]), none
 
 
 def forces(scene, y, u, drive=None, load=load):

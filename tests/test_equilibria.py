@@ -415,10 +415,9 @@ def test_an_axially_fixed_pipe_rests_straight_or_in_half_waves_and_no_coil_is_co
     assert others is None or not (others.resolved & others.valid).any()
 
 
-@pytest.mark.slow
 def test_a_coil_that_larger_bases_keep_is_resolved_but_not_valid():
     """A loop in the middle: the pendulum of `half_waves` swings about pi, and y = 1 - 2 E / K."""
-    stiffness, u = 60.0, 3.2416
+    stiffness, u = 20.0, 3.2416
 
     def left(k):
         whole = ellipk(k**2)
@@ -431,7 +430,7 @@ def test_a_coil_that_larger_bases_keep_is_resolved_but_not_valid():
         sn, *_ = ellipj(ellipk(k**2) * (2.0 * s - 1.0), k**2)
         return math.pi + 2.0 * np.arcsin(k * sn)
 
-    model = pp.Galerkin(pinned(pp.Stretching(stiffness)), 18, "legendre")
+    model = pp.Galerkin(pinned(pp.Stretching(stiffness)), 11, "legendre")
     found = pp.equilibria(model, u, starts=[coil])
     assert len(found) == 3
     others = found.discarded

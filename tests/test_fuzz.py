@@ -67,7 +67,7 @@ def test_malformed_arguments_are_refused_by_name_and_good_ones_answered(fuzz):
     assert fuzz.run(fuzz.random_cases(20261121, 0, 300)) == []
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_every_argument_alone_is_refused_by_name(fuzz, seed):
     assert fuzz.run(fuzz.one_by_one(seed)) == []
 

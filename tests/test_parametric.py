@@ -176,7 +176,10 @@ def test_both_edges_of_a_thin_combination_region_are_found():
 @pytest.mark.parametrize(
     ("hill", "low", "high", "edges"),
     [
-        (conservative(3.0, 8, end="pinned"), 29.2, 29.4, (29.3072, 29.3185)),
+        pytest.param(
+            *(conservative(3.0, 8, end="pinned"), 29.2, 29.4, (29.3072, 29.3185)),
+            marks=pytest.mark.slow,
+        ),
         (conservative(2.0, root="pinned", end="pinned"), 24.9, 25.2, (24.7946, 24.8070)),
     ],
     ids=["beside another", "beside the axis"],

@@ -39,6 +39,7 @@ MODELS = [
     pytest.param(pp.Continuum, id="continuum"),
 ]
 LONG_SEARCHES = {"on a foundation", "on two supports", "standing, unstable at rest"}
+LONG_SEARCHES |= {"buckled by the flow"}
 """Pipes of which a reduced model has many equilibria."""
 
 ASKED = [
