@@ -236,7 +236,10 @@ def test_an_irregular_motion_that_nothing_shows_to_be_chaotic_or_a_torus_is_unse
 
 def test_an_irregular_motion_whose_exponent_is_not_known_is_unsettled():
     """It grows slowly, to where a law of its own ends."""
-    pipe, law = pp.Pipe(0.5, flow="aspirating"), lambda q, v: np.where(abs(q) > 0.7, np.nan, 0.0 * q)
+    pipe, law = (
+        pp.Pipe(0.5, flow="aspirating"),
+        lambda q, v: np.where(abs(q) > 0.7, np.nan, 0.0 * q),
+    )
     scene = pp.modular.chain(pipe, 2).plus(pp.modular.Custom(joints=(2,), force=law))
     start = scene.bent(lambda s: 0.3 * s)
     (one,) = pp.attractors(scene, 0.1, [start], transient=4.0, duration=1.0).unsettled_motions

@@ -406,7 +406,9 @@ def test_what_is_narrower_than_the_speeds_show_is_left_out_and_named():
             assert abs(event.multiplier.imag) > 0.1
         else:
             beginning = event.kind == "period doubling" and event.multiplier != -1.0
-            assert event.multiplier == (-1.0 if event.kind == "period doubling" else 1.0) or beginning
+            assert (
+                event.multiplier == (-1.0 if event.kind == "period doubling" else 1.0) or beginning
+            )
     (failure,) = (f for f in found.failures if "it has wound within" in str(f.error))
     assert failure.value == pytest.approx(8.6785, abs=1e-3)
 

@@ -150,7 +150,11 @@ def test_branches_are_drawn_without_corners_through_their_points():
     """Of a circle with 16 points, whose chords turn by 22.5 degrees."""
 
     def drawn(speeds, highest):
-        every = {"amplitudes": 0.0 * speeds, "highest": highest, "stable": np.full(speeds.size, True)}
+        every = {
+            "amplitudes": 0.0 * speeds,
+            "highest": highest,
+            "stable": np.full(speeds.size, True),
+        }
         branch = replace(BRANCH, speeds=speeds, events=(), **every)
         ax = plot.bifurcation_diagram(replace(diagram(), cycles=(branch,)), ax=axes())
         curve, _ = (line.get_xydata() for line in ax.lines if line.get_color() == plot.BLUE)

@@ -13,7 +13,6 @@ import pipedyn as pp
 from pipedyn import modular as md
 
 
-
 def driven(t, y):
     return np.sin(t) + np.cos(t) - y
 

@@ -355,7 +355,9 @@ def test_a_reference_whose_next_model_fails_serves_as_far_as_it_got():
     size, failed = map(int, re.fullmatch(words, table.reference.source).groups())
     assert failed == size + 2
     ask = table.quantity
-    moved = ask.distance(*(ask.answer(pp.Galerkin(DAMPED, n, "legendre")) for n in (size - 2, size)))
+    moved = ask.distance(
+        *(ask.answer(pp.Galerkin(DAMPED, n, "legendre")) for n in (size - 2, size))
+    )
     assert table.reference.error == pytest.approx(moved, rel=1e-6)
     assert not table.rows[0].resolved or table.rows[0].error >= 10.0 * moved
 
