@@ -194,7 +194,7 @@ def test_settled_motions_end_early_where_they_would_have_ended():
     ],
 )
 def test_motions_that_go_on_as_one_end_where_each_alone_does(model, u, ending):
-    asked = {"duration": 20.0, "exponents": False}
+    asked = {"transient": 40.0, "duration": 10.0, "exponents": False}
     with count_work() as together:
         found = pp.attractors(model, u, 3, **asked)
     with count_work() as apart:
@@ -208,7 +208,7 @@ def test_motions_that_go_on_as_one_end_where_each_alone_does(model, u, ending):
         else:  # of two chaotic records the farthest turning is chance, not how all are spread
             assert scipy.stats.ks_2samp(*turnings, method="asymp").pvalue > 0.01
     if ending == "irregular":
-        assert together.right_hand_sides < 0.45 * apart.right_hand_sides
+        assert together.right_hand_sides < 0.5 * apart.right_hand_sides
 
 
 def test_a_motion_that_rests_where_nothing_stays_goes_on():

@@ -122,6 +122,18 @@ def test_newtons_method_says_why_it_fails(equation, slope, control, reason):
         follow(Own(equation, slope, **control), [1.0], 0.0, (-1.0, 1.0))
 
 
+def test_a_check_of_its_own_refuses_an_iterate():
+    """The first one, 1.5, though the solution is less."""
+
+    class Bounded(Own):
+        def check(self, z):
+            if z[0] > 1.45:
+                raise ValueError("too far")
+
+    with pytest.raises(ValueError, match="too far"):
+        follow(Bounded(of_two, lambda z: 2.0 * z[0]), [1.0], 0.0, (-1e-9, 1e-9))
+
+
 def test_steps_that_only_rounding_keeps_up_end_it_or_are_few():
     """Each step has the size 1e-9 at least: of the slow ones two are allowed."""
     problem = Own(of_two, lambda z: 2.0 * z[0], least=1e-9, stagnation=1e-8, tolerance=1e-12)

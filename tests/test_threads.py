@@ -12,12 +12,12 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+import scipy.linalg
 import threadpoolctl
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import pipedyn as pp
-from pipedyn import _core
-from pipedyn.util import parallel as threads
+from pipedyn.util.parallel import SMALL, one_thread
 
 
 def blas_threads() -> set[int]:
@@ -27,6 +27,7 @@ def blas_threads() -> set[int]:
 @pytest.fixture(autouse=True)
 def two_threads():
     """The main thread sets two threads, and so it owns threadpoolctl's limit."""
+    scipy.linalg.inv(np.eye(2))  # which loads a BLAS of its own
     with threadpool_limits(2, user_api="blas"):
         if blas_threads() != {2}:
             pytest.skip("BLAS without threads")
@@ -46,12 +47,44 @@ def do(pool, work):
     return pool.submit(work).result(timeout=60.0)
 
 
-def test_a_worker_s_limit_holds_though_the_main_thread_set_one_first(pools):
-    def within():
-        with threads.one_thread(10):
-            return blas_threads()
+def compute(inside, segments=2):
+    """Finds a Hopf point, of a scene whose law calls a function once in the midst of it."""
+    calls, begun = itertools.count(), []
 
-    assert do(pools[0], within) == {1}
+    def force(q, qdot):
+        if begun and next(calls) == 20:
+            inside()
+        return -q
+
+    law = pp.modular.Custom(joints=(1,), force=force)
+    scene = pp.modular.chain(pp.Pipe(0.2), segments).plus(law)
+    begun.append(True)
+    pp.hopf(scene)
+    assert next(calls) > 20
+
+
+class Held:
+    """A computation in the thread of a pool, held in its midst until it may go on."""
+
+    def __init__(self, pool, look=blas_threads):
+        self.entered, self.leaving, self.look = threading.Event(), threading.Event(), look
+        self.done = pool.submit(compute, self.hold)
+        assert self.entered.wait(60.0)
+
+    def hold(self):
+        self.entered.set()
+        assert self.leaving.wait(60.0)
+        self.seen = self.look()
+
+    def leave(self):
+        self.leaving.set()
+        self.done.result(60.0)
+
+
+def test_a_worker_s_limit_holds_though_the_main_thread_set_one_first(pools):
+    seen = []
+    do(pools[0], lambda: compute(lambda: seen.append(blas_threads())))
+    assert seen == [{1}]
     assert blas_threads() == {2}
 
 
@@ -59,34 +92,31 @@ def test_a_worker_s_limit_holds_though_the_main_thread_set_one_first(pools):
 def test_the_last_thread_that_leaves_restores_what_the_first_found(pools, leaving):
     entered = []
     for pool in pools:
-        entered.append(threads.one_thread(10))
-        do(pool, entered[-1].__enter__)
+        entered.append(Held(pool))
         assert blas_threads() == {1}
     for i in leaving:
         assert blas_threads() == {1}
-        do(pools[i], lambda i=i: entered[i].__exit__(None, None, None))
+        entered[i].leave()
     assert blas_threads() == {2}
     # And the next round works alike: nothing is left behind by threads of the first.
-    with threads.one_thread(10):
-        assert blas_threads() == {1}
-    assert blas_threads() == {2}
+    seen = []
+    compute(lambda: seen.append(blas_threads()))
+    assert (seen, blas_threads()) == ([{1}], {2})
 
 
 def test_limits_nest_within_a_thread_and_end_with_an_exception(pools):
     def within():
-        with threads.one_thread(10):
-            with threads.one_thread(10):
-                pass
-            assert blas_threads() == {1}
-            raise KeyError
+        compute(lambda: None)
+        assert blas_threads() == {1}
+        raise KeyboardInterrupt
 
-    with pytest.raises(KeyError):
-        do(pools[0], within)
+    with pytest.raises(KeyboardInterrupt):
+        do(pools[0], lambda: compute(within))
     assert blas_threads() == {2}
 
 
 def test_large_matrices_keep_their_threads():
-    with threads.one_thread(threads.SMALL + 1):
+    with one_thread(SMALL + 1):
         assert blas_threads() == {2}
 
 
@@ -98,55 +128,71 @@ def test_libraries_are_searched_once(pools, monkeypatch):
     assert not searched
 
 
+def printed(program):
+    """Lines that a program prints in a process of its own, with two threads of BLAS."""
+    path = os.pathsep.join([os.path.dirname(__file__), *sys.path])
+    settings = {**os.environ, "OPENBLAS_NUM_THREADS": "2", "PYTHONPATH": path}
+    words = [sys.executable, "-c", program]
+    done = subprocess.run(words, capture_output=True, text=True, check=True, env=settings)
+    return done.stdout.splitlines()
+
+
 def test_scipy_s_library_is_limited_though_the_package_imports_it_late():
     program = """
 from threadpoolctl import threadpool_info
 import pipedyn as pp
-from pipedyn.util import parallel as threads
-with threads.one_thread(10):
-    pp.critical_speed(pp.Galerkin(pp.Pipe(0.2), 3))
-    print(*{found["num_threads"] for found in threadpool_info() if found["user_api"] == "blas"})
+seen = []
+def force(q, qdot):
+    if seen:
+        import scipy.linalg
+        found = threadpool_info()
+        seen.append({one["num_threads"] for one in found if one["user_api"] == "blas"})
+    return -q
+law = pp.modular.Custom(joints=(1,), force=force)
+scene = pp.modular.chain(pp.Pipe(0.2), 2).plus(law)
+pp.eigenvalues(pp.Chain(pp.Pipe(0.2), 3), 1.0)
+seen.append({})
+pp.hopf(scene)
+print({1} in seen)
 """
-    words = [sys.executable, "-c", program]
-    settings = {**os.environ, "OPENBLAS_NUM_THREADS": "2"}
-    done = subprocess.run(words, capture_output=True, text=True, check=True, env=settings)
-    assert done.stdout.split() == ["1"]
+    assert printed(program) == ["True"]
 
 
-def test_a_limit_of_each_thread_is_set_in_each(pools, monkeypatch):
+def test_a_limit_of_each_thread_is_set_in_each():
     """As of BLAS over OpenMP: a thread's own number, which no other thread sets or lifts."""
-
-    class Library:
-        number = threading.local()
-
-        def get_num_threads(self):
-            return getattr(self.number, "value", 4)
-
-        def set_num_threads(self, number):
-            self.number.value = number
-
-    library = Library()
-    monkeypatch.setattr(threads, "_libraries", lambda: ([], [library]))
-    entered = [threads.one_thread(10) for _ in pools]
-    for pool, one in zip(pools, entered, strict=True):
-        assert do(pool, library.get_num_threads) == 4
-        do(pool, one.__enter__)
-        assert do(pool, library.get_num_threads) == 1
-    for pool, one in zip(pools, entered, strict=True):
-        do(pool, lambda one=one: one.__exit__(None, None, None))
-        assert do(pool, library.get_num_threads) == 4
+    program = """
+import threading, threadpoolctl
+from concurrent.futures import ThreadPoolExecutor
+class Library:
+    threading_layer, number = "openmp", threading.local()
+    def get_num_threads(self):
+        return getattr(self.number, "value", 4)
+    def set_num_threads(self, number):
+        self.number.value = number
+class Controller:
+    lib_controllers = [library := Library()]
+    def select(self, **asked):
+        return self
+threadpoolctl.ThreadpoolController, look = Controller, Controller.library.get_num_threads
+from test_threads import Held, do
+pools = [ThreadPoolExecutor(1) for _ in range(3)]
+print(*(do(pool, look) for pool in pools))
+held = [Held(pool, look) for pool in pools]
+for one in held:
+    one.leave()
+print(*(one.seen for one in held), *(do(pool, look) for pool in pools))
+"""
+    assert printed(program) == ["4 4 4", "1 1 1 4 4 4"]
 
 
 def test_another_thread_runs_while_the_core_solves():
     """Python would change threads on its own only after a minute."""
-    matrices = [*np.random.default_rng(0).standard_normal((5, 150, 150)), np.zeros((0, 0))]
-    traits = _core.Traits(150, 0.0, 1e-9, True, False, False, False, 0.0)
-    problem = _core.Eigenproblem(traits, matrices, 1.0, 1.0)
+    model = pp.Galerkin(pp.Pipe(0.2), 150)
     begun, done = threading.Event(), threading.Event()
 
     def solve():
         begun.set()
-        problem.lowest(0.0, 300, left=True, high=True)
+        pp.eigenvalues(model, 3.0)
         done.set()
 
     interval = sys.getswitchinterval()
