@@ -18,7 +18,7 @@ LIMITS = {
     "modules in a folder": 16,
     "names with more than one meaning": 10,
     "docstrings that begin with a leaning word": 0,
-    "lines of Python": 21263,
+    "lines of Python": 21171,
     "lines of C++": 12822,
 }
 
