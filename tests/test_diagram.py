@@ -206,6 +206,7 @@ def test_motions_that_go_on_as_one_end_where_each_alone_does(model, u, ending, m
 
     def counting(batch, irregular):
         found = join(batch, irregular)
+        assert not any(run.ended for run in irregular)
         joined[0] += len(found)
         return found
 
@@ -241,8 +242,7 @@ def test_motions_that_go_on_as_one_end_where_each_alone_does(model, u, ending, m
 
 def test_a_motion_that_rests_where_nothing_stays_goes_on():
     # Upright and too heavy: 1e-12 beside the straight pipe a motion rests for a while.
-    options = MotionOptions(40.0, 10.0, 1e-6, False)
-    (one,) = motions(TWO, [1.0], [np.full(2, 1e-12)], options)
+    (one,) = motions(TWO, [1.0], [np.full(2, 1e-12)], MotionOptions(40.0, 10.0, 1e-6, False))
     stable = pp.equilibria(TWO, 1.0)
     assert np.abs(stable.tips[stable.stable, 0] - one.turnings[-1]).min() < 1e-2
     # Just beyond the onset of flutter it takes longer to leave than it is recorded.

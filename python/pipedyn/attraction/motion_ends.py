@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Ends of motions, from many starts, at one flow or several, as attractors that are shown.
 
-Motions are integrated in batches and examined after ever longer stretches, by the rules that
-`attractors` tells. What they show is solved for: an equilibrium where a motion comes to rest, a
-cycle where it comes back to an earlier state. If its eigenvalues or multipliers say that it
+Motions are integrated in batches and examined after ever longer stretches, by the rules in the
+docstring of `attractors`. What they show is solved for: an equilibrium where a motion comes to
+rest, a cycle where it comes back to an earlier state. If its eigenvalues or multipliers say that it
 attracts, other motions end as soon as they reach it. Irregular motions at one flow that cannot be
 told apart go on as one.
 """
