@@ -218,6 +218,10 @@ def test_a_motion_that_rests_where_nothing_stays_goes_on():
     one = basin.attractor
     stable = pp.equilibria(TWO, 1.0)
     assert np.abs(stable.tips[stable.stable, 0] - one.turnings[-1]).min() < 1e-2
+    # Just beyond the onset of flutter it takes longer to leave than it is recorded.
+    model, start = pp.Chain(pp.Pipe(0.2), 2), np.array([1e-9, 0.0])
+    (basin,) = pp.attractors(model, 3.77, [start], transient=10.0, duration=5.0).basins
+    assert basin.ending == "periodic"
 
 
 def stretch(signals, end):

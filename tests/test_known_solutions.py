@@ -102,8 +102,7 @@ def motions(model, speeds, starts, options, solutions=None):
     known = solutions or {}
     numbered = {k: np.asarray(model.initial_state(q, None)) for k, q in enumerate(starts)}
     cases = [Case(model, Excitation(u), known.get(u, ()), numbered) for u in speeds]
-    cases = motion_ends(model, cases, options)
-    return [case.ends[k][1] for case in cases for k in numbered]
+    return [case.ends[k][1] for case in motion_ends(model, cases, options) for k in numbered]
 
 
 def test_motions_end_where_they_would_have_ended_and_cost_less():

@@ -165,7 +165,7 @@ def bifurcation_diagram(
         transient: time in T that is left out before motions are recorded. A motion that has reached
             a known equilibrium or cycle ends earlier; those to which another motion has led are
             known as well, see `attractors`. Irregular motions at one speed whose turning points are
-            spread alike go on as one after a quarter of this time, as long as that stays irregular.
+            spread alike go on as one after 0.4 of this time, as long as that stays irregular.
         duration: time in T over which motions are then recorded; a motion that comes nearer to
             something is followed for up to eight times the sum of both times.
         exponents: whether the largest Lyapunov exponent of irregular motions is computed, which

@@ -298,16 +298,15 @@ def attractors(
     check.real("transient", transient, low=FIRST_LOOK, high=1e6)
     options = MotionOptions.checked(transient, duration, rtol, exponents, seed, executor, progress)
     options = replace(
-        options,
-        transient=drive.whole(options.transient),
-        duration=drive.whole(options.duration),
+        options, transient=drive.whole(options.transient), duration=drive.whole(options.duration)
     )
     options.require_room(model)
     plane = starts if isinstance(starts, StartPlane) else None
     _require_moving_end(model)
     given = _given_starts(model, starts, options.seed)
     case = _case(model, drive, given, options)
-    ends = np.array([case.ends[i][0] for i in range(len(given))])
+    every = [case.ends[i] for i in range(len(given))]
+    ends = np.array([number for number, _ in every])
     shares = [_share(ends, k) for k in range(len(case.solutions))]
     order = np.argsort([-share.count for share in shares], kind="stable").tolist()
     order = [k for k in order if shares[k].count]
@@ -320,9 +319,8 @@ def attractors(
         basins.append(_basin(model, drive, options, one, shares[k], start, image))
     places = np.append(np.zeros(len(shares), dtype=int), [STOPPED, NOWHERE])
     places[order] = np.arange(len(order))
-    every = sorted(case.ends.items())
-    failures = [StartFailure(i, end) for i, (_, end) in every if isinstance(end, Exception)]
-    unsettled = [end for _, (_, end) in every if isinstance(end, Attractor) and end.reason]
+    failed = [(i, end) for i, (_, end) in enumerate(every) if isinstance(end, Exception)]
+    unsettled = [end for _, end in every if isinstance(end, Attractor) and end.reason]
     return Attractors(
         u=drive.u,
         base=drive.base,
@@ -331,7 +329,7 @@ def attractors(
         failed=_share(ends, STOPPED),
         starts=given,
         ends=places[ends],
-        failures=tuple(failures),
+        failures=tuple(StartFailure(i, error) for i, error in failed),
         model=model,
         plane=plane,
         unsettled_motions=tuple(unsettled),
@@ -461,10 +459,9 @@ def _stable_equilibria(model: Model, drive: Excitation) -> list[Solution]:
         known = searched(model, drive.mean, (), counted=False)
     except NotConverged:
         return []
-    guesses = [
-        np.split(np.asarray(model.initial_state(q, None)), 2)[0] for q in known.q[known.stable]
-    ]
-    return [one for one in equilibria_near(model, guesses, drive.mean) if one.attracts]
+    q = known.q[known.stable]
+    places = model.from_user(q, np.zeros_like(q))[:, : model.integrated]
+    return [one for one in equilibria_near(model, places, drive.mean) if one.attracts]
 
 
 def _share(ends: NDArray[np.int_], end: int) -> Share:

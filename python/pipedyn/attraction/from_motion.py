@@ -105,19 +105,17 @@ def run_through_once(
         orbit: orbit; the result is interpolated from it, not solved for.
         within: share of its range up to which states of several rounds count as the same.
     """
-    phases = np.linspace(0.0, 2.0 * math.pi, 17)
     order = motion.order if motion.forced else 0
     across = motion.tip(orbit.states(np.linspace(0.0, 2.0 * math.pi, 8 * len(orbit.starts) + 1)))
     most = int(np.count_nonzero((across[1:-1] >= across[:-2]) & (across[1:-1] > across[2:]))) + 1
-
-    def is_run_through(times: int) -> bool:
-        if order % times:
-            return False
+    phases, times = np.linspace(0.0, 2.0 * math.pi, 17), order or most
+    largest = within * np.ptp(orbit.starts)
+    while times > 1:
         apart = orbit.states(phases + 2.0 * math.pi / times) - orbit.states(phases)
-        return bool(np.abs(apart).max() <= within * np.ptp(orbit.starts))
-
-    times = next(filter(is_run_through, range(order or most, 1, -1)), 1)
-    if times == 1:
+        if order % times == 0 and np.abs(apart).max() <= largest:
+            break
+        times -= 1
+    if times <= 1:
         return motion, orbit
     motion = motion.of_order(order // times)
 

@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: MIT
 """Ends of motions, from many starts, at one flow or several, as attractors that are shown.
 
-Motions are integrated in batches and examined after ever longer stretches. A motion that has
-reached a known solution ends. A motion that comes to rest, or back to an earlier state, shows where
-to look for an equilibrium or a cycle: that is solved for, and if its eigenvalues or multipliers say
-that it attracts, it is known from then on. A motion that neither rests nor repeats after the
-transient is followed on as long as it comes nearer to something; otherwise it is chaotic if its
-exponent is positive, quasi-periodic if averages converge as they do only on a torus, or unsettled,
-with the reason. Irregular motions at one flow that cannot be told apart go on as one.
+Motions are integrated in batches and examined after ever longer stretches, by the rules in the
+docstring of `attractors`. What they show is solved for: an equilibrium where a motion comes to
+rest, a cycle where it comes back to an earlier state. If its eigenvalues or multipliers say that it
+attracts, other motions end as soon as they reach it. Irregular motions at one flow that cannot be
+told apart go on as one.
 """
 
 from __future__ import annotations
@@ -83,10 +81,10 @@ than the distance of motions that end on different solutions, in half as many ri
 MOTIONS_A_BATCH = 1024
 """Largest number of motions of one batch, after which progress is shown."""
 
-JOIN_SHARE = 0.25
+JOIN_SHARE = 0.4
 """Share of the transient after which motions from several starts at one flow go on as one, if they
-are irregular and their turning points were spread alike at two consecutive looks. If that motion
-does not stay irregular, the others go on from their own states."""
+are irregular and their turning points are spread alike. If that motion does not stay irregular, the
+others go on from their own states."""
 
 LATE_RECURRENCE = 0.1
 """Distance to an earlier state, relative to the motion's size, below which a cycle is solved for
@@ -177,9 +175,7 @@ class Case:
     def number_at(self, state: Array, period: float) -> int:
         """Number of the solution on which a motion has ended, NOWHERE if it is unknown.
 
-        Args:
-            state: the last state [p, p'] of the motion, (2 integrated,).
-            period: time after which the motion was seen to repeat, 0 at rest, NaN if irregular.
+        state, period: last state and period of the motion, as for `Solution.holds`.
         """
         held = (k for k, known in enumerate(self.solutions) if known.holds(state, period))
         return next(held, NOWHERE)
@@ -209,10 +205,9 @@ def spread_alike(a: Array, b: Array) -> bool:
     """
     if min(a.size, b.size) < 2:
         return False
-    a, b = np.sort(a), np.sort(b)
     both = np.concatenate([a, b])
-    shares = (np.searchsorted(x, both, side="right") / x.size for x in (a, b))
-    apart = float(np.abs(next(shares) - next(shares)).max())
+    shares = [np.searchsorted(np.sort(x), both, side="right") / x.size for x in (a, b)]
+    apart = float(np.abs(shares[0] - shares[1]).max())
     return apart < 1.63 * math.sqrt(1.0 / a.size + 1.0 / b.size)
 
 
@@ -224,8 +219,8 @@ class _Run:
     start: int
     state: Array  # [p, p']
     approach: Approach = field(default_factory=Approach)  # approach to a known solution
-    like: _Run | None = None  # motion whose turning points were spread alike at the last look
-    join_time: float = math.inf  # when it went on as that motion, which it does but once
+    leader: _Run | None = None  # motion that it joined
+    join_time: float = math.inf  # time from which it goes on as that motion, if it ever does
     record: Stretch = field(init=False)
     sizes: Array = field(init=False)  # sizes of positions and rates, for the errors of steps
 
@@ -291,14 +286,9 @@ class _Engine:
             most=self.options.most,
         )
         first = ApproachTask(**vars(replace(first, farthest=LARGEST_COORDINATE)))
-        of_case = {case: _in_case(first, case, length) for case in {run.case for run in runs}}
+        shared = {case: _in_case(first, case, length) for case in {run.case for run in runs}}
         tasks = [
-            replace(
-                of_case[run.case],
-                start=run.state,
-                approach=run.approach,
-                atol=first.rtol * run.sizes,
-            )
+            replace(shared[run.case], start=run.state, approach=run.approach, atol=rtol * run.sizes)
             for run in runs
         ]
         # Each thread takes a batch; in larger batches a member of a chain's batch costs less.
@@ -335,7 +325,7 @@ class _Engine:
     # -------------------------------------------------------------------- results of a stretch
 
     def solve(self, runs: list[_Run]) -> None:
-        """Solves for the equilibria and cycles that motions show.
+        """Solves for the equilibria and cycles that motions show, on which they may end.
 
         Before the transient is over a cycle is solved for from the motion that has come nearest to
         an earlier state, if that is very near; afterwards from each, and from farther away.
@@ -344,46 +334,35 @@ class _Engine:
         farthest = LATE_RECURRENCE if late else self.options.recurrence
         for case in dict.fromkeys(run.case for run in runs):
             own = [run for run in runs if run.case is case]
-            rests = [run.state for run in own if run.record.trend == "rest"]
             if not case.drive.period:
+                rests = [run.state for run in own if run.record.trend == "rest"]
                 places = [np.split(state, 2)[0] for state in rests]
                 for one in equilibria_near(self.model, places, case.drive.mean):
                     case.learn(one)
             tries = [run for run in own if run.record.trend != "rest"]
             tries.sort(key=lambda run: run.record.recurrence[0])
             for run in tries if late else tries[:1]:
-                self.solve_for_cycle(run, farthest)
+                with suppress(NewtonFailed):
+                    orbit, stable = solved_cycle(self.model, case.drive, run.record, farthest)
+                    number = case.learn(cycle(self.model, case.drive, orbit, stable))
+                    if stable and case.solutions[number].contains(run.state[None]):
+                        run.end(number)
 
-    def solve_for_cycle(self, run: _Run, farthest: float) -> None:
-        """Solves for the cycle near the end of a motion, which ends if it is on that cycle.
+    def join(self, irregular: list[_Run]) -> list[_Run]:
+        """The irregular motions that from now on go on as another one of their case.
 
-        farthest: largest distance to an earlier state, as for `solved_cycle`.
-        """
-        case = run.case
-        with suppress(NewtonFailed):
-            orbit, stable = solved_cycle(self.model, case.drive, run.record, farthest)
-            number = case.learn(cycle(self.model, case.drive, orbit, stable))
-            if stable and case.solutions[number].contains(run.state[None]):
-                run.end(number)
-
-    def join(self, irregular: list[_Run], twice: bool) -> list[_Run]:
-        """The irregular motions that from now on go on as another motion of their case.
-
-        twice: whether turning points must be spread alike at two looks, see `JOIN_SHARE`.
+        Each motion joins one other at most: if that does not stay irregular, it goes on by itself.
         """
         joining, others = list[_Run](), list[_Run]()
         for run in irregular:
-            turnings, last, run.like = run.record.turnings, run.like, None
-            if run.join_time == math.inf:
-                same = (one for one in others if one.case is run.case)
-                alike = (one for one in same if spread_alike(one.record.turnings, turnings))
-                run.like = next(alike, None)
-            if run.like is None:
+            same = [one for one in others if one.case is run.case and run.leader is None]
+            turnings = run.record.turnings
+            alike = (one for one in same if spread_alike(one.record.turnings, turnings))
+            leader = next(alike, None)
+            if leader is None:
                 others.append(run)
-            elif not twice or (
-                run.like is last and self.elapsed >= JOIN_SHARE * self.options.transient
-            ):
-                run.join_time = self.elapsed
+            else:
+                run.leader, run.join_time = leader, self.elapsed
                 joining.append(run)
         return joining
 
@@ -399,16 +378,17 @@ class _Engine:
             # The other motions will soon have reached the solution that they come nearer to.
             self.solve([run for run in runs if not run.is_near])
             runs = [run for run in runs if not run.ended]
-            irregular = [one for one in runs if not one.is_near and one.record.trend == "irregular"]
-            joining = self.join(irregular, True)
-            runs = [run for run in runs if run not in joining]
+            if self.elapsed >= JOIN_SHARE * options.transient:
+                far = [run for run in runs if not run.is_near]
+                joining = self.join([run for run in far if run.record.trend == "irregular"])
+                runs = [run for run in runs if run not in joining]
         self.finish_late(runs)
         again = list[_Run]()
         # The last to join comes first: a motion that another joined may itself have joined a third
         # one later, and go on by itself.
         joined = [run for run in every if not run.ended]
         for run in sorted(joined, key=lambda run: run.join_time, reverse=True):
-            leader = run.like.start if run.like else run.start
+            leader = run.leader.start if run.leader else run.start
             number, end = run.case.ends.get(leader, (NOWHERE, None))
             if isinstance(end, Attractor) and end.ending not in ("rest", "periodic"):
                 run.case.ends[run.start] = number, replace(end, start=run.start)
@@ -432,7 +412,7 @@ class _Engine:
             before, drive = max(options.transient - self.elapsed, 0.0), runs[0].case.drive
             over = self.elapsed + before + duration >= last
             left, runs = self.sort(self.advance(runs, self.tolerance, before, duration), over)
-            joining = self.join(left, False)
+            joining = self.join(left)
             left = [run for run in left if run not in joining]
             for times in RECORD_EXTENSIONS:
                 if options.exponents:
@@ -448,15 +428,9 @@ class _Engine:
         Motions go on that come nearer to something, unless the time for this is `over`.
         """
         self.solve([run for run in runs if over or not run.is_near])
-        left, on = list[_Run](), list[_Run]()
-        for run in runs:
-            if run.ended or self.is_on_known(run, over):
-                continue
-            if run.comes_nearer and not over:
-                on.append(run)
-            else:
-                left.append(run)
-        return left, on
+        going = [run for run in runs if not run.ended and not self.is_on_known(run, over)]
+        nearer = [run for run in going if run.comes_nearer and not over]
+        return [run for run in going if run not in nearer], nearer
 
     def is_on_known(self, run: _Run, over: bool) -> bool:
         """Whether a motion ends at rest or on a cycle, as its record shows.
@@ -475,7 +449,7 @@ class _Engine:
             return False
         if number == NOWHERE:
             seen = by_record(self.model, drive, run.state, run.record, period)
-            number = case.learn(self.attracted(case, seen))
+            number = case.learn(self.by_trials(case, seen))
         known = case.solutions[number]
         left = float(np.abs(run.state - known.attractor.end).max())
         if rests and not known.attracts and left > 0.0 and not over:
@@ -483,7 +457,7 @@ class _Engine:
         run.end(number)
         return True
 
-    def attracted(self, case: Case, one: Solution) -> Solution:
+    def by_trials(self, case: Case, one: Solution) -> Solution:
         """A solution whose eigenvalues or multipliers are not known, tested whether it attracts.
 
         It does if all motions from states beside it, in all directions, come to it.

@@ -103,7 +103,7 @@ class Region:
     @cached_property
     def _tree(self) -> scipy.spatial.cKDTree:
         points = self._without_turns(self.points)
-        if self.turn is not None:  # the point nearest to an unwound state may be a turn away
+        if self.turn is not None:  # the point nearest to a state may be a turn away
             turn = np.zeros(points.shape[1])
             turn[: self.half] = self.turn
             points = np.concatenate([points, points + turn, points - turn])
@@ -185,12 +185,9 @@ class Region:
         at = np.arange(0, len(self.points), PHASES if self.driven else 1)
         on = self.points[random.choice(at, TRIALS), : 2 * half]
         away = random.normal(size=on.shape)
-        away[:, half:] /= self.unit
-        sizes = np.linalg.norm(away * np.repeat([1.0, self.unit], half), axis=1)
-        away *= 0.9 * self.radius * math.sqrt(half) / sizes[:, None]
-        moved = np.concatenate(
-            model.onto_constraints((on + away)[:, :half].T, (on + away)[:, half:].T)
-        ).T
+        away *= 0.9 * self.radius / np.linalg.norm(away, axis=1, keepdims=True)
+        beside = on + away / self.units[: 2 * half]
+        moved = np.concatenate(model.onto_constraints(*np.split(beside.T, 2))).T
         met = np.isfinite(moved.sum(axis=1, keepdims=True))
         return np.where(met, moved, on)
 

@@ -114,14 +114,14 @@ class Solution:
 
         shifts: whether the drive becomes its own mirror image half a period later.
         """
-        one, region = self.attractor, self.region.mirrored(shifts)
+        one, region, orbit = self.attractor, self.region.mirrored(shifts), self.orbit
         end = -one.end
         if shifts:  # state at the beginning of a period of the drive
             end = region.points[np.argmax(region.points[:, -2]), : end.size].copy()
-        image, orbit = replace(one, end=end, turnings=-one.turnings), self.orbit
-        if orbit is not None:
+            orbit = None
+        elif orbit is not None:
             orbit = replace(orbit, starts=-orbit.starts, rates=-orbit.rates)
-        orbit = None if shifts else orbit
+        image = replace(one, end=end, turnings=-one.turnings)
         return replace(self, attractor=image, region=region, orbit=orbit)
 
 
@@ -151,26 +151,23 @@ def equilibria_near(model: Model, places: Iterable[Array], u: float) -> list[Sol
     found: list[Solution] = []
     statics = Statics(model)
     for place in places:
-        try:
+        with suppress(NewtonFailed):  # e.g. where a slow motion passes no equilibrium
             p = statics.solved(place, u)
-        except NewtonFailed:
-            continue
-        known = (np.abs(one.region.points[0, : p.size] - p).max() for one in found)
-        if np.abs(p - place).max() <= LARGEST_DISTANCE and min(known, default=math.inf) >= 1e-5:
-            found.append(equilibrium(statics, p, u))
+            known = (np.abs(one.region.points[0, : p.size] - p).max() for one in found)
+            if np.abs(p - place).max() <= LARGEST_DISTANCE and min(known, default=1.0) >= 1e-5:
+                found.append(_equilibrium(statics, p, u))
     return found
 
 
-def equilibrium(statics: Statics, p: Array, u: float) -> Solution:
+def _equilibrium(statics: Statics, p: Array, u: float) -> Solution:
     """The solution of an equilibrium at p."""
-    values = statics.eigenvalues(p, u)
+    motion, values = statics.motion, statics.eigenvalues(p, u)
     stable, rest = bool(decays(values).all()), np.append(p, np.zeros_like(p))
     oscillating = np.abs(values[values.imag != 0.0])
     omega = oscillating.min() if oscillating.size else np.abs(values).min()
     unit = 1.0 / max(float(omega), 1e-3)
     period = min(2.0 * math.pi * unit, LONGEST_PERIOD)
     region = Region(rest[None], unit, period, turn=statics.whole_turn)
-    motion = statics.motion
     if stable and not motion.constrained:
         with suppress(LinAlgError):
             region = replace(region, floquet=modal_coordinates(motion, rest, u, region.units))
