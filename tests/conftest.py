@@ -7,6 +7,8 @@ import importlib
 import os
 import signal
 import sys
+import zlib
+from itertools import groupby
 from pathlib import Path
 
 # Before numpy is imported: its matrices here are small, and threads only get in each other's way.
@@ -19,6 +21,21 @@ hypothesis.settings.register_profile(
     "same", derandomize=True, deadline=None, database=None, max_examples=40
 )
 hypothesis.settings.load_profile("same")
+
+QUICK_SHARE = 3
+"""A test of five cases or more runs one in three of them in the quick suite, drawn at random."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config, items):
+    """Marks the other cases as slow, unless files or tests are asked for by name."""
+    if config.option.keyword or not all(map(os.path.isdir, config.args)):
+        return
+    for _, cases in groupby(items, lambda item: (item.path, getattr(item, "originalname", ""))):
+        drawn = sorted(cases, key=lambda item: zlib.crc32(item.nodeid.encode()))
+        if len(drawn) >= 5:
+            for item in drawn[-(-len(drawn) // QUICK_SHARE) :]:
+                item.add_marker("slow")
 
 
 @pytest.fixture

@@ -306,6 +306,12 @@ def test_bad_arguments_are_refused_by_name(arguments, message):
         pp.attractors(STANDING, **{"u": 4.1, "starts": 3} | arguments)
 
 
+def test_a_pipe_with_drag_alone_may_be_asked_without_flow():
+    model = pp.Chain(pp.Pipe(0.2, 5.0, drag=0.5), 2)
+    found = pp.attractors(model, 0.0, 2, transient=2.0, duration=1.0)
+    assert found.unsettled.count == 2  # it comes to rest ever more slowly
+
+
 def test_an_oscillating_base_leads_to_the_forced_motion():
     model, base = pp.Chain(pp.Pipe(0.2, damping=0.01), 2), pp.Harmonic(0.05, 9.0)
     found = pp.attractors(model, 2.0, 3, base=base)

@@ -141,6 +141,18 @@ def test_irregular_motions_are_named_and_those_that_are_spread_alike_share_an_ex
     assert {one.exponent for one in unnamed} == {None}
 
 
+def test_motions_that_nothing_damps_keep_their_own_sizes():
+    """They are irregular, and the small ones move within the range of the large ones."""
+    model = pp.Chain(pp.Pipe(0.2, 5.0), 2)
+    asked = {"cycles": 0, "brute_force": 4, "transient": 20.0, "exponents": False}
+    ends = pp.bifurcation_diagram(model, [0.0, 0.05], **asked).at(0.0)
+    assert len({one.turnings.max() for one in ends}) == 4
+    for one in ends:
+        motion = pp.simulate(model, 0.0, 40.0, *np.split(one.end, 2), samples=2001)
+        size = np.abs(one.turnings).max()
+        assert np.abs(motion.tip[:, 0]).max() == pytest.approx(size, rel=0.1)
+
+
 @pytest.mark.slow
 def test_what_no_start_ends_on_is_found_from_a_branch_nearby():
     """Beside a pipe that leans on its stops a cycle attracts one in twenty starts or fewer."""

@@ -21,7 +21,7 @@ from pipedyn.attraction.motion_options import FIRST_LOOK, SAMPLES_A_TIME, Motion
 from pipedyn.attraction.regions import NOWHERE, STOPPED
 from pipedyn.attraction.solutions import Solution, equilibria_near
 from pipedyn.equilibrium.equilibria import EQUILIBRIA_DOF, searched
-from pipedyn.models.base import Model
+from pipedyn.models.base import Model, loses_energy
 from pipedyn.models.drive import LARGEST_SPEED, Harmonic, Pulsation, Supply
 from pipedyn.motion.sampling import turning_points, zeros_between
 from pipedyn.motion.simulate import (
@@ -357,7 +357,7 @@ def _checked_drive(model: Model, u: Any, base: Any) -> Excitation:
             )
         return Excitation(u, base)
     u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
-    if u == 0.0 and not (model.pipe.damping or model.resisted):
+    if not loses_energy(model, u):
         raise ValueError(
             "u must be > 0 for a pipe without damping and drag, got 0: nothing takes energy from "
             "its motions, so that they end nowhere"

@@ -40,7 +40,7 @@ from pipedyn.attraction.solutions import (
     irregular_motion,
     with_separate_regions,
 )
-from pipedyn.models.base import Model
+from pipedyn.models.base import Model, loses_energy
 from pipedyn.models.chain import Chain
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.motion.integrator import Outcome, Task
@@ -85,6 +85,10 @@ JOIN_SHARE = 0.4
 """Share of the transient after which motions from several starts at one flow go on as one, if they
 are irregular and their turning points are spread alike. If that motion does not stay irregular, the
 others go on from their own states."""
+
+FEWEST_TURNINGS = 20
+"""Least number of turning points of a motion whose distribution is compared with another one's. Of
+fewer, even points without overlap may pass as one distribution."""
 
 LATE_RECURRENCE = 0.1
 """Distance to an earlier state, relative to the motion's size, below which a cycle is solved for
@@ -198,17 +202,22 @@ class Case:
         return numbers[0]
 
 
-def spread_alike(a: Array, b: Array) -> bool:
+def one_distribution(a: Array, b: Array) -> bool:
     """Whether two sets of values may have one distribution.
 
-    A Kolmogorov-Smirnov test decides at 99 %; a set of less than two values never passes.
+    A Kolmogorov-Smirnov test decides at 99 %. The values' sizes take it as well, since sets about 0
+    of which one is much wider differ little in it. Sets of few values never pass.
     """
-    if min(a.size, b.size) < 2:
+    if min(a.size, b.size) < FEWEST_TURNINGS:
         return False
-    both = np.concatenate([a, b])
-    shares = [np.searchsorted(np.sort(x), both, side="right") / x.size for x in (a, b)]
-    apart = float(np.abs(shares[0] - shares[1]).max())
-    return apart < 1.63 * math.sqrt(1.0 / a.size + 1.0 / b.size)
+
+    def apart(a: Array, b: Array) -> float:
+        both = np.concatenate([a, b])
+        shares = [np.searchsorted(np.sort(x), both, side="right") / x.size for x in (a, b)]
+        return float(np.abs(shares[0] - shares[1]).max())
+
+    largest = max(apart(a, b), apart(np.abs(a), np.abs(b)))
+    return largest < 1.63 * math.sqrt(1.0 / a.size + 1.0 / b.size)
 
 
 @dataclass(eq=False)
@@ -355,9 +364,11 @@ class _Engine:
         """
         joining, others = list[_Run](), list[_Run]()
         for run in irregular:
+            if not loses_energy(self.model, run.case.drive.mean):
+                continue
             same = [one for one in others if one.case is run.case and run.leader is None]
             turnings = run.record.turnings
-            alike = (one for one in same if spread_alike(one.record.turnings, turnings))
+            alike = (one for one in same if one_distribution(one.record.turnings, turnings))
             leader = next(alike, None)
             if leader is None:
                 others.append(run)

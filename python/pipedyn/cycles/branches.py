@@ -46,6 +46,7 @@ from pipedyn.orbits.floquet import (
 )
 from pipedyn.orbits.orbit_continuation import (
     FINE,
+    GRAZES,
     NEAR_FOLD,
     BranchStart,
     Grazing,
@@ -484,7 +485,7 @@ class _Follower(Tracer[OrbitProblem]):
         self.last = None
         speeds = self.options.speeds
         for u in speeds[np.abs(speeds - grazing.middle.u) < grazing.error].tolist():
-            self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: it grazes a stop there", u)))
+            self.failed.append((u, NoCycle(f"no cycle at u = {u:g}: it {GRAZES} there", u)))
 
     def _fails(self, here: PeriodicOrbit, reason: str) -> None:
         """Keeps a failure beyond an orbit."""

@@ -872,6 +872,11 @@ class Model(OfPipe, ABC):
         return columns
 
 
+def loses_energy(model: Model, u: float) -> bool:
+    """Whether anything may take energy from motions at a flow speed, so that they end somewhere."""
+    return bool(u or model.pipe.damping or model.pipe.drag or model.resisted)
+
+
 def arc_lengths(s: ArrayLike) -> tuple[Array, tuple[int, ...]]:
     """Arc lengths, 0 <= s <= 1, (p,), and the shape of s: (p,), or () for one number."""
     one = isinstance(s, Real) or (isinstance(s, np.ndarray) and s.ndim == 0)

@@ -171,6 +171,10 @@ def from_orbit(
     return [BranchStart(orbit, math.copysign(0.2 * FINE.longest, way) * tangent) for way in ways]
 
 
+GRAZES = "grazes a stop, or a velocity of 0 at which drag has a kink,"
+"""What an orbit does where it begins or ceases to pass a kink of the forces."""
+
+
 @dataclass(frozen=True)
 class Grazing:
     """A place where orbits begin or cease to touch a stop, with the way on for their branch.
@@ -223,7 +227,7 @@ def past_grazing(motion: VectorField, last: Step) -> Grazing | None:
             (start,) = from_orbit(motion, orbit, (share,))
             middle = _with_parameter(here, p * (1.0 + 0.5 * share))
             return Grazing(start, middle, 0.5 * abs(share) * p)
-    raise NewtonFailed("it grazes a stop there, and no orbit was found beyond")
+    raise NewtonFailed(f"it {GRAZES} there, and no orbit was found beyond")
 
 
 def beside_kink(motion: VectorField, orbit: PeriodicOrbit, way: float) -> PeriodicOrbit:
