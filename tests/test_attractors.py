@@ -308,7 +308,7 @@ def test_bad_arguments_are_refused_by_name(arguments, message):
 
 def test_a_pipe_with_drag_alone_may_be_asked_without_flow():
     model = pp.Chain(pp.Pipe(0.2, 5.0, drag=0.5), 2)
-    found = pp.attractors(model, 0.0, 2, transient=2.0, duration=1.0)
+    found = pp.attractors(model, 0.0, 2, transient=10.0, duration=3.0)
     assert found.unsettled.count == 2  # it comes to rest ever more slowly
 
 

@@ -513,3 +513,17 @@ def test_the_mode_shape_of_a_critical_speed():
     continuous = pp.critical_speed(pp.Continuum(pp.Pipe(0.2)))
     finer = pp.critical_speed(pp.Galerkin(pp.Pipe(0.2), 30, "legendre"))
     np.testing.assert_allclose(continuous.mode_shape(s), finer.mode_shape(s), atol=1e-8)
+
+
+def test_two_pairs_that_meet_where_rounding_hides_it_say_how_far_off_the_speed_may_be():
+    """Of a conservative pipe no real part shows where between two speeds its roots meet."""
+    model = pp.Galerkin(pp.Pipe(0.75, 9.3, root="pinned", end="pinned"), 3, "legendre")
+    found = pp.crossings(model, 15.0)[-1]
+    low, high = 14.4, 14.6
+    while high - low > 1e-12:
+        middle = 0.5 * (low + high)
+        values = pp.eigenvalues(model, middle)
+        oscillates = values[np.abs(values.imag) > 1.0]
+        low, high = (low, middle) if oscillates.real.max() > 1e-6 else (middle, high)
+    assert abs(found.speed - low) < found.error + 1e-11
+    assert found.error < 1e-4

@@ -432,6 +432,17 @@ def test_the_coefficients_error_holds_what_rounding_does_to_it():
     assert one.lyapunov_error < 1e-8
 
 
+def test_a_pipe_held_at_both_ends_flutters_where_two_pairs_meet():
+    """Rounding puts the pairs on either side of the crossing that the model itself has found."""
+    pipe = pp.Pipe(0.75, 9.3, root="pinned", end="pinned")
+    model = pp.Galerkin(pipe, 6, "legendre")
+    flutters = [one for one in pp.crossings(model, 20.0) if one.frequency > 0.0]
+    assert flutters
+    for one in flutters:
+        with pytest.raises(pp.NoHopf, match="two pairs meet on the axis"):
+            pp.hopf(model, one)
+
+
 def test_a_crossing_that_is_not_the_models_own_is_refused():
     model = pp.Chain(PIPE, 4)
     divergence = pp.crossings(pp.Chain(pp.Pipe(0.2, gamma=-10.0), 4), 4.0)[0]

@@ -19,7 +19,7 @@ LIMITS = {
     "names with more than one meaning": 9,
     "docstrings that begin with a leaning word": 0,
     "lines of Python": 21261,
-    "lines of C++": 12822,
+    "lines of C++": 12828,
 }
 
 ROOT = Path(__file__).parents[1]

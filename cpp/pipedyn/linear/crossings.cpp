@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 
 namespace pipedyn {
 
@@ -573,7 +574,10 @@ class Search {
     for (const Scan::Predicted& one : scan.predicted) {
       const bool off_axis = (one.rising ? step.end(one.root) : step.start(one.root)).imag() != 0.0;
       std::optional<AxisCrossing> met;
-      if (off_axis && traits_.conservative) met = meeting(step, one.root, one.rising ? 2 : -2);
+      if (off_axis && traits_.conservative) {
+        const int change = one.rising ? 2 : -2;
+        met = meeting(step, one.root, change).value_or(somewhere(step, one.root, change));
+      }
       const bool at_rest = step.left->u == 0.0 && !traits_.damped;
       AxisCrossing crossing = met ? *met : at_rest ? near_rest(step, one) : by_newton(step, one);
       if (met || traits_.counts(crossing.pair.value)) found.push_back(std::move(crossing));
@@ -587,13 +591,16 @@ class Search {
       if ((change == 0 && !couples) || scan.leaving[i] || (twice && i > k)) continue;
       if (change % 2 != 0) continue;  // one of two real roots passes zero, at a divergence
       const auto met = traits_.squared || couples ? meeting(step, i, change) : std::nullopt;
-      const double middle = 0.5 * (step.left->u + step.right->u);
-      const double imag = traits_.squared ? std::sqrt(step.start(i)).imag() : step.start(i).imag();
-      found.push_back(
-          met ? *met
-              : AxisCrossing{middle, {0.0, std::abs(imag)}, change, modes_[i], step.length()});
+      found.push_back(met.value_or(somewhere(step, i, change)));
     }
     return found;
+  }
+
+  /// A crossing of which nothing is known but the step in which it lies.
+  AxisCrossing somewhere(const Step& step, Index root, int change) const {
+    const Complex value = traits_.squared ? std::sqrt(step.start(root)) : step.start(root);
+    const double middle = 0.5 * (step.left->u + step.right->u);
+    return {middle, {0.0, std::abs(value.imag())}, change, modes_[root], step.length()};
   }
 
   /// A crossing, in the step from rest, of a root that lies on the axis at rest because nothing
@@ -649,8 +656,9 @@ class Search {
              off > 4.0 * step.error[root] + tolerance || std::abs(pair.value.real()) > tolerance ||
              !is_known(u, error_of(pair));
     };
+    double error = 0.0;
     if (has_failed()) {
-      u = bisected(step, root);
+      std::tie(u, error) = bisected(step, root);
       const SharedSample at = take(u);
       pair = spectrum_.refined(u, at->pair(nearest(*at, step.expected(root, u))[0]));
     }
@@ -661,7 +669,7 @@ class Search {
           pair.value.real(), pair.value.imag(), u, pair.residual);
     }
     const Complex value(0.0, std::abs(pair.value.imag()));
-    return {u, value, change, mode, error_of(pair), std::move(pair)};
+    return {u, value, change, mode, error + error_of(pair), std::move(pair)};
   }
 
   /// The speed at which two roots meet on the axis and leave it, or come back to it: two pairs of a
@@ -736,15 +744,16 @@ class Search {
   }
 
   /// The speed at which the real part of the root nearest to the cubic changes its sign; an end of
-  /// the step if it does not.
-  double bisected(const Step& step, Index root) {
+  /// the step if it does not, with the length of the step as its error.
+  std::pair<double, double> bisected(const Step& step, Index root) {
     const Function real_part = [&](double u) {
       const SharedSample at = take(u);
       return at->values[nearest(*at, step.expected(root, u))[0]].real();
     };
     const double low = real_part(step.left->u), high = real_part(step.right->u);
-    if (low * high >= 0.0) return std::abs(low) < std::abs(high) ? step.left->u : step.right->u;
-    return zero_between(real_part, step.left->u, step.right->u, 1e-14);
+    const double left = step.left->u, right = step.right->u;
+    if (low * high >= 0.0) return {std::abs(low) < std::abs(high) ? left : right, right - left};
+    return {zero_between(real_part, left, right, 1e-14), 0.0};
   }
 
   Spectrum& spectrum_;
