@@ -22,8 +22,8 @@ hypothesis.settings.register_profile(
 )
 hypothesis.settings.load_profile("same")
 
-QUICK_SHARE = 3
-"""A test of five cases or more runs one in three of them in the quick suite, drawn at random."""
+ONE_IN = 3
+"""Of a test of five cases or more one case in so many, drawn by a checksum, is not slow."""
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -34,7 +34,7 @@ def pytest_collection_modifyitems(config, items):
     for _, cases in groupby(items, lambda item: (item.path, getattr(item, "originalname", ""))):
         drawn = sorted(cases, key=lambda item: zlib.crc32(item.nodeid.encode()))
         if len(drawn) >= 5:
-            for item in drawn[-(-len(drawn) // QUICK_SHARE) :]:
+            for item in drawn[-(-len(drawn) // ONE_IN) :]:
                 item.add_marker("slow")
 
 
