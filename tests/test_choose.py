@@ -361,7 +361,7 @@ def test_the_most_accurate_within_a_budget_has_an_answer_at_the_references_floor
 @pytest.mark.parametrize(
     ("name", "among", "conditions"),
     [
-        ("critical_speed", "chain", {}),
+        pytest.param("critical_speed", "chain", {}, marks=pytest.mark.slow),
         ("frequencies", None, {"u": 5.0}),
         ("motion", ("midpoint", "beam"), {"u": 5.0, "duration": 0.2, "rtol": 1e-6}),
     ],
