@@ -314,9 +314,9 @@ def test_a_basis_has_functions_for_each_panel_between_terms():
     pipe = pp.Pipe(0.2, damping=1e-3, terms=terms)
     motion = pp.choose(pipe, "motion", 1e-2, among="legendre", u=3.0, duration=0.05)
     assert motion.size >= 11
-    pipe = replace(pipe, terms=terms[::2])
+    pipe = replace(pipe, terms=terms[::3])
     speed = pp.choose(pipe, "critical_speed", 1e-6, among="legendre")
-    assert speed.size >= 6
+    assert speed.size >= 5
     assert abs(speed.answer[0] / exact_speed(pipe).speed - 1.0) <= 1e-6
 
 
