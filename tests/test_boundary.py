@@ -299,13 +299,13 @@ def test_bent_equilibria_lie_where_the_cubic_coefficient_says():
 
 
 def test_counts_change_along_a_curve_at_the_organising_points_that_lie_on_it():
-    """So many that two lie in a step. u^2 = k^2 pi^2 + s / (k^2 pi^2) is mode k's load."""
+    """In so wide a window two lie in a step. u^2 = k^2 pi^2 + s / (k^2 pi^2) is mode k's load."""
     foundation = pp.Foundation(10.0)
     pipe = pp.Pipe(0.6, damping=0.005, root="pinned", end="pinned", terms=(foundation,))
-    window = {"Foundation.stiffness": (0.0, 1e6), "u": (0.1, 100.0)}
-    model = pp.Galerkin(pipe, 6, "beam")
+    window = {"Foundation.stiffness": (0.0, 1e7), "u": (0.1, 300.0)}
+    model = pp.Galerkin(pipe, 3, "beam")
     found = pp.boundary(model, "Foundation.stiffness", "u", window, criticality=False)
-    loads = (np.arange(1, 7) * np.pi) ** 2
+    loads = (np.arange(1, 4) * np.pi) ** 2
 
     def others_unstable(mode, stiffness):
         """On that mode's curve of divergence, by eigenvalues."""

@@ -400,9 +400,20 @@ def test_where_motions_wind_up_without_end_no_cycle_is_said_to_be_found():
 JET = pp.Chain(pp.Pipe(0.3, 10.0, jet_angle=0.4, damping=0.005), 3)
 
 
+def test_what_takes_a_small_share_of_the_speeds_is_left_out_and_named():
+    found = pp.bifurcation_diagram(SUBCRITICAL, [1.0, 1000.0])
+    (branch,) = found.cycles
+    assert len(branch) < 40
+    assert events(branch)[-1] == "end"
+    assert events(branch).count("pitchfork") == 2  # what begins there is left out
+    (failure,) = (f for f in found.failures if "it has wound within" in str(f.error))
+    assert branch.speeds.min() < failure.value < branch.speeds.max()
+
+
+@pytest.mark.slow
 def test_what_is_narrower_than_the_speeds_show_is_left_out_and_named():
     """The third generation at 6.96823, and folds without end near a homoclinic orbit at 8.68."""
-    found = pp.bifurcation_diagram(JET, [6.0, 7.0])
+    found = pp.bifurcation_diagram(JET, [6.0, 6.97])
     onsets = np.array([b.onset for b in found.cycles if b.origin == "period doubling"])
     assert np.abs(onsets - 6.96487).min() < 1e-4
     assert np.abs(onsets - 6.96823).min() > 1e-3

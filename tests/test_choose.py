@@ -314,9 +314,9 @@ def test_a_basis_has_functions_for_each_panel_between_terms():
     pipe = pp.Pipe(0.2, damping=1e-3, terms=terms)
     motion = pp.choose(pipe, "motion", 1e-2, among="legendre", u=3.0, duration=0.05)
     assert motion.size >= 11
-    pipe = replace(pipe, terms=terms[::2])
+    pipe = replace(pipe, terms=terms[::3])
     speed = pp.choose(pipe, "critical_speed", 1e-6, among="legendre")
-    assert speed.size >= 6
+    assert speed.size >= 5
     assert abs(speed.answer[0] / exact_speed(pipe).speed - 1.0) <= 1e-6
 
 
@@ -361,7 +361,7 @@ def test_the_most_accurate_within_a_budget_has_an_answer_at_the_references_floor
 @pytest.mark.parametrize(
     ("name", "among", "conditions"),
     [
-        ("critical_speed", "chain", {}),
+        pytest.param("critical_speed", "chain", {}, marks=pytest.mark.slow),
         ("frequencies", None, {"u": 5.0}),
         ("motion", ("midpoint", "beam"), {"u": 5.0, "duration": 0.2, "rtol": 1e-6}),
     ],

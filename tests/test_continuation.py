@@ -123,12 +123,12 @@ def test_meshes_of_orbits_are_refined_on_the_way_and_beyond_1000_unknowns():
         assert orbit.states(np.array([0.0])) == pytest.approx(
             -orbit.states(np.array([np.pi])), abs=1e-9 * np.abs(orbit.starts).max()
         )
-        if step.begin.p < 9.0 <= orbit.u:
-            last = step.problem.orbit(step.where(9.0))
+        if step.begin.p < 7.5 <= orbit.u:
+            last = step.problem.orbit(step.where(7.5))
             break
     assert sizes[0] == 4 * 8 * 20
     assert sizes[-1] > 1000
-    alone = pp.limit_cycle(model, 9.0)
+    alone = pp.limit_cycle(model, 7.5)
     assert last.frequency == pytest.approx(alone.frequency, rel=1e-8)
 
 

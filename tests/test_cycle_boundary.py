@@ -8,6 +8,7 @@ normal form of flutter.
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -19,10 +20,23 @@ from pipedyn import plot
 
 BETA = 0.05
 FOUR = pp.Chain(pp.Pipe(0.09, gamma=200.0), 4)
+FORCED = pp.Galerkin(pp.Pipe(0.2, damping=0.002), 3, "legendre")
 
 
 def folds(branch):
     return [event for event in branch.events if event.kind == "fold"]
+
+
+@cache
+def cycles_of(model, speeds):
+    (branch,) = pp.bifurcation_diagram(model, speeds, cycles=8, rtol=1e-3).cycles
+    return branch
+
+
+@cache
+def response(u=0.0, amplitude=0.02, low=15.5, high=21.0):
+    base = pp.Harmonic(amplitude, 20.0)
+    return pp.forced_response(FORCED, u, base=base, frequencies=(low, high)).branches[0]
 
 
 @pytest.fixture(scope="module")
@@ -157,7 +171,7 @@ def test_folds_shrink_to_the_onset_as_the_drag_falls_to_0():
 
 def test_two_events_at_once_are_named_where_other_multipliers_pass_the_circle():
     """On the fold of four segments a pitchfork's multiplier passes, too."""
-    (branch,) = pp.bifurcation_diagram(FOUR, (9.57, 9.573), cycles=8, rtol=1e-3).cycles
+    branch = cycles_of(FOUR, (9.57, 9.573))
     window = {"beta": (0.05, 0.2), "u": (8.0, 13.0)}
     found = pp.cycle_boundary(branch, folds(branch)[0], "beta", "u", window)
     (curve,), (point,) = found.curves, [p for p in found.points if p.kind == "fold-pitchfork"]
@@ -234,13 +248,7 @@ def test_a_period_doubling_is_followed_from_the_cycles_of_twice_the_period(three
 
 def test_folds_of_forced_motions_over_the_amplitude_of_the_forcing():
     """Both folds of a resonance that bends over lie on one curve, which ends in a cusp below."""
-    model = pp.Galerkin(pp.Pipe(0.2, damping=0.002), 3, "legendre")
-
-    def response(amplitude, low, high):
-        base = pp.Harmonic(amplitude, 20.0)
-        return pp.forced_response(model, 0.0, base=base, frequencies=(low, high)).branches[0]
-
-    branch = response(0.02, 15.5, 21.0)
+    branch = response()
     first, second = folds(branch)
     window = {"amplitude": (0.001, 0.02), "frequency": (12.0, 30.0)}
     found = pp.cycle_boundary(branch, (first, second), "amplitude", "frequency", window)
@@ -252,19 +260,13 @@ def test_folds_of_forced_motions_over_the_amplitude_of_the_forcing():
     assert found.names == ("amplitude", "frequency")
     assert curve.y[[0, -1]] == pytest.approx([second.frequency, first.frequency], rel=1e-6)
     near = 0.98 * cusp.y, 1.02 * cusp.y
-    assert folds(response(0.97 * cusp.x, *near)) == []
-    assert len(folds(response(1.05 * cusp.x, *near))) == 2
+    assert folds(response(0.0, 0.97 * cusp.x, *near)) == []
+    assert len(folds(response(0.0, 1.05 * cusp.x, *near))) == 2
 
 
 def test_folds_of_forced_motions_over_the_flow_speed():
     """They are those of the response at the other end of the range."""
-    model = pp.Galerkin(pp.Pipe(0.2, damping=0.002), 3, "legendre")
-
-    def response(u):
-        base = pp.Harmonic(0.02, 20.0)
-        return pp.forced_response(model, u, base=base, frequencies=(15.5, 21.0)).branches[0]
-
-    branch, window = response(0.0), {"u": (0.0, 0.4), "frequency": (12.0, 30.0)}
+    branch, window = response(), {"u": (0.0, 0.4), "frequency": (12.0, 30.0)}
     (curve,) = pp.cycle_boundary(branch, folds(branch)[0], "u", "frequency", window).curves
     assert curve.x[[0, -1]].tolist() == [0.0, 0.4]
     assert curve.ends == ("range", "range")
@@ -324,10 +326,7 @@ def test_folds_of_four_segments_and_of_the_long_hanging_pipe(model, speeds, end,
     """At the other end of the range they are those of the branch there; rest is stable above."""
     begin = model.pipe.beta
     other = model.with_pipe(replace(model.pipe, beta=end))
-    branch, there = (
-        pp.bifurcation_diagram(one, at, cycles=8, rtol=1e-3).cycles[0]
-        for one, at in ((model, speeds), (other, speeds_there))
-    )
+    branch, there = cycles_of(model, speeds), cycles_of(other, speeds_there)
     (fold,), (fold_there,) = folds(branch), folds(there)
     found = pp.cycle_boundary(branch, fold, "u", "beta", {"u": (9.0, 13.0), "beta": (begin, end)})
     (curve,) = found.curves

@@ -128,7 +128,7 @@ def test_two_frequencies_without_a_common_period_are_quasi_periodic():
 
 def test_irregular_motions_are_named_and_those_that_are_spread_alike_share_an_exponent():
     model = pp.Chain(pp.Pipe(0.3), 3)
-    asked = {"cycles": 0, "brute_force": 3, "duration": 20.0}
+    asked = {"cycles": 0, "brute_force": 3, "transient": 30.0}
     found = pp.bifurcation_diagram(model, [6.0, 8.5], **asked)
     assert [one.name for one in found.at(6.0)] == 3 * ["periodic, 1 maximum"]
     first, *others = found.at(8.5)
@@ -168,10 +168,14 @@ def test_what_no_start_ends_on_is_found_from_a_branch_nearby():
     assert np.ptp(late) == pytest.approx(np.ptp(one.turnings), rel=1e-3)
 
 
-def test_motions_begin_beside_cycles_to_which_others_led_at_other_speeds():
-    """The cycle is found at a higher speed; the only other start leads to another equilibrium."""
+def test_motions_begin_beside_cycles_to_which_others_led_at_other_speeds(monkeypatch):
+    """The cycle is found at a higher speed; the only other start leads to another equilibrium.
+
+    Beside equilibria none has to begin: their branches, which take longer, are left out.
+    """
+    monkeypatch.setattr(module, "equilibrium_branches", lambda *_: ())
     model = pp.Chain(pp.Pipe(0.2129, -40.0, drag=0.5), 3)
-    asked = {"brute_force": 1, "exponents": False, "transient": 30.0, "duration": 10.0}
+    asked = {"brute_force": 1, "exponents": False, "transient": 20.0, "duration": 5.0}
     found = pp.bifurcation_diagram(model, np.linspace(4.097, 5.513, 5), **asked)
     assert [branch.origin for branch in found.cycles] == ["motion"]
     assert [(one.speed, one.ending) for one in found.motions if one.start == -1] == [

@@ -117,24 +117,24 @@ def test_a_drive_does_the_virtual_work_of_its_forces(make):
         place, velocity = bare.shape(q, s), by_q @ rate
         return by_q, (place, velocity), (place + BASE[0], velocity + BASE[1])
 
-    def force(s, w, law):
-        by_q, relative, absolute = at(s)
+    def force(place, w, law):
+        by_q, relative, absolute = place
         return np.einsum("p,pc,pci->i", w, law(*absolute) - law(*relative), by_q)
 
     s, w = gauss_points(bare)
     t = tangents(bare, q, s)
     n = np.stack([t[:, 1], -t[:, 0]], axis=1)
-    by_q = at(s)[0]
+    along = at(s)
     push = LOADED.direction * np.sqrt(LOADED.beta) * RATE * t
-    expected = -np.einsum("p,pc,pci->i", w, push + BASE[2], by_q)
+    expected = -np.einsum("p,pc,pci->i", w, push + BASE[2], along[0])
     mass = TERMS[0].mass * np.ones(1)
     one = np.ones(1)
     expected -= np.einsum("p,c,pci->i", mass, BASE[2], at(np.array([0.37]))[0])
     only_x = np.array([1.0, 0.0])
-    expected += force(np.array([0.62]), one, lambda r, v: -1.5 * v * only_x)
-    expected += force(np.array([0.8]), one, lambda r, v: -60.0 * r**3 * only_x)
-    expected += force(s, w, lambda r, v: -9.0 * r * only_x)
-    expected += force(s, w, lambda r, v: -1.3 * np.sum(v * n, axis=1)[:, None] * n)
+    expected += force(at(np.array([0.62])), one, lambda r, v: -1.5 * v * only_x)
+    expected += force(at(np.array([0.8])), one, lambda r, v: -60.0 * r**3 * only_x)
+    expected += force(along, w, lambda r, v: -9.0 * r * only_x)
+    expected += force(along, w, lambda r, v: -1.3 * np.sum(v * n, axis=1)[:, None] * n)
     if drag:
         points = model.base + np.cumsum(model.lengths) - 0.5 * model.lengths
         t = tangents(bare, q, points)
@@ -144,9 +144,9 @@ def test_a_drive_does_the_virtual_work_of_its_forces(make):
             normal = np.sum(v * across, axis=1)[:, None]
             return -drag * np.abs(normal) * normal * across
 
-        expected += force(points, model.lengths, law)
+        expected += force(at(points), model.lengths, law)
     entering = 0.6 * LOADED.direction * np.sqrt(LOADED.beta) * SPEED
-    expected += force(one, one, lambda r, v: entering * v)
+    expected += force(at(one), one, lambda r, v: entering * v)
     assert np.abs(work - expected).max() < 1e-9 * np.abs(expected).max()
 
 

@@ -388,8 +388,8 @@ def half_waves(axial, u):
 @pytest.mark.parametrize(
     ("stiffness", "u", "few", "m", "basis"),
     [
-        (1000.0, 3.2416, 3, 4, "legendre"),
-        (300.0, 7.0, 5, 4, "beam"),
+        pytest.param(1000.0, 3.2416, 3, 4, "legendre", marks=pytest.mark.slow),
+        pytest.param(300.0, 7.0, 5, 4, "beam", marks=pytest.mark.slow),
         (300.0, 7.0, 5, 6, "legendre"),
         (20.0, 5.0, 3, 4, "beam"),
     ],
@@ -500,8 +500,15 @@ def test_rests_of_a_heavy_cantilever_that_count_are_elastica(gamma, u, m, basis)
         assert apart.min(axis=1).max() < 0.02
 
 
-@pytest.mark.parametrize("m", [4, 7])
-@pytest.mark.parametrize(("load", "u"), [(21.354, 0.059), (48.7, 3.146)])
+@pytest.mark.parametrize(
+    ("load", "u", "m"),
+    [
+        pytest.param(21.354, 0.059, 4, marks=pytest.mark.slow),
+        (21.354, 0.059, 7),
+        (48.7, 3.146, 4),
+        pytest.param(48.7, 3.146, 7, marks=pytest.mark.slow),
+    ],
+)
 def test_a_pinned_pipe_under_a_dead_load_is_found_buckled_and_upside_down(load, u, m):
     """Others have both ends at one place, where the force that holds the end across turns F."""
     model = pp.Galerkin(pinned(pp.Tension(-load)), m)

@@ -102,7 +102,7 @@ def test_after_many_moves_the_picture_is_that_of_a_new_one():
     for name, value in [*MOVES.items(), ("gamma", 60.0), ("segments", 2), ("gamma", -4.0)]:
         state.set(name, value)
         state.picture.update()
-        if name == "gamma":
+        if value == 60.0:
             state.picture.png()
     fresh = plot.Exploration(moved_pipe(), 2, 3.5, ranges=ranges)
     assert before != state.picture.png() == fresh.picture.png()
