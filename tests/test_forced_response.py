@@ -31,11 +31,7 @@ def test_a_moving_base_at_finite_amplitude(m, amplitude):
 
 @pytest.mark.parametrize(
     ("make", "amplitude"),
-    [
-        SUBHARMONIC[0],
-        pytest.param(*SUBHARMONIC[1], marks=pytest.mark.slow),
-        pytest.param(*SUBHARMONIC[2], marks=pytest.mark.slow),
-    ],
+    [SUBHARMONIC[0], *(pytest.param(*one, marks=pytest.mark.slow) for one in SUBHARMONIC[1:3])],
     ids=["m=4", "m=6", "n=10"],
 )
 def test_a_pulsating_flow_at_finite_amplitude(make, amplitude):
@@ -110,15 +106,14 @@ def test_branches_lead_from_edge_to_edge_of_a_parametric_region():
 RESTING = [
     (pp.Galerkin(PULSATING, 4), (6.0, 0.3), (24.0, 40.0), "subharmonic", 38.27192),
     (pp.Chain(pp.Pipe(0.242, 30.0, damping=2.7e-3), 4), (7.0, 0.26), (22.0, 40.0), "harmonic", 0.0),
-    pytest.param(
-        *(pp.Chain(pp.Pipe(0.577, damping=2.8e-3), 3), (5.7, 0.2), (15.0, 27.0), "subharmonic"),
-        *(0.0,),
-        marks=pytest.mark.slow,
-    ),
+    (pp.Chain(pp.Pipe(0.577, damping=2.8e-3), 3), (5.7, 0.2), (15.0, 27.0), "subharmonic", 0.0),
 ]
 
 
-@pytest.mark.parametrize(("model", "flow", "range_", "kind", "known"), RESTING)
+@pytest.mark.parametrize(
+    ("model", "flow", "range_", "kind", "known"),
+    [*RESTING[:2], pytest.param(*RESTING[2], marks=pytest.mark.slow)],
+)
 def test_branches_that_come_back_to_rest_lose_no_motion(model, flow, range_, kind, known):
     """The edge is where a multiplier that is integrated for the straight pipe passes 1 or -1.
 

@@ -22,12 +22,7 @@ MODELS = {
 
 @pytest.mark.parametrize(
     ("kind", "error"),
-    [
-        ("chain", 1e-3),
-        ("scene", 1e-3),
-        pytest.param("beam modes", 1e-3, marks=pytest.mark.slow),
-        ("Legendre functions", 2e-6),
-    ],
+    [("chain", 1e-3), ("scene", 1e-3), ("beam modes", 1e-3), ("Legendre functions", 2e-6)],
 )
 def test_a_buckled_pipe_leans_on_a_stop_with_the_beam_columns_force(kind, error):
     """Dead load P = lambda^2 beyond Euler's, tip on a stop: R (lambda - tan lambda) / P^1.5 = x.
