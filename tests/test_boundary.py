@@ -15,7 +15,7 @@ STANDING = {"gamma": (-60.0, 20.0), "u": (0.0, 8.0)}
 
 @pytest.fixture(scope="module")
 def over_beta():
-    ranges = {"beta": (0.01, 0.98), "u": (0.0, 20.0)}
+    ranges = {"beta": (0.01, 0.98), "u": (0.0, 17.4)}
     return pp.boundary(pp.Continuum(pp.Pipe(0.2)), "beta", "u", ranges, criticality=False)
 
 

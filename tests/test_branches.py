@@ -320,7 +320,7 @@ LEANING = pp.Chain(pp.Pipe(0.5, -20.0), 2)
 @pytest.fixture(scope="module")
 def leaving():
     return pp.bifurcation_diagram(
-        LEANING, [1.7, 1.72, 1.73], cycles=20, brute_force=2, transient=80.0, duration=30.0
+        LEANING, [1.7, 1.72, 1.73], cycles=8, brute_force=2, transient=80.0, duration=30.0
     )
 
 

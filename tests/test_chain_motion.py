@@ -138,7 +138,7 @@ def test_level_can_be_forced(at_level):
 def sines_and_cosines():
     """Angles of all sizes and about the corners of the octants, and what is exact of them."""
     rng = np.random.default_rng(3)
-    corners = np.arange(-1018, 1019, 3) * (np.pi / 4)
+    corners = np.arange(-1018, 1019, 7) * (np.pi / 4)
     x = np.concatenate(
         [
             *(rng.uniform(-size, size, 300) for size in (0.785, 1600.0)),

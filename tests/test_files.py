@@ -191,7 +191,7 @@ def test_ctrl_c_ends_the_command_with_one_line(tmp_path):
     with running:
         while not folder.exists() and running.poll() is None:
             time.sleep(0.05)
-        time.sleep(0.5)
+        time.sleep(0.2)
         running.send_signal(signal.SIGINT)
         out, err = running.communicate(timeout=120)
     assert (out, err, running.returncode) == ("", "pipedyn: interrupted\n", 130)

@@ -29,7 +29,11 @@ def test_a_moving_base_at_finite_amplitude(m, amplitude):
     assert motion.period == pytest.approx(2.0 * math.pi / 13.5, rel=1e-12)
 
 
-@pytest.mark.parametrize(("make", "amplitude"), SUBHARMONIC[:3], ids=["m=4", "m=6", "n=10"])
+@pytest.mark.parametrize(
+    ("make", "amplitude"),
+    [SUBHARMONIC[0], *(pytest.param(*one, marks=pytest.mark.slow) for one in SUBHARMONIC[1:3])],
+    ids=["m=4", "m=6", "n=10"],
+)
 def test_a_pulsating_flow_at_finite_amplitude(make, amplitude):
     """Mean 6, amplitude 0.3, frequency 30: a separate program integrates to the digits given."""
     model = make(PULSATING)
@@ -106,7 +110,10 @@ RESTING = [
 ]
 
 
-@pytest.mark.parametrize(("model", "flow", "range_", "kind", "known"), RESTING)
+@pytest.mark.parametrize(
+    ("model", "flow", "range_", "kind", "known"),
+    [*RESTING[:2], pytest.param(*RESTING[2], marks=pytest.mark.slow)],
+)
 def test_branches_that_come_back_to_rest_lose_no_motion(model, flow, range_, kind, known):
     """The edge is where a multiplier that is integrated for the straight pipe passes 1 or -1.
 
@@ -141,7 +148,7 @@ def test_a_small_motion_near_the_end_of_a_branch_is_what_simulations_end_on():
     assert motion.amplitude == pytest.approx(0.0515, rel=5e-3)
     assert motion.stable
     start = 1.3 * motion.q[0], 1.3 * motion.qdot[0]
-    settled = pp.simulate(model, flow, 400.0 * motion.period, *start, samples=2)
+    settled = pp.simulate(model, flow, 200.0 * motion.period, *start, samples=2)
     last = pp.simulate(model, flow, motion.period, settled.q[-1], settled.qdot[-1], samples=65)
     assert 0.5 * np.ptp(last.tip[:, 0]) == pytest.approx(motion.amplitude, rel=1e-2)
 
@@ -222,7 +229,7 @@ def test_without_damping_two_pairs_that_meet_leave_the_circle():
 def test_without_damping_what_leaves_the_circle_gradually_is_no_event():
     """A multiplier does so near 15.998, by less than its error."""
     model, base = pp.Chain(pp.Pipe(0.0, end="pinned"), 4), pp.Harmonic(0.05, 12.0)
-    (branch,) = pp.forced_response(model, 1.5, base=base, frequencies=(12.0, 16.0)).branches
+    (branch,) = pp.forced_response(model, 1.5, base=base, frequencies=(14.8, 16.0)).branches
     assert [event.kind for event in branch.events] == ["pitchfork", "end"]
 
 
@@ -385,7 +392,7 @@ def test_a_branch_goes_on_where_its_motion_begins_to_touch_a_stop(end, touching)
     stop = pp.Stop(1.0, 0.08, 1e4)
     model = pp.Chain(pp.Pipe(0.05, 10.0, damping=0.002, terms=(stop,)), 4)
     shaken = pp.Harmonic(0.02, 9.0, "x")
-    found = pp.forced_response(model, 1.0, base=shaken, frequencies=(20.0, end))
+    found = pp.forced_response(model, 1.0, base=shaken, frequencies=(21.0, end))
     (branch,) = found.branches
     assert branch.failure is None
     grazing = next(event for event in branch.events if event.kind == "grazing")

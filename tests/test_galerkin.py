@@ -60,8 +60,8 @@ def test_beam_modes_are_orthogonal_with_unit_mass():
     np.testing.assert_allclose(model.operators().mass, np.eye(60), atol=1e-12)
     np.testing.assert_allclose(model.operators().stiffness, np.diag(roots**4), rtol=1e-12)
     s = np.linspace(0.1, 0.9, 9)  # far from its ends a mode of high number is a sine
-    high = pp.Galerkin(pp.Pipe(0.2), 2000).functions(s)[:, -1]
-    sine = math.sqrt(2.0) * np.sin((1999.5 * s - 0.25) * math.pi)
+    high = pp.Galerkin(pp.Pipe(0.2), 600).functions(s)[:, -1]
+    sine = math.sqrt(2.0) * np.sin((599.5 * s - 0.25) * math.pi)
     np.testing.assert_allclose(high, sine, atol=1e-9)
 
 

@@ -170,7 +170,7 @@ def test_motions_from_either_side_of_an_unstable_cycle_about_rest_part():
     u = onset.speed * (1.0 - 1e-4)
     cycle = pp.limit_cycle(SUBCRITICAL, u, onset)
     assert not cycle.stable
-    on = cycle.orbit.states(PHASES[::8]).T
+    on = cycle.orbit.states(PHASES[::32]).T
     starts = np.concatenate([share * on for share in (0.7, 0.95, 1.05, 1.3)])
     found = pp.attractors(SUBCRITICAL, u, starts, rtol=1e-8)
     rests = [k for k, one in enumerate(found.basins) if one.ending == "rest"]

@@ -261,6 +261,7 @@ def test_a_sweep_names_all_when_the_pool_is_broken_before(name):
         assert "process pool" in str(failure.error)
 
 
+@pytest.mark.slow
 def test_a_cluster_keeps_what_was_answered_when_its_worker_dies_or_when_it_is_closed():
     import dask
     from distributed import Client, LocalCluster  # a second, which other tests need not wait for

@@ -565,11 +565,12 @@ def test_every_picture_shows_si_units_on_request():
 
 def test_a_pipe_without_scales_has_no_si_units():
     for name, draw in of_the_hose(dataclasses.replace(HOSE, scales=None)).items():
+        ax = axes()
         with pytest.raises(ValueError, match="units must be 'nondimensional' where the pipe has"):
-            draw(units="si", ax=axes())
+            draw(units="si", ax=ax)
         with pytest.raises(ValueError, match="units must be one of 'nondimensional', 'si'"):
-            draw(units="SI", ax=axes())
-        assert draw(ax=axes()), name
+            draw(units="SI", ax=ax)
+        assert draw(ax=ax), name
 
 
 def test_a_colour_bar_stands_beside_all_axes_that_share_it():

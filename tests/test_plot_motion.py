@@ -333,7 +333,7 @@ def test_an_animation_has_its_frames_at_equal_times_and_can_be_read(tmp_path):
 def test_an_animation_of_a_cycle_closes_and_has_all_frames(tmp_path):
     path = tmp_path / "pipe.html"
     with matplotlib.rc_context({"animation.embed_limit": 1e-6}):
-        animation = plot.animate(run("cycle"), path, fps=4)
+        animation = plot.animate(run("cycle"), path, fps=4, ax=small_axes())
     assert repr(animation) == "Film(10 frames, 4 a second, 2.5 s)"
     page = path.read_text(encoding="utf-8")
     assert page.startswith("<!DOCTYPE html>")

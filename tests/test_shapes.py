@@ -76,7 +76,7 @@ def test_functions_are_asked_at_one_arc_length(basis):
     np.testing.assert_array_equal(model.functions(0.3, 1), model.functions([0.3], 1)[0])
 
 
-@pytest.mark.parametrize("basis", ["legendre", "beam"])
+@pytest.mark.parametrize("basis", ["legendre", pytest.param("beam", marks=pytest.mark.slow)])
 def test_displacements_about_a_buckled_pipe_are_those_of_its_exact_shapes(basis):
     """In degrees of freedom, which supports turn with the pipe, and in all amplitudes."""
     pipe = pp.Pipe(0.2, root="pinned", end="pinned", terms=(pp.Tension(-15.0),))

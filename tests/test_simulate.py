@@ -213,7 +213,10 @@ def test_a_motion_of_one_right_hand_side_stops_and_no_step_overflows(method):
     assert [failure.index for failure in together.failures] == [0, 1]
 
 
-@pytest.mark.parametrize("method", ["dop853", "radau", "scipy:LSODA", "scipy:Radau"])
+@pytest.mark.parametrize(
+    "method",
+    ["dop853", "radau", "scipy:LSODA", pytest.param("scipy:Radau", marks=pytest.mark.slow)],
+)
 def test_what_goes_wrong_on_the_way_ends_a_motion_and_is_not_lost(method):
     """Errors of a module leave the beginning of the motion; an interruption is the caller's."""
     raised = []

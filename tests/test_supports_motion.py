@@ -140,7 +140,7 @@ def test_a_pipe_let_go_below_and_above_buckling_comes_to_rest():
     pipe = pp.Pipe(0.3, root="pinned", end="pinned", damping=0.05, terms=[pp.Stretching(500.0)])
     model = pp.Galerkin(pipe, 3)
     for u in (2.0, 4.0):
-        motion = pp.simulate(model, u, 60.0, [0.01, 0.0, 0.0], rtol=1e-9)
+        motion = pp.simulate(model, u, 20.0, [0.01, 0.0, 0.0], rtol=1e-9)
         assert motion.audit < 1e-6
         assert np.abs([places(model, q) for q in motion.q]).max() < 1e-13
         middle = model.shape(motion.q[-1], [0.5])[0, 0]

@@ -202,7 +202,9 @@ MANY += [pp.Spring(k / 10.0, 5.0 * k) for k in range(1, 11)]
 @pytest.mark.parametrize(
     ("pipe", "m"),
     [
-        (pp.Pipe(0.4, gamma=3.0, damping=1e-3, terms=MANY), 60),
+        pytest.param(
+            *(pp.Pipe(0.4, gamma=3.0, damping=1e-3, terms=MANY), 60), marks=pytest.mark.slow
+        ),
         # With 60 functions the panel of length 0.025 has one more than with any number up to 47.
         (pp.Pipe(0.645204, gamma=267.145, terms=(pp.Spring(0.975, 1.75),)), 60),
     ],

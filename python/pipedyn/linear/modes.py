@@ -79,12 +79,15 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
     `cpp/pipedyn/linear/operator.hpp`.
     """
     u, count = _checked_question(model, u, count)
-    if isinstance(model, Model) and model.linear_cost and not model.pipe.hysteresis:
+    if isinstance(model, Model):
         model.require_equilibrium(u)
-        asked, problem = 2 * model.dof if count is None else count, eigenproblem(model)
-        with one_thread(problem.rows):
-            pairs = problem.spectrum().by_recursion(u, asked, vectors=False)
-        if pairs is not None and pairs.converged.all():
+        asked, problem, pairs = 2 * model.dof if count is None else count, eigenproblem(model), None
+        if model.linear_cost and not model.pipe.hysteresis:
+            with one_thread(problem.rows):
+                pairs = problem.spectrum().by_recursion(u, asked, vectors=False)
+        if pairs is None or not pairs.converged.all():
+            pairs = problem.lowest(u, asked)
+        if pairs.converged.all():
             return pairs.values
     found = roots_and_shapes(model, u, count)
     bad = np.flatnonzero(~found.converged)
@@ -361,8 +364,7 @@ def _shapes(model: Model, values: Complex, coordinates: Complex) -> tuple[ModeSh
 def _modes(model: Model, u: float, count: int | None) -> Modes:
     """The lowest `count` modes of one model, or all if it is None."""
     pairs = eigenproblem(model).lowest(u, 2 * model.dof if count is None else count)
-    coordinates = model.from_elastic(pairs.right)
-    shapes = _shapes(model, pairs.values, coordinates)
+    shapes = _shapes(model, pairs.values, model.from_elastic(pairs.right))
     return Modes(u, pairs.values, shapes, pairs.residuals, pairs.converged, model.dof)
 
 
