@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipedyn.continuation.arclength import Continuation, Control, DenseProblem, Point, Segment
-from pipedyn.continuation.tracer import BranchEnd, TestFunction, Tracer, folds, reason_of
+from pipedyn.continuation.tracer import BranchEnd, TestFunction, Tracer, reason_of, special_points
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -381,7 +381,7 @@ def _folds_or_zeros(
         near: whether values of the size of rounding count as 0 at the first and at the last point.
     """
     if test is None:
-        return [beyond for _, beyond in folds(step, 1e-10)]
+        return [beyond for *_, beyond in special_points(step, 1e-10, ())]
 
     def value(point: Point) -> float:
         found = _test_value(name, test, point.x, point.p)
