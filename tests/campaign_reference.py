@@ -371,7 +371,7 @@ def meeting_at(system: System, u: float, frequency: float) -> Change | None:
         mixed = 2.0 * float(np.sum((by.conj() * by_u).real * others))
         mixed += float((1j * (v.conj() @ system.gyro @ v)).real)
         jacobian = np.array([[by[i].real, by_u[i].real], [twice, mixed]])
-        step = np.linalg.lstsq(jacobian, [theta[i], by[i].real])[0].tolist()
+        step = np.linalg.lstsq(jacobian, [theta[i], by[i].real], rcond=None)[0].tolist()
         frequency, u = frequency - step[0], u - step[1]
         if not (abs(u - start) < 0.1 * start and frequency > 0.0):
             return None

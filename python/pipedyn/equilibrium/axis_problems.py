@@ -147,8 +147,8 @@ class AxisProblem(DenseProblem):
             left, _, right = np.linalg.svd(matrix)
             self._borders = self._between(left[:, -1], right[-1])
         whole = _bordered(matrix, *self._borders)
-        last = np.zeros((n + 1, 1))
-        last[n] = 1.0
+        last = np.zeros((1, n + 1, 1))  # numpy 1 takes one axis less for a stack of vectors
+        last[0, n] = 1.0
         v, w = np.linalg.solve(np.stack([whole, whole.T]), last)[..., 0]
         if max(np.linalg.norm(v[:n]), np.linalg.norm(w[:n])) > LONGEST_NULL_VECTOR:
             self._borders = self._between(w[:n], v[:n])
