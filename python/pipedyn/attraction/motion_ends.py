@@ -422,18 +422,18 @@ class _Engine:
         while runs:
             before, drive = max(options.transient - self.elapsed, 0.0), runs[0].case.drive
             over = self.elapsed + before + duration >= last
-            left, runs = self.sort(self.advance(runs, self.tolerance, before, duration), over)
+            left, runs = self.classify(self.advance(runs, self.tolerance, before, duration), over)
             joining = self.join(left)
             left = [run for run in left if run not in joining]
             for times in RECORD_EXTENSIONS:
                 if options.exponents:
                     length = drive.whole(RECORD_FACTOR * times * duration)
                     longer = self.advance(left, min(self.tolerance, TORUS_TOLERANCE), 0.0, length)
-                    left, on = self.sort(longer, over)
+                    left, on = self.classify(longer, over)
                     runs += on
                 left = self.name(left, times)
 
-    def sort(self, runs: list[_Run], over: bool) -> tuple[list[_Run], list[_Run]]:
+    def classify(self, runs: list[_Run], over: bool) -> tuple[list[_Run], list[_Run]]:
         """Motions to be named, and motions that go on, after a record of motions.
 
         Motions go on that come nearer to something, unless the time for this is `over`.
