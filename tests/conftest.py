@@ -28,7 +28,7 @@ ONE_IN = 3
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Marks the other cases as slow, unless files or tests are asked for by name."""
+    """Marks as slow most cases of a test of many, unless files or tests are asked for by name."""
     if config.option.keyword or not all(map(os.path.isdir, config.args)):
         return
     for _, cases in groupby(items, lambda item: (item.path, getattr(item, "originalname", ""))):

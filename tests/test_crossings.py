@@ -519,11 +519,10 @@ def test_two_pairs_that_meet_where_rounding_hides_it_say_how_far_off_the_speed_m
     """Of a conservative pipe no real part shows where between two speeds its roots meet."""
     model = pp.Galerkin(pp.Pipe(0.75, 9.3, root="pinned", end="pinned"), 3, "legendre")
     found = pp.crossings(model, 15.0)[-1]
-    low, high = 14.4, 14.6
-    while high - low > 1e-12:
-        middle = 0.5 * (low + high)
-        values = pp.eigenvalues(model, middle)
-        oscillates = values[np.abs(values.imag) > 1.0]
-        low, high = (low, middle) if oscillates.real.max() > 1e-6 else (middle, high)
-    assert abs(found.speed - low) < found.error + 1e-11
+
+    def growth(u):
+        values = pp.eigenvalues(model, u)
+        return values.real[np.abs(values.imag) > 1.0].max() - 1e-6
+
+    assert abs(found.speed - brentq(growth, 14.4, 14.6)) < found.error + 1e-11
     assert found.error < 1e-4

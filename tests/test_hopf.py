@@ -437,10 +437,12 @@ def test_a_pipe_held_at_both_ends_flutters_where_two_pairs_meet():
     pipe = pp.Pipe(0.75, 9.3, root="pinned", end="pinned")
     model = pp.Galerkin(pipe, 6, "legendre")
     flutters = [one for one in pp.crossings(model, 20.0) if one.frequency > 0.0]
-    assert flutters
     for one in flutters:
         with pytest.raises(pp.NoHopf, match="two pairs meet on the axis"):
             pp.hopf(model, one)
+    lowest = min(pp.eigenvalues(model, 1.0).imag, key=lambda w: abs(w - 8.0))
+    with pytest.raises(pp.NoHopf, match="the pair touches the axis at u = 1 and does not pass"):
+        pp.hopf(model, replace(flutters[0], speed=1.0, frequency=float(lowest)))
 
 
 def test_a_crossing_that_is_not_the_models_own_is_refused():

@@ -205,8 +205,9 @@ class Case:
 def one_distribution(a: Array, b: Array) -> bool:
     """Whether two sets of values may have one distribution.
 
-    A Kolmogorov-Smirnov test decides at 99 %. The values' sizes take it as well, since sets about 0
-    of which one is much wider differ little in it. Sets of few values never pass.
+    A Kolmogorov-Smirnov test decides at 99 %, on the values and on their magnitudes: two sets about
+    0, one of them much wider than the other, differ little in their values. Sets of few values
+    never pass.
     """
     if min(a.size, b.size) < FEWEST_TURNINGS:
         return False

@@ -37,7 +37,7 @@ class MotionOptions:
     seed: int = 0  # seed of random starts
     executor: futures.Executor | None = None  # to which batches are submitted
     shown: bool = False  # whether progress is shown
-    recurrence: float = EARLY_RECURRENCE  # distance to an earlier state, see there
+    recurrence: float = EARLY_RECURRENCE  # share of its size to which a motion must return
     most: float = MOST_CALLS  # most right-hand sides of a motion between two looks
 
     @staticmethod

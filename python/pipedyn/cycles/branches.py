@@ -583,7 +583,7 @@ class _Follower(Tracer[OrbitProblem]):
         return on_branch(self.motion, orbit, FINE.defect, SAMPLES_A_CYCLE, self.how)
 
     def _growth(self, orbit: PeriodicOrbit) -> Array:
-        """The `beyond_circle` of all nontrivial multipliers."""
+        """Logarithms of the moduli of all nontrivial multipliers, as `beyond_circle` gives them."""
         # `_cycle` may refine the mesh: with its multipliers, a pitchfork at which a branch begins
         # was not found near an infinite period.
         if not self.motion.model.pipe.has_kinks:

@@ -482,6 +482,8 @@ def hopf(
                 raise NoHopf(f"no simple pair lies on the axis at u = {u:g}") from error
             raise
         slope = _slope(motion, rest, u, form)
+    if abs(slope.real) < 1e-9 * (1.0 + abs(slope)):
+        raise NoHopf(f"the pair touches the axis at u = {u:g} and does not pass through it")
     cubic = 0.25 * form.cubic
     leading, name = drag, "the mean of drag"
     if not drag:

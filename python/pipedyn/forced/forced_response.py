@@ -531,8 +531,7 @@ def _events_on(step: Step, motion: ForcedField) -> Iterator[tuple[float, EventKi
         ends = [abs(test.at(s)[passing] + margin) for s in (0.0, step.length)]
         if min(ends) <= margin and test.at(outside)[passing] < margin:
             return ""
-        kind = test.kind(before, beyond)
-        return "" if kind == "fold" else kind
+        return test.kind_but_fold(before, beyond)
 
     (first, _, before), (last, _, after) = map(multipliers, (step.begin, step.end))
     error = max(before, after)

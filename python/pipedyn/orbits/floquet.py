@@ -294,7 +294,7 @@ def circle_margin(error: float = 0.0) -> float:
 def beyond_circle(multipliers: ArrayLike, error: float = 0.0) -> Array:
     """Logarithms of moduli relative to 1 + `circle_margin`, of the shape of the multipliers.
 
-    A motion is stable if none is positive, as for its real parts `neutral.beyond_rounding`.
+    A motion is stable if none is positive.
     """
     return np.log(np.maximum(np.abs(multipliers), 1e-300) / (1.0 + circle_margin(error)))
 
@@ -318,10 +318,10 @@ class CircleTest(TestFunction):
     multipliers: dict[float, complex] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.name = self.name or self._named
+        self.name = self.name or self.kind_but_fold
 
     def kind(self, before: float, beyond: float) -> EventKind:
-        """Kind of the event between two arc lengths: a fold if a multiplier passes 1."""
+        """Kind of the event between two arc lengths; keeps the multiplier that passes there."""
         passing = min(self.positive(before), self.positive(beyond))
         root = complex(self.roots(beyond)[passing])
         root /= abs(root)
@@ -334,7 +334,7 @@ class CircleTest(TestFunction):
         self.multipliers[beyond] = root**2 if mirrored else root
         return kind
 
-    def _named(self, before: float, beyond: float) -> str:
+    def kind_but_fold(self, before: float, beyond: float) -> str:
         """Kind of the event between two arc lengths; empty for a fold, which the tangent shows."""
         kind = self.kind(before, beyond)
         return "" if kind == "fold" else kind
