@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent import futures
 from contextlib import nullcontext, suppress
 from contextvars import copy_context
@@ -73,6 +73,9 @@ LARGEST_ENSEMBLE = 1_000_000
 BATCH = 32
 """Largest number of members in a batch, a multiple of VECTOR. Measured, larger batches hardly
 reduce the cost of a member."""
+
+LOOKS = 4
+"""Number of times that the samples of a motion are looked at: they may not show it."""
 
 VECTOR = 4
 """Number of members that the core's vectors hold: this many take no longer than one."""
@@ -329,8 +332,6 @@ def simulate(
         max_step=max_step,
         base=base,
     )
-    if samples is None and times is None:
-        task = finely_sampled(task)
     looked_for, kept = checked_events(events), check.flag("dense", dense)
     recorder = None
     if looked_for or kept:
@@ -343,7 +344,12 @@ def simulate(
         recorder = Recorder(task.model, looked_for, task.t0, task.start, kept)
     check.instance("callback", callback, Callable | None, "a function")
     observer = Observer(recorder, callback)
-    [(motion, why)] = motions_of([task], check.flag("progress", progress), observer)
+    given = task, check.flag("progress", progress), observer
+    if samples is None and times is None and task.method in CORE:
+        task, outcome = integrated_as_shown(*given)
+        [(motion, why)] = assembled([task], [outcome])
+    else:
+        [(motion, why)] = motions_of([task], *given[1:])
     if recorder is not None:
         until = math.inf if observer.end is None else observer.end
         motion = replace(motion, events=recorder.occurrences(), dense=recorder.output(until))
@@ -555,18 +561,67 @@ def motions_of(
     tasks: Sequence[Task], shown: bool, observer: Observer
 ) -> list[tuple[Motion, str | None]]:
     """Motion of each member of a batch, and the reason why it stopped early, or None."""
-    found = map(as_sparse_as_shown, tasks, integrate(tasks, shown, observer))
-    return assembled(*zip(*found, strict=True))
+    return assembled(tasks, integrate(tasks, shown, observer))
+
+
+class _UntilCoarse(Observer):
+    """Ends a motion as soon as its samples are too far apart to show it."""
+
+    def __init__(self, task: Task) -> None:
+        super().__init__()
+        self.task, self.coarse = task, False
+        self.next_look = task.times.size // LOOKS
+
+    def ended(self, states: Array, samples: Array) -> Iterable[int]:
+        if samples[0] >= self.next_look:
+            self.next_look = samples[0] + self.task.times.size // LOOKS
+            self.coarse = _too_coarse(self.task, states[0, : samples[0]])
+        return [0] if self.coarse else []
+
+
+def integrated_as_shown(task: Task, shown: bool, observer: Observer) -> tuple[Task, Outcome]:
+    """A task and its outcome, with the fewest samples that show the motion of the free end.
+
+    The motion is integrated with the samples asked for. If these do not show it, it is integrated
+    again with the finest ones; so it is at once if its steps are observed, which is as much work.
+    """
+    if observer.recorder is None and observer.callback is None:
+        observer = _UntilCoarse(task)
+        [outcome] = integrate([task], shown, observer)
+        if not (observer.coarse or _too_coarse(task, outcome[0][1:])):
+            return task, outcome
+        observer = Observer()
+    finely = finely_sampled(task)
+    [(rows, calls, why)] = integrate([finely], shown, observer)
+    every = finely.finer
+    while every > 1 and _too_coarse(finely, rows[1:], every):
+        every //= 2
+    rows = np.concatenate([rows[:1], rows[1::every]])
+    return replace(finely, times=finely.times[::every], finer=1), (rows, calls, why)
+
+
+def _too_coarse(task: Task, rows: Array, every: int = 1) -> bool:
+    """Whether every n-th sample of a motion, shape (S, size of a state), misses its free end."""
+    kept, size = rows[::every], task.model.integrated
+    t = task.times[: len(rows) : every]
+    if len(t) < 3:
+        return True
+    q, qdot = task.model.to_user(kept[:, :size], kept[:, size : 2 * size])
+    late = len(t) - len(t) // 4
+    ends = task.model.tips(q.T), task.model.tip_velocities(q.T, qdot.T)
+    return (
+        coarse(t, *ends, rates_shown=True)
+        or coarse(t, ends[0][:, 0], ends[1][:, 0], rates_shown=True)
+        or coarse(t[late:], ends[0][late:], ends[1][late:], INVISIBLE)
+    )
 
 
 def finely_sampled(task: Task) -> Task:
-    """The task with more samples; `as_sparse_as_shown` later removes those that are not needed.
+    """The task with more samples, a power of 2 for each one that is asked for.
 
-    The samples resolve rotation at the angular velocity of the start, and the fastest of the modes
-    whose loss factor in bending is at most 1.
+    They resolve rotation at the angular velocity of the start, and the fastest of the modes whose
+    loss factor in bending is at most 1.
     """
-    if task.method not in CORE:
-        return task
     model, intervals, damping = task.model, task.times.size - 1, task.model.pipe.damping
     fastest, _ = fastest_rates(model)
     fastest = min(fastest, 1.0 / damping if damping else math.inf)
@@ -579,27 +634,6 @@ def finely_sampled(task: Task) -> Task:
     times = np.linspace(task.times[0], task.times[-1], finer * intervals + 1)
     times[::finer] = task.times  # the times asked for, without rounding errors
     return replace(task, times=times, finer=finer)
-
-
-def as_sparse_as_shown(task: Task, outcome: Outcome) -> tuple[Task, Outcome]:
-    """A task and its outcome, with the fewest samples that show the motion of the free end."""
-    rows, calls, why = outcome
-    size, every = task.model.integrated, task.finer
-    while every > 1:
-        kept = rows[1::every]
-        q, qdot = task.model.to_user(kept[:, :size], kept[:, size : 2 * size])
-        t = task.times[: len(rows) - 1 : every]
-        late = len(t) - len(t) // 4
-        ends = task.model.tips(q.T), task.model.tip_velocities(q.T, qdot.T)
-        if len(t) >= 3 and not (
-            coarse(t, *ends, rates_shown=True)
-            or coarse(t, ends[0][:, 0], ends[1][:, 0], rates_shown=True)
-            or coarse(t[late:], ends[0][late:], ends[1][late:], INVISIBLE)
-        ):
-            break
-        every //= 2
-    rows = np.concatenate([rows[:1], rows[1::every]])
-    return replace(task, times=task.times[::every], finer=1), (rows, calls, why)
 
 
 def _with_drive(task: Task, outcome: Outcome) -> tuple[Array, int, str | None, Array]:
