@@ -774,13 +774,13 @@ class Model(OfPipe, ABC):
         velocity = resolved("tip_velocities", lambda: self._tip_velocities(columns, rates).T, True)
         return velocity.T
 
+    @abstractmethod
     def _tip_velocities(self, q: Array, qdot: Array) -> Array:
-        step = COMPLEX_STEP / max(1.0, float(np.abs(qdot).max(initial=0.0)))
-        return self._tips(q + 1j * step * qdot).imag / step
+        """Velocities for `tip_velocities`, (k, 2), of checked arguments (coordinates, k)."""
 
     @abstractmethod
-    def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
-        """Positions for `tips`, an analytic function of real or complex q, (coordinates, k)."""
+    def _tips(self, q: Array) -> Array:
+        """Positions for `tips`, (k, 2), of checked configurations (coordinates, k)."""
 
     @property
     def kinks_known(self) -> bool:

@@ -415,7 +415,7 @@ class Galerkin(Model):
             found.append(total)
         return np.concatenate(found)
 
-    def _tips(self, q: NDArray[Any]) -> NDArray[Any]:
+    def _tips(self, q: Array) -> Array:
         return self._tips_in_motion(q, np.zeros_like(q))[:2].T
 
     def _tip_velocities(self, q: Array, qdot: Array) -> Array:
