@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Pictures of motion: they show the motion, the right way up, and refuse bad questions."""
 
+import base64
 import dataclasses
+import io
 import math
 import re
 from functools import cache, partial
@@ -346,6 +348,37 @@ def test_an_animation_of_a_cycle_closes_and_has_all_frames(tmp_path):
     assert math.hypot(x[0] - x[-1], y[0] - y[-1]) < 1e-3
     assert np.ptp(x) > 0.1  # the whole path, from the first frame on
     assert ax.yaxis_inverted()
+
+
+def test_a_film_shows_what_a_figure_of_its_own_would(tmp_path):
+    """What does not move is drawn once, below what moves; the figure is as before afterwards."""
+    none = PlaceHolderLayoutEngine(adjust_compatible=True, colorbar_gridspec=True)
+    ax, beside = (figure := Figure(figsize=(3.0, 2.0), layout=none)).subplots(1, 2)
+    beside.plot([0.0, 1.0], [1.0, 0.0], label="beside")
+    film = plot.animate(run("cycle"), fps=4, ax=ax)
+    film.save(tmp_path / "pipe.html")
+    page = (tmp_path / "pipe.html").read_text(encoding="utf-8")
+    data = re.findall(r"data:image/png;base64,([^\"]+)", page)[3].replace("\\\n", "")
+    with Image.open(io.BytesIO(base64.b64decode(data))) as image:
+        shown = np.asarray(image.convert("RGB")).astype(float)
+    film._draw_frame(3)
+    whole = io.BytesIO()
+    figure.savefig(whole, format="png", dpi="figure")
+    with Image.open(whole) as image:
+        drawn = np.asarray(image.convert("RGB")).astype(float)
+    assert shown.shape == drawn.shape
+    assert (np.abs(shown - drawn).max(axis=-1) > 60.0).mean() < 2e-3
+    assert (drawn.min(axis=-1) < 128.0).mean() > 0.02
+
+
+def test_a_film_has_the_dots_asked_for_and_says_how_far_it_is(tmp_path, terminal):
+    path = tmp_path / "pipe.gif"
+    plot.animate(run("cycle"), path, fps=4, dpi=40.0, ax=small_axes(), progress=True)
+    with Image.open(path) as image:
+        assert image.size == (80, 92)
+    assert "10/10" in terminal.readouterr().err
+    with pytest.raises(ValueError, match=r"dpi must lie in \[10, 1000\], got 1"):
+        plot.animate(run("cycle"), fps=4, dpi=1.0, ax=small_axes())
 
 
 def test_the_reduced_model_is_animated_like_the_chain():

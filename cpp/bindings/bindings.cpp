@@ -164,7 +164,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
 
   m.def(
       "sines",
-      [](const pipedyn::Numbers& angles) {
+      [](const py::array_t<double, py::array::c_style | py::array::forcecast>& angles) {
         const py::ssize_t count = angles.size();
         pipedyn::Matrix found = pipedyn::Matrix::Zero(count + 7, 2);  // room for whole packs
         std::copy_n(angles.data(), count, found.data());

@@ -8,9 +8,11 @@ the page. Between samples pictures show cubics through positions and velocities.
 
 from __future__ import annotations
 
+import io
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
@@ -20,10 +22,12 @@ import numpy as np
 import scipy
 from matplotlib import rc_context
 from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.image import imread
 from matplotlib.patches import FancyArrowPatch, Rectangle
 from numpy.typing import ArrayLike
 
@@ -48,6 +52,7 @@ from pipedyn.plot.units import (
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.files import replacing
+from pipedyn.util.parallel import track
 
 Sampled: TypeAlias = Motion | LimitCycle
 Shown: TypeAlias = Sampled | Basin
@@ -301,6 +306,9 @@ class Film(FuncAnimation):
     fps = 25.0
     repeats = False
     frames = 0
+    progress = False
+    moving: Sequence[Artist] = ()
+    """What changes from frame to frame; in files all else is drawn once."""
 
     def __repr__(self) -> str:
         seconds = f"{self.frames / self.fps:.3g} s"
@@ -325,13 +333,43 @@ class Film(FuncAnimation):
                 beside.write_text(page, encoding="utf-8")
                 return
             chosen: Any = FFMpegWriter if kind == ".mp4" else PillowWriter
-            super().save(beside, writer=chosen(fps=self.fps), **options)
+            frames = track(range(self.frames), self.frames, "film", self.progress)
+            options.setdefault("progress_callback", lambda *_: next(frames, None))
+            with self._still_drawn_once(options.get("dpi")):
+                super().save(beside, writer=chosen(fps=self.fps), **options)
+            list(frames)  # ends the line of progress
 
     def to_jshtml(self, *args: Any, **options: Any) -> str:
         """A player with all frames as HTML."""
         options.setdefault("default_mode", "loop" if self.repeats else "once")
-        with rc_context({"animation.embed_limit": 1e6}):  # MB: no frame is left out
-            return str(super().to_jshtml(*args, **options))
+        with rc_context({"animation.embed_limit": 1e6}), self._still_drawn_once():
+            return str(super().to_jshtml(*args, **options))  # MB: no frame is left out
+
+    @contextmanager
+    def _still_drawn_once(self, dpi: Any = None) -> Iterator[None]:
+        """Has all that does not move replaced by one picture of it, at a number of dots an inch."""
+        figure: Figure = self._fig  # type: ignore[attr-defined]
+        raw = io.BytesIO()
+        every = [figure.patch, *(one for ax in figure.axes for one in ax.get_children())]
+        still = [one for one in every if one not in self.moving and one.get_visible()]
+        for one in self.moving:
+            one.set_visible(False)
+        figure.savefig(raw, format="png", dpi="figure" if dpi is None else dpi)
+        for one in self.moving:
+            one.set_visible(True)
+        for one in still:
+            one.set_visible(False)
+        raw.seek(0)
+        picture = figure.figimage(imread(raw), zorder=-1.0)
+        layout = figure.get_layout_engine()
+        _end_layout(figure)
+        try:
+            yield
+        finally:
+            picture.remove()
+            figure.set_layout_engine(layout)
+            for one in still:
+                one.set_visible(True)
 
     def _repr_html_(self) -> str:
         return self.to_jshtml()
@@ -344,6 +382,8 @@ def animate(
     fps: float = 25.0,
     speed: float | None = None,
     span: ArrayLike | None = None,
+    dpi: float | None = None,
+    progress: bool = False,
     units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> Film:
@@ -362,6 +402,8 @@ def animate(
             cycle takes 2.5 seconds, and all of a motion without cycles 8 seconds.
         span: start and end in T; if not given, the last cycle, which repeats without end, or all of
             a motion without cycles.
+        dpi: dots an inch in the file, from 10 to 1000; those of the figure if not given.
+        progress: whether to show on stderr how many frames of the file are drawn.
         units: "nondimensional", or "si" if the pipe has scales.
         ax: Axes to draw on; if not given, those of a new figure without a window.
 
@@ -383,6 +425,8 @@ def animate(
     if path is not None:
         path = _checked_path(path)
     fps = check.real("fps", fps, low=1.0, high=50.0)
+    options = {} if dpi is None else {"dpi": check.real("dpi", dpi, low=10.0, high=1000.0)}
+    shown = check.flag("progress", progress)
     if speed is not None:
         speed = check.real("speed", speed, low=0.0, open_low=True)
     begin, finish = (start, end) if cycle else last_cycle(motion) or (0.0, 0.0)
@@ -412,20 +456,29 @@ def animate(
         if flow is not None:
             flow.set_positions(*flow_ends(motion.model.pipe, shapes[frame], one))
         now = f"{times[frame]:.{digits}f}"
-        now = f"$t = {now}$ s" if view.si else rf"$\tau = {now}$"
-        text = ax.set_title(f"{_title(motion, view)}\n{now}")
+        text.set_text(f"$t = {now}$ s" if view.si else rf"$\tau = {now}$")
         return [pipe, trace, text]
 
+    title = ax.set_title(f"{_title(motion, view)}\n ")
+    place: dict[str, Any] = {"transform": title.get_transform(), "ha": "center", "va": "baseline"}
+    text = ax.text(0.5, 1.0, "", **place, fontsize=title.get_fontsize(), gid="time")
     show(0)
-    if own:  # one layout for all frames: they are then equally large and drawn faster
-        figure.draw_without_rendering()
-        with rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
-            figure.set_layout_engine(None)  # with "none", matplotlib would draw each frame twice
+    figure.draw_without_rendering()
+    text.set_position(title.get_position())
+    if own:  # one layout for all frames: they are then equally large
+        _end_layout(figure)
     film = Film(figure, show, frames=frames, interval=1000.0 / fps, blit=False)
-    film.fps, film.repeats, film.frames = fps, cycle, frames
+    film.fps, film.repeats, film.frames, film.progress = fps, cycle, frames, shown
+    film.moving = [one for one in (trace, pipe, flow, text) if one is not None]
     if path is not None:
-        film.save(path)
+        film.save(path, **options)
     return film
+
+
+def _end_layout(figure: Figure) -> None:
+    """Keeps the axes of a figure where they are."""
+    with rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+        figure.set_layout_engine(None)  # with "none", matplotlib would draw each frame twice
 
 
 def _checked_path(path: Any) -> Path:
