@@ -110,6 +110,8 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
           "flux"_a = 0.0, "gravity"_a = 0.0, "by_damping"_a = 0.0, "unsteady"_a = 0.0, Unlocked())
       .def("guided", &Chain::guided, "held"_a)
       .def_property_readonly("joints", &Chain::joints)
+      .def_property_readonly("elastic_scale", &Chain::elastic_scale)
+      .def_property_readonly("turns_freely", &Chain::turns_freely)
       .def("bodies", &Chain::bodies);
 
   py::class_<Galerkin> galerkin(m, "Galerkin");

@@ -9,7 +9,11 @@
 #include <pybind11/stl.h>
 #include <pybind11/typing.h>
 
+#include <atomic>
 #include <chrono>
+#include <functional>
+#include <stdexcept>
+#include <thread>
 
 #include "arguments.hpp"
 #include "pipedyn/galerkin/galerkin.hpp"
@@ -197,16 +201,33 @@ void define_linear(py::module_& m) {
       "crossings",
       [](const std::vector<std::shared_ptr<Spectrum>>& spectra, const std::vector<Range>& ranges,
          const py::object& count_work) {
-        std::vector<Sweep> found;
+        std::vector<Sweep> found(spectra.size());
         if (spectra.empty()) return found;
         Report report(spectra[0], count_work);
         {
           const py::gil_scoped_release unlocked;
-          for (std::size_t i = 0; i < spectra.size(); ++i) {
-            report.next_search(spectra[i]);
-            found.push_back(crossings(*spectra[i], ranges.at(i), std::ref(report)));
-          }
+          const std::thread::id caller = std::this_thread::get_id();
+          std::atomic<bool> stopped = false;
+          // Some four searches are worth a thread. Only the caller's thread may ask Python whether
+          // to stop.
+          in_parts(static_cast<Index>(spectra.size()), worth_a_thread / 2, [&](Index i, Index end) {
+            const bool own = std::this_thread::get_id() == caller;
+            const auto stop_too = [&] {
+              if (stopped) throw std::runtime_error("another thread's search was stopped");
+            };
+            try {
+              for (; i < end; ++i) {
+                if (own) report.next_search(spectra[i]);
+                const std::function<void()> asked = own ? std::ref(report) : std::function(stop_too);
+                found[i] = crossings(*spectra[i], ranges.at(i), asked);
+              }
+            } catch (...) {
+              if (own) stopped = true;
+              throw;
+            }
+          });
         }
+        for (const std::shared_ptr<Spectrum>& one : spectra) report.next_search(one);
         report.send();
         return found;
       },
@@ -263,16 +284,17 @@ void define_linear(py::module_& m) {
       .def(py::init<Matrix>(), "columns"_a)
       .def("lifted", &Complement::lifted, "z"_a)
       .def("projected", &Complement::projected, "x"_a);
-  // The spectrum refers to chain and complement, which Python keeps alive as long as it lives.
+  // The spectrum refers to the chain, which Python keeps alive as long as it lives.
   py::class_<Structured, Eigenproblem, std::shared_ptr<Structured>>(m, "Structured")
-      .def(py::init([](const Traits& traits, const Chain& chain, const Complement& complement,
-                       const Vector& scale, double size) {
+      .def(py::init([](const Traits& traits, const Chain& chain, const Complement* complement,
+                       double size) {
              const auto of = std::make_shared<const ChainDeterminant>(
-                 unowned(chain), unowned(complement), scipy_lapack(), scale);
+                 unowned(chain), complement ? *complement : Complement(Matrix(chain.dof(), 0)),
+                 scipy_lapack());
              return std::make_shared<Structured>(traits, of, size);
            }),
-           "traits"_a, "chain"_a, "complement"_a, "scale"_a, "size"_a, py::keep_alive<1, 3>(),
-           py::keep_alive<1, 4>())
+           "traits"_a, "chain"_a, py::arg("complement").none(true), "size"_a,
+           py::keep_alive<1, 3>())
       .def(py::init([](const Traits& traits, std::shared_ptr<PanelPencil> pencil,
                        const Matrix& lift, const Matrix& projection, double size) {
              const auto of = std::make_shared<const PanelDeterminant>(

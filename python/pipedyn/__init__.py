@@ -61,6 +61,8 @@ from pipedyn.linear.critical_speed import CriticalSpeed as CriticalSpeed
 from pipedyn.linear.critical_speed import NoCrossing as NoCrossing
 from pipedyn.linear.critical_speed import critical_speed as critical_speed
 from pipedyn.linear.critical_speed import crossings as crossings
+from pipedyn.linear.critical_speeds import CriticalSpeeds as CriticalSpeeds
+from pipedyn.linear.critical_speeds import critical_speeds as critical_speeds
 from pipedyn.linear.frequency_response import FrequencyResponse as FrequencyResponse
 from pipedyn.linear.frequency_response import Resonance as Resonance
 from pipedyn.linear.frequency_response import frequency_response as frequency_response

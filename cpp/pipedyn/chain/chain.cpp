@@ -479,6 +479,12 @@ Matrix Chain::joints() const {
   return out;
 }
 
+Vector Chain::elastic_scale() const {
+  const double mean = springs().mean();
+  const double floor = mean > 1e-100 ? 1e-3 * mean : static_cast<double>(dof());  // it is squared
+  return springs().cwiseMax(floor).cwiseSqrt().cwiseInverse();
+}
+
 ChainModel Chain::model() const {
   return {.links = links_.data(),
           .dynamic_stiffnesses = dynamic_stiffnesses_.data(),

@@ -131,6 +131,11 @@ class Chain {
   /// includes the root's spring; the joint of a guided end is the last row.
   Matrix joints() const;
   const Vector& springs() const { return segments_.spring; }
+  /// Joint angle for a unit of each elastic coordinate (n): 1 / sqrt(k_j). A joint whose spring is 0
+  /// or below 1e-3 of the mean takes its scale from the mean.
+  Vector elastic_scale() const;
+  /// Whether a joint, or the root of the pipe, has no spring.
+  bool turns_freely() const { return springs().minCoeff() <= 0.0; }
   /// Derivatives of the displacements of the held ends by the joint angles in units of scale (n); a
   /// column for each held end (n, held ends).
   Matrix held_rows(const Vector& scale) const;

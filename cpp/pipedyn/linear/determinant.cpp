@@ -180,11 +180,8 @@ Index ChainDeterminant::enough_for(Index roots) const {
 
 std::unique_ptr<Determinant> ChainDeterminant::coarser(Index size) const {
   auto coarse = std::make_shared<const Chain>(chain_->coarser(size));
-  const Vector& k = coarse->springs();
-  const Vector scale = k.cwiseMax(1e-3 * k.mean() + 1e-300).cwiseSqrt().cwiseInverse();
-  auto complement = std::make_shared<const Complement>(coarse->held_rows(scale));
-  return std::make_unique<ChainDeterminant>(std::move(coarse), std::move(complement), lapack,
-                                            scale);
+  Complement free(coarse->held_rows(coarse->elastic_scale()));
+  return std::make_unique<ChainDeterminant>(std::move(coarse), std::move(free), lapack);
 }
 
 Pencil ChainDeterminant::matrices(double stiffness_size) const {
@@ -203,8 +200,8 @@ Pencil ChainDeterminant::matrices(double stiffness_size) const {
     Matrix& of = made[k];
     if (of.size() == 0) continue;
     lost[k] = 4.0 * eps * static_cast<double>(held()) * of.norm();
-    const Matrix columns = complement_->projected(of).transpose();
-    of = complement_->projected(columns).transpose();
+    const Matrix columns = complement_.projected(of).transpose();
+    of = complement_.projected(columns).transpose();
   }
   return {lapack, std::move(made), chain_->pipe().end_coefficient, stiffness_size, lost};
 }

@@ -99,22 +99,20 @@ class Determinant {
 
 class ChainDeterminant : public Determinant {
  public:
-  /// complement: basis of the elastic coordinates that guides leave free; scale: joint angles per
-  /// elastic coordinate, (n).
-  ChainDeterminant(std::shared_ptr<const Chain> chain, std::shared_ptr<const Complement> complement,
-                   const Lapack& known, Vector scale)
+  /// complement: basis of the elastic coordinates that guides leave free.
+  ChainDeterminant(std::shared_ptr<const Chain> chain, Complement complement, const Lapack& known)
       : Determinant(known),
         chain_(std::move(chain)),
-        complement_(std::move(complement)),
-        scale_(std::move(scale)) {}
+        scale_(chain_->elastic_scale()),
+        complement_(std::move(complement)) {}
 
   Index size() const override { return chain_->dof(); }
-  Index held() const override { return chain_->dof() - complement_->dof(); }
+  Index held() const override { return chain_->dof() - complement_.dof(); }
   Index enough_for(Index roots) const override;
   std::unique_ptr<Determinant> coarser(Index size) const override;
   Pencil matrices(double stiffness_size) const override;
   bool is_pivoted() const override { return false; }
-  bool turns_freely() const override { return chain_->springs().minCoeff() <= 0.0; }
+  bool turns_freely() const override { return chain_->turns_freely(); }
   double thrust() const override { return chain_->model().thrust[0]; }
   StaticDeterminants static_determinants(const Values& u) const override;
   int negative_at_rest() const override;
@@ -127,10 +125,10 @@ class ChainDeterminant : public Determinant {
     motion_kernel().dynamic_stiffness->pairs(chain_->model(), points, out);
   }
   Matrix projected(const Matrix& angles) const override {
-    return complement_->projected(scale_.cwiseInverse().asDiagonal() * angles);
+    return complement_.projected(scale_.cwiseInverse().asDiagonal() * angles);
   }
   Matrix lifted(const Matrix& x) const override {
-    return scale_.asDiagonal() * complement_->lifted(x);
+    return scale_.asDiagonal() * complement_.lifted(x);
   }
   Matrix times(const Matrix& x, const LinearPart& part) const override {
     return chain_->joint_times(x, part);
@@ -139,8 +137,8 @@ class ChainDeterminant : public Determinant {
 
  private:
   std::shared_ptr<const Chain> chain_;
-  std::shared_ptr<const Complement> complement_;
-  Vector scale_;
+  Vector scale_;  // joint angles per elastic coordinate, (n)
+  Complement complement_;
 };
 
 class PanelDeterminant : public Determinant {

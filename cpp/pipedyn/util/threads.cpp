@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "pipedyn/util/threads.hpp"
 
+#include <algorithm>
 #include <atomic>
+#include <cstdlib>
 #include <future>
 #include <thread>
 #include <vector>
@@ -14,11 +16,14 @@ namespace pipedyn {
 
 Index threads() {
   static const Index found = [] {
+    Index processors = std::max<Index>(std::thread::hardware_concurrency(), 1);
 #ifdef __linux__
     cpu_set_t allowed;  // the call fails on machines with more processors than it holds
-    if (sched_getaffinity(0, sizeof allowed, &allowed) == 0) return Index{CPU_COUNT(&allowed)};
+    if (sched_getaffinity(0, sizeof allowed, &allowed) == 0) processors = CPU_COUNT(&allowed);
 #endif
-    return std::max<Index>(std::thread::hardware_concurrency(), 1);
+    const char* const wanted = std::getenv("OMP_NUM_THREADS");
+    const Index most = wanted == nullptr ? 0 : std::atoi(wanted);
+    return most > 0 ? std::min(most, processors) : processors;
   }();
   return found;
 }

@@ -21,7 +21,7 @@ from pipedyn.accuracy.quantities import (
     conditions_of,
 )
 from pipedyn.cycles.limit_cycle import NoCycle
-from pipedyn.linear.critical_speed import NoCrossing, largest_tension
+from pipedyn.linear.critical_speed import NoCrossing, Reach
 from pipedyn.linear.modes import CONTINUUM_SPEED, modes
 from pipedyn.linear.neutral import growth
 from pipedyn.models.base import core_pipe
@@ -404,7 +404,7 @@ def _growth_at(pipe: Pipe, u: float) -> float:
         return math.nan
     soft, stiff = (1.0, 1.0) if pipe.stiffness is None else pipe.stiffness.bounds
     light = 1.0 if pipe.mass is None else pipe.mass.bounds[0]
-    weight = largest_tension(pipe)
+    weight = Reach(pipe).tension
     across, turning = core_pipe(pipe).added_stiffness
     thrust = (max(pipe.alpha, 1.0) * u**2 + max(-weight, 0.0)) / soft
     half_waves = 4 + math.ceil(math.sqrt(thrust) / math.pi)

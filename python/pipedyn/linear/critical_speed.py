@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import field, replace
 from functools import cached_property, lru_cache, partial
 from itertools import pairwise
@@ -32,7 +32,7 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import count_factorisations
 from pipedyn.util.errors import NotConverged, PipedynError
-from pipedyn.util.parallel import Job, Returned, one_thread, outcome_of
+from pipedyn.util.parallel import Returned, one_thread, outcome_of
 from pipedyn.util.result import SPEED
 
 LONG_MODEL = 4
@@ -143,6 +143,9 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
 CriticalPoint: TypeAlias = tuple[CriticalSpeed, tuple[Crossing, ...]]
 CriticalPointIfAny: TypeAlias = tuple[CriticalSpeed | None, tuple[Crossing, ...]]
 Found: TypeAlias = Converged[tuple[Crossing, ...]]
+Search: TypeAlias = Callable[[bool], Found]
+"""Finds crossings; the argument tells whether with sensitivities, which some have at any rate."""
+Plan: TypeAlias = Sequence[Search]
 
 
 @lru_cache
@@ -249,14 +252,20 @@ def critical_point(model: AnyModel, max_speed: float = 100.0) -> CriticalPoint:
 
 
 def critical_points(
-    models: Sequence[AnyModel], max_speed: float = 100.0
+    models: Sequence[AnyModel], max_speed: float = 100.0, sensitive: bool = True
 ) -> list[CriticalPoint | Exception]:
-    """Critical points of several models, or the exceptions of those that fail, in one search."""
+    """Critical points of several models, or the exceptions of those that fail, in one search.
+
+    Args:
+        models: the models.
+        max_speed: flow speed at which the searches end.
+        sensitive: whether crossings have their sensitivities.
+    """
     found: dict[int, CriticalPoint | Exception] = {}
     ends = [(*_first_ends(model, max_speed), max_speed) for model in models]
     for end in sorted({end for each in ends for end in each}):
         at = [i for i, each in enumerate(ends) if end in each and i not in found]
-        points = stability_losses([models[i] for i in at], end, True, max_speed)
+        points = stability_losses([models[i] for i in at], end, True, max_speed, sensitive)
         for i, point in zip(at, points, strict=True):
             if isinstance(point, Exception):
                 found[i] = point
@@ -279,7 +288,7 @@ def _first_ends(model: AnyModel, max_speed: float) -> list[float]:
     the larger beta, the smaller is the weight that raises it. Spans held at both ends buckle
     between pi and 2 pi.
     """
-    pipe, gravity = model.pipe, LARGE_GRAVITY
+    pipe, gravity, reach = model.pipe, LARGE_GRAVITY, Reach(model.pipe)
     if pipe.supports or pipe.end_held:
         ends = [5.0, 8.0, 12.0, 24.0, 48.0]
     elif pipe.flow == "ejecting":
@@ -289,10 +298,10 @@ def _first_ends(model: AnyModel, max_speed: float) -> list[float]:
     else:
         ends = [12.0, 24.0, 48.0]
     # The unit is rounded up to a power of 1.1, so that similar pipes are searched together.
-    unit = 1.1 ** math.ceil(math.log(_speed_scale(pipe, gravity), 1.1) - 1e-9)
+    unit = 1.1 ** math.ceil(math.log(reach.speed_scale(gravity), 1.1) - 1e-9)
     ends = [end * unit for end in ends if end * unit < max_speed]
     if isinstance(model, Model):
-        ends = [end for end in ends if _some_are_cheaper(_modes_within(end, pipe), end, model.dof)]
+        ends = [end for end in ends if _some_are_cheaper(reach.modes_within(end), end, model.dof)]
         if ends and not model.pencil().is_long:
             return []
     return ends
@@ -316,6 +325,7 @@ def stability_losses(
     max_speed: float,
     until_unstable: bool = False,
     continuum_end: float | None = None,
+    sensitive: bool = True,
 ) -> list[CriticalPointIfAny | Exception]:
     """Critical speed, if any, and crossings up to max_speed of each model, or its exception.
 
@@ -327,13 +337,16 @@ def stability_losses(
         until_unstable: whether the search ends at the critical speed.
         continuum_end: speed up to which the continuous pipe's critical speed is searched when
             `CriticalSpeed.discretisation` asks for it; max_speed where not given.
+        sensitive: whether crossings have their sensitivities.
     """
     plans = [outcome_of(partial(_plan, model, max_speed, until_unstable)) for model in models]
     jobs = [job for plan in plans if not isinstance(plan, Exception) for job in plan]
     _run_searches([job for job in jobs if isinstance(job, _Search)])
     end = max_speed if continuum_end is None else continuum_end
     return [
-        plan if isinstance(plan, Exception) else outcome_of(partial(_point, model, plan, end))
+        plan
+        if isinstance(plan, Exception)
+        else outcome_of(partial(_point, model, plan, end, sensitive))
         for model, plan in zip(models, plans, strict=True)
     ]
 
@@ -346,7 +359,7 @@ def only_answer(answers: Sequence[Returned | Exception]) -> Returned:
     return one
 
 
-def _plan(model: AnyModel, max_speed: float, until_unstable: bool) -> Sequence[Job[Found]]:
+def _plan(model: AnyModel, max_speed: float, until_unstable: bool) -> Plan:
     """Jobs whose crossings give those of the model: one, or one for each strengthened pipe."""
     pipe = model.pipe
     if pipe.beta == 0.0 and pipe.alpha == 0.0:
@@ -362,12 +375,14 @@ def _plan(model: AnyModel, max_speed: float, until_unstable: bool) -> Sequence[J
     ]
 
 
-def _point(model: AnyModel, plan: Sequence[Job[Found]], continuum_end: float) -> CriticalPointIfAny:
+def _point(
+    model: AnyModel, plan: Plan, continuum_end: float, sensitive: bool
+) -> CriticalPointIfAny:
     """The critical speed among a model's crossings, or None, together with all crossings.
 
     The crossings are those that the jobs find, extrapolated if these solved strengthened pipes.
     """
-    solved = [job() for job in plan]
+    solved = [job(sensitive) for job in plan]
     all_found = solved[0].value if solved else ()
     if len(solved) > 1:
         all_found = extrapolated(model.pipe, [one.value for one in solved])
@@ -406,7 +421,7 @@ def unstable_at_rest(model: AnyModel, found: Sequence[Crossing] = ()) -> int:
     def growing(one: Model) -> int:
         problem = eigenproblem(one)
         every = 2 * problem.dof
-        asked = min(2 * _modes_within(0.0, model.pipe), every) if problem.is_long else every
+        asked = min(2 * Reach(model.pipe).modes_within(0.0), every) if problem.is_long else every
         return int(np.sum(problem.grows_statically(problem.lowest(0.0, asked).values)))
 
     if isinstance(still, Continuum):
@@ -414,16 +429,16 @@ def unstable_at_rest(model: AnyModel, found: Sequence[Crossing] = ()) -> int:
     return growing(still)
 
 
-def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job[Found]:
+def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Search:
     """The search for a continuous pipe, whose basis grows until the crossings converge."""
-    pipe = model.pipe
+    pipe, reach = model.pipe, Reach(model.pipe)
 
     def crossed(
         one: Galerkin, larger: Galerkin | None
     ) -> tuple[tuple[Crossing, ...] | None, tuple[Crossing, ...] | None]:
         search = _Search(one, max_speed, until_unstable, True, larger)
         assert search.resolved is not None
-        if search.resolved < _modes_reached(max_speed, pipe):
+        if search.resolved < reach.modes_reached(max_speed):
             return None, None  # the flow reaches modes that this basis does not resolve
         _run_searches([search], final=larger is None or not search.all_resolved)
         assert search.swept is not None
@@ -432,12 +447,12 @@ def _converging(model: Continuum, max_speed: float, until_unstable: bool) -> Job
         ahead = search.of_larger()
         return search(sensitive=ahead is None).value, ahead
 
-    def job() -> Found:
+    def job(_: bool) -> Found:
         # Fluid that is drawn in feeds all modes equally. If only terms of the pipe damp the modes,
         # a high mode on which these terms do not act grows first, at any flow speed.
         missed = pipe.flow == "aspirating" and not pipe.damping and model.resisted
         smallest = 60 if missed else 16
-        smallest = max(smallest, math.ceil(0.7 * _wave_number(max_speed, pipe)) + 8)
+        smallest = max(smallest, math.ceil(0.7 * reach.wave_number(max_speed)) + 8)
         found = converged_ahead(model, crossed, _difference, smallest=smallest)
         assert found.value is not None
         moved = (replace(c, error=2.0 * c.error + found.error * c.speed) for c in found.value)
@@ -501,6 +516,7 @@ class _Search:
             )
         model.require_equilibrium(0.0, max_speed)
         self.model, self.problem = model, eigenproblem(model)
+        self.reach = Reach(model.pipe)
         self.max_speed, self.until_unstable = max_speed, until_unstable
         self.swept: _core.Sweep | None = None
         spectrum = self.problem.spectrum()
@@ -522,7 +538,7 @@ class _Search:
             self.spectrum = _core.Truncated(spectrum, more, self._looked_at)
         if not self.problem.is_long or continuous:
             return
-        some = _modes_within(max_speed, model.pipe)
+        some = self.reach.modes_within(max_speed)
         # The highest modes of a reduced model are not the pipe's, and the flow may make them grow
         # most. Fluid that is drawn into a chain feeds the highest modes most.
         fed = model.pipe.flow == "aspirating" and not model.pipe.end_held
@@ -548,7 +564,7 @@ class _Search:
         Otherwise all resolved modes are tracked.
         """
         pipe = self.model.pipe
-        tracked = min(resolved, math.ceil(_modes_reached(self.max_speed, pipe)) + 2)
+        tracked = min(resolved, math.ceil(self.reach.modes_reached(self.max_speed)) + 2)
         few = self._are_enough(tracked, None if modes is None else modes[:, :resolved])
         if not few:
             tracked = resolved
@@ -589,7 +605,7 @@ class _Search:
 
     def widen(self) -> None:
         """Tracks more modes, after a root of an untracked mode became unstable."""
-        self._track(max(2 * self.tracked, _modes_within(self.max_speed, self.model.pipe)))
+        self._track(max(2 * self.tracked, self.reach.modes_within(self.max_speed)))
 
     @property
     def _looked_at(self) -> int:
@@ -600,7 +616,7 @@ class _Search:
         """The request to the core: range of speeds, modes to track and the end of the search."""
         return _core.Range(
             max_speed=self.max_speed,
-            scale=_speed_scale(self.model.pipe),
+            scale=self.reach.speed_scale(),
             count=self.count,
             tracked=self.tracked,
             resolved=self._looked_at,
@@ -650,58 +666,68 @@ def _run_searches(searches: Sequence[_Search], final: bool = True) -> None:
             one.widen()
 
 
-def _speed_scale(pipe: Pipe, large_gravity: float = LARGE_GRAVITY) -> float:
-    """Flow speed with the effect on the pipe that u = 1 has on a light uniform pipe of one span.
+class Reach:
+    """Bounds on what the flow and loads can do to a pipe, by which searches are planned.
 
-    Near the free end of a heavy hanging pipe, where weight stretches it little, lengths scale with
-    gamma^(-1/3) and flow speeds with gamma^(1/3).
+    Args:
+        pipe: the pipe.
+
+    Attributes:
+        weight: upper bound of the weight of the pipe and the masses on it, in EI / L^2.
+        tension: axial force at the root due to weight and loads, in EI / L^2; negative if it
+            compresses the pipe.
+        compression: upper bound of compressive loads, in EI / L^2.
+        softness: factor <= 1 on flow speeds by the least stiffness, at equal wave lengths.
+        thrust: largest of 1 and the factor of u^2 in the stiffness.
     """
-    places = 0.0, *pipe.supports, 1.0
-    longest = max(high - low for low, high in pairwise(places))
-    of_weight = math.cbrt(1.0 + max(pipe.gamma, 0.0) / large_gravity)
-    return of_weight * _softest(pipe) / (longest * math.sqrt(max(pipe.alpha, 1.0)))
 
+    def __init__(self, pipe: Pipe) -> None:
+        self.pipe = pipe
+        terms = [term.numbers for term in pipe.terms] if pipe.terms else []
+        heaviest = 1.0 if pipe.mass is None else pipe.mass.bounds[1]
+        weight, load, pushed = heaviest, 0.0, 0.0
+        for numbers in terms:
+            weight += numbers.get("mass", 0.0)
+            load += numbers.get("load", 0.0)
+            pushed += max(-numbers.get("load", 0.0), 0.0)
+        self.weight = pipe.gamma * weight
+        self.tension = self.weight + load
+        self.compression = pushed + max(-self.weight, 0.0)
+        least = 1.0 if pipe.stiffness is None else pipe.stiffness.bounds[0]
+        self.softness = math.sqrt(min(1.0, least))
+        self.thrust = max(pipe.alpha, 1.0)
 
-def _softest(pipe: Pipe) -> float:
-    """Factor <= 1 on flow speeds by the least stiffness, at equal wave lengths."""
-    return 1.0 if pipe.stiffness is None else math.sqrt(min(1.0, pipe.stiffness.bounds[0]))
+    def speed_scale(self, large_gravity: float = LARGE_GRAVITY) -> float:
+        """Flow speed with the effect on the pipe that u = 1 has on a light uniform pipe of one span.
 
+        Near the free end of a heavy hanging pipe, where weight stretches it little, lengths scale
+        with gamma^(-1/3) and flow speeds with gamma^(1/3).
+        """
+        supports, longest = self.pipe.supports, 1.0
+        if supports:
+            longest = max(high - low for low, high in pairwise([0.0, *supports, 1.0]))
+        of_weight = math.cbrt(1.0 + max(self.pipe.gamma, 0.0) / large_gravity)
+        return of_weight * self.softness / (longest * math.sqrt(self.thrust))
 
-def _wave_number(max_speed: float, pipe: Pipe) -> float:
-    """Upper bound of the wave numbers at which flow and compressive loads exceed the stiffness.
+    def wave_number(self, max_speed: float) -> float:
+        """Upper bound of the wave numbers at which flow and compressive loads exceed the stiffness.
 
-    Tension is not counted, so that this is a bound. Flow forces proportional to velocities act up
-    to wave numbers of about u, which the bound includes.
-    """
-    loads = [-one.get("load", 0.0) for one in (term.numbers for term in pipe.terms)]
-    compression = max(-_weight(pipe), 0.0) + sum(max(load, 0.0) for load in loads)
-    return math.sqrt(max(pipe.alpha, 1.0) * max_speed**2 + compression)
+        Tension is not counted, so that this is a bound. Flow forces proportional to velocities act
+        up to wave numbers of about u, which the bound includes.
+        """
+        return math.sqrt(self.thrust * max_speed**2 + self.compression)
 
+    def modes_reached(self, max_speed: float) -> float:
+        """Number of modes whose stiffness flow and compressive loads can exceed, and two more."""
+        return self.wave_number(max_speed) / (math.pi * self.softness) + 2.0
 
-def _modes_reached(max_speed: float, pipe: Pipe) -> float:
-    """Number of modes whose stiffness flow and compressive loads can exceed, and two more."""
-    return _wave_number(max_speed, pipe) / (math.pi * _softest(pipe)) + 2.0
+    def modes_within(self, max_speed: float) -> int:
+        """Bound on the number of modes that flow and loads can make unstable, and twelve more.
 
-
-def _modes_within(max_speed: float, pipe: Pipe) -> int:
-    """Bound on the number of modes that flow and loads can make unstable, and twelve more.
-
-    About k / pi modes lie below the wave number k at which the remaining stiffness is 0; the bound
-    is k, some three times as many.
-    """
-    return 12 + math.ceil(_wave_number(max_speed, pipe) / _softest(pipe))
-
-
-def _weight(pipe: Pipe) -> float:
-    """Upper bound of the weight of the pipe and the masses on it, in EI / L^2."""
-    masses = [term.numbers.get("mass", 0.0) for term in pipe.terms]
-    heaviest = 1.0 if pipe.mass is None else pipe.mass.bounds[1]
-    return float(pipe.gamma * (heaviest + sum(masses)))
-
-
-def largest_tension(pipe: Pipe) -> float:
-    """Axial force at the root due to weight and loads, in EI / L^2; tension is positive."""
-    return _weight(pipe) + sum(float(term.numbers.get("load", 0.0)) for term in pipe.terms)
+        About k / pi modes lie below the wave number k at which the remaining stiffness is 0; the
+        bound is k, some three times as many.
+        """
+        return 12 + math.ceil(self.wave_number(max_speed) / self.softness)
 
 
 def _some_are_cheaper(tracked: int, max_speed: float, dof: int) -> bool:

@@ -33,6 +33,10 @@ class Eigenproblem:
 
     Args:
         pencil: pencil of the model.
+
+    Attributes:
+        is_damped: whether anything but the flow dissipates energy; a damper at a support does not.
+        zero_tolerance: |lambda| below which a root counts as zero.
     """
 
     def __init__(self, pencil: Pencil) -> None:
@@ -40,6 +44,15 @@ class Eigenproblem:
         self.model = pencil.model
         self.pipe, self.dof = pencil.pipe, pencil.dof
         self.is_long = pencil.is_long
+        self.is_damped = pencil.is_damped
+        if self.is_damped and not (self.pipe.damping or self.pipe.hysteresis):
+            x = np.cos(np.arange(1.0, self.dof + 1.0))[:, None]
+            self.is_damped = abs((x.T @ pencil.damping(x))[0, 0]) > pencil.lost_power
+        # Rounding scatters a double zero root by the square root of its size, and the triple zero
+        # root of a joint without stiffness by the cube root. Damping makes all roots near zero
+        # smaller.
+        least = 1e-4 if pencil.turns_freely else 1e-6
+        self.zero_tolerance = least / max(1.0, self.pipe.damping)
 
     @property
     def rows(self) -> int:
@@ -49,14 +62,6 @@ class Eigenproblem:
         back on matrices.
         """
         return 1 if self.is_long else 2 * self.dof
-
-    @cached_property
-    def is_damped(self) -> bool:
-        """Whether anything but the flow dissipates energy; a damper at a support does not."""
-        if not self.pencil.is_damped or self.pipe.damping or self.pipe.hysteresis:
-            return self.pencil.is_damped
-        x = np.cos(np.arange(1.0, self.dof + 1.0))[:, None]
-        return abs((x.T @ self.pencil.damping(x))[0, 0]) > self.pencil.lost_power
 
     @cached_property
     def is_conservative(self) -> bool:
@@ -79,17 +84,6 @@ class Eigenproblem:
         thrust = self.pipe.alpha != 0.0 and differ(of.flux, 1.0)
         return not (thrust or differ(of.velocity, -1.0) or differ(of.stiffness, 1.0))
 
-    @cached_property
-    def zero_tolerance(self) -> float:
-        """|lambda| below which a root counts as zero.
-
-        Rounding scatters a double zero root by the square root of its size, and the triple zero
-        root of a joint without stiffness by the cube root. Damping makes all roots near zero
-        smaller.
-        """
-        least = 1e-4 if (self.model.elastic_share == 0.0).any() else 1e-6
-        return least / max(1.0, self.pipe.damping)
-
     def grows_statically(self, values: Complex) -> NDArray[np.bool_]:
         """Which eigenvalues are real and positive, so that motions grow without oscillating."""
         return (values.imag == 0.0) & (values.real > self.zero_tolerance)
@@ -100,20 +94,21 @@ class Eigenproblem:
 
     def spectrum(self) -> _core.Eigenproblem:
         """The core's form of the problem, made anew at each call, since nothing is kept here."""
+        pipe, damped = self.pipe, self.is_damped
         traits = _core.Traits(
             dof=self.dof,
-            delta=self.pipe.damping,
+            delta=pipe.damping,
             zero=self.zero_tolerance,
-            damped=self.is_damped,
-            conservative=self.is_conservative,
-            squared=self.velocity_free(1.0),
-            free_at_rest=self.velocity_free(0.0),
-            loss=self.pipe.hysteresis,
+            damped=damped,
+            conservative=not damped and self.is_conservative,
+            squared=not damped and pipe.beta == 0.0,
+            free_at_rest=not damped,
+            loss=pipe.hysteresis,
         )
         # The norm of the stiffness at rest; the elastic part has norm 1.
-        size = 1.0 + abs(self.pipe.gamma) + self.pencil.term_stiffness()
+        size = 1.0 + abs(pipe.gamma) + self.pencil.term_stiffness()
         spectrum = self.pencil.spectrum(traits, size)
-        if self.pipe.hysteresis:
+        if pipe.hysteresis:
             spectrum.set_without_loss(self.static.spectrum())
         return spectrum
 

@@ -192,7 +192,7 @@ class OfPipe(Saved):
     @property
     def resisted(self) -> bool:
         """Whether linear forces but the flow's and Kelvin-Voigt damping depend on velocities."""
-        return bool(self.pipe.terms) and core_pipe(self.pipe).resisted
+        return bool(self._pipe.terms) and core_pipe(self._pipe).resisted
 
     def __getstate__(self) -> dict[str, Any]:
         """All attributes but the cached properties, as compiled objects do not pickle."""
@@ -278,7 +278,8 @@ class Model(OfPipe, ABC):
     @property
     def is_varied(self) -> bool:
         """Whether other forces than a uniform pipe's act in small motions."""
-        return bool(self.pipe.terms or self.pipe.stiffness or self.pipe.mass)
+        pipe = self._pipe
+        return bool(pipe.terms or pipe.stiffness or pipe.mass)
 
     def refined(self) -> Model | None:
         """A model of the pipe with 1.5 times as many functions, at least four more.

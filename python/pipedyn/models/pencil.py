@@ -54,7 +54,12 @@ class Pencil:
         self.model = model
         self.pipe = model.pipe
         self.dof = model.dof
-        self.is_damped = any((self.pipe.damping, self.pipe.hysteresis, model.resisted))
+        self.is_damped = bool(self.pipe.damping or self.pipe.hysteresis or model.resisted)
+
+    @property
+    def turns_freely(self) -> bool:
+        """Whether a joint, or the root of the pipe, has no spring."""
+        return bool((self.model.elastic_share == 0.0).any())
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
         """The core's solver for eigenvalues; size: the norm of K at rest."""

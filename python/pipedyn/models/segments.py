@@ -100,8 +100,7 @@ class SegmentModel(Model):
 
     @property
     def is_varied(self) -> bool:
-        end_spring = self._own_joints.size > self.integrated
-        return end_spring or not self.linear_cost or super().is_varied
+        return self._pipe.end_guided or not self.linear_cost or super().is_varied
 
     def pencil(self) -> Pencil:
         return ChainPencil(self) if self.linear_cost else DensePencil(self)
@@ -144,14 +143,8 @@ class SegmentModel(Model):
 
     @cached_property
     def elastic_scale(self) -> Array:
-        """Joint angle for a unit of each elastic coordinate, shape (n,): 1 / sqrt(k_j).
-
-        A joint whose spring is 0 or below 1e-3 of the mean takes its scale from the mean.
-        """
-        springs = self._chain.joints[: self.integrated, 0]
-        mean = float(springs.mean())
-        floor = 1e-3 * mean if mean > 1e-100 else float(springs.size)  # the scale will be squared
-        scale: Array = 1.0 / np.sqrt(np.maximum(springs, floor))
+        """Joint angle for a unit of each elastic coordinate, shape (n,): 1 / sqrt(k_j)."""
+        scale: Array = self._chain.elastic_scale
         scale.flags.writeable = False
         return scale
 
@@ -385,14 +378,28 @@ class ChainPencil(Pencil):
 
     def __init__(self, model: SegmentModel) -> None:
         super().__init__(model)
-        self.core, self.held = model._chain, bool(model._held.size)
-        self.scale, self.complement = model.elastic_scale, model.linear.elastic
+        self.core, held = model._chain, model._held
+        self.held = held.size > 0
         if self.held:
             guided = np.zeros(model.integrated, dtype=np.bool_)
-            guided[model._held] = True
+            guided[held] = True
             self.core = self.core.guided(guided.tolist())
         self.is_long = self.dof > LONGEST_DENSE
-        self.end_moves = not self.held and model.pipe.beta * model.pipe.inflow_share > 0.0
+        self.end_moves = not self.held and self.pipe.beta * self.pipe.inflow_share > 0.0
+
+    @property
+    def turns_freely(self) -> bool:
+        return self.core.turns_freely
+
+    @property
+    def scale(self) -> Array:
+        """Joint angle for a unit of each elastic coordinate, shape (n,)."""
+        return self.model.elastic_scale
+
+    @property
+    def complement(self) -> _core.Complement:
+        """Basis of the elastic coordinates that guides leave free."""
+        return self.model.linear.elastic
 
     @property
     def lost_power(self) -> float:  # type: ignore[override]
@@ -402,7 +409,7 @@ class ChainPencil(Pencil):
         return 1e-12 * float(np.abs(loads).max(initial=0.0)) if self.held else 0.0
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
-        return _core.Structured(traits, self.core, self.complement, self.scale, size)
+        return _core.Structured(traits, self.core, self.complement if self.held else None, size)
 
     def elastic(self, x: Vectors) -> Vectors:
         result: Vectors = super().elastic(real_columns(self.complement.lifted, x))

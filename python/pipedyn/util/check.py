@@ -132,6 +132,7 @@ def array(
     low: float = -math.inf,
     high: float = math.inf,
     open_low: bool = False,
+    open_high: bool = False,
     longest: int = 1_000_000,
 ) -> Array:
     """A read-only copy of the value as an array, shape (k,), of finite numbers in an interval.
@@ -149,8 +150,9 @@ def array(
         raise ValueError(f"{name} must have from 1 to {longest} entries, got 0")
     with np.errstate(over="ignore"):  # longer floats may become infinite, which is refused below
         values = np.array(raw, dtype=np.float64)
-    good = (values > low if open_low else values >= low) & (values <= high)
-    entries(name, values, good & np.isfinite(values), _rule(low, high, open_low, False))
+    good = (values > low if open_low else values >= low) & np.isfinite(values)
+    good &= values < high if open_high else values <= high
+    entries(name, values, good, _rule(low, high, open_low, open_high))
     values.flags.writeable = False
     return values
 

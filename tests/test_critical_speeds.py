@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: MIT
+"""Critical speeds of many pipes: numbers as arrays, failures kept apart, batches anywhere."""
+
+import logging
+import os
+import signal
+import time
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pipedyn as pp
+
+CHAIN = pp.Chain(pp.Pipe(0.2), 6)
+TERMS = (pp.PointMass(1.0, 0.1), pp.Spring(0.5, 20.0), pp.Damper(0.7, 0.2))
+
+
+def one_by_one(model, names, points):
+    """Answers of `critical_speed` for each pipe, made by replacing its numbers."""
+    rows = []
+    for point in points:
+        pipe = model.pipe
+        for name, value in zip(names, point, strict=True):
+            if "." not in name:
+                pipe = replace(pipe, **{name: value})
+                continue
+            term, number = name.split(".")
+            terms = tuple(
+                replace(one, **{number: value}) if type(one).__name__ == term else one
+                for one in pipe.terms
+            )
+            pipe = replace(pipe, terms=terms)
+        try:
+            found = pp.critical_speed(model.with_pipe(pipe))
+        except pp.NoCrossing:
+            rows.append([np.nan] * 6)
+            continue
+        numbers = found.speed, found.frequency, found.error, found.mode
+        rows.append([*numbers, found.kind == "divergence", found.unstable_before])
+    return np.array(rows)
+
+
+@pytest.mark.parametrize(
+    ("model", "names"),
+    [
+        (CHAIN, ["beta", "gamma"]),
+        (pp.Chain(pp.Pipe(0.3, terms=TERMS), 5), ["PointMass.mass", "Spring.stiffness", "damping"]),
+        (pp.Chain(pp.Pipe(0.3, end="pinned"), 6), ["beta", "gamma"]),
+        (pp.Chain(pp.Pipe(0.3, hysteresis=0.05), 5), ["beta", "hysteresis"]),
+        (pp.Chain(pp.Pipe(0.3, 5.0, flow="aspirating", damping=0.01), 5), ["beta", "inflow_share"]),
+        (pp.Chain(pp.Pipe(1e-12), 4), ["beta", "gamma"]),  # so weakly damped that it extrapolates
+        (pp.Galerkin(pp.Pipe(0.2), 5), ["beta", "gamma", "alpha"]),
+        (pp.Galerkin(pp.Pipe(0.2, terms=TERMS), 8, "legendre"), ["Damper.coefficient", "beta"]),
+        (pp.Continuum(pp.Pipe(0.2, terms=TERMS)), ["PointMass.mass", "beta"]),
+        (pp.modular.chain(pp.Pipe(0.2), 4), ["beta", "gamma"]),
+        (CHAIN.with_pipe(pp.Pipe(0.2, gamma=-20.0)), ["gamma", "beta"]),  # buckled at rest
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else None,
+)
+def test_each_pipe_has_the_answer_of_its_own_search(model, names):
+    rng = np.random.default_rng(len(names))
+    own = pp.critical_speed(model.with_pipe(replace(model.pipe, gamma=0.0))).speed
+    assert own > 0.0
+    values = {name: rng.uniform(0.05, 0.6, 4) for name in names}
+    if "gamma" in values:
+        values["gamma"] = rng.uniform(-15.0, 30.0, 4)
+    if model.pipe.beta < 1e-9:
+        values["beta"] = 10.0 ** rng.uniform(-13.0, -11.0, 4)
+    found = pp.critical_speeds(model, values)
+    assert found.failures == ()
+    expected = one_by_one(model, names, np.stack(list(values.values()), axis=-1))
+    some = ~np.isnan(expected[:, 0])
+    assert some.any()
+    answers = found.speeds, found.frequencies, found.errors, found.modes
+    for one, wanted in zip(answers, expected.T[:4], strict=True):
+        np.testing.assert_allclose(one[some], wanted[some], rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(found.divergent[some], expected[some, 4])
+    np.testing.assert_array_equal(found.unstable_before[some], expected[some, 5])
+    assert np.isnan(found.speeds[~some]).all()
+
+
+def test_values_broadcast_as_numpy_does():
+    betas, gammas = np.array([[0.1], [0.2], [0.4]]), np.array([0.0, 10.0])
+    found = pp.critical_speeds(CHAIN, {"beta": betas, "gamma": gammas})
+    assert found.speeds.shape == (3, 2)
+    alone = pp.critical_speeds(CHAIN, {"beta": 0.4, "gamma": 10.0})
+    assert alone.speeds.shape == ()
+    assert found.speeds[2, 1] == alone.speeds[()]
+    table = found.columns()
+    assert list(table)[:3] == ["beta", "gamma", "speed"]
+    assert {values.shape for values in table.values()} == {(6,)}
+    assert table["beta"][4] == 0.4
+    assert set(table["kind"]) == {"flutter"}
+
+
+def test_a_pipe_without_loss_of_stability_is_no_failure():
+    found = pp.critical_speeds(CHAIN, {"gamma": [0.0, 200.0, -30.0]}, max_speed=1.0)
+    assert found.failures == ()
+    assert np.isnan(found.speeds).all()
+    assert found.columns()["kind"].tolist() == [""] * 3
+    buckled = pp.crossings(CHAIN.with_pipe(pp.Pipe(0.2, -30.0)), 1.0)
+    assert buckled.unstable_at_rest > 0
+    assert found.unstable_before.tolist() == [0, 0, buckled.unstable_at_rest]
+    further = pp.critical_speeds(CHAIN, {"gamma": [0.0, 200.0]}, max_speed=7.0)
+    assert np.isnan(further.speeds).tolist() == [False, True]
+
+
+def test_a_pipe_that_fails_keeps_the_others():
+    """The fluid's part of the mass may not exceed the pipe's mass along it."""
+    pipe = pp.Pipe(0.1, mass=pp.Profile((0.5,), (1.0, 0.4)))
+    found = pp.critical_speeds(pp.Chain(pipe, 6), {"beta": [[0.1, 0.5], [0.2, 0.7]]})
+    assert [failure.index for failure in found.failures] == [1, 3]
+    assert [failure.value for failure in found.failures] == [0.5, 0.7]
+    assert "mass must be at least beta" in str(found.failures[0].error)
+    assert np.isnan(found.speeds).tolist() == [[False, True], [False, True]]
+    assert [bool(text) for text in found.columns()["failure"]] == [False, True, False, True]
+
+
+@pytest.mark.parametrize(
+    ("numbers", "kind", "said"),
+    [
+        ({}, TypeError, "must map names"),
+        ([0.1], TypeError, "must map names"),
+        ({"betta": [0.1]}, ValueError, "did you mean 'beta'"),
+        ({"drag": [0.1]}, ValueError, "small motions"),
+        ({"beta": [0.1, 1.0]}, ValueError, r"numbers\['beta'\]"),
+        ({"beta": ["a"]}, TypeError, "array of real numbers"),
+        ({"beta": [np.nan]}, ValueError, "got nan"),
+        ({"beta": []}, ValueError, "0"),
+        ({"beta": [0.1, 0.2], "gamma": [1.0, 2.0, 3.0]}, ValueError, r"\(2,\) of 'beta'"),
+        ({"PointMass.mass": [0.1]}, ValueError, "PointMass.mass"),
+        ({"beta": np.zeros(20_000)[:, None], "gamma": np.zeros(20_000)}, ValueError, "at most"),
+    ],
+)
+def test_bad_numbers_are_refused_at_once(numbers, kind, said):
+    with pytest.raises(kind, match=said):
+        pp.critical_speeds(CHAIN, numbers)
+
+
+def test_results_have_si_units_of_each_pipe(tmp_path):
+    """The unit of speed depends on beta."""
+    hose = pp.Pipe.from_si(length=0.45, bending_stiffness=7.3e-3, pipe_mass=0.19, fluid_mass=0.032)
+    found = pp.critical_speeds(pp.Chain(hose, 5), {"beta": [0.1, 0.2], "gamma": [[1.0], [2.0]]})
+    for index in np.ndindex(2, 2):
+        beta, gamma = (found.numbers[name][index] for name in ("beta", "gamma"))
+        alone = pp.critical_speed(pp.Chain(replace(hose, beta=beta, gamma=gamma), 5)).in_si()
+        assert found.in_si().speeds[index] == pytest.approx(alone.speed, rel=1e-12)
+        assert found.in_si().frequencies[index] == pytest.approx(alone.frequency, rel=1e-12)
+    assert found.columns("si")["speed (m/s)"] == pytest.approx(found.in_si().speeds.ravel())
+    found.save(tmp_path / "map.npz")
+    assert pp.load(tmp_path / "map.npz") == found
+
+
+@pytest.mark.parametrize("pool", [ThreadPoolExecutor, ProcessPoolExecutor])
+def test_an_executor_changes_no_answer(pool):
+    numbers = {"beta": np.linspace(0.05, 0.9, 150), "gamma": 3.0}
+    alone = pp.critical_speeds(CHAIN, numbers)
+    with pool(1) as executor:
+        together = pp.critical_speeds(CHAIN, numbers, executor=executor, progress=True)
+    np.testing.assert_array_equal(alone.speeds, together.speeds)
+    assert alone == together
+
+
+def test_an_interrupt_ends_the_searches_of_all_threads():
+    """A search of thousands of pipes takes seconds; the interrupt comes while it runs."""
+    long = pp.Chain(pp.Pipe(0.2), 60)
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.3)
+        with pytest.raises(KeyboardInterrupt):
+            pp.critical_speeds(long, {"beta": np.linspace(0.1, 0.9, 20_000)})
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+# --------------------------------------------------------------------------------------- a cluster
+
+
+class KillsOne:
+    """A cluster's client whose second task kills each worker that it is given to."""
+
+    def __init__(self, client):
+        self.client, self.jobs = client, 0
+
+    def submit(self, job):
+        self.jobs += 1
+        return self.client.submit(killed if self.jobs == 2 else job, pure=False)
+
+
+def killed():
+    os.kill(os.getpid(), signal.SIGKILL)
+    time.sleep(10.0)
+
+
+@pytest.mark.slow
+def test_a_chunk_that_kills_its_workers_costs_its_pipes_and_no_more():
+    """A cluster gives it to another worker three times, and what its workers held besides as well."""
+    from distributed import Client, LocalCluster  # a second, which other tests need not wait for
+
+    numbers = {"beta": np.linspace(0.05, 0.9, 320)}
+    alone = pp.critical_speeds(CHAIN, numbers)
+    with (
+        LocalCluster(
+            n_workers=2,
+            threads_per_worker=1,
+            dashboard_address=":0",
+            silence_logs=logging.CRITICAL,
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        found = pp.critical_speeds(CHAIN, numbers, executor=KillsOne(client))
+    assert [failure.index for failure in found.failures] == [5, 6, 7, 8, 9]  # the second chunk
+    assert {type(failure.error).__name__ for failure in found.failures} == {"KilledWorker"}
+    kept = np.setdiff1d(np.arange(320), range(5, 10))
+    np.testing.assert_array_equal(found.speeds[kept], alone.speeds[kept])
+    assert np.isnan(found.speeds[5:10]).all()
