@@ -244,7 +244,7 @@ def boundary(
             raise ValueError(
                 f"model must have at most {LARGEST_MODEL} degrees of freedom, got {model.dof}"
             )
-        if model.pipe.jet_angle or model.resting().any():
+        if model.pipe.jet_angle or model.rests_bent:
             raise ValueError(
                 "model must rest straight: boundaries are those of the straight pipe, got "
                 f"{model!r}"

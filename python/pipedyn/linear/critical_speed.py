@@ -39,6 +39,9 @@ LONG_MODEL = 4
 """Number of degrees of freedom for each tracked mode, and for each unit of flow speed, from which
 on a model counts as long: computing some of its modes is then faster than computing all."""
 
+LEAST_WITHIN = 12
+"""Number of modes that are tracked beyond the bound on those that can become unstable."""
+
 LARGE_GRAVITY = 100.0
 """Value of gamma beyond which weight sets the scale of flow speeds. As measured at beta 0.05 to
 0.8, critical speeds at this gamma are 1.6 to 1.9 times those without weight; beyond, they grow
@@ -213,7 +216,7 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
         ValueError, TypeError: for arguments out of range or of a wrong type.
     """
     checked_model(model)
-    critical, _ = critical_point(model, checked_end(max_speed, model))
+    critical, _ = only_answer(critical_points([model], checked_end(max_speed, model)))
     return critical
 
 
@@ -261,20 +264,22 @@ def critical_points(
         max_speed: flow speed at which the searches end.
         sensitive: whether crossings have their sensitivities.
     """
-    found: dict[int, CriticalPoint | Exception] = {}
-    ends = [(*_first_ends(model, max_speed), max_speed) for model in models]
-    for end in sorted({end for each in ends for end in each}):
-        at = [i for i, each in enumerate(ends) if end in each and i not in found]
-        points = stability_losses([models[i] for i in at], end, True, max_speed, sensitive)
+    found: list[Any] = [None] * len(models)
+    searched: dict[float, list[int]] = {}  # models by the ends of their searches
+    for i, model in enumerate(models):
+        for end in (*_first_ends(model, max_speed), max_speed):
+            searched.setdefault(end, []).append(i)
+    for end in sorted(searched):
+        at = [i for i in searched[end] if found[i] is None]
+        some = list(map(models.__getitem__, at))
+        points = stability_losses(some, end, True, max_speed, sensitive)
         for i, point in zip(at, points, strict=True):
-            if isinstance(point, Exception):
+            if isinstance(point, Exception) or point[0] is not None:
                 found[i] = point
-            elif point[0] is not None:
-                found[i] = point[0], point[1]
-    return [
-        found[i] if i in found else outcome_of(partial(_no_critical_speed, model, max_speed))
-        for i, model in enumerate(models)
-    ]
+    for i, model in enumerate(models):
+        if found[i] is None:
+            found[i] = outcome_of(partial(_no_critical_speed, model, max_speed))
+    return found
 
 
 def _first_ends(model: AnyModel, max_speed: float) -> list[float]:
@@ -288,6 +293,8 @@ def _first_ends(model: AnyModel, max_speed: float) -> list[float]:
     the larger beta, the smaller is the weight that raises it. Spans held at both ends buckle
     between pi and 2 pi.
     """
+    if isinstance(model, Model) and model.dof < LONG_MODEL * LEAST_WITHIN:
+        return []
     pipe, gravity, reach = model.pipe, LARGE_GRAVITY, Reach(model.pipe)
     if pipe.supports or pipe.end_held:
         ends = [5.0, 8.0, 12.0, 24.0, 48.0]
@@ -339,16 +346,18 @@ def stability_losses(
             `CriticalSpeed.discretisation` asks for it; max_speed where not given.
         sensitive: whether crossings have their sensitivities.
     """
-    plans = [outcome_of(partial(_plan, model, max_speed, until_unstable)) for model in models]
-    jobs = [job for plan in plans if not isinstance(plan, Exception) for job in plan]
-    _run_searches([job for job in jobs if isinstance(job, _Search)])
+    plans: list[Any] = []
+    searches: list[_Search] = []
+    for model in models:
+        plans.append(outcome_of(partial(_plan, model, max_speed, until_unstable)))
+        if not isinstance(plans[-1], Exception):
+            searches += [job for job in plans[-1] if isinstance(job, _Search)]
+    _run_searches(searches)
     end = max_speed if continuum_end is None else continuum_end
-    return [
-        plan
-        if isinstance(plan, Exception)
-        else outcome_of(partial(_point, model, plan, end, sensitive))
-        for model, plan in zip(models, plans, strict=True)
-    ]
+    for i, model in enumerate(models):
+        if not isinstance(plans[i], Exception):
+            plans[i] = outcome_of(partial(_point, model, plans[i], end, sensitive))
+    return plans
 
 
 def only_answer(answers: Sequence[Returned | Exception]) -> Returned:
@@ -382,14 +391,19 @@ def _point(
 
     The crossings are those that the jobs find, extrapolated if these solved strengthened pipes.
     """
-    solved = [job(sensitive) for job in plan]
+    solved = []
+    for job in plan:
+        solved.append(job(sensitive))
     all_found = solved[0].value if solved else ()
     if len(solved) > 1:
         all_found = extrapolated(model.pipe, [one.value for one in solved])
-    first = next((c for c in all_found if c.destabilising), None)
-    if first is None:
+    count = 0
+    while count < len(all_found) and not all_found[count].destabilising:
+        count += 1
+    if count == len(all_found):
         return None, all_found
-    before = [c.speed for c in all_found if c.speed < first.speed]
+    first = all_found[count]
+    before = [c.speed for c in all_found[:count] if c.speed < first.speed] if count else []
     critical = CriticalSpeed(
         **vars(first),
         stable_at_rest=all_found[0].unstable_before == 0,
@@ -516,7 +530,7 @@ class _Search:
             )
         model.require_equilibrium(0.0, max_speed)
         self.model, self.problem = model, eigenproblem(model)
-        self.reach = Reach(model.pipe)
+        self.reach = Reach(self.problem.pipe)
         self.max_speed, self.until_unstable = max_speed, until_unstable
         self.swept: _core.Sweep | None = None
         spectrum = self.problem.spectrum()
@@ -528,14 +542,17 @@ class _Search:
         if self.resolved is not None and isinstance(self.problem.pencil, PanelPencil):
             self._track_reached(self.resolved, spectrum.modes_at_rest())
         # Roots that stay on the imaginary axis have no distance from it that would bound errors.
-        on_axis = self.problem.is_conservative or self.problem.velocity_free(1.0)
-        if larger is not None and not on_axis and isinstance(self.problem.pencil, PanelPencil):
+        if (
+            larger is not None
+            and isinstance(self.problem.pencil, PanelPencil)
+            and not (self.problem.is_conservative or self.problem.velocity_free(1.0))
+        ):
             problem = eigenproblem(larger)
             more = problem.spectrum()
             assert isinstance(spectrum, _core.Structured)
             assert isinstance(more, _core.Structured)
             self.larger = problem, more
-            self.spectrum = _core.Truncated(spectrum, more, self._looked_at)
+            self.spectrum = _core.Truncated(spectrum, more, self.resolved)
         if not self.problem.is_long or continuous:
             return
         some = self.reach.modes_within(max_speed)
@@ -607,11 +624,6 @@ class _Search:
         """Tracks more modes, after a root of an untracked mode became unstable."""
         self._track(max(2 * self.tracked, self.reach.modes_within(self.max_speed)))
 
-    @property
-    def _looked_at(self) -> int:
-        """Number of lowest modes whose roots may count as unstable."""
-        return self.tracked if self.resolved is None else self.resolved
-
     def range(self) -> _core.Range:
         """The request to the core: range of speeds, modes to track and the end of the search."""
         return _core.Range(
@@ -619,7 +631,7 @@ class _Search:
             scale=self.reach.speed_scale(),
             count=self.count,
             tracked=self.tracked,
-            resolved=self._looked_at,
+            resolved=self.tracked if self.resolved is None else self.resolved,
             certain=min(self.tracked, self.model.resolved_modes),
             until_unstable=self.until_unstable,
         )
@@ -655,15 +667,19 @@ def _run_searches(searches: Sequence[_Search], final: bool = True) -> None:
     If `final` is False, no search is repeated, and `swept.untracked` marks those that should be.
     """
     while searches:
-        with one_thread(max(one.problem.rows for one in searches)):
-            spectra = [one.spectrum for one in searches]
-            ranges = [one.range() for one in searches]
+        spectra, ranges, rows, untracked = [], [], 1, []
+        for one in searches:
+            spectra.append(one.spectrum)
+            ranges.append(one.range())
+            rows = max(rows, one.problem.rows)
+        with one_thread(rows):
             found = _core.crossings(spectra, ranges, count_factorisations)
         for one, swept in zip(searches, found, strict=True):
             one.swept = swept
-        searches = [one for one in searches if final and one.swept and one.swept.untracked]
-        for one in searches:
-            one.widen()
+            if final and swept.untracked:
+                one.widen()
+                untracked.append(one)
+        searches = untracked
 
 
 class Reach:
@@ -722,12 +738,12 @@ class Reach:
         return self.wave_number(max_speed) / (math.pi * self.softness) + 2.0
 
     def modes_within(self, max_speed: float) -> int:
-        """Bound on the number of modes that flow and loads can make unstable, and twelve more.
+        """Bound on the number of modes that flow and loads can make unstable, and some more.
 
         About k / pi modes lie below the wave number k at which the remaining stiffness is 0; the
         bound is k, some three times as many.
         """
-        return 12 + math.ceil(self.wave_number(max_speed) / self.softness)
+        return LEAST_WITHIN + math.ceil(self.wave_number(max_speed) / self.softness)
 
 
 def _some_are_cheaper(tracked: int, max_speed: float, dof: int) -> bool:

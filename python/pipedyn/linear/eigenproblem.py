@@ -35,6 +35,7 @@ class Eigenproblem:
         pencil: pencil of the model.
 
     Attributes:
+        rows: size of the problem for the choice of threads: number of rows of its largest matrix.
         is_damped: whether anything but the flow dissipates energy; a damper at a support does not.
         zero_tolerance: |lambda| below which a root counts as zero.
     """
@@ -44,6 +45,8 @@ class Eigenproblem:
         self.model = pencil.model
         self.pipe, self.dof = pencil.pipe, pencil.dof
         self.is_long = pencil.is_long
+        # Elimination along the pipe does not gain from threads and seldom falls back on matrices.
+        self.rows = 1 if self.is_long else 2 * self.dof
         self.is_damped = pencil.is_damped
         if self.is_damped and not (self.pipe.damping or self.pipe.hysteresis):
             x = np.cos(np.arange(1.0, self.dof + 1.0))[:, None]
@@ -53,15 +56,6 @@ class Eigenproblem:
         # smaller.
         least = 1e-4 if pencil.turns_freely else 1e-6
         self.zero_tolerance = least / max(1.0, self.pipe.damping)
-
-    @property
-    def rows(self) -> int:
-        """Size of the problem for the choice of threads: number of rows of the companion matrix.
-
-        It is 1 for elimination along the pipe, which does not gain from threads and seldom falls
-        back on matrices.
-        """
-        return 1 if self.is_long else 2 * self.dof
 
     @cached_property
     def is_conservative(self) -> bool:
@@ -100,7 +94,7 @@ class Eigenproblem:
             delta=pipe.damping,
             zero=self.zero_tolerance,
             damped=damped,
-            conservative=not damped and self.is_conservative,
+            conservative=not (damped or self.pencil.end_moves) and self.is_conservative,
             squared=not damped and pipe.beta == 0.0,
             free_at_rest=not damped,
             loss=pipe.hysteresis,

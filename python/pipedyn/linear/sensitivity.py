@@ -192,8 +192,9 @@ def crossings_of(
     problem: Eigenproblem, swept: _core.Sweep, vouched: int | None = None, sensitive: bool = True
 ) -> tuple[Crossing, ...]:
     """The crossings of a sweep of the core, with sensitivities if `sensitive`."""
-    return tuple(
-        Crossing(
+    found = []
+    for crossing in swept.crossings:
+        one = Crossing(
             speed=crossing.speed,
             frequency=crossing.frequency,
             kind="flutter" if crossing.change % 2 == 0 else "divergence",
@@ -205,8 +206,8 @@ def crossings_of(
             gyroscopic=crossing.gyroscopic,
             vouched=vouched,
         )
-        for crossing in swept.crossings
-    )
+        found.append(one)
+    return tuple(found)
 
 
 def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensitivity | None:
@@ -217,21 +218,21 @@ def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensiti
     y^H P_lambda x may be 0, since zero is a double root of a conservative pipe: there du/dp =
     -y^H P_p x / y^H P_u x. The result is None where a derivative does not exist.
     """
-    model, pencil = problem.model, problem.pencil
+    model, pencil, pipe = problem.model, problem.pencil, problem.pipe
     forms = crossing.forms
     if forms is None:
         if crossing.vectors is None:
             return None
         forms = pencil.forms(*crossing.vectors)
-    if model.resting().any():
+    if model.rests_bent:
         return None
-    pipe, u, value = model.pipe, crossing.speed, crossing.value
+    u, value = crossing.speed, crossing.value
     if value:
         down = 2.0 * value * forms.mass + u * forms.velocity + forms.damping
         slope = crossing.slope
     else:
         down = 1.0 + 0j
-        slope = -forms.flux * 2.0 * model.pipe.alpha * u
+        slope = -forms.flux * 2.0 * pipe.alpha * u
     if slope.real == 0.0:
         return None
     # d lambda / dp = -y^H (dP/dp) x / down
@@ -279,8 +280,8 @@ def is_weakly_damped(pipe: Pipe) -> bool:
     They are not hidden in an undamped pipe that is held at both ends: it is conservative, and the
     search takes its roots as lying on the axis.
     """
-    conservative = pipe.end_held and not (pipe.damping or pipe.hysteresis)
-    return 0.0 < _size(pipe) < WEAK and not conservative
+    weak = 0.0 < _size(pipe) < WEAK
+    return weak and not (pipe.end_held and not (pipe.damping or pipe.hysteresis))
 
 
 def strengthened(pipe: Pipe) -> list[Pipe]:

@@ -342,8 +342,8 @@ class Model(OfPipe, ABC):
 
     def unbalanced(self, u: float) -> float:
         """Largest force at rest, at the linearised configuration, over 1 + |gamma| + a u^2."""
-        pipe, thrust = self.pipe, self.pipe.alpha * u**2
-        size, rest = 1.0 + abs(pipe.gamma) + thrust, self._reference
+        pipe, rest = self._pipe, self._reference
+        size = 1.0 + abs(pipe.gamma) + pipe.alpha * u**2
         if rest is None:  # only an inclined jet loads the straight pipe across
             return pipe.thrust_across * u**2 / size
         turning = self.motion_rates(np.concatenate([rest, np.zeros_like(rest)]), u)[rest.size :]
@@ -598,6 +598,11 @@ class Model(OfPipe, ABC):
     def resting(self) -> Array:
         """Coordinates p of the configuration at rest, shape (integrated,)."""
         return np.zeros(self.integrated) if self._reference is None else self._reference
+
+    @property
+    def rests_bent(self) -> bool:
+        """Whether the configuration at rest is not the straight pipe."""
+        return self._reference is not None and bool(self._reference.any())
 
     def free_directions(self, p: Array) -> Array:
         """Basis of the changes of p that constraints allow at p, shape (integrated, dof)."""

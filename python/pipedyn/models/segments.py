@@ -100,7 +100,9 @@ class SegmentModel(Model):
 
     @property
     def is_varied(self) -> bool:
-        return self._pipe.end_guided or not self.linear_cost or super().is_varied
+        pipe = self._pipe
+        guided = pipe.end in ("guided", "clamped")
+        return bool(guided or pipe.terms or pipe.stiffness or pipe.mass) or not self.linear_cost
 
     def pencil(self) -> Pencil:
         return ChainPencil(self) if self.linear_cost else DensePencil(self)
@@ -125,7 +127,7 @@ class SegmentModel(Model):
         push = -math.sqrt(pipe.beta) * (np.conj(along_pipe) * beyond).imag
         return np.stack([still, self._lengths * np.sin(theta - end), push], axis=1)
 
-    @property
+    @cached_property
     def dof(self) -> int:
         """Number of degrees of freedom: n less the number of nodes that constraints hold."""
         return self.integrated - self._held.size
@@ -416,13 +418,16 @@ class ChainPencil(Pencil):
         return real_columns(self.complement.projected, result)
 
     def by_springs(self, value: complex) -> Any:
-        every, root = super().by_springs(value), self.pipe.root_stiffness
-        if root == math.inf:
-            return every
-        by = np.full(self.scale.size, every, dtype=np.complex128)
+        """Derivative of k_j + value c_j, with its loss, by each joint's spring k_j, shape (n,)."""
+        # What damping adds to a unit elastic stiffness: there is no loss at lambda = value = 0.
+        damped = self.pipe.damping * value + (1j * self.pipe.hysteresis if value else 0.0)
+        if self.pipe.root == "clamped":
+            return 1.0 + damped
+        by = np.full(self.scale.size, 1.0 + damped, dtype=np.complex128)
         # The root's spring is in series with the first joint's and has no damping.
+        root = self.pipe.root_stiffness
         share = root / (root + float(self.model._own_joints[0])) if root else 0.0
-        by[0] = share**2 * (1.0 + self._damping_factor(value) * (2.0 * share - 1.0))
+        by[0] = share**2 * (1.0 + damped * (2.0 * share - 1.0))
         return by
 
     def _product(self, x: Array, part: str) -> Array:

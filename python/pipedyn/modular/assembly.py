@@ -499,6 +499,10 @@ class Assembly(SegmentModel):
     def resting(self) -> Array:
         return self._layout.rest if self._reference is None else self._reference
 
+    @property
+    def rests_bent(self) -> bool:
+        return bool(self.resting().any())
+
     def _integrated_state(self, y: Any) -> Any:
         return self.core.angles(y)
 
