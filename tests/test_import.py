@@ -41,22 +41,91 @@ def printed():
 
 
 HEAVY = {
-    *("matplotlib", "multiprocessing", "concurrent.futures.process", "threadpoolctl"),
+    *("matplotlib", "multiprocessing", "concurrent.futures", "numpy.f2py"),
     *(f"scipy.{name}" for name in ("integrate", "interpolate", "linalg", "optimize")),
     *(f"scipy.{name}" for name in ("sparse", "spatial", "special", "stats")),
 }
-"""What takes 0.01 to 0.3 s to import each; scipy imports its own where `scipy.name` is first used,
-so that the package says `import scipy` and no `from scipy.name import function`."""
+"""What takes 4 to 300 ms each to import; scipy imports its own where `scipy.name` is first used, so
+that the package says `import scipy` and no `from scipy.name import function`."""
 
 
-def test_the_package_imports_nothing_that_takes_long():
-    """Nor do pipes and terms need it; the first model or search that does brings it along."""
-    program = "import sys, pipedyn as pp\npp.Chain(pp.Pipe(0.2), 3)\nprint(*sys.modules)"
+def lines_of(program):
+    """Lines that a program prints in a fresh interpreter, as sets of words."""
     words = [sys.executable, "-c", program]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
-    imported = set(done.stdout.split())
-    assert "pipedyn" in imported
-    assert not HEAVY & imported
+    return [set(line.split()) for line in done.stdout.splitlines()]
+
+
+def test_neither_the_package_nor_the_first_critical_speeds_import_what_takes_long():
+    """Nor does the package import its own modules, but for what a pipe is made of."""
+    alone, used = lines_of("""
+import sys
+import pipedyn as pp
+print(*sys.modules)
+pipes = pp.Pipe(0.2), pp.Pipe(0.2, supports=(0.5,), terms=(pp.Spring(0.8, 10.0),))
+for pipe in pipes:
+    models = pp.Chain(pipe, 10), pp.Galerkin(pipe, 8), pp.Galerkin(pipe, 8, "legendre")
+    for model in (*models, pp.Continuum(pipe)):
+        pp.critical_speed(model)
+print(*sys.modules)
+""")
+    assert {"numpy", "pipedyn.models.pipe"} < alone
+    assert not {"pipedyn.models.chain", "pipedyn.linear", "pipedyn.motion", "pipedyn.plot"} & alone
+    assert "pipedyn.linear.critical_speed" in used
+    assert not HEAVY & used
+    assert not {"pipedyn.motion", "pipedyn.orbits", "pipedyn.plot"} & used
+
+
+def test_what_another_process_saved_is_loaded_by_one_that_used_none_of_it(tmp_path):
+    pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 2), 5.0).save(tmp_path / "cycle.npz")
+    imported, kind, unknown = lines_of(f"""
+import sys
+import pipedyn as pp
+found = pp.load({str(tmp_path / "cycle.npz")!r})
+print(*sys.modules)
+print(type(found).__name__, type(found.model).__name__)
+try:
+    pp.util.archive._entry("Unheard", object)
+except ValueError as error:
+    print(error)
+""")
+    assert not {"pipedyn.curves", "pipedyn.forced", "pipedyn.plot"} & imported
+    assert kind == {"LimitCycle", "Chain"}
+    assert "'Unheard'," in unknown
+
+
+def test_every_class_of_a_file_is_found_by_way_of_the_public_names():
+    (missing,) = lines_of("""
+import pkgutil
+import pipedyn as pp
+from pipedyn.util import archive
+for name in pp.__all__:
+    if name[0].isupper():
+        getattr(pp, name)
+known = {*archive._BY_NAME}
+for one in pkgutil.walk_packages(pp.__path__, "pipedyn."):
+    if not one.name.startswith(("pipedyn.plot", "pipedyn.paper", "pipedyn.__main__")):
+        __import__(one.name)
+print("missing", *{*archive._BY_NAME} - known)
+""")
+    assert missing == {"missing"}
+
+
+def test_scipy_is_whole_after_its_lapack_was_taken_alone():
+    """`import` binds a module in its package only where it is not among the loaded ones yet."""
+    before, after, value = lines_of("""
+import sys
+import pipedyn as pp
+model = pp.Galerkin(pp.Pipe(0.2), 8)
+found = pp.critical_speed(model).speed
+print(*[name for name in sys.modules if name.startswith("scipy.linalg")], "-")
+import scipy.linalg.cython_blas, scipy.linalg.cython_lapack
+print(scipy.linalg.cython_blas.__name__, scipy.linalg.cython_lapack.__name__)
+print(pp.critical_speed(model).speed == found, scipy.linalg.inv([[2.0]])[0, 0])
+""")
+    assert before == {"-"}
+    assert after == {"scipy.linalg.cython_blas", "scipy.linalg.cython_lapack"}
+    assert value == {"True", "0.5"}
 
 
 def test_neither_the_package_nor_any_effect_needs_pictures_progress_bars_or_other_options():

@@ -35,18 +35,18 @@ namespace {
 Lapack found_lapack() {
   Lapack lapack{};
   const auto set = [](const char* library, const char* name, auto& routine) {
-    const py::dict all = py::module_::import(library).attr("__pyx_capi__");
-    const py::capsule address = all[name];
+    const py::object found = py::module_::import("pipedyn.util.lapack").attr("library")(library);
+    const py::capsule address = found.attr("__pyx_capi__")[name];
     routine = reinterpret_cast<std::decay_t<decltype(routine)>>(address.get_pointer());
   };
-  set("scipy.linalg.cython_blas", "dgemm", lapack.dgemm);
-  set("scipy.linalg.cython_lapack", "dgetrf", lapack.dgetrf);
-  set("scipy.linalg.cython_lapack", "dgetrs", lapack.dgetrs);
-  set("scipy.linalg.cython_lapack", "zgetrf", lapack.zgetrf);
-  set("scipy.linalg.cython_lapack", "zgetrs", lapack.zgetrs);
-  set("scipy.linalg.cython_lapack", "dgeev", lapack.dgeev);
-  set("scipy.linalg.cython_lapack", "zgeev", lapack.zgeev);
-  set("scipy.linalg.cython_lapack", "dsygvd", lapack.dsygvd);
+  set("cython_blas", "dgemm", lapack.dgemm);
+  set("cython_lapack", "dgetrf", lapack.dgetrf);
+  set("cython_lapack", "dgetrs", lapack.dgetrs);
+  set("cython_lapack", "zgetrf", lapack.zgetrf);
+  set("cython_lapack", "zgetrs", lapack.zgetrs);
+  set("cython_lapack", "dgeev", lapack.dgeev);
+  set("cython_lapack", "zgeev", lapack.zgeev);
+  set("cython_lapack", "dsygvd", lapack.dsygvd);
   return lapack;
 }
 
@@ -91,8 +91,7 @@ class Report {
 
 }  // namespace
 
-// The addresses are looked up by the first dense problem, as importing scipy.linalg takes longer
-// than importing numpy.
+// The addresses are looked up by the first dense problem, as loading SciPy's LAPACK takes a while.
 const Lapack& scipy_lapack() {
   PYBIND11_CONSTINIT static py::gil_safe_call_once_and_store<Lapack> found;
   return found.call_once_and_store_result(found_lapack).get_stored();

@@ -135,7 +135,13 @@ def _entry(name: str, base: type) -> _Entry:
 
     Exceptions are accepted only if `base` is Exception, and named tuples only if it is tuple.
     """
-    found = _BY_NAME.get(todays_name(name))
+    today, package = todays_name(name), sys.modules["pipedyn"]
+    classes = [one for one in package.__all__ if one[0].isupper()]
+    for public in sorted(classes, key=lambda one: one != today):
+        if today in _BY_NAME:
+            break
+        getattr(package, public)  # imports its module, which registers the classes in it
+    found = _BY_NAME.get(today)
     if found is None:
         raise ValueError(f"it has a {check.shown(name)}, which this version does not know")
     others = {Exception, tuple} - {base}

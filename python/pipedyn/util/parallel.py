@@ -17,11 +17,14 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent import futures
 from contextlib import contextmanager
 from functools import cache, partial
-from importlib import import_module
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from pipedyn.util.lapack import library
+
+if TYPE_CHECKING:
+    from concurrent import futures
 
 SMALL = 600
 """Number of rows up to which one thread is used: the eigenvalues of a matrix of this size take
@@ -37,7 +40,7 @@ def _libraries() -> tuple[list[Any], list[Any]]:
     """BLAS libraries with a limit for the whole process, and those with one for each thread."""
     from threadpoolctl import ThreadpoolController
 
-    import_module("scipy.linalg")  # its own BLAS is found only after scipy.linalg is loaded
+    library("cython_blas")  # SciPy's own BLAS is found only after it is loaded
     every = ThreadpoolController().select(user_api="blas").lib_controllers
     own = [one for one in every if getattr(one, "threading_layer", "") == "openmp"]
     return [one for one in every if one not in own], own
@@ -156,6 +159,7 @@ def _result(submitted: futures.Future[Returned] | Exception) -> Returned:
         raise submitted
     try:
         return submitted.result()
-    except futures.CancelledError as error:
-        error.args = error.args or ("the executor cancelled the job before it began",)
+    except Exception as error:
+        if submitted.cancelled():
+            error.args = error.args or ("the executor cancelled the job before it began",)
         raise
