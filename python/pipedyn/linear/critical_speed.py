@@ -270,8 +270,11 @@ def critical_points(
         for end in (*_first_ends(model, max_speed), max_speed):
             searched.setdefault(end, []).append(i)
     for end in sorted(searched):
-        at = [i for i in searched[end] if found[i] is None]
-        some = list(map(models.__getitem__, at))
+        at, some = [], []
+        for i in searched[end]:
+            if found[i] is None:
+                at.append(i)
+                some.append(models[i])
         points = stability_losses(some, end, True, max_speed, sensitive)
         for i, point in zip(at, points, strict=True):
             if isinstance(point, Exception) or point[0] is not None:
@@ -293,7 +296,7 @@ def _first_ends(model: AnyModel, max_speed: float) -> list[float]:
     the larger beta, the smaller is the weight that raises it. Spans held at both ends buckle
     between pi and 2 pi.
     """
-    if isinstance(model, Model) and model.dof < LONG_MODEL * LEAST_WITHIN:
+    if not isinstance(model, Continuum) and model.dof < LONG_MODEL * LEAST_WITHIN:
         return []
     pipe, gravity, reach = model.pipe, LARGE_GRAVITY, Reach(model.pipe)
     if pipe.supports or pipe.end_held:
@@ -350,8 +353,9 @@ def stability_losses(
     searches: list[_Search] = []
     for model in models:
         plans.append(outcome_of(partial(_plan, model, max_speed, until_unstable)))
-        if not isinstance(plans[-1], Exception):
-            searches += [job for job in plans[-1] if isinstance(job, _Search)]
+        for job in () if isinstance(plans[-1], Exception) else plans[-1]:
+            if isinstance(job, _Search):
+                searches.append(job)
     _run_searches(searches)
     end = max_speed if continuum_end is None else continuum_end
     for i, model in enumerate(models):
@@ -376,12 +380,11 @@ def _plan(model: AnyModel, max_speed: float, until_unstable: bool) -> Plan:
     solved: list[AnyModel] = [model]
     if is_weakly_damped(pipe) and not model.resisted:
         solved = [model.with_pipe(one) for one in strengthened(pipe)]
-    return [
-        _converging(one, max_speed, until_unstable)
-        if isinstance(one, Continuum)
-        else _Search(one, max_speed, until_unstable)
-        for one in solved
-    ]
+    plan: list[Search] = []
+    for one in solved:
+        search = _converging if isinstance(one, Continuum) else _Search
+        plan.append(search(one, max_speed, until_unstable))
+    return plan
 
 
 def _point(
@@ -397,13 +400,14 @@ def _point(
     all_found = solved[0].value if solved else ()
     if len(solved) > 1:
         all_found = extrapolated(model.pipe, [one.value for one in solved])
-    count = 0
-    while count < len(all_found) and not all_found[count].destabilising:
-        count += 1
-    if count == len(all_found):
+    before: list[float] = []
+    for first in all_found:
+        if first.unstable_after > first.unstable_before:
+            break
+        before.append(first.speed)
+    else:
         return None, all_found
-    first = all_found[count]
-    before = [c.speed for c in all_found[:count] if c.speed < first.speed] if count else []
+    before = [speed for speed in before if speed < first.speed] if before else []
     critical = CriticalSpeed(
         **vars(first),
         stable_at_rest=all_found[0].unstable_before == 0,
