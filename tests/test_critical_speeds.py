@@ -4,6 +4,7 @@
 import logging
 import os
 import signal
+import sys
 import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
@@ -201,7 +202,7 @@ def killed():
 
 @pytest.mark.slow
 def test_a_chunk_that_kills_its_workers_costs_its_pipes_and_no_more():
-    """A cluster gives it to another worker three times, and what its workers held besides as well."""
+    """The cluster gives it to another worker three times, as it does what its workers held."""
     from distributed import Client, LocalCluster  # a second, which other tests need not wait for
 
     numbers = {"beta": np.linspace(0.05, 0.9, 320)}
@@ -221,3 +222,20 @@ def test_a_chunk_that_kills_its_workers_costs_its_pipes_and_no_more():
     kept = np.setdiff1d(np.arange(320), range(5, 10))
     np.testing.assert_array_equal(found.speeds[kept], alone.speeds[kept])
     assert np.isnan(found.speeds[5:10]).all()
+
+
+def test_a_critical_speed_takes_few_calls_of_python():
+    """Users ask it a thousand times; each call costs as much as tracking a root for a step."""
+    calls = []
+
+    def count(frame, event, _):
+        if event == "call":
+            calls.append(frame.f_code.co_qualname)
+
+    pp.critical_speed(CHAIN)
+    sys.setprofile(count)
+    try:
+        pp.critical_speed(CHAIN)
+    finally:
+        sys.setprofile(None)
+    assert len(calls) <= 60, calls

@@ -189,6 +189,12 @@ SWEEPS = {
         ),
         lambda found: found.speeds.tolist(),
     ),
+    "critical_speeds": (
+        lambda executor: pp.critical_speeds(
+            pp.Chain(PIPE, 4), {"beta": np.linspace(0.1, 0.4, 6)}, executor=executor
+        ),
+        lambda found: found.speeds.tolist(),
+    ),
     "criticality_curve": (
         lambda executor: pp.criticality_curve(
             lambda beta: pp.Chain(pp.Pipe(beta), 2), [0.1, 0.2, 0.3, 0.4], executor=executor

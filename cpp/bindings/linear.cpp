@@ -285,15 +285,14 @@ void define_linear(py::module_& m) {
       .def("projected", &Complement::projected, "x"_a);
   // The spectrum refers to the chain, which Python keeps alive as long as it lives.
   py::class_<Structured, Eigenproblem, std::shared_ptr<Structured>>(m, "Structured")
-      .def(py::init([](const Traits& traits, const Chain& chain, const Complement* complement,
-                       double size) {
+      .def(py::init([](const Traits& traits, const Chain& chain,
+                       const std::optional<Complement>& complement, double size) {
              const auto of = std::make_shared<const ChainDeterminant>(
-                 unowned(chain), complement ? *complement : Complement(Matrix(chain.dof(), 0)),
+                 unowned(chain), complement.value_or(Complement(Matrix(chain.dof(), 0))),
                  scipy_lapack());
              return std::make_shared<Structured>(traits, of, size);
            }),
-           "traits"_a, "chain"_a, py::arg("complement").none(true), "size"_a,
-           py::keep_alive<1, 3>())
+           "traits"_a, "chain"_a, "complement"_a, "size"_a, py::keep_alive<1, 3>())
       .def(py::init([](const Traits& traits, std::shared_ptr<PanelPencil> pencil,
                        const Matrix& lift, const Matrix& projection, double size) {
              const auto of = std::make_shared<const PanelDeterminant>(

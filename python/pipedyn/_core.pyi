@@ -42,6 +42,7 @@ __all__: list[str] = [
     "orbit_states",
     "rounding",
     "set_vector_level",
+    "sines",
     "vector_level",
     "vector_levels",
 ]
@@ -131,7 +132,11 @@ class Chain:
         unsteady: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     @property
+    def elastic_scale(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    @property
     def joints(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def turns_freely(self) -> bool: ...
 
 class Galerkin:
     def __init__(
@@ -408,8 +413,7 @@ class Structured(Eigenproblem):
         self,
         traits: Traits,
         chain: Chain,
-        complement: Complement,
-        scale: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        complement: Complement | None,
         size: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
     @typing.overload
@@ -615,10 +619,10 @@ def orbit_states(
 def rounding(
     values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+def set_vector_level(name: str) -> None: ...
 def sines(
     angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
 ) -> numpy.typing.NDArray[numpy.float64]: ...
-def set_vector_level(name: str) -> None: ...
 def vector_level() -> str: ...
 def vector_levels() -> list[str]: ...
 

@@ -350,13 +350,12 @@ def stability_losses(
         sensitive: whether crossings have their sensitivities.
     """
     plans: list[Any] = []
-    searches: list[_Search] = []
+    jobs: list[Search] = []
     for model in models:
         plans.append(outcome_of(partial(_plan, model, max_speed, until_unstable)))
-        for job in () if isinstance(plans[-1], Exception) else plans[-1]:
-            if isinstance(job, _Search):
-                searches.append(job)
-    _run_searches(searches)
+        if not isinstance(plans[-1], Exception):
+            jobs += plans[-1]
+    _run_searches(jobs)
     end = max_speed if continuum_end is None else continuum_end
     for i, model in enumerate(models):
         if not isinstance(plans[i], Exception):
@@ -382,8 +381,10 @@ def _plan(model: AnyModel, max_speed: float, until_unstable: bool) -> Plan:
         solved = [model.with_pipe(one) for one in strengthened(pipe)]
     plan: list[Search] = []
     for one in solved:
-        search = _converging if isinstance(one, Continuum) else _Search
-        plan.append(search(one, max_speed, until_unstable))
+        if isinstance(one, Continuum):
+            plan.append(_converging(one, max_speed, until_unstable))
+        else:
+            plan.append(_Search(one, max_speed, until_unstable))
     return plan
 
 
@@ -394,9 +395,7 @@ def _point(
 
     The crossings are those that the jobs find, extrapolated if these solved strengthened pipes.
     """
-    solved = []
-    for job in plan:
-        solved.append(job(sensitive))
+    solved = [job(sensitive) for job in plan]
     all_found = solved[0].value if solved else ()
     if len(solved) > 1:
         all_found = extrapolated(model.pipe, [one.value for one in solved])
@@ -533,7 +532,7 @@ class _Search:
                 f"got {model.dof}"
             )
         model.require_equilibrium(0.0, max_speed)
-        self.model, self.problem = model, eigenproblem(model)
+        self.model, self.problem = model, Eigenproblem(model.pencil())
         self.reach = Reach(self.problem.pipe)
         self.max_speed, self.until_unstable = max_speed, until_unstable
         self.swept: _core.Sweep | None = None
@@ -548,6 +547,7 @@ class _Search:
         # Roots that stay on the imaginary axis have no distance from it that would bound errors.
         if (
             larger is not None
+            and self.resolved is not None
             and isinstance(self.problem.pencil, PanelPencil)
             and not (self.problem.is_conservative or self.problem.velocity_free(1.0))
         ):
@@ -665,17 +665,19 @@ class _Search:
         return None if swept is None else crossings_of(problem, swept, 2 * modes)
 
 
-def _run_searches(searches: Sequence[_Search], final: bool = True) -> None:
-    """Runs searches in one call of the core, and repeats those that must track more modes.
+def _run_searches(jobs: Sequence[Search], final: bool = True) -> None:
+    """Runs the searches among jobs in one call of the core, again where more modes must be tracked.
 
     If `final` is False, no search is repeated, and `swept.untracked` marks those that should be.
     """
-    while searches:
-        spectra, ranges, rows, untracked = [], [], 1, []
-        for one in searches:
-            spectra.append(one.spectrum)
-            ranges.append(one.range())
-            rows = max(rows, one.problem.rows)
+    while jobs:
+        searches, spectra, ranges, rows, untracked = [], [], [], 1, []
+        for one in jobs:
+            if isinstance(one, _Search):
+                searches.append(one)
+                spectra.append(one.spectrum)
+                ranges.append(one.range())
+                rows = max(rows, one.problem.rows)
         with one_thread(rows):
             found = _core.crossings(spectra, ranges, count_factorisations)
         for one, swept in zip(searches, found, strict=True):
@@ -683,7 +685,7 @@ def _run_searches(searches: Sequence[_Search], final: bool = True) -> None:
             if final and swept.untracked:
                 one.widen()
                 untracked.append(one)
-        searches = untracked
+        jobs = untracked
 
 
 class Reach:
@@ -718,7 +720,7 @@ class Reach:
         self.thrust = max(pipe.alpha, 1.0)
 
     def speed_scale(self, large_gravity: float = LARGE_GRAVITY) -> float:
-        """Flow speed with the effect on the pipe that u = 1 has on a light uniform pipe of one span.
+        """Flow speed with the effect on the pipe that u = 1 has on a light pipe without supports.
 
         Near the free end of a heavy hanging pipe, where weight stretches it little, lengths scale
         with gamma^(-1/3) and flow speeds with gamma^(1/3).

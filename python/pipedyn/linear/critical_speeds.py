@@ -29,8 +29,8 @@ from pipedyn.util.check import Array
 from pipedyn.util.parallel import outcome_of, parallel
 from pipedyn.util.result import SPEED, TableResult
 
-LARGEST_BATCH = 1024
-"""Largest number of pipes in one call of the core and in one task of an executor: for ten segments a
+PIPES_IN_A_TASK = 1024
+"""Largest number of pipes in a call of the core, which is a task of an executor: of ten segments a
 task then takes some 0.2 s, of which a cluster loses a hundredth, and their models a few MB."""
 
 LEAST_TASKS = 64
@@ -67,8 +67,8 @@ class CriticalSpeeds(TableResult, units=dict.fromkeys(("speeds", "errors", "max_
         >>> numbers = {"beta": [[0.2], [0.4]], "gamma": [0.0, 10.0, 50.0]}
         >>> found = pp.critical_speeds(chain, numbers)
         >>> found.speeds.round(3)
-        array([[5.486, 6.2  , 8.191],
-               [8.053, 8.61 , 9.973]])
+        array([[ 5.486,  6.247,  9.215],
+               [ 8.453,  8.873, 10.584]])
     """
 
     model: AnyModel
@@ -150,7 +150,7 @@ def critical_speeds(
         >>> pipe = pp.Pipe(0.2, terms=[pp.PointMass(at=1.0, mass=0.1)])
         >>> found = pp.critical_speeds(pp.Chain(pipe, n=10), {"PointMass.mass": [0.0, 0.1, 0.2]})
         >>> found.speeds.round(3)
-        array([5.486, 5.096, 4.873])
+        array([5.486, 4.147, 3.35 ])
         >>> found.modes
         array([2, 2, 2])
 
@@ -166,7 +166,7 @@ def critical_speeds(
     shape = next(iter(values.values())).shape
     points = np.stack([one.ravel() for one in values.values()], axis=-1)
     count = len(points)
-    size = LARGEST_BATCH
+    size = PIPES_IN_A_TASK
     if executor is not None or progress:
         size = min(size, max(1, count // LEAST_TASKS))
     starts = range(0, count, size)
@@ -216,7 +216,9 @@ def _checked_values(model: AnyModel, numbers: Any) -> dict[str, Array]:
         shape = np.broadcast_shapes(*(one.shape for one in given.values()))
     except ValueError:
         shapes = ", ".join(f"{one.shape} of {name!r}" for name, one in given.items())
-        raise ValueError(f"numbers must broadcast against each other, got shapes {shapes}") from None
+        raise ValueError(
+            f"numbers must broadcast against each other, got shapes {shapes}"
+        ) from None
     if math.prod(shape) > MOST_PIPES:
         raise ValueError(f"numbers must make at most {MOST_PIPES} pipes, got shape {shape}")
     return {name: np.broadcast_to(one, shape) for name, one in given.items()}

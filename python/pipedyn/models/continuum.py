@@ -185,10 +185,11 @@ def converged_ahead(
 
 def checked_model(model: Any) -> AnyModel:
     """Returns the argument if it is a model; else raises TypeError."""
+    checked: AnyModel = model
     if not isinstance(model, OfPipe):  # which both are; an abstract class takes ten times as long
         instead = ": take Continuum(pipe), or Chain(pipe, n)" if isinstance(model, Pipe) else ""
         raise TypeError(f"model must be a Model or a Continuum, got {check.shown(model)}{instead}")
-    return model
+    return checked
 
 
 def converged_answer(

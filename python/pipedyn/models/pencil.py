@@ -100,6 +100,13 @@ class Pencil:
         start = np.cos(np.arange(1.0, self.dof + 1.0))[:, None]
         return largest_stretch(lambda x: self.stiffness(x) - self.elastic(x), start, 4)
 
+    def by_springs(self, value: complex) -> Any:
+        """Derivative of k_j + value c_j, with its loss, by each joint's spring k_j, shape (n,).
+
+        Only a chain has it, whose forms have an entry for each spring.
+        """
+        raise NotImplementedError
+
     def forms(self, x: Vectors, y: Vectors) -> _core.Forms:
         """Forms y^H A x with these products A, for vectors of one root, shape (dof, 1)."""
         of = (self.mass, self.velocity, self.damping, self.flux, self.gravity, self.by_damping)

@@ -418,7 +418,6 @@ class ChainPencil(Pencil):
         return real_columns(self.complement.projected, result)
 
     def by_springs(self, value: complex) -> Any:
-        """Derivative of k_j + value c_j, with its loss, by each joint's spring k_j, shape (n,)."""
         # What damping adds to a unit elastic stiffness: there is no loss at lambda = value = 0.
         damped = self.pipe.damping * value + (1j * self.pipe.hysteresis if value else 0.0)
         if self.pipe.root == "clamped":

@@ -54,8 +54,10 @@ def _libraries() -> tuple[list[Limit], list[Limit]]:
 
 
 def _limit_of(one: Any) -> Limit:
-    """The functions of a library that threadpoolctl found: OpenBLAS' own, which are ten times as fast
-    as threadpoolctl's and obey every thread."""
+    """The functions of a library that threadpoolctl found.
+
+    They are OpenBLAS' own, which are ten times as fast as threadpoolctl's and obey every thread.
+    """
     for prefix, suffix in product(("", "scipy_"), ("", "64_", "_64")):
         names = (f"{prefix}openblas_{verb}_num_threads{suffix}" for verb in ("get", "set"))
         get, set_to = (getattr(one.dynlib, name, None) for name in names)
