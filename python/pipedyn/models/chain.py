@@ -237,8 +237,10 @@ class Chain(SegmentModel):
         """Springs of all joints, with a clamped root and a guided end's joint, shape (n + 1,)."""
         n, every = self.coordinates, self._relative_stiffness(rule)
         if rule == "consistent":
-            beside = np.concatenate([[2.0 * self._base], self._lengths, [0.0]])
-            return 2.0 / (beside[:-1] + beside[1:]) * every
+            beside = np.append(self._lengths, 0.0)
+            beside[0] += 2.0 * self._base
+            beside[1:] += self._lengths
+            return 2.0 / beside * every
         if rule in ("uniform", "midpoint"):
             return n * every
         cantilever = replace(self._pipe, terms=(), root="clamped", end="free", supports=())
@@ -266,12 +268,13 @@ class Chain(SegmentModel):
     def _check_pipe(self) -> None:
         """Raises ValueError if the chain does not fit its pipe or the way the pipe is held."""
         pipe, n = self._pipe, self.coordinates
-        lacking = self._masses - pipe.beta * self._lengths
-        if lacking.min() < -1e-9 * self._masses.max():
-            raise ValueError(
-                f"masses must be at least beta = {pipe.beta:g} times the length each, the "
-                f"fluid's part, got {float(self._masses[lacking.argmin()])!r}"
-            )
+        if self._masses is not self._lengths:
+            lacking = self._masses - pipe.beta * self._lengths
+            if lacking.min() < -1e-9 * self._masses.max():
+                raise ValueError(
+                    f"masses must be at least beta = {pipe.beta:g} times the length each, the "
+                    f"fluid's part, got {float(self._masses[lacking.argmin()])!r}"
+                )
         if pipe.cantilevered:
             return
         guided = pipe.end_guided
