@@ -200,15 +200,6 @@ def test_the_book_names_the_functions_that_take_an_executor():
     assert set(re.findall(r"`([a-z_]+)`", others)) <= set(parameters) - named
 
 
-def test_progress_needs_no_progress_bar(monkeypatch, terminal):
-    """Without tqdm a plain count goes to stderr."""
-    monkeypatch.setitem(sys.modules, "tqdm", None)
-    pp.root_loci(pp.Chain(pp.Pipe(0.2), 3), [0.0, 1.0, 2.0], count=2, progress=True)
-    err = terminal.readouterr().err
-    assert "root loci" in err
-    assert "2/2" in err
-
-
 def test_the_package_shows_public_names_only():
     assert dir(pp) == sorted({*pp.__all__, "__version__"})
     assert not [name for name in pp.__all__ if name.startswith("_")]

@@ -4,6 +4,7 @@ import inspect
 import logging
 import multiprocessing
 import os
+import re
 import subprocess
 import sys
 from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor
@@ -12,11 +13,13 @@ from concurrent.futures.thread import BrokenThreadPool
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import pipedyn as pp
+from pipedyn.util import parallel as module
 
 PIPE = pp.Pipe(0.2)
 SEGMENTS = 3, 1, 2, 1
@@ -90,6 +93,148 @@ def test_progress_is_written_to_terminals_alone(capsys):
 def test_progress_is_counted_on_stderr(terminal):
     answers_of(None, progress=True)
     assert "4/4" in terminal.readouterr().err
+
+
+# ----------------------------------------------------------------------------------------- progress
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that goes on as the test says: `clock.now` is its time in s."""
+    made = SimpleNamespace(now=0.0)
+    monkeypatch.setattr(module, "monotonic", lambda: made.now)
+    return made
+
+
+def lines(terminal):
+    """Lines that were written one over the other, without the spaces that cover the last one."""
+    before, *written = terminal.readouterr().err.split("\r")
+    assert before == ""
+    return [re.sub(" +(?=\n|$)", "", line) for line in written]
+
+
+def test_progress_says_the_share_and_the_time_left(terminal, clock):
+    for seconds in module.track([20.0, 20.0, 40.0, 3600.0], 4, "work", True):
+        clock.now += seconds
+    assert lines(terminal) == [
+        "work: 25 %, 1/4, about 1:00 left",
+        "work: 50 %, 2/4, about 0:40 left",
+        "work: 75 %, 3/4, about 0:27 left",
+        "work: 99 %, 4/4, about 0:00 left",
+        "work: 100 %, 4/4, took 1:01:20\n",
+    ]
+
+
+def test_the_time_left_follows_the_pace_of_late(terminal, clock):
+    """A first half that takes an hour does not tell how long the second takes."""
+    with module.Progress("work", True) as progress:
+        clock.now = 3600.0
+        progress.to(0.5)
+        for k in range(1, 41):
+            clock.now += 1.0
+            progress.to(0.5 + 0.01 * k)
+    first, second, *_, last, end = lines(terminal)
+    assert first == "work: 50 %, about 1:00:00 left"
+    assert int(second.split("about ")[1][:2]) > 50
+    assert last == "work: 90 %, about 0:10 left"
+    assert end == "work: 100 %, took 1:00:40\n"
+
+
+def test_no_time_is_told_before_there_is_a_pace_and_shares_never_fall(terminal, clock):
+    with module.Progress("work", True) as progress:
+        for share in (0.0, 0.3, 0.1, 0.2, 7.0):
+            clock.now += 1.0
+            progress.to(share)
+    at_first, *others = lines(terminal)
+    assert at_first == "work: 0 %"
+    assert [line.split()[1] for line in others] == ["30", "30", "30", "99", "100"]
+
+
+def test_progress_is_written_ten_times_a_second_at_most(terminal, clock):
+    for _ in module.track(range(1000), 1000, "work", True):
+        clock.now += 0.001
+    assert 5 < len(lines(terminal)) < 15
+
+
+def test_an_exception_ends_the_line_as_it_is(terminal, clock):
+    def fail(item):
+        if item:
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        list(map(fail, module.track([0, 1], 2, "work", True)))
+    assert lines(terminal) == ["work: 50 %, 1/2, about 0:00 left\n"]
+    for _ in module.track(range(3), 3, "work", True):
+        break
+    assert terminal.readouterr().err == ""  # nothing was done
+
+
+def test_without_progress_no_clock_is_read(terminal, monkeypatch):
+    monkeypatch.setattr(module, "monotonic", None)
+    assert list(module.track("abc", 3, "work", False)) == ["a", "b", "c"]
+    with module.Progress("work", False) as progress:
+        assert list(progress.steps("abc", float)) == ["a", "b", "c"]
+    assert terminal.readouterr().err == ""
+
+
+def diagram(**more):
+    found = pp.bifurcation_diagram(TWO, [3.0, 3.7, 4.0], transient=20.0, duration=10.0, **more)
+    assert not found.failures
+    return found
+
+
+def followed_event(**more):
+    (branch,) = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.05), 2), [3.0, 3.2, 3.4]).cycles
+    (fold,) = (event for event in branch.events if event.kind == "fold")
+    window = {"beta": (0.03, 0.07), "u": (2.5, 4.0)}
+    return pp.cycle_boundary(branch, fold, "beta", "u", window, **more)
+
+
+WINDOW = {"gamma": (-20.0, 0.0), "u": (0.0, 5.0)}
+DAMPED = pp.Chain(pp.Pipe(0.2, damping=0.01), 2)
+LONG = {
+    "boundary": (
+        partial(pp.boundary, DAMPED, "gamma", "u", WINDOW),
+        ["lines along y", "lines along x", "curves, 2 degrees of freedom", "criticality"],
+    ),
+    "cycle_boundary": (followed_event, ["lines along y", "fold in the plane"]),
+    "attractors": (
+        partial(pp.attractors, TWO, 4.0, 3, transient=20.0, duration=10.0),
+        ["attractors"],
+    ),
+    "bifurcation_diagram": (
+        partial(diagram, brute_force=2),
+        ["equilibria", "cycles followed from the onset at u = 3.59271", "brute force"],
+    ),
+    "forced_response": (
+        partial(
+            *(pp.forced_response, pp.Chain(pp.Pipe(0.2, damping=0.01), 2), 1.0),
+            base=pp.Harmonic(0.01, 10.0),
+            frequencies=(9.0, 11.0),
+        ),
+        ["forced response"],
+    ),
+    "simulate": (partial(pp.simulate, TWO, 4.0, 20.0, [0.1, 0.1]), ["motion"]),
+    "root_loci": (partial(pp.root_loci, TWO, [0.0, 1.0, 2.0]), ["root loci"]),
+}
+"""Of each function that may take long a call, and labels of its lines."""
+
+
+@pytest.mark.parametrize("name", LONG)
+def test_shares_grow_to_the_end_of_everything_that_takes_long(name, terminal, monkeypatch):
+    call, labels = LONG[name]
+    call()
+    assert terminal.readouterr().err == ""
+    monkeypatch.setattr(module, "LEAST_PAUSE", 0.0)
+    call(progress=True)
+    told = {}
+    for line in terminal.readouterr().err.split("\n"):
+        shares = [int(share) for share in re.findall(r"\r[^\r]*: (\d+) %", line)]
+        assert shares == sorted(shares), line
+        assert shares[-1:] == ([100] if line.startswith("\r") else []), line
+        told.setdefault(line[1:].split(": ")[0], []).append(len(shares))
+    assert not [label for label in labels if label not in told], told
+    assert max(map(max, told.values())) > 2
 
 
 # --------------------------------------------------------------------- executors that do not answer

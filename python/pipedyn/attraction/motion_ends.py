@@ -11,7 +11,7 @@ told apart go on as one.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -56,7 +56,7 @@ from pipedyn.motion.simulate import (
 from pipedyn.motion.vector_field import Excitation
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.parallel import one_thread, parallel
+from pipedyn.util.parallel import Progress, one_thread, parallel
 
 MotionEnd = tuple[int, Attractor | Exception]
 """End of a motion: the number of a solution of its case, NOWHERE or STOPPED, and the attractor or
@@ -132,22 +132,44 @@ def motion_ends(
         most = min(BATCH, most)
     size = max(most // max((len(case.starts) for case in cases), default=1), 1)
     parts = [list(cases[i : i + size]) for i in range(0, len(cases), size)]
-    jobs = [partial(_batch_ends, model, part, replace(options, executor=None)) for part in parts]
-    answers = parallel(jobs, options.executor, label=label, progress=options.shown)
     found: list[Case] = []
-    for part, answer in zip(parts, answers, strict=True):
-        if isinstance(answer, Exception):
-            for case in part:
-                case.ends = dict.fromkeys(case.starts, (STOPPED, answer))
-        found += part if isinstance(answer, Exception) else answer
+    with Progress(label, options.shown and bool(cases)) as progress:
+
+        def share(of_batch: float) -> None:
+            progress.to((len(found) + of_batch * min(size, len(cases) - len(found))) / len(cases))
+
+        near = progress.shown and options.executor is None  # tasks elsewhere report at their end
+        given = replace(options, executor=None), share if near else None
+        jobs = [partial(_batch_ends, model, part, *given) for part in parts]
+        for part, answer in zip(parts, parallel(jobs, options.executor), strict=True):
+            if isinstance(answer, Exception):
+                for case in part:
+                    case.ends = dict.fromkeys(case.starts, (STOPPED, answer))
+            found += part if isinstance(answer, Exception) else answer
+            share(0.0)
     return found
 
 
-def _batch_ends(model: Model, cases: list[Case], options: MotionOptions) -> list[Case]:
-    """The cases of one batch, with the ends of their motions."""
+def _batch_ends(
+    model: Model,
+    cases: list[Case],
+    options: MotionOptions,
+    report: Callable[[float], None] | None,
+) -> list[Case]:
+    """The cases of one batch, with the ends of their motions.
+
+    `report` is told the share that is done whenever motions have gone on: 1 for each motion that
+    has ended, and for the others how much of transient and record they have behind them.
+    """
     runs = [_Run(case, k, start) for case in cases for k, start in case.starts.items()]
+
+    def looked(elapsed: float) -> None:
+        share = min(elapsed / (options.transient + options.duration), 1.0)
+        if report is not None:
+            report(sum(1.0 if run.ended else share for run in runs) / len(runs))
+
     with one_thread(model.dof):
-        _Engine(model, options).finish(runs)
+        _Engine(model, options, looked).finish(runs)
     return cases
 
 
@@ -266,8 +288,11 @@ class _Run:
 class _Engine:
     """Follows the motions of one batch until they end."""
 
-    def __init__(self, model: Model, options: MotionOptions) -> None:
+    def __init__(
+        self, model: Model, options: MotionOptions, looked: Callable[[float], None] = lambda _: None
+    ) -> None:
         self.model, self.options, self.elapsed = model, options, 0.0
+        self.looked = looked  # called with the elapsed time whenever motions have gone on
         smooth = isinstance(model, (Chain, Galerkin)) and not model.pipe.has_kinks
         self.tolerance = options.rtol * (1.0 if smooth else ACROSS_KINKS)
 
@@ -311,6 +336,7 @@ class _Engine:
             elif approach.reached:
                 run.end(run.case.attracting[approach.region])
         self.elapsed += before + length
+        self.looked(self.elapsed)
         going = [i for i, run in enumerate(runs) if not run.ended]
         if not going:
             return []

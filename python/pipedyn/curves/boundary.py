@@ -49,7 +49,7 @@ from pipedyn.models.pipe_numbers import PipeNumber, checked_number
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.parallel import one_thread
+from pipedyn.util.parallel import one_thread, track
 from pipedyn.util.result import Result
 
 AGREED = 2e-10
@@ -190,6 +190,7 @@ def boundary(
     u: float | None = None,
     criticality: bool = True,
     only_stability: bool = False,
+    progress: bool = False,
 ) -> Boundary:
     """Boundaries of stability in the plane of two of a pipe's numbers, with organising points.
 
@@ -216,6 +217,8 @@ def boundary(
             takes most of the time.
         only_stability: whether to leave out curves on which other roots are unstable; then numbers
             of unstable roots at the edges are not compared.
+        progress: whether to show progress on stderr: of the lines that are searched, of the curves
+            that are followed from there and of their criticality.
 
     Returns:
         Boundary.
@@ -252,6 +255,7 @@ def boundary(
     window = checked_window(model, (x, y), ranges)
     asked = check.flag("criticality", criticality)
     only = check.flag("only_stability", only_stability)
+    shown = check.flag("progress", progress)
     by_speed = None in window.numbers
     if by_speed and u is not None:
         raise ValueError(f"u must not be given where it is x or y, got {check.shown(u)}")
@@ -259,7 +263,7 @@ def boundary(
         if u is None:
             raise ValueError(f'u must be given where neither x nor y is "u", got {x!r} and {y!r}')
         u = check.real("u", u, low=0.0, high=largest_speed(model))
-    return boundaries_in(model, window, u, asked, only, (x, y))[0]
+    return boundaries_in(model, window, u, asked, only, (x, y), shown)[0]
 
 
 def checked_window(
@@ -299,6 +303,7 @@ def boundaries_in(
     criticality: bool,
     only_stability: bool,
     names: tuple[str, str],
+    shown: bool,
 ) -> tuple[Boundary, list[TracedCurve]]:
     """The boundaries in a checked window, and their curves as they were traced.
 
@@ -312,14 +317,14 @@ def boundaries_in(
     """
     with one_thread(2 * getattr(model, "dof", 64)):
         coarse = plane = first_plane(model, window, u)
-        starts, on_lines = line_starts(coarse, only_stability)
+        starts, on_lines = line_starts(coarse, only_stability, shown)
         before, moved, larger = math.inf, 0.0, 0
         while True:
             smaller, failures = plane, on_lines.copy()
             if isinstance(model, Continuum):
                 larger += 1
                 plane = larger_plane(model, smaller, larger, moved)
-            curves, found = _all_curves(plane, starts, only_stability, failures)
+            curves, found = _all_curves(plane, starts, only_stability, failures, shown)
             if plane is not smaller:
                 for curve in curves:
                     curve.error = distance_in(smaller, curve)
@@ -340,15 +345,17 @@ def boundaries_in(
         points = [one.point(plane) for one in found]
         for curve in curves:
             curve.values = np.full((len(curve.points), 2), np.nan)
-            if criticality:
-                for k in np.flatnonzero(curve.counts == 0):
-                    curve.values[k] = coefficients(coarse, curve.problem, curve.points[k].z)
-                for change in changes_of_criticality(coarse, curve):
-                    if isinstance(change, str):
-                        failures.append(change)
-                    else:
-                        curve.marks.append((change[0], len(points)))
-                        points.append(change[1])
+        bounds = [(curve, k) for curve in curves for k in np.flatnonzero(curve.counts == 0)]
+        for curve, k in track(bounds, len(bounds), "criticality", shown) if criticality else ():
+            curve.values[k] = coefficients(coarse, curve.problem, curve.points[k].z)
+        ends = track(curves, len(curves), "changes of criticality", shown) if criticality else ()
+        for curve in ends:
+            for change in changes_of_criticality(coarse, curve):
+                if isinstance(change, str):
+                    failures.append(change)
+                else:
+                    curve.marks.append((change[0], len(points)))
+                    points.append(change[1])
     known = sorted(enumerate(points), key=lambda of: (of[1].unstable, of[1].kind, of[1].x))
     numbers = {i: number for number, (i, _) in enumerate(known)}
     results = [_boundary_curve(curve, numbers) for curve in curves]
@@ -369,7 +376,11 @@ def boundaries_in(
 
 
 def _all_curves(
-    plane: Plane, starts: list[CurveStart], only_stability: bool, failures: list[str]
+    plane: Plane,
+    starts: list[CurveStart],
+    only_stability: bool,
+    failures: list[str],
+    shown: bool,
 ) -> tuple[list[TracedCurve], list[DoublePoint]]:
     """Curves from these starts and from the double points on curves, and these points.
 
@@ -381,8 +392,9 @@ def _all_curves(
 
     tracer, found = CurveTracer(plane, starts, wanted), list[DoublePoint]()
     while starts:
-        new, starts = tracer.trace(starts), []
-        for curve in new:
+        label = f"curves, {check.how_many(plane.dof, 'degree')} of freedom"
+        new, starts = tracer.trace(track(starts, len(starts), label, shown)), []
+        for curve in track(new, len(new), "double points", shown):
             curve.counts, places = unstable_counts(plane, curve), []
             for place in double_points(plane, curve):
                 if isinstance(place, str):

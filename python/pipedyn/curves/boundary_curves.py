@@ -9,7 +9,7 @@ followed. The continuous pipe is solved in larger bases until points of its curv
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -36,6 +36,7 @@ from pipedyn.models.galerkin import Galerkin, basis_joints, enriched
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.parallel import track
 
 LONGEST_STEP, LARGEST_TURN = 0.04, 0.18
 """Longest step, as a share of the window's sides, and largest angle, in rad, between neighbouring
@@ -134,7 +135,7 @@ class CurveTracer:
         self.control = Control(LONGEST_STEP, shortest=1e-6, turn=LARGEST_TURN, tolerance=1e-7)
         self.curves: list[TracedCurve] = []
 
-    def trace(self, starts: list[CurveStart]) -> list[TracedCurve]:
+    def trace(self, starts: Iterable[CurveStart]) -> list[TracedCurve]:
         """Curves from these starts, without curves that are already known."""
         before = len(self.curves)
         for start in starts:
@@ -214,7 +215,9 @@ def basis_plane(model: Galerkin, window: Window, speed: float | None) -> Plane:
     return Plane(model, window, speed, count_resolved(model, eigenproblem(model).spectrum()))
 
 
-def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[CurveStart], list[str]]:
+def line_starts(
+    plane: Plane, only_stability: bool = False, shown: bool = False
+) -> tuple[list[CurveStart], list[str]]:
     """Starts of curves, found on lines across the window, and sentences about what failed.
 
     Most starts lie where a line meets a curve. Others lie where a path uphill meets a curve; it
@@ -243,7 +246,9 @@ def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[CurveS
         answers: list[Any] = [([], [])] * len(lines)
         if by_speed:
             answers = stability_losses([plane.model_at(line) for line in lines], low + size)
-        for k, (line, answer) in enumerate(zip(lines, answers, strict=True)):
+        label = f"lines along {'xy'[along]}"
+        searched_lines = track(zip(lines, answers, strict=True), len(lines), label, shown)
+        for k, (line, answer) in enumerate(searched_lines):
             for value in plane.static_roots(line, along):
                 add(along, line, value, 0.0)
             if isinstance(answer, Exception):
@@ -263,7 +268,7 @@ def line_starts(plane: Plane, only_stability: bool = False) -> tuple[list[CurveS
                 extremes += [(along, line, *one) for one in others]
                 for share, root in () if by_speed else passing:
                     add(along, line, low + size * share, root.imag)
-    for along, at, share, root in extremes:
+    for along, at, share, root in track(extremes, len(extremes), "paths uphill", shown):
         z = (at - window.low) / window.size
         z[along] = share
         start = flutter_start(plane, z, root, only_stability)

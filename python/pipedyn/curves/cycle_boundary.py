@@ -140,7 +140,7 @@ def cycle_boundary(
         if isinstance(branch, CycleBranch):
             by_flutter = branch.origin == "hopf"
             fastest = max(1.5 * begin.u for begin in starts)
-            onset = Onset(plane, branch.onset if by_flutter else math.nan, fastest)
+            onset = Onset(plane, branch.onset if by_flutter else math.nan, fastest, shown)
             failures += onset.failures
         for event, begin in zip(given, starts, strict=True):
             follower = EventFollower(plane, cast(Followed, event.kind), shown, onset)

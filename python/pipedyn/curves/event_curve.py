@@ -24,7 +24,7 @@ from pipedyn.orbits.periodic_orbit import PeriodicOrbit, resolved_orbit
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.parallel import track
+from pipedyn.util.parallel import Progress, share_of_way
 from pipedyn.util.result import Result
 
 LONGEST_EVENT_STEP = 0.08
@@ -258,8 +258,15 @@ class EventFollower(Tracer[EventProblem]):
         """Points of the curve from a given one to its end, and why it ends there."""
         places = self.places = [self.place(problem, point)]
         steps = steps_from(problem, point, 0.25 * self.how.longest)
-        steps = track(steps, None, self.kind, self.shown)
-        _, end, reason = self.one_way(steps, problem, point)
+        begin = self.plane.places(places[0].second, places[0].own)
+
+        def share(step: EventStep) -> float:
+            here = self.plane.places(step.end.p, float(step.end.z[self.own]) * self.plane.order)
+            ways = zip(begin, here, self.plane.ranges, strict=True)
+            return max(share_of_way(first, value, *ends) for first, value, ends in ways)
+
+        with Progress(f"{self.kind} in the plane", self.shown) as progress:
+            _, end, reason = self.one_way(progress.steps(steps, share), problem, point)
         if end == "not converged" and (name := self._near_end()) is not None:
             return places, name
         if end in ("points", "not converged"):

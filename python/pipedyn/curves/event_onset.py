@@ -39,9 +39,12 @@ class Onset:
         plane: plane of an event of cycles, not of forced motions.
         begin: flow speed of the flutter at which the branch begins; NaN if it begins elsewhere.
         fastest: flow speed up to which onsets are of interest.
+        shown: whether progress is shown.
     """
 
-    def __init__(self, plane: EventPlane, begin: float, fastest: float) -> None:
+    def __init__(
+        self, plane: EventPlane, begin: float, fastest: float, shown: bool = False
+    ) -> None:
         self.plane, self.failures = plane, list[str]()
         self.found: Boundary | None = None
         self._steps = list[OnsetStep]()  # steps along the onset, whose second number only grows
@@ -57,7 +60,8 @@ class Onset:
                     raise ValueError(f"the straight pipe does not rest, got {one.model!r}")
             # A number without effect on small motions has a level boundary.
             window = checked_window(plane.model, plane.names, ranges, motions=True)
-            self.found, curves = boundaries_in(plane.model, window, None, False, True, plane.names)
+            alone = None, False, True, plane.names, shown  # only where stability is lost
+            self.found, curves = boundaries_in(plane.model, window, *alone)
         except (PipedynError, ValueError) as error:
             self.failures.append(f"the onset of flutter was not followed over {name}: {error}")
             return

@@ -65,7 +65,7 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.parallel import one_thread, track
+from pipedyn.util.parallel import Progress, one_thread, share_of_way
 from pipedyn.util.result import SPEED, Result, TableResult
 
 Failed = tuple[float, Exception]
@@ -380,7 +380,8 @@ class _Follower(Tracer[OrbitProblem]):
 
     def run(self) -> None:
         """Follows the branch until it ends, is far from the speeds or has used all its steps."""
-        _, end, reason = self.one_way(self._steps())
+        with Progress(f"cycles {self.how}", self.options.shown) as progress:
+            _, end, reason = self.one_way(progress.steps(self._steps(), self._share_done))
         if end == "points":
             reason = "its steps ran out; cycles= allows more"
         elif end != "not converged":
@@ -422,10 +423,20 @@ class _Follower(Tracer[OrbitProblem]):
             return kind
         return self._is_left()
 
+    @property
+    def _range(self) -> tuple[float, float]:
+        """Range of flow speeds in which the branch is followed."""
+        speeds, first = self.options.speeds, self.start.orbit.u
+        lowest = min(float(speeds[speeds > 0.0][0]), first) / BEYOND
+        return lowest, max(float(speeds[-1]), first) * BEYOND
+
+    def _share_done(self, step: Step) -> float:
+        """Share of the way to the end of that range that the branch has covered after a step."""
+        return share_of_way(self.start.orbit.u, step.end.p, *self._range)
+
     def _is_left(self) -> str | None:
         """Why the branch is followed no further than to its last orbit; None if it goes on."""
         here, last, passed = self.here, self.last, self.passed
-        speeds, first = self.options.speeds, self.start.orbit.u
         unknown = "" if last is None else f"known to {last.multiplier_error:.1e} only"
         slow = self.frequencies[-1] < 0.5 * max(self.fastest, *self.frequencies)
         if slow and _steepness(passed, self.frequencies) < VERTICAL:
@@ -435,8 +446,8 @@ class _Follower(Tracer[OrbitProblem]):
             return "infinite period"
         if self.unsure == UNSURE and unknown:
             raise NewtonFailed(f"its multipliers are {unknown}")
-        lowest = min(float(speeds[speeds > 0.0][0]), first) / BEYOND
-        if self.closed or self.repeats or not lowest < here.u < max(speeds[-1], first) * BEYOND:
+        lowest, highest = self._range
+        if self.closed or self.repeats or not lowest < here.u < highest:
             return "range"
         if len(passed) > WINDING and self._winds(passed[-WINDING:]):
             width = max(passed[-WINDING:]) - min(passed[-WINDING:])
@@ -465,8 +476,7 @@ class _Follower(Tracer[OrbitProblem]):
 
         From an event, the steps begin at the first orbit; cycles on the way to it are kept.
         """
-        followed = steps_past_grazing(self.motion, self.start, FINE, self._grazes)
-        steps = track(followed, None, f"cycles {self.how}", self.options.shown)
+        steps = steps_past_grazing(self.motion, self.start, FINE, self._grazes)
         if self.begin is None:
             self.last = self._finished(self.here)
             if self.last is not None:

@@ -70,7 +70,7 @@ from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import count_work
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.parallel import one_thread, track
+from pipedyn.util.parallel import Progress, one_thread, share_of_way
 from pipedyn.util.result import Result, TableResult, join_tables
 
 FORCED_DOF = 60
@@ -577,7 +577,13 @@ class _ForcedTracer(Tracer[OrbitProblem]):
     def branch(self, shown: bool) -> ForcedBranch:
         """The branch, after it was followed."""
         followed = steps_past_grazing(self.motion, self.start, FINE, self._grazes)
-        _, end, reason = self.one_way(track(followed, None, "forced response", shown))
+        first = self.motion.order * self.start.orbit.frequency
+
+        def share(step: Step) -> float:
+            return share_of_way(first, self.motion.order * step.end.p, *self.window)
+
+        with Progress("forced response", shown) as progress:
+            _, end, reason = self.one_way(progress.steps(followed, share))
         last = self.points[-1]
         if end in ("points", "not converged"):
             self.lost = NotConverged(

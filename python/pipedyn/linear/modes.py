@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import field, replace
 from functools import cached_property, partial
@@ -30,7 +31,7 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import count_factorisations
 from pipedyn.util.errors import NotConverged
-from pipedyn.util.parallel import one_thread, track
+from pipedyn.util.parallel import Progress, one_thread
 from pipedyn.util.result import RATE, Result, TableResult
 
 LARGEST_FULL = _core.dense_limit
@@ -503,16 +504,21 @@ def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci
     problem = eigenproblem(model)
     spectrum, every = problem.spectrum(), 2 * problem.dof
     size = every if overdamped else 2 * count + 16
-    done = track(range(1, speeds.size), speeds.size - 1, "root loci", shown)
-    row_done = (lambda: next(done, None)) if shown else None
-    while True:
-        size = size if problem.is_long and size < problem.dof else every
-        with one_thread(problem.rows):
-            loci = spectrum.root_loci(speeds.tolist(), count, size, count_factorisations, row_done)
-        if loci is not None:
-            for _ in done:
-                pass
-            values, partners = loci.values, loci.partners
-            checks = loci.converged, loci.errors
-            return RootLoci(speeds, values, partners, *checks, problem.dof, model.pipe)
-        size *= 2
+    with Progress("root loci", shown and speeds.size > 1) as progress:
+        total, done = speeds.size - 1, itertools.count(1)
+
+        def row_done() -> None:
+            row = next(done)
+            progress.to(row / total, f"{min(row, total)}/{total}")
+
+        report = row_done if progress.shown else None
+        while True:
+            size = size if problem.is_long and size < problem.dof else every
+            asked = speeds.tolist(), count, size
+            with one_thread(problem.rows):
+                loci = spectrum.root_loci(*asked, count_factorisations, report)
+            if loci is not None:
+                values, partners = loci.values, loci.partners
+                checks = loci.converged, loci.errors
+                return RootLoci(speeds, values, partners, *checks, problem.dof, model.pipe)
+            size *= 2

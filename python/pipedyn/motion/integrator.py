@@ -306,7 +306,7 @@ def _of_one(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Outc
     samples = track(_by_scipy(task, monitor), task.times.size, "motion", shown)
     rows, why = [task.start], None
     try:
-        for t, row in zip(task.times, samples, strict=False):
+        for row, t in zip(samples, task.times, strict=True):
             rows.append(row)
             observer.call(task, float(t), row)
             if observer.end is not None:

@@ -15,13 +15,16 @@ it.
 
 from __future__ import annotations
 
+import math
 import sys
 import threading
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from functools import cache, partial
 from itertools import product
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from time import monotonic
+from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar
 
 from pipedyn.util.lapack import library
 
@@ -31,6 +34,15 @@ if TYPE_CHECKING:
 SMALL = 600
 """Number of rows up to which one thread is used: the eigenvalues of a matrix of this size take
 0.3 s. On a busy machine two threads took 1.7 s for them, and for 200 rows 2 s instead of 0.03 s."""
+
+LEAST_PAUSE = 0.1
+"""Least time in s between two writings of a line of progress."""
+
+LINES_OF_PACE = 20
+"""Number of the last lines of progress from whose pace the time left follows."""
+
+LONGEST_LEFT = 1e6
+"""Longest time left that is told, in s: a slower pace is none."""
 
 _lock = threading.Lock()
 _inside = 0
@@ -118,27 +130,78 @@ def progress_visible() -> bool:
     return sys.stderr.isatty() or "ipykernel" in sys.modules
 
 
-def track(items: Iterable[Item], total: int | None, label: str, shown: bool) -> Iterator[Item]:
-    """Yields the items and counts them on stderr, by tqdm if that is installed.
+def clock_face(seconds: float) -> str:
+    """A duration as minutes and seconds, or as hours, minutes and seconds."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
 
-    Nothing is written if `shown` is False or nobody can read stderr. `total` is the number of
-    items, or None if it is not known.
+
+class Progress:
+    """A line on stderr that says what share of some work is done, and how long the rest may take.
+
+    It is used in a `with` block, at whose end it says 100 % and the time taken; an exception leaves
+    the line as it is. The time left follows from the pace of the last lines, and is not told before
+    there is a pace. Nothing is written if `shown` is False or nobody can read stderr.
     """
-    if not (shown and progress_visible()) or total == 0:
-        yield from items
-        return
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        try:
-            for done, item in enumerate(items, start=1):
-                yield item
-                count = f"{done}" if total is None else f"{done}/{total}"
-                print(f"\r{label}: {count}", end="", file=sys.stderr, flush=True)
-        finally:  # runs also if the caller stops before the last item
+
+    def __init__(self, label: str, shown: bool) -> None:
+        self.label, self.shown = label, shown and progress_visible()
+        self.share, self.count = 0.0, ""
+        self.marks = deque([(monotonic(), 0.0)], maxlen=LINES_OF_PACE) if self.shown else deque()
+        self.begun, self.width = self.marks[0][0] if self.shown else 0.0, 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def to(self, share: float, count: str = "") -> None:
+        """Notes the share that is done, from 0 to 1, and shows it at most ten times a second.
+
+        A smaller share than before counts as the same one; `count` is said beside it.
+        """
+        if not self.shown:
+            return
+        self.share, self.count = max(self.share, min(share, 1.0)), count
+        now, (then, before) = monotonic(), self.marks[0]
+        if self.width and now - self.marks[-1][0] < LEAST_PAUSE:
+            return
+        self.marks.append((now, self.share))
+        gained = self.share - before
+        left = (1.0 - self.share) * (now - then) / gained if gained > 0.0 else math.inf
+        told = f", about {clock_face(left)} left" if left < LONGEST_LEFT else ""
+        self._write(min(math.floor(100.0 * self.share), 99), told)
+
+    def steps(self, every: Iterable[Item], share: Callable[[Item], float]) -> Iterator[Item]:
+        """Yields steps whose number nobody knows; `share` gives what is done after a step."""
+        for done, step in enumerate(every, start=1):
+            yield step
+            if self.shown:
+                self.to(share(step), f"{done} steps")
+
+    def _write(self, percent: int, told: str) -> None:
+        line = f"{self.label}: {percent} %{self.count and f', {self.count}'}{told}"
+        print(f"\r{line:{self.width}}", end="", file=sys.stderr, flush=True)
+        self.width = len(line)
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if self.shown and kind is None:
+            self._write(100, f", took {clock_face(monotonic() - self.begun)}")
+        if self.width:
             print(file=sys.stderr)
-        return
-    yield from tqdm(items, total=total, desc=label)
+
+
+def track(items: Iterable[Item], total: int, label: str, shown: bool) -> Iterator[Item]:
+    """Yields the items, of which there are `total`, and shows how many are done; see `Progress`."""
+    with Progress(label, shown and total > 0) as progress:
+        for done, item in enumerate(items, start=1):
+            yield item
+            progress.to(done / total, f"{done}/{total}")
+
+
+def share_of_way(start: float, here: float, low: float, high: float) -> float:
+    """Share that is covered of the way from a start to the end of a range on the side of `here`."""
+    way = abs((high if here > start else low) - start)
+    return abs(here - start) / way if way else 0.0
 
 
 def outcome_of(job: Job[Returned]) -> Returned | Exception:
