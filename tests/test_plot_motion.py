@@ -66,6 +66,14 @@ def small_axes():
     return Figure(figsize=(2.0, 2.3), dpi=50, layout=none).subplots()
 
 
+def images_of(page):
+    """The frames of a player."""
+    text = page.read_text(encoding="utf-8")
+    coded = re.findall(r"data:image/png;base64,([^\"]+)", text)
+    bare = (io.BytesIO(base64.b64decode(one.replace("\\\n", ""))) for one in coded)
+    return [Image.open(one) for one in bare]
+
+
 def by_gid(ax, gid):
     return [child for child in ax.get_children() if child.get_gid() == gid]
 
@@ -353,16 +361,17 @@ def test_an_animation_of_a_cycle_closes_and_has_all_frames(tmp_path):
 def test_a_film_shows_what_a_figure_of_its_own_would(tmp_path):
     """What does not move is drawn once, below what moves; the figure is as before afterwards."""
     none = PlaceHolderLayoutEngine(adjust_compatible=True, colorbar_gridspec=True)
-    ax, beside = (figure := Figure(figsize=(3.0, 2.0), layout=none)).subplots(1, 2)
+    ax, beside = (figure := Figure(figsize=(3.0, 2.03), layout=none)).subplots(1, 2)
+    figure.suptitle("what does not move")
     beside.plot([0.0, 1.0], [1.0, 0.0], label="beside")
     film = plot.animate(run("cycle"), fps=4, ax=ax)
     film.save(tmp_path / "pipe.html")
-    page = (tmp_path / "pipe.html").read_text(encoding="utf-8")
-    data = re.findall(r"data:image/png;base64,([^\"]+)", page)[3].replace("\\\n", "")
-    with Image.open(io.BytesIO(base64.b64decode(data))) as image:
-        shown = np.asarray(image.convert("RGB")).astype(float)
+    shown = np.asarray(images_of(tmp_path / "pipe.html")[3].convert("RGB")).astype(float)
+    assert figure.get_size_inches().tolist() == [3.0, 2.03]
+    assert not figure.images
     film._draw_frame(3)
     whole = io.BytesIO()
+    figure.set_size_inches(3.0, 2.02)  # matplotlib makes frames of players of even sizes
     figure.savefig(whole, format="png", dpi="figure")
     with Image.open(whole) as image:
         drawn = np.asarray(image.convert("RGB")).astype(float)
@@ -372,11 +381,13 @@ def test_a_film_shows_what_a_figure_of_its_own_would(tmp_path):
 
 
 def test_a_film_has_the_dots_asked_for_and_says_how_far_it_is(tmp_path, terminal):
-    path = tmp_path / "pipe.gif"
-    plot.animate(run("cycle"), path, fps=4, dpi=40.0, ax=small_axes(), progress=True)
-    with Image.open(path) as image:
+    for path in (tmp_path / "pipe.gif", tmp_path / "pipe.html"):
+        plot.animate(run("cycle"), path, fps=4, dpi=40.0, ax=small_axes(), progress=True)
+        told = terminal.readouterr().err.split("\r")
+        assert told[-1].startswith("film: 100 %, 10/10, took ")
+    with Image.open(tmp_path / "pipe.gif") as image:
         assert image.size == (80, 92)
-    assert "10/10" in terminal.readouterr().err
+    assert [image.size for image in images_of(path)] == [(80, 92)] * 10
     with pytest.raises(ValueError, match=r"dpi must lie in \[10, 1000\], got 1"):
         plot.animate(run("cycle"), fps=4, dpi=1.0, ax=small_axes())
 

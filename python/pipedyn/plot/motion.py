@@ -16,17 +16,24 @@ from contextlib import contextmanager
 from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import scipy
-from matplotlib import rc_context
-from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
+from matplotlib import rc_context, rcParams
+from matplotlib.animation import (
+    FFMpegWriter,
+    FuncAnimation,
+    HTMLWriter,
+    PillowWriter,
+    adjusted_figsize,
+)
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.image import imread
 from matplotlib.patches import FancyArrowPatch, Rectangle
 from numpy.typing import ArrayLike
@@ -52,7 +59,7 @@ from pipedyn.plot.units import (
 from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.files import replacing
-from pipedyn.util.parallel import track
+from pipedyn.util.parallel import Progress
 
 Sampled: TypeAlias = Motion | LimitCycle
 Shown: TypeAlias = Sampled | Basin
@@ -300,6 +307,10 @@ def snapshots(
     return ax
 
 
+NO_LIMIT = 1e6
+"""Size of a player in MB up to which matplotlib leaves out no frame."""
+
+
 class Film(FuncAnimation):
     """An animation that plays in a notebook; `save` chooses the format by the file's extension."""
 
@@ -323,52 +334,81 @@ class Film(FuncAnimation):
             OSError: if the file cannot be written; an existing file then stays as it was.
         """
         if args or "writer" in options:
-            super().save(filename, *args, **options)
+            with Progress("film", self.progress) as progress:
+
+                def drawn(frame: int, _: Any) -> None:
+                    progress.to((frame + 1) / self.frames, f"{frame + 1}/{self.frames}")
+
+                options.setdefault("progress_callback", drawn)
+                super().save(filename, *args, **options)
             return
         path = _checked_path(filename)
         kind = path.suffix.lower()
-        with replacing(path) as beside:
-            if kind == ".html":
-                page = f'<!DOCTYPE html><meta charset="utf-8">{self.to_jshtml()}'
-                beside.write_text(page, encoding="utf-8")
-                return
+        with (
+            TemporaryDirectory() as folder,
+            replacing(path) as beside,
+            self._still_drawn_once(kind != ".gif", **options),
+        ):
             chosen: Any = FFMpegWriter if kind == ".mp4" else PillowWriter
-            frames = track(range(self.frames), self.frames, "film", self.progress)
-            options.setdefault("progress_callback", lambda *_: next(frames, None))
-            with self._still_drawn_once(options.get("dpi")):
-                super().save(beside, writer=chosen(fps=self.fps), **options)
-            list(frames)  # ends the line of progress
+            given: dict[str, Any] = {"fps": self.fps}
+            target = beside
+            if kind == ".html":
+                chosen, target = HTMLWriter, Path(folder, "film.html")
+                given |= {"embed_frames": True, "embed_limit": NO_LIMIT, **self._player}
+            self.save(target, writer=chosen(**given), **options)
+            if target is not beside:
+                page = target.read_text(encoding="utf-8")
+                beside.write_text(f'<!DOCTYPE html><meta charset="utf-8">{page}', encoding="utf-8")
 
     def to_jshtml(self, *args: Any, **options: Any) -> str:
         """A player with all frames as HTML."""
-        options.setdefault("default_mode", "loop" if self.repeats else "once")
-        with rc_context({"animation.embed_limit": 1e6}), self._still_drawn_once():
-            return str(super().to_jshtml(*args, **options))  # MB: no frame is left out
+        options = self._player | options
+        with rc_context({"animation.embed_limit": NO_LIMIT}), self._still_drawn_once(even=True):
+            return str(super().to_jshtml(*args, **options))
+
+    @property
+    def _player(self) -> dict[str, Any]:
+        """How a player begins."""
+        return {"default_mode": "loop" if self.repeats else "once"}
 
     @contextmanager
-    def _still_drawn_once(self, dpi: Any = None) -> Iterator[None]:
-        """Has all that does not move replaced by one picture of it, at a number of dots an inch."""
+    def _still_drawn_once(
+        self, even: bool, dpi: Any = None, savefig_kwargs: Any = None, **_: Any
+    ) -> Iterator[None]:
+        """Has all that does not move replaced by one picture of it, drawn as the frames will be.
+
+        even: whether the frames will have even numbers of dots, as videos and players have.
+        """
         figure: Figure = self._fig  # type: ignore[attr-defined]
         raw = io.BytesIO()
-        every = [figure.patch, *(one for ax in figure.axes for one in ax.get_children())]
-        still = [one for one in every if one not in self.moving and one.get_visible()]
-        for one in self.moving:
-            one.set_visible(False)
-        figure.savefig(raw, format="png", dpi="figure" if dpi is None else dpi)
-        for one in self.moving:
-            one.set_visible(True)
-        for one in still:
-            one.set_visible(False)
-        raw.seek(0)
-        picture = figure.figimage(imread(raw), zorder=-1.0)
-        layout = figure.get_layout_engine()
-        _end_layout(figure)
+        still = [one for one in _not_holding(self.moving, figure) if one.get_visible()]
+        layout, picture = figure.get_layout_engine(), None
+        size: Any = figure.get_size_inches()
+        dots = rcParams["savefig.dpi"] if dpi is None else dpi
         try:
+            if even:
+                dots = figure.dpi if dots == "figure" else dots
+                of_video: Any = adjusted_figsize  # its stub lacks an argument
+                figure.set_size_inches(*of_video(*(size * dots).astype(int) / dots, dots, 2))
+            for one in self.moving:
+                one.set_visible(False)
+            with rc_context({"savefig.bbox": None}):  # whole frames, as matplotlib draws them
+                figure.savefig(raw, **{"dpi": dots, **(savefig_kwargs or {}), "format": "png"})
+            figure.set_size_inches(size)
+            for one in self.moving:
+                one.set_visible(True)
+            for one in still:
+                one.set_visible(False)
+            raw.seek(0)
+            picture = figure.figimage(imread(raw), zorder=-1.0)
+            _end_layout(figure)
             yield
         finally:
-            picture.remove()
+            if picture is not None:
+                picture.remove()
+            figure.set_size_inches(size)
             figure.set_layout_engine(layout)
-            for one in still:
+            for one in (*still, *self.moving):
                 one.set_visible(True)
 
     def _repr_html_(self) -> str:
@@ -473,6 +513,15 @@ def animate(
     if path is not None:
         film.save(path, **options)
     return film
+
+
+def _not_holding(moving: Sequence[Artist], whole: Artist) -> Iterator[Artist]:
+    """Parts of a figure, as large as they come without what moves."""
+    for part in whole.get_children():
+        if isinstance(part, Axes | SubFigure) and part.findobj(lambda one: one in moving):
+            yield from _not_holding(moving, part)
+        elif part not in moving:
+            yield part
 
 
 def _end_layout(figure: Figure) -> None:
