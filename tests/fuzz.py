@@ -936,6 +936,7 @@ def _questions() -> Iterator[Target]:
             ),
         ),
         u=Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of(1.0, -1.0, NAN, [None]))),
+        progress=FLAG,
     )
     inside = {"x": real((0.1, 0.9), 0.09, 0.91), "y": real((0.0, 9.0), -0.1, 9.1)}
     yield target(BOUNDARY.unstable, **inside)

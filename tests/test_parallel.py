@@ -156,6 +156,14 @@ def test_progress_is_written_ten_times_a_second_at_most(terminal, clock):
     assert 5 < len(lines(terminal)) < 15
 
 
+def test_a_line_is_no_longer_than_the_terminal_is_wide(terminal, clock, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "30")
+    list(module.track("abc", 3, "work with a long name", True))
+    first, *_, last = lines(terminal)
+    assert first == "w: 33 %, 1/3, about 0:00 left"
+    assert last == "work w: 100 %, 3/3, took 0:00\n"
+
+
 def test_an_exception_ends_the_line_as_it_is(terminal, clock):
     def fail(item):
         if item:

@@ -23,6 +23,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from functools import cache, partial
 from itertools import product
+from shutil import get_terminal_size
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar
 
@@ -179,7 +180,9 @@ class Progress:
                 self.to(share(step), f"{done} steps")
 
     def _write(self, percent: int, told: str) -> None:
-        line = f"{self.label}: {percent} %{self.count and f', {self.count}'}{told}"
+        said = f": {percent} %{self.count and f', {self.count}'}{told}"
+        room = max(get_terminal_size().columns - 1 - len(said), 0)  # a longer line would not stay
+        line = self.label[:room] + said
         print(f"\r{line:{self.width}}", end="", file=sys.stderr, flush=True)
         self.width = len(line)
 
@@ -193,6 +196,9 @@ class Progress:
 def track(items: Iterable[Item], total: int, label: str, shown: bool) -> Iterator[Item]:
     """Yields the items, of which there are `total`, and shows how many are done; see `Progress`."""
     with Progress(label, shown and total > 0) as progress:
+        if not progress.shown:
+            yield from items
+            return
         for done, item in enumerate(items, start=1):
             yield item
             progress.to(done / total, f"{done}/{total}")
