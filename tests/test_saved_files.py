@@ -21,6 +21,8 @@ BASES = {
 }
 """Classes from which saved ones inherit, but of which no object is in a file, and an SI unit."""
 
+for public in pp.__all__:
+    getattr(pp, public)  # a class has its name in files once its module is imported
 
 KNOWN = recorded()
 
