@@ -18,7 +18,7 @@ LIMITS = {
     "modules in a folder": 16,
     "names with more than one meaning": 9,
     "docstrings that begin with a leaning word": 0,
-    "lines of Python": 21337,
+    "lines of Python": 21339,
     "lines of C++": 12828,
 }
 

@@ -159,12 +159,15 @@ def _batch_ends(
     """The cases of one batch, with the ends of their motions.
 
     `report` is told the share that is done whenever motions have gone on: 1 for each motion that
-    has ended, and for the others how much of transient and record they have behind them.
+    has ended, and for the others how much they have behind them of what an irregular one takes:
+    transient, record and, for its exponent, a longer record.
     """
+    records = 1.0 + RECORD_FACTOR * options.exponents
+    longest = options.transient + records * options.duration
     runs = [_Run(case, k, start) for case in cases for k, start in case.starts.items()]
 
     def looked(elapsed: float) -> None:
-        share = min(elapsed / (options.transient + options.duration), 1.0)
+        share = min(elapsed / longest, 1.0)
         if report is not None:
             report(sum(1.0 if run.ended else share for run in runs) / len(runs))
 
