@@ -919,6 +919,16 @@ def _questions() -> Iterator[Target]:
     yield target(
         pp.stability_curve, slow=True, make_model=maker, values=values, max_speed=optional(ends)
     )
+    of_beta = one_of({"beta": [0.1, 0.5]}, {"beta": 0.2, "gamma": [[1.0], [2.0]]})
+    wrong = ({}, {"bet": 0.1}, {"beta": 1.0}, {"beta": []}, {"beta": "a"}, {"beta": [NAN]})
+    yield target(
+        pp.critical_speeds,
+        slow=True,
+        model=STRAIGHT,
+        numbers=Kind(of_beta, any_of(NONE, *NOTHINGS[2:], *WORDS, one_of(*wrong))),
+        max_speed=ends,
+        progress=FLAG,
+    )
     yield target(
         pp.boundary,
         slow=True,

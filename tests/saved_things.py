@@ -26,7 +26,11 @@ FACTS = FOLDER / "facts.json"
 THINGS = sorted(json.loads(FACTS.read_text("utf-8")))
 """Names of the things that have a file, by which `path_of` finds it."""
 
-NEW: dict[str, Callable[[], Any]] = {}
+NEW: dict[str, Callable[[], Any]] = {
+    "CriticalSpeeds": lambda: pp.critical_speeds(
+        pp.Chain(pp.Pipe(0.2), 3), {"beta": [[0.1], [0.3]], "gamma": [0.0, 2.0]}
+    )
+}
 """How a thing without a file is made, by its name; an exception is put into a `Failure`."""
 
 # ------------------------------------------------------------------------------------------ facts
@@ -86,6 +90,8 @@ def _parts(value):
         yield from enumerate(value)
     elif isinstance(value, tuple):
         yield from value._asdict().items()
+    elif isinstance(value, dict):
+        yield from value.items()
     elif isinstance(value, BaseException):
         yield "said", str(value)
         yield "args", value.args

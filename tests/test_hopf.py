@@ -4,6 +4,8 @@
 from dataclasses import replace
 from functools import cache
 
+import math
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -103,6 +105,12 @@ def test_a_force_without_a_third_derivative_is_not_taken_for_a_smooth_one():
 
     with pytest.raises(pp.NotConverged, match="do not converge"):
         normal_form(of_each(jacobian), np.zeros(2), 2.0, lambda q: q[0], largest)
+
+
+def test_a_bad_friction_is_refused_for_what_it_is():
+    """And not as an onset at which no simple pair lies on the axis."""
+    with pytest.raises(ValueError, match="friction must lie in"):
+        pp.hopf(pp.Chain(pp.Pipe(0.2), 3), friction=math.nan)
 
 
 def test_two_pairs_at_one_place_are_refused():

@@ -28,6 +28,7 @@ MAKERS = {
     "CriticalSpeed": lambda beta: pp.critical_speed(chain(beta)),
     "crossings": lambda beta: pp.crossings(chain(beta), 12.0),
     "StabilityCurve": lambda beta: pp.stability_curve(chain, [beta, 0.3]),
+    "CriticalSpeeds": lambda beta: pp.critical_speeds(chain(beta), {"gamma": [0.0, 1.0]}),
     "a failing point": lambda beta: pp.stability_curve(
         lambda b: pp.Chain(pp.Pipe(b), 1), [beta, 0.3]
     ),
@@ -141,6 +142,7 @@ def tables():
         pp.crossings(SCALED_CHAIN, 9.0),
         replace(pp.root_loci(SCALED_CHAIN, SPEEDS, 2)),
         pp.stability_curve(lambda n: pp.Chain(SCALED, round(n)), [3.0, 4.0]),
+        pp.critical_speeds(SCALED_CHAIN, {"gamma": [0.0, 1.0]}),
         pp.criticality_curve(lambda n: pp.Chain(SCALED, round(n)), [3.0, 4.0]),
         pp.frequency_response(SCALED_CHAIN, 1.0, [1.0, 2.0]),
         pp.lyapunov_exponent(small, 4.0, bend, duration=5.0, transient=1.0),

@@ -445,6 +445,8 @@ def hopf(
     """
     # With more degrees of freedom, dense eigenvectors lose digits that differences need.
     model = checked_model_in_motion(model, largest=500, purpose="hopf")
+    if friction is not None:  # else its refusal would be taken for that of the onset
+        Supply.at_speed(model.pipe, 1.0, friction=friction)
     own = crossing is None
     if crossing is None:
         critical, found = critical_point(model)
