@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: MIT
 """The onset of flutter beyond linear theory: Lyapunov coefficients, laws, and refusals."""
 
+import math
 from dataclasses import replace
 from functools import cache
-
-import math
 
 import numpy as np
 import pytest
