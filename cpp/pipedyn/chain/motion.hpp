@@ -124,8 +124,8 @@ struct MotionKernel {
                       double* b);
 
   // Operations on the stages of implicit steps (rows, 8) of motion/stages.hpp; matrices are (8, 8).
-  void (*mix_stages)(const double* a, const double* matrix_a, const double* b,
-                     const double* matrix_b, std::ptrdiff_t rows, double* out);
+  void (*mix_stages)(const double* a, const double* matrix, const double* b, const double* mu,
+                     std::ptrdiff_t rows, double* out);
   double (*correct_stages)(const double* x, const double* matrix, const double* y,
                            const double* allowed, std::ptrdiff_t rows, double* w, double* z,
                            double* out);

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <numeric>
 
+#include "pipedyn/vector/levels.hpp"
+
 namespace pipedyn {
 
 namespace {
@@ -19,7 +21,8 @@ Integrator::Integrator(Index rows, Index members, double time, const Limits& lim
     : rows_(rows),
       limits_(limits),
       members_(static_cast<std::size_t>(members)),
-      which_(static_cast<std::size_t>(members)) {
+      which_(static_cast<std::size_t>(members)),
+      ones_(Vector::Ones(rows)) {
   for (Member& member : members_) member.time = time;
   std::iota(which_.begin(), which_.end(), Index{0});
 }
@@ -74,11 +77,15 @@ bool Integrator::is_asked_for(const Member& member) const {
 void Integrator::record(Index which, const Interpolant& step) {
   Member& member = members_[which];
   const Index count = times_->size(), degree = step.coefficients.rows() - 1;
+  const double* const first = step.coefficients.data();
+  powers_.resize(degree);
+  terms_.resize(static_cast<std::size_t>(degree));
+  for (Index i = 0; i < degree; ++i) terms_[i] = first + (i + 1) * rows_;
   for (; member.samples < count && (*times_)[member.samples] <= step.to; ++member.samples) {
     const double x = 1.0 - (step.to - (*times_)[member.samples]) / (step.to - step.from);
-    Eigen::Map<Vector> row(out_ + (which * count + member.samples) * rows_, rows_);
-    row = step.coefficients.row(degree);
-    for (Index i = degree - 1; i >= 0; --i) row = x * row + step.coefficients.row(i).transpose();
+    for (Index i = 0; i < degree; ++i) powers_[i] = i == 0 ? x : x * powers_[i - 1];
+    motion_kernel().combine(powers_.data(), terms_.data(), degree, first, ones_.data(),
+                            out_ + (which * count + member.samples) * rows_, rows_);
   }
   if (steps_ != nullptr && step.to > step.from) steps_->push_back(step);
   if (member.samples == count) member.progress = Progress::done;

@@ -97,6 +97,9 @@ class Integrator {
   const Vector* times_ = nullptr;  // the times that were passed to `advance`
   double* out_ = nullptr;
   std::vector<Interpolant>* steps_ = nullptr;
+  // For a sample: powers of x, what they multiply, and the factors of the sums, which are 1.
+  Vector powers_, ones_;
+  std::vector<const double*> terms_;
 };
 
 }  // namespace pipedyn

@@ -13,7 +13,7 @@ namespace pipedyn {
 
 namespace {
 
-constexpr Index lanes = 8;
+constexpr Index lanes = 2 * MotionKernel::shifts;
 
 /// Least and largest factor by which the step size changes.
 constexpr double shortest_next = 0.1, longest_next = 5.0;
@@ -33,10 +33,10 @@ constexpr double kept_contraction = 1e-3, kept_step = 1.1;
 /// models, whose J serves the next steps too.
 constexpr Index expanded = 5;
 
-/// Exponent of the error in the choice of the step size, as the error estimate has order 7.
-constexpr double exponent = 1.0 / 8.0;
+/// Exponent of the error in the choice of the step size, as the error estimate has order 8.
+constexpr double exponent = 1.0 / 9.0;
 
-using Table = double[lanes][lanes];
+using Table = double[radau::stages][radau::stages];
 const double* first(const Table& table) { return &table[0][0]; }
 
 /// Computes out = in M.
@@ -44,9 +44,9 @@ void combine_rows(const double* in, const Table& matrix, Index rows, double* out
   motion_kernel().mix_stages(in, first(matrix), nullptr, nullptr, rows, out);
 }
 
-/// Times of the stages of a step, followed by the time of its start.
+/// Times of the stages of a step.
 Vector times(double from, double h) {
-  return from + h * Eigen::Map<const Vector>(radau::nodes, lanes).array();
+  return from + h * Eigen::Map<const Vector>(radau::nodes, radau::stages).array();
 }
 
 }  // namespace
@@ -79,11 +79,11 @@ Radau::Radau(ImplicitRates rates, Index rows, Index members, const double* start
     : Integrator(rows, members, time, limits),
       of_(std::move(rates)),
       states_(Eigen::Map<const Matrix>(start, rows, members)),
-      z_(rows, lanes),
-      before_(rows, lanes),
+      z_(rows, radau::stages),
+      before_(rows, radau::stages),
       w_(of_.solved, lanes),
-      at_(rows, lanes),
-      rates_at_(rows, lanes),
+      at_(rows, radau::stages),
+      rates_at_(rows, radau::stages),
       x_(of_.solved, lanes) {}
 
 /// Begins at the state of a member, with a first step size estimated from its rates.
@@ -93,14 +93,14 @@ void Radau::begin(Index which) {
   last_h_ = factored_h_ = 0.0;
   fresh_ = false;
   contraction_ = left_ = 1.0;
-  const Index n = of_.solved;
   Vector rates(rows_);
   of_.rates(Vector::Constant(1, members_[which].time), y_.data(), {which}, rates.data());
   ++members_[which].evaluations;
+  start_rates_ = rates.head(of_.solved);
   allow();
-  const double rate = (rates.head(n).array() / allowed_.array()).matrix().norm();
-  const double size = std::sqrt(static_cast<double>(n));
-  members_[which].step = rate > 0.0 ? std::pow(0.01 * size / rate, 0.125) : 1.0;
+  const double rate = start_rates_.cwiseQuotient(allowed_).norm();
+  const double size = std::sqrt(static_cast<double>(of_.solved));
+  members_[which].step = rate > 0.0 ? std::pow(0.01 * size / rate, exponent) : 1.0;
   if (!std::isfinite(rate)) members_[which].step = 1e-6;
 }
 
@@ -137,24 +137,18 @@ void Radau::predict(double h) {
 /// Solves for the stages of a step by Newton's method, and returns whether it converged.
 bool Radau::solve(Index which, double h, Index& evaluations) {
   const Index n = of_.solved;
-  const std::vector<Index> all(lanes, which);
+  const std::vector<Index> all(radau::stages, which);
   const Vector t = times(members_[which].time, h);
   double mu[lanes];
-  Table by_mu{};  // derivative of - mu w by w
   for (Index i = 0; i < lanes; ++i) mu[i] = radau::shifts[i] / h;
-  for (Index k = 0; k < 4; ++k) {
-    by_mu[k][k] = by_mu[4 + k][4 + k] = -mu[k];
-    by_mu[4 + k][k] = mu[4 + k];
-    by_mu[k][4 + k] = -mu[4 + k];
-  }
   const double floor = 10.0 * std::numeric_limits<double>::epsilon() / limits_.relative[current_];
   const double enough = std::max(newton_share, floor);
   double last = 0.0;
   left_ = std::pow(std::max(left_, std::numeric_limits<double>::epsilon()), 0.8);
   for (iterations_ = 1; iterations_ <= most_iterations; ++iterations_) {
-    evaluations += lanes;
+    evaluations += radau::stages;
     if (static_cast<double>(members_[which].evaluations + evaluations) > limits_.most) {
-      evaluations -= lanes;
+      evaluations -= radau::stages;
       members_[which].progress = Progress::spent;
       return false;
     }
@@ -168,8 +162,8 @@ bool Radau::solve(Index which, double h, Index& evaluations) {
       if (factored_h_ != h) of_.systems->factorise(mu);
       factored_h_ = h;
     }
-    motion_kernel().mix_stages(rates_at_.data(), first(radau::to_systems), w_.data(), first(by_mu),
-                               n, x_.data());
+    motion_kernel().mix_stages(rates_at_.data(), first(radau::to_systems), w_.data(), mu, n,
+                               x_.data());
     of_.systems->solve(x_.data());
     const double squares =
         motion_kernel().correct_stages(x_.data(), first(radau::to_stages), y_.data(),
@@ -192,26 +186,27 @@ bool Radau::solve(Index which, double h, Index& evaluations) {
   return false;
 }
 
-/// Error of the step relative to the tolerance, the larger of two estimates. The estimate at the
-/// end of the step does not see the error of the polynomial within it, which matters where modes
-/// decay fast. That error is estimated by the distance between the end and the extrapolation of the
-/// last step's polynomial, because both are proportional to the same derivative.
+/// Error of the step relative to the tolerance, the larger of two estimates. The first takes the
+/// polynomial's rates at the start of the step from those of the state, as they miss them by an
+/// error of the order of the polynomial's. It does not see the error of the polynomial within the
+/// step, which matters where modes decay fast. That error is estimated by the distance between the
+/// end and the extrapolation of the last step's polynomial, because both are proportional to the
+/// same derivative.
 double Radau::error(double h) {
   const Index n = of_.solved;
-  Table by_rates{}, by_stages{};
-  for (Index k = 0; k < 4; ++k) {
-    by_rates[lanes - 1][k] = 1.0;
-    for (Index i = 0; i < radau::stages; ++i) {
-      by_stages[i][k] = radau::shifts[0] / h * radau::error[i];
-    }
+  Table rates{};  // of the polynomial at the start and at the end of the step
+  for (Index k = 0; k < radau::stages; ++k) {
+    rates[k][0] = radau::powers[k][0] / h;
+    rates[k][1] = radau::end_rate[k] / h;
   }
-  motion_kernel().mix_stages(rates_at_.data(), first(by_rates), z_.data(), first(by_stages), n,
-                             x_.data());
+  combine_rows(z_.data(), rates, n, x_.data());
+  end_rates_ = x_.col(1);
+  x_.col(0) = start_rates_ - x_.col(0);
   of_.systems->solve(x_.data());
   double within = 0.0;
   if (last_h_ > 0.0) {
     const double ratio = h / last_h_;
-    within = radau::missed;
+    within = radau::missed * ratio / (1.0 + ratio);
     for (const double node : radau::nodes) within *= ratio / (1.0 + ratio - node);
   }
   double squares = 0.0, squares_within = 0.0;
@@ -235,8 +230,12 @@ Index Radau::step(double end) {
   const double h = length(member, end);
   allow();
   predict(h);
-  const bool solved = solve(which, h, evaluations);
+  bool solved = solve(which, h, evaluations);
   const double found = solved ? std::max(error(h), 1e-10) : 0.0;
+  if (std::isnan(found)) {
+    member.overflowed = true;
+    solved = false;
+  }
   member.evaluations += evaluations;
   if (solved && found <= 1.0) {
     const double more = 2.0 * most_iterations;
@@ -266,20 +265,18 @@ void Radau::accept(Index which, double h) {
   const Index n = of_.solved, more = rows_ - n;
   const double from = members_[which].time - h;
   if (more > 0) {
-    of_.others(times(from, h), at_.data(), std::vector<Index>(lanes, which),
+    of_.others(times(from, h), at_.data(), std::vector<Index>(radau::stages, which),
                rates_at_.row(n).data());
     combine_rows(rates_at_.row(n).data(), radau::integrals, more, z_.row(n).data());
     z_.bottomRows(more) *= h;
   }
   if (is_asked_for(members_[which])) {
     combine_rows(z_.data(), radau::powers, rows_, rates_at_.data());
-    Interpolant step{from, members_[which].time, Matrix(lanes, rows_)};
-    step.coefficients.row(0) = y_.transpose();
-    for (Index k = 1; k < lanes; ++k) {
-      step.coefficients.row(k) = rates_at_.col(k - 1).transpose();
-    }
+    Interpolant step{from, members_[which].time, Matrix(1 + radau::stages, rows_)};
+    step.coefficients << y_.transpose(), rates_at_.transpose();
     record(which, step);
   }
+  start_rates_.swap(end_rates_);
   y_ += z_.col(radau::stages - 1);
   states_.col(which) = y_;
   std::swap(z_, before_);

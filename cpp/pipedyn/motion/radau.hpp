@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: MIT
 //
-// Integrates y' = f(t, y) by the implicit Radau IIA method with seven stages, which has order 13
+// Integrates y' = f(t, y) by the implicit Radau IIA method with eight stages, which has order 15
 // and is L-stable. A step solves
 //   Z_i = h sum_j A_ij f(t + c_j h, y + Z_j)
 // by Newton's method with one derivative J of f. The factors A^-1 = V diag(lambda) V^-1 decouple it
-// into systems (lambda_k / h - J) x_k = b_k, one real and three complex. f is evaluated for the
-// seven stages and the start of the step as one batch of eight members; the systems are solved side
-// by side in the lanes of vectors. The error is estimated by the difference to an embedded rule of
-// order 7, which takes one solve with the real system, and by the error of the polynomial that
-// gives samples within the step. Members advance one after the other. An iteration costs O(rows)
-// operations besides f and the solve.
+// into four complex systems (lambda_k / h - J) x_k = b_k. f is evaluated for the eight stages as
+// one batch of eight members; the systems are solved side by side in the lanes of vectors. With u
+// the polynomial through the start y and the stages, the error is estimated by the real part of
+//   (lambda_1 / h - J)^-1 (f(t, y) - u'(t)),
+// and by the error of u within the step, where u gives samples. Members advance one after the
+// other. An iteration costs O(rows) operations besides f and the solve.
 #pragma once
 
 #include <memory>
@@ -110,6 +110,7 @@ class Radau final : public Integrator {
 
   // The member that is advancing:
   Vector y_, allowed_, predicted_;  // predicted_: predicted change over the step
+  Vector start_rates_, end_rates_;  // rates at y_ and at the end of the step
   Matrix z_, before_, w_;     // (rows, 8): stages, stages of the last step, unknowns of the systems
   Matrix at_, rates_at_, x_;  // states at the stages, their rates, right-hand sides or solutions
   double last_h_ = 0.0, factored_h_ = 0.0;
