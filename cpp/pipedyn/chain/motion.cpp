@@ -129,7 +129,7 @@ void energy(const ChainModel& model, const Batch& batch, double* out) {
 
 void power(const ChainModel& model, const Batch& batch, double* out) {
   for_each_block(model, batch, [&](const auto& members, const auto& sweep) {
-    const auto parts = accelerations_of<false>(model, members, sweep, nullptr);
+    const auto parts = powers_of(model, members, sweep);
     members.set_row(out, 0, parts.flow);
     members.set_row(out, 1, parts.joints);
     members.set_row(out, 2, parts.drag);

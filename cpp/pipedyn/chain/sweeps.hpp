@@ -431,17 +431,49 @@ PIPEDYN_NOINLINE PowerParts<Real> accelerations(const ChainModel& model,
   return {flow + parts.flow, joints, drag, parts.terms, parts.base};
 }
 
+Outer outer_of(const ChainModel& model, const Batch& batch) {
+  if (model.load_count > 0 || model.bent || batch.moments != nullptr || batch.drive != nullptr) {
+    return Outer::loads;
+  }
+  return model.drag || model.entry != 0.0 ? Outer::drag : Outer::nothing;
+}
+
 template <bool keep, class Real>
 PowerParts<Real> accelerations_of(const ChainModel& model, const Members<Real>& members,
                                   Sweep<Real> sweep, double* rates, Kept<Real>* kept = nullptr) {
-  const Batch& batch = members.batch;
-  if (model.load_count > 0 || model.bent || batch.moments != nullptr || batch.drive != nullptr) {
-    return accelerations<Real, Outer::loads, keep>(model, members, sweep, rates, kept);
+  switch (outer_of(model, members.batch)) {
+    case Outer::loads:
+      return accelerations<Real, Outer::loads, keep>(model, members, sweep, rates, kept);
+    case Outer::drag:
+      return accelerations<Real, Outer::drag, keep>(model, members, sweep, rates, kept);
+    default:
+      return accelerations<Real, Outer::nothing, keep>(model, members, sweep, rates, kept);
   }
-  if (model.drag || model.entry != 0.0) {
-    return accelerations<Real, Outer::drag, keep>(model, members, sweep, rates, kept);
+}
+
+/// The powers alone, which without other forces follow from the velocities.
+template <class Real>
+PowerParts<Real> powers_of(const ChainModel& model, const Members<Real>& members,
+                           Sweep<Real> sweep) {
+  if (outer_of(model, members.batch) != Outer::nothing) {
+    return accelerations_of<false>(model, members, sweep, nullptr);
   }
-  return accelerations<Real, Outer::nothing, keep>(model, members, sweep, rates, kept);
+  read_state(members, model.size, sweep);
+  Real joints{}, along{}, across{}, before{};
+  for_each_velocity(
+      model, sweep,
+      [&](Count j, const Real&, const Real&, const Real& w) {
+        const Real turning = w - before;
+        joints -= model.links[j].damping * (turning * turning);
+        before = w;
+      },
+      along, across);
+  joints -= model.end_damping * (before * before);
+  const Real coriolis = model.coriolis * members.speed();
+  const Thrust<Real> thrust(model, members);
+  const Real flow =
+      -(coriolis * along + thrust.along) * along - (coriolis * across + thrust.across) * across;
+  return {flow, joints, Real{}, Real{}, Real{}};
 }
 
 }  // namespace
