@@ -164,22 +164,7 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def("elastic", &Galerkin::elastic, Unlocked());
   pipedyn::define_equations<Galerkin, work_of>(galerkin);
 
-  m.def(
-      "sines",
-      [](const py::array_t<double, py::array::c_style | py::array::forcecast>& angles) {
-        const py::ssize_t count = angles.size();
-        pipedyn::Matrix found = pipedyn::Matrix::Zero(count + 7, 2);  // room for whole packs
-        std::copy_n(angles.data(), count, found.data());
-        double *const sine = found.data(), *const cosine = sine + found.rows();
-        pipedyn::motion_kernel().sincos(sine, count, sine, cosine);
-        std::vector<py::ssize_t> shape(angles.shape(), angles.shape() + angles.ndim());
-        shape.insert(shape.begin(), 2);
-        pipedyn::Numbers both(shape);
-        std::copy_n(sine, count, both.mutable_data());
-        std::copy_n(cosine, count, both.mutable_data() + count);
-        return both;
-      },
-      "angles"_a);
+  m.def("ends", &pipedyn::ends, "angles"_a, "rates"_a, "lengths"_a, Unlocked());
 
   pipedyn::define_linear(m);
   pipedyn::define_scene(m);

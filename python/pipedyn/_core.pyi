@@ -37,6 +37,7 @@ __all__: list[str] = [
     "condense",
     "crossings",
     "dense_limit",
+    "ends",
     "is_felt_by_small_motions",
     "map_products",
     "orbit_states",
@@ -601,6 +602,11 @@ def crossings(
     ranges: collections.abc.Sequence[Range],
     count_work: typing.Any,
 ) -> list[Sweep]: ...
+def ends(
+    angles: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
+    rates: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
+    lengths: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
 def is_felt_by_small_motions(law: str) -> bool: ...
 def map_products(
     maps: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "pipedyn/chain/stations.hpp"
+#include "pipedyn/vector/levels.hpp"
 
 namespace pipedyn {
 
@@ -501,6 +502,32 @@ ChainModel Chain::model() const {
           .drag = pipe_.drag != 0.0,
           .loads = loads_.data(),
           .load_count = static_cast<std::ptrdiff_t>(loads_.size())};
+}
+
+Matrix ends(const StateRows& angles, const StateRows& rates, const Vector& lengths) {
+  const Index n = lengths.size(), count = angles.rows();
+  if (angles.cols() != n || rates.cols() != n || rates.rows() != count) {
+    throw std::invalid_argument("angles and rates must have a column for each segment");
+  }
+  Matrix found = Matrix::Zero(4, count);
+  Vector sine = Vector::Zero(n + 7), cosine(n + 7);  // room for whole packs
+  for (Index k = 0; k < count; ++k) {
+    const double *angle = angles.data() + k * angles.outerStride(),
+                 *rate = rates.data() + k * rates.outerStride();
+    for (Index j = 0; j < n; ++j) sine[j] = angle[j * angles.innerStride()];
+    motion_kernel().sincos(sine.data(), n, sine.data(), cosine.data());
+    double sums[4] = {};
+    for (Index j = 0; j < n; ++j) {
+      const double x = lengths[j] * sine[j], y = lengths[j] * cosine[j];
+      const double turning = rate[j * rates.innerStride()];
+      sums[0] += x;
+      sums[1] += y;
+      sums[2] += y * turning;
+      sums[3] -= x * turning;
+    }
+    for (Index i = 0; i < 4; ++i) found(i, k) = sums[i];
+  }
+  return found;
 }
 
 }  // namespace pipedyn

@@ -203,4 +203,9 @@ class Chain {
   Vector joint_factors(const LinearPart& part) const;
 };
 
+/// Positions x and y of the end of segments of given lengths (n,) from their start, and its
+/// velocities x' and y', (4, k), at angles and rates (k, n).
+using StateRows = Eigen::Ref<const Matrix, 0, Eigen::Stride<Eigen::Dynamic, Eigen::Dynamic>>;
+Matrix ends(const StateRows& angles, const StateRows& rates, const Vector& lengths);
+
 }  // namespace pipedyn

@@ -767,7 +767,7 @@ class Model(OfPipe, ABC):
                    [0.1  , 0.995]])
         """
         columns = self._configurations("q", q)
-        return resolved("tips", lambda: self._tips(columns).T, batch=True).T
+        return resolved("tips", lambda: self._free_ends(columns, columns)[:2], batch=True).T
 
     def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
         """Velocities (x', y') of the points of `tips`, in L / T, exact, (k, 2), for k states.
@@ -777,16 +777,14 @@ class Model(OfPipe, ABC):
         columns, rates = self._configurations("q", q), self._configurations("qdot", qdot)
         if columns.shape != rates.shape:
             raise ValueError(f"qdot must have the shape of q, {columns.shape}, got {rates.shape}")
-        velocity = resolved("tip_velocities", lambda: self._tip_velocities(columns, rates).T, True)
-        return velocity.T
+        return resolved("tip_velocities", lambda: self._free_ends(columns, rates)[2:], batch=True).T
 
     @abstractmethod
-    def _tip_velocities(self, q: Array, qdot: Array) -> Array:
-        """Velocities for `tip_velocities`, (k, 2), of checked arguments (coordinates, k)."""
+    def _free_ends(self, q: Array, qdot: Array) -> Array:
+        """Positions and velocities for `tips` and `tip_velocities`, shape (4, k).
 
-    @abstractmethod
-    def _tips(self, q: Array) -> Array:
-        """Positions for `tips`, (k, 2), of checked configurations (coordinates, k)."""
+        The arguments are not checked; they have shape (coordinates, k).
+        """
 
     @property
     def kinks_known(self) -> bool:

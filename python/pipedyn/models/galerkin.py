@@ -415,14 +415,7 @@ class Galerkin(Model):
             found.append(total)
         return np.concatenate(found)
 
-    def _tips(self, q: Array) -> Array:
-        return self._tips_in_motion(q, np.zeros_like(q))[:2].T
-
-    def _tip_velocities(self, q: Array, qdot: Array) -> Array:
-        return self._tips_in_motion(q, qdot)[2:].T
-
-    def _tips_in_motion(self, q: Array, qdot: Array) -> Array:
-        """Positions and velocities of the point of `tips`, shape (4, k)."""
+    def _free_ends(self, q: Array, qdot: Array) -> Array:
         place = self._pipe.tip_place
         if place == 1.0:
             found = self.core.tips(np.concatenate([q, qdot]))

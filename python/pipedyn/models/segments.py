@@ -283,14 +283,11 @@ class SegmentModel(Model):
         """Angles of the segments, (n, k), in configurations, (coordinates, k)."""
         return q
 
-    def _tips(self, q: Array) -> Array:
-        x, y = self._lengths_to_tip @ _core.sines(self._segment_angles(q))
-        return np.stack([x, self._base + y], axis=-1)
-
-    def _tip_velocities(self, q: Array, qdot: Array) -> Array:
-        turning = _core.sines(self._segment_angles(q)) * self._segment_angles(qdot)
-        y, x = self._lengths_to_tip @ turning
-        return np.stack([x, -y], axis=-1)
+    def _free_ends(self, q: Array, qdot: Array) -> Array:
+        states = self._segment_angles(q).T, self._segment_angles(qdot).T
+        found = _core.ends(*states, self._lengths_to_tip)
+        found[1] += self._base
+        return found
 
     @cached_property
     def _lengths_to_tip(self) -> Array:

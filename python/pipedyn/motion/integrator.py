@@ -287,10 +287,10 @@ def integrate(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Ou
 def _while_resolved(task: Task, outcome: Outcome) -> Outcome:
     """The outcome, cut before the first state whose coordinates are too large, with the reason."""
     rows, evaluations, _ = outcome
-    size = task.model.integrated
-    beyond = np.abs(rows[1:, :size]).max(axis=1, initial=0.0) > task.farthest
-    if not beyond.any():
+    coordinates = rows[1:, : task.model.integrated]
+    if max(coordinates.max(initial=0.0), -coordinates.min(initial=0.0)) <= task.farthest:
         return outcome
+    beyond = np.abs(coordinates).max(axis=1) > task.farthest
     return rows[: int(np.argmax(beyond)) + 1], evaluations, _wound_up(task)
 
 
@@ -339,7 +339,8 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
     times, count = first.times, first.times.size
     if observer.recorder is not None and times[-1] < first.end:
         times = np.append(times, first.end)  # events are searched up to the end of the motion
-    states = np.empty((members, times.size, len(start)))
+    every = np.empty((1 + members * times.size, len(start)))  # the start before all samples
+    states = every[1:].reshape(members, times.size, -1)
     whys: list[str | None] = [None] * members
     left = set[int]()  # members whose motion the observer has ended
 
@@ -397,7 +398,10 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
             why = why or _too_many_calls(first.most)
         if observer.end is not None:
             samples, why = int(np.searchsorted(times[:samples], observer.end, "right")), None
-        rows = np.concatenate([start[None, :, j], states[j, :samples]])
+        if members == 1:  # without a copy
+            every[0], rows = start[:, j], every[: 1 + samples]
+        else:
+            rows = np.concatenate([start[None, :, j], states[j, :samples]])
         answers.append((rows, member.evaluations, why))
     count_right_hand_sides(sum(calls for _, calls, _ in answers))
     return answers

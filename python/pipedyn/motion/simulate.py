@@ -55,7 +55,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import TookTooLong
-from pipedyn.util.errors import PipedynError
+from pipedyn.util.errors import PipedynError, resolved
 from pipedyn.util.parallel import Returned, parallel
 from pipedyn.util.result import Result, TableResult, Unit, join_tables, states_over_time
 
@@ -76,6 +76,10 @@ reduce the cost of a member."""
 
 LOOKS = 4
 """Number of times that the samples of a motion are looked at: they may not show it."""
+
+AT_ONCE = 16_000
+"""Number of coordinates in the states whose energies are computed at once: the processor's caches
+hold them."""
 
 VECTOR = 4
 """Number of members that the core's vectors hold: this many take no longer than one."""
@@ -286,8 +290,8 @@ def simulate(
             around the pipe rest on the ground. If not given, the base is at rest.
         rtol: relative tolerance of the error of each step, in [1e-13, 0.1].
         atol: absolute tolerance, > 0; rtol / 100 if not given.
-        method: "auto" chooses by measured cost, see `choose_method`; "radau" (implicit, seven
-            stages, order 13) or "dop853" (explicit, order 8), both in the core; or a method of
+        method: "auto" chooses by measured cost, see `choose_method`; "radau" (implicit, eight
+            stages, order 15) or "dop853" (explicit, order 8), both in the core; or a method of
             `scipy.integrate.solve_ivp`: "scipy:DOP853" and, with the analytic Jacobian,
             "scipy:Radau", "scipy:BDF" and "scipy:LSODA".
         max_step: longest step, > 0, at least 1e-9 of the duration.
@@ -565,17 +569,24 @@ def motions_of(
 
 
 class _UntilCoarse(Observer):
-    """Ends a motion as soon as its samples are too far apart to show it."""
+    """Ends a motion as soon as its samples are too far apart to show its free end."""
 
     def __init__(self, task: Task) -> None:
         super().__init__()
-        self.task, self.coarse = task, False
+        self.task, self.coarse, self.ends = task, False, np.empty((4, 0))
         self.next_look = task.times.size // LOOKS
+
+    def look(self, rows: Array) -> bool:
+        """Whether samples of the motion so far, shape (S, size of a state), are too far apart."""
+        self.next_look = len(rows) + self.task.times.size // LOOKS
+        seen = self.ends[:, : len(rows)]
+        new = _ends_of(self.task.model, rows[seen.shape[1] :])
+        self.ends = np.concatenate([seen, new], axis=1)
+        return _too_coarse(self.task.times[: len(rows)], self.ends)
 
     def ended(self, states: Array, samples: Array) -> Iterable[int]:
         if samples[0] >= self.next_look:
-            self.next_look = samples[0] + self.task.times.size // LOOKS
-            self.coarse = _too_coarse(self.task, states[0, : samples[0]])
+            self.coarse = self.coarse or self.look(states[0, : samples[0]])
         return [0] if self.coarse else []
 
 
@@ -586,33 +597,40 @@ def integrated_as_shown(task: Task, shown: bool, observer: Observer) -> tuple[Ta
     again with the finest ones; so it is at once if its steps are observed, which is as much work.
     """
     if observer.recorder is None and observer.callback is None:
-        observer = _UntilCoarse(task)
-        [outcome] = integrate([task], shown, observer)
-        if not (observer.coarse or _too_coarse(task, outcome[0][1:])):
+        until = _UntilCoarse(task)
+        [outcome] = integrate([task], shown, until)
+        if not until.coarse and not until.look(outcome[0][1:]):
             return task, outcome
         observer = Observer()
     finely = finely_sampled(task)
     [(rows, calls, why)] = integrate([finely], shown, observer)
     every = finely.finer
-    while every > 1 and _too_coarse(finely, rows[1:], every):
+    while every > 1:
+        kept = rows[1::every]
+        if not _too_coarse(finely.times[::every][: len(kept)], _ends_of(task.model, kept)):
+            break
         every //= 2
     rows = np.concatenate([rows[:1], rows[1::every]])
     return replace(finely, times=finely.times[::every], finer=1), (rows, calls, why)
 
 
-def _too_coarse(task: Task, rows: Array, every: int = 1) -> bool:
-    """Whether every n-th sample of a motion, shape (S, size of a state), misses its free end."""
-    kept, size = rows[::every], task.model.integrated
-    t = task.times[: len(rows) : every]
+def _ends_of(model: Model, rows: Array) -> Array:
+    """Positions and velocities of the free end, (4, S), in states of rows (S, size of a state)."""
+    size = model.integrated
+    q, qdot = model.to_user(rows[:, :size], rows[:, size : 2 * size])
+    return model._free_ends(q.T, qdot.T)
+
+
+def _too_coarse(t: Array, ends: Array) -> bool:
+    """Whether samples at times (S,) of positions and velocities (4, S) of the free end miss it."""
     if len(t) < 3:
         return True
-    q, qdot = task.model.to_user(kept[:, :size], kept[:, size : 2 * size])
     late = len(t) - len(t) // 4
-    ends = task.model.tips(q.T), task.model.tip_velocities(q.T, qdot.T)
+    at, velocity = ends[:2].T, ends[2:].T
     return (
-        coarse(t, *ends, rates_shown=True)
-        or coarse(t, ends[0][:, 0], ends[1][:, 0], rates_shown=True)
-        or coarse(t[late:], ends[0][late:], ends[1][late:], INVISIBLE)
+        coarse(t, at, velocity, rates_shown=True)
+        or coarse(t, at[:, 0], velocity[:, 0], rates_shown=True)
+        or coarse(t[late:], at[late:], velocity[late:], INVISIBLE)
     )
 
 
@@ -664,15 +682,12 @@ def assembled(
     """
     model, size = tasks[0].model, tasks[0].model.integrated
     driven = list(map(_with_drive, tasks, outcomes))
-    rows = np.concatenate([rows for rows, *_ in driven])
+    rows = driven[0][0] if len(driven) == 1 else np.concatenate([rows for rows, *_ in driven])
     q, qdot = model.to_user(rows[:, :size], rows[:, size : 2 * size])
-    states = np.ascontiguousarray(np.concatenate([q, qdot], axis=1).T)
-    moves = np.concatenate([values[:, 2:].T.reshape(3, 2, -1) for *_, values in driven], axis=2)
-    drive = model._drive(states, None, None if tasks[0].base is None else moves)
-    states = model._integrated_state(states)
-    energy = np.asarray(model.core.energy(states, drive, refuses=False))
-    states[size:] = 0.0  # the same configurations at rest
-    kinetic = energy - np.asarray(model.core.energy(states, drive, refuses=False))
+    moves = None
+    if tasks[0].base is not None:
+        moves = np.concatenate([values[:, 2:].T.reshape(3, 2, -1) for *_, values in driven], axis=2)
+    energy, kinetic = _energies(model, q, qdot, moves)
     supplied = rows[:, 2 * size] if rows.shape[1] > 2 * size else np.full(len(rows), math.nan)
     motions, start = [], 0
     for task, (own, evaluations, why, values) in zip(tasks, driven, strict=True):
@@ -684,7 +699,7 @@ def assembled(
             q=q[of],
             qdot=qdot[of],
             # Positions exclude the start, which may be too bent for the model to compute.
-            tip=model.tips(q[of].T) if len(own) > 1 else np.empty((0, 2)),
+            tip=resolved("tips", partial(model._free_ends, q[of].T, qdot[of].T), True)[:2].T,
             energy=energy[of],
             audit=float(np.abs(missed).max(initial=0.0)) / scale if scale else 0.0,
             u=task.u,
@@ -697,6 +712,25 @@ def assembled(
         motions.append((motion, why))
         start += len(own)
     return motions
+
+
+def _energies(model: Model, q: Array, qdot: Array, moves: Array | None) -> Array:
+    """Energies of states, and their kinetic energies, shape (2, S).
+
+    q and qdot have the shape (S, coordinates). moves: place, velocity and acceleration of the base,
+    (3, 2, S), if it moves.
+    """
+    found, few = [np.empty((2, 0))], math.ceil(AT_ONCE / model.coordinates)
+    for first in range(0, len(q), few):
+        of = slice(first, first + few)
+        states = np.concatenate([q[of].T, qdot[of].T])
+        drive = model._drive(states, None, None if moves is None else moves[:, :, of])
+        states = model._integrated_state(states)
+        energy = np.asarray(model.core.energy(states, drive, refuses=False))
+        states[model.integrated :] = 0.0  # the same configurations at rest
+        still = np.asarray(model.core.energy(states, drive, refuses=False))
+        found.append(np.stack([energy, energy - still]))
+    return np.concatenate(found, axis=1)
 
 
 def _without_samples(task: Task) -> Motion:
