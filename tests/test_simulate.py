@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
+import pipedyn.motion.simulate
 from pipedyn import modular as md
 
 PIPE = pp.Pipe(0.2)
@@ -79,6 +80,62 @@ def test_the_samples_asked_for_do_not_change_the_motion():
     assert np.diff(pp.simulate(CHAIN, 6.0, 20.0, bow).t) == pytest.approx(1 / 40)
     at_once = pp.simulate(CHAIN, 6.0, 2.0, bow, times=[0.0])
     assert at_once.q.tolist() == [CHAIN.bent(bow).tolist()]
+
+
+def integrated(monkeypatch):
+    """A list to which each integration by `simulate` adds how many samples it was to keep."""
+    kept, integrate = [], pipedyn.motion.simulate.integrate
+
+    def counting(tasks, *others):
+        kept.append(tasks[0].times.size)
+        return integrate(tasks, *others)
+
+    monkeypatch.setattr("pipedyn.motion.simulate.integrate", counting)
+    return kept
+
+
+def test_a_slow_motion_keeps_no_more_samples_than_it_shows(monkeypatch):
+    kept = integrated(monkeypatch)
+    for duration in (5.0, 20.0):
+        motion = pp.simulate(CHAIN, 6.0, duration, bow)
+        assert kept == [motion.t.size]
+        kept.clear()
+
+
+def test_a_motion_that_becomes_fast_late_is_sampled_finely_from_its_start(monkeypatch):
+    kept = integrated(monkeypatch)
+
+    def late(t):
+        return 3.0 + 9.0 / (1.0 + np.exp(-40.0 * (t - 11.0)))
+
+    found = pp.simulate(pp.Chain(PIPE, 3), late, 12.5, bow)
+    assert kept[0] == 501
+    assert len(kept) == 2
+    assert kept[1] >= found.t.size > 501
+    slow = pp.simulate(pp.Chain(PIPE, 3), 3.0, 12.5, bow)
+    assert slow.t.size == 501
+    early = found.t <= 10.0
+    x = np.interp(found.t[early], slow.t, slow.tip[:, 0])
+    assert np.abs(x - found.tip[early, 0]).max() < 0.01
+
+
+@pytest.mark.parametrize(
+    ("model", "u", "duration", "start"),
+    [
+        (pp.Chain(PIPE, 20), 0.0, 2.0, np.full(20, 0.1)),
+        (pp.Chain(PIPE, 20), 6.0, 8.0, np.full(20, 0.01)),
+        (pp.Chain(pp.Pipe(0.2, damping=1e-3), 12), 4.0, 14.0, np.full(12, 0.1)),
+        (pp.Galerkin(PIPE, 8), 3.0, 0.5, lambda s: 0.1 + 0.0 * s),
+        (md.chain(pp.Pipe(0.2), 6).plus(md.Guide(3)), 5.0, 4.0, lambda s: 0.01 * s**2),
+    ],
+)
+def test_default_samples_are_those_that_are_left_of_the_finest(model, u, duration, start):
+    """A motion with a callback is sampled finely at once, and then thinned out."""
+    found = pp.simulate(model, u, duration, start)
+    thinned = pp.simulate(model, u, duration, start, callback=lambda t, q, qdot: None)
+    np.testing.assert_array_equal(found.t, thinned.t)
+    np.testing.assert_array_equal(found.q, thinned.q)
+    np.testing.assert_array_equal(found.tip, thinned.tip)
 
 
 def test_a_motion_gives_tip_energy_and_states():
