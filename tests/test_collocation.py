@@ -54,8 +54,8 @@ def test_maps_are_what_motions_make_of_small_changes(cycle, each_level):
         assert maps[m] == pytest.approx(measured, abs=1e-6)
 
 
-@pytest.mark.parametrize("half", [1, 2, 3, 7])
-def test_eliminated_stages_solve_their_equations(half):
+@pytest.mark.parametrize("half", [1, 2, 7, 20])
+def test_eliminated_stages_solve_their_equations(half, each_level):
     """Of random derivatives: each stage's change is that of its force, for each right-hand side."""
     random = np.random.default_rng(half)
     stages, n, h, frequency = STAGE_NODES.size, 2 * half, 0.3, 4.0
@@ -143,6 +143,13 @@ def test_arrays_that_do_not_fit_are_refused():
     given = np.zeros(3), np.zeros((2, 2)), np.zeros((2, STAGE_NODES.size, 1))
     with pytest.raises(ValueError, match="durations must hold 2 numbers"):
         _core.condense(*given, np.zeros(0), None, False, 1.0, WEIGHTS)
+    with pytest.raises(ValueError, match="exponents must have shape"):
+        magnus.exponentials(np.zeros((2, 3, 2)))
+    with pytest.raises(ValueError, match="rows must have shape"):
+        _core.interval_maps(np.zeros(3), np.zeros(1), [1], [0], 1.0, np.zeros(8), np.zeros(8))
+    rows, weights = np.zeros((1, 8, 1, 2)), np.zeros((1, 8))
+    with pytest.raises(ValueError, match="weights for them"):
+        _core.interval_maps(rows, np.ones(1), [2], [0], 1.0, weights, weights)
 
 
 # ----------------------------------------------------------------------------- Magnus' series
@@ -209,13 +216,14 @@ def test_units_give_the_same_maps():
 
 
 @pytest.mark.parametrize("size", [1e-3, 0.5, 3.0, 200.0])
-def test_exponentials_are_those_of_scipy(size):
+def test_exponentials_are_those_of_scipy(size, each_level):
     rng = np.random.default_rng(3)
-    turning = rng.normal(size=(3, 2, 6, 6))
-    turning = size * (turning - turning.swapaxes(-1, -2))  # does not grow
-    assert magnus.exponentials(turning) == pytest.approx(
-        scipy.linalg.expm(turning), abs=1e-14 * (1.0 + 30.0 * size)
-    )
+    for n in (1, 6, 27):
+        turning = rng.normal(size=(3, 2, n, n))
+        turning = size * (turning - turning.swapaxes(-1, -2))  # does not grow
+        assert magnus.exponentials(turning) == pytest.approx(
+            scipy.linalg.expm(turning), abs=1e-14 * (1.0 + 30.0 * size)
+        )
 
 
 def test_exponentials_that_overflow_are_not_finite():

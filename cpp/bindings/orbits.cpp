@@ -61,16 +61,16 @@ py::typing::Tuple<Numbers, Numbers> condense(const Numbers& durations, const Num
   Numbers ends(std::vector<py::ssize_t>{count, n, n + 3});
   double* const to = by.mutable_data();
   double* const end = ends.mutable_data();
-  const Lapack& lapack = scipy_lapack();
   std::atomic<bool> regular = true;
   {
     const py::gil_scoped_release unlocked;
     // A unit of work, some 5 ns (util/threads.hpp), is the time of 100 of an interval's products:
     // measured for n = 40, with stages of size 160.
     in_parts(count, size * size * (size + n) / 100, [&](Index first, Index last) {
+      Matrix system = stage_system(stages, half);
       for (Index m = first; m < last && regular; ++m) {
         const bool solved =
-            eliminate_stages(lapack, intervals, m, {to + m * size * (n + 3), size, n + 3},
+            eliminate_stages(intervals, m, system, {to + m * size * (n + 3), size, n + 3},
                              {end + m * n * (n + 3), n, n + 3});
         if (!solved) regular = false;
       }
@@ -99,6 +99,65 @@ py::typing::Tuple<Numbers, std::vector<Index>> map_products(const Numbers& maps,
   return py::make_tuple(whole, begins);
 }
 
+Numbers exponentials(const Numbers& exponents) {
+  const py::ssize_t axes = exponents.ndim(), n = axes < 2 ? -1 : exponents.shape(axes - 1);
+  if (n != (axes < 2 ? 0 : exponents.shape(axes - 2))) {
+    throw py::value_error("exponents must have shape (..., n, n), got " + shape_of(exponents));
+  }
+  Numbers made(std::vector<py::ssize_t>(exponents.shape(), exponents.shape() + axes));
+  double* const to = made.mutable_data();
+  const py::gil_scoped_release unlocked;
+  motion_kernel().exponentials(exponents.data(), n, exponents.size() / std::max<Index>(n * n, 1),
+                               to);
+  return made;
+}
+
+/// Maps of intervals of so many parts; the weights of the first part are in row begins of those of
+/// all parts.
+Numbers interval_maps(const Numbers& rows, const Numbers& durations,
+                      const std::vector<Index>& parts, const std::vector<Index>& begins,
+                      double unit, const Numbers& zeroth, const Numbers& first) {
+  if (rows.ndim() != 4) {
+    throw py::value_error("rows must have shape (M, s, n / 2, n), got " + shape_of(rows));
+  }
+  const Index count = rows.shape(0), stages = rows.shape(1), half = rows.shape(2);
+  const Index n = 2 * half, each = stages * half * n;
+  require_size("rows", rows, count * each);
+  require_size("durations", durations, count);
+  require_size("first", first, zeroth.size());
+  Index most = 0;
+  for (Index m = 0; m < count; ++m) {
+    const std::size_t at = static_cast<std::size_t>(m);
+    if (at >= std::min(parts.size(), begins.size()) || parts[at] < 1 || begins[at] < 0 ||
+        (begins[at] + parts[at]) * stages > zeroth.size()) {
+      throw py::value_error("each interval must have parts, and weights for them");
+    }
+    most = std::max(most, parts[at]);
+  }
+  Numbers made(std::vector<py::ssize_t>{count, n, n});
+  double* const to = made.mutable_data();
+  const double *const in_zeroth = zeroth.data(), *const in_first = first.data();
+  const py::gil_scoped_release unlocked;
+  // A unit of work, some 5 ns (util/threads.hpp), is the time of 100 of a product's operations; a
+  // part takes some 10 products.
+  in_parts(count, most * n * n * n / 5, [&](Index begin, Index end) {
+    for (Index m = begin; m < end; ++m) {
+      const std::size_t at = static_cast<std::size_t>(m);
+      const Index row = begins[at] * stages;
+      const MagnusInterval along{half,
+                                 stages,
+                                 parts[at],
+                                 rows.data() + m * each,
+                                 in_zeroth + row,
+                                 in_first + row,
+                                 durations.data()[m],
+                                 unit};
+      motion_kernel().interval_map(along, to + m * n * n);
+    }
+  });
+  return made;
+}
+
 Numbers states_of(const Numbers& edges, const Numbers& starts, const Numbers& rates,
                   double frequency, double mirror_sign, const Numbers& single,
                   const Numbers& twofold, const Vector& phases) {
@@ -125,6 +184,9 @@ void define_orbits(py::module_& m) {
         "by_frequency"_a, "speed_varies"_a, "frequency"_a, "weights"_a, "mirror_sign"_a = 1.0,
         "units"_a = py::none());
   m.def("map_products", &map_products, "maps"_a, "most"_a);
+  m.def("exponentials", &exponentials, "exponents"_a);
+  m.def("interval_maps", &interval_maps, "rows"_a, "durations"_a, "parts"_a, "begins"_a, "unit"_a,
+        "zeroth"_a, "first"_a);
   m.def("orbit_states", &states_of, "edges"_a, "starts"_a, "rates"_a, "frequency"_a,
         "mirror_sign"_a, "single"_a, "twofold"_a, "phases"_a);
 }

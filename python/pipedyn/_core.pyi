@@ -38,11 +38,14 @@ __all__: list[str] = [
     "crossings",
     "dense_limit",
     "ends",
+    "exponentials",
+    "interval_maps",
     "is_felt_by_small_motions",
     "map_products",
     "orbit_states",
     "rounding",
     "set_vector_level",
+    "sines",
     "vector_level",
     "vector_levels",
 ]
@@ -606,6 +609,18 @@ def ends(
     rates: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
     lengths: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+def exponentials(
+    exponents: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+) -> numpy.typing.NDArray[numpy.float64]: ...
+def interval_maps(
+    rows: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    durations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    parts: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+    begins: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+    unit: typing.SupportsFloat | typing.SupportsIndex,
+    zeroth: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    first: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+) -> numpy.typing.NDArray[numpy.float64]: ...
 def is_felt_by_small_motions(law: str) -> bool: ...
 def map_products(
     maps: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
@@ -625,6 +640,9 @@ def rounding(
     values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
 def set_vector_level(name: str) -> None: ...
+def sines(
+    angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+) -> numpy.typing.NDArray[numpy.float64]: ...
 def vector_level() -> str: ...
 def vector_levels() -> list[str]: ...
 

@@ -25,6 +25,7 @@
 #include "pipedyn/galerkin/elimination.hpp"
 #include "pipedyn/galerkin/kernel.hpp"
 #include "pipedyn/motion/dense.hpp"
+#include "pipedyn/motion/magnus.hpp"
 #include "pipedyn/motion/stages.hpp"
 #include "pipedyn/vector/pack.hpp"
 
@@ -181,6 +182,10 @@ const MotionKernel PIPEDYN_NAMED(motion) = {
     .mix_stages = ::mix_stages,
     .correct_stages = ::correct_stages,
     .sincos = sincos,
+    .multiply = multiply_rows,
+    .solve_real = ::solve_real,
+    .exponentials = ::exponentials,
+    .interval_map = ::interval_map,
     .galerkin = &PIPEDYN_NAMED(galerkin),
     .dynamic_stiffness = &PIPEDYN_NAMED(stiffness),
     .elimination = &PIPEDYN_NAMED(elimination),

@@ -89,6 +89,15 @@ struct GalerkinKernel;
 struct StiffnessKernel;
 struct EliminationKernel;
 
+/// Derivatives of the accelerations along an interval, of states [p, p'] with half positions.
+struct MagnusInterval {
+  std::ptrdiff_t half, stages, parts;
+  const double* rows;            // derivatives at the stages by the state (stages, half, 2 half)
+  const double *zeroth, *first;  // weights of the stages in b0 and b1 of each part (parts, stages)
+  double duration;
+  double unit;  // of p' in the map; that of p is 1
+};
+
 /// The functions of one vector level. They use the thread's scratch (vector/scratch.hpp).
 struct MotionKernel {
   using Function = void (*)(const ChainModel&, const Batch&, double* out);
@@ -132,6 +141,19 @@ struct MotionKernel {
   /// Sine and cosine of `count` numbers. The arrays have room for whole packs; sine may be x
   /// itself.
   void (*sincos)(const double* x, std::ptrdiff_t count, double* sine, double* cosine);
+
+  // Of vector/products.hpp: c = a b or c += a b for a (rows, inner) and b (inner, columns), and the
+  // solution of A X = B, where X replaces B in [A | B] with A (n, n), after whose end there is room
+  // for 8 numbers; it returns false if a pivot is 0. Rows begin so many numbers apart as `step`.
+  void (*multiply)(const double* a, std::ptrdiff_t a_step, const double* b, std::ptrdiff_t b_step,
+                   std::ptrdiff_t rows, std::ptrdiff_t inner, std::ptrdiff_t columns, bool adds,
+                   double* c, std::ptrdiff_t c_step);
+  bool (*solve_real)(double* matrix, std::ptrdiff_t n, std::ptrdiff_t right, std::ptrdiff_t step);
+  // Of motion/magnus.hpp; matrices are row-major. Exponentials of `count` matrices (n, n), and the
+  // map (2 half, 2 half) of changes of the state over an interval.
+  void (*exponentials)(const double* exponents, std::ptrdiff_t n, std::ptrdiff_t count,
+                       double* out);
+  void (*interval_map)(const MagnusInterval& along, double* out);
 
   const GalerkinKernel* galerkin;            // motion of reduced models
   const StiffnessKernel* dynamic_stiffness;  // linear problem of chains

@@ -4,13 +4,15 @@
 #include <algorithm>
 #include <cmath>
 
+#include "pipedyn/vector/levels.hpp"
+
 // Products are lazy where matrices are small: Eigen then compiles no blocked product for them.
 namespace pipedyn {
 
 void states_at(const Polynomials& orbit, const Vector& phases, Eigen::Map<Matrix> out) {
   const Index s = orbit.single.cols(), half = orbit.rates.cols(), count = orbit.starts.rows();
   const double *const edges = orbit.edges.data(), span = edges[count];
-  Vector legendre = Vector::Ones(s + 2);
+  Vector legendre = Vector::Ones(s + 2), single(s), twofold(s);
   for (Index k = 0; k < phases.size(); ++k) {
     const double turns = std::floor(phases[k] / span), inside = phases[k] - turns * span;
     const Index m = std::max<Index>(std::upper_bound(edges, edges + count, inside) - edges - 1, 0);
@@ -22,8 +24,8 @@ void states_at(const Polynomials& orbit, const Vector& phases, Eigen::Map<Matrix
       legendre[j] =
           ((2.0 * order - 1.0) * x * legendre[j - 1] - (order - 1.0) * legendre[j - 2]) / order;
     }
-    const Vector single = h * orbit.single.transpose().lazyProduct(legendre.head(s + 1));
-    const Vector twofold = h * h * orbit.twofold.transpose().lazyProduct(legendre);
+    single.noalias() = h * orbit.single.transpose().lazyProduct(legendre.head(s + 1));
+    twofold.noalias() = h * h * orbit.twofold.transpose().lazyProduct(legendre);
     const double sign = std::fmod(turns, 2.0) != 0.0 ? orbit.mirror_sign : 1.0;
     const auto rates = orbit.rates.middleRows(m * s, s).transpose();
     const auto start = orbit.starts.row(m).transpose();
@@ -33,9 +35,16 @@ void states_at(const Polynomials& orbit, const Vector& phases, Eigen::Map<Matrix
   }
 }
 
-bool eliminate_stages(const Lapack& lapack, const Intervals& of, Index m,
-                      Eigen::Map<Matrix> by_start, Eigen::Map<Matrix> end) {
-  const Index s = of.stages, half = of.half, n = 2 * half;
+Matrix stage_system(Index stages, Index half) {
+  // Rows an odd number of cache lines apart do not share cache sets.
+  const Index columns = stages * half + 2 * half + 3;
+  return Matrix(stages * half + 1, ((columns + 7) / 8 | 1) * 8);
+}
+
+bool eliminate_stages(const Intervals& of, Index m, Matrix& system, Eigen::Map<Matrix> by_start,
+                      Eigen::Map<Matrix> end) {
+  const MotionKernel& kernel = motion_kernel();
+  const Index s = of.stages, half = of.half, n = 2 * half, size = s * half, step = system.cols();
   const double h = of.durations(m);
   const Vector start = of.starts.row(m);
   const auto k = of.rates.middleRows(m * s, s);
@@ -46,18 +55,19 @@ bool eliminate_stages(const Lapack& lapack, const Intervals& of, Index m,
   by_frequency << h * start.tail(half).lazyProduct(of.nodes.transpose()) + 2.0 * twofold, single;
   by_frequency /= -of.frequency;
 
-  Matrix matrix(s * half, s * half);
-  Eigen::MatrixXd right(s * half, n + 3);
+  Matrix weights(s, 2);  // of a stage's derivatives by place and by speed
   for (Index i = 0; i < s; ++i) {
     const Index at = m * s + i;
     const auto linearised = of.linearised.middleRows(at * (2 + n), 2 + n).rightCols(half);
-    const auto by_state = of.linearised.middleRows(at * (2 + n) + 2 + half, half);
+    const GivenMatrix by_state(of.linearised.data() + (at * (2 + n) + 2 + half) * n, half, n);
     const auto by_place = by_state.leftCols(half), by_speed = by_state.rightCols(half);
-    for (Index j = 0; j < s; ++j) {
-      matrix.block(i * half, j * half, half, half) =
-          -h * of.single(i, j) * by_speed - h * h * of.twofold(i, j) * by_place;
+    weights.col(0) = -h * h * of.twofold.row(i).transpose();
+    weights.col(1) = -h * of.single.row(i).transpose();
+    for (Index j = 0; j < half; ++j) {
+      kernel.multiply(weights.data(), 2, by_state.data() + j * n, half, s, 2, half, false,
+                      system.data() + (i * half + j) * step, half);
     }
-    auto own = right.middleRows(i * half, half);
+    auto own = system.block(i * half, size, half, n + 3);
     own.leftCols(half) = by_place;
     own.middleCols(half, half) = by_speed + h * of.nodes(i) * by_place;
     own.col(n) = (linearised.row(0) - k.row(i)).transpose();
@@ -66,28 +76,21 @@ bool eliminate_stages(const Lapack& lapack, const Intervals& of, Index m,
     own.col(n + 2).setZero();
     if (of.speed_varies) own.col(n + 2) = linearised.row(1).transpose();
   }
-  matrix.diagonal().array() += 1.0;
-
-  int size = static_cast<int>(s * half), columns = static_cast<int>(n + 3), info = 0;
-  char transposed = 'T';  // LAPACK reads a matrix by columns
-  std::vector<int> pivots(static_cast<std::size_t>(size));
-  lapack.dgetrf(&size, &size, matrix.data(), &size, pivots.data(), &info);
-  if (info > 0) return false;
-  lapack.dgetrs(&transposed, &size, &columns, matrix.data(), &size, pivots.data(), right.data(),
-                &size, &info);
-  by_start = right;
+  system.diagonal().head(size).array() += 1.0;
+  if (!kernel.solve_real(system.data(), size, n + 3, step)) return false;
+  by_start = system.block(0, size, size, n + 3);
 
   end.setIdentity();
   end.block(0, half, half, half).diagonal().setConstant(h);
   end.col(n + 1) = by_frequency.col(s - 1);
-  for (Index j = 0; j < s; ++j) {
-    const auto rates = by_start.middleRows(j * half, half);
-    end.topRows(half) += h * h * of.twofold(s - 1, j) * rates;
-    end.bottomRows(half) += h * of.single(s - 1, j) * rates;
-  }
+  Matrix last(2, s);
+  last << h * h * of.twofold.row(s - 1), h * of.single.row(s - 1);
+  kernel.multiply(last.data(), s, by_start.data(), half * (n + 3), 2, s, half * (n + 3), true,
+                  end.data(), half * (n + 3));
   if (of.units.size() == 0) return true;
-  const bool last = m + 1 == of.starts.rows();
-  Vector gap = start - (last ? of.mirror_sign : 1.0) * of.starts.row(last ? 0 : m + 1).transpose();
+  const bool closes = m + 1 == of.starts.rows();
+  Vector gap =
+      start - (closes ? of.mirror_sign : 1.0) * of.starts.row(closes ? 0 : m + 1).transpose();
   gap.head(half) += h * start.tail(half) + twofold.col(s - 1);
   gap.tail(half) += single.col(s - 1);
   end.col(n) += gap;
@@ -104,8 +107,10 @@ std::vector<Index> multiply_maps(const double* maps, Index count, Index n, Index
     Eigen::Map<Matrix> to(out + m * n * columns, n, columns);
     if (m > 0) {
       const GivenMatrix before(to.data() - n * columns, n, columns);
-      to.noalias() = map.leftCols(n) * before;
-      to.rightCols(columns - n) += map.rightCols(columns - n);
+      to.leftCols(n).setZero();
+      to.rightCols(columns - n) = map.rightCols(columns - n);
+      motion_kernel().multiply(map.data(), columns, before.data(), columns, n, n, columns, true,
+                               to.data(), columns);
       if ((to.leftCols(n).array().abs() < most).all()) continue;
     }
     to = map;

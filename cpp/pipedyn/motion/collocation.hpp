@@ -8,12 +8,11 @@
 //
 // and their changes dk solve (1 - h O (x) f_v - h^2 T (x) f_p) dk = b, where the right-hand sides b
 // are the effects of the first state, of the residual, of the frequency (h ~ 1 / frequency) and of
-// the speed. These s n / 2 equations are solved by LAPACK.
+// the speed.
 #pragma once
 
 #include <vector>
 
-#include "pipedyn/linear/operator.hpp"
 #include "pipedyn/pipe.hpp"
 
 namespace pipedyn {
@@ -59,9 +58,12 @@ struct Intervals {
 /// state at the end (n, n + 3) by the state at the beginning, a share of the residual, frequency
 /// and speed. With units, the derivatives of the state at the end are those of states in these
 /// units, and the residual includes the difference between that state and the beginning of the next
-/// interval. Returns false if a matrix is singular.
-bool eliminate_stages(const Lapack& lapack, const Intervals& of, Index m,
-                      Eigen::Map<Matrix> by_start, Eigen::Map<Matrix> end);
+/// interval. system: memory from stage_system. Returns false if a matrix is singular.
+bool eliminate_stages(const Intervals& of, Index m, Matrix& system, Eigen::Map<Matrix> by_start,
+                      Eigen::Map<Matrix> end);
+
+/// Memory for the equations of an interval's stages, which eliminate_stages overwrites.
+Matrix stage_system(Index stages, Index half);
 
 /// Products of the maps x -> T x + r of intervals, given as [T | r] (count, n, columns). The
 /// intervals are divided into runs; out receives for each interval the product [P | R] of all maps

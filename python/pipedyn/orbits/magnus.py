@@ -14,31 +14,19 @@ Source: Blanes, Casas, Oteo and Ros (2009), The Magnus expansion and some of its
 
 from __future__ import annotations
 
-import math
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipedyn.orbits.periodic_orbit import ORBIT_STAGES, integrals
+from pipedyn import _core
+from pipedyn.orbits.periodic_orbit import integrals
 from pipedyn.util.check import Array
 from pipedyn.util.counters import check_time
 
-CACHED = 14_000
-"""Largest number of entries in a stack of matrices: nine stacks of this size fit into 1 MB of
-cache."""
-
-DEGREE, LARGEST_NORM = 16, 0.78
-"""Degree of Taylor's polynomial, and the norm up to which it gives exp to rounding, as
-0.78^17 / 17! = 4e-17 (Al-Mohy and Higham 2010, theta_16)."""
-
-_TAYLOR = np.array([1.0 / math.factorial(k) for k in range(DEGREE + 1)])
-
-_SUMS = np.zeros((4, 4))
-"""Coefficients of A, A^2, A^3 and A^4 in the four sums of a polynomial in A^4, which also have a
-constant term."""
-_SUMS[:, :3] = _TAYLOR[1:].reshape(4, 4)[:, :3]
-_SUMS[3, 3] = _TAYLOR[DEGREE]
+AT_ONCE = 2e9
+"""Number of multiplications, a second of work, after which the time limit is looked at."""
 
 
 @cache
@@ -52,7 +40,6 @@ def _magnus_weights(parts: int) -> tuple[Array, Array]:
     return np.diff(single, axis=0), first
 
 
-@np.errstate(over="ignore", invalid="ignore")
 def interval_maps(rows: Array, durations: Array, units: Array, parts: NDArray[np.int_]) -> Array:
     """Maps of changes of a state [p, p'] over intervals, in units of the state, (M, n, n).
 
@@ -62,63 +49,25 @@ def interval_maps(rows: Array, durations: Array, units: Array, parts: NDArray[np
         units: units of the state, (n,): those of p are all 1, and those of p' are all equal.
         parts: number of parts into which each interval is divided, (M,).
     """
-    half, size = rows.shape[2:]
-    maps = np.empty((len(rows), size, size))
-    for count in np.unique(parts).tolist():
-        piece = max(1, CACHED // (count * size**2))
-        same = np.flatnonzero(parts == count)
-        for some in np.split(same, range(piece, same.size, piece)):
-            check_time()
-            weights = np.stack(_magnus_weights(count)).reshape(2 * count, ORBIT_STAGES)
-            scaled = rows[some].reshape(some.size, ORBIT_STAGES, -1) * durations[some, None, None]
-            both = (weights @ scaled).reshape(some.size, 2, count, half, size)
-            both *= units / units[half:, None]
-            step = durations[some, None, None, None] / count * units[-1]
-            exponents = _exponents(both[:, 0], both[:, 1], step)
-            factors = exponentials(exponents.reshape(-1, size, size)).reshape(exponents.shape)
-            whole = factors[:, 0]
-            for k in range(1, count):
-                whole = factors[:, k] @ whole
-            maps[some] = whole
-    return maps
-
-
-def _exponents(b0: Array, b1: Array, step: Array) -> Array:
-    """b0 - [b0, b1] from the lower halves of b0 and b1, (..., n / 2, n).
-
-    The upper half of b0 only maps p' to p, by the factor `step`; that of b1 is 0.
-    """
-    half, size = b0.shape[-2:]
-    made = np.empty((*b0.shape[:-2], size, size))
-    top, bottom = made[..., :half, :], made[..., half:, :]
-    np.multiply(-step, b1, out=top)
-    np.einsum("...ii->...i", top[..., half:])[...] += step[..., 0]
-    np.subtract(b0, b0[..., half:] @ b1, out=bottom)
-    bottom += b1[..., half:] @ b0
-    bottom[..., half:] += step * b1[..., :half]
-    return made
+    counts, which = np.unique(parts, return_inverse=True)
+    weights = map(np.concatenate, zip(*map(_magnus_weights, counts.tolist()), strict=True))
+    given = float(units[-1]), *weights
+    first_rows = (np.cumsum(counts) - counts)[which]
+    work = 10.0 * float(parts.max()) * rows.shape[3] ** 3
+    pieces = range(0, len(rows), max(1, int(AT_ONCE / work)))
+    maps = []
+    for begin, end in pairwise([*pieces, len(rows)]):
+        check_time()
+        own = slice(begin, end)
+        maps.append(
+            _core.interval_maps(rows[own], durations[own], parts[own], first_rows[own], *given)
+        )
+    return np.concatenate(maps) if len(maps) > 1 else maps[0]
 
 
 def exponentials(exponents: Array) -> Array:
-    """Exponentials of a stack of matrices, (..., n, n), by Taylor's polynomial and squarings.
+    """Exponentials of a stack of matrices, (..., n, n).
 
-    If they overflow, they are infinite or NaN. `scipy.linalg.expm`, which takes one matrix after
-    the other, needs four times as long for n = 6, and as long for n from 20 to 40.
+    If they overflow, they are infinite or NaN.
     """
-    if len(exponents) > 1 and exponents.size > CACHED:
-        return np.concatenate([exponentials(half) for half in np.array_split(exponents, 2)])
-    square = exponents @ exponents
-    powers = np.stack([exponents, square, square @ exponents, square @ square])
-    sizes = np.abs(powers[2:]).sum(axis=-2).reshape(2, -1).max(axis=1) ** [1.0 / 3.0, 0.25]
-    if not np.isfinite(sizes).all():
-        return np.full_like(exponents, math.nan)
-    halvings = max(0, math.ceil(math.log2(max(*sizes, 1e-300) / LARGEST_NORM)))
-    shrunk = 0.5 ** (halvings * np.arange(1.0, 5.0))
-    sums = ((_SUMS * shrunk) @ powers.reshape(4, -1)).reshape(powers.shape)
-    np.einsum("k...ii->...ik", sums)[...] += _TAYLOR[:DEGREE:4]
-    fourth, made = shrunk[3] * powers[3], sums[3]
-    for rest in sums[2::-1]:
-        made = made @ fourth + rest
-    for _ in range(halvings):
-        made = made @ made
-    return np.asarray(made)
+    return _core.exponentials(exponents)
