@@ -504,7 +504,7 @@ def refined_until(
 def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, float]:
     """Half the free end's peak-to-peak motion, and the phase of its largest displacement."""
     # Samples are as close as the mesh requires: a period may have a dozen peaks.
-    phases, y = orbit.sampled(SAMPLES_A_STAGE * ORBIT_STAGES, whole=True)
+    phases, y = orbit.sampled(SAMPLES_A_STAGE * ORBIT_STAGES)
     velocity = motion.tip_velocity(y)
     before = np.flatnonzero((velocity[:-1] > 0.0) != (velocity[1:] > 0.0))
     peaks = zeros_between(
@@ -513,7 +513,11 @@ def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, floa
     )
     phases = np.append(phases, peaks)
     across = np.append(motion.tip(y), motion.tip(orbit.states(peaks)))
-    return 0.5 * float(np.ptp(across)), float(phases[np.argmax(across)])
+    if not orbit.symmetric:
+        return 0.5 * float(np.ptp(across)), float(phases[np.argmax(across)])
+    farthest = int(np.argmax(np.abs(across)))  # if to negative x, the mirror image comes later
+    later = 0.0 if across[farthest] > 0.0 else orbit.span
+    return float(np.abs(across[farthest])), float(phases[farthest]) + later
 
 
 def one_period(

@@ -90,6 +90,8 @@ def _reduce_runs(whole: Array, begins: list[int]) -> tuple[Array, Array, Array, 
     """
     n, between = whole.shape[1], list[list[Array]]()
     relations = whole[[*(k - 1 for k in begins[1:]), -1]]
+    if len(relations) == 1:
+        return -relations[0, :, :n], np.eye(n), relations[0, :, n:], between
     eye = np.zeros_like(relations[:, :, :n]) + np.eye(n)
     relations = np.concatenate([-relations[:, :, :n], eye, relations[:, :, n:]], axis=2)
     while len(relations) > 1:
