@@ -326,6 +326,8 @@ def _kinks(motion: VectorField, orbit: PeriodicOrbit) -> Array:
 
     There, functions change their signs, which are looked for between samples.
     """
+    if not motion.model.pipe.has_kinks:
+        return np.empty(0)
     phase, y = orbit.sampled(KINK_SAMPLES)
     signed = motion.along(phase, orbit.frequency).kinks(y)
     positive = signed > 0.0
