@@ -462,7 +462,7 @@ def _from_rest(
     hill = Hill(pipe, HARMONICS)
     kinds: tuple[tuple[BranchKind, int], ...] = (("subharmonic", 2), ("harmonic", 1))
     for kind, order in kinds:
-        rests = hill.edges(0.5 if kind == "subharmonic" else 0.0, forcing.amplitude)
+        rests = hill.edges(0.5 * (order - 1), forcing.amplitude, high)
         for region in regions(hill, np.array([forcing.amplitude]), low, high, (kind,)):
             ends = region.edges[0][np.isfinite(region.edges[0])]
             window = 0.9 * min(low, ends.min()), 1.1 * max(high, ends.max())

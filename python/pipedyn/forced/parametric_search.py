@@ -312,7 +312,7 @@ class RegionSearch:
         roots: list[Array] = [np.empty(0) for _ in self.amplitudes]
         for index in self.samples():
             amplitude = float(self.amplitudes[index])
-            at = self.hill.edges(share, amplitude)
+            at = self.hill.edges(share, amplitude, self.high)
             apart = np.diff(at, prepend=0.0, append=math.inf)
             roots[index] = at = at[np.minimum(apart[:-1], apart[1:]) > THINNEST * at]
             # Edges near the range are followed, and one more on each side, as a region may contain

@@ -11,10 +11,8 @@ arguments.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -214,37 +212,13 @@ class Hill:
     @cached_property
     def is_hermitian(self) -> bool:
         """Whether H is Hermitian, which it is for pipes that neither gain nor lose energy."""
-        return self._same_as(lambda h: h.conj().T)
+        h = Hill(self.pipe, 2).polynomial(None)(11.0, 3.0, 0.1)
+        return bool(np.abs(h - h.conj().T).max() <= 1e-11 * np.abs(h).max())
 
     @cached_property
     def is_real(self) -> bool:
         """Whether H is real, which it is for pipes with neither damping nor a Coriolis force."""
-        return self._same_as(np.conj)
-
-    def _same_as(self, other: Callable[[Complex], Complex]) -> bool:
-        h = self.matrix(11.0, 3.0, 0.1, 2 * self.many + 1)
-        return bool(np.abs(h - other(h)).max() <= 1e-11 * np.abs(h).max())
-
-    def matrix(self, frequency: float, nu: float, amplitude: float, count: int) -> Complex:
-        """The matrix H for `count` harmonics from -many on, shape (count n, count n)."""
-        pipe, u, n = self.pipe, self.pipe.mean, self.pipe.size
-        at = np.arange(count)
-        omega = (nu + frequency * (at - self.many))[:, None, None]
-        blocks = np.zeros((count, n, count, n), dtype=np.complex128)
-        stiffness = pipe.stiffness + u**2 * (1.0 + 0.5 * amplitude**2) * pipe.flux
-        damping = pipe.damping + u * pipe.velocity
-        blocks[at, :, at] = stiffness + 1j * omega * damping - omega**2 * pipe.mass
-        swing = 0.5 * u * amplitude
-        for way in (1, -1):  # coupling from the harmonic before and from the next
-            to = at[1:] if way == 1 else at[:-1]
-            blocks[to, :, to - way] = (
-                2.0 * u * swing * pipe.flux
-                + 1j * swing * omega[to - way] * pipe.velocity
-                + 1j * swing * way * frequency * pipe.unsteady
-            )
-            to = at[2:] if way == 1 else at[:-2]
-            blocks[to, :, to - 2 * way] = swing**2 * pipe.flux
-        return blocks.reshape(count * n, count * n)
+        return Hill(self.pipe, 2).polynomial(None).is_real
 
     def polynomial(self, share: float | None) -> Polynomial:
         """H as a polynomial in w and the amplitude, with nu = share * w for a share of 0 or 1/2.
@@ -253,70 +227,89 @@ class Hill:
         polynomial in w, nu and the amplitude, and acts on the harmonics.
         """
         if share not in self._polynomials:
-            self._polynomials[share] = self._polynomial(share)
+            self._polynomials[share] = Polynomial(self._terms(share))
         return self._polynomials[share]
 
-    def _polynomial(self, share: float | None) -> Polynomial:
+    def _terms(self, share: float | None) -> list[Term]:
+        """The terms of H, whose factors are matrices of the harmonics and of the pipe."""
+        pipe, u = self.pipe, self.pipe.mean
+        k = np.arange(2 * self.many + (share != 0.5)) - self.many + (share or 0.0)
+        before, after = np.eye(k.size, k=-1), np.eye(k.size, k=1)  # exp(i w tau) and its conjugate
+        one, cosine = np.eye(k.size), 0.5 * (before + after)
+        square = 0.5 * one + 0.25 * (np.eye(k.size, k=-2) + np.eye(k.size, k=2))  # of the cosine
+        flux, velocity = u**2 * pipe.flux, u * pipe.velocity
+        terms: list[Term] = [  # powers of w, nu and the amplitude, and both factors
+            ((0, 0, 0), one, pipe.stiffness + flux),
+            ((0, 0, 1), cosine, 2.0 * flux),
+            ((0, 0, 2), square, flux),
+            ((1, 0, 0), 1j * np.diag(k), pipe.damping + velocity),
+            ((0, 1, 0), 1j * one, pipe.damping + velocity),
+            ((1, 0, 1), 1j * cosine * k, velocity),
+            ((0, 1, 1), 1j * cosine, velocity),
+            ((1, 0, 1), 0.5j * (before - after), u * pipe.unsteady),
+            ((2, 0, 0), np.diag(-(k**2)), pipe.mass),
+            ((1, 1, 0), np.diag(-2.0 * k), pipe.mass),
+            ((0, 2, 0), -one, pipe.mass),
+        ]
         if share is None:
-            is_real = self.is_real
+            return terms
+        turn = _real_form(k.size)
+        return [
+            ((w, a), (turn @ harmonics @ turn.conj().T).real, matrix)
+            for (w, nu, a), harmonics, matrix in terms
+            if not nu
+        ]
 
-            def every(frequency: float, nu: float, amplitude: float) -> NDArray[Any]:
-                h = self.matrix(frequency, nu, amplitude, 2 * self.many + 1)
-                return np.ascontiguousarray(h.real) if is_real else h
+    def edges(self, share: float, amplitude: float, about: float) -> Array:
+        """All frequencies of motions with nu = share * frequency, rising, as eigenvalues of H.
 
-            return Polynomial(every, 3)
-        count = 2 * self.many + (share == 0.0)
-        turn = _real_form(count)
+        As a cosine is even, H with -w for w is H with the other sign of all sines. So it has the
+        form [E_0 + w^2 E_2, w E_1; w O_1, O_0 + w^2 O_2], with E for cosines and O for sines, and
+        is singular where A + w^2 B is, with A = [E_0, 0; O_1, O_0] and B = [E_2, E_1; 0, O_2].
 
-        def real(frequency: float, amplitude: float) -> Array:
-            h = self.matrix(frequency, share * frequency, amplitude, count)
-            rows = turn @ h.reshape(count, -1)  # harmonics are combined, coordinates are not
-            both = turn.conj() @ rows.reshape(len(h), count, -1)
-            return np.ascontiguousarray(both.real).reshape(h.shape)
-
-        return Polynomial(real, 2)
-
-    def edges(self, share: float, amplitude: float) -> Array:
-        """All frequencies of motions with nu = share * frequency, rising, as eigenvalues of H."""
+        Args:
+            share: 0 or 1/2.
+            amplitude: amplitude of the pulsation relative to the mean speed.
+            about: a frequency of the size of those that are wanted.
+        """
         of = self.polynomial(share)
-        zero, slope, one = of(0.0, amplitude), of.by((0,), 0.0, amplitude), of(1.0, amplitude)
-        size = len(zero)
-        # The eigenvalues are 1 / w: the coefficient of w^2 may be singular, as a harmonic of
-        # frequency 0 adds nothing to it.
+        zero, slope = of(0.0, amplitude), of.by((0,), 0.0, amplitude)
+        bend = 0.5 * of.by((0, 0), 0.0, amplitude)
+        cosines = (self.many + (share == 0.0)) * self.pipe.size
+        zero[cosines:, :cosines] = slope[cosines:, :cosines]
+        bend[:cosines, cosines:] = slope[:cosines, cosines:]
+        # The eigenvalues are 1 / (w^2 + about^2): B may be singular, as a harmonic of frequency 0
+        # adds nothing to it, and A is where a pipe without damping buckles.
         try:
-            upper = -np.linalg.solve(zero, np.hstack([slope, one - slope - zero]))
+            values = np.linalg.eigvals(np.linalg.solve(about**2 * bend - zero, bend))
         except np.linalg.LinAlgError:
             return np.empty(0)
-        values = np.linalg.eigvals(np.vstack([upper, np.eye(size, 2 * size)]))
-        frequencies = 1.0 / values[np.abs(values) > 1e-12]
-        real = np.abs(frequencies.imag) < 1e-8 * np.abs(frequencies)
-        return np.sort(frequencies.real[real & (frequencies.real > 0.0)])
+        squares = 1.0 / values[np.abs(values) > 1e-12 / about**2] - about**2
+        real = np.abs(squares.imag) < 2e-8 * np.abs(squares)
+        return np.sqrt(np.sort(squares.real[real & (squares.real > 0.0)]))
+
+
+Term = tuple[tuple[int, ...], NDArray[Any], Array]
+"""Powers of the numbers in a term of a polynomial, and the factors of its coefficient, which is a
+Kronecker product."""
 
 
 class Polynomial:
-    """A matrix that is a polynomial of second degree in each of several numbers.
+    """A matrix that is a polynomial in several numbers, with Kronecker products as coefficients."""
 
-    Args:
-        of: the matrix at given numbers.
-        numbers: how many numbers there are.
-    """
-
-    def __init__(self, of: Callable[..., NDArray[Any]], numbers: int) -> None:
-        points = product((-1.0, 0.0, 1.0), repeat=numbers)
-        values = np.stack([of(*point) for point in points])
-        coefficients = values.reshape(*[3] * numbers, *values.shape[1:])
-        for axis in range(numbers):
-            less, none, more = np.moveaxis(coefficients, axis, 0)
-            parts = none, 0.5 * (more - less), 0.5 * (more + less) - none
-            coefficients = np.stack(parts, axis)
-        every = coefficients.reshape(3**numbers, -1)
-        sizes = np.abs(every).max(axis=1)
-        kept = sizes > 1e-15 * sizes.max()
-        powers = np.array(list(product(range(3), repeat=numbers)))
-        self._powers, self._shape = powers[kept], values.shape[1:]
-        # Entries between harmonics more than two apart are 0 at all numbers, and are not stored.
-        self._filled = np.flatnonzero(values.reshape(len(values), -1).any(axis=0))
-        self._parts = np.ascontiguousarray(every[kept][:, self._filled])
+    def __init__(self, terms: list[Term]) -> None:
+        self._powers = np.array([powers for powers, *_ in terms])
+        count, size = len(terms[0][1]), len(terms[0][2])
+        self._shape = count * size, count * size
+        # Blocks between harmonics more than two apart are 0 at all numbers, and are not stored.
+        sizes = np.abs([harmonics for _, harmonics, _ in terms]).max(axis=0)
+        at = np.nonzero(sizes > 1e-14)
+        inside = np.arange(size)
+        rows, columns = (size * one[:, None] + inside for one in at)
+        self._filled = (self._shape[1] * rows[:, :, None] + columns[:, None]).ravel()
+        parts = np.stack([np.multiply.outer(part[at], matrix).ravel() for _, part, matrix in terms])
+        self.is_real = bool(np.abs(parts.imag).max() <= 1e-11 * np.abs(parts).max())
+        self._parts = np.ascontiguousarray(parts.real) if self.is_real else parts
 
     def __call__(self, *at: float) -> NDArray[Any]:
         """The matrix at given numbers."""
@@ -331,9 +324,9 @@ class Polynomial:
         return self._sum(factors * np.prod(np.array(at) ** powers, axis=1))
 
     def _sum(self, factors: Array) -> NDArray[Any]:
-        whole = np.zeros(math.prod(self._shape), dtype=self._parts.dtype)
-        whole[self._filled] = factors @ self._parts
-        return whole.reshape(self._shape)
+        whole = np.zeros(self._shape, dtype=self._parts.dtype)
+        whole.reshape(-1)[self._filled] = factors @ self._parts
+        return whole
 
 
 def _real_form(count: int) -> Complex:
