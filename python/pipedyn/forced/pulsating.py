@@ -230,7 +230,7 @@ class Hill:
             self._polynomials[share] = Polynomial(self._terms(share))
         return self._polynomials[share]
 
-    def _terms(self, share: float | None) -> list[Term]:
+    def _terms(self, share: float | None) -> list[KroneckerTerm]:
         """The terms of H, whose factors are matrices of the harmonics and of the pipe."""
         pipe, u = self.pipe, self.pipe.mean
         k = np.arange(2 * self.many + (share != 0.5)) - self.many + (share or 0.0)
@@ -238,7 +238,7 @@ class Hill:
         one, cosine = np.eye(k.size), 0.5 * (before + after)
         square = 0.5 * one + 0.25 * (np.eye(k.size, k=-2) + np.eye(k.size, k=2))  # of the cosine
         flux, velocity = u**2 * pipe.flux, u * pipe.velocity
-        terms: list[Term] = [  # powers of w, nu and the amplitude, and both factors
+        terms: list[KroneckerTerm] = [  # powers of w, nu and the amplitude, and both factors
             ((0, 0, 0), one, pipe.stiffness + flux),
             ((0, 0, 1), cosine, 2.0 * flux),
             ((0, 0, 2), square, flux),
@@ -289,7 +289,7 @@ class Hill:
         return np.sqrt(np.sort(squares.real[real & (squares.real > 0.0)]))
 
 
-Term = tuple[tuple[int, ...], NDArray[Any], Array]
+KroneckerTerm = tuple[tuple[int, ...], NDArray[Any], Array]
 """Powers of the numbers in a term of a polynomial, and the factors of its coefficient, which is a
 Kronecker product."""
 
@@ -297,19 +297,20 @@ Kronecker product."""
 class Polynomial:
     """A matrix that is a polynomial in several numbers, with Kronecker products as coefficients."""
 
-    def __init__(self, terms: list[Term]) -> None:
+    def __init__(self, terms: list[KroneckerTerm]) -> None:
         self._powers = np.array([powers for powers, *_ in terms])
-        count, size = len(terms[0][1]), len(terms[0][2])
+        harmonics, matrices = (np.stack(factors) for factors in list(zip(*terms, strict=True))[1:])
+        # Blocks between harmonics more than two apart are 0 at all numbers.
+        at = np.nonzero(np.abs(harmonics).max(axis=0) > 1e-14)
+        count, size = harmonics.shape[1], matrices.shape[1]
+        rows, columns = (size * one[:, None] + np.arange(size) for one in at)
+        self._filled = count * size * rows[:, :, None] + columns[:, None]
         self._shape = count * size, count * size
-        # Blocks between harmonics more than two apart are 0 at all numbers, and are not stored.
-        sizes = np.abs([harmonics for _, harmonics, _ in terms]).max(axis=0)
-        at = np.nonzero(sizes > 1e-14)
-        inside = np.arange(size)
-        rows, columns = (size * one[:, None] + inside for one in at)
-        self._filled = (self._shape[1] * rows[:, :, None] + columns[:, None]).ravel()
-        parts = np.stack([np.multiply.outer(part[at], matrix).ravel() for _, part, matrix in terms])
-        self.is_real = bool(np.abs(parts.imag).max() <= 1e-11 * np.abs(parts).max())
-        self._parts = np.ascontiguousarray(parts.real) if self.is_real else parts
+        blocks, sizes = harmonics[:, at[0], at[1]], np.abs(matrices).max(axis=(1, 2))[:, None]
+        largest = (np.abs(blocks) * sizes).max()
+        self.is_real = bool((np.abs(blocks.imag) * sizes).max() <= 1e-11 * largest)
+        self._blocks = np.ascontiguousarray(blocks.real if self.is_real else blocks)
+        self._matrices = matrices.reshape(len(terms), -1).astype(self._blocks.dtype)
 
     def __call__(self, *at: float) -> NDArray[Any]:
         """The matrix at given numbers."""
@@ -324,8 +325,9 @@ class Polynomial:
         return self._sum(factors * np.prod(np.array(at) ** powers, axis=1))
 
     def _sum(self, factors: Array) -> NDArray[Any]:
-        whole = np.zeros(self._shape, dtype=self._parts.dtype)
-        whole.reshape(-1)[self._filled] = factors @ self._parts
+        whole = np.zeros(self._shape, dtype=self._blocks.dtype)
+        entries = (factors[:, None] * self._blocks).T @ self._matrices
+        whole.reshape(-1)[self._filled] = entries.reshape(self._filled.shape)
         return whole
 
 
