@@ -35,6 +35,10 @@ STARTING = replace(CONTROL, iterations=40)
 """Control of Newton's method at the start of an edge. It takes more iterations than along the edge,
 since beside a thin region each of them only halves the distance."""
 
+BORDERINGS = 3
+"""Number of bordered equations whose null vectors lead from any borders to good ones: each is a
+step of inverse iteration."""
+
 OUTWARD = 3e-4
 """Share of its frequency by which the start of an edge is moved away from the region."""
 
@@ -113,9 +117,10 @@ class Edge(DenseProblem):
         """The bordered equations at unknowns z."""
         h = self._of(*self._numbers(z))
         if self._border is None:
-            left, _, right = np.linalg.svd(h)
-            c = right[-2:].conj().T
-            self._border = c if self.hill.is_hermitian and self.meeting else left[:, -2:], c
+            any_two = np.linalg.qr(np.cos(np.outer(np.arange(len(h)), [1.0, 2.0])))[0]
+            self._border = any_two, any_two
+            for _ in range(BORDERINGS):
+                self._renew(Bordered(h, *self._border))
         return Bordered(h, *self._border)
 
     def derivatives(self, z: Array, *rows: int) -> tuple[complex, Complex, Complex]:
@@ -153,7 +158,9 @@ class Edge(DenseProblem):
 
     def renew(self, z: Array) -> None:
         """Makes borders of the null vectors at z, for the steps from there."""
-        at = self._bordered(z)
+        self._renew(self._bordered(z))
+
+    def _renew(self, at: Bordered) -> None:
         b, c = np.linalg.qr(at.w)[0], np.linalg.qr(at.q)[0]
         self._border = (c if self.hill.is_hermitian and self.meeting else b), c
 
