@@ -328,8 +328,8 @@ class RegionSearch:
             if not every:
                 continue
             at = at if at.size else np.sort(every)
-            first, last = np.searchsorted(at, [0.99999 * min(every), 1.00001 * max(every)])
-            within = self._unstable(share, float(self.amplitudes[index]), at, first, last)
+            ends = np.searchsorted(at, [0.99999 * min(every), 1.00001 * max(every)])
+            within = self._unstable(share, float(self.amplitudes[index]), at, *ends.tolist())
             for region in curves:
                 for interval in within:
                     if region.away(index, interval) <= SAME_EDGE:
