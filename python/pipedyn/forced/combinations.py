@@ -24,7 +24,7 @@ from pipedyn.forced.parametric_edge import RegionKind
 from pipedyn.forced.pulsating import Hill
 from pipedyn.orbits.floquet import beyond_circle
 from pipedyn.orbits.magnus import exponentials
-from pipedyn.util.check import Complex
+from pipedyn.util.check import Array, Complex
 
 DAMPED_ERROR = 3e-6
 """Error of multipliers in damped pipes. Without damping they lie on the unit circle but for
@@ -38,7 +38,11 @@ PERIOD_PARTS = 48
 on which the edges, roots of Hill's determinant, do not depend."""
 
 SCANNED_PHASE = 0.15
-"""Largest change of a multiplier's phase from one frequency to the next, in rad."""
+"""Largest change of a multiplier's phase from one frequency to the next where motions may grow, in
+rad."""
+
+WIDEST_STEP = 8
+"""Number of steps of `SCANNED_PHASE` that are one where all motions decay fast."""
 
 LARGEST_GAP = 0.6
 """Largest distance of two phases, in rad, at which they may pass each other before the next
@@ -57,6 +61,7 @@ class Multipliers:
         values: the multipliers, shape (m,).
         right, left: their eigenvectors, (n, m) and (m, n), with left @ right = 1.
         growing: number of them with a modulus larger than 1.
+        largest: largest modulus of these and of all real multipliers.
         real: sign of the largest multiplier on the real axis if its motion grows, otherwise 0.
     """
 
@@ -65,6 +70,7 @@ class Multipliers:
     right: Complex
     left: Complex
     growing: int
+    largest: float
     real: int
 
     @property
@@ -148,44 +154,88 @@ class FewModes:
         phases = 2.0 * math.pi * (np.arange(PERIOD_PARTS) + 0.5 + GAUSS[:, None]) / PERIOD_PARTS
         speed = pipe.mean * (1.0 + amplitude * np.cos(phases))
         rate = -pipe.mean * amplitude * np.sin(phases)
-        self._steady = np.tensordot(speed[..., None] ** np.arange(3), self._parts[:3], 1)
-        self._unsteady = rate[..., None, None] * self._parts[3]
+        part = 2.0 * math.pi / PERIOD_PARTS
+        first, second = part * np.tensordot(speed[..., None] ** np.arange(3), self._parts[:3], 1)
+        before, after = part * rate[..., None, None] * self._parts[3]
+        # Magnus' exponents are polynomials of second degree in 1 / frequency.
+        turned = (
+            _commutator(after, before),
+            _commutator(second, before) + _commutator(after, first),
+            _commutator(second, first),
+        )
+        self._exponents = math.sqrt(3.0) / 12.0 * np.stack(turned)
+        self._exponents[:2] += 0.5 * np.stack([before + after, first + second])
 
-    def at(self, frequency: float) -> Multipliers:
-        """Multipliers at a frequency of the flow, by Magnus' series to fourth order."""
-        rates = self._steady + frequency * self._unsteady
-        first, second = (2.0 * math.pi / (frequency * PERIOD_PARTS)) * rates
-        turned = second @ first - first @ second
-        factors = exponentials(0.5 * (first + second) + math.sqrt(3.0) / 12.0 * turned)
+    def at(self, frequencies: Array) -> list[Multipliers]:
+        """Multipliers at frequencies of the flow, shape (F,), by Magnus' series to fourth order."""
+        if not frequencies.size:
+            return []
+        values, right = np.linalg.eig(np.stack([self._map(w) for w in frequencies.tolist()]))
+        left, sizes = np.linalg.inv(right), np.abs(values)
+        on_axis = np.abs(values.imag) <= 1e-4 * sizes
+        weights = (np.abs(right.reshape(sizes.shape[0], 2, self._seen.size, -1)) ** 2).sum(axis=1)
+        off_axis = ~on_axis & self._seen[np.argmax(weights, axis=1)]
+        found = list[Multipliers]()
+        for i, w in enumerate(frequencies.tolist()):
+            off = off_axis[i]
+            largest = max(values[i, on_axis[i]].real.tolist(), key=abs, default=0.0)
+            complex_ones = values[i, off].astype(np.complex128)
+            growing = beyond_circle(complex_ones, self._error) > 0.0
+            found.append(
+                Multipliers(
+                    frequency=w,
+                    values=complex_ones,
+                    right=right[i][:, off],
+                    left=left[i][off],
+                    growing=int(np.count_nonzero(growing)),
+                    largest=float(sizes[i, off].max(initial=abs(largest))),
+                    real=int(np.sign(largest) * (beyond_circle(largest, self._error) > 0.0)),
+                )
+            )
+        return found
+
+    def _map(self, frequency: float) -> Array:
+        """The map of states over a period."""
+        constant, slope, bend = self._exponents
+        factors = exponentials(constant + slope / frequency + bend / frequency**2)
         while len(factors) > 1:
             even = factors[1::2] @ factors[: len(factors) // 2 * 2 : 2]
             factors = np.concatenate([even, factors[len(factors) // 2 * 2 :]])
-        values, right = np.linalg.eig(factors[0])
-        sizes = np.abs(values)
-        real = np.flatnonzero(np.abs(values.imag) <= 1e-4 * sizes)
-        largest = max(values[real].real.tolist(), key=abs, default=0.0)
-        off = np.abs(values.imag) > 1e-4 * sizes
-        weights = (np.abs(right.reshape(2, self._seen.size, -1)) ** 2).sum(axis=0)
-        off &= self._seen[np.argmax(weights, axis=0)]
-        left = np.linalg.inv(right)[off]
-        values, right = values[off].astype(np.complex128), right[:, off]
-        return Multipliers(
-            frequency=frequency,
-            values=values,
-            right=right,
-            left=left,
-            growing=int(np.count_nonzero(beyond_circle(values, self._error) > 0.0)),
-            real=int(np.sign(largest) * (beyond_circle(largest, self._error) > 0.0)),
-        )
+        return np.asarray(factors[0])
+
+    def may_grow(self, a: Multipliers, b: Multipliers) -> bool:
+        """Whether motions may grow somewhere between two frequencies.
+
+        Two modes decay like exp(-d) in a period where nothing couples them, like exp(-d + c) where
+        they resonate best, and at least like exp(-d + sqrt(c^2 - p^2)) where their phases are 2 p
+        away from this. So if c > d somewhere, they decay by less than exp(-p) where they are that
+        far away. Between the nearer frequency and the resonance, the phase of a mode changes by at
+        most p, half of what it changes between both frequencies; 2 p stands here to be safe.
+        """
+        phase = 2.0 * math.pi * self.fastest * (1.0 / a.frequency - 1.0 / b.frequency)
+        return max(a.largest, b.largest) > math.exp(-phase)
 
     def scanned(self, low: float, high: float) -> list[Multipliers]:
-        """Multipliers at frequencies between two, close enough to show where motions grow."""
+        """Multipliers at frequencies between two, close enough to show where motions grow.
+
+        They are close only where motions may grow.
+        """
         turns = 2.0 * math.pi * self.fastest * (1.0 / low - 1.0 / high)
-        every = np.linspace(1.0 / high, 1.0 / low, math.ceil(turns / SCANNED_PHASE) + 8)
-        seen = [self.at(w) for w in (1.0 / every[::-1]).tolist()]
-        for finer in (self._finer, self._finer, self._between):
-            seen = _sorted(seen + [one for a, b in pairwise(seen) for one in finer(a, b)])
-        return seen
+        every = 1.0 / np.linspace(1.0 / low, 1.0 / high, math.ceil(turns / SCANNED_PHASE) + 8)
+        found = dict[int, Multipliers]()
+        wanted = [*range(0, every.size - 1, WIDEST_STEP), every.size - 1]
+        while wanted:
+            found |= dict(zip(wanted, self.at(every[wanted]), strict=True))
+            pairs = pairwise(sorted(found))
+            wanted = [
+                (i + j) // 2 for i, j in pairs if j > i + 1 and self.may_grow(found[i], found[j])
+            ]
+        seen = _sorted(list(found.values()))
+        for _ in range(2):
+            more = [w for a, b in pairwise(seen) if self.may_grow(a, b) for w in _finer(a, b)]
+            seen = _sorted(seen + self.at(np.array(more)))
+        open_pairs = [pair for pair in pairwise(seen) if self.may_grow(*pair)]
+        return _sorted(seen + [one for pair in open_pairs for one in self._between(*pair)])
 
     def unstable(self, seen: list[Multipliers]) -> list[Growth]:
         """Intervals of frequencies in which multipliers off the real axis are larger than 1.
@@ -236,7 +286,7 @@ class FewModes:
         With an axis, 1 or -1, motions grow by a multiplier on the real axis with this sign.
         """
         for _ in range(halvings):
-            middle = self.at(0.5 * (outside.frequency + inside.frequency))
+            (middle,) = self.at(np.array([0.5 * (outside.frequency + inside.frequency)]))
             if (middle.real == axis) if axis else middle.growing:
                 inside = middle
             else:
@@ -257,22 +307,6 @@ class FewModes:
             if gaps[0] * gaps[1] < 0.0 and max(map(abs, gaps)) < LARGEST_GAP:
                 yield from self._meeting(a, b, (i, j))
 
-    def _finer(self, a: Multipliers, b: Multipliers) -> list[Multipliers]:
-        """Multipliers at frequencies between two of which more has to be known.
-
-        Different motions grow at the two, motions grow at one of them only, or multipliers leave
-        the real axis between them. There may be frequencies between at which no motion grows, or
-        other motions do.
-        """
-        alike = a.values.size == b.values.size and (a.growing > 0) == (b.growing > 0)
-        if alike and a.growing:
-            onto, largest = _same_multipliers(a, b), np.abs(b.values)
-            fastest = onto[int(np.argmax(np.abs(a.values)))]
-            alike = fastest >= 0 and bool(largest[fastest] > 0.999999 * largest.max())
-        if alike:
-            return []
-        return [self.at(w) for w in np.linspace(a.frequency, b.frequency, 6)[1:-1].tolist()]
-
     def _meeting(
         self, a: Multipliers, b: Multipliers, pair: tuple[int, int]
     ) -> Iterator[Multipliers]:
@@ -283,7 +317,7 @@ class FewModes:
             gaps = _gap(a, *pair), _gap(b, *other)
             width = b.frequency - a.frequency
             share = min(max(gaps[0] / (gaps[0] - gaps[1]), 0.02), 0.98)
-            middle = self.at(a.frequency + share * width)
+            (middle,) = self.at(np.array([a.frequency + share * width]))
             if middle.growing:
                 yield from (a, middle, b)
                 return
@@ -297,6 +331,28 @@ class FewModes:
                 a, pair = middle, here
             else:
                 b, other = middle, here
+
+
+def _finer(a: Multipliers, b: Multipliers) -> list[float]:
+    """Frequencies between two, of which more has to be known.
+
+    Different motions grow at the two, motions grow at one of them only, or multipliers leave the
+    real axis between them. There may be frequencies between at which no motion grows, or other
+    motions do.
+    """
+    alike = a.values.size == b.values.size and (a.growing > 0) == (b.growing > 0)
+    if alike and a.growing:
+        onto, largest = _same_multipliers(a, b), np.abs(b.values)
+        fastest = onto[int(np.argmax(np.abs(a.values)))]
+        alike = fastest >= 0 and bool(largest[fastest] > 0.999999 * largest.max())
+    if alike:
+        return []
+    return np.linspace(a.frequency, b.frequency, 6)[1:-1].tolist()
+
+
+def _commutator(a: Array, b: Array) -> Array:
+    """The commutator a b - b a of stacks of matrices."""
+    return np.asarray(a @ b - b @ a)
 
 
 def _sorted(seen: list[Multipliers]) -> list[Multipliers]:
