@@ -1418,6 +1418,7 @@ def _driven() -> Iterator[Target]:
         mean=real((1.0, 2.0), 0.0, 1e9),
         amplitudes=array(2, (0.1, 0.3), (-0.1, 1.0), rising=True, any_size=True),
         frequencies=frequencies,
+        progress=FLAG,
     )
     place = Kind(
         one_of("tip", 1.0, 0.5), any_of(NONE, *NOTHINGS, *LOGICAL, one_of("root", NAN, -0.1, 1.1))

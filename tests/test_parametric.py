@@ -393,6 +393,14 @@ def test_pipes_are_unstable_inside_of_all_edges_and_stable_outside(seed, damping
             assert growing(model, at, edge - inward) < 1e-7 or others.any()
 
 
+def test_progress_tells_the_share_of_amplitudes_and_of_regions(terminal):
+    pp.parametric_regions(MODEL, 5.0, [0.1, 0.3], (28.0, 33.0), progress=True)
+    told = terminal.readouterr().err
+    kinds = "subharmonic", "harmonic", "combination"
+    for line in (*(f"{kind} regions" for kind in kinds), "edges with more harmonics"):
+        assert line in told
+
+
 RANGE = "frequencies must be a range (low, high), low < high"
 
 

@@ -32,7 +32,7 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
-from pipedyn.util.parallel import one_thread
+from pipedyn.util.parallel import one_thread, track
 from pipedyn.util.result import FREQUENCY, SPEED, ResultSequence, TableResult, join_tables
 
 TRUNCATIONS = (12, 16, 22, 30, 40)
@@ -115,6 +115,7 @@ def parametric_regions(
     mean: float,
     amplitudes: ArrayLike,
     frequencies: ArrayLike,
+    progress: bool = False,
 ) -> ParametricRegions:
     """Regions in which a pulsation u = mean (1 + amplitude cos(frequency tau)) is unstable.
 
@@ -125,6 +126,8 @@ def parametric_regions(
         frequencies: range (low, high) of the pulsation's angular frequency, 0 < low < high <=
             20 low, in 1 / T, or several frequencies in increasing order, of which the first and
             last are the range.
+        progress: show on stderr which share of the amplitudes is searched for regions of each kind,
+            and for how many regions edges are computed again with more harmonics and functions.
 
     Returns:
         The regions that touch the range at one of the amplitudes, or whose threshold lies in it, by
@@ -165,12 +168,12 @@ def parametric_regions(
         )
     if isinstance(model, Model):
         model.require_equilibrium(mean)
-    found = _converged(model, mean, mu, (low, high))
+    found = _converged(model, mean, mu, (low, high), check.flag("progress", progress))
     return ParametricRegions(found, mean, np.array([low, high]), model)
 
 
 def _converged(
-    model: AnyModel, mean: float, mu: Array, window: tuple[float, float]
+    model: AnyModel, mean: float, mu: Array, window: tuple[float, float], shown: bool
 ) -> tuple[ParametricRegion, ...]:
     """The regions, computed with ever more functions and harmonics until edges converge."""
     # A flow that pulsates by 0.6 needs ten more harmonics than the frequencies alone demand: with
@@ -182,11 +185,14 @@ def _converged(
         with one_thread(pipe.size):
             if last is None:
                 pipe.require_stable(window[1])
-                found = regions(Hill(pipe, many), mu, *window)
+                found = regions(Hill(pipe, many), mu, *window, progress=shown)
             else:
-                hill = Hill(pipe, many)
+                hill, label = Hill(pipe, many), "edges with more harmonics"
                 try:
-                    found = [recompute(hill, region, mu, window[0]) for region in last]
+                    found = [
+                        recompute(hill, region, mu, window[0])
+                        for region in track(last, len(last), label, shown)
+                    ]
                 except NewtonFailed as reason:
                     raise NotConverged(
                         "edges of parametric regions were not found again with more functions and "

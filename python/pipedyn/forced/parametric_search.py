@@ -18,6 +18,7 @@ from pipedyn.forced.parametric_edge import OUTWARD, SHARES, THINNEST, Edge, Regi
 from pipedyn.forced.pulsating import Hill
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.parallel import track
 
 SHARP = 2e-3
 """Length of a step below which the least amplitude of the region is solved for at once: the edges
@@ -112,12 +113,14 @@ class RegionSearch:
         hill: Hill's equations of the pipe.
         amplitudes: amplitudes of the pulsation, rising, shape (A,).
         low, high: range of frequencies of the pulsation.
+        progress: whether to show progress on stderr.
     """
 
     hill: Hill
     amplitudes: Array
     low: float
     high: float
+    progress: bool = False
 
     @property
     def meets(self) -> bool:
@@ -235,7 +238,8 @@ class RegionSearch:
         """
         found, grown = list[RegionEdges](), list[tuple[int, Array]]()
         sampled = self.samples()
-        for index in dict.fromkeys([*sampled, *range(self.amplitudes.size)]):
+        every = dict.fromkeys([*sampled, *range(self.amplitudes.size)])
+        for index in track(every, len(every), "combination regions", self.progress):
             if index not in sampled and not any(one.followed[index] for one in found):
                 continue
             amplitude = float(self.amplitudes[index])
@@ -310,7 +314,8 @@ class RegionSearch:
         """Subharmonic or harmonic regions, where a real multiplier lies beyond -1 or 1."""
         curves = list[RegionEdges]()
         roots: list[Array] = [np.empty(0) for _ in self.amplitudes]
-        for index in self.samples():
+        sampled = self.samples()
+        for index in track(sampled, len(sampled), f"{kind} regions", self.progress):
             amplitude = float(self.amplitudes[index])
             at = self.hill.edges(share, amplitude, self.high)
             apart = np.diff(at, prepend=0.0, append=math.inf)
@@ -482,9 +487,11 @@ def regions(
     low: float,
     high: float,
     kinds: Collection[str] = tuple(SHARES),
+    progress: bool = False,
 ) -> list[RegionEdges]:
     """All regions of some kinds that touch a range of frequencies, by rising frequency."""
-    search, found = RegionSearch(hill, amplitudes, low, high), list[RegionEdges]()
+    search = RegionSearch(hill, amplitudes, low, high, progress)
+    found = list[RegionEdges]()
     for kind, share in SHARES.items():
         if kind in kinds:
             found += search.combinations() if share is None else search.on_axis(kind, share)
