@@ -13,6 +13,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import pipedyn as pp
+from pipedyn.forced import combinations
 from pipedyn.forced.parametric_search import RegionSearch, regions
 from pipedyn.forced.pulsating import Hill, PulsatingPipe
 
@@ -391,6 +392,36 @@ def test_pipes_are_unstable_inside_of_all_edges_and_stable_outside(seed, damping
             assert growing(model, at, edge + inward) > 0.0
             others = (edges[:, 0] < edge - inward) & (edge - inward < edges[:, 1])
             assert growing(model, at, edge - inward) < 1e-7 or others.any()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_edges_are_all_real_eigenvalues_of_the_quadratic_problem(share):
+    """The problem in w^2 has the roots of that in w, of twice the size."""
+    hill, amplitude = Hill(PulsatingPipe.of(MODEL.elastic_operators(), 5.0), 8), 0.6
+    of = hill.polynomial(share)
+    zero, slope, bend = of(0.0, amplitude), of.by((0,), 0.0, amplitude), of.by((0, 0), 0.0, 0.6)
+    upper = -np.linalg.solve(zero, np.hstack([slope, 0.5 * bend]))
+    values = np.linalg.eigvals(np.vstack([upper, np.eye(len(zero), 2 * len(zero))]))
+    every = 1.0 / values[np.abs(values) > 1e-9]
+    expected = np.sort(every[np.abs(every.imag) < 1e-8 * np.abs(every)].real)
+    found = hill.edges(share, amplitude, 30.0)
+    assert found.size > 3
+    np.testing.assert_allclose(found, expected[expected > 0.0], rtol=1e-9)
+
+
+@pytest.mark.parametrize(("beta", "mean", "low"), [(0.2, 5.5, 6.0), (0.3, 6.0, 8.0)])
+def test_growth_is_where_a_scan_with_small_steps_everywhere_finds_it(beta, mean, low, monkeypatch):
+    model = pp.Galerkin(pp.Pipe(beta, 10.0), 6, "legendre")
+    hill, counts, intervals = Hill(PulsatingPipe.of(model.elastic_operators(), mean), 18), [], []
+    for widest in (combinations.WIDEST_STEP, 1):
+        monkeypatch.setattr(combinations, "WIDEST_STEP", widest)
+        few = combinations.FewModes(hill, 0.6, low, 60.0)
+        seen = few.scanned(low, 60.0)
+        counts.append(len(seen))
+        (growth,) = few.unstable(seen)
+        intervals.append([end.inside.frequency for end in growth])
+    assert counts[0] < counts[1]
+    np.testing.assert_allclose(*intervals, rtol=1e-5)
 
 
 def test_progress_tells_the_share_of_amplitudes_and_of_regions(terminal):

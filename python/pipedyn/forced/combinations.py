@@ -44,6 +44,10 @@ rad."""
 WIDEST_STEP = 8
 """Number of steps of `SCANNED_PHASE` that are one where all motions decay fast."""
 
+STRONG = 8.0
+"""Multiplier with which motions do not cease to grow within a step of `SCANNED_PHASE`: where two
+modes grow like exp(sqrt(c^2 - p^2)), c would have to be larger than 27."""
+
 LARGEST_GAP = 0.6
 """Largest distance of two phases, in rad, at which they may pass each other before the next
 frequency."""
@@ -130,6 +134,7 @@ class FewModes:
         pipe, reach = hill.pipe, hill.many * low
         self.sharp = hill.is_hermitian or hill.is_real
         self._error = 0.0 if self.sharp else DAMPED_ERROR
+        self._ends = dict[tuple[float, float, int], GrowthEnd]()
         square = pipe.mean**2 * (1.0 + 0.5 * amplitude**2)
         values, right = (of + 0j for of in np.linalg.eig(pipe.companion(pipe.mean, square)))
         # Two modes that do not oscillate, as where the mean square of the speed buckles the pipe,
@@ -283,15 +288,20 @@ class FewModes:
     ) -> GrowthEnd:
         """The end of an interval of growth, narrowed down by bisection.
 
-        With an axis, 1 or -1, motions grow by a multiplier on the real axis with this sign.
+        With an axis, 1 or -1, motions grow by a multiplier on the real axis with this sign. Ends
+        are kept, as they are asked for again when the range of frequencies is widened.
         """
+        between = outside.frequency, inside.frequency, axis
+        if between in self._ends:
+            return self._ends[between]
         for _ in range(halvings):
             (middle,) = self.at(np.array([0.5 * (outside.frequency + inside.frequency)]))
             if (middle.real == axis) if axis else middle.growing:
                 inside = middle
             else:
                 outside = middle
-        return GrowthEnd(outside, inside, axis)
+        self._ends[between] = GrowthEnd(outside, inside, axis)
+        return self._ends[between]
 
     def _between(self, a: Multipliers, b: Multipliers) -> Iterator[Multipliers]:
         """Multipliers at frequencies where motions grow, between two at which no motion grows."""
@@ -338,12 +348,15 @@ def _finer(a: Multipliers, b: Multipliers) -> list[float]:
 
     Different motions grow at the two, motions grow at one of them only, or multipliers leave the
     real axis between them. There may be frequencies between at which no motion grows, or other
-    motions do.
+    motions do, unless motions grow fast at both.
     """
-    alike = a.values.size == b.values.size and (a.growing > 0) == (b.growing > 0)
+    before, largest = np.abs(a.values), np.abs(b.values)
+    if min(before.max(initial=0.0), largest.max(initial=0.0)) > STRONG:
+        return []
+    alike = before.size == largest.size and (a.growing > 0) == (b.growing > 0)
     if alike and a.growing:
-        onto, largest = _same_multipliers(a, b), np.abs(b.values)
-        fastest = onto[int(np.argmax(np.abs(a.values)))]
+        onto = _same_multipliers(a, b)
+        fastest = onto[int(np.argmax(before))]
         alike = fastest >= 0 and bool(largest[fastest] > 0.999999 * largest.max())
     if alike:
         return []
