@@ -44,7 +44,7 @@ rad."""
 WIDEST_STEP = 8
 """Number of steps of `SCANNED_PHASE` that are one where all motions decay fast."""
 
-STRONG = 8.0
+SURE_GROWTH = 8.0
 """Multiplier with which motions do not cease to grow within a step of `SCANNED_PHASE`: where two
 modes grow like exp(sqrt(c^2 - p^2)), c would have to be larger than 27."""
 
@@ -351,7 +351,7 @@ def _finer(a: Multipliers, b: Multipliers) -> list[float]:
     motions do, unless motions grow fast at both.
     """
     before, largest = np.abs(a.values), np.abs(b.values)
-    if min(before.max(initial=0.0), largest.max(initial=0.0)) > STRONG:
+    if min(before.max(initial=0.0), largest.max(initial=0.0)) > SURE_GROWTH:
         return []
     alike = before.size == largest.size and (a.growing > 0) == (b.growing > 0)
     if alike and a.growing:
