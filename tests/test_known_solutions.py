@@ -87,6 +87,18 @@ def test_an_unstable_cycle_next_to_a_stable_one_leaves_it_open_where_motions_end
     assert ends_on(with_separate_regions([cycle, near]), cycle.orbit, distances) == NOWHERE
 
 
+def test_regions_are_the_same_if_solutions_become_known_one_by_one(cycle):
+    near = at_distances(False, pp.limit_cycle(MODEL, 1.001 * SPEED).orbit)
+    leaning = equilibria_near(MODEL, [np.zeros(3)], SPEED)
+    every = [near, cycle, *leaning, at_distances(True, cycle.orbit, -1.0), near.mirrored(False)]
+    one_by_one = []
+    for one in every:
+        one_by_one = with_separate_regions([*one_by_one, one], len(one_by_one))
+    radii = [one.region.radius for one in with_separate_regions(every)]
+    assert [one.region.radius for one in one_by_one] == radii
+    assert max(radii) > 2.0 * min(radii)
+
+
 def test_equilibria_and_their_stability_are_those_of_a_pipe_that_leans():
     model = pp.Chain(pp.Pipe(0.2, -20.0), 2)
     known = pp.equilibria(model, 1.0)

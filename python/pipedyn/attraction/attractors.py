@@ -19,7 +19,7 @@ from pipedyn.attraction.attractor import Attractor
 from pipedyn.attraction.motion_ends import RECORD_FACTOR, Case, motion_ends
 from pipedyn.attraction.motion_options import FIRST_LOOK, SAMPLES_A_TIME, MotionOptions
 from pipedyn.attraction.regions import NOWHERE, STOPPED
-from pipedyn.attraction.solutions import Solution, equilibria_near
+from pipedyn.attraction.solutions import Solution, equilibria_near, with_separate_regions
 from pipedyn.equilibrium.equilibria import EQUILIBRIA_DOF, searched
 from pipedyn.models.base import Model, loses_energy
 from pipedyn.models.drive import LARGEST_SPEED, Harmonic, Pulsation, Supply
@@ -461,7 +461,8 @@ def _stable_equilibria(model: Model, drive: Excitation) -> list[Solution]:
         return []
     q = known.q[known.stable]
     places = model.from_user(q, np.zeros_like(q))[:, : model.integrated]
-    return [one for one in equilibria_near(model, places, drive.mean) if one.attracts]
+    found = equilibria_near(model, places, drive.mean)
+    return with_separate_regions([one for one in found if one.attracts])
 
 
 def _share(ends: NDArray[np.int_], end: int) -> Share:

@@ -181,6 +181,7 @@ class Case:
     """A flow, the solutions that are known there, and the starts and ends of motions.
 
     Attributes:
+        solutions: the solutions, whose regions leave out one another.
         starts: states [p, p'], (2 integrated,) each, by number.
         ends: ends of the motions, by the number of the start.
     """
@@ -222,7 +223,7 @@ class Case:
             number = self.number_at(new.attractor.end, new.period)
             if number == NOWHERE:
                 number = len(self.solutions)
-                self.solutions = with_separate_regions([*self.solutions, new])
+                self.solutions = with_separate_regions([*self.solutions, new], number)
             numbers.append(number)
         return numbers[0]
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -156,17 +157,23 @@ class Region:
         """
         scaled = self._without_turns(states) * self.units
         found, near = self._tree.query(scaled, distance_upper_bound=most + self._reach)
-        missed = np.isinf(found)
-        near[missed] = 0
-        away, near = scaled - self._tree.data[near], near % len(self.points)
+        met = np.isfinite(found)
+        differences, near = np.full(scaled.shape, math.inf), np.where(met, near, 0)
+        away, points = scaled[met] - self._tree.data[near[met]], near[met] % len(self.points)
         if self.rates is not None:
             # The difference, to third order in the time by which the state is ahead of the point.
-            once, twice = self.rates[:, near] * self.units
+            once, twice = self.rates[:, points] * self.units
             ahead = np.sum(once * away, axis=1, keepdims=True)
             ahead /= np.maximum(np.sum(once**2, axis=1, keepdims=True), 1e-300)
             away -= ahead * once + 0.5 * ahead**2 * twice
-        away[missed] = math.inf
-        return away, near
+        differences[met] = away
+        return differences, near % len(self.points)
+
+    def within(self, radius: float) -> Region:
+        """The region with another radius; it keeps what was computed of its points."""
+        made = copy(self)
+        made.__dict__["radius"] = radius
+        return made
 
     def mirrored(self, shifts: bool = False) -> Region:
         """The region of the mirror image; it is half a period later if `shifts` is true."""

@@ -125,20 +125,28 @@ class Solution:
         return replace(self, attractor=image, region=region, orbit=orbit)
 
 
-def with_separate_regions(solutions: Sequence[Solution]) -> list[Solution]:
+def with_separate_regions(solutions: Sequence[Solution], known: int = 0) -> list[Solution]:
     """Solutions, with regions that leave out all other solutions, except around irregular ones.
 
-    A region extends over the share REGION_SHARE of the way there at most. As a cycle may cross or
-    touch another in the state space, a radius of ten times FLOOR is always left.
+    A region extends over the share REGION_SHARE of the way there at most. Around a solution that
+    does not attract, which serves to recognise motions that repeat, it leaves out others that
+    repeat and extends no farther than SAME_ATTRACTOR. As a cycle may cross or touch another in the
+    state space, a radius of ten times FLOOR is always left.
+
+    Args:
+        solutions: the solutions.
+        known: number of solutions, from the first on, whose regions leave out one another already.
     """
     found: list[Solution] = []
-    for one in solutions:
+    for k, one in enumerate(solutions):
         region = one.region
         if not math.isnan(one.period):
-            points = [other.region.points for other in solutions if other is not one]
-            apart = [region.distances(some, region.radius / REGION_SHARE).min() for some in points]
-            radius = min([region.radius, *(REGION_SHARE * distance for distance in apart)])
-            region = replace(region, radius=max(float(radius), 10.0 * FLOOR))
+            radius = region.radius if one.attracts else min(region.radius, SAME_ATTRACTOR)
+            for other in solutions[known if k < known else 0 :]:
+                if other is not one and (one.attracts or not math.isnan(other.period)):
+                    apart = region.distances(other.region.points, radius / REGION_SHARE).min()
+                    radius = min(radius, REGION_SHARE * float(apart))
+            region = region.within(max(radius, 10.0 * FLOOR))
         found.append(replace(one, region=region))
     return found
 
