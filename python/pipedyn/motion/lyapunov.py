@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,8 +22,9 @@ import numpy as np
 from pipedyn.models.base import Model
 from pipedyn.models.drive import Base, Pulsation, steady_speed
 from pipedyn.models.pipe import Pipe
-from pipedyn.motion.integrator import integrate
+from pipedyn.motion.integrator import Observer, Task, integrate
 from pipedyn.motion.simulate import (
+    BATCH,
     MotionStopped,
     Start,
     Trajectory,
@@ -219,8 +221,6 @@ def exponents_together(
     apart, error = (CLOSE, 1e-6 * CLOSE) if alone else (APART, 1e-3 * APART)
     each = max(math.ceil(duration / blocks / interval), 1)
     step = interval if driven else duration / blocks / each
-    before = math.ceil(transient / step)
-    size = states[0].size
     p, rates = np.split(states[0], 2)
     first = checked_task(
         *(model, speeds[0], step, p, rates),
@@ -230,23 +230,63 @@ def exponents_together(
         base=base,
         members=2 * len(states),
     )
-    here = np.array(states)
+    tasks = [replace(first, u=u, start=y) for u, y in zip(speeds, states, strict=True)]
+    # All intervals of a batch are one job: a job for each of them takes twice as long.
+    measured = partial(
+        _measured,
+        apart=apart,
+        transient=transient,
+        blocks=blocks,
+        each=each,
+        alone=alone,
+        progress=shown,
+    )
+    return [found for (found,) in in_batches(tasks, measured, members=BATCH // 2)]
+
+
+def _measured(
+    tasks: Sequence[Task],
+    shown: bool,
+    observer: Observer,
+    apart: float,
+    transient: float,
+    blocks: int,
+    each: int,
+    alone: bool,
+    progress: bool,
+) -> list[tuple[LyapunovExponent | MotionStopped]]:
+    """The largest exponents of the motions of a batch, each from its own start.
+
+    Each is in a tuple, since an exception by itself would be the failure of the whole batch.
+
+    Args:
+        tasks: motions over one interval.
+        shown: as for `integrate`.
+        observer: as for `integrate`.
+        apart: distance of neighbours at the start of each interval.
+        transient: time before the exponent is measured.
+        blocks: number of blocks.
+        each: number of intervals in a block.
+        alone: as for `exponents_together`.
+        progress: whether to count intervals on stderr.
+    """
+    model, step, size = tasks[0].model, float(tasks[0].times[0]), tasks[0].start.size
+    before = math.ceil(transient / step)
+    here = np.array([task.start for task in tasks])
     beside = [np.split(y + apart * _any_direction(size), 2) for y in here]
     away = np.array([np.concatenate(model.onto_constraints(*pair)) for pair in beside]) - here
     away *= apart / np.linalg.norm(away, axis=1, keepdims=True)
-    growth = np.zeros((before + blocks * each, len(states)))
+    growth = np.zeros((before + blocks * each, len(tasks)))
     answers = dict[int, LyapunovExponent | MotionStopped]()
-    for i in track(range(len(growth)), len(growth), "exponent", shown):
-        going = [k for k in range(len(states)) if k not in answers]
-        tasks = [
-            replace(first, u=speeds[k], start=y)
-            for k in going
-            for y in (here[k], here[k] + away[k])
-        ]
-        outcomes = in_batches(tasks, integrate) if tasks else []
+    for i in track(range(len(growth)), len(growth), "exponent", progress):
+        going = [k for k in range(len(tasks)) if k not in answers]
+        if not going:
+            break
+        pairs = [replace(tasks[k], start=y) for k in going for y in (here[k], here[k] + away[k])]
+        outcomes = integrate(pairs, shown, observer)
         for place, k in enumerate(going):
             both = slice(2 * place, 2 * place + 2)
-            for task, outcome in zip(tasks[both], outcomes[both], strict=True):
+            for task, outcome in zip(pairs[both], outcomes[both], strict=True):
                 if outcome[2] is not None:
                     [(motion, why)] = assembled([task], [outcome])
                     answers[k] = MotionStopped(f"the motion stopped: {why}", motion)
@@ -257,11 +297,9 @@ def exponents_together(
             if alone and not apart / PARTED < distance < apart * PARTED:
                 if len(growth) > 0.25 * MOST_INTERVALS:
                     raise NotConverged("neighbouring motions part or meet in no time")
-                return exponents_together(
-                    *(model, speeds, states, duration, transient, blocks, 0.25 * step),
-                    alone=True,
-                    shown=shown,
-                )
+                shorter = [replace(task, times=0.25 * task.times) for task in tasks]
+                given = shorter, shown, observer, apart, transient, blocks, 4 * each
+                return _measured(*given, alone, progress)
             growth[i, k] = math.log(distance / apart)
             away[k] = (other - one) * (apart / distance)
             half = (i + 1) // (2 * blocks) * blocks
@@ -270,6 +308,6 @@ def exponents_together(
                 if late.value > BEYOND_DOUBT * late.spread:
                     answers[k] = late
     return [
-        answers.get(k) or _from_growth(growth[before:, k], step, blocks, here[k], model.pipe)
-        for k in range(len(states))
+        (answers.get(k) or _from_growth(growth[before:, k], step, blocks, here[k], model.pipe),)
+        for k in range(len(tasks))
     ]
