@@ -18,7 +18,7 @@ from pipedyn.curves.event_plane import EventPlane
 from pipedyn.linear.plane import Plane, Scale, Window
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.orbit_continuation import FINE, branch_steps, from_hopf, orbit_at
-from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.newton import NewtonFailed, newton
 
 
 def circle_equations(x, p):
@@ -245,3 +245,23 @@ def test_with_folds_of_the_onset_that_one_is_followed_which_the_cycles_come_from
         other = pp.crossings(pp.Chain(pp.Pipe(float(beta)), 6), 8.0)
         assert min(abs(c.speed - speed) for c in other) < 1e-9
     assert (np.diff(speeds[known]) > 0.0).all() == (which != 1)
+
+
+def test_newtons_method_gives_up_a_search_that_diverges_at_its_second_step():
+    def searched(start, **rules):
+        """Newton's method for arctan x = 0, which converges from |x| < 1.39 only."""
+        sizes = []
+
+        def correction(x):
+            step = -(1.0 + x**2) * np.arctan(x)
+            sizes.append(abs(step))
+            return step, sizes[-1]
+
+        try:
+            return newton(start, correction, tolerance=1e-12, **rules), len(sizes)
+        except NewtonFailed:
+            return None, len(sizes)
+
+    assert searched(1.3, hopeless=3.0)[0] == pytest.approx(0.0, abs=1e-12)
+    assert searched(1.5, iterations=6) == (None, 6)
+    assert searched(1.5, iterations=6, hopeless=3.0) == (None, 2)

@@ -19,9 +19,11 @@ from pipedyn.orbits.periodic_orbit import PeriodicOrbit, interpolated, refined
 from pipedyn.util.check import Array
 from pipedyn.util.newton import NewtonFailed
 
-NEWTON_STEPS = 5
+WHILE_NEAR = 5, 0.05
 """Number of Newton steps from a motion's last period after which no cycle is taken to be near: the
-search took one to three steps for the cycles of seven pipes."""
+search took one to three steps for the cycles of seven pipes. Second, size of a slow step, relative
+to the cycle, beyond which none is: on the way to 486 cycles of random pipes slow steps were at most
+0.024, and of 146 searches in vain, mostly from chaotic motions, this ends most in two steps."""
 
 REST_EXTENT = 1e-5
 """Peak-to-peak value of an orbit, in rad or in coordinates of a reduced model, below which it is at
@@ -76,7 +78,7 @@ def solved_cycle(
         raise NewtonFailed(f"no cycle is solved for with more than {LARGEST_CYCLE} freedoms")
     states, frequency = last_period(stretch, farthest)
     motion, u = drive.field(model, stretch.recurrence[3]), drive.mean
-    orbit = solved_anew(motion, states, frequency, u, False, COARSE, NEWTON_STEPS)
+    orbit = solved_anew(motion, states, frequency, u, False, COARSE, *WHILE_NEAR)
     if orbit.size < REST_EXTENT:
         raise NewtonFailed("the motion comes to rest")
     for within in (ROUGHLY, CLOSELY):
@@ -84,7 +86,7 @@ def solved_cycle(
         if once is orbit and within == CLOSELY:
             break
         frequency = once.frequency
-        orbit = solved_anew(motion, once.states, frequency, u, False, FINE, NEWTON_STEPS)
+        orbit = solved_anew(motion, once.states, frequency, u, False, FINE, *WHILE_NEAR)
     if model.pipe.has_kinks and model.kinks_known:  # multipliers need a mesh with points at kinks
         twice = np.full(len(orbit.starts), 2)
         orbit = solved(motion, refined(motion, orbit, twice, at_kinks=True), FINE.tolerance)

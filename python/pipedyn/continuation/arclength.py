@@ -95,6 +95,9 @@ class Continuation(ABC):
         control: how steps are taken.
     """
 
+    hopeless = math.inf
+    """Size of a slow Newton step beyond which Newton's method fails at once."""
+
     def __init__(self, weights: Array, control: Control) -> None:
         self.weights, self.control = weights, control
 
@@ -181,6 +184,7 @@ class Continuation(ABC):
             longest=control.longest_change,
             iterations=control.iterations,
             patience=control.patience,
+            hopeless=self.hopeless,
             check=self.check,
         )
         assert last is not None

@@ -396,10 +396,12 @@ def solved(
     orbit: PeriodicOrbit,
     tolerance: float,
     iterations: int = OrbitControl.iterations,
+    hopeless: float = math.inf,
 ) -> PeriodicOrbit:
     """The periodic orbit near another at its speed, on its mesh; NewtonFailed if none is found.
 
     iterations: number of Newton steps after which the search fails.
+    hopeless: as for `newton`.
     """
     control = OrbitControl(
         longest=math.inf,
@@ -409,6 +411,7 @@ def solved(
         patience=None,
     )
     problem = OrbitProblem(motion, orbit, control, unit=1.0, speed_varies=False)
+    problem.hopeless = hopeless
     z = orbit.packed()
     return problem.orbit(problem.fixed(z, float(z[-1])))
 

@@ -94,13 +94,15 @@ def solved_anew(
     symmetric: bool,
     how: OrbitControl,
     iterations: int = OrbitControl.iterations,
+    hopeless: float = math.inf,
 ) -> PeriodicOrbit:
     """The periodic orbit near states at a speed, on as coarse a mesh as resolves it.
 
-    The states [p, p'] are a function of phases, (k,), to (2 integrated, k).
+    The states [p, p'] are a function of phases, (k,), to (2 integrated, k). The last two arguments
+    are those of `solved`.
     """
     guess = resolved_orbit(motion, states, frequency, u, symmetric, how.defect)
-    return solved(motion, guess, how.tolerance, iterations)
+    return solved(motion, guess, how.tolerance, iterations, hopeless)
 
 
 # --------------------------------------------------------------------------------- beginnings

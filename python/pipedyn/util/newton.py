@@ -30,6 +30,7 @@ def newton(
     longest: float = math.inf,
     iterations: int = 25,
     patience: int | None = None,
+    hopeless: float = math.inf,
     check: Callable[[State], None] = lambda x: None,
 ) -> State:
     """The solution that Newton's method finds from a start.
@@ -40,8 +41,8 @@ def newton(
     a share of the step to the iterate; the share is below 1 if the size exceeds `longest`. The
     iteration ends with a step whose size is at most `tolerance`. A step is slow if it is longer
     than half the one before; a slow step of at most `stagnation` ends the iteration, too, since it
-    is due to rounding only. After `patience` slow steps in a row, or `iterations` steps in all, the
-    method fails.
+    is due to rounding only. After `patience` slow steps in a row, one slow step of more than
+    `hopeless`, or `iterations` steps in all, the method fails.
 
     Raises:
         NewtonFailed: if a step is not finite, a matrix is singular, `check` raises it for an
@@ -61,6 +62,8 @@ def newton(
                 raise NewtonFailed("Newton's method met numbers that are not finite") from error
         check(moved)
         slowly = step >= 0.5 * last
+        if slowly and step > hopeless:
+            break
         if step <= tolerance or (slowly and step <= stagnation):
             return moved
         slow = slow + 1 if slowly else 0
