@@ -35,8 +35,11 @@ def cycle():
     return at_distances(True, pp.limit_cycle(MODEL, SPEED).orbit)
 
 
-def ends_on(solutions, orbit, distances, sign=1.0):
-    """Which of the solutions a motion ends on that is so far beside an orbit in each period."""
+def ends_on(solutions, orbit, distances, sign=1.0, looks=1):
+    """Which of the solutions a motion ends on that is so far beside an orbit in each period.
+
+    looks: number of times that its samples are looked at, at equal intervals.
+    """
     y = sign * orbit.states(np.tile(PHASES, len(distances))).T
     states = y + np.repeat(distances, BLOCK)[:, None] * ASIDE
     stable = [one for one in solutions if one.attracts]
@@ -46,7 +49,8 @@ def ends_on(solutions, orbit, distances, sign=1.0):
         phases=np.zeros((BLOCK, 0)),
     )
     arrivals = Arrivals([task])
-    arrivals.ended(states[None], np.array([len(states)]))
+    for look in range(1, looks + 1):
+        arrivals.ended(states[None], np.array([look * len(states) // looks]))
     [approach] = arrivals.approaches
     return solutions.index(stable[approach.region]) if approach.reached else NOWHERE
 
@@ -78,6 +82,8 @@ def test_motions_end_on_what_they_come_near_to(cycle, distances, ends):
     still = equilibria_near(MODEL, [np.zeros(3)], SPEED)
     assert not still[0].attracts
     assert (ends_on([mirrored, *still], orbit, distances, -1.0) == 0) == ends
+    for looks in (3, 8, 100):  # several blocks at a look, each at one, or most looks without one
+        assert (ends_on([cycle, *still], orbit, distances, looks=looks) == 0) == ends
 
 
 def test_an_unstable_cycle_next_to_a_stable_one_leaves_it_open_where_motions_end(cycle):

@@ -145,10 +145,31 @@ class Region:
 
     def coordinates(self, states: Array) -> Complex:
         """The Floquet coordinates, (k, coordinates), of states, (k, 2 integrated)."""
+        return self._coordinates(*self._differences(states, math.inf))
+
+    def _coordinates(self, away: Array, near: NDArray[np.intp]) -> Complex:
         assert self.floquet is not None
-        away, near = self._differences(states, math.inf)
         rows = self.floquet.rows
         return np.asarray(np.einsum("kci,ki->kc", rows[near % len(rows)], away / self.units))
+
+    def of_blocks(self, blocks: Array) -> tuple[Array, Array]:
+        """Largest distance of the states of k blocks, (k,), infinite where larger than the radius.
+
+        Second come mean squares of Floquet coordinates over each block, (k, coordinates): 0 where
+        the distance is infinite, and no coordinates if they are not known. blocks: states as for
+        `distances`, with the phases of the drive, shape (k, S, 2 integrated).
+        """
+        count, each, _ = blocks.shape
+        away, near = self._differences(blocks.reshape(-1, blocks.shape[2]), self.radius)
+        largest = np.linalg.norm(away, axis=1).reshape(count, each).max(axis=1)
+        largest[largest > self.radius] = math.inf
+        within = np.isfinite(largest)
+        squares = np.zeros((count, 0 if self.floquet is None else self.floquet.decay.size))
+        if self.floquet is not None and within.any():
+            every = np.repeat(within, each)
+            found = self._coordinates(away[every], near[every])
+            squares[within] = (np.abs(found) ** 2).reshape(-1, each, found.shape[1]).mean(axis=1)
+        return largest, squares
 
     def _differences(self, states: Array, most: float) -> tuple[Array, NDArray[np.intp]]:
         """Scaled differences of states from the attractor, infinite if larger than `most`.
@@ -159,6 +180,8 @@ class Region:
         found, near = self._tree.query(scaled, distance_upper_bound=most + self._reach)
         met = np.isfinite(found)
         differences, near = np.full(scaled.shape, math.inf), np.where(met, near, 0)
+        if not met.any():
+            return differences, near
         away, points = scaled[met] - self._tree.data[near[met]], near[met] % len(self.points)
         if self.rates is not None:
             # The difference, to third order in the time by which the state is ahead of the point.
@@ -270,46 +293,49 @@ class Arrivals(Observer):
             task = self.tasks[members[0]]
             span = np.arange(len(task.phases)) * task.every
             size = span.size * task.every
-            while True:
-                whole = samples[members] > self.blocks[members] * size + span[-1]
-                ready = members[whole & [not self.approaches[one].reached for one in members]]
-                if not ready.size:
-                    break
-                places = self.blocks[ready, None] * size + span
+            # A block is whole once its last sample is computed.
+            whole = (samples[members] - 1 - span[-1]) // size + 1
+            counts = np.maximum(whole - self.blocks[members], 0)
+            if counts.any():
+                numbers = [np.arange(end - k, end) for k, end in zip(counts, whole, strict=True)]
+                ready = np.repeat(members, counts)
+                places = np.concatenate(numbers)[:, None] * size + span
                 self._compare(task, ready, states[ready[:, None], places, : self.rows])
-                self.blocks[ready] += 1
+                self.blocks[members] += counts
         return [member for member, one in enumerate(self.approaches) if one.reached]
 
     def _compare(self, task: ApproachTask, members: NDArray[np.intp], blocks: Array) -> None:
         """Notes how members, whose tasks have the same regions, have approached these.
 
-        blocks: compared samples of each member, (k, samples, rows).
+        members: the member of each block, (k,); blocks of one member are in the order of time.
+        blocks: compared samples, (k, samples, rows).
         """
         if task.phases.size:
             phases = np.broadcast_to(task.phases, (len(blocks), *task.phases.shape))
             blocks = np.concatenate([blocks, phases], axis=2)
         last = np.stack([region.distances(blocks[:, -1]) for region in task.regions])
         nearest = np.where(np.isfinite(last.min(axis=0)), last.argmin(axis=0), NOWHERE)
-        before = [self.approaches[member] for member in members]
-        for member in members:
-            self.approaches[member] = Approach()
+        time = (task.times[1] - task.times[0]) * blocks.shape[1] * task.every
+        largest, squares = np.full(len(blocks), math.inf), [np.zeros(0)] * len(blocks)
         for k in set(nearest.tolist()) - {NOWHERE}:
-            region, some = task.regions[k], np.flatnonzero(nearest == k)
-            largest = region.distances(blocks[some]).max(axis=1)
-            for place, distance in zip(some.tolist(), largest.tolist(), strict=True):
-                if distance == math.inf:
-                    continue
-                approach, near = before[place], FLOOR
-                if approach.region == k:
-                    near = max(near, ARRIVAL_SHARE * approach.first)
-                else:
-                    approach = Approach(k, distance)
+            some = np.flatnonzero(nearest == k)
+            largest[some], means = task.regions[k].of_blocks(blocks[some])
+            for i, mean in zip(some.tolist(), means, strict=True):
+                squares[i] = mean
+        for i, (member, k) in enumerate(zip(members.tolist(), nearest.tolist(), strict=True)):
+            before, distance = self.approaches[member], float(largest[i])
+            if before.reached:
+                continue
+            approach, near = Approach(), FLOOR
+            if distance < math.inf:
+                approach = before if before.region == k else Approach(k, distance)
+                if before.region == k:
+                    near = max(near, ARRIVAL_SHARE * before.first)
                 approach = replace(approach, reached=distance <= near)
-                if region.floquet is not None:
-                    squares = np.abs(region.coordinates(blocks[place])) ** 2
-                    time = (task.times[1] - task.times[0]) * blocks.shape[1] * task.every
-                    approach = approach.later(time, squares.mean(axis=0), region.floquet.decay)
-                self.approaches[members[place]] = approach
+                floquet = task.regions[k].floquet
+                if floquet is not None:
+                    approach = approach.later(time, squares[i], floquet.decay)
+            self.approaches[member] = approach
 
 
 def approach_outcomes(

@@ -345,7 +345,7 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
     left = set[int]()  # members whose motion the observer has ended
 
     def reached() -> Iterator[int]:
-        """Yields the index of each sample once all members have it or have ended."""
+        """Yields the index of each sample once all members have it or have ended, if `shown`."""
         done, finished, allowed = 0, False, min(FORECAST, observer.stretch)
         while not finished and observer.end is None:
             follows = observer.recorder is not None
@@ -384,7 +384,8 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
                 allowed = max(1, min(monitor.next_check - monitor.calls, observer.stretch))
             until = min((now[j].samples for j in going), default=count)
             until = min(until, count) // first.finer
-            yield from range(done, until)
+            if shown:
+                yield from range(done, until)
             done = until
 
     for _ in track(reached(), count // first.finer, "motion", shown):
