@@ -13,6 +13,9 @@ void states_at(const Polynomials& orbit, const Vector& phases, Eigen::Map<Matrix
   const Index s = orbit.single.cols(), half = orbit.rates.cols(), count = orbit.starts.rows();
   const double *const edges = orbit.edges.data(), span = edges[count];
   Vector legendre = Vector::Ones(s + 2), single(s), twofold(s);
+  // L(j) = x L(j - 1) + less(j) (x L(j - 1) - L(j - 2)), without the division in the recursion.
+  const Vector less =
+      1.0 - Vector::LinSpaced(s + 2, 0.0, static_cast<double>(s + 1)).array().inverse();
   for (Index k = 0; k < phases.size(); ++k) {
     const double turns = std::floor(phases[k] / span), inside = phases[k] - turns * span;
     const Index m = std::max<Index>(std::upper_bound(edges, edges + count, inside) - edges - 1, 0);
@@ -20,9 +23,8 @@ void states_at(const Polynomials& orbit, const Vector& phases, Eigen::Map<Matrix
     const double share = (inside - edges[m]) / width, x = 2.0 * share - 1.0;
     legendre[1] = x;
     for (Index j = 2; j < s + 2; ++j) {
-      const double order = static_cast<double>(j);
-      legendre[j] =
-          ((2.0 * order - 1.0) * x * legendre[j - 1] - (order - 1.0) * legendre[j - 2]) / order;
+      const double next = x * legendre[j - 1];
+      legendre[j] = next + less[j] * (next - legendre[j - 2]);
     }
     single.noalias() = h * orbit.single.transpose().lazyProduct(legendre.head(s + 1));
     twofold.noalias() = h * h * orbit.twofold.transpose().lazyProduct(legendre);

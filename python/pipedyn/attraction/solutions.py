@@ -220,13 +220,13 @@ def around_cycle(
 def cycle(model: Model, drive: Excitation, orbit: PeriodicOrbit, stable: bool) -> Solution:
     """The solution of an orbit whose period is a whole number of periods of the drive."""
     field, period = drive.field(model), 2.0 * math.pi / orbit.frequency
-    t = np.linspace(
-        0.0, TURNING_PERIODS * period, TURNING_PERIODS * SAMPLES_AN_INTERVAL * len(orbit.starts) + 1
-    )
-    states = orbit.states(orbit.frequency * t)
-    turnings = turning_points(t, field.tip(states), field.tip_velocity(states))
+    samples = SAMPLES_AN_INTERVAL * len(orbit.starts)
+    states = orbit.states(np.linspace(0.0, 2.0 * math.pi, samples, endpoint=False))
+    t = np.linspace(0.0, TURNING_PERIODS * period, TURNING_PERIODS * samples + 1)
+    once = field.tip(states), field.tip_velocity(states)
+    turnings = turning_points(t, *(np.resize(values, t.size) for values in once))
     count = max(round((maxima(turnings).size + 1) / TURNING_PERIODS), 1)
-    end = Attractor(drive.mean, -1, "periodic", count, turnings, states[:, -1].copy())
+    end = Attractor(drive.mean, -1, "periodic", count, turnings, states[:, 0].copy())
     region = around_cycle(model, drive, orbit.states, period, count, point_phases(orbit))
     if stable and not field.constrained and not drive.period:
         with suppress(LinAlgError):
