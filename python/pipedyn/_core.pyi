@@ -45,7 +45,6 @@ __all__: list[str] = [
     "orbit_states",
     "rounding",
     "set_vector_level",
-    "sines",
     "vector_level",
     "vector_levels",
 ]
@@ -640,9 +639,6 @@ def rounding(
     values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
 def set_vector_level(name: str) -> None: ...
-def sines(
-    angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-) -> numpy.typing.NDArray[numpy.float64]: ...
 def vector_level() -> str: ...
 def vector_levels() -> list[str]: ...
 
