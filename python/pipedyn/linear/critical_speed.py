@@ -647,7 +647,7 @@ class _Search:
         found = crossings_of(self.problem, self.swept, vouched, sensitive)
         if self.swept.failure:
             raise NotConverged(self.swept.failure, found)
-        return Converged(found, self.model.dof, 0.0)
+        return Converged(found, self.problem.dof, 0.0)
 
     def of_larger(self) -> tuple[Crossing, ...] | None:
         """Crossings of the larger model, if those of the smaller one account for all of them."""

@@ -280,8 +280,9 @@ def is_weakly_damped(pipe: Pipe) -> bool:
     They are not hidden in an undamped pipe that is held at both ends: it is conservative, and the
     search takes its roots as lying on the axis.
     """
-    weak = 0.0 < _size(pipe) < WEAK
-    return weak and not (pipe.end_held and not (pipe.damping or pipe.hysteresis))
+    if pipe.beta > STRONG**2 or not 0.0 < _size(pipe) < WEAK:
+        return False
+    return not pipe.end_held or bool(pipe.damping or pipe.hysteresis)
 
 
 def strengthened(pipe: Pipe) -> list[Pipe]:

@@ -345,7 +345,7 @@ class Model(OfPipe, ABC):
         pipe, rest = self._pipe, self._reference
         size = 1.0 + abs(pipe.gamma) + pipe.alpha * u**2
         if rest is None:  # only an inclined jet loads the straight pipe across
-            return pipe.thrust_across * u**2 / size
+            return pipe.thrust_across * u**2 / size if pipe.jet_angle else 0.0
         turning = self.motion_rates(np.concatenate([rest, np.zeros_like(rest)]), u)[rest.size :]
         left = self.operators(rest).mass @ (self.free_directions(rest).T @ turning)
         return float(np.abs(left).max()) / size

@@ -436,8 +436,6 @@ class Pipe(Saved):
 
         It is 0 if the end is held, and for a jet along the axis.
         """
-        if self.jet_angle == 0.0:
-            return 0.0
         across = self.alpha * abs(math.sin(self.jet_angle))
         return 0.0 if self.end_held or across < 1e-15 else across
 

@@ -127,10 +127,10 @@ class SegmentModel(Model):
         push = -math.sqrt(pipe.beta) * (np.conj(along_pipe) * beyond).imag
         return np.stack([still, self._lengths * np.sin(theta - end), push], axis=1)
 
-    @cached_property
+    @property
     def dof(self) -> int:
         """Number of degrees of freedom: n less the number of nodes that constraints hold."""
-        return self.integrated - self._held.size
+        return self._lengths.size - self._held.size
 
     def _ends(self) -> Array:
         """Arc lengths where the segments begin and end, shape (n + 1,)."""

@@ -77,7 +77,7 @@ reduce the cost of a member."""
 LOOKS = 4
 """Number of times that the samples of a motion are looked at: they may not show it."""
 
-AT_ONCE = 16_000
+COORDINATES_AT_ONCE = 16_000
 """Number of coordinates in the states whose energies are computed at once: the processor's caches
 hold them."""
 
@@ -720,7 +720,7 @@ def _energies(model: Model, q: Array, qdot: Array, moves: Array | None) -> Array
     q and qdot have the shape (S, coordinates). moves: place, velocity and acceleration of the base,
     (3, 2, S), if it moves.
     """
-    found, few = [np.empty((2, 0))], math.ceil(AT_ONCE / model.coordinates)
+    found, few = [np.empty((2, 0))], math.ceil(COORDINATES_AT_ONCE / model.coordinates)
     for first in range(0, len(q), few):
         of = slice(first, first + few)
         states = np.concatenate([q[of].T, qdot[of].T])

@@ -53,7 +53,7 @@ def real(
     """The value as a float, refused unless it is a finite real number in an interval."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
-    if not _is_real(value):
+    if type(value) is not float and not _is_real(value):
         raise TypeError(f"{name} must be a real number, got {shown(value)}")
     try:
         number = float(value)
@@ -229,5 +229,5 @@ def doubles(name: str, value: Any, what: str) -> Array:
 
 
 def _is_real(value: Any) -> bool:
-    # Most values are floats, and `type` is much faster than `isinstance` of an abstract class.
+    # `type` is much faster than `isinstance` of an abstract class.
     return type(value) is float or (isinstance(value, Real) and not isinstance(value, NOT_NUMBERS))
