@@ -2,7 +2,9 @@
 #include "pipedyn/linear/crossings.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <span>
 #include <tuple>
 
 namespace pipedyn {
@@ -192,9 +194,11 @@ class Search {
   SharedSample take(double u) {
     // With lambda^2 the end of a sample may divide four roots of equal magnitude.
     Sample at = spectrum_.sample(u, range_.count + (traits_.squared ? 2 : 0));
-    std::vector<Index> moving;
-    for (Index i = spectrum_.standing(); i < at.size(); ++i) moving.push_back(i);
-    if (spectrum_.standing() > 0) at = {at.take(moving), u};
+    if (const Index standing = spectrum_.standing(); standing > 0) {
+      std::vector<Index> moving;
+      for (Index i = standing; i < at.size(); ++i) moving.push_back(i);
+      at = {at.take(moving), u};
+    }
     report_();
     if (traits_.squared) {
       Sample half{{.values = Values(at.size()), .slopes = Values(at.size())}, u};
@@ -327,7 +331,7 @@ class Search {
   /// Modes of the roots of a step's right sample, and whether they are unstable. Sees whether a
   /// root that is not tracked became unstable, or one that is tracked was lost.
   std::pair<Roots, Flags> moved(const Step& step) {
-    const Flags after = states_after(step);
+    const Flags& after = scanned_.after;
     const bool partly = range_.count < 2 * traits_.dof;
     const Index size = step.right->size();
     Roots modes(size, 0), every(size);
@@ -411,6 +415,7 @@ class Search {
     Scan found;
     found.after = states_after(step);
     found.leaving.assign(left.size(), 0);
+    found.roots.reserve(left.size());
     if (traits_.conservative && most_unstable(right.u) == 0) return found;  // no root can grow
     int turned = 0;
     for (Index i = 0; i < left.size(); ++i) {
@@ -486,7 +491,8 @@ class Search {
       double at;
       bool positive;
     };
-    std::vector<Point> points;
+    std::array<Point, 3> points;
+    auto end = points.begin();
     const double turns = c * c - 3.0 * slope * d;
     const double far = c + std::copysign(std::sqrt(std::max(turns, 0.0)), c);
     for (const double t : {-slope / far, -far / (3.0 * d)}) {
@@ -494,13 +500,13 @@ class Search {
       if (!(turns > 0.0 && t > 0.0 && t < 1.0) || traits_.conservative) continue;
       const double extremum = cubic(t);
       if (std::abs(extremum) <= band + noise && band > noise) found.clear = false;
-      if (std::abs(extremum) > noise) points.push_back({t, extremum > 0.0});
+      if (std::abs(extremum) > noise) *end++ = {t, extremum > 0.0};
     }
-    std::sort(points.begin(), points.end(), [](Point p, Point q) { return p.at < q.at; });
-    points.push_back({1.0, found.after[i] != 0});
+    std::sort(points.begin(), end, [](Point p, Point q) { return p.at < q.at; });
+    *end++ = {1.0, found.after[i] != 0};
     bool positive = unstable_[i] || found.leaving[i];
     double last = 0.0;
-    for (const Point& point : points) {
+    for (const Point& point : std::span(points.begin(), end)) {
       if (point.positive != positive) {
         const double low = cubic(last), high = cubic(point.at);
         // If the cubic does not change its sign, one end is within rounding of zero.

@@ -18,23 +18,27 @@ constexpr double entry_rounding = 8.0 * eps;
 constexpr double slow = 30.0;
 
 /// Real parts of values, followed by their imaginary parts.
-Reals parts_of(const Values& values) {
-  Reals parts(2 * values.size());
-  parts << values.real(), values.imag();
+Reals parts_of(const ValuesRef& values) {
+  const Index count = values.size();
+  Reals parts(2 * count);
+  for (Index i = 0; i < count; ++i) {
+    parts[i] = values[i].real();
+    parts[count + i] = values[i].imag();
+  }
   return parts;
 }
 
 /// Values from their real parts, followed by their imaginary parts.
 Values from_parts(const Reals& parts) {
-  Values values(parts.size() / 2);
-  values.real() = parts.head(values.size());
-  values.imag() = parts.tail(values.size());
+  const Index count = parts.size() / 2;
+  Values values(count);
+  for (Index i = 0; i < count; ++i) values[i] = {parts[i], parts[count + i]};
   return values;
 }
 
 }  // namespace
 
-Values Determinant::log_derivatives(double u, const Values& at, const Values& known) const {
+Values Determinant::log_derivatives(double u, const Values& at, const ValuesRef& known) const {
   const Index count = at.size();
   const Reals parts = parts_of(at), roots = parts_of(known);
   Reals out(2 * count);
@@ -162,7 +166,8 @@ std::vector<Number> static_pivots(const ChainModel& model, Complex speed) {
     const Number r = moment + d + l * (c + g), w = near_zero(at.across) + c + l * a;
     const Number h = g + turned, p = k + r;
     pivots.push_back(p);
-    const Number inverse{1.0 / p.value, {-p.slope(0) / (p.value * p.value)}};
+    const Complex share = std::conj(p.value) / std::norm(p.value);
+    const Number inverse{share, {-p.slope(0) * share * share}};
     a = a + near_zero(at.force) - (h + thrust) * w * inverse;
     b = (h * k - thrust * r) * inverse;
     c = w * k * inverse;

@@ -38,13 +38,13 @@ constexpr Index circle_points = 16;
 
 Values log_derivatives(const Determinant& of, double u, const Values& at,
                        const Approximations& roots) {
-  Values known(roots_in(roots));
+  Values known(2 * roots.size());
   Index k = 0;
   for (const Approximation& one : roots) {
     known[k++] = one.value;
     if (!one.alone) known[k++] = std::conj(one.value);
   }
-  return of.log_derivatives(u, at, known);
+  return of.log_derivatives(u, at, known.head(k));
 }
 
 Index roots_in(const Approximations& all) {
@@ -56,9 +56,11 @@ Index roots_in(const Approximations& all) {
 void sort_by_size(Approximations& all) {
   Values values(all.size());
   for (std::size_t i = 0; i < all.size(); ++i) values[i] = all[i].value;
+  const std::vector<Index> order = by_size(values);
+  if (std::ranges::is_sorted(order)) return;
   Approximations sorted;
   sorted.reserve(all.size());
-  for (const Index i : by_size(values)) sorted.push_back(all[i]);
+  for (const Index i : order) sorted.push_back(all[i]);
   all = std::move(sorted);
 }
 
@@ -199,7 +201,7 @@ std::size_t next_real(const Approximations& roots, std::size_t i) {
 Approximations expected(const Approximations& roots, double further, Complex delta, bool paired) {
   Approximations result;
   result.reserve(roots.size() + 8);
-  std::vector<bool> met(roots.size(), false);
+  std::vector<char> met(roots.size(), 0);
   for (std::size_t i = 0; i < roots.size(); ++i) {
     const std::size_t k = roots[i].alone && paired ? next_real(roots, i) : i;
     Approximation other = roots[k];
@@ -258,21 +260,22 @@ void break_symmetry(const Approximations& starts, Approximations& roots,
 bool correct_active(const Determinant& of, double u, Approximations& roots,
                     std::vector<std::size_t>& active, int most) {
   std::vector<double> last(roots.size(), infinite);  // relative corrections
-  std::vector<bool> shifted(roots.size(), false);
+  std::vector<char> shifted(roots.size(), 0);
   for (int step = 0; step < most && !active.empty(); ++step) {
     Values at(active.size());
     for (std::size_t i = 0; i < active.size(); ++i) at[i] = roots[active[i]].value;
     const Values found = log_derivatives(of, u, at, roots);
-    std::vector<std::size_t> moving;
+    std::size_t moving = 0;  // number of roots that go on, the first ones of `active`
     for (std::size_t i = 0; i < active.size(); ++i) {
       const std::size_t k = active[i];
-      const Complex change = 1.0 / found[i];
-      if (std::isnan(std::norm(found[i]))) {  // a pivot is 0 at this root or beside it
+      const double square = std::norm(found[i]);
+      const Complex change = std::conj(found[i]) / square;
+      if (std::isnan(square)) {  // a pivot is 0 at this root or beside it
         if (shifted[k]) continue;
         shifted[k] = true;
         last[k] = infinite;
         roots[k].value *= 1.0 + 1e-9;
-        moving.push_back(k);
+        active[moving++] = k;
         continue;
       }
       if (!std::isfinite(std::norm(change))) return false;
@@ -281,9 +284,9 @@ bool correct_active(const Determinant& of, double u, Approximations& roots,
       const bool quadratic = share < last_correction && share < 1e-3 * last[k];
       roots[k].value = at[i] - change;
       last[k] = share;
-      if (!quadratic && share > 1e-13 && size > 1e-16) moving.push_back(k);
+      if (!quadratic && share > 1e-13 && size > 1e-16) active[moving++] = k;
     }
-    active = std::move(moving);
+    active.resize(moving);
   }
   return true;
 }
@@ -293,6 +296,7 @@ bool correct_active(const Determinant& of, double u, Approximations& roots,
 bool correct(const Determinant& of, double u, Approximations& roots, int most) {
   const Approximations starts = roots;
   std::vector<std::size_t> active;
+  active.reserve(roots.size());
   for (std::size_t k = 0; k < roots.size(); ++k) {
     if (!roots[k].settled) active.push_back(k);
   }
@@ -321,6 +325,7 @@ bool has_all(const Determinant& of, double u, const Approximations& roots) {
 
 void separate(const Determinant& of, double u, bool squared, Approximations& roots) {
   std::vector<std::size_t> order;
+  order.reserve(roots.size());
   for (std::size_t i = 0; i < roots.size(); ++i) {
     if (!roots[i].alone) order.push_back(i);
   }

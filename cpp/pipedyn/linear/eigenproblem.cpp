@@ -63,7 +63,9 @@ bool is_good(const Pairs& pairs, Index i, bool high) {
   return (high ? has_converged : is_nearly_converged)(pairs.values[i], pairs.residual[i]);
 }
 
-bool is_finite(Complex value) { return std::isfinite(value.real()) && std::isfinite(value.imag()); }
+inline bool is_finite(Complex value) {
+  return std::isfinite(value.real()) && std::isfinite(value.imag());
+}
 
 /// The largest residual, infinite where one is not a number.
 double largest_residual_of(const Pairs& pairs) {
@@ -181,10 +183,13 @@ constexpr Reals Pairs::* reals[] = {&Pairs::residual, &Pairs::uncertain, &Pairs:
 }  // namespace
 
 std::vector<Index> by_size(const Values& values) {
-  const Reals sizes = values.abs2();
+  std::vector<double> sizes(values.size());
   std::vector<Index> order(values.size());
-  std::iota(order.begin(), order.end(), 0);
-  const auto size = [&](Index i) { return is_finite(values[i]) ? sizes[i] : infinite; };
+  for (Index i = 0; i < values.size(); ++i) {
+    order[i] = i;
+    sizes[i] = is_finite(values[i]) ? std::norm(values[i]) : infinite;
+  }
+  const auto size = [&](Index i) { return sizes[i]; };
   const auto sort = [](auto first, auto last, const auto& place) {  // mostly already sorted
     if (std::ranges::is_sorted(first, last, {}, place)) return;
     std::ranges::stable_sort(first, last, {}, place);
@@ -235,15 +240,17 @@ void Pairs::put(Index k, const Pairs& others, Index i) {
 
 Pairs Pairs::take(const std::vector<Index>& which) const {
   Pairs result;
+  const Index count = static_cast<Index>(which.size());
   for (const auto of : tables) {
     if ((this->*of).cols() > 0) result.*of = (this->*of)(Eigen::all, which);
   }
-  for (const auto of : complexes) {
-    if ((this->*of).size() > 0) result.*of = (this->*of)(which);
-  }
-  for (const auto of : reals) {
-    if ((this->*of).size() > 0) result.*of = (this->*of)(which);
-  }
+  const auto take = [&](const auto& from, auto& to) {  // Eigen would copy the indices
+    if (from.size() == 0) return;
+    to.resize(count);
+    for (Index k = 0; k < count; ++k) to[k] = from[which[k]];
+  };
+  for (const auto of : complexes) take(this->*of, result.*of);
+  for (const auto of : reals) take(this->*of, result.*of);
   return result;
 }
 

@@ -27,6 +27,7 @@ namespace pipedyn {
 using Index = Eigen::Index;
 using Complex = std::complex<double>;
 using Values = Eigen::ArrayXcd;
+using ValuesRef = Eigen::Ref<const Values>;
 using Reals = Eigen::ArrayXd;
 using ComplexVector = Eigen::VectorXcd;
 using ComplexTable = Eigen::MatrixXcd;  // (dof, count), one vector a column

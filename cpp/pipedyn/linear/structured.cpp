@@ -54,6 +54,8 @@ std::optional<Pairs> with_conjugates(const Pairs& found, const Approximations& r
                                      bool paired) {
   std::vector<Complex> values;
   std::vector<Index> from;
+  values.reserve(2 * found.size());
+  from.reserve(2 * found.size());
   for (Index i = 0; i < found.size(); ++i) {
     const Complex value(found.values[i].real() + 0.0, found.values[i].imag() + 0.0);  // -0 is 0
     values.push_back(value);
@@ -65,6 +67,7 @@ std::optional<Pairs> with_conjugates(const Pairs& found, const Approximations& r
   std::vector<Index> order = by_size(Eigen::Map<const Values>(values.data(), values.size())), which;
   if (static_cast<Index>(order.size()) < count) return std::nullopt;
   order.resize(count);
+  which.reserve(count);
   for (const Index i : order) which.push_back(from[i]);
   Pairs result = found.take(which);
   for (Index k = 0; k < count; ++k) {
@@ -199,7 +202,10 @@ std::optional<Pairs> Structured::from(Approximations roots, double u, Index coun
     roots[i].slope = roots[i].settled || !std::isfinite(std::norm(slope)) ? 0.0 : slope;
   }
   const bool paired = !traits.is_hysteretic();
-  if (paired) all = all.take(join_conjugates(roots, all.values));
+  if (paired) {
+    const std::vector<Index> left = join_conjugates(roots, all.values);
+    if (static_cast<Index>(left.size()) < all.size()) all = all.take(left);
+  }
   auto found = with_conjugates(all, roots, count, paired);
   if (!found) return found;
   if (known_.size() == most_known) known_.erase(known_.begin());
@@ -273,10 +279,10 @@ Pairs Structured::lowest(double u, Index count, bool left, bool high) {
   // At rest nothing grows without damping. In flow these roots are as accurate as those of any
   // energy balance.
   if (found && !traits.damped) found->by_left.setZero();
-  if (found && (good(*found) == count || traits.dof > dense_limit)) return *found;
+  if (found && (good(*found) == count || traits.dof > dense_limit)) return *std::move(found);
   if (traits.dof > dense_limit) throw NotConverged("eigenvalues are too close to be told apart");
   Pairs dense = Eigenproblem::lowest(u, count, left, high);
-  return found && good(*found) >= good(dense) ? *found : dense;
+  return found && good(*found) >= good(dense) ? *std::move(found) : dense;
 }
 
 void Structured::assume(double u, const Values& roots) {

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <set>
 #include <tuple>
 
 namespace pipedyn {
@@ -124,118 +123,149 @@ Roots matched(const Sample& left, const Sample& right, double h) {
   }
   const Values ahead = left.values + 0.5 * h * left.slopes;
   const Values behind = right.values - 0.5 * h * right.slopes;
-  std::vector<double> cost(size * size);
+  const Reals real = right.values.real(), imag = right.values.imag();
+  const Reals real_behind = behind.real(), imag_behind = behind.imag();
+  std::vector<double> cost(size * size);  // squares of distances, by roots of the left sample
+  Roots nearest(size, 0);
+  Flags taken(size, 0);
+  bool conflict = false;  // whether one root is the nearest to two
   for (Index i = 0; i < size; ++i) {
+    const Complex now = left.values[i], then = ahead[i];
     // Values within the reach of the step decide where slopes near a meeting cannot.
-    Eigen::Map<Reals>(&cost[i * size], size) =
-        (behind - ahead[i]).abs2().min((right.values - left.values[i]).abs2()).sqrt();
+    Eigen::Map<Reals> squares(&cost[i * size], size);
+    squares = ((real_behind - then.real()).square() + (imag_behind - then.imag()).square())
+                  .min((real - now.real()).square() + (imag - now.imag()).square());
+    squares.minCoeff(&nearest[i]);
+    conflict |= std::exchange(taken[nearest[i]], 1) != 0;
   }
+  if (!conflict) return nearest;
+  for (double& each : cost) each = std::sqrt(each);
   return assignment(cost, size);
 }
 
-/// Matches the two samples of a step.
-void match(Step& step, const Roots& tracked, const Cluster& cluster) {
-  const Sample &left = *step.left, &right = *step.right;
-  const Index size = left.size();
+/// Value at t in [0, 1] of the cubic that has two values and changes by its tangents at the ends.
+Complex cubic(Complex start, Complex tangent, Complex end, Complex end_tangent, double t) {
+  const double s = 1.0 - t;
+  return start * ((1.0 + 2.0 * t) * s * s) + end * ((3.0 - 2.0 * t) * t * t) +
+         (tangent * (t * s * s) - end_tangent * (t * t * s));
+}
+
+/// Curve of a root of the left sample.
+struct Curve {
+  Complex start, end, tangent, end_tangent;  // the tangents times the length of the step
+  double error = 0.0, extent = 0.0;          // others within this extent of its start may be near
+  int signature = 0;                         // of both ends; 0 where either has none
+  bool resting = false, zero = false, clustered = false;
+};
+
+/// Whether two curves need not be told apart.
+bool is_exempt(const Curve& one, const Curve& other) {
+  // Two roots of one signature at either end pass through each other on the axis.
+  const bool passing = one.signature != 0 && one.signature == other.signature;
+  return passing || (one.zero && other.zero) || (one.clustered && other.clustered);
+}
+
+/// Whether two roots of opposite signatures met: these leave the axis there. They have met, and may
+/// have come back to the axis, if either has taken the place or the signature of the other. They
+/// may also have met though each keeps its place: if the tangents at the start lead them together
+/// within the step, and the tangents at the end, followed back, do so too.
+bool have_met(const Curve& one, const Curve& other) {
+  if (one.signature * other.signature >= 0) return false;
+  if (!(one.start.imag() * other.start.imag() > 0.0)) return false;
+  const double before = (one.start - other.start).imag(), after = (one.end - other.end).imag();
+  const double closing = (other.tangent - one.tangent).imag() / before;
+  const double opening = (one.end_tangent - other.end_tangent).imag() / after;
+  return std::abs(one.signature) == 2 || before * after < 0.0 || std::min(closing, opening) > 1.0;
+}
+
+/// Whether two curves meet or pass so near each other that their errors hide which is which.
+bool is_near(const Curve& one, const Curve& other) {
+  if (have_met(one, other)) return true;
+  if (is_exempt(one, other)) return false;
+  const Complex start = one.start - other.start, end = one.end - other.end;
+  const Complex tangent = one.tangent - other.tangent;
+  const Complex end_tangent = one.end_tangent - other.end_tangent;
+  const double reach = errors_apart * (one.error + other.error);
+  constexpr int points = 9;
+  for (int p = one.resting && other.resting ? 1 : 0; p < points; ++p) {
+    const Complex apart = cubic(start, tangent, end, end_tangent, p / (points - 1.0));
+    if (std::norm(apart) < reach * reach) return true;
+  }
+  return false;
+}
+
+/// The curve of a root in a step; sets its slope and its error in the step.
+Curve curve_of(Step& step, Index i, const Cluster& cluster) {
   const double h = step.length();
-  step.onto = matched(left, right, h);
-  step.meets.assign(size, -1);
-  step.error.assign(size, infinite);
-  step.slopes = left.slopes;
-  Flags resting(size, 0);
-  for (Index i = 0; i < size; ++i) {
-    step.error[i] = magnitude(step.end(i) - step.start(i) -
-                              0.5 * h * (step.end_slope(i) + step.start_slope(i)));
-    resting[i] = left.u == 0.0 && left.values[i] == 0.0;
-    if (!resting[i]) continue;
+  Curve curve{.start = step.start(i),
+              .end = step.end(i),
+              .tangent = h * step.start_slope(i),
+              .end_tangent = h * step.end_slope(i)};
+  curve.error = magnitude(curve.end - curve.start - 0.5 * (curve.end_tangent + curve.tangent));
+  curve.resting = step.left->u == 0.0 && curve.start == 0.0;
+  if (curve.resting) {
     // Roots that are zero at rest (free joints) have no slope of their own there, and any of them
     // may continue as any other: lambda grows like u, or lambda^2 like u^2.
-    const Complex there = step.end(i), change = h * step.end_slope(i);
-    const double linear = 0.5 * std::abs(there - change), root = std::abs(there - 0.5 * change);
-    step.slopes[i] = linear < root ? there / h : 0.0;
-    step.error[i] = std::min(linear, root);
+    const double linear = 0.5 * std::abs(curve.end - curve.end_tangent);
+    const double root = std::abs(curve.end - 0.5 * curve.end_tangent);
+    curve.tangent = linear < root ? curve.end : 0.0;
+    curve.error = std::min(linear, root);
+    step.slopes[i] = curve.tangent / h;
   }
+  step.error[i] = curve.error;
+  // A cubic stays within its control points.
+  const Complex change = curve.end - curve.start;
+  const double furthest =
+      std::max({std::norm(curve.tangent / 3.0), std::norm(change - curve.end_tangent / 3.0),
+                std::norm(change)});
+  curve.extent = std::sqrt(furthest) + errors_apart * curve.error;
+  curve.zero = magnitude(curve.start) < cluster.zero && magnitude(curve.end) < cluster.zero;
+  curve.clustered = cluster.holds(curve.start) && cluster.holds(curve.end);
+  const double before = step.left->signatures[i], after = step.right->signatures[step.onto[i]];
+  curve.signature = before != 0.0 && after != 0.0 ? static_cast<int>(3.0 * before + after) : 0;
+  // A root that took another's place has met it, though both curves turn back before they touch.
+  if (before * after < 0.0) curve.extent = infinite;
+  if (before * after > 0.0) {  // as far as its tangents lead (`have_met`)
+    const double steepest = std::max(magnitude(curve.tangent), magnitude(curve.end_tangent));
+    curve.extent = std::max(curve.extent, steepest);
+  }
+  return curve;
+}
 
-  std::vector<double> extent(size, 0.0);  // others within it of a curve's start may be near
-  for (Index i = 0; i < size; ++i) {      // a cubic stays within its control points
-    const Complex change = step.end(i) - step.start(i);
-    const double furthest =
-        std::max({std::norm(h / 3.0 * step.start_slope(i)),
-                  std::norm(change - h / 3.0 * step.end_slope(i)), std::norm(change)});
-    extent[i] = std::sqrt(furthest) + errors_apart * step.error[i];
-  }
-  Flags zero(size), clustered(size);
-  std::vector<int> signature(size);
-  for (Index i = 0; i < size; ++i) {
-    const Complex a = step.start(i), b = step.end(i);
-    zero[i] = magnitude(a) < cluster.zero && magnitude(b) < cluster.zero;
-    clustered[i] = cluster.holds(a) && cluster.holds(b);
-    const double before = left.signatures[i], after = right.signatures[step.onto[i]];
-    signature[i] = before != 0.0 && after != 0.0 ? static_cast<int>(3.0 * before + after) : 0;
-    // A root that took another's place has met it, though both curves turn back before they touch.
-    if (before * after < 0.0) extent[i] = infinite;
-    if (before * after > 0.0) {  // as far as its tangents lead (`have_met`)
-      const double steepest = std::max(std::abs(step.start_slope(i)), std::abs(step.end_slope(i)));
-      extent[i] = std::max(extent[i], h * steepest);
-    }
-  }
-  Flags is_tracked(size, 0);
-  for (const Index i : tracked) is_tracked[i] = 1;
-  const auto is_exempt = [&](Index i, Index k) {
-    // Two roots of one signature at either end pass through each other on the axis.
-    const bool passing = signature[i] != 0 && signature[i] == signature[k];
-    return passing || (zero[i] && zero[k]) || (clustered[i] && clustered[k]);
-  };
-  // Two roots of opposite signatures leave the axis where they meet. They have met, and may have
-  // come back to the axis, if either has taken the place or the signature of the other. They may
-  // also have met though each keeps its place: if the tangents at the start lead them together
-  // within the step, and the tangents at the end, followed back, do so too.
-  const auto opposite = [&](Index i, Index k) {
-    return signature[i] * signature[k] < 0 && step.start(i).imag() * step.start(k).imag() > 0.0;
-  };
-  const auto have_met = [&](Index i, Index k) {
-    if (!opposite(i, k)) return false;
-    const double before = (step.start(i) - step.start(k)).imag();
-    const double after = (step.end(i) - step.end(k)).imag();
-    const double closing = (step.start_slope(k) - step.start_slope(i)).imag() / before;
-    const double opening = (step.end_slope(i) - step.end_slope(k)).imag() / after;
-    return std::abs(signature[i]) == 2 || before * after < 0.0 ||
-           std::min(closing, opening) * h > 1.0;
-  };
-  const auto is_near = [&](Index i, Index k) {
-    if (have_met(i, k)) return true;
-    const double room = extent[i] + extent[k];
-    if (std::norm(left.values[i] - left.values[k]) > room * room) return false;
-    if (is_exempt(i, k)) return false;
-    const double reach = errors_apart * (step.error[i] + step.error[k]);
-    constexpr int points = 9;
-    for (int p = resting[i] && resting[k] ? 1 : 0; p < points; ++p) {
-      const double t = p / (points - 1.0);
-      if (std::norm(step.at(i, t) - step.at(k, t)) < reach * reach) return true;
-    }
-    return false;
-  };
+/// Matches the two samples of a step. is_tracked: of each root of the left sample.
+void match(Step& step, const Flags& is_tracked, const Cluster& cluster) {
+  const Index size = step.left->size();
+  step.onto = matched(*step.left, *step.right, step.length());
+  step.meets.assign(size, -1);
+  step.error.resize(size);
+  step.slopes = step.left->slopes;
+  std::vector<Curve> curves;
+  curves.reserve(size);
+  for (Index i = 0; i < size; ++i) curves.push_back(curve_of(step, i, cluster));
   // As roots are sorted, no later root is near if its |lambda| cannot fall that far.
-  Reals lowest = Reals::Constant(size + 1, infinite);
+  std::vector<double> lowest(size + 1, infinite);
   for (Index i = size - 1; i >= 0; --i) {
-    lowest[i] = std::min(lowest[i + 1], magnitude(left.values[i]) - extent[i]);
+    lowest[i] = std::min(lowest[i + 1], magnitude(curves[i].start) - curves[i].extent);
   }
-  std::set<std::pair<Index, Index>> near;
+  std::vector<std::pair<Index, Index>> near;
   for (Index i = 0; i < size; ++i) {
-    const double highest = (1.0 + 4.0 * eps) * (magnitude(left.values[i]) + extent[i]);
+    const double highest = (1.0 + 4.0 * eps) * (magnitude(curves[i].start) + curves[i].extent);
     for (Index k = i + 1; k < size && lowest[k] <= highest; ++k) {
-      if ((is_tracked[i] || is_tracked[k]) && is_near(i, k)) near.insert({i, k});
+      const double room = curves[i].extent + curves[k].extent;
+      if (std::norm(curves[i].start - curves[k].start) > room * room) continue;
+      if ((is_tracked[i] || is_tracked[k]) && is_near(curves[i], curves[k])) near.push_back({i, k});
     }
   }
   for (Index i = 0; i < size; ++i) {  // a root that turns real or complex has met another
-    const Complex a = step.start(i), b = step.end(i);
-    if ((a.imag() == 0.0) == (b.imag() == 0.0) || resting[i]) continue;
+    const Complex a = curves[i].start, b = curves[i].end;
+    if ((a.imag() == 0.0) == (b.imag() == 0.0) || curves[i].resting) continue;
     for (Index k = 0; k < size; ++k) {
-      const bool together = a.imag() != 0.0 ? step.start(k) == std::conj(a)  //
-                                            : step.end(k) == std::conj(b);
-      if (k != i && together && !is_exempt(i, k)) near.insert(std::minmax(i, k));
+      const bool together = a.imag() != 0.0 ? curves[k].start == std::conj(a)  //
+                                            : curves[k].end == std::conj(b);
+      if (k != i && together && !is_exempt(curves[i], curves[k])) near.push_back(std::minmax(i, k));
     }
   }
+  std::ranges::sort(near);
   for (const auto& [i, k] : near) {
     if (step.meets[i] >= 0 || step.meets[k] >= 0 || !meet(step, i, k)) continue;
     step.meets[i] = k;
@@ -270,18 +300,20 @@ Index Step::reflected(Index root, bool at_end) const {
 }
 
 Complex Step::at(Index root, double t) const {
-  const double s = 1.0 - t;
-  return start(root) * ((1.0 + 2.0 * t) * s * s) + end(root) * ((3.0 - 2.0 * t) * t * t) +
-         length() * (start_slope(root) * (t * s * s) - end_slope(root) * (t * t * s));
+  const double h = length();
+  return cubic(start(root), h * start_slope(root), end(root), h * end_slope(root), t);
 }
 
 void track(const Tracking& tracking, SharedSample first, const std::vector<double>& speeds,
-           Roots tracked) {
+           const Roots& tracked) {
   double trials = most_steps + 4.0 * static_cast<double>(speeds.size());
   if (!speeds.empty()) trials += std::ceil(4.0 * (speeds[0] - first->u) / tracking.longest);
   SharedSample left = std::move(first);
   double most = tracking.longest;  // longest step that may be tried
   std::vector<SharedSample> ahead;
+  Flags is_tracked(left->size(), 0), followed;
+  for (const Index i : tracked) is_tracked[i] = 1;
+  Step step{left, left};
   for (const double speed : speeds) {
     while (left->u < speed) {
       if (ahead.empty()) {
@@ -289,12 +321,13 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
         while (next - left->u > most * (1.0 + 1e-12)) next = 0.5 * (left->u + next);
         ahead.push_back(tracking.take(next));
       }
-      Step step{left, ahead.back()};
+      step.left = left;
+      step.right = ahead.back();
       const double middle = 0.5 * (left->u + step.right->u);
       if (--trials < 0.0) {
         throw not_converged("eigenvalues near u = %.6g are too close to be tracked", left->u);
       }
-      match(step, tracked, tracking.cluster);
+      match(step, is_tracked, tracking.cluster);
       if (!tracking.good(step) && !step.shortest()) {
         most = std::max(std::min(most, 0.5 * step.length()), least_share * tracking.longest);
         ahead.push_back(tracking.take(middle));
@@ -302,7 +335,9 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
       }
       most = std::clamp(step_growth * step.length(), most, tracking.longest);
       if (!tracking.visit(step)) return;
-      for (Index& i : tracked) i = step.onto[i];
+      followed.resize(is_tracked.size());
+      for (std::size_t i = 0; i < is_tracked.size(); ++i) followed[step.onto[i]] = is_tracked[i];
+      is_tracked.swap(followed);
       left = step.right;
       ahead.pop_back();
     }

@@ -87,7 +87,7 @@ Roots assignment(const std::vector<double>& cost, Index size);
 /// roots `tracked` of the first sample are tracked with certainty, the others are matched as well
 /// as possible. Throws NotConverged where too many steps are needed.
 void track(const Tracking& tracking, SharedSample first, const std::vector<double>& speeds,
-           Roots tracked);
+           const Roots& tracked);
 
 /// Mode of each root, from 1, in the order of the product of the two roots that share a mode, which
 /// at rest is the square of the undamped frequency. These two are conjugates, or neighbouring real
