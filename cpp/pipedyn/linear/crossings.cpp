@@ -361,14 +361,17 @@ class Search {
     int expected = unstable_count_;
     for (const AxisCrossing& crossing : found) expected += crossing.change;
     const int unstable = count_unstable(*step.right) + static_count_, missed = unstable - expected;
-    Index least = 0;
-    step.right->values.abs().minCoeff(&least);
+    const auto mode_of_least = [&] {
+      Index least = 0;
+      step.right->values.abs2().minCoeff(&least);
+      return modes_[least];
+    };
     if (const Divergence* const zero = passed(step)) {
       const int known = traits_.is_hysteretic() ? 0 : zero->change(),
                 change = known == 0 ? missed : known;
       const int most = zero->multiplicity + (traits_.is_hysteretic() ? 2 : 0);
       const bool possible = std::abs(change) <= most && (change - most) % 2 == 0;
-      if (possible && change != 0) found.push_back(of(*zero, change, modes_[least]));
+      if (possible && change != 0) found.push_back(of(*zero, change, mode_of_least()));
     } else if (traits_.is_hysteretic() && step.shortest() && missed != 0 && missed % 2 == 0) {
       if (missed < 0) {
         throw not_converged(
@@ -376,7 +379,7 @@ class Search {
             "of it: a pipe with hysteresis is known up to where it loses stability",
             step.right->u);
       }
-      found.push_back({step.right->u, 0.0, missed, modes_[least], step.length()});
+      found.push_back({step.right->u, 0.0, missed, mode_of_least(), step.length()});
     }
     while (!found.empty()) {
       const auto next = std::min_element(

@@ -17,20 +17,24 @@ constexpr double entry_rounding = 8.0 * eps;
 /// |lambda|^2, 2e-13 here.
 constexpr double slow = 30.0;
 
-/// Real parts of values, followed by their imaginary parts.
-Reals parts_of(const ValuesRef& values) {
+/// Writes real parts of values, followed by their imaginary parts; returns the end of these.
+double* split(const ValuesRef& values, double* to) {
   const Index count = values.size();
-  Reals parts(2 * count);
   for (Index i = 0; i < count; ++i) {
-    parts[i] = values[i].real();
-    parts[count + i] = values[i].imag();
+    to[i] = values[i].real();
+    to[count + i] = values[i].imag();
   }
+  return to + 2 * count;
+}
+
+Reals parts_of(const ValuesRef& values) {
+  Reals parts(2 * values.size());
+  split(values, parts.data());
   return parts;
 }
 
 /// Values from their real parts, followed by their imaginary parts.
-Values from_parts(const Reals& parts) {
-  const Index count = parts.size() / 2;
+Values from_parts(const double* parts, Index count) {
   Values values(count);
   for (Index i = 0; i < count; ++i) values[i] = {parts[i], parts[count + i]};
   return values;
@@ -38,14 +42,13 @@ Values from_parts(const Reals& parts) {
 
 }  // namespace
 
-Values Determinant::log_derivatives(double u, const Values& at, const ValuesRef& known) const {
+Values Determinant::log_derivatives(double u, const ValuesRef& at, const ValuesRef& known) const {
   const Index count = at.size();
-  const Reals parts = parts_of(at), roots = parts_of(known);
-  Reals out(2 * count);
-  evaluate(Points{u, count, parts.data(), parts.data() + count, known.size(), roots.data(),
-                  roots.data() + known.size()},
-           out.data());
-  return from_parts(out);
+  Reals numbers(4 * count + 2 * known.size());
+  double *const parts = numbers.data(), *const roots = split(at, parts),
+                *const out = split(known, roots);
+  evaluate(Points{u, count, parts, parts + count, known.size(), roots, roots + known.size()}, out);
+  return from_parts(out, count);
 }
 
 Pairs Determinant::pairs(double u, const Values& values, bool vectors, bool own,
@@ -88,11 +91,12 @@ Pairs Determinant::pairs(double u, const Values& values, bool vectors, bool own,
     const double rest = out(i, 8) / both, size = (out(i, 9) + out(i, 10)) / both;
     const double rounding = (entry_rounding * out(i, 9) + eps * out(i, 10)) / both;
     found.residual[i] = known(rest / size);
-    found.uncertain[i] = known((rest + rounding) / std::abs(by_lambda));
-    found.slopes[i] = -number(4) / both / by_lambda;
+    const Complex share = std::conj(by_lambda) / std::norm(by_lambda);
+    found.uncertain[i] = known((rest + rounding) / magnitude(by_lambda));
+    found.slopes[i] = -number(4) / both * share;
     found.by_left[i] = u == 0.0 || magnitude(values[i]) <= slow ? by_lambda : 0.0;
     found.by_right[i] = own ? number(6) / (length * length) : 0.0;
-    found.corrections[i] = std::abs(value) > rounding ? -value / by_lambda : 0.0;
+    found.corrections[i] = magnitude(value) > rounding ? -value * share : 0.0;
   }
   return found;
 }
@@ -290,7 +294,7 @@ StaticDeterminants PanelDeterminant::static_determinants(const Values& u) const 
   motion_kernel().elimination->log_derivative(stiffness(),
                                               {0.0, count, squares.data(), squares.data() + count},
                                               slopes.data(), signs.data());
-  return {2.0 * u * from_parts(slopes), signs.head(count), signs.tail(count)};
+  return {2.0 * u * from_parts(slopes.data(), count), signs.head(count), signs.tail(count)};
 }
 
 int PanelDeterminant::negative_at_rest() const {

@@ -45,7 +45,7 @@ class Determinant {
 
   /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k) over the known roots, without known
   /// roots at lambda itself.
-  Values log_derivatives(double u, const Values& at, const ValuesRef& known) const;
+  Values log_derivatives(double u, const ValuesRef& at, const ValuesRef& known) const;
   /// Errors, slopes and corrections of roots from their vectors, and unit vectors if they are asked
   /// for. own: whether by_right is needed; loaded: see `PairsAsked`.
   Pairs pairs(double u, const Values& values, bool vectors, bool own, bool loaded) const;

@@ -36,7 +36,7 @@ constexpr Index circle_points = 16;
 
 }  // namespace
 
-Values log_derivatives(const Determinant& of, double u, const Values& at,
+Values log_derivatives(const Determinant& of, double u, const ValuesRef& at,
                        const Approximations& roots) {
   Values known(2 * roots.size());
   Index k = 0;
@@ -259,12 +259,12 @@ void break_symmetry(const Approximations& starts, Approximations& roots,
 /// rounding lets them be. Returns whether corrections are finite.
 bool correct_active(const Determinant& of, double u, Approximations& roots,
                     std::vector<std::size_t>& active, int most) {
+  Values at(active.size());
   std::vector<double> last(roots.size(), infinite);  // relative corrections
   std::vector<char> shifted(roots.size(), 0);
   for (int step = 0; step < most && !active.empty(); ++step) {
-    Values at(active.size());
     for (std::size_t i = 0; i < active.size(); ++i) at[i] = roots[active[i]].value;
-    const Values found = log_derivatives(of, u, at, roots);
+    const Values found = log_derivatives(of, u, at.head(active.size()), roots);
     std::size_t moving = 0;  // number of roots that go on, the first ones of `active`
     for (std::size_t i = 0; i < active.size(); ++i) {
       const std::size_t k = active[i];
@@ -296,12 +296,15 @@ bool correct_active(const Determinant& of, double u, Approximations& roots,
 bool correct(const Determinant& of, double u, Approximations& roots, int most) {
   const Approximations starts = roots;
   std::vector<std::size_t> active;
-  active.reserve(roots.size());
-  for (std::size_t k = 0; k < roots.size(); ++k) {
-    if (!roots[k].settled) active.push_back(k);
-  }
-  const std::vector<std::size_t> every = active;
-  if (!correct_active(of, u, roots, active, most)) active = every;
+  const auto begin = [&] {
+    active.clear();
+    active.reserve(roots.size());
+    for (std::size_t k = 0; k < roots.size(); ++k) {
+      if (!roots[k].settled) active.push_back(k);
+    }
+  };
+  begin();
+  if (!correct_active(of, u, roots, active, most)) begin();
   if (active.empty()) return true;
   break_symmetry(starts, roots, active);
   return correct_active(of, u, roots, active, 2 * most) && active.empty();

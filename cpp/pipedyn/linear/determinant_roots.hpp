@@ -33,7 +33,7 @@ using Approximations = std::vector<Approximation>;
 
 /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k) over all roots and their implied
 /// conjugates, without roots at lambda itself.
-Values log_derivatives(const Determinant& of, double u, const Values& at,
+Values log_derivatives(const Determinant& of, double u, const ValuesRef& at,
                        const Approximations& roots = {});
 
 /// Number of roots, including the conjugates that are implied.

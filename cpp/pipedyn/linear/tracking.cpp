@@ -114,6 +114,15 @@ void order(Step& step, Index i, Index k) {
   }
 }
 
+/// Index of the conjugate of a root that comes next to it in its sample, or of a real root itself;
+/// -1 where the root next to it is another one.
+Index mirrored(const Sample& at, Index i) {
+  const Complex value = at.values[i];
+  const Index k = value.imag() > 0.0 ? i + 1 : value.imag() < 0.0 ? i - 1 : i;
+  if (k < 0 || k >= at.size() || at.values[k] != std::conj(value)) return -1;
+  return k == i || at.slopes[k] == std::conj(at.slopes[i]) ? k : -1;
+}
+
 /// Root of the right sample that continues each root of the left one, so that the sum of distances
 /// is least. Throws NotConverged unless both have as many roots.
 Roots matched(const Sample& left, const Sample& right, double h) {
@@ -121,25 +130,41 @@ Roots matched(const Sample& left, const Sample& right, double h) {
   if (right.size() != size) {
     throw not_converged("the number of eigenvalues near u = %.6g depends on rounding", right.u);
   }
-  const Values ahead = left.values + 0.5 * h * left.slopes;
-  const Values behind = right.values - 0.5 * h * right.slopes;
-  const Reals real = right.values.real(), imag = right.values.imag();
-  const Reals real_behind = behind.real(), imag_behind = behind.imag();
-  std::vector<double> cost(size * size);  // squares of distances, by roots of the left sample
+  Eigen::ArrayX4d there(size, 4);  // real and imaginary parts of values, and as slopes lead back
+  for (Index j = 0; j < size; ++j) {
+    const Complex value = right.values[j], behind = value - 0.5 * h * right.slopes[j];
+    there.row(j) << value.real(), value.imag(), behind.real(), behind.imag();
+  }
+  Reals squares(size);
+  const auto find_squares = [&](Index i) {  // of the distances of a root
+    // Values within the reach of the step decide where slopes near a meeting cannot.
+    const Complex now = left.values[i], ahead = now + 0.5 * h * left.slopes[i];
+    const auto parts = [&](Index k, double real, double imag) {
+      return (there.col(k) - real).square() + (there.col(k + 1) - imag).square();
+    };
+    squares = parts(0, now.real(), now.imag()).min(parts(2, ahead.real(), ahead.imag()));
+  };
   Roots nearest(size, 0);
   Flags taken(size, 0);
   bool conflict = false;  // whether one root is the nearest to two
   for (Index i = 0; i < size; ++i) {
-    const Complex now = left.values[i], then = ahead[i];
-    // Values within the reach of the step decide where slopes near a meeting cannot.
-    Eigen::Map<Reals> squares(&cost[i * size], size);
-    squares = ((real_behind - then.real()).square() + (imag_behind - then.imag()).square())
-                  .min((real - now.real()).square() + (imag - now.imag()).square());
-    squares.minCoeff(&nearest[i]);
+    const bool is_lower = left.values[i].imag() < 0.0 && mirrored(left, i) >= 0;
+    const Index same =
+        is_lower ? mirrored(right, nearest[i - 1]) : -1;  // its conjugate's distances
+    if (same >= 0) {
+      nearest[i] = same;
+    } else {
+      find_squares(i);
+      squares.minCoeff(&nearest[i]);
+    }
     conflict |= std::exchange(taken[nearest[i]], 1) != 0;
   }
   if (!conflict) return nearest;
-  for (double& each : cost) each = std::sqrt(each);
+  std::vector<double> cost(size * size);
+  for (Index i = 0; i < size; ++i) {
+    find_squares(i);
+    Eigen::Map<Reals>(&cost[i * size], size) = squares.sqrt();
+  }
   return assignment(cost, size);
 }
 
@@ -243,13 +268,14 @@ void match(Step& step, const Flags& is_tracked, const Cluster& cluster) {
   curves.reserve(size);
   for (Index i = 0; i < size; ++i) curves.push_back(curve_of(step, i, cluster));
   // As roots are sorted, no later root is near if its |lambda| cannot fall that far.
-  std::vector<double> lowest(size + 1, infinite);
+  Reals sizes(size), lowest = Reals::Constant(size + 1, infinite);
   for (Index i = size - 1; i >= 0; --i) {
-    lowest[i] = std::min(lowest[i + 1], magnitude(curves[i].start) - curves[i].extent);
+    sizes[i] = magnitude(curves[i].start);
+    lowest[i] = std::min(lowest[i + 1], sizes[i] - curves[i].extent);
   }
   std::vector<std::pair<Index, Index>> near;
   for (Index i = 0; i < size; ++i) {
-    const double highest = (1.0 + 4.0 * eps) * (magnitude(curves[i].start) + curves[i].extent);
+    const double highest = (1.0 + 4.0 * eps) * (sizes[i] + curves[i].extent);
     for (Index k = i + 1; k < size && lowest[k] <= highest; ++k) {
       const double room = curves[i].extent + curves[k].extent;
       if (std::norm(curves[i].start - curves[k].start) > room * room) continue;
