@@ -200,7 +200,7 @@ std::size_t next_real(const Approximations& roots, std::size_t i) {
 
 Approximations expected(const Approximations& roots, double further, Complex delta, bool paired) {
   Approximations result;
-  result.reserve(roots.size() + 8);
+  result.reserve(roots.size() + 2);
   std::vector<char> met(roots.size(), 0);
   for (std::size_t i = 0; i < roots.size(); ++i) {
     const std::size_t k = roots[i].alone && paired ? next_real(roots, i) : i;
@@ -237,15 +237,15 @@ Approximations expected(const Approximations& roots, double further, Complex del
 
 namespace {
 
+using Starts = std::vector<std::pair<Complex, bool>>;  // values of roots, and whether `alone`
+
 /// Moves approximations near the real axis off their symmetry about it: a root that is corrected
 /// together with its conjugate never turns into two real ones, nor a real root into a complex one.
 /// which: indices of the roots that begin again from their starts; on return also of the conjugates
 /// that were added. Other roots go on as they are.
-void break_symmetry(const Approximations& starts, Approximations& roots,
-                    std::vector<std::size_t>& which) {
+void break_symmetry(const Starts& starts, Approximations& roots, std::vector<std::size_t>& which) {
   for (std::size_t i = 0, count = which.size(); i < count; ++i) {
-    const Approximation& start = starts[which[i]];
-    const auto [value, alone] = std::tie(start.value, start.alone);
+    const auto [value, alone] = starts[which[i]];
     if (!alone && std::abs(value.imag()) >= near_axis * magnitude(value)) continue;
     const double shift = 1e-3 * static_cast<double>(i % 7 + 1);
     roots[which[i]] = {value * Complex(1.0 + shift, 3.0 * shift), true};
@@ -294,7 +294,9 @@ bool correct_active(const Determinant& of, double u, Approximations& roots,
 }  // namespace
 
 bool correct(const Determinant& of, double u, Approximations& roots, int most) {
-  const Approximations starts = roots;
+  Starts starts;
+  starts.reserve(roots.size());
+  for (const Approximation& one : roots) starts.emplace_back(one.value, one.alone);
   std::vector<std::size_t> active;
   const auto begin = [&] {
     active.clear();

@@ -218,12 +218,16 @@ Approximations Structured::starts_of(const DenseOperator& p, double u,
   return modes ? modal_roots(p, *modes, traits.loss) : dense_roots(p, is_squared(u));
 }
 
+const Structured::Known* Structured::nearest_known(double u) const {
+  const auto apart = [u](const Known& one) { return std::abs(u - one.u); };
+  const auto near = std::ranges::min_element(known_, {}, apart);
+  return near == known_.end() ? nullptr : &*near;
+}
+
 std::optional<Pairs> Structured::from_known(double u, Index count, bool vectors) {
-  const auto near = std::min_element(
-      known_.begin(), known_.end(),
-      [u](const Known& a, const Known& b) { return std::abs(u - a.u) < std::abs(u - b.u); });
+  const Known* const near = nearest_known(u);
   const auto is_zero = [](const Approximation& one) { return one.settled; };
-  if (near == known_.end() || roots_in(near->roots) < count) return {};
+  if (near == nullptr || roots_in(near->roots) < count) return {};
   if (std::ranges::count_if(near->roots, is_zero) != roots_at_zero(u)) return {};
   return from(expected(near->roots, u - near->u, traits.cluster(), !traits.is_hysteretic()), u,
               count, vectors, near->most);
@@ -234,6 +238,11 @@ std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vector
   const bool every = count >= 2 * traits.dof;
   const Index wanted = count + 6 + 2 * of_->held();  // further roots that show a gap
   if (auto found = from_known(u, count, vectors)) return found;
+  // Roots that are too far away are followed half way first.
+  const Known* const near = nearest_known(u);
+  if (near != nullptr && from_known(0.5 * (near->u + u), count, false)) {
+    if (auto found = from_known(u, count, vectors)) return found;
+  }
   for (Index size = coarsest;; size *= 3) {
     const bool own = 2 * size > n || (u == 0.0 && knows_modes());
     if ((own ? n : size) > dense_limit) return std::nullopt;

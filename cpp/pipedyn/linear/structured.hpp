@@ -63,6 +63,8 @@ class Structured : public Eigenproblem {
   };
   std::vector<Known> known_;  // roots of the last samples
 
+  const Known* nearest_known(double u) const;
+
   std::optional<Pairs> from(Approximations starts, double u, Index count, bool vectors,
                             int most_corrections);
   Pairs at(double u, const Values& values, bool vectors) const;

@@ -181,6 +181,8 @@ struct Curve {
   double error = 0.0, extent = 0.0;          // others within this extent of its start may be near
   int signature = 0;                         // of both ends; 0 where either has none
   bool resting = false, zero = false, clustered = false;
+  double size = 0.0;    // |start|
+  double lowest = 0.0;  // least size - extent of this curve and of all later ones
 };
 
 /// Whether two curves need not be told apart.
@@ -244,7 +246,8 @@ Curve curve_of(Step& step, Index i, const Cluster& cluster) {
       std::max({std::norm(curve.tangent / 3.0), std::norm(change - curve.end_tangent / 3.0),
                 std::norm(change)});
   curve.extent = std::sqrt(furthest) + errors_apart * curve.error;
-  curve.zero = magnitude(curve.start) < cluster.zero && magnitude(curve.end) < cluster.zero;
+  curve.size = magnitude(curve.start);
+  curve.zero = curve.size < cluster.zero && magnitude(curve.end) < cluster.zero;
   curve.clustered = cluster.holds(curve.start) && cluster.holds(curve.end);
   const double before = step.left->signatures[i], after = step.right->signatures[step.onto[i]];
   curve.signature = before != 0.0 && after != 0.0 ? static_cast<int>(3.0 * before + after) : 0;
@@ -257,26 +260,27 @@ Curve curve_of(Step& step, Index i, const Cluster& cluster) {
   return curve;
 }
 
-/// Matches the two samples of a step. is_tracked: of each root of the left sample.
-void match(Step& step, const Flags& is_tracked, const Cluster& cluster) {
+/// Matches the two samples of a step. is_tracked: of each root of the left sample; curves: memory
+/// for its curves.
+void match(Step& step, const Flags& is_tracked, const Cluster& cluster,
+           std::vector<Curve>& curves) {
   const Index size = step.left->size();
   step.onto = matched(*step.left, *step.right, step.length());
   step.meets.assign(size, -1);
   step.error.resize(size);
   step.slopes = step.left->slopes;
-  std::vector<Curve> curves;
-  curves.reserve(size);
-  for (Index i = 0; i < size; ++i) curves.push_back(curve_of(step, i, cluster));
-  // As roots are sorted, no later root is near if its |lambda| cannot fall that far.
-  Reals sizes(size), lowest = Reals::Constant(size + 1, infinite);
+  curves.resize(size);
+  double lowest = infinite;
   for (Index i = size - 1; i >= 0; --i) {
-    sizes[i] = magnitude(curves[i].start);
-    lowest[i] = std::min(lowest[i + 1], sizes[i] - curves[i].extent);
+    curves[i] = curve_of(step, i, cluster);
+    lowest = std::min(lowest, curves[i].size - curves[i].extent);
+    curves[i].lowest = lowest;
   }
   std::vector<std::pair<Index, Index>> near;
   for (Index i = 0; i < size; ++i) {
-    const double highest = (1.0 + 4.0 * eps) * (sizes[i] + curves[i].extent);
-    for (Index k = i + 1; k < size && lowest[k] <= highest; ++k) {
+    // As roots are sorted, no later root is near if its |lambda| cannot fall that far.
+    const double highest = (1.0 + 4.0 * eps) * (curves[i].size + curves[i].extent);
+    for (Index k = i + 1; k < size && curves[k].lowest <= highest; ++k) {
       const double room = curves[i].extent + curves[k].extent;
       if (std::norm(curves[i].start - curves[k].start) > room * room) continue;
       if ((is_tracked[i] || is_tracked[k]) && is_near(curves[i], curves[k])) near.push_back({i, k});
@@ -340,6 +344,7 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
   Flags is_tracked(left->size(), 0), followed;
   for (const Index i : tracked) is_tracked[i] = 1;
   Step step{left, left};
+  std::vector<Curve> curves;
   for (const double speed : speeds) {
     while (left->u < speed) {
       if (ahead.empty()) {
@@ -353,7 +358,7 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
       if (--trials < 0.0) {
         throw not_converged("eigenvalues near u = %.6g are too close to be tracked", left->u);
       }
-      match(step, is_tracked, tracking.cluster);
+      match(step, is_tracked, tracking.cluster, curves);
       if (!tracking.good(step) && !step.shortest()) {
         most = std::max(std::min(most, 0.5 * step.length()), least_share * tracking.longest);
         ahead.push_back(tracking.take(middle));
