@@ -200,7 +200,7 @@ std::size_t next_real(const Approximations& roots, std::size_t i) {
 
 Approximations expected(const Approximations& roots, double further, Complex delta, bool paired) {
   Approximations result;
-  result.reserve(roots.size() + 2);
+  result.reserve(roots.size() + 1);  // a pair that meets becomes two roots
   std::vector<char> met(roots.size(), 0);
   for (std::size_t i = 0; i < roots.size(); ++i) {
     const std::size_t k = roots[i].alone && paired ? next_real(roots, i) : i;

@@ -457,14 +457,15 @@ Sample Eigenproblem::sample(double u, Index count) {
     throw not_converged("an eigenvalue at u = %g is beyond double precision", u);
   }
   assess(u, pairs);
-  const Reals size = pairs.values.abs2().sqrt();
+  const Index size = pairs.size();
   pairs.noise = rounding(pairs);
-  pairs.slope_noise = pairs.signatures = Reals::Zero(size.size());
-  for (Index i = 0; i < size.size(); ++i) {
+  pairs.slope_noise = pairs.signatures = Reals::Zero(size);
+  for (Index i = 0; i < size; ++i) {
     if (!is_finite(pairs.slopes[i])) pairs.slopes[i] = 0.0;
     if (!traits.conservative || traits.squared || pairs.values[i].imag() == 0.0) continue;
     const double off = std::abs(pairs.values[i].real());
-    if (off > pairs.noise[i] + on_axis * size[i] && is_mirrored(pairs.values, i)) continue;
+    if (off > pairs.noise[i] + on_axis * magnitude(pairs.values[i]) && is_mirrored(pairs.values, i))
+      continue;
     // A root on the axis is exactly there, and moves along the axis.
     pairs.values[i].real(0.0);
     pairs.slopes[i].real(0.0);
@@ -475,7 +476,7 @@ Sample Eigenproblem::sample(double u, Index count) {
   if (!traits.conservative && !traits.squared) {
     const Reals before = pairs.noise;
     find_growth(u, pairs);
-    for (Index i = 0; i < size.size(); ++i) {  // this does not improve slopes
+    for (Index i = 0; i < size; ++i) {  // this does not improve slopes
       const bool hidden = pairs.noise[i] < before[i] || u == 0.0;
       if (hidden) pairs.slope_noise[i] = slope_rounding * before[i];
     }

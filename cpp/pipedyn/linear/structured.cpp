@@ -201,6 +201,7 @@ std::optional<Pairs> Structured::from(Approximations roots, double u, Index coun
     roots[i].settled = roots[i].value == 0.0;
     roots[i].slope = roots[i].settled || !std::isfinite(std::norm(slope)) ? 0.0 : slope;
   }
+  all.corrections.resize(0);  // nothing reads them beyond
   const bool paired = !traits.is_hysteretic();
   if (paired) {
     const std::vector<Index> left = join_conjugates(roots, all.values);

@@ -39,7 +39,9 @@ struct Cluster {
   Complex delta;
   double radius, zero;
 
-  bool holds(Complex value) const { return magnitude(delta * value + 1.0) < radius; }
+  bool holds(Complex value) const {
+    return delta != 0.0 && std::norm(delta * value + 1.0) < radius * radius;
+  }
 };
 
 /// Two neighbouring samples, matched. Arrays have one entry for each root of the left sample.
