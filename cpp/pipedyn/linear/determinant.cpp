@@ -91,12 +91,11 @@ Pairs Determinant::pairs(double u, const Values& values, bool vectors, bool own,
     const double rest = out(i, 8) / both, size = (out(i, 9) + out(i, 10)) / both;
     const double rounding = (entry_rounding * out(i, 9) + eps * out(i, 10)) / both;
     found.residual[i] = known(rest / size);
-    const Complex share = std::conj(by_lambda) / std::norm(by_lambda);
     found.uncertain[i] = known((rest + rounding) / magnitude(by_lambda));
-    found.slopes[i] = -number(4) / both * share;
+    found.slopes[i] = -number(4) / both / by_lambda;
     found.by_left[i] = u == 0.0 || magnitude(values[i]) <= slow ? by_lambda : 0.0;
     found.by_right[i] = own ? number(6) / (length * length) : 0.0;
-    found.corrections[i] = magnitude(value) > rounding ? -value * share : 0.0;
+    found.corrections[i] = magnitude(value) > rounding ? -value / by_lambda : 0.0;
   }
   return found;
 }
