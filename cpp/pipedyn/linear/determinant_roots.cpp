@@ -298,15 +298,12 @@ bool correct(const Determinant& of, double u, Approximations& roots, int most) {
   starts.reserve(roots.size());
   for (const Approximation& one : roots) starts.emplace_back(one.value, one.alone);
   std::vector<std::size_t> active;
-  const auto begin = [&] {
-    active.clear();
-    active.reserve(roots.size());
-    for (std::size_t k = 0; k < roots.size(); ++k) {
-      if (!roots[k].settled) active.push_back(k);
-    }
-  };
-  begin();
-  if (!correct_active(of, u, roots, active, most)) begin();
+  active.reserve(roots.size());
+  for (std::size_t k = 0; k < roots.size(); ++k) {
+    if (!roots[k].settled) active.push_back(k);
+  }
+  const std::vector<std::size_t> every = active;
+  if (!correct_active(of, u, roots, active, most)) active = every;
   if (active.empty()) return true;
   break_symmetry(starts, roots, active);
   return correct_active(of, u, roots, active, 2 * most) && active.empty();

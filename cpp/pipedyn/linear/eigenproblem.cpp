@@ -63,9 +63,7 @@ bool is_good(const Pairs& pairs, Index i, bool high) {
   return (high ? has_converged : is_nearly_converged)(pairs.values[i], pairs.residual[i]);
 }
 
-inline bool is_finite(Complex value) {
-  return std::isfinite(value.real()) && std::isfinite(value.imag());
-}
+inline bool is_finite(Complex z) { return std::isfinite(z.real()) && std::isfinite(z.imag()); }
 
 /// The largest residual, infinite where one is not a number.
 double largest_residual_of(const Pairs& pairs) {

@@ -136,24 +136,21 @@ Roots matched(const Sample& left, const Sample& right, double h) {
     there.row(j) << value.real(), value.imag(), behind.real(), behind.imag();
   }
   Reals squares(size);
-  const auto find_squares = [&](Index i) {  // of the distances of a root
-    // Values within the reach of the step decide where slopes near a meeting cannot.
+  const auto find_squares = [&](Index i) {  // of the distances of a root of the left sample
     const Complex now = left.values[i], ahead = now + 0.5 * h * left.slopes[i];
-    const auto parts = [&](Index k, double real, double imag) {
-      return (there.col(k) - real).square() + (there.col(k + 1) - imag).square();
-    };
-    squares = parts(0, now.real(), now.imag()).min(parts(2, ahead.real(), ahead.imag()));
+    // Values within the reach of the step decide where slopes near a meeting cannot.
+    squares =
+        ((there.col(0) - now.real()).square() + (there.col(1) - now.imag()).square())
+            .min((there.col(2) - ahead.real()).square() + (there.col(3) - ahead.imag()).square());
   };
   Roots nearest(size, 0);
   Flags taken(size, 0);
   bool conflict = false;  // whether one root is the nearest to two
   for (Index i = 0; i < size; ++i) {
     const bool is_lower = left.values[i].imag() < 0.0 && mirrored(left, i) >= 0;
-    const Index same =
-        is_lower ? mirrored(right, nearest[i - 1]) : -1;  // its conjugate's distances
-    if (same >= 0) {
-      nearest[i] = same;
-    } else {
+    // The distances of a conjugate are those of its twin.
+    nearest[i] = is_lower ? mirrored(right, nearest[i - 1]) : -1;
+    if (nearest[i] < 0) {
       find_squares(i);
       squares.minCoeff(&nearest[i]);
     }
