@@ -326,6 +326,10 @@ bool has_all(const Determinant& of, double u, const Approximations& roots) {
 }
 
 void separate(const Determinant& of, double u, bool squared, Approximations& roots) {
+  // A pair that met on the axis may go on as one upper root and one lower root.
+  const auto upper_of = [](const Approximation& pair) {
+    return pair.value.imag() < 0.0 ? std::conj(pair.value) : pair.value;
+  };
   std::vector<std::size_t> order;
   order.reserve(roots.size());
   for (std::size_t i = 0; i < roots.size(); ++i) {
@@ -337,7 +341,8 @@ void separate(const Determinant& of, double u, bool squared, Approximations& roo
   for (std::size_t lower = 0; lower < order.size(); ++lower) {
     for (std::size_t upper = lower + 1; upper < order.size(); ++upper) {
       const auto [i, other] = std::minmax(order[lower], order[upper]);
-      const Complex one = roots[i].value, twin = roots[other].value, centre = 0.5 * (one + twin);
+      const Complex one = upper_of(roots[i]), twin = upper_of(roots[other]);
+      const Complex centre = 0.5 * (one + twin);
       if (height(order[upper]) > (1.0 + 2.0 * meeting) * height(order[lower])) break;
       if (!(std::abs(one - twin) < meeting * std::abs(one.imag()))) continue;
       Approximations rest{{std::conj(one), true}, {std::conj(twin), true}};
