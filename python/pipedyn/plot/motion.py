@@ -355,7 +355,12 @@ class Film(FuncAnimation):
             if kind == ".html":
                 chosen, target = HTMLWriter, Path(folder, "film.html")
                 given |= {"embed_frames": True, "embed_limit": NO_LIMIT, **self._player}
-            self.save(target, writer=chosen(**given), **options)
+            writer = chosen(**given)
+            try:
+                self.save(target, writer=writer, **options)
+            finally:  # a writer that fails leaves its folder of frames
+                if folder_of_frames := getattr(writer, "_tmpdir", None):
+                    folder_of_frames.cleanup()
             if target is not beside:
                 page = target.read_text(encoding="utf-8")
                 beside.write_text(f'<!DOCTYPE html><meta charset="utf-8">{page}', encoding="utf-8")
