@@ -12,8 +12,8 @@ namespace pipedyn {
 /// one segment's share of a chain's right-hand side: some 5 ns in a batch, and 30 ns for one state.
 constexpr Index worth_a_thread = 20000;
 
-/// Number of threads that the process may use on this machine, at most OMP_NUM_THREADS where that is
-/// set: by it batch systems and clusters share the processors among processes.
+/// Number of threads that the process may use on this machine, at most OMP_NUM_THREADS where that
+/// is set: by it batch systems and clusters share the processors among processes.
 Index threads();
 
 /// Calls part(k) for k = 0 .. parts - 1 in parallel, the first in the caller's thread, and returns

@@ -50,17 +50,20 @@ def interval_maps(rows: Array, durations: Array, units: Array, parts: NDArray[np
         parts: number of parts into which each interval is divided, (M,).
     """
     counts, which = np.unique(parts, return_inverse=True)
-    weights = map(np.concatenate, zip(*map(_magnus_weights, counts.tolist()), strict=True))
-    given = float(units[-1]), *weights
-    first_rows = (np.cumsum(counts) - counts)[which]
+    weights = zip(*map(_magnus_weights, counts.tolist()), strict=True)
+    zeroth, first = (np.concatenate(of) for of in weights)
+    begins = (np.cumsum(counts) - counts)[which]
     work = 10.0 * float(parts.max()) * rows.shape[3] ** 3
     pieces = range(0, len(rows), max(1, int(AT_ONCE / work)))
     maps = []
     for begin, end in pairwise([*pieces, len(rows)]):
         check_time()
         own = slice(begin, end)
+        divided = parts[own].tolist(), begins[own].tolist()
         maps.append(
-            _core.interval_maps(rows[own], durations[own], parts[own], first_rows[own], *given)
+            _core.interval_maps(
+                rows[own], durations[own], *divided, float(units[-1]), zeroth, first
+            )
         )
     return np.concatenate(maps) if len(maps) > 1 else maps[0]
 
