@@ -11,6 +11,11 @@ namespace pipedyn {
 
 namespace {
 
+/// Speed, in units of the range's scale, up to which a search for the first loss of stability looks
+/// for divergences at first. Nearly all cantilevers flutter before, and of a heavy one the search
+/// for divergences up to four times this speed takes longer than all else.
+constexpr double nearest_end = 26.0;
+
 /// Largest relative error of a crossing's speed that is a result: three digits are wanted.
 constexpr double largest_error = 1e-3;
 
@@ -66,10 +71,14 @@ class Search {
   /// none if it would have to go on there.
   std::optional<Sweep> run(bool first_alone) {
     try {
-      divergences_ = spectrum_.without_loss().divergences(range_.max_speed, first_alone);
+      // Of a conservative system the first divergence may be all that is asked for.
+      const bool near = first_alone && !traits_.conservative;
+      const double far = range_.max_speed, end = near ? nearest_end * range_.scale : far;
+      divergences_ = spectrum_.without_loss().divergences(std::min(end, far), first_alone);
+      if (end < far) divergences_.known_to = std::min(divergences_.known_to, end);
       if (traits_.conservative && range_.until_unstable) {
         if (ends_with_first_divergence()) return std::move(sweep_);
-        if (!divergences_.complete) return {};
+        if (divergences_.known_to < range_.max_speed) return {};
       }
       const SharedSample first = take(0.0);
       const double longest = spectrum_.longest_step(first->values) * range_.scale;
@@ -99,7 +108,7 @@ class Search {
     }
     const std::vector<AxisCrossing>& found = sweep_.crossings;
     const bool ended = sweep_.untracked || (!found.empty() && found.back().change > 0);
-    if (!divergences_.complete && !ended) return {};
+    if (divergences_.known_to < range_.max_speed && !ended) return {};
     return std::move(sweep_);
   }
 
@@ -119,11 +128,7 @@ class Search {
       speeds.insert(speeds.end(), {u - reach, u + reach});
     }
     std::sort(speeds.begin(), speeds.end());
-    // Beyond the second divergence there may be others that are not known: the samples end half way
-    // between the first and the second.
-    if (!divergences_.complete) {
-      std::erase_if(speeds, [&](double at) { return at >= 0.5 * (all[0].speed + all[1].speed); });
-    }
+    std::erase_if(speeds, [&](double at) { return at >= divergences_.known_to; });
     return speeds;
   }
 

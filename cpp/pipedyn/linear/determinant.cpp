@@ -141,12 +141,11 @@ namespace {
 /// A number with its derivative by the flow speed.
 using Number = Dual<Complex, 1>;
 
-/// The pivots of P(0, u), whose product is its determinant, at a real or complex speed, the last
-/// segment's first. They are those of the recursion of chain/dynamic_stiffness.hpp at lambda =
-/// `beside_zero`.
-std::vector<Number> static_pivots(const ChainModel& model, Complex speed) {
-  std::vector<Number> pivots;
-  pivots.reserve(model.size);
+/// Calls visit with each of the pivots of P(0, u), whose product is its determinant, at a real or
+/// complex speed, the last segment's first, and with its reciprocal. They are those of the
+/// recursion of chain/dynamic_stiffness.hpp at lambda = `beside_zero`.
+template <class Visit>
+void for_each_static_pivot(const ChainModel& model, Complex speed, const Visit& visit) {
   const auto near_zero = [](const StiffnessParts& of) {
     return of.stiffness + beside_zero * (of.damping + beside_zero * of.mass);
   };
@@ -168,15 +167,14 @@ std::vector<Number> static_pivots(const ChainModel& model, Complex speed) {
     }
     const Number r = moment + d + l * (c + g), w = near_zero(at.across) + c + l * a;
     const Number h = g + turned, p = k + r;
-    pivots.push_back(p);
     const Complex share = std::conj(p.value) / std::norm(p.value);
+    visit(p, share);
     const Number inverse{share, {-p.slope(0) * share * share}};
     a = a + near_zero(at.force) - (h + thrust) * w * inverse;
     b = (h * k - thrust * r) * inverse;
     c = w * k * inverse;
     d = r * k * inverse;
   }
-  return pivots;
 }
 
 }  // namespace
@@ -216,20 +214,22 @@ Pencil ChainDeterminant::matrices(double stiffness_size) const {
 
 StaticDeterminants ChainDeterminant::static_determinants(const Values& u) const {
   const Index count = u.size();
-  StaticDeterminants found{Values::Zero(count), Reals::Ones(count), Reals::Zero(count)};
+  StaticDeterminants found{Values::Zero(count), Reals::Ones(count)};
   for (Index i = 0; i < count; ++i) {
-    for (const Number& pivot : static_pivots(chain_->model(), u[i])) {
+    for_each_static_pivot(chain_->model(), u[i], [&](const Number& pivot, Complex share) {
       if (pivot.value.real() < 0.0) found.sign[i] = -found.sign[i];
-      found.logarithm[i] += std::log(std::abs(pivot.value));
-      found.slope[i] += pivot.slope(0) / pivot.value;
-    }
+      found.slope[i] += pivot.slope(0) * share;
+    });
   }
   return found;
 }
 
 int ChainDeterminant::negative_at_rest() const {
-  const auto is_negative = [](const Number& pivot) { return pivot.value.real() < 0.0; };
-  return static_cast<int>(std::ranges::count_if(static_pivots(chain_->model(), 0.0), is_negative));
+  int negative = 0;
+  for_each_static_pivot(chain_->model(), 0.0, [&](const Number& pivot, Complex) {
+    negative += pivot.value.real() < 0.0 ? 1 : 0;
+  });
+  return negative;
 }
 
 // ---------------------------------------------------------------------------------------- panels
@@ -293,7 +293,7 @@ StaticDeterminants PanelDeterminant::static_determinants(const Values& u) const 
   motion_kernel().elimination->log_derivative(stiffness(),
                                               {0.0, count, squares.data(), squares.data() + count},
                                               slopes.data(), signs.data());
-  return {2.0 * u * from_parts(slopes.data(), count), signs.head(count), signs.tail(count)};
+  return {2.0 * u * from_parts(slopes.data(), count), signs.head(count)};
 }
 
 int PanelDeterminant::negative_at_rest() const {

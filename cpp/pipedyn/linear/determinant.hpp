@@ -24,10 +24,10 @@ namespace pipedyn {
 inline constexpr double beside_zero = 1e-30;
 
 /// A determinant at each of some speeds: the derivative of its logarithm by the speed and, at real
-/// speeds, its sign and the logarithm of its absolute value.
+/// speeds, its sign.
 struct StaticDeterminants {
   Values slope;
-  Reals sign, logarithm;
+  Reals sign;
 };
 
 class Determinant {

@@ -419,7 +419,7 @@ std::optional<int> zeros_within(const Determinant& of, double low, double high) 
 StaticDeterminants Structured::static_determinants(Reals u) const {
   for (int tries = 0;; ++tries) {
     StaticDeterminants found = of_->static_determinants(u);
-    const auto lost = found.logarithm.isNaN();
+    const auto lost = found.slope.real().isNaN();
     if (tries == 3 || !lost.any()) return found;
     u += lost.cast<double>() * (eps * (1.0 + u));
   }
@@ -484,7 +484,9 @@ Divergences Structured::divergences(double max_speed, bool first) {
     result.all.push_back(is_single ? divergence_at(u)
                                    : Divergence{u, one.high - one.low, {}, one.zeros});
   }
-  result.complete = !first || result.all.size() < 2;  // none is asked for beyond the end
+  if (first && result.all.size() > 1) {
+    result.known_to = 0.5 * (result.all[0].speed + result.all[1].speed);
+  }
   return result;
 }
 
