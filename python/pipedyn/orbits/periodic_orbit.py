@@ -162,6 +162,20 @@ class PeriodicOrbit:
         given = self.edges, self.starts, self.rates, self.frequency, self.mirror_sign
         return _core.orbit_states(*given, _INTEGRATED[1], _INTEGRATED[2], phase)
 
+    def on_mesh(self, edges: Array) -> PeriodicOrbit:
+        """The orbit on another mesh of its span, whose accelerations are this orbit's polynomials.
+
+        On a finer mesh it is the same orbit. Forces on interpolated states would not do as well, as
+        those of fast modes multiply the errors of the states.
+        """
+        phases = stage_phases(edges).ravel()
+        own = np.clip(np.searchsorted(self.edges, phases) - 1, 0, len(self.starts) - 1)
+        begin, end = self.edges[own], self.edges[own + 1]
+        values = integrals((phases - begin) / (end - begin), 0)[:, None]
+        rates = (values @ self.rates[own]).reshape(-1, ORBIT_STAGES, self.half)
+        starts = self.states(edges[:-1]).T.copy()
+        return PeriodicOrbit(edges, starts, rates, self.frequency, self.u, self.forced)
+
     def sampled(self, parts: int, whole: bool = False) -> tuple[Array, Array]:
         """Phases at the ends of equal parts of the intervals, (k,), and states [p, p'] there.
 
