@@ -523,7 +523,7 @@ class _Follower(Tracer[OrbitProblem]):
         """
         try:
             return converged_cycle(
-                self.motion, orbit, self.options.rtol, SAMPLES_A_CYCLE, self.how, at_once=True
+                self.motion, orbit, self.options.rtol, SAMPLES_A_CYCLE, self.how, most=2
             )
         except NotConverged as error:
             self.failed.append((orbit.u, error))

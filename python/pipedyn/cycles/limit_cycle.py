@@ -79,8 +79,9 @@ DEFECT_ROUNDING = 1e-11
 reduces it."""
 
 LAST_CHANGE = 0.1
-"""Largest share of the tolerance by which the last halving of all intervals with a large defect
-changes the answer where forces are smooth: the remaining error is smaller by some 2^-15."""
+"""Largest share of the tolerance by which the last refinement of all intervals with a large defect
+changes the answer where forces are smooth: the remaining error is smaller by at least some 2^-15.
+"""
 
 SAMPLES_A_STAGE = 2
 """Number of samples for each stage of an orbit, between which its free end turns back once at
@@ -144,7 +145,7 @@ class LimitCycle(PeriodicMotion):
         u: flow speed.
         model: the model.
         error: relative error of amplitude and frequency, estimated by refinement as their change in
-            the last halving of mesh intervals.
+            the last refinement of the mesh.
         multiplier_error: the largest of: the distance of the trivial multiplier from 1; the change
             of the worst multiplier with shorter intervals, relative if above 1; and rounding.
         residual: largest |dy/dt - f(y)| half-way between the stages at which the equations were
@@ -406,7 +407,7 @@ def converged_cycle(
     rtol: float,
     samples: int,
     how: str,
-    at_once: bool = False,
+    most: int = 4,
 ) -> LimitCycle:
     """The cycle, refined until its amplitude and frequency converge and its multipliers are right.
 
@@ -416,8 +417,7 @@ def converged_cycle(
         rtol: tolerance of amplitude and frequency.
         samples: number of states of the cycle that the result holds.
         how: how the cycle was found.
-        at_once: whether one refinement is enough where forces are smooth and it changes little,
-            whatever the remaining defects: half as many intervals or fewer are then needed.
+        most: as for `refined_until`.
 
     Raises:
         NotConverged: if the tolerance is out of reach; `result` holds the cycle as far as it
@@ -428,8 +428,8 @@ def converged_cycle(
     largest = rtol * (1e-1 if motion.model.pipe.has_kinks else 1e-3)
     tolerance = min(1e-7, 1e-2 * rtol)
     for _ in range(MULTIPLIER_MESHES):
-        enough = LAST_CHANGE * rtol if at_once and not motion.model.pipe.has_kinks else 0.0
-        orbit, error, reason = refined_until(motion, orbit, largest, rtol, tolerance, enough)
+        enough = 0.0 if motion.model.pipe.has_kinks else LAST_CHANGE * rtol
+        orbit, error, reason = refined_until(motion, orbit, largest, rtol, tolerance, enough, most)
         try:
             result = cycle_on_mesh(motion, orbit, error, samples, how)
         except NewtonFailed as failure:
@@ -459,19 +459,21 @@ def refined_until(
     rtol: float,
     tolerance: float,
     enough: float = 0.0,
+    most: int = 2,
 ) -> tuple[PeriodicOrbit, float, str]:
     """The orbit on a finer mesh, its change in the last refinement, and why refinement stopped.
 
     The intervals with a large defect are refined, and all of them if there is none, until the
     remaining defects are rounding: halving the intervals at best halves rounding, but reduces a
     resolved defect to an eighth, even at the kinks of forces. If a change is at most `enough`,
-    refinement stops.
+    refinement stops. The first refinement divides an interval into at most `most` parts where
+    forces are smooth.
     """
     # With kinks two answers may agree by chance: an error falls by at most the fourth power of h.
     before, error, worst = amplitude_of(motion, orbit)[0], math.inf, math.inf
     smooth = not motion.model.pipe.has_kinks
     last = 0.0 if smooth else math.inf
-    most = 2  # largest number of parts of an interval
+    most = most if smooth else 2
     while True:
         defects = orbit.defects()
         coarse, coarsest, worst = defects > largest, worst, float(defects.max())
