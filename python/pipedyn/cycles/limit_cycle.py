@@ -50,7 +50,13 @@ from pipedyn.orbits.floquet import (
     nontrivial,
     orbit_multipliers,
 )
-from pipedyn.orbits.orbit_continuation import COARSE, breaking_part, orbit_at_speed, solved_anew
+from pipedyn.orbits.orbit_continuation import (
+    COARSE,
+    MOST_CYCLE_INTERVALS,
+    breaking_part,
+    orbit_at_speed,
+    solved_anew,
+)
 from pipedyn.orbits.periodic_orbit import ORBIT_STAGES, PeriodicOrbit, refined
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
@@ -69,10 +75,6 @@ SEARCH, SEARCH_FACTOR = 600_000, 3
 """Number of right-hand sides of that motion, from one look to the next, beyond which it is given
 up, and the factor by which more are allowed up to 6 degrees of freedom, where they are cheap.
 Motions that wind up without end turn ever faster."""
-
-MOST_CYCLE_INTERVALS = 2000
-"""Largest number of intervals of a mesh: with more, one Newton step of a chain of 20 segments takes
-some seconds."""
 
 DEFECT_ROUNDING = 1e-11
 """Defect of an interval below which the defect may be rounding, so that only halving intervals

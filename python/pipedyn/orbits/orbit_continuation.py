@@ -46,6 +46,10 @@ MOST_ON_BRANCH = 250
 """Largest number of mesh intervals of an orbit on a branch: 2,000 stages, with which each orbit
 takes seconds."""
 
+MOST_CYCLE_INTERVALS = 2000
+"""Largest number of intervals of a mesh: with more, one Newton step of a chain of 20 segments takes
+some seconds."""
+
 MOST_EVALUATIONS = 100_000
 """Number of right-hand sides and Jacobians after which no more steps are taken on the way to a
 speed: they alone take 1 s for a chain of 20 segments, half a minute for one of 100."""
@@ -102,6 +106,8 @@ def solved_anew(
     are those of `solved`.
     """
     guess = resolved_orbit(motion, states, frequency, u, symmetric, how.defect)
+    if len(guess.starts) > MOST_CYCLE_INTERVALS:
+        raise NewtonFailed(f"more than {MOST_CYCLE_INTERVALS} mesh intervals are needed")
     return solved(motion, guess, how.tolerance, iterations, hopeless)
 
 
