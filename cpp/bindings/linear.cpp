@@ -217,7 +217,8 @@ void define_linear(py::module_& m) {
             try {
               for (; i < end; ++i) {
                 if (own) report.next_search(spectra[i]);
-                const std::function<void()> asked = own ? std::ref(report) : std::function(stop_too);
+                const std::function<void()> asked =
+                    own ? std::ref(report) : std::function(stop_too);
                 found[i] = crossings(*spectra[i], ranges.at(i), asked);
               }
             } catch (...) {

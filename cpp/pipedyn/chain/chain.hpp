@@ -131,8 +131,8 @@ class Chain {
   /// includes the root's spring; the joint of a guided end is the last row.
   Matrix joints() const;
   const Vector& springs() const { return segments_.spring; }
-  /// Joint angle for a unit of each elastic coordinate (n): 1 / sqrt(k_j). A joint whose spring is 0
-  /// or below 1e-3 of the mean takes its scale from the mean.
+  /// Joint angle for a unit of each elastic coordinate (n): 1 / sqrt(k_j). A joint whose spring is
+  /// 0 or below 1e-3 of the mean takes its scale from the mean.
   Vector elastic_scale() const;
   /// Whether a joint, or the root of the pipe, has no spring.
   bool turns_freely() const { return springs().minCoeff() <= 0.0; }
