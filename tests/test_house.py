@@ -19,7 +19,7 @@ LIMITS = {
     "names with more than one meaning": 9,
     "docstrings that begin with a leaning word": 0,
     "lines of Python": 21662,
-    "lines of C++": 13447,
+    "lines of C++": 13448,
 }
 
 ROOT = Path(__file__).parents[1]
