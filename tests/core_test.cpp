@@ -790,10 +790,8 @@ void check_completeness() {
     for (const pipedyn::Complex value : solver.eigenvalues()) {
       if (value.imag() >= 0.0) roots.push_back({value, value.imag() == 0.0});
     }
-    const pipedyn::Vector one = pipedyn::Vector::Ones(n);
-    const pipedyn::ChainDeterminant of(
-        std::make_shared<const Chain>(chain),
-        std::make_shared<const pipedyn::Complement>(Matrix::Zero(n, 0)), pipedyn::Lapack{}, one);
+    const pipedyn::ChainDeterminant of(std::make_shared<const Chain>(chain),
+                                       pipedyn::Complement(Matrix::Zero(n, 0)), pipedyn::Lapack{});
     check(pipedyn::correct(of, u, roots), "eigenvalues are near the determinant's roots");
     check(pipedyn::roots_in(roots) == 2 * n, "as many roots as the matrices have");
     check(pipedyn::has_all(of, u, roots), "no root is missing");
