@@ -67,8 +67,8 @@ class Search {
   Search(Spectrum& spectrum, const Range& range, const std::function<void()>& report)
       : spectrum_(spectrum), traits_(spectrum.traits), range_(range), report_(report) {}
 
-  /// first_alone: whether the search ends behind the first of several divergences; the result is
-  /// none if it would have to go on there.
+  /// first_alone: whether the search ends behind the first of several divergences, or at
+  /// `nearest_end`; the result is none if it would have to go on there.
   std::optional<Sweep> run(bool first_alone) {
     try {
       // Of a conservative system the first divergence may be all that is asked for.
@@ -128,6 +128,7 @@ class Search {
       speeds.insert(speeds.end(), {u - reach, u + reach});
     }
     std::sort(speeds.begin(), speeds.end());
+    // A step beyond the known divergences might pass one without being short.
     std::erase_if(speeds, [&](double at) { return at >= divergences_.known_to; });
     return speeds;
   }

@@ -104,7 +104,7 @@ struct Divergence {
 struct Divergences {
   int negative_at_rest = 0;  // number of eigenvalues < 0 of K at rest, if K is symmetric at all u
   std::vector<Divergence> all = {};
-  double known_to = infinite;  // where less than the end: there may be others beyond this speed
+  double known_to = infinite;  // speed beyond which there may be others, before the speed asked for
 };
 
 /// Several roots, with what is known of each. A table of what is not known has no columns, and an

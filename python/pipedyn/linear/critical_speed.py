@@ -259,6 +259,20 @@ def critical_points(
 ) -> list[CriticalPoint | Exception]:
     """Critical points of several models, or the exceptions of those that fail, in one search.
 
+    The arguments are those of `first_losses`.
+    """
+    found: list[Any] = first_losses(models, max_speed, sensitive)
+    for i, model in enumerate(models):
+        if not isinstance(found[i], Exception) and found[i][0] is None:
+            found[i] = outcome_of(partial(_no_critical_speed, model, max_speed))
+    return found
+
+
+def first_losses(
+    models: Sequence[AnyModel], max_speed: float, sensitive: bool
+) -> list[CriticalPointIfAny | Exception]:
+    """Critical speed, if any, and crossings up to it of each model, or its exception.
+
     Args:
         models: the models.
         max_speed: flow speed at which the searches end.
@@ -277,11 +291,8 @@ def critical_points(
                 some.append(models[i])
         points = stability_losses(some, end, True, max_speed, sensitive)
         for i, point in zip(at, points, strict=True):
-            if isinstance(point, Exception) or point[0] is not None:
+            if isinstance(point, Exception) or point[0] is not None or end == max_speed:
                 found[i] = point
-    for i, model in enumerate(models):
-        if found[i] is None:
-            found[i] = outcome_of(partial(_no_critical_speed, model, max_speed))
     return found
 
 
@@ -297,7 +308,7 @@ def _first_ends(model: AnyModel, max_speed: float) -> list[float]:
     between pi and 2 pi.
     """
     if not isinstance(model, Continuum) and model.dof < LONG_MODEL * LEAST_WITHIN:
-        return []
+        return []  # at least so many modes would be tracked, which is not cheaper
     pipe, gravity, reach = model.pipe, LARGE_GRAVITY, Reach(model.pipe)
     if pipe.supports or pipe.end_held:
         ends = [5.0, 8.0, 12.0, 24.0, 48.0]
@@ -705,14 +716,13 @@ class Reach:
 
     def __init__(self, pipe: Pipe) -> None:
         self.pipe = pipe
-        terms = [term.numbers for term in pipe.terms] if pipe.terms else []
-        heaviest = 1.0 if pipe.mass is None else pipe.mass.bounds[1]
-        weight, load, pushed = heaviest, 0.0, 0.0
-        for numbers in terms:
-            weight += numbers.get("mass", 0.0)
-            load += numbers.get("load", 0.0)
-            pushed += max(-numbers.get("load", 0.0), 0.0)
-        self.weight = pipe.gamma * weight
+        mass, load, pushed = 1.0 if pipe.mass is None else pipe.mass.bounds[1], 0.0, 0.0
+        for term in pipe.terms:
+            mass += term.numbers.get("mass", 0.0)
+            pull = term.numbers.get("load", 0.0)
+            load += pull
+            pushed += max(-pull, 0.0)
+        self.weight = pipe.gamma * mass
         self.tension = self.weight + load
         self.compression = pushed + max(-self.weight, 0.0)
         least = 1.0 if pipe.stiffness is None else pipe.stiffness.bounds[0]

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.linear.critical_speed import (
-    NoCrossing,
+    CriticalPointIfAny,
     checked_end,
-    critical_points,
+    first_losses,
+    only_answer,
     unstable_at_rest,
 )
 from pipedyn.linear.stability_curve import Failure
@@ -26,12 +27,12 @@ from pipedyn.models.scales import scales_at
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.parallel import outcome_of, parallel
+from pipedyn.util.parallel import batches, outcome_of, parallel
 from pipedyn.util.result import SPEED, TableResult
 
 PIPES_IN_A_TASK = 1024
 """Largest number of pipes in a call of the core, which is a task of an executor: of ten segments a
-task then takes some 0.2 s, of which a cluster loses a hundredth, and their models a few MB."""
+task then takes some 0.5 s, of which a cluster loses a hundredth, and their models a few MB."""
 
 LEAST_TASKS = 64
 """Least number of tasks of an executor that has enough pipes for them, so that hundreds of pipes
@@ -112,10 +113,11 @@ class CriticalSpeeds(TableResult, units=dict.fromkeys(("speeds", "errors", "max_
 
 
 Answers: TypeAlias = tuple[Array, dict[int, Exception]]
-"""Rows of `ANSWERS` of some pipes, and the exceptions of those that failed, by their places."""
+"""A row of quantities of each of some pipes, and the exceptions of those that failed, by row."""
 
-ANSWERS = 6
-"""Numbers of a row: speed, frequency, error, mode, whether it diverges, unstable before."""
+ROW_LENGTH = 6
+"""Number of quantities: speed, frequency, error of the speed, mode, whether the pipe diverges, and
+number of unstable roots below the speed."""
 
 
 def critical_speeds(
@@ -165,25 +167,20 @@ def critical_speeds(
     values = _checked_values(model, numbers)
     shape = next(iter(values.values())).shape
     points = np.stack([one.ravel() for one in values.values()], axis=-1)
-    count = len(points)
-    size = PIPES_IN_A_TASK
-    if executor is not None or progress:
-        size = min(size, max(1, count // LEAST_TASKS))
-    starts = range(0, count, size)
-    jobs = [partial(_answers, model, tuple(values), points[k : k + size], end) for k in starts]
-    rows = np.full((count, ANSWERS), math.nan)
+    least = LEAST_TASKS if executor is not None or progress else 1
+    parts = batches(len(points), PIPES_IN_A_TASK, least)
+    jobs = [partial(_answers, model, tuple(values), points[part], end) for part in parts]
+    rows = np.full((len(points), ROW_LENGTH), math.nan)
     failures = []
     done = parallel(jobs, executor, label="critical speeds", progress=progress)
-    for start, answers in zip(starts, done, strict=True):
-        batch = range(start, min(start + size, count))
+    for part, answers in zip(parts, done, strict=True):
         if isinstance(answers, Exception):
-            failures += [Failure(i, float(points[i, 0]), answers) for i in batch]
-            continue
-        rows[batch], failed = answers
-        failures += [
-            Failure(batch[k], float(points[batch[k], 0]), error) for k, error in failed.items()
-        ]
-    speeds, frequencies, errors, *others = np.moveaxis(rows.reshape(*shape, ANSWERS), -1, 0).copy()
+            failed = dict.fromkeys(range(len(part)), answers)
+        else:
+            rows[part], failed = answers
+        for k, error in failed.items():
+            failures.append(Failure(part[k], float(points[part[k], 0]), error))
+    speeds, frequencies, errors, *others = rows.T.reshape(ROW_LENGTH, *shape).copy()
     modes, divergent, unstable = (np.nan_to_num(one).astype(np.int64) for one in others)
     return CriticalSpeeds(
         model,
@@ -238,17 +235,19 @@ def _answers(model: AnyModel, names: Sequence[str], points: Array, max_speed: fl
     outcomes: list[Any] = [outcome_of(partial(model_at, row)) for row in points.tolist()]
     made = [i for i, one in enumerate(outcomes) if not isinstance(one, Exception)]
     models = [outcomes[i] for i in made]
-    for i, one in zip(made, critical_points(models, max_speed, sensitive=False), strict=True):
-        if isinstance(one, NoCrossing):
-            growing = outcome_of(partial(unstable_at_rest, outcomes[i]))
-            outcomes[i] = growing if isinstance(growing, Exception) else [math.nan] * 5 + [growing]
-        elif isinstance(one, Exception):
-            outcomes[i] = one
-        else:
-            found, _ = one
-            diverges = found.kind == "divergence"
-            outcomes[i] = [found.speed, found.frequency, found.error, found.mode, diverges]
-            outcomes[i].append(found.unstable_before)
+    points_found = first_losses(models, max_speed, sensitive=False)
+    for i, model_there, point in zip(made, models, points_found, strict=True):
+        outcomes[i] = outcome_of(partial(_quantities, model_there, point))
     failed = {i: one for i, one in enumerate(outcomes) if isinstance(one, Exception)}
-    rows = [[math.nan] * ANSWERS if i in failed else one for i, one in enumerate(outcomes)]
+    rows = [[math.nan] * ROW_LENGTH if i in failed else one for i, one in enumerate(outcomes)]
     return np.array(rows), failed
+
+
+def _quantities(model: AnyModel, point: CriticalPointIfAny | Exception) -> list[float]:
+    """The quantities of a pipe from its critical point; raises the exception of one that failed."""
+    critical, crossings = only_answer([point])
+    if critical is None:
+        return [math.nan] * (ROW_LENGTH - 1) + [unstable_at_rest(model, crossings)]
+    diverges = critical.kind == "divergence"
+    found = [critical.speed, critical.frequency, critical.error, critical.mode, diverges]
+    return [*found, critical.unstable_before]

@@ -28,7 +28,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.parallel import Returned, outcome_of, parallel
+from pipedyn.util.parallel import Returned, batches, outcome_of, parallel
 from pipedyn.util.result import SPEED, Result, TableResult
 
 LARGEST_BATCH = 256
@@ -244,14 +244,11 @@ def sweep(
     outcomes: list[Any] = [outcome_of(partial(model_at, value)) for value in at.tolist()]
     pipes = tuple(None if isinstance(one, Exception) else one.pipe for one in outcomes)
     made = [i for i, one in enumerate(pipes) if one is not None]
-    size = LARGEST_BATCH
-    if executor is not None or shown:
-        size = min(size, max(1, len(made) // BATCHES))
-    batches = [made[first : first + size] for first in range(0, len(made), size)]
-    jobs = [partial(solve, [outcomes[i] for i in batch]) for batch in batches]
-    for batch, solved in zip(
-        batches, parallel(jobs, executor, label=label, progress=shown), strict=True
-    ):
+    least = BATCHES if executor is not None or shown else 1
+    parts = [[made[k] for k in part] for part in batches(len(made), LARGEST_BATCH, least)]
+    jobs = [partial(solve, [outcomes[i] for i in batch]) for batch in parts]
+    done = parallel(jobs, executor, label=label, progress=shown)
+    for batch, solved in zip(parts, done, strict=True):
         answered = [solved] * len(batch) if isinstance(solved, Exception) else solved
         for i, one in zip(batch, answered, strict=True):
             outcomes[i] = one

@@ -135,12 +135,14 @@ def _entry(name: str, base: type) -> _Entry:
 
     Exceptions are accepted only if `base` is Exception, and named tuples only if it is tuple.
     """
-    today, package = todays_name(name), sys.modules["pipedyn"]
-    classes = [one for one in package.__all__ if one[0].isupper()]
-    for public in sorted(classes, key=lambda one: one != today):
-        if today in _BY_NAME:
-            break
-        getattr(package, public)  # imports its module, which registers the classes in it
+    today = todays_name(name)
+    if today not in _BY_NAME:
+        package = sys.modules["pipedyn"]
+        classes = [one for one in package.__all__ if one[0].isupper()]
+        for public in sorted(classes, key=lambda one: one != today):
+            getattr(package, public)  # imports its module, which registers the classes in it
+            if today in _BY_NAME:
+                break
     found = _BY_NAME.get(today)
     if found is None:
         raise ValueError(f"it has a {check.shown(name)}, which this version does not know")

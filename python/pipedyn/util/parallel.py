@@ -218,6 +218,18 @@ def outcome_of(job: Job[Returned]) -> Returned | Exception:
         return error
 
 
+def batches(count: int, largest: int, least: int) -> list[range]:
+    """Indices of so many points in batches of equal size, the last one smaller.
+
+    Args:
+        count: number of points.
+        largest: largest number of points in a batch.
+        least: least number of batches, where there are as many points.
+    """
+    size = min(largest, max(1, count // least))
+    return [range(first, min(first + size, count)) for first in range(0, count, size)]
+
+
 def parallel(
     jobs: Sequence[Job[Returned]],
     executor: futures.Executor | None = None,
