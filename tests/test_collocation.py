@@ -9,8 +9,9 @@ import pipedyn as pp
 from pipedyn import _core
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits import magnus
-from pipedyn.orbits.collocation import WEIGHTS, collocation_maps
+from pipedyn.orbits.collocation import LOSS, collocation_maps
 from pipedyn.orbits.periodic_orbit import (
+    METHOD,
     ONCE,
     STAGE_NODES,
     TWICE,
@@ -54,18 +55,36 @@ def test_maps_are_what_motions_make_of_small_changes(cycle, each_level):
         assert maps[m] == pytest.approx(measured, abs=1e-6)
 
 
+def linearised_orbit(h, starts, rates, slopes, frequency, *, speed_varies=True, **how):
+    """The core's equations about an orbit whose mirror image follows it."""
+    given = {"by_frequency": None, "of_states": False, "forced": False, **how}
+    return _core.LinearisedOrbit(
+        *(h, starts, rates, METHOD, frequency, -1.0, slopes),
+        speed_varies=speed_varies,
+        most=LOSS,
+        **given,
+    )
+
+
+def random_orbit(random, count, half):
+    n, stages = 2 * half, STAGE_NODES.size
+    starts, rates = random.normal(size=(count, n)), random.normal(size=(count, stages, half))
+    return starts, rates, random.normal(size=(count * stages, 2 + n, n))
+
+
 @pytest.mark.parametrize("half", [1, 2, 7, 20])
 def test_eliminated_stages_solve_their_equations(half, each_level):
     """Of random derivatives: each stage's change is that of its force, for each right-hand side."""
     random = np.random.default_rng(half)
     stages, n, h, frequency = STAGE_NODES.size, 2 * half, 0.3, 4.0
-    start, rates = random.normal(size=(1, n)), random.normal(size=(1, stages, half))
-    linearised = random.normal(size=(stages, 2 + n, n))
+    start, rates, linearised = random_orbit(random, 1, half)
+    moving = random.normal(size=(half, stages))
     force, by_speed, jacobians = linearised[:, 0, half:], linearised[:, 1, half:], linearised[:, 2:]
-    found, ends = _core.condense(
-        np.array([h]), start, rates, linearised, None, True, frequency, WEIGHTS
-    )
-    found = found.reshape(stages, half, n + 3)
+    given = np.array([h]), start, rates, linearised, frequency
+    equations = linearised_orbit(*given, by_frequency=moving)
+    found, ends = equations.by_rates.reshape(stages, half, n + 3), equations.maps[0]
+    units = np.repeat([1.0, equations.unit], half)
+    assert equations.unit == max(1.0, np.sqrt(np.abs(jacobians[0, half:, :half]).max()))
     # The states at the stages are moved by their rates, by the first state and by the duration.
     once, twice = (np.einsum("ij,jab->iab", matrix, found) for matrix in (ONCE, TWICE))
     p, v = h**2 * twice, h * once
@@ -77,43 +96,104 @@ def test_eliminated_stages_solve_their_equations(half, each_level):
     v[:, :, n + 1] += longer * (ONCE @ rates[0])
     moved = jacobians[:, half:] @ np.concatenate([p, v], axis=1)
     moved[:, :, n] += force - rates[0]
+    moved[:, :, n + 1] += moving.T
     moved[:, :, n + 2] += by_speed
     assert found == pytest.approx(moved, abs=1e-10 * np.abs(found).max())
-    assert ends[0] == pytest.approx(np.concatenate([p[-1], v[-1]]), abs=1e-10 * np.abs(ends).max())
+    # The residual holds what the end misses of the mirror image of the beginning.
+    orbit = PeriodicOrbit(np.array([0.0, frequency * h]), start, rates, frequency, 1.0)
+    end = np.concatenate([p[-1], v[-1]]) / units[:, None]
+    end[:, :n] *= units
+    end[:, n] += (at_stages(orbit)[0, -1] + start[0]) / units
+    assert ends == pytest.approx(end, abs=1e-10 * np.abs(ends).max())
+
+    exchanged = [*range(n + 1), n + 2, n + 1]
+    forced = linearised_orbit(*given, by_frequency=moving, forced=True)
+    assert np.array_equal(forced.maps[0], ends[:, exchanged])
+    assert np.array_equal(forced.by_rates, equations.by_rates[:, exchanged])
+    still = linearised_orbit(*given, speed_varies=False)
+    assert not still.maps[0, :, n + 2].any()
+    states = linearised_orbit(*given, of_states=True)
+    assert states.maps[0] == pytest.approx(ends[:, :n], abs=1e-12 * np.abs(ends).max())
 
 
 def test_what_an_interval_misses_of_the_next_is_part_of_the_residual():
     random = np.random.default_rng(5)
-    count, half, stages = 3, 2, STAGE_NODES.size
-    n, h = 2 * half, np.array([0.1, 0.3, 0.2])
-    starts, rates = random.normal(size=(count, n)), random.normal(size=(count, stages, half))
-    linearised = random.normal(size=(count * stages, 2 + n, n))
-    units = np.array([1.0, 2.0, 4.0, 0.5])
-    given = h, starts, rates, linearised, None, False, 4.0, WEIGHTS
-    by_rates, plain = _core.condense(*given)
-    same, found = _core.condense(*given, -1.0, units)
+    h, half = np.array([0.1, 0.3, 0.2]), 2
+    starts, rates, slopes = random_orbit(random, h.size, half)
+    equations = linearised_orbit(h, starts, rates, slopes, 4.0)
     orbit = PeriodicOrbit(np.append(0.0, 4.0 * np.cumsum(h)), starts, rates, 4.0, 1.0)
-    plain[:, :, n] += at_stages(orbit)[:, -1] - np.stack([starts[1], starts[2], -starts[0]])
-    plain /= units[:, None]
-    plain[:, :, :n] *= units
-    assert np.array_equal(same, by_rates)
-    assert found == pytest.approx(plain, abs=1e-13 * np.abs(plain).max())
+    missed = at_stages(orbit)[:, -1] - np.stack([starts[1], starts[2], -starts[0]])
+    units = np.repeat([1.0, equations.unit], half)
+    one_by_one = [
+        linearised_orbit(h[k : k + 1], starts[k : k + 1], rates[k : k + 1], part, 4.0)
+        for k, part in enumerate(np.split(slopes, h.size))
+    ]
+    for k, alone in enumerate(one_by_one):
+        own = np.repeat([1.0, alone.unit], half)
+        orbit = PeriodicOrbit(np.array([0.0, 4.0 * h[k]]), starts[k : k + 1], rates[k : k + 1], 4, 1)
+        gap = at_stages(orbit)[0, -1] + starts[k]
+        forces = alone.maps[0, :, 2 * half] * own - gap
+        assert equations.maps[k, :, 2 * half] * units == pytest.approx(forces + missed[k], abs=1e-12)
 
 
-def test_joined_intervals_are_products_and_runs_end_before_they_lose_digits():
+@pytest.mark.parametrize("most", [1e300, 40.0, 1e-300])
+def test_joined_intervals_are_products_and_runs_end_before_they_lose_digits(most):
     random = np.random.default_rng(2)
     maps, right = random.normal(size=(9, 5, 5)), random.normal(size=(9, 5, 2))
-    whole, begins = _core.map_products(np.concatenate([maps, right], axis=2), 40.0)
+    relation = _core.SpanRelation(np.concatenate([maps, right], axis=2), most)
+    whole, begins = relation.products, relation.begins
     assert begins[0] == 0
-    assert len(begins) > 1
+    assert (len(begins) == 1, len(begins) == 9) == (most > 40.0, most < 40.0)
     for first, last in zip(begins, [*begins[1:], 9], strict=True):
         product, sums = np.eye(5), np.zeros((5, 2))
         for k in range(first, last):
             product, sums = maps[k] @ product, maps[k] @ sums + right[k]
-            assert whole[k] == pytest.approx(np.concatenate([product, sums], axis=1), abs=1e-12)
-            assert k == first or np.abs(product).max() < 40.0
+            assert whole[k] == pytest.approx(
+                np.concatenate([product, sums], axis=1), rel=1e-12, abs=1e-12
+            )
+            assert k == first or np.abs(product).max() < most
         if last < 9:
-            assert np.abs(maps[last] @ product).max() >= 40.0
+            assert np.abs(maps[last] @ product).max() >= most
+
+
+@pytest.mark.parametrize("most", [1e300, 40.0, 1e-300])
+def test_states_of_a_span_meet_every_interval_and_the_relation_of_both_ends(most):
+    random = np.random.default_rng(7)
+    maps, right = random.normal(size=(9, 5, 5)), random.normal(size=(9, 5, 2))
+    relation = _core.SpanRelation(np.concatenate([maps, right], axis=2), most)
+    loads, first = random.normal(size=(2, 3)), random.normal(size=(5, 3))
+    x = [first]
+    for map_of, load in zip(maps, right, strict=True):
+        x.append(map_of @ x[-1] + load @ loads)
+    sizes = np.abs(x[-1]).max()
+    left = relation.first @ first + relation.last @ x[-1] - relation.known @ loads
+    assert np.abs(left).max() <= 1e-11 * sizes
+    found = relation.states(np.concatenate([first, x[-1]]), loads).reshape(9, 5, 3)
+    assert found == pytest.approx(np.array(x[:-1]), abs=1e-9 * sizes)
+
+
+@pytest.mark.parametrize("forced", [False, True])
+def test_changes_of_an_orbit_meet_the_linearised_equations(forced):
+    """Each interval's equations, both conditions, and the closing up to the mirror image."""
+    random, count, half = np.random.default_rng(3), 4, 3
+    n = 2 * half
+    starts, rates, slopes = random_orbit(random, count, half)
+    equations = linearised_orbit(np.full(count, 0.2), starts, rates, slopes, 4.0, forced=forced)
+    size = starts.size + rates.size + 2
+    phase, row = random.normal(size=(2, size))
+    change = equations.change(phase, 0.3, row, 0.7, 1.0)
+    assert [phase @ change, row @ change] == pytest.approx([0.3, 0.7], abs=1e-9)
+    states, moved = change[: starts.size].reshape(count, n), change[starts.size : -2]
+    units = np.repeat([1.0, equations.unit], half)
+    for k in range(count):
+        given = np.concatenate([states[k], [1.0], change[-2:]])
+        found = equations.by_rates.reshape(count, -1, n + 3)[k] @ given
+        assert moved.reshape(count, -1)[k] == pytest.approx(found, abs=1e-9)
+        given[:n] /= units
+        end = -states[0] if k == count - 1 else states[k + 1]
+        assert equations.maps[k] @ given == pytest.approx(end / units, abs=1e-9)
+    with pytest.raises(ValueError, match="phase and row must hold"):
+        equations.change(phase[:-1], 0.3, row, 0.7, 1.0)
 
 
 def test_states_between_the_stages_are_those_of_the_motion(cycle):
@@ -137,12 +217,14 @@ def test_velocities_at_the_stages_are_those_at_their_phases(cycle):
 
 def test_arrays_that_do_not_fit_are_refused():
     with pytest.raises(ValueError, match="maps must have shape"):
-        _core.map_products(np.zeros((2, 3, 2)), 1e5)
+        _core.SpanRelation(np.zeros((2, 3, 2)), 1e5)
     with pytest.raises(ValueError, match="rates must have shape"):
-        _core.condense(*[np.zeros(3)] * 4, None, False, 1.0, WEIGHTS)
+        linearised_orbit(*[np.zeros(3)] * 4, 1.0)
     given = np.zeros(3), np.zeros((2, 2)), np.zeros((2, STAGE_NODES.size, 1))
     with pytest.raises(ValueError, match="durations must hold 2 numbers"):
-        _core.condense(*given, np.zeros(0), None, False, 1.0, WEIGHTS)
+        linearised_orbit(*given, np.zeros(0), 1.0)
+    with pytest.raises(ValueError, match="durations must hold 2 numbers"):
+        _core.stage_states(*given, METHOD)
     with pytest.raises(ValueError, match="exponents must have shape"):
         magnus.exponentials(np.zeros((2, 3, 2)))
     with pytest.raises(ValueError, match="rows must have shape"):

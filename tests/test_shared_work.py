@@ -93,9 +93,10 @@ def test_a_singular_interval_is_refused_whichever_thread_meets_it(singular):
     n, h = 2 * half, np.full(count, 1.0)
     slopes = np.zeros((count, stages, 2 + n, n))
     slopes[singular, :, 2 + half :, half:] = np.eye(half)
-    given = h, np.zeros((count, n)), np.zeros((count, stages, half)), slopes, None, False, 1.0
     own = STAGE_NODES, np.eye(stages), np.zeros((stages, stages))  # rates k with k = k + ...
+    given = h, np.zeros((count, n)), np.zeros((count, stages, half)), own, 1.0, 1.0, slopes
+    how = None, False, True, False, 1e5
     with pytest.raises(np.linalg.LinAlgError, match="Singular"):
-        _core.condense(*given, own)
+        _core.LinearisedOrbit(*given, *how)
     slopes[singular] = 0.0
-    _core.condense(*given, own)
+    _core.LinearisedOrbit(*given, *how)

@@ -5,7 +5,6 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
-#include <atomic>
 #include <optional>
 #include <vector>
 
@@ -20,83 +19,81 @@ namespace {
 
 /// The collocation method with s stages: nodes c (s,), and the matrices O (s, s) of first and T
 /// (s, s) of second integrals, as in collocation.hpp.
-using Weights = std::tuple<Numbers, Numbers, Numbers>;
+using Method = std::tuple<Numbers, Numbers, Numbers>;
 
 GivenMatrix matrix(const char* name, const Numbers& values, Index rows, Index columns) {
   require_size(name, values, rows * columns);
   return {values.data(), rows, columns};
 }
 
-py::typing::Tuple<Numbers, Numbers> condense(const Numbers& durations, const Numbers& starts,
-                                             const Numbers& rates, const Numbers& linearised,
-                                             const std::optional<Numbers>& by_frequency,
-                                             bool speed_varies, double frequency,
-                                             const Weights& weights, double mirror_sign,
-                                             const std::optional<Numbers>& units) {
+Intervals intervals_of(const Numbers& durations, const Numbers& starts, const Numbers& rates,
+                       const Method& method, double frequency = 1.0, double mirror_sign = 1.0) {
   if (rates.ndim() != 3) {
     throw py::value_error("rates must have shape (M, s, n / 2), got " + shape_of(rates));
   }
-  const auto& [nodes, single, twofold] = weights;
+  const auto& [nodes, single, twofold] = method;
   const Index count = rates.shape(0), stages = rates.shape(1), half = rates.shape(2);
-  const Index n = 2 * half, size = stages * half;
-  const GivenMatrix none(nullptr, 0, 0);
-  const Intervals intervals{
-      .stages = stages,
-      .half = half,
-      .durations = matrix("durations", durations, count, 1),
-      .starts = matrix("starts", starts, count, n),
-      .rates = {rates.data(), count * stages, half},
-      .linearised = matrix("linearised", linearised, count * stages * (2 + n), n),
-      .by_frequency =
-          by_frequency ? matrix("by_frequency", *by_frequency, half, count * stages) : none,
-      .speed_varies = speed_varies,
-      .frequency = frequency,
-      .nodes = matrix("nodes", nodes, stages, 1),
-      .single = matrix("single", single, stages, stages),
-      .twofold = matrix("twofold", twofold, stages, stages),
-      .mirror_sign = mirror_sign,
-      .units = units ? matrix("units", *units, n, 1) : none,
-  };
-  Numbers by(std::vector<py::ssize_t>{count, size, n + 3});
-  Numbers ends(std::vector<py::ssize_t>{count, n, n + 3});
-  double* const to = by.mutable_data();
-  double* const end = ends.mutable_data();
-  std::atomic<bool> regular = true;
-  {
-    const py::gil_scoped_release unlocked;
-    // A unit of work, some 5 ns (util/threads.hpp), is the time of 100 of an interval's products:
-    // measured for n = 40, with stages of size 160.
-    in_parts(count, size * size * (size + n) / 100, [&](Index first, Index last) {
-      Matrix system = stage_system(stages, half);
-      for (Index m = first; m < last && regular; ++m) {
-        const bool solved =
-            eliminate_stages(intervals, m, system, {to + m * size * (n + 3), size, n + 3},
-                             {end + m * n * (n + 3), n, n + 3});
-        if (!solved) regular = false;
-      }
-    });
-  }
-  if (!regular) {
-    const py::object error = py::module_::import("numpy.linalg").attr("LinAlgError");
-    PyErr_SetString(error.ptr(), "Singular matrix");
-    throw py::error_already_set();
-  }
-  return py::make_tuple(by, ends);
+  return {.weights = {matrix("nodes", nodes, stages, 1), matrix("single", single, stages, stages),
+                      matrix("twofold", twofold, stages, stages)},
+          .durations = matrix("durations", durations, count, 1),
+          .starts = matrix("starts", starts, count, 2 * half),
+          .rates = {rates.data(), count * stages, half},
+          .frequency = frequency,
+          .mirror_sign = mirror_sign};
 }
 
-py::typing::Tuple<Numbers, std::vector<Index>> map_products(const Numbers& maps, double most) {
+[[noreturn]] void refuse_singular() {
+  const py::object error = py::module_::import("numpy.linalg").attr("LinAlgError");
+  PyErr_SetString(error.ptr(), "Singular matrix");
+  throw py::error_already_set();
+}
+
+/// The rows of a matrix as those of `count` matrices.
+Numbers stacked(const Matrix& rows, Index count) {
+  const std::vector<py::ssize_t> shape{count, rows.rows() / std::max<Index>(count, 1), rows.cols()};
+  return Numbers(shape, rows.data());
+}
+
+LinearisedOrbit linearised_orbit(const Numbers& durations, const Numbers& starts,
+                                 const Numbers& rates, const Method& method, double frequency,
+                                 double mirror_sign, const Numbers& linearised,
+                                 const std::optional<Numbers>& by_frequency, bool speed_varies,
+                                 bool of_states, bool forced, double most) {
+  const Intervals of = intervals_of(durations, starts, rates, method, frequency, mirror_sign);
+  const Index stages = of.count() * of.stages(), n = 2 * of.half();
+  const Slopes slopes{
+      .linearised = matrix("linearised", linearised, stages * (2 + n), n),
+      .by_frequency = by_frequency ? matrix("by_frequency", *by_frequency, of.half(), stages)
+                                   : GivenMatrix(nullptr, 0, 0),
+      .speed_varies = speed_varies,
+      .of_states = of_states,
+      .forced = forced,
+  };
+  std::optional<LinearisedOrbit> made;
+  {
+    const py::gil_scoped_release unlocked;
+    made.emplace(of, slopes, most);
+  }
+  if (!made->regular) refuse_singular();
+  return *std::move(made);
+}
+
+Numbers stage_states(const Numbers& durations, const Numbers& starts, const Numbers& rates,
+                     const Method& method) {
+  const Intervals of = intervals_of(durations, starts, rates, method);
+  const Index rows = 2 * of.half(), columns = of.count() * of.stages();
+  Numbers made = new_numbers(rows, columns, false);
+  states_at_stages(of, {made.mutable_data(), rows, columns});
+  return made;
+}
+
+SpanRelation span_relation(const Numbers& maps, double most) {
   if (maps.ndim() != 3 || maps.shape(2) < maps.shape(1) || maps.shape(0) == 0) {
     throw py::value_error("maps must have shape (M, n, n + k), got " + shape_of(maps));
   }
-  const Index count = maps.shape(0), n = maps.shape(1), columns = maps.shape(2);
-  Numbers whole(std::vector<py::ssize_t>{count, n, columns});
-  double* const to = whole.mutable_data();
-  std::vector<Index> begins;
-  {
-    const py::gil_scoped_release unlocked;
-    begins = multiply_maps(maps.data(), count, n, columns, most, to);
-  }
-  return py::make_tuple(whole, begins);
+  const Index n = maps.shape(1), columns = maps.shape(2);
+  const py::gil_scoped_release unlocked;
+  return {GivenMatrix(maps.data(), maps.shape(0) * n, columns), n, most};
 }
 
 Numbers exponentials(const Numbers& exponents) {
@@ -180,10 +177,42 @@ Numbers states_of(const Numbers& edges, const Numbers& starts, const Numbers& ra
 }  // namespace
 
 void define_orbits(py::module_& m) {
-  m.def("condense", &condense, "durations"_a, "starts"_a, "rates"_a, "linearised"_a,
-        "by_frequency"_a, "speed_varies"_a, "frequency"_a, "weights"_a, "mirror_sign"_a = 1.0,
-        "units"_a = py::none());
-  m.def("map_products", &map_products, "maps"_a, "most"_a);
+  py::class_<SpanRelation>(m, "SpanRelation")
+      .def(py::init(&span_relation), "maps"_a, "most"_a)
+      .def_readonly("first", &SpanRelation::first)
+      .def_readonly("last", &SpanRelation::last)
+      .def_readonly("known", &SpanRelation::known)
+      .def_property_readonly("begins", &SpanRelation::begins)
+      .def_property_readonly(
+          "products",
+          [](const SpanRelation& of) {
+            return stacked(of.products(), of.products().rows() / std::max<Index>(of.first.rows(), 1));
+          })
+      .def("states", &SpanRelation::states, "ends"_a, "loads"_a);
+  py::class_<LinearisedOrbit>(m, "LinearisedOrbit")
+      .def(py::init(&linearised_orbit), "durations"_a, "starts"_a, "rates"_a, "method"_a,
+           "frequency"_a, "mirror_sign"_a, "linearised"_a, "by_frequency"_a, "speed_varies"_a,
+           "of_states"_a, "forced"_a, "most"_a)
+      .def_readonly("unit", &LinearisedOrbit::unit)
+      .def_readonly("span", &LinearisedOrbit::span)
+      .def_readonly("by_rates", &LinearisedOrbit::by_rates)
+      .def_property_readonly(
+          "maps", [](const LinearisedOrbit& of) { return stacked(of.maps, of.count()); })
+      .def("restored", &LinearisedOrbit::restored, "ends"_a, "loads"_a)
+      .def(
+          "change",
+          [](const LinearisedOrbit& of, const Vector& phase, double shift, const Vector& row,
+             double gap, double share) {
+            const Index size = of.unknowns();
+            if (phase.size() != size || row.size() != size) {
+              throw py::value_error("phase and row must hold " + std::to_string(size) + " numbers");
+            }
+            std::optional<Vector> found = of.change(phase, shift, row, gap, share);
+            if (!found) refuse_singular();
+            return *std::move(found);
+          },
+          "phase"_a, "shift"_a, "row"_a, "gap"_a, "share"_a);
+  m.def("stage_states", &stage_states, "durations"_a, "starts"_a, "rates"_a, "method"_a);
   m.def("exponentials", &exponentials, "exponents"_a);
   m.def("interval_maps", &interval_maps, "rows"_a, "durations"_a, "parts"_a, "begins"_a, "unit"_a,
         "zeroth"_a, "first"_a);

@@ -25,6 +25,7 @@
 #include "pipedyn/galerkin/elimination.hpp"
 #include "pipedyn/galerkin/kernel.hpp"
 #include "pipedyn/motion/dense.hpp"
+#include "pipedyn/motion/interval_stages.hpp"
 #include "pipedyn/motion/magnus.hpp"
 #include "pipedyn/motion/stages.hpp"
 #include "pipedyn/vector/pack.hpp"
@@ -184,6 +185,7 @@ const MotionKernel PIPEDYN_NAMED(motion) = {
     .sincos = sincos,
     .multiply = multiply_rows,
     .solve_real = ::solve_real,
+    .eliminate_stages = ::eliminate_stages,
     .exponentials = ::exponentials,
     .interval_map = ::interval_map,
     .galerkin = &PIPEDYN_NAMED(galerkin),

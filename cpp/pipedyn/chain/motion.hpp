@@ -98,6 +98,28 @@ struct MagnusInterval {
   double unit;  // of p' in the map; that of p is 1
 };
 
+/// An interval of a collocation of periodic orbits, with derivatives at its stages; n = 2 half. See
+/// motion/interval_stages.hpp.
+struct CollocationInterval {
+  std::ptrdiff_t half, stages;
+  const double* nodes;               // c (stages,)
+  const double *single, *twofold;    // O and T (stages, stages)
+  const double *start, *next;        // states where it and the next interval begin (n,)
+  double next_sign;                  // of the state at its end, relative to the next one
+  const double* rates;               // accelerations at the stages (stages, half)
+  // For each stage the rates of its state from the forces, then derivatives of these rates by the
+  // speed and by the state (stages, 2 + n, n).
+  const double* linearised;
+  // Derivatives of the accelerations by the frequency, (stages,) for each coordinate so many numbers
+  // apart as `frequency_step`; null if they are 0.
+  const double* by_frequency;
+  std::ptrdiff_t frequency_step;
+  std::ptrdiff_t loads;  // 3: the residual, frequency and speed; or 0
+  bool speed_varies;
+  double duration, frequency;
+  double unit;  // of velocities in the state at its end and beginning; that of positions is 1
+};
+
 /// The functions of one vector level. They use the thread's scratch (vector/scratch.hpp).
 struct MotionKernel {
   using Function = void (*)(const ChainModel&, const Batch&, double* out);
@@ -149,6 +171,11 @@ struct MotionKernel {
                    std::ptrdiff_t rows, std::ptrdiff_t inner, std::ptrdiff_t columns, bool adds,
                    double* c, std::ptrdiff_t c_step);
   bool (*solve_real)(double* matrix, std::ptrdiff_t n, std::ptrdiff_t right, std::ptrdiff_t step);
+  /// Of motion/interval_stages.hpp: derivatives of an interval's accelerations (stages half, n +
+  /// loads) and of the state at its end (n, n + loads) by the state at its beginning and the loads.
+  /// The residual includes what the end misses of the next interval's beginning. Returns false if
+  /// a matrix is singular.
+  bool (*eliminate_stages)(const CollocationInterval& of, double* rates, double* end);
   // Of motion/magnus.hpp; matrices are row-major. Exponentials of `count` matrices (n, n), and the
   // map (2 half, 2 half) of changes of the state over an interval.
   void (*exponentials)(const double* exponents, std::ptrdiff_t n, std::ptrdiff_t count,

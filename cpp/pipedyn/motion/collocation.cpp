@@ -2,8 +2,10 @@
 #include "pipedyn/motion/collocation.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 
+#include "pipedyn/util/threads.hpp"
 #include "pipedyn/vector/levels.hpp"
 
 // Products are lazy where matrices are small: Eigen then compiles no blocked product for them.
@@ -37,88 +39,228 @@ void states_at(const Polynomials& orbit, const Vector& phases, Eigen::Map<Matrix
   }
 }
 
-Matrix stage_system(Index stages, Index half) {
-  // Rows an odd number of cache lines apart do not share cache sets.
-  const Index columns = stages * half + 2 * half + 3;
-  return Matrix(stages * half + 1, ((columns + 7) / 8 | 1) * 8);
-}
-
-bool eliminate_stages(const Intervals& of, Index m, Matrix& system, Eigen::Map<Matrix> by_start,
-                      Eigen::Map<Matrix> end) {
-  const MotionKernel& kernel = motion_kernel();
-  const Index s = of.stages, half = of.half, n = 2 * half, size = s * half, step = system.cols();
-  const double h = of.durations(m);
-  const Vector start = of.starts.row(m);
-  const auto k = of.rates.middleRows(m * s, s);
-  // Integrals of the accelerations from the beginning to each stage (half, s).
-  const Matrix single = h * k.transpose().lazyProduct(of.single.transpose());
-  const Matrix twofold = h * h * k.transpose().lazyProduct(of.twofold.transpose());
-  Matrix by_frequency(n, s);  // of the states at the stages
-  by_frequency << h * start.tail(half).lazyProduct(of.nodes.transpose()) + 2.0 * twofold, single;
-  by_frequency /= -of.frequency;
-
-  Matrix weights(s, 2);  // of a stage's derivatives by place and by speed
-  for (Index i = 0; i < s; ++i) {
-    const Index at = m * s + i;
-    const auto linearised = of.linearised.middleRows(at * (2 + n), 2 + n).rightCols(half);
-    const GivenMatrix by_state(of.linearised.data() + (at * (2 + n) + 2 + half) * n, half, n);
-    const auto by_place = by_state.leftCols(half), by_speed = by_state.rightCols(half);
-    weights.col(0) = -h * h * of.twofold.row(i).transpose();
-    weights.col(1) = -h * of.single.row(i).transpose();
-    for (Index j = 0; j < half; ++j) {
-      kernel.multiply(weights.data(), 2, by_state.data() + j * n, half, s, 2, half, false,
-                      system.data() + (i * half + j) * step, half);
-    }
-    auto own = system.block(i * half, size, half, n + 3);
-    own.leftCols(half) = by_place;
-    own.middleCols(half, half) = by_speed + h * of.nodes(i) * by_place;
-    own.col(n) = (linearised.row(0) - k.row(i)).transpose();
-    own.col(n + 1) = by_state.lazyProduct(by_frequency.col(i));
-    if (of.by_frequency.size() > 0) own.col(n + 1) += of.by_frequency.col(at);
-    own.col(n + 2).setZero();
-    if (of.speed_varies) own.col(n + 2) = linearised.row(1).transpose();
+void states_at_stages(const Intervals& of, Eigen::Map<Matrix> out) {
+  const Index s = of.stages(), half = of.half();
+  const auto& [nodes, single, twofold] = of.weights;
+  for (Index m = 0; m < of.count(); ++m) {
+    const double h = of.durations(m);
+    const auto rates = of.rates.middleRows(m * s, s).transpose();
+    const auto start = of.starts.row(m).transpose();
+    auto own = out.middleCols(m * s, s);
+    own.topRows(half) = h * h * rates.lazyProduct(twofold.transpose());
+    own.topRows(half) += h * start.tail(half).lazyProduct(nodes.transpose());
+    own.topRows(half).colwise() += start.head(half);
+    own.bottomRows(half) = h * rates.lazyProduct(single.transpose());
+    own.bottomRows(half).colwise() += start.tail(half);
   }
-  system.diagonal().head(size).array() += 1.0;
-  if (!kernel.solve_real(system.data(), size, n + 3, step)) return false;
-  by_start = system.block(0, size, size, n + 3);
-
-  end.setIdentity();
-  end.block(0, half, half, half).diagonal().setConstant(h);
-  end.col(n + 1) = by_frequency.col(s - 1);
-  Matrix last(2, s);
-  last << h * h * of.twofold.row(s - 1), h * of.single.row(s - 1);
-  kernel.multiply(last.data(), s, by_start.data(), half * (n + 3), 2, s, half * (n + 3), true,
-                  end.data(), half * (n + 3));
-  if (of.units.size() == 0) return true;
-  const bool closes = m + 1 == of.starts.rows();
-  Vector gap =
-      start - (closes ? of.mirror_sign : 1.0) * of.starts.row(closes ? 0 : m + 1).transpose();
-  gap.head(half) += h * start.tail(half) + twofold.col(s - 1);
-  gap.tail(half) += single.col(s - 1);
-  end.col(n) += gap;
-  end.leftCols(n).array().rowwise() *= of.units.col(0).transpose().array();
-  end.array().colwise() /= of.units.col(0).array();
-  return true;
 }
 
-std::vector<Index> multiply_maps(const double* maps, Index count, Index n, Index columns,
-                                 double most, double* out) {
-  std::vector<Index> begins;
+// -------------------------------------------------------------------------- relation of both ends
+
+SpanRelation::SpanRelation(const Matrix& maps, Index n, double most) {
+  const Index count = maps.rows() / n, columns = maps.cols(), loads = columns - n;
+  products_.resize(maps.rows(), columns);
   for (Index m = 0; m < count; ++m) {
-    const GivenMatrix map(maps + m * n * columns, n, columns);
-    Eigen::Map<Matrix> to(out + m * n * columns, n, columns);
+    const auto map = maps.middleRows(m * n, n);
+    auto to = products_.middleRows(m * n, n);
     if (m > 0) {
-      const GivenMatrix before(to.data() - n * columns, n, columns);
+      const auto before = products_.middleRows((m - 1) * n, n);
       to.leftCols(n).setZero();
-      to.rightCols(columns - n) = map.rightCols(columns - n);
+      to.rightCols(loads) = map.rightCols(loads);
       motion_kernel().multiply(map.data(), columns, before.data(), columns, n, n, columns, true,
                                to.data(), columns);
       if ((to.leftCols(n).array().abs() < most).all()) continue;
     }
     to = map;
-    begins.push_back(m);
+    begins_.push_back(m);
   }
-  return begins;
+
+  // The rows of the runs' relations [L | R | C].
+  const auto runs = static_cast<Index>(begins_.size());
+  Matrix relations(runs * n, 2 * n + loads);
+  for (Index run = 0; run < runs; ++run) {
+    const Index end = run + 1 < runs ? begins_[static_cast<std::size_t>(run + 1)] : count;
+    auto own = relations.middleRows(run * n, n);
+    const auto product = products_.middleRows((end - 1) * n, n);
+    own << -product.leftCols(n), Matrix::Identity(n, n), product.rightCols(loads);
+  }
+  while (relations.rows() > n) {
+    const Index pairs = relations.rows() / (2 * n);
+    Matrix eliminated(pairs * n, 3 * n + loads), fewer(relations.rows() - pairs * n, 2 * n + loads);
+    for (Index pair = 0; pair < pairs; ++pair) {
+      const auto a = relations.middleRows(2 * pair * n, n);
+      const auto b = relations.middleRows((2 * pair + 1) * n, n);
+      Matrix both = Matrix::Zero(2 * n, 3 * n + loads);  // [of the state between | L | R | C]
+      both.topRows(n) << a.middleCols(n, n), a.leftCols(n), Matrix::Zero(n, n), a.rightCols(loads);
+      both.bottomRows(n) << b.leftCols(n), Matrix::Zero(n, n), b.rightCols(n + loads);
+      for (Index k = 0; k < n; ++k) {  // Householder's reflections
+        Vector normal = both.col(k).tail(2 * n - k);
+        const double size = normal.norm();
+        if (size == 0.0) continue;
+        normal[0] += std::copysign(size, normal[0]);
+        auto rest = both.bottomRightCorner(2 * n - k, 3 * n + loads - k);
+        const Vector along = 2.0 / normal.squaredNorm() * rest.transpose().lazyProduct(normal);
+        rest -= normal.lazyProduct(along.transpose());
+      }
+      eliminated.middleRows(pair * n, n) = both.topRows(n);
+      fewer.middleRows(pair * n, n) = both.bottomRightCorner(n, 2 * n + loads);
+    }
+    const Index left = relations.rows() - 2 * pairs * n;
+    fewer.bottomRows(left) = relations.bottomRows(left);
+    levels_.push_back(std::move(eliminated));
+    relations = std::move(fewer);
+  }
+  first = relations.leftCols(n);
+  last = relations.middleCols(n, n);
+  known = relations.rightCols(loads);
+}
+
+Matrix SpanRelation::states(const Matrix& ends, const Matrix& loads) const {
+  const Index n = first.rows(), count = products_.rows() / n;
+  Matrix at = ends;  // where runs begin, and at the end
+  for (auto level = levels_.rbegin(); level != levels_.rend(); ++level) {
+    const Index pairs = level->rows() / n;
+    Matrix more(at.rows() + pairs * n, ends.cols());
+    for (Index pair = 0; pair < pairs; ++pair) {
+      const auto own = level->middleRows(pair * n, n);
+      const auto begin = at.middleRows(pair * n, n), end = at.middleRows((pair + 1) * n, n);
+      Matrix between = own.rightCols(loads.rows()).lazyProduct(loads) -
+                       own.middleCols(n, n).lazyProduct(begin) -
+                       own.middleCols(2 * n, n).lazyProduct(end);
+      for (Index k = n - 1; k >= 0; --k) {
+        between.row(k) -= own.row(k).segment(k + 1, n - 1 - k).lazyProduct(
+            between.bottomRows(n - 1 - k));
+        between.row(k) /= own(k, k);
+      }
+      more.middleRows(2 * pair * n, n) = begin;
+      more.middleRows((2 * pair + 1) * n, n) = between;
+    }
+    const Index left = at.rows() - pairs * n;
+    more.bottomRows(left) = at.bottomRows(left);
+    at = std::move(more);
+  }
+  Matrix found(count * n, ends.cols());
+  for (std::size_t run = 0; run < begins_.size(); ++run) {
+    const Index begin = begins_[run], next = run + 1 < begins_.size() ? begins_[run + 1] : count;
+    const auto own = at.middleRows(static_cast<Index>(run) * n, n);
+    const Index inside = (next - begin - 1) * n;
+    found.middleRows(begin * n, n) = own;
+    const auto products = products_.middleRows(begin * n, inside);
+    found.middleRows((begin + 1) * n, inside) =
+        products.leftCols(n).lazyProduct(own) +
+        products.rightCols(loads.rows()).lazyProduct(loads);
+  }
+  return found;
+}
+
+// ---------------------------------------------------------------------------- linearised equations
+
+LinearisedOrbit::LinearisedOrbit(const Intervals& of, const Slopes& slopes, double most)
+    : n_(2 * of.half()), each_(of.stages() * of.half()), mirror_sign_(of.mirror_sign) {
+  const MotionKernel& kernel = motion_kernel();
+  const Index count = of.count(), s = of.stages(), half = of.half(), n = n_;
+  const Index loads = slopes.of_states ? 0 : 3, columns = n + loads;
+  const auto by_places = slopes.linearised.block(2 + half, 0, half, half);
+  unit = std::sqrt(std::max(by_places.cwiseAbs().maxCoeff(), 1.0));
+  by_rates.resize(count * each_, columns);
+  maps.resize(count * n, columns);
+  std::atomic<bool> solved = true;
+  // A unit of work, some 5 ns (util/threads.hpp), is the time of 100 of an interval's products:
+  // measured for n = 40, with stages of size 160.
+  in_parts(count, each_ * each_ * (each_ + n) / 100, [&](Index begin, Index end) {
+    for (Index m = begin; m < end && solved; ++m) {
+      const bool closes = m + 1 == count, moves = slopes.by_frequency.size() > 0;
+      const CollocationInterval interval{
+          .half = half,
+          .stages = s,
+          .nodes = of.weights.nodes.data(),
+          .single = of.weights.single.data(),
+          .twofold = of.weights.twofold.data(),
+          .start = of.starts.data() + m * n,
+          .next = of.starts.data() + (closes ? 0 : m + 1) * n,
+          .next_sign = closes ? of.mirror_sign : 1.0,
+          .rates = of.rates.data() + m * each_,
+          .linearised = slopes.linearised.data() + m * s * (2 + n) * n,
+          .by_frequency = moves ? slopes.by_frequency.data() + m * s : nullptr,
+          .frequency_step = count * s,
+          .loads = loads,
+          .speed_varies = slopes.speed_varies,
+          .duration = of.durations(m),
+          .frequency = of.frequency,
+          .unit = unit,
+      };
+      if (!kernel.eliminate_stages(interval, by_rates.row(m * each_).data(),
+                                   maps.row(m * n).data())) {
+        solved = false;
+      }
+    }
+  });
+  regular = solved;
+  if (!regular) return;
+  if (slopes.forced && loads > 0) {
+    by_rates.col(n + 1).swap(by_rates.col(n + 2));
+    maps.col(n + 1).swap(maps.col(n + 2));
+  }
+  span = SpanRelation(maps, n, most);
+  // The phase is fixed by a change across the motion at the last stage, where the span ends; a
+  // forced motion has its phase from the forces, and its speed is fixed.
+  across_ = Vector::Zero(n + 2);
+  across_[n] = 1.0;
+  if (slopes.forced) return;
+  across_.head(n) = slopes.linearised.row((count * s - 1) * (2 + n)).transpose();
+  across_.segment(half, half) *= unit;
+  across_[n] = 0.0;
+  across_ /= across_.norm();
+}
+
+Matrix LinearisedOrbit::restored(const Matrix& ends, const Matrix& loads) const {
+  const Index n = n_, half = n / 2, count = maps.rows() / n, k = ends.cols();
+  const Index states = count * n, rates = by_rates.rows();
+  Matrix found(states + rates + 2, k), given(n + loads.rows(), k);
+  found.topRows(states) = span.states(ends, loads);
+  given.bottomRows(loads.rows()) = loads;
+  for (Index m = 0; m < count; ++m) {
+    found.middleRows(m * n + half, half) *= unit;
+    given.topRows(n) = found.middleRows(m * n, n);
+    motion_kernel().multiply(by_rates.row(m * each_).data(), by_rates.cols(), given.data(), k, each_,
+                             given.rows(), k, false, found.row(states + m * each_).data(), k);
+  }
+  found.bottomRows(2) = loads.bottomRows(2);
+  return found;
+}
+
+std::optional<Vector> LinearisedOrbit::change(const Vector& phase, double shift, const Vector& row,
+                                              double gap, double share) const {
+  // Conditions on the phase and on row . z involve all unknowns, so that three solutions which meet
+  // simpler conditions on the first state and the last two unknowns are combined.
+  const Index n = n_, half = n / 2, right = 3, columns = n + 2 + right;
+  Matrix system = Matrix::Zero(n + 4, columns);  // with room after its end, see solve_real
+  system.topLeftCorner(n, n) = span.first + mirror_sign_ * span.last;
+  system.block(0, n, n, 2) = -span.known.rightCols(2);
+  system.col(n + 2).head(n) = share * span.known.col(0);
+  system.row(n).head(n + 2) = across_.transpose();
+  system(n, n + 3) = 1.0;
+  auto condition = system.row(n + 1);
+  condition.head(half) = row.head(half).transpose();
+  condition.segment(half, half) = unit * row.segment(half, half).transpose();
+  condition.segment(n, 2) = row.tail(2).transpose();
+  const double length = condition.head(n + 2).norm();
+  condition.head(n + 2) /= length;
+  system(n + 1, n + 4) = 1.0 / length;
+  if (!motion_kernel().solve_real(system.data(), n + 2, right, columns)) return std::nullopt;
+  const auto known = system.block(0, n + 2, n + 2, right);
+  Matrix ends(2 * n, right), loads(3, right);
+  ends << known.topRows(n), mirror_sign_ * known.topRows(n);
+  loads << share, 0.0, 0.0, known.bottomRows(2);
+  const Matrix found = restored(ends, loads);
+  const Eigen::RowVector3d in_phase = phase.transpose().lazyProduct(found);
+  const Eigen::RowVector3d along = row.transpose().lazyProduct(found);
+  const double determinant = in_phase[1] * along[2] - in_phase[2] * along[1];
+  if (determinant == 0.0) return std::nullopt;
+  const double off = shift - in_phase[0], missing = gap - along[0];
+  const Eigen::Vector3d shares{1.0, (off * along[2] - missing * in_phase[2]) / determinant,
+                               (missing * in_phase[1] - off * along[1]) / determinant};
+  return found.lazyProduct(shares);
 }
 
 }  // namespace pipedyn

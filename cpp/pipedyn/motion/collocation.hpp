@@ -1,16 +1,14 @@
 // SPDX-License-Identifier: MIT
 //
-// Linearised collocation of a periodic orbit: it eliminates the stages of each interval and joins
-// the intervals. An interval of length h that begins at the state (p, v) has accelerations k_i at
-// its stages c_i,
-//
-//   p_i = p + h c_i v + h^2 sum_j T_ij k_j,   v_i = v + h sum_j O_ij k_j,   k_i = f(p_i, v_i),
-//
-// and their changes dk solve (1 - h O (x) f_v - h^2 T (x) f_p) dk = b, where the right-hand sides b
-// are the effects of the first state, of the residual, of the frequency (h ~ 1 / frequency) and of
-// the speed.
+// Collocation of periodic orbits: states along an orbit, and the equations linearised about it, with
+// all unknowns but the first state eliminated. The stages of an interval leave x(k+1) = T(k) x(k) +
+// r(k). Products of the T carry a state through runs of intervals over which no digits are lost;
+// between runs orthogonal transformations eliminate the states in pairs down to L x(0) + R x(end) =
+// C (Wright 1992), so that large multipliers cost no digits either. The cost is linear in the number
+// of intervals.
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "pipedyn/pipe.hpp"
@@ -35,41 +33,102 @@ struct Polynomials {
 /// Computes the states at given phases, out (2 half, number of phases).
 void states_at(const Polynomials& orbit, const Vector& phases, Eigen::Map<Matrix> out);
 
-/// A periodic orbit on a mesh, and derivatives at its stages; n = 2 half.
+/// A collocation method with its nodes c (stages, 1), and its matrices O of first and T of second
+/// integrals (stages, stages); see interval_stages.hpp.
+struct Weights {
+  GivenMatrix nodes, single, twofold;
+};
+
+/// A periodic orbit on a mesh, with n = 2 half numbers in a state.
 struct Intervals {
-  Index stages, half;
+  Weights weights;
   GivenMatrix durations;  // (count, 1)
   GivenMatrix starts;     // states at the beginnings of the intervals (count, n)
   GivenMatrix rates;      // accelerations at the stages (count stages, half)
+  double frequency;
+  double mirror_sign;  // ratio of the state after the last interval to the first state, 1 or -1
+
+  Index count() const { return durations.rows(); }
+  Index stages() const { return weights.nodes.rows(); }
+  Index half() const { return rates.cols(); }
+};
+
+/// Computes the states at the stages, out (2 half, count stages).
+void states_at_stages(const Intervals& of, Eigen::Map<Matrix> out);
+
+/// Derivatives at the stages of an orbit, for the equations linearised about it.
+struct Slopes {
   // For each stage the rates of its state from the forces, then derivatives of these rates by the
   // speed and by the state (count stages (2 + n), n).
   GivenMatrix linearised;
   // Derivatives of the accelerations by the frequency (half, count stages); empty if they are 0.
   GivenMatrix by_frequency;
-  bool speed_varies;
-  double frequency;
-  GivenMatrix nodes;            // c (stages, 1)
-  GivenMatrix single, twofold;  // O and T (stages, stages)
-  double mirror_sign;  // ratio of the state after the last interval to the first state, 1 or -1
-  GivenMatrix units;   // units of the state (n, 1), or empty if only maps of intervals are needed
+  bool speed_varies;  // else the derivatives by the speed count as 0
+  // Whether only changes of the state count, and none of the residual, the frequency or the speed.
+  bool of_states;
+  bool forced;  // whether the speed comes before the frequency among the loads and the unknowns
 };
 
-/// Computes, for interval m, the derivatives of the accelerations (stages half, n + 3) and of the
-/// state at the end (n, n + 3) by the state at the beginning, a share of the residual, frequency
-/// and speed. With units, the derivatives of the state at the end are those of states in these
-/// units, and the residual includes the difference between that state and the beginning of the next
-/// interval. system: memory from stage_system. Returns false if a matrix is singular.
-bool eliminate_stages(const Intervals& of, Index m, Matrix& system, Eigen::Map<Matrix> by_start,
-                      Eigen::Map<Matrix> end);
+/// The relation L x(0) + R x(end) = C y of the states at both ends of intervals x -> T x + r y, and
+/// the states between, for loads y.
+class SpanRelation {
+ public:
+  Matrix first, last, known;  // L and R (n, n), and C (n, loads)
 
-/// Memory for the equations of an interval's stages, which eliminate_stages overwrites.
-Matrix stage_system(Index stages, Index half);
+  SpanRelation() = default;
+  /// maps: [T | r] (count n, n + loads). A run ends before an entry of its product reaches most.
+  SpanRelation(const Matrix& maps, Index n, double most);
 
-/// Products of the maps x -> T x + r of intervals, given as [T | r] (count, n, columns). The
-/// intervals are divided into runs; out receives for each interval the product [P | R] of all maps
-/// from the beginning of its run to its own end (count, n, columns). A run ends before an entry of
-/// P reaches most. Returns the beginnings of the runs.
-std::vector<Index> multiply_maps(const double* maps, Index count, Index n, Index columns,
-                                 double most, double* out);
+  /// States at the beginnings of all intervals (count n, k) from those at both ends, [x(0); x(end)]
+  /// (2 n, k), and the loads (loads, k).
+  Matrix states(const Matrix& ends, const Matrix& loads) const;
+
+  /// Products [P | R] of the maps, each from the beginning of its interval's run to its end, and
+  /// the first interval of each run.
+  const Matrix& products() const { return products_; }
+  const std::vector<Index>& begins() const { return begins_; }
+
+ private:
+  /// Pairs of neighbouring runs, whose states x between them are U x = C y - L x(begin) - R x(end)
+  /// with triangles U; the rows of [U | L | R | C] of all pairs.
+  using Level = Matrix;
+
+  Matrix products_;
+  std::vector<Index> begins_;
+  std::vector<Level> levels_;
+};
+
+/// The collocation equations linearised about an orbit. The loads are a share of the residual and
+/// changes of frequency and speed; or speed and frequency, if the orbit is forced. Unknowns are the
+/// states at the beginnings of the intervals, the accelerations at the stages, and both of these.
+class LinearisedOrbit {
+ public:
+  /// most: as for SpanRelation. `regular` is false if a matrix is singular.
+  LinearisedOrbit(const Intervals& of, const Slopes& slopes, double most);
+
+  bool regular = true;
+  double unit;     // of velocities; that of positions is 1, so that fast modes have both alike
+  Matrix by_rates;  // derivatives of the accelerations (count stages half, n + loads)
+  Matrix maps;      // of states in these units (count n, n + loads)
+  SpanRelation span;
+
+  Index count() const { return maps.rows() / n_; }
+  /// Number of all unknowns.
+  Index unknowns() const { return maps.rows() + by_rates.rows() + 2; }
+
+  /// The changes of all unknowns with states at both ends, in these units, [x(0); x(end)] (2 n, k),
+  /// and the loads (3, k).
+  Matrix restored(const Matrix& ends, const Matrix& loads) const;
+
+  /// The change z of the unknowns for which the linearised equations have `share` of their residual
+  /// as load, phase . z = shift and row . z = gap. Empty if it is not unique.
+  std::optional<Vector> change(const Vector& phase, double shift, const Vector& row, double gap,
+                               double share) const;
+
+ private:
+  Index n_ = 0, each_ = 0;  // numbers of a state, and of an interval's accelerations
+  double mirror_sign_;
+  Vector across_;  // a row on the change of the first state and the last two unknowns (n + 2,)
+};
 
 }  // namespace pipedyn

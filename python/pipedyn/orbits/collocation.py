@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Periodic orbits as solutions of collocation equations: a Radau IIA method on a mesh.
 
-The stages are eliminated interval by interval, which leaves y(k+1) = T(k) y(k) + g(k). Products of
-the T carry a state through runs of intervals over which no digits are lost; between runs orthogonal
-transformations eliminate the states in pairs down to L y(0) + R y(end) = c (Wright 1992), so that
-large multipliers cost no digits either. The cost is linear in the number of intervals.
+The core eliminates the stages interval by interval and then all states but the first, as
+motion/collocation.hpp says. The cost is linear in the number of intervals.
 """
 
 from __future__ import annotations
@@ -20,12 +18,10 @@ from pipedyn.continuation.arclength import Continuation, Control, Solver
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.periodic_orbit import (
     BETWEEN,
-    ONCE,
+    METHOD,
     ORBIT_STAGES,
     PROBES,
     RATES_BETWEEN,
-    STAGE_NODES,
-    TWICE,
     PeriodicOrbit,
     interpolated,
     stage_phases,
@@ -39,74 +35,23 @@ from pipedyn.util.newton import NewtonFailed
 LOSS = 1e5
 """Largest entry of a product of intervals' maps: its rounding error is then 1e-11."""
 
-WEIGHTS = STAGE_NODES, ONCE, TWICE
-"""Nodes and weights of the method, in the form that the core takes."""
+def condensed(
+    motion: VectorField, orbit: PeriodicOrbit, speed_varies: bool = False, of_states: bool = False
+) -> _core.LinearisedOrbit:
+    """The collocation equations linearised about an orbit, with all but its first state eliminated.
 
-# -------------------------------------------------------------------------------- one interval
-
-
-def _condense(
-    motion: VectorField, orbit: PeriodicOrbit, speed_varies: bool
-) -> tuple[Array, Array, Array]:
-    """Derivatives of each interval's stages and of the state at its end, and units of the state.
-
-    Derivatives are taken by the state at the interval's beginning, a share of the residual, the
-    frequency and the speed. Those of the stages' rates have shape (M, s integrated, 2 integrated +
-    3), those of the state at the end (M, 2 integrated, 2 integrated + 3). The latter are in the
-    units of the state, (2 integrated,); the residual contains the difference between this state and
-    the one at the beginning of the next interval. Derivatives by the speed are 0 if it does not
-    vary.
+    Derivatives by the speed are 0 if it does not vary; with `of_states` only those by the state are
+    computed.
     """
     half, u = motion.half, orbit.u
     motion = _along_stages(motion, orbit)
     y = orbit.stage_columns()
-    by_frequency = motion.by_frequency(y, u)[half:] if motion.forced else None
-    linearised = motion.linearised(y, u)
-    units = _units(linearised[0, 2:])
+    by_frequency = None if of_states or not motion.forced else motion.by_frequency(y, u)[half:]
     count_factorisations(len(orbit.starts))
-    given = orbit.durations, orbit.starts, orbit.rates, linearised, by_frequency, speed_varies
-    by_rates, ends = _core.condense(*given, orbit.frequency, WEIGHTS, orbit.mirror_sign, units)
-    return by_rates, ends, units
-
-
-# -------------------------------------------------------------------------------- all intervals
-
-
-def map_products(maps: Array) -> tuple[Array, list[int]]:
-    """Products of the maps of intervals, in runs over which no digits are lost.
-
-    maps: [T | r], (M, n, n + k), of x -> T x + r over each interval. Returns the products [P | R],
-    (M, n, n + k), from the beginning of the interval's run up to the interval's end, and the first
-    interval of each run. A run ends where entries grow so large that digits would be lost.
-    """
-    return _core.map_products(maps, LOSS)
-
-
-def _reduce_runs(whole: Array, begins: list[int]) -> tuple[Array, Array, Array, list[list[Array]]]:
-    """L, R and C of L x(begin) + R x(end) = C over all intervals, from their `map_products` maps.
-
-    For each level of the pairwise elimination of runs, also the triangles T, and L, R and C, of the
-    eliminated states x, with T x = C - L x(begin) - R x(end).
-    """
-    n, between = whole.shape[1], list[list[Array]]()
-    relations = whole[[*(k - 1 for k in begins[1:]), -1]]
-    if len(relations) == 1:
-        return -relations[0, :, :n], np.eye(n), relations[0, :, n:], between
-    eye = np.zeros_like(relations[:, :, :n]) + np.eye(n)
-    relations = np.concatenate([-relations[:, :, :n], eye, relations[:, :, n:]], axis=2)
-    while len(relations) > 1:
-        even = 2 * (len(relations) // 2)
-        a, b = relations[0:even:2], relations[1:even:2]
-        count_factorisations(even // 2)
-        middle = np.concatenate([a[:, :, n : 2 * n], b[:, :, :n]], axis=1)
-        q, triangles = np.linalg.qr(middle, mode="complete")
-        of_a, of_b = (q[:, part].transpose(0, 2, 1) for part in (slice(n), slice(n, None)))
-        first, last = of_a @ a[:, :, :n], of_b @ b[:, :, n : 2 * n]
-        known = of_a @ a[:, :, 2 * n :] + of_b @ b[:, :, 2 * n :]
-        turned = np.concatenate([first, last, known], axis=2)[:, n:]
-        between.append([part[:, :n] for part in (triangles, first, last, known)])
-        relations = np.concatenate([turned, relations[even:]])
-    return relations[0, :, :n], relations[0, :, n : 2 * n], relations[0, :, 2 * n :], between
+    return _core.LinearisedOrbit(
+        *(orbit.durations, orbit.starts, orbit.rates, METHOD, orbit.frequency, orbit.mirror_sign),
+        *(motion.linearised(y, u), by_frequency, speed_varies, of_states, orbit.forced, LOSS),
+    )
 
 
 def span_maps(maps: Array) -> tuple[Array, Array]:
@@ -114,8 +59,8 @@ def span_maps(maps: Array) -> tuple[Array, Array]:
 
     R is the identity if no digits are lost.
     """
-    first, last, _, _ = _reduce_runs(*map_products(maps))
-    return first, last
+    relation = _core.SpanRelation(maps, LOSS)
+    return relation.first, relation.last
 
 
 class Linearised:
@@ -135,47 +80,14 @@ class Linearised:
         speed_varies: bool = False,
     ) -> None:
         self.orbit, self._phase = orbit, phase
-        n, mirror = motion.size, orbit.mirror_sign
-        self._rates, ends, self._units = _condense(motion, orbit, speed_varies)
-        if orbit.forced:  # the parameter is the last unknown
-            for part in (self._rates, ends):
-                part[..., [n + 1, n + 2]] = part[..., [n + 2, n + 1]]
-        self._products, begins = map_products(ends)
-        self._first, self._last, self._right, self._between = _reduce_runs(self._products, begins)
-        self._runs = np.repeat(np.arange(len(begins)), np.diff([*begins, len(ends)]))
-        self._matrix = np.zeros((n + 2, n + 2))
-        self._matrix[:n, :n] = self._first + mirror * self._last
-        self._matrix[:n, n:] = -self._right[:, 1:]
-        if orbit.forced:
-            self._matrix[n, n] = 1.0
-        else:
-            across = motion(orbit.starts[:1].T, orbit.u)[:, 0] * self._units
-            self._matrix[n, :n] = across / math.sqrt(across @ across)
+        self._equations = condensed(motion, orbit, speed_varies)
 
     def __call__(self, row: Array, gap: float, share: float) -> Array:
-        """The change of the unknowns, in the order of `packed`, as `arclength.Solver` describes.
-
-        The conditions on the phase and on row @ change involve all unknowns, so three solutions
-        that meet simpler conditions on (y(0), omega, u) are combined.
-        """
+        """The change of the unknowns, in the order of `packed`, as `arclength.Solver` describes."""
         phase, value = self._phase
-        shift = share * (value - float(phase @ self.orbit.packed()))
-        n = self._units.size
-        matrix, right = self._matrix.copy(), np.zeros((n + 2, 3))
-        last = matrix[n + 1]
-        last[:n], last[n:] = row[:n] * self._units, row[-2:]
-        length = math.sqrt(last @ last)
-        last /= length
-        right[:n, 0] = self._right[:, 0] * share
-        right[n, 1], right[n + 1, 2] = 1.0, 1.0 / length
+        shift = share * (value - float(phase @ self.orbit.packed())) if share else 0.0
         count_factorisations()
-        known = np.linalg.solve(matrix, right)
-        acting = np.concatenate([[[share, 0.0, 0.0]], known[n:]])
-        ends = np.stack([known[:n], self.orbit.mirror_sign * known[:n]])
-        found = self._restored(ends, acting)
-        conditions = np.stack([phase @ found, row @ found])
-        shares = np.linalg.solve(conditions[:, 1:], [shift, gap] - conditions[:, 0])
-        return np.asarray(found @ [1.0, *shares])
+        return self._equations.change(phase, shift, row, gap, share)
 
     @property
     def closing(self) -> tuple[Array, Array]:
@@ -183,7 +95,7 @@ class Linearised:
 
         The frequency and the speed are fixed, and the matrices are in units of the state.
         """
-        return self._first, self._last
+        return self._equations.span.first, self._equations.span.last
 
     def neutral(self, root: float = -1.0) -> Array:
         """The change at fixed speed that minimises the error of dy(span) = root * mirror * dy(0).
@@ -191,47 +103,23 @@ class Linearised:
         With the root -1 the error is 0 where an orbit loses its symmetry or doubles its period.
         """
         factor = root * self.orbit.mirror_sign
-        y = np.linalg.svd(self._first + factor * self._last)[2][-1]
-        ends = np.stack([y, factor * y])
-        return self._restored(ends[..., None], np.zeros((3, 1)))[:, 0]
-
-    def _restored(self, ends: Array, factors: Array) -> Array:
-        """All unknowns, from states at both ends, (2, n, k), and factors of the loads, (3, k).
-
-        The loads are the residual, a change of the frequency and a change of the speed.
-        """
-        for triangles, first, last, right in reversed(self._between):
-            pairs = len(triangles)
-            known = right @ factors - (first @ ends[:pairs] + last @ ends[1 : pairs + 1])
-            more = np.empty((len(ends) + pairs, *ends.shape[1:]))
-            more[0 : 2 * pairs + 1 : 2] = ends[: pairs + 1]
-            more[1 : 2 * pairs : 2] = np.linalg.solve(triangles, known)
-            more[2 * pairs + 1 :] = ends[pairs + 1 :]
-            ends = more
-        count, n, columns = len(self._products), self._units.size, factors.shape[1]
-        acting = np.broadcast_to(factors, (count, *factors.shape))
-        later = self._products @ np.concatenate([ends[self._runs], acting], axis=1)
-        given = np.empty((count, n + 3, columns))
-        given[0, :n], given[1:, :n], given[:, n:] = ends[0], later[:-1], factors
-        given[:, :n] *= self._units[:, None]
-        rates = self._rates @ given
-        return np.concatenate(
-            [given[:, :n].reshape(-1, columns), rates.reshape(-1, columns), factors[1:]]
-        )
+        first, last = self.closing
+        y = np.linalg.svd(first + factor * last)[2][-1]
+        ends = np.concatenate([y, factor * y])[:, None]
+        return self._equations.restored(ends, np.zeros((3, 1)))[:, 0]
 
 
 def state_units(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     """Units of the state in which positions and rates of its fastest mode are equally large."""
     first = motion.along(orbit.edges[:1], orbit.frequency)
-    return _units(first.jacobian(orbit.starts[0], orbit.u))
+    half = motion.half
+    slopes = first.jacobian(orbit.starts[0], orbit.u)[half:, :half]
+    return _units(half, math.sqrt(max(float(np.abs(slopes).max()), 1.0)))
 
 
-def _units(jacobian: Array) -> Array:
-    """Units of the state, (2 integrated,), from the derivatives of the rates at one state."""
-    half = len(jacobian) // 2
-    units = np.ones(2 * half)
-    units[half:] = math.sqrt(max(float(np.abs(jacobian[half:, :half]).max()), 1.0))
-    return units
+def _units(half: int, unit: float) -> Array:
+    """Units of the state, (2 half,): those of positions are 1, those of rates are given."""
+    return np.repeat([1.0, unit], half)
 
 
 def stage_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
@@ -250,8 +138,8 @@ def _along_stages(motion: VectorField, orbit: PeriodicOrbit) -> VectorField:
 
 def collocation_maps(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, Array]:
     """Maps of a change of state over each interval, (M, n, n), in units of the state, (n,)."""
-    _, ends, units = _condense(motion, orbit, False)
-    return ends[:, :, : motion.size], units
+    equations = condensed(motion, orbit, of_states=True)
+    return equations.maps, _units(motion.half, equations.unit)
 
 
 def interval_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
@@ -260,8 +148,8 @@ def interval_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     Their shape is (M, s, integrated, 2 integrated); they are taken along solutions of the
     collocation equations.
     """
-    by_rates, _, _ = _condense(motion, orbit, False)
-    return by_rates[..., : motion.size].reshape(*orbit.rates.shape, motion.size)
+    by_rates = condensed(motion, orbit, of_states=True).by_rates
+    return by_rates.reshape(*orbit.rates.shape, motion.size)
 
 
 # ----------------------------------------------------------------------------- Newton's method

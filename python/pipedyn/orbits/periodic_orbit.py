@@ -65,6 +65,8 @@ ONCE = integrals(STAGE_NODES, 1)
 TWICE: Array = ONCE @ ONCE
 """Matrix from stage values to double integrals from 0 to each stage, shape (s, s)."""
 
+METHOD = STAGE_NODES, ONCE, TWICE
+"""Nodes and weights of the method, in the form that the core takes."""
 
 BETWEEN: Array = 0.5 * (np.append(0.0, STAGE_NODES[:-1]) + STAGE_NODES)
 """Places half-way between the stages, the first of them between the beginning and the first stage,
@@ -148,14 +150,8 @@ class PeriodicOrbit:
 
     def stage_columns(self) -> Array:
         """States at the stages, in columns, shape (2 integrated, M s)."""
-        h, half, k = self.durations[:, None], self.half, ORBIT_STAGES
-        rates = self.rates.transpose(2, 0, 1).reshape(-1, k)
-        sums = (rates @ np.concatenate([TWICE, ONCE]).T).reshape(half, -1, 2 * k)
-        start = self.starts.T[..., None]
-        y = np.empty((2 * half, len(self.starts), k))
-        y[:half] = start[:half] + h * (STAGE_NODES * start[half:] + h * sums[..., :k])
-        y[half:] = start[half:] + h * sums[..., k:]
-        return y.reshape(2 * half, -1)
+        given = self.durations, self.starts, self.rates
+        return _core.stage_states(*given, METHOD)
 
     def states(self, phase: Array) -> Array:
         """States [p, p'] at phases, shape (2 integrated, k)."""

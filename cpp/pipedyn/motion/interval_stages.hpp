@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: MIT
+//
+// Eliminates the stages of a collocation's interval. An interval of length h that begins at the
+// state (p, v) has accelerations k_i at its stages c_i,
+//
+//   p_i = p + h c_i v + h^2 sum_j T_ij k_j,   v_i = v + h sum_j O_ij k_j,   k_i = f(p_i, v_i),
+//
+// and their changes dk solve (1 - h O (x) f_v - h^2 T (x) f_p) dk = b, where the right-hand sides b
+// are the effects of the first state, of the residual, of the frequency (h ~ 1 / frequency) and of
+// the speed. In these equations the stages of one coordinate stand together, so that packs of them
+// share derivatives of forces, and rows of b are padded to whole packs.
+//
+// The file is local to each translation unit, like vector/pack.hpp.
+#pragma once
+
+#include "pipedyn/chain/motion.hpp"
+#include "pipedyn/vector/layout.hpp"
+#include "pipedyn/vector/products.hpp"
+
+namespace {
+
+/// The equations of one interval's stages, in the thread's scratch.
+struct StageEquations {
+  const pipedyn::CollocationInterval& of;
+  Count s, half, n, size, right, columns, packed, step;  // of b; padded; of weights, of the matrix
+  double *matrix, *by_place, *by_speed, *single, *twofold, *ends;
+
+  StageEquations(const pipedyn::CollocationInterval& interval, Layout& layout)
+      : of(interval), s(of.stages), half(of.half), n(2 * half), size(s * half) {
+    right = n + of.loads;
+    columns = whole_packs(right);
+    packed = whole_packs(s);
+    step = ((size + columns + 7) / 8 | 1) * 8;  // an odd number of lines: see magnus.hpp
+    matrix = layout.take((size + 1) * step);
+    by_place = layout.take(s * packed);
+    by_speed = layout.take(s * packed);
+    single = layout.take(size);
+    twofold = layout.take(size);
+    ends = layout.take(2 * columns);
+  }
+
+  double* known(Count c, Count i) const { return matrix + (c * s + i) * step + size; }
+  /// Change of coordinate c at stage i with the frequency, and of its velocity.
+  double place_by_frequency(Count c, Count i) const {
+    const double drift = of.duration * of.nodes[i] * of.start[half + c];
+    return -(drift + 2.0 * twofold[i * half + c]) / of.frequency;
+  }
+  double speed_by_frequency(Count c, Count i) const { return -single[i * half + c] / of.frequency; }
+
+  void set() const {
+    const double h = of.duration;
+    const Rows rates{const_cast<double*>(of.rates), half};
+    multiply<false>({const_cast<double*>(of.single), s}, rates, s, s, half, h, {single, half});
+    multiply<false>({const_cast<double*>(of.twofold), s}, rates, s, s, half, h * h,
+                    {twofold, half});
+    for (Count i = 0; i < s; ++i) {
+      for (Count k = 0; k < packed; ++k) {
+        by_place[i * packed + k] = k < s ? -h * h * of.twofold[i * s + k] : 0.0;
+        by_speed[i * packed + k] = k < s ? -h * of.single[i * s + k] : 0.0;
+      }
+    }
+    for (Count i = 0; i < s; ++i) {
+      const double* const rows = of.linearised + i * (2 + n) * n;
+      for (Count c = 0; c < half; ++c) set_row(rows, i, c);
+    }
+  }
+  /// Sets the equation of coordinate c at stage i. rows: the rates of its state, their derivative
+  /// by the speed and those by the state (2 + n, n).
+  void set_row(const double* rows, Count i, Count c) const {
+    const double *const slopes = rows + (2 + half + c) * n, *const speeds = slopes + half;
+    double *const own = matrix + (c * s + i) * step, *const b = own + size;
+    for (Count j = 0; j < half; ++j) {  // what a pack writes beyond its stages is written anew
+      for (Count k = 0; k < packed; k += width) {
+        store(own + j * s + k, Pack(slopes[j] * load<Pack>(by_place + i * packed + k) +
+                                    speeds[j] * load<Pack>(by_speed + i * packed + k)));
+      }
+    }
+    own[c * s + i] += 1.0;
+    const double since = of.duration * of.nodes[i];
+    for (Count j = 0; j < half; ++j) {
+      b[j] = slopes[j];
+      b[half + j] = speeds[j] + since * slopes[j];
+    }
+    for (Count j = n; j < columns; ++j) b[j] = 0.0;
+    if (of.loads == 0) return;
+    b[n] = rows[half + c] - of.rates[i * half + c];
+    double sum = of.by_frequency == nullptr ? 0.0 : of.by_frequency[c * of.frequency_step + i];
+    for (Count j = 0; j < half; ++j) {
+      sum += slopes[j] * place_by_frequency(j, i) + speeds[j] * speed_by_frequency(j, i);
+    }
+    b[n + 1] = sum;
+    if (of.speed_varies) b[n + 2] = rows[n + half + c];
+  }
+
+  bool solve() const {
+    const Pivoted system{{matrix, step}, size, columns};
+    if (!system.factorise(0, size)) return false;
+    system.solve_lower(0, size, size, columns);
+    system.solve_upper(0, size);
+    return true;
+  }
+
+  void write(double* rates, double* end) const {
+    for (Count i = 0; i < s; ++i) {
+      for (Count c = 0; c < half; ++c) {
+        for (Count j = 0; j < right; ++j) rates[(i * half + c) * right + j] = known(c, i)[j];
+      }
+    }
+    const double *const last = by_place + (s - 1) * packed, unit = of.unit;
+    for (Count c = 0; c < half; ++c) {
+      double *const place = end + c * right, *const speed = end + (half + c) * right;
+      multiply<false>({const_cast<double*>(last), by_speed - by_place}, {known(c, 0), step}, 2, s,
+                      columns, -1.0, {ends, columns});
+      for (Count j = 0; j < right; ++j) {
+        place[j] = ends[j];
+        speed[j] = ends[columns + j];
+      }
+      place[c] += 1.0;
+      place[half + c] += of.duration;
+      speed[half + c] += 1.0;
+      if (of.loads > 0) {
+        const Count at = (s - 1) * half + c;
+        place[n] += of.start[c] + of.duration * of.start[half + c] + twofold[at];
+        place[n] -= of.next_sign * of.next[c];
+        speed[n] += of.start[half + c] + single[at] - of.next_sign * of.next[half + c];
+        place[n + 1] += place_by_frequency(c, s - 1);
+        speed[n + 1] += speed_by_frequency(c, s - 1);
+      }
+      for (Count j = half; j < n; ++j) {
+        place[j] *= unit;
+        speed[j] *= unit;
+      }
+      for (Count j = 0; j < right; ++j) speed[j] /= unit;
+    }
+  }
+};
+
+/// Implements MotionKernel::eliminate_stages.
+bool eliminate_stages(const pipedyn::CollocationInterval& of, double* rates, double* end) {
+  const auto equations = laid_out([&](Layout& layout) { return StageEquations(of, layout); });
+  equations.set();
+  if (!equations.solve()) return false;
+  equations.write(rates, end);
+  return true;
+}
+
+}  // namespace
