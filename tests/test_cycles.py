@@ -207,9 +207,14 @@ class Crude(pp.Chain):
     """A user's own model, whose derivatives by the angles err by 1.5e-5."""
 
     def motion_jacobian(self, *given):
-        jacobian = super().motion_jacobian(*given).copy()
-        jacobian[..., self.dof :, : self.dof] *= 1.0 + 1.5e-5
-        return jacobian
+        return self.erring(super().motion_jacobian(*given))
+
+    def motion_linearised(self, *given):
+        return self.erring(super().motion_linearised(*given))
+
+    def erring(self, slopes):
+        slopes[..., -self.dof :, : self.dof] *= 1.0 + 1.5e-5
+        return slopes
 
 
 def test_a_trivial_multiplier_is_judged_by_how_near_the_next_one_is():

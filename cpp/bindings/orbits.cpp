@@ -160,17 +160,22 @@ Numbers states_of(const Numbers& edges, const Numbers& starts, const Numbers& ra
                   const Numbers& twofold, const Vector& phases) {
   const Index stages = single.size() / std::max<Index>(single.shape(0), 1);
   const Index count = edges.size() - 1, half = rates.size() / std::max<Index>(count * stages, 1);
-  const Polynomials orbit{.edges = matrix("edges", edges, count + 1, 1),
-                          .starts = matrix("starts", starts, count, 2 * half),
-                          .rates = matrix("rates", rates, count * stages, half),
-                          .frequency = frequency,
-                          .mirror_sign = mirror_sign,
-                          .single = matrix("single", single, stages + 1, stages),
-                          .twofold = matrix("twofold", twofold, stages + 2, stages)};
+  const OrbitPolynomials orbit{
+      .count = count,
+      .half = half,
+      .stages = stages,
+      .edges = edges.data(),
+      .starts = matrix("starts", starts, count, 2 * half).data(),
+      .rates = matrix("rates", rates, count * stages, half).data(),
+      .frequency = frequency,
+      .mirror_sign = mirror_sign,
+      .single = matrix("single", single, stages + 1, stages).data(),
+      .twofold = matrix("twofold", twofold, stages + 2, stages).data(),
+  };
   Numbers made = new_numbers(2 * half, phases.size(), false);
   double* const to = made.mutable_data();
   const py::gil_scoped_release unlocked;
-  states_at(orbit, phases, {to, 2 * half, phases.size()});
+  motion_kernel().orbit_states(orbit, phases.data(), phases.size(), to);
   return made;
 }
 

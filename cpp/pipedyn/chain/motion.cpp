@@ -27,6 +27,7 @@
 #include "pipedyn/motion/dense.hpp"
 #include "pipedyn/motion/interval_stages.hpp"
 #include "pipedyn/motion/magnus.hpp"
+#include "pipedyn/motion/orbit_states.hpp"
 #include "pipedyn/motion/stages.hpp"
 #include "pipedyn/vector/pack.hpp"
 
@@ -185,6 +186,7 @@ const MotionKernel PIPEDYN_NAMED(motion) = {
     .sincos = sincos,
     .multiply = multiply_rows,
     .solve_real = ::solve_real,
+    .orbit_states = ::orbit_states,
     .eliminate_stages = ::eliminate_stages,
     .exponentials = ::exponentials,
     .interval_map = ::interval_map,

@@ -98,6 +98,21 @@ struct MagnusInterval {
   double unit;  // of p' in the map; that of p is 1
 };
 
+/// A periodic orbit on a mesh of `count` intervals, with n = 2 half numbers in a state. On each
+/// interval accelerations are the polynomial through their values at the stages; velocities and
+/// positions are its integrals.
+struct OrbitPolynomials {
+  std::ptrdiff_t count, half, stages;
+  const double* edges;   // phases, from 0 (count + 1,)
+  const double* starts;  // states where intervals begin (count, n)
+  const double* rates;   // accelerations at the stages (count, stages, half)
+  double frequency;
+  double mirror_sign;  // factor of the states after the span, 1 or -1
+  // Expansions in Legendre polynomials, on an interval of length 1, of the first integral of the
+  // polynomial through the stages, (stages + 1, stages), and of its second, (stages + 2, stages).
+  const double *single, *twofold;
+};
+
 /// An interval of a collocation of periodic orbits, with derivatives at its stages; n = 2 half. See
 /// motion/interval_stages.hpp.
 struct CollocationInterval {
@@ -171,6 +186,9 @@ struct MotionKernel {
                    std::ptrdiff_t rows, std::ptrdiff_t inner, std::ptrdiff_t columns, bool adds,
                    double* c, std::ptrdiff_t c_step);
   bool (*solve_real)(double* matrix, std::ptrdiff_t n, std::ptrdiff_t right, std::ptrdiff_t step);
+  /// States at so many phases, (2 half, points).
+  void (*orbit_states)(const OrbitPolynomials& of, const double* phases, std::ptrdiff_t points,
+                       double* out);
   /// Of motion/interval_stages.hpp: derivatives of an interval's accelerations (stages half, n +
   /// loads) and of the state at its end (n, n + loads) by the state at its beginning and the loads.
   /// The residual includes what the end misses of the next interval's beginning. Returns false if

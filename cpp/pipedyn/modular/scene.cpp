@@ -2,6 +2,7 @@
 #include "pipedyn/modular/scene.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -343,6 +344,34 @@ Scene::Linear Scene::linearised(const Batch& one, double rate) const {
     ++z;
   }
   return made;
+}
+
+void Scene::linearise(const Batch& batch, double* out) const {
+  const Index rows = 2 * dof(), members = batch.members;
+  Vector speeds(members), steps(members);
+  for (Index k = 0; k < members; ++k) {
+    speeds[k] = batch.u[k * batch.u_step];
+    steps[k] = speeds[k] > 0.0 ? 0.5 * speeds[k] : 1.0;
+  }
+  std::array<Matrix, 3> rates;
+  Batch faster = batch;
+  faster.u = speeds.data();
+  faster.u_step = 1;
+  for (Matrix& of : rates) {
+    of.resize(rows, members);
+    rhs(faster, of.data());
+    speeds += steps;
+  }
+  Matrix slopes(members * rows, rows);
+  jacobian(batch, slopes.data());
+  for (Index k = 0; k < members; ++k) {
+    Eigen::Map<Matrix> own(out + k * (2 + rows) * rows, 2 + rows, rows);
+    own.row(0) = rates[0].col(k).transpose();
+    // The rates are of second degree in the speed.
+    own.row(1) = (2.0 * rates[1].col(k) - 0.5 * rates[2].col(k) - 1.5 * rates[0].col(k)).transpose();
+    own.row(1) /= steps[k];
+    own.bottomRows(rows) = slopes.middleRows(k * rows, rows);
+  }
 }
 
 void Scene::derivative(const Batch& batch, double rate, double* out) const {

@@ -11,34 +11,6 @@
 // Products are lazy where matrices are small: Eigen then compiles no blocked product for them.
 namespace pipedyn {
 
-void states_at(const Polynomials& orbit, const Vector& phases, Eigen::Map<Matrix> out) {
-  const Index s = orbit.single.cols(), half = orbit.rates.cols(), count = orbit.starts.rows();
-  const double *const edges = orbit.edges.data(), span = edges[count];
-  Vector legendre = Vector::Ones(s + 2), single(s), twofold(s);
-  // L(j) = x L(j - 1) + less(j) (x L(j - 1) - L(j - 2)), without the division in the recursion.
-  const Vector less =
-      1.0 - Vector::LinSpaced(s + 2, 0.0, static_cast<double>(s + 1)).array().inverse();
-  for (Index k = 0; k < phases.size(); ++k) {
-    const double turns = std::floor(phases[k] / span), inside = phases[k] - turns * span;
-    const Index m = std::max<Index>(std::upper_bound(edges, edges + count, inside) - edges - 1, 0);
-    const double width = edges[m + 1] - edges[m], h = width / orbit.frequency;
-    const double share = (inside - edges[m]) / width, x = 2.0 * share - 1.0;
-    legendre[1] = x;
-    for (Index j = 2; j < s + 2; ++j) {
-      const double next = x * legendre[j - 1];
-      legendre[j] = next + less[j] * (next - legendre[j - 2]);
-    }
-    single.noalias() = h * orbit.single.transpose().lazyProduct(legendre.head(s + 1));
-    twofold.noalias() = h * h * orbit.twofold.transpose().lazyProduct(legendre);
-    const double sign = std::fmod(turns, 2.0) != 0.0 ? orbit.mirror_sign : 1.0;
-    const auto rates = orbit.rates.middleRows(m * s, s).transpose();
-    const auto start = orbit.starts.row(m).transpose();
-    out.col(k).head(half) =
-        sign * (start.head(half) + h * share * start.tail(half) + rates.lazyProduct(twofold));
-    out.col(k).tail(half) = sign * (start.tail(half) + rates.lazyProduct(single));
-  }
-}
-
 void states_at_stages(const Intervals& of, Eigen::Map<Matrix> out) {
   const Index s = of.stages(), half = of.half();
   const auto& [nodes, single, twofold] = of.weights;

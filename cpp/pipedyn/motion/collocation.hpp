@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// Collocation of periodic orbits: states along an orbit, and the equations linearised about it, with
-// all unknowns but the first state eliminated. The stages of an interval leave x(k+1) = T(k) x(k) +
+// Collocation of periodic orbits: the equations linearised about an orbit, with all unknowns but the
+// first state eliminated. The stages of an interval leave x(k+1) = T(k) x(k) +
 // r(k). Products of the T carry a state through runs of intervals over which no digits are lost;
 // between runs orthogonal transformations eliminate the states in pairs down to L x(0) + R x(end) =
 // C (Wright 1992), so that large multipliers cost no digits either. The cost is linear in the number
@@ -16,22 +16,6 @@
 namespace pipedyn {
 
 using GivenMatrix = Eigen::Map<const Matrix>;
-
-/// A periodic orbit on a mesh of phases. On each interval accelerations are the polynomial through
-/// their values at the stages; velocities and positions are its integrals.
-struct Polynomials {
-  GivenMatrix edges;   // phases, from 0 (count + 1, 1)
-  GivenMatrix starts;  // states where intervals begin (count, 2 half)
-  GivenMatrix rates;   // accelerations at the stages (count stages, half)
-  double frequency;
-  double mirror_sign;  // factor of the states after the span, 1 or -1
-  // Expansions in Legendre polynomials, on an interval of length 1, of the first integral of the
-  // polynomial through the stages, (stages + 1, stages), and of its second, (stages + 2, stages).
-  GivenMatrix single, twofold;
-};
-
-/// Computes the states at given phases, out (2 half, number of phases).
-void states_at(const Polynomials& orbit, const Vector& phases, Eigen::Map<Matrix> out);
 
 /// A collocation method with its nodes c (stages, 1), and its matrices O of first and T of second
 /// integrals (stages, stages); see interval_stages.hpp.

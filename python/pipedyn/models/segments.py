@@ -302,14 +302,6 @@ class SegmentModel(Model):
         steps = self._lengths[:, None] * np.sin(p)
         return np.asarray(position_along(steps, self._base, self._lengths, s))
 
-    def motion_linearised(self, y: Array, u: float | Array, drive: Array | None = None) -> Array:
-        step = np.where(np.greater(u, 0.0), np.multiply(u, 0.5), 1.0)
-        now, ahead, beyond = (self.motion_rates(y, u + k * step, drive) for k in range(3))
-        # The rates are of second degree in the speed.
-        by_speed = (2.0 * ahead - 0.5 * beyond - 1.5 * now) / step
-        rows = np.stack([now.T, by_speed.T], axis=1)
-        return np.concatenate([rows, self.motion_jacobian(y, u, drive)], axis=1)
-
     # ------------------------------------------------------------------- what holds nodes in motion
 
     def free_states(self, y: Array) -> Array:
