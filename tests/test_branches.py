@@ -454,13 +454,14 @@ def test_a_speed_that_fails_is_marked_and_the_others_kept():
     class Broken(pp.Chain):
         """At one speed it answers for no more states than the branch's own mesh has."""
 
-        def motion_linearised(self, y, u, *drive):
-            if y.shape[1] > 64 and math.isclose(u, 4.8, rel_tol=1e-12):
+        def motion_rates(self, y, u, *given):
+            if y.shape[-1] > 64 and math.isclose(u, 4.8, rel_tol=1e-12):
                 raise pp.NotConverged("not there")
-            return super().motion_linearised(y, u, *drive)
+            return super().motion_rates(y, u, *given)
 
     found = pp.bifurcation_diagram(Broken(THREE.pipe, 3), [4.0, 4.7, 4.8, 4.9])
-    assert [(f.index, f.value) for f in found.failures] == [(2, pytest.approx(4.8))]
+    assert {f.index for f in found.failures} == {2}
+    assert {f.value for f in found.failures} == {4.8}
     (branch,) = found.cycles
     assert branch.at(4.8) == ()
     assert len(branch.at(4.7)) == len(branch.at(4.9)) == 1

@@ -55,11 +55,11 @@ def test_maps_are_what_motions_make_of_small_changes(cycle, each_level):
         assert maps[m] == pytest.approx(measured, abs=1e-6)
 
 
-def linearised_orbit(h, starts, rates, slopes, frequency, *, speed_varies=True, **how):
+def linearised_orbit(model, h, starts, rates, frequency, *, speed_varies=True, **how):
     """The core's equations about an orbit whose mirror image follows it."""
     given = {"by_frequency": None, "of_states": False, "forced": False, **how}
     return _core.LinearisedOrbit(
-        *(h, starts, rates, METHOD, frequency, -1.0, slopes),
+        *(model.core, h, starts, rates, METHOD, frequency, -1.0, np.array([SPEED]), None),
         speed_varies=speed_varies,
         most=LOSS,
         **given,
@@ -67,20 +67,22 @@ def linearised_orbit(h, starts, rates, slopes, frequency, *, speed_varies=True, 
 
 
 def random_orbit(random, count, half):
+    """Starts and rates of intervals, which need not join."""
     n, stages = 2 * half, STAGE_NODES.size
-    starts, rates = random.normal(size=(count, n)), random.normal(size=(count, stages, half))
-    return starts, rates, random.normal(size=(count * stages, 2 + n, n))
+    return random.normal(size=(count, n)), random.normal(size=(count, stages, half))
 
 
 @pytest.mark.parametrize("half", [1, 2, 7, 20])
 def test_eliminated_stages_solve_their_equations(half, each_level):
-    """Of random derivatives: each stage's change is that of its force, for each right-hand side."""
-    random = np.random.default_rng(half)
+    """Each stage's change is that of its force, for each right-hand side."""
+    random, model = np.random.default_rng(half), pp.Chain(pp.Pipe(0.2, 5.0, drag=0.3), half)
     stages, n, h, frequency = STAGE_NODES.size, 2 * half, 0.3, 4.0
-    start, rates, linearised = random_orbit(random, 1, half)
+    start, rates = random_orbit(random, 1, half)
+    states = _core.stage_states(np.array([h]), start, rates, METHOD)
+    linearised = model.motion_linearised(states, SPEED)
     moving = random.normal(size=(half, stages))
     force, by_speed, jacobians = linearised[:, 0, half:], linearised[:, 1, half:], linearised[:, 2:]
-    given = np.array([h]), start, rates, linearised, frequency
+    given = model, np.array([h]), start, rates, frequency
     equations = linearised_orbit(*given, by_frequency=moving)
     found, ends = equations.by_rates.reshape(stages, half, n + 3), equations.maps[0]
     units = np.repeat([1.0, equations.unit], half)
@@ -119,18 +121,17 @@ def test_eliminated_stages_solve_their_equations(half, each_level):
 def test_what_an_interval_misses_of_the_next_is_part_of_the_residual():
     random = np.random.default_rng(5)
     h, half = np.array([0.1, 0.3, 0.2]), 2
-    starts, rates, slopes = random_orbit(random, h.size, half)
-    equations = linearised_orbit(h, starts, rates, slopes, 4.0)
+    starts, rates = random_orbit(random, h.size, half)
+    model = pp.Chain(pp.Pipe(0.2), half)
+    equations = linearised_orbit(model, h, starts, rates, 4.0)
     orbit = PeriodicOrbit(np.append(0.0, 4.0 * np.cumsum(h)), starts, rates, 4.0, 1.0)
     missed = at_stages(orbit)[:, -1] - np.stack([starts[1], starts[2], -starts[0]])
     units = np.repeat([1.0, equations.unit], half)
-    one_by_one = [
-        linearised_orbit(h[k : k + 1], starts[k : k + 1], rates[k : k + 1], part, 4.0)
-        for k, part in enumerate(np.split(slopes, h.size))
-    ]
-    for k, alone in enumerate(one_by_one):
+    for k in range(h.size):
+        part = slice(k, k + 1)
+        alone = linearised_orbit(model, h[part], starts[part], rates[part], 4.0)
         own = np.repeat([1.0, alone.unit], half)
-        orbit = PeriodicOrbit(np.array([0.0, 4.0 * h[k]]), starts[k : k + 1], rates[k : k + 1], 4, 1)
+        orbit = PeriodicOrbit(np.array([0.0, 4.0 * h[k]]), starts[part], rates[part], 4.0, 1.0)
         gap = at_stages(orbit)[0, -1] + starts[k]
         forces = alone.maps[0, :, 2 * half] * own - gap
         assert equations.maps[k, :, 2 * half] * units == pytest.approx(forces + missed[k], abs=1e-12)
@@ -177,8 +178,10 @@ def test_changes_of_an_orbit_meet_the_linearised_equations(forced):
     """Each interval's equations, both conditions, and the closing up to the mirror image."""
     random, count, half = np.random.default_rng(3), 4, 3
     n = 2 * half
-    starts, rates, slopes = random_orbit(random, count, half)
-    equations = linearised_orbit(np.full(count, 0.2), starts, rates, slopes, 4.0, forced=forced)
+    starts, rates = random_orbit(random, count, half)
+    equations = linearised_orbit(
+        *(pp.Chain(pp.Pipe(0.2), half), np.full(count, 0.2), starts, rates, 4.0), forced=forced
+    )
     size = starts.size + rates.size + 2
     phase, row = random.normal(size=(2, size))
     change = equations.change(phase, 0.3, row, 0.7, 1.0)
@@ -219,10 +222,12 @@ def test_arrays_that_do_not_fit_are_refused():
     with pytest.raises(ValueError, match="maps must have shape"):
         _core.SpanRelation(np.zeros((2, 3, 2)), 1e5)
     with pytest.raises(ValueError, match="rates must have shape"):
-        linearised_orbit(*[np.zeros(3)] * 4, 1.0)
+        linearised_orbit(MODEL, *[np.zeros(3)] * 3, 1.0)
     given = np.zeros(3), np.zeros((2, 2)), np.zeros((2, STAGE_NODES.size, 1))
     with pytest.raises(ValueError, match="durations must hold 2 numbers"):
-        linearised_orbit(*given, np.zeros(0), 1.0)
+        linearised_orbit(MODEL, *given, 1.0)
+    with pytest.raises(ValueError, match="rates must be those of the model"):
+        linearised_orbit(MODEL, given[0][:2], *given[1:], 1.0)
     with pytest.raises(ValueError, match="durations must hold 2 numbers"):
         _core.stage_states(*given, METHOD)
     with pytest.raises(ValueError, match="exponents must have shape"):

@@ -89,14 +89,20 @@ def test_a_forked_process_has_threads_of_its_own():
 
 @pytest.mark.parametrize("singular", [0, 199])
 def test_a_singular_interval_is_refused_whichever_thread_meets_it(singular):
-    count, stages, half = 200, STAGE_NODES.size, 6
-    n, h = 2 * half, np.full(count, 1.0)
-    slopes = np.zeros((count, stages, 2 + n, n))
-    slopes[singular, :, 2 + half :, half:] = np.eye(half)
-    own = STAGE_NODES, np.eye(stages), np.zeros((stages, stages))  # rates k with k = k + ...
-    given = h, np.zeros((count, n)), np.zeros((count, stages, half)), own, 1.0, 1.0, slopes
-    how = None, False, True, False, 1e5
+    count, stages, speed = 200, STAGE_NODES.size, 1.0
+    model = pp.Chain(pp.Pipe(0.2), 1)
+    rest, still = np.zeros((count, 2)), np.zeros((count, stages, 1))
+    slope = model.motion_jacobian(rest[0], speed)[1, 1]
+    own = STAGE_NODES, np.eye(stages), np.zeros((stages, stages))  # k = ... + slope h k
+    h = np.full(count, 0.5 / slope)
+    rest_of = None, None, False, True, False, 1e5
+
+    def linearised():
+        orbit = h, rest, still, own, 1.0, 1.0, np.array([speed])
+        return _core.LinearisedOrbit(model.core, *orbit, *rest_of)
+
+    linearised()
+    h[singular] = 1.0 / slope
+    assert h[singular] * slope == 1.0
     with pytest.raises(np.linalg.LinAlgError, match="Singular"):
-        _core.LinearisedOrbit(*given, *how)
-    slopes[singular] = 0.0
-    _core.LinearisedOrbit(*given, *how)
+        linearised()

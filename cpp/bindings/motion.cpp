@@ -11,8 +11,7 @@
 #include <string>
 
 #include "arguments.hpp"
-#include "pipedyn/chain/chain.hpp"
-#include "pipedyn/galerkin/galerkin.hpp"
+#include "models.hpp"
 #include "pipedyn/modular/systems.hpp"
 #include "pipedyn/motion/dop853.hpp"
 #include "pipedyn/motion/radau.hpp"
@@ -119,13 +118,6 @@ FlowRates called_rates(const py::function& function, Index rows) {
     };
     or_nan(call, count, rates);
   };
-}
-
-/// Calls `what` with the compiled model. Throws a TypeError if `of` is none.
-template <class What>
-void with_compiled(const py::object& of, const What& what) {
-  if (py::isinstance<Galerkin>(of)) return what(of.cast<const Galerkin&>());
-  what(of.cast<const Scene&>());
 }
 
 /// Rates by a Python function; or of a model's states, [q', q''] or, if these have one row more,

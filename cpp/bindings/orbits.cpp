@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "arguments.hpp"
+#include "models.hpp"
 #include "pipedyn/motion/collocation.hpp"
 
 namespace pipedyn {
@@ -54,25 +55,39 @@ Numbers stacked(const Matrix& rows, Index count) {
   return Numbers(shape, rows.data());
 }
 
-LinearisedOrbit linearised_orbit(const Numbers& durations, const Numbers& starts,
-                                 const Numbers& rates, const Method& method, double frequency,
-                                 double mirror_sign, const Numbers& linearised,
+LinearisedOrbit linearised_orbit(const py::object& model, const Numbers& durations,
+                                 const Numbers& starts, const Numbers& rates, const Method& method,
+                                 double frequency, double mirror_sign, const Vector& speeds,
+                                 const std::optional<Matrix>& drive,
                                  const std::optional<Numbers>& by_frequency, bool speed_varies,
                                  bool of_states, bool forced, double most) {
   const Intervals of = intervals_of(durations, starts, rates, method, frequency, mirror_sign);
-  const Index stages = of.count() * of.stages(), n = 2 * of.half();
-  const Slopes slopes{
-      .linearised = matrix("linearised", linearised, stages * (2 + n), n),
-      .by_frequency = by_frequency ? matrix("by_frequency", *by_frequency, of.half(), stages)
+  const Index stages = of.count() * of.stages(), half = of.half();
+  Forces forces{
+      .linearise = {},
+      .speeds = speeds,
+      .drive = drive.value_or(Matrix()),
+      .by_frequency = by_frequency ? matrix("by_frequency", *by_frequency, half, stages)
                                    : GivenMatrix(nullptr, 0, 0),
       .speed_varies = speed_varies,
       .of_states = of_states,
       .forced = forced,
   };
+  if ((speeds.size() != 1 && speeds.size() != stages) ||
+      (drive && (drive->rows() != Drive::rows || drive->cols() != stages))) {
+    throw py::value_error("speeds and drive must be those at " + std::to_string(stages) +
+                          " stages");
+  }
+  with_compiled(model, [&]<class Model>(const Model& compiled) {
+    if (compiled.dof() != half) throw py::value_error("rates must be those of the model");
+    forces.linearise = [&compiled](const Batch& batch, double* out) {
+      compiled.linearise(batch, out);
+    };
+  });
   std::optional<LinearisedOrbit> made;
   {
     const py::gil_scoped_release unlocked;
-    made.emplace(of, slopes, most);
+    made.emplace(of, forces, most);
   }
   if (!made->regular) refuse_singular();
   return *std::move(made);
@@ -83,7 +98,10 @@ Numbers stage_states(const Numbers& durations, const Numbers& starts, const Numb
   const Intervals of = intervals_of(durations, starts, rates, method);
   const Index rows = 2 * of.half(), columns = of.count() * of.stages();
   Numbers made = new_numbers(rows, columns, false);
-  states_at_stages(of, {made.mutable_data(), rows, columns});
+  Eigen::Map<Matrix> states(made.mutable_data(), rows, columns);
+  for (Index m = 0; m < of.count(); ++m) {
+    states_at_stages(of, m, states.middleCols(m * of.stages(), of.stages()));
+  }
   return made;
 }
 
@@ -195,9 +213,9 @@ void define_orbits(py::module_& m) {
           })
       .def("states", &SpanRelation::states, "ends"_a, "loads"_a);
   py::class_<LinearisedOrbit>(m, "LinearisedOrbit")
-      .def(py::init(&linearised_orbit), "durations"_a, "starts"_a, "rates"_a, "method"_a,
-           "frequency"_a, "mirror_sign"_a, "linearised"_a, "by_frequency"_a, "speed_varies"_a,
-           "of_states"_a, "forced"_a, "most"_a)
+      .def(py::init(&linearised_orbit), "model"_a, "durations"_a, "starts"_a, "rates"_a,
+           "method"_a, "frequency"_a, "mirror_sign"_a, "speeds"_a, "drive"_a, "by_frequency"_a,
+           "speed_varies"_a, "of_states"_a, "forced"_a, "most"_a)
       .def_readonly("unit", &LinearisedOrbit::unit)
       .def_readonly("span", &LinearisedOrbit::span)
       .def_readonly("by_rates", &LinearisedOrbit::by_rates)

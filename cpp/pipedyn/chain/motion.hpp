@@ -132,7 +132,6 @@ struct CollocationInterval {
   std::ptrdiff_t loads;  // 3: the residual, frequency and speed; or 0
   bool speed_varies;
   double duration, frequency;
-  double unit;  // of velocities in the state at its end and beginning; that of positions is 1
 };
 
 /// The functions of one vector level. They use the thread's scratch (vector/scratch.hpp).

@@ -11,20 +11,17 @@
 // Products are lazy where matrices are small: Eigen then compiles no blocked product for them.
 namespace pipedyn {
 
-void states_at_stages(const Intervals& of, Eigen::Map<Matrix> out) {
+void states_at_stages(const Intervals& of, Index m, Eigen::Ref<Matrix> out) {
   const Index s = of.stages(), half = of.half();
   const auto& [nodes, single, twofold] = of.weights;
-  for (Index m = 0; m < of.count(); ++m) {
-    const double h = of.durations(m);
-    const auto rates = of.rates.middleRows(m * s, s).transpose();
-    const auto start = of.starts.row(m).transpose();
-    auto own = out.middleCols(m * s, s);
-    own.topRows(half) = h * h * rates.lazyProduct(twofold.transpose());
-    own.topRows(half) += h * start.tail(half).lazyProduct(nodes.transpose());
-    own.topRows(half).colwise() += start.head(half);
-    own.bottomRows(half) = h * rates.lazyProduct(single.transpose());
-    own.bottomRows(half).colwise() += start.tail(half);
-  }
+  const double h = of.durations(m);
+  const auto rates = of.rates.middleRows(m * s, s).transpose();
+  const auto start = of.starts.row(m).transpose();
+  out.topRows(half) = h * h * rates.lazyProduct(twofold.transpose());
+  out.topRows(half) += h * start.tail(half).lazyProduct(nodes.transpose());
+  out.topRows(half).colwise() += start.head(half);
+  out.bottomRows(half) = h * rates.lazyProduct(single.transpose());
+  out.bottomRows(half).colwise() += start.tail(half);
 }
 
 // -------------------------------------------------------------------------- relation of both ends
@@ -127,21 +124,29 @@ Matrix SpanRelation::states(const Matrix& ends, const Matrix& loads) const {
 
 // ---------------------------------------------------------------------------- linearised equations
 
-LinearisedOrbit::LinearisedOrbit(const Intervals& of, const Slopes& slopes, double most)
+LinearisedOrbit::LinearisedOrbit(const Intervals& of, const Forces& forces, double most)
     : n_(2 * of.half()), each_(of.stages() * of.half()), mirror_sign_(of.mirror_sign) {
   const MotionKernel& kernel = motion_kernel();
   const Index count = of.count(), s = of.stages(), half = of.half(), n = n_;
-  const Index loads = slopes.of_states ? 0 : 3, columns = n + loads;
-  const auto by_places = slopes.linearised.block(2 + half, 0, half, half);
-  unit = std::sqrt(std::max(by_places.cwiseAbs().maxCoeff(), 1.0));
+  const Index loads = forces.of_states ? 0 : 3, columns = n + loads;
   by_rates.resize(count * each_, columns);
   maps.resize(count * n, columns);
+  across_ = Vector::Zero(n + 2);
+  unit = 1.0;
   std::atomic<bool> solved = true;
   // A unit of work, some 5 ns (util/threads.hpp), is the time of 100 of an interval's products:
   // measured for n = 40, with stages of size 160.
   in_parts(count, each_ * each_ * (each_ + n) / 100, [&](Index begin, Index end) {
+    Matrix states(n, s), drive, linearised(s * (2 + n), n);
     for (Index m = begin; m < end && solved; ++m) {
-      const bool closes = m + 1 == count, moves = slopes.by_frequency.size() > 0;
+      states_at_stages(of, m, states);
+      const bool varies = forces.speeds.size() > 1, closes = m + 1 == count;
+      Batch batch{states.data(), forces.speeds.data() + (varies ? m * s : 0), s, varies ? 1 : 0};
+      if (forces.drive.size() > 0) {
+        drive = forces.drive.middleCols(m * s, s);
+        batch.drive = drive.data();
+      }
+      forces.linearise(batch, linearised.data());
       const CollocationInterval interval{
           .half = half,
           .stages = s,
@@ -152,37 +157,41 @@ LinearisedOrbit::LinearisedOrbit(const Intervals& of, const Slopes& slopes, doub
           .next = of.starts.data() + (closes ? 0 : m + 1) * n,
           .next_sign = closes ? of.mirror_sign : 1.0,
           .rates = of.rates.data() + m * each_,
-          .linearised = slopes.linearised.data() + m * s * (2 + n) * n,
-          .by_frequency = moves ? slopes.by_frequency.data() + m * s : nullptr,
+          .linearised = linearised.data(),
+          .by_frequency = forces.by_frequency.size() > 0 ? forces.by_frequency.data() + m * s : nullptr,
           .frequency_step = count * s,
           .loads = loads,
-          .speed_varies = slopes.speed_varies,
+          .speed_varies = forces.speed_varies,
           .duration = of.durations(m),
           .frequency = of.frequency,
-          .unit = unit,
       };
       if (!kernel.eliminate_stages(interval, by_rates.row(m * each_).data(),
                                    maps.row(m * n).data())) {
         solved = false;
       }
+      if (m == 0) {
+        unit = std::sqrt(std::max(linearised.block(2 + half, 0, half, half).cwiseAbs().maxCoeff(), 1.0));
+      }
+      if (closes) across_.head(n) = linearised.row((s - 1) * (2 + n)).transpose();
     }
   });
   regular = solved;
   if (!regular) return;
-  if (slopes.forced && loads > 0) {
+  if (forces.forced && loads > 0) {
     by_rates.col(n + 1).swap(by_rates.col(n + 2));
     maps.col(n + 1).swap(maps.col(n + 2));
   }
+  maps.middleCols(half, half) *= unit;
+  for (Index m = 0; m < count; ++m) maps.middleRows(m * n + half, half) /= unit;
   span = SpanRelation(maps, n, most);
   // The phase is fixed by a change across the motion at the last stage, where the span ends; a
   // forced motion has its phase from the forces, and its speed is fixed.
-  across_ = Vector::Zero(n + 2);
-  across_[n] = 1.0;
-  if (slopes.forced) return;
-  across_.head(n) = slopes.linearised.row((count * s - 1) * (2 + n)).transpose();
-  across_.segment(half, half) *= unit;
-  across_[n] = 0.0;
-  across_ /= across_.norm();
+  if (forces.forced) {
+    across_ = Vector::Unit(n + 2, n);
+  } else {
+    across_.segment(half, half) *= unit;
+    across_ /= across_.norm();
+  }
 }
 
 Matrix LinearisedOrbit::restored(const Matrix& ends, const Matrix& loads) const {

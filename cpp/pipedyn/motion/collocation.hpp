@@ -8,9 +8,11 @@
 // of intervals.
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <vector>
 
+#include "pipedyn/chain/motion.hpp"
 #include "pipedyn/pipe.hpp"
 
 namespace pipedyn {
@@ -37,14 +39,16 @@ struct Intervals {
   Index half() const { return rates.cols(); }
 };
 
-/// Computes the states at the stages, out (2 half, count stages).
-void states_at_stages(const Intervals& of, Eigen::Map<Matrix> out);
+/// Computes the states at the stages of interval m, out (2 half, stages).
+void states_at_stages(const Intervals& of, Index m, Eigen::Ref<Matrix> out);
 
-/// Derivatives at the stages of an orbit, for the equations linearised about it.
-struct Slopes {
-  // For each stage the rates of its state from the forces, then derivatives of these rates by the
-  // speed and by the state (count stages (2 + n), n).
-  GivenMatrix linearised;
+/// Forces along an orbit, for the equations linearised about it.
+struct Forces {
+  /// Rates of the states of a batch, each followed by their derivatives by the speed and by the
+  /// state (members, 2 + n, n).
+  std::function<void(const Batch&, double*)> linearise;
+  Vector speeds;  // flow speed at all stages (1,), or at each (count stages,)
+  Matrix drive;   // at the stages (Drive::rows, count stages); empty if there is none
   // Derivatives of the accelerations by the frequency (half, count stages); empty if they are 0.
   GivenMatrix by_frequency;
   bool speed_varies;  // else the derivatives by the speed count as 0
@@ -88,7 +92,7 @@ class SpanRelation {
 class LinearisedOrbit {
  public:
   /// most: as for SpanRelation. `regular` is false if a matrix is singular.
-  LinearisedOrbit(const Intervals& of, const Slopes& slopes, double most);
+  LinearisedOrbit(const Intervals& of, const Forces& forces, double most);
 
   bool regular = true;
   double unit;     // of velocities; that of positions is 1, so that fast modes have both alike

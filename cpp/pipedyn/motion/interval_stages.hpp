@@ -106,7 +106,7 @@ struct StageEquations {
         for (Count j = 0; j < right; ++j) rates[(i * half + c) * right + j] = known(c, i)[j];
       }
     }
-    const double *const last = by_place + (s - 1) * packed, unit = of.unit;
+    const double* const last = by_place + (s - 1) * packed;
     for (Count c = 0; c < half; ++c) {
       double *const place = end + c * right, *const speed = end + (half + c) * right;
       multiply<false>({const_cast<double*>(last), by_speed - by_place}, {known(c, 0), step}, 2, s,
@@ -126,11 +126,6 @@ struct StageEquations {
         place[n + 1] += place_by_frequency(c, s - 1);
         speed[n + 1] += speed_by_frequency(c, s - 1);
       }
-      for (Count j = half; j < n; ++j) {
-        place[j] *= unit;
-        speed[j] *= unit;
-      }
-      for (Count j = 0; j < right; ++j) speed[j] /= unit;
     }
   }
 };

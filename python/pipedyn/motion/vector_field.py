@@ -88,6 +88,15 @@ class VectorField:
         self._count(2 * y.shape[1])
         return self.model.motion_linearised(y, *self._driven(u))
 
+    def driven_at(self, u: float, states: int) -> tuple[Array, Array | None]:
+        """Flow speeds and drive of so many states at which the core linearises f itself.
+
+        Speeds have the shape (1,) or (states,), and the drive (ROWS, states), or it is None.
+        """
+        self._count(2 * states)
+        speeds, drive = self._driven(u)
+        return np.atleast_1d(np.asarray(speeds, dtype=np.float64)), drive
+
     def jacobian_by_speed(self, y: Array, u: float, moved: Array) -> Array:
         """Derivative by u of df/dy along states with dy/du = moved, at u > 0.
 

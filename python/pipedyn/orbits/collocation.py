@@ -43,14 +43,16 @@ def condensed(
     Derivatives by the speed are 0 if it does not vary; with `of_states` only those by the state are
     computed.
     """
-    half, u = motion.half, orbit.u
     motion = _along_stages(motion, orbit)
-    y = orbit.stage_columns()
-    by_frequency = None if of_states or not motion.forced else motion.by_frequency(y, u)[half:]
+    by_frequency = None
+    if motion.forced and not of_states:
+        by_frequency = motion.by_frequency(orbit.stage_columns(), orbit.u)[motion.half :]
     count_factorisations(len(orbit.starts))
+    speeds, drive = motion.driven_at(orbit.u, orbit.rates.shape[0] * orbit.rates.shape[1])
     return _core.LinearisedOrbit(
-        *(orbit.durations, orbit.starts, orbit.rates, METHOD, orbit.frequency, orbit.mirror_sign),
-        *(motion.linearised(y, u), by_frequency, speed_varies, of_states, orbit.forced, LOSS),
+        *(motion.model.core, orbit.durations, orbit.starts, orbit.rates, METHOD, orbit.frequency),
+        *(orbit.mirror_sign, speeds, drive, by_frequency, speed_varies, of_states, orbit.forced),
+        LOSS,
     )
 
 
