@@ -134,7 +134,9 @@ def test_what_an_interval_misses_of_the_next_is_part_of_the_residual():
         orbit = PeriodicOrbit(np.array([0.0, 4.0 * h[k]]), starts[part], rates[part], 4.0, 1.0)
         gap = at_stages(orbit)[0, -1] + starts[k]
         forces = alone.maps[0, :, 2 * half] * own - gap
-        assert equations.maps[k, :, 2 * half] * units == pytest.approx(forces + missed[k], abs=1e-12)
+        assert equations.maps[k, :, 2 * half] * units == pytest.approx(
+            forces + missed[k], abs=1e-12
+        )
 
 
 @pytest.mark.parametrize("most", [1e300, 40.0, 1e-300])

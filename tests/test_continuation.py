@@ -18,7 +18,7 @@ from pipedyn.curves.event_plane import EventPlane
 from pipedyn.linear.plane import Plane, Scale, Window
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.orbit_continuation import FINE, branch_steps, from_hopf, orbit_at
-from pipedyn.util.newton import NewtonFailed, newton
+from pipedyn.util.newton import NewtonFailed, newton, zero_between, zeros_between
 
 
 def circle_equations(x, p):
@@ -265,3 +265,34 @@ def test_newtons_method_gives_up_a_search_that_diverges_at_its_second_step():
     assert searched(1.3, hopeless=3.0)[0] == pytest.approx(0.0, abs=1e-12)
     assert searched(1.5, iterations=6) == (None, 6)
     assert searched(1.5, iterations=6, hopeless=3.0) == (None, 2)
+
+
+ZEROS = {
+    "smooth": (lambda x: np.cos(x), 1.0, 2.0, np.pi / 2.0),
+    "at its beginning": (lambda x: x, 0.0, 1.0, 0.0),
+    "at its end": (lambda x: x - 1.0, 0.0, 1.0, 1.0),
+    "steep": (lambda x: np.expm1(40.0 * (x - 0.1)), 0.0, 1.0, 0.1),
+    "a jump": (lambda x: np.sign(x - 1.0 / 3.0) + 1e-9, 0.0, 1.0, 1.0 / 3.0),
+    "flat, and then like a root": (
+        lambda x: np.sqrt(np.maximum(x - 0.3, 0.0)) - 1e-6,
+        *(0.0, 1.0, 0.3 + 1e-12),
+    ),
+    "of high order": (lambda x: (x - 0.2) ** 9, -1.0, 0.5, 0.2),
+}
+
+
+@pytest.mark.parametrize("kind", ZEROS)
+def test_zeros_lie_as_near_as_they_are_asked_for(kind):
+    function, low, high, zero = ZEROS[kind]
+    asked = []
+
+    def counted(x):
+        asked.append(x)
+        return float(function(x))
+
+    for error in (1e-3, 1e-12):
+        assert abs(zero_between(counted, low, high, error) - zero) <= error
+    assert len(asked) <= 80
+    ends = np.array([low, high]), np.array([high, low])
+    both = zeros_between(function, *ends, *map(function, ends))
+    assert both == pytest.approx([zero, zero], abs=1e-12)

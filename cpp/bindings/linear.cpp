@@ -98,6 +98,15 @@ const Lapack& scipy_lapack() {
 }
 
 void define_linear(py::module_& m) {
+  m.def(
+      "assignment",
+      [](const Matrix& cost) {
+        if (cost.rows() != cost.cols() || !cost.allFinite()) {
+          throw py::value_error("cost must be a square matrix of finite numbers");
+        }
+        return assignment({cost.data(), cost.data() + cost.size()}, cost.rows());
+      },
+      "cost"_a);
   py::register_exception_translator([](std::exception_ptr thrown) {
     try {
       if (thrown) std::rethrow_exception(thrown);

@@ -206,21 +206,22 @@ void define_orbits(py::module_& m) {
       .def_readonly("last", &SpanRelation::last)
       .def_readonly("known", &SpanRelation::known)
       .def_property_readonly("begins", &SpanRelation::begins)
-      .def_property_readonly(
-          "products",
-          [](const SpanRelation& of) {
-            return stacked(of.products(), of.products().rows() / std::max<Index>(of.first.rows(), 1));
-          })
+      .def_property_readonly("products",
+                             [](const SpanRelation& of) {
+                               return stacked(
+                                   of.products(),
+                                   of.products().rows() / std::max<Index>(of.first.rows(), 1));
+                             })
       .def("states", &SpanRelation::states, "ends"_a, "loads"_a);
   py::class_<LinearisedOrbit>(m, "LinearisedOrbit")
-      .def(py::init(&linearised_orbit), "model"_a, "durations"_a, "starts"_a, "rates"_a,
-           "method"_a, "frequency"_a, "mirror_sign"_a, "speeds"_a, "drive"_a, "by_frequency"_a,
+      .def(py::init(&linearised_orbit), "model"_a, "durations"_a, "starts"_a, "rates"_a, "method"_a,
+           "frequency"_a, "mirror_sign"_a, "speeds"_a, "drive"_a, "by_frequency"_a,
            "speed_varies"_a, "of_states"_a, "forced"_a, "most"_a)
       .def_readonly("unit", &LinearisedOrbit::unit)
       .def_readonly("span", &LinearisedOrbit::span)
       .def_readonly("by_rates", &LinearisedOrbit::by_rates)
-      .def_property_readonly(
-          "maps", [](const LinearisedOrbit& of) { return stacked(of.maps, of.count()); })
+      .def_property_readonly("maps",
+                             [](const LinearisedOrbit& of) { return stacked(of.maps, of.count()); })
       .def("restored", &LinearisedOrbit::restored, "ends"_a, "loads"_a)
       .def(
           "change",

@@ -117,16 +117,16 @@ struct OrbitPolynomials {
 /// motion/interval_stages.hpp.
 struct CollocationInterval {
   std::ptrdiff_t half, stages;
-  const double* nodes;               // c (stages,)
-  const double *single, *twofold;    // O and T (stages, stages)
-  const double *start, *next;        // states where it and the next interval begin (n,)
-  double next_sign;                  // of the state at its end, relative to the next one
-  const double* rates;               // accelerations at the stages (stages, half)
+  const double* nodes;             // c (stages,)
+  const double *single, *twofold;  // O and T (stages, stages)
+  const double *start, *next;      // states where it and the next interval begin (n,)
+  double next_sign;                // of the state at its end, relative to the next one
+  const double* rates;             // accelerations at the stages (stages, half)
   // For each stage the rates of its state from the forces, then derivatives of these rates by the
   // speed and by the state (stages, 2 + n, n).
   const double* linearised;
-  // Derivatives of the accelerations by the frequency, (stages,) for each coordinate so many numbers
-  // apart as `frequency_step`; null if they are 0.
+  // Derivatives of the accelerations by the frequency, (stages,) for each coordinate so many
+  // numbers apart as `frequency_step`; null if they are 0.
   const double* by_frequency;
   std::ptrdiff_t frequency_step;
   std::ptrdiff_t loads;  // 3: the residual, frequency and speed; or 0

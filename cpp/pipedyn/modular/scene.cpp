@@ -368,7 +368,8 @@ void Scene::linearise(const Batch& batch, double* out) const {
     Eigen::Map<Matrix> own(out + k * (2 + rows) * rows, 2 + rows, rows);
     own.row(0) = rates[0].col(k).transpose();
     // The rates are of second degree in the speed.
-    own.row(1) = (2.0 * rates[1].col(k) - 0.5 * rates[2].col(k) - 1.5 * rates[0].col(k)).transpose();
+    own.row(1) =
+        (2.0 * rates[1].col(k) - 0.5 * rates[2].col(k) - 1.5 * rates[0].col(k)).transpose();
     own.row(1) /= steps[k];
     own.bottomRows(rows) = slopes.middleRows(k * rows, rows);
   }

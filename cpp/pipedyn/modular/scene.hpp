@@ -100,8 +100,8 @@ class Scene {
   /// Jacobian as in `jacobian`, for any return rate.
   void derivative(const Batch& batch, double rate, double* out) const;
 
-  /// Rates of each member, followed by their derivatives by the speed and by the state (members, 2 +
-  /// 2 n, 2 n).
+  /// Rates of each member, followed by their derivatives by the speed and by the state (members, 2
+  /// + 2 n, 2 n).
   void linearise(const Batch& batch, double* out) const;
 
   /// Energy of states [theta, theta'] (members,); 0 for the straight pipe at rest.

@@ -97,8 +97,8 @@ Matrix SpanRelation::states(const Matrix& ends, const Matrix& loads) const {
                        own.middleCols(n, n).lazyProduct(begin) -
                        own.middleCols(2 * n, n).lazyProduct(end);
       for (Index k = n - 1; k >= 0; --k) {
-        between.row(k) -= own.row(k).segment(k + 1, n - 1 - k).lazyProduct(
-            between.bottomRows(n - 1 - k));
+        between.row(k) -=
+            own.row(k).segment(k + 1, n - 1 - k).lazyProduct(between.bottomRows(n - 1 - k));
         between.row(k) /= own(k, k);
       }
       more.middleRows(2 * pair * n, n) = begin;
@@ -116,8 +116,7 @@ Matrix SpanRelation::states(const Matrix& ends, const Matrix& loads) const {
     found.middleRows(begin * n, n) = own;
     const auto products = products_.middleRows(begin * n, inside);
     found.middleRows((begin + 1) * n, inside) =
-        products.leftCols(n).lazyProduct(own) +
-        products.rightCols(loads.rows()).lazyProduct(loads);
+        products.leftCols(n).lazyProduct(own) + products.rightCols(loads.rows()).lazyProduct(loads);
   }
   return found;
 }
@@ -158,7 +157,8 @@ LinearisedOrbit::LinearisedOrbit(const Intervals& of, const Forces& forces, doub
           .next_sign = closes ? of.mirror_sign : 1.0,
           .rates = of.rates.data() + m * each_,
           .linearised = linearised.data(),
-          .by_frequency = forces.by_frequency.size() > 0 ? forces.by_frequency.data() + m * s : nullptr,
+          .by_frequency =
+              forces.by_frequency.size() > 0 ? forces.by_frequency.data() + m * s : nullptr,
           .frequency_step = count * s,
           .loads = loads,
           .speed_varies = forces.speed_varies,
@@ -170,7 +170,8 @@ LinearisedOrbit::LinearisedOrbit(const Intervals& of, const Forces& forces, doub
         solved = false;
       }
       if (m == 0) {
-        unit = std::sqrt(std::max(linearised.block(2 + half, 0, half, half).cwiseAbs().maxCoeff(), 1.0));
+        unit = std::sqrt(
+            std::max(linearised.block(2 + half, 0, half, half).cwiseAbs().maxCoeff(), 1.0));
       }
       if (closes) across_.head(n) = linearised.row((s - 1) * (2 + n)).transpose();
     }
@@ -203,8 +204,9 @@ Matrix LinearisedOrbit::restored(const Matrix& ends, const Matrix& loads) const 
   for (Index m = 0; m < count; ++m) {
     found.middleRows(m * n + half, half) *= unit;
     given.topRows(n) = found.middleRows(m * n, n);
-    motion_kernel().multiply(by_rates.row(m * each_).data(), by_rates.cols(), given.data(), k, each_,
-                             given.rows(), k, false, found.row(states + m * each_).data(), k);
+    motion_kernel().multiply(by_rates.row(m * each_).data(), by_rates.cols(), given.data(), k,
+                             each_, given.rows(), k, false, found.row(states + m * each_).data(),
+                             k);
   }
   found.bottomRows(2) = loads.bottomRows(2);
   return found;

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
 //
-// Collocation of periodic orbits: the equations linearised about an orbit, with all unknowns but the
-// first state eliminated. The stages of an interval leave x(k+1) = T(k) x(k) +
-// r(k). Products of the T carry a state through runs of intervals over which no digits are lost;
-// between runs orthogonal transformations eliminate the states in pairs down to L x(0) + R x(end) =
-// C (Wright 1992), so that large multipliers cost no digits either. The cost is linear in the number
-// of intervals.
+// Collocation of periodic orbits: the equations linearised about an orbit, with all unknowns but
+// the first state eliminated. The stages of an interval leave x(k+1) = T(k) x(k) + r(k). Products
+// of the T carry a state through runs of intervals over which no digits are lost; between runs
+// orthogonal transformations eliminate the states in pairs down to L x(0) + R x(end) = C (Wright
+// 1992), so that large multipliers cost no digits either. The cost is linear in the number of
+// intervals.
 #pragma once
 
 #include <functional>
@@ -95,7 +95,7 @@ class LinearisedOrbit {
   LinearisedOrbit(const Intervals& of, const Forces& forces, double most);
 
   bool regular = true;
-  double unit;     // of velocities; that of positions is 1, so that fast modes have both alike
+  double unit;      // of velocities; that of positions is 1, so that fast modes have both alike
   Matrix by_rates;  // derivatives of the accelerations (count stages half, n + loads)
   Matrix maps;      // of states in these units (count n, n + loads)
   SpanRelation span;

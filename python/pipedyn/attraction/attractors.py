@@ -23,7 +23,7 @@ from pipedyn.attraction.solutions import Solution, equilibria_near, with_separat
 from pipedyn.equilibrium.equilibria import EQUILIBRIA_DOF, searched
 from pipedyn.models.base import Model, loses_energy
 from pipedyn.models.drive import LARGEST_SPEED, Harmonic, Pulsation, Supply
-from pipedyn.motion.sampling import turning_points, zeros_between
+from pipedyn.motion.sampling import turning_points
 from pipedyn.motion.simulate import (
     BATCH,
     LARGEST_ENSEMBLE,
@@ -38,6 +38,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged, PipedynError
+from pipedyn.util.newton import zeros_between
 from pipedyn.util.result import LENGTH, RATE, Result, TableResult
 
 PILOTS, GROUP = BATCH, 128

@@ -108,7 +108,8 @@ def run_through_once(
         within: share of its range up to which states of several rounds count as the same.
     """
     order = motion.order if motion.forced else 0
-    across = motion.tip(orbit.states(np.linspace(0.0, 2.0 * math.pi, 8 * len(orbit.starts) + 1)))
+    phases = np.linspace(0.0, 2.0 * math.pi, 8 * len(orbit.starts) + 1)
+    across = motion.end(orbit.states(phases))[0]
     most = int(np.count_nonzero((across[1:-1] >= across[:-2]) & (across[1:-1] > across[2:]))) + 1
     phases, times = np.linspace(0.0, 2.0 * math.pi, 17), order or most
     largest = within * np.ptp(orbit.starts)

@@ -179,7 +179,7 @@ def _equilibrium(statics: Statics, p: Array, u: float) -> Solution:
     if stable and not motion.constrained:
         with suppress(LinAlgError):
             region = replace(region, floquet=modal_coordinates(motion, rest, u, region.units))
-    end = Attractor(u, -1, "rest", 0, motion.tip(rest[:, None]), rest)
+    end = Attractor(u, -1, "rest", 0, motion.end(rest[:, None])[0], rest)
     return Solution(end, region, stable, growth=float(values.real.max()))
 
 
@@ -223,8 +223,8 @@ def cycle(model: Model, drive: Excitation, orbit: PeriodicOrbit, stable: bool) -
     samples = SAMPLES_AN_INTERVAL * len(orbit.starts)
     states = orbit.states(np.linspace(0.0, 2.0 * math.pi, samples, endpoint=False))
     t = np.linspace(0.0, TURNING_PERIODS * period, TURNING_PERIODS * samples + 1)
-    once = field.tip(states), field.tip_velocity(states)
-    turnings = turning_points(t, *(np.resize(values, t.size) for values in once))
+    across, _, velocity, _ = field.end(states)
+    turnings = turning_points(t, *(np.resize(values, t.size) for values in (across, velocity)))
     count = max(round((maxima(turnings).size + 1) / TURNING_PERIODS), 1)
     end = Attractor(drive.mean, -1, "periodic", count, turnings, states[:, 0].copy())
     region = around_cycle(model, drive, orbit.states, period, count, point_phases(orbit))

@@ -26,14 +26,13 @@ from itertools import pairwise
 from typing import Any, Generic, TypeVar
 
 import numpy as np
-import scipy
 from numpy.linalg import LinAlgError
 
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import count_factorisations
-from pipedyn.util.newton import NewtonFailed, newton
+from pipedyn.util.newton import NewtonFailed, newton, zero_between
 
 EVERY = slice(None)
 
@@ -329,7 +328,7 @@ class Segment(Generic[Equations]):
         def apart(s: float) -> float:
             return float(ends[s] if s in ends else self.guess(s, index)) - p
 
-        s = scipy.optimize.brentq(apart, 0.0, self.length)
+        s = zero_between(apart, 0.0, self.length)
         found = self.problem.fixed(self.guess(s), p, index)
         if not -0.5 * self.length <= self.reach(found) <= 1.5 * self.length:
             raise NewtonFailed("Newton's method left the neighbourhood of its start")

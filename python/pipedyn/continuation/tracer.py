@@ -19,13 +19,12 @@ from itertools import pairwise
 from typing import Any, Generic, Literal, cast
 
 import numpy as np
-import scipy
 from numpy.linalg import LinAlgError
 from numpy.typing import ArrayLike
 
 from pipedyn.continuation.arclength import Equations, Point, Segment
 from pipedyn.util.check import Array
-from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.newton import NewtonFailed, zero_between
 
 FLAT = 0.3
 """Share of the steeper slope dp/ds at the ends of a step. If a cubic through both has a smaller
@@ -93,14 +92,16 @@ class TestFunction:
             if first == last:
                 return
             passing = first - (last < first)
-            root = scipy.optimize.brentq(
-                lambda s, i: self.at(s)[i], low, high, (passing,), self.tolerance
-            )
+            root = zero_between(lambda s, i=passing: self.at(s)[i], low, high, self.tolerance)
+            begins = self.at(low)[passing] > 0.0
             width = self.tolerance  # doubled below where rounding hides the change
-            while self.positive(max(low, root - width)) == self.positive(min(root + width, high)):
+            while True:
+                before, beyond = max(low, root - width), min(root + width, high)
+                if (self.at(before)[passing] > 0.0) == begins != (self.at(beyond)[passing] > 0.0):
+                    break
                 width *= 2.0
-            yield max(low, root - width), min(root + width, high)
-            low = min(root + width, high)
+            yield before, beyond
+            low = beyond
 
 
 def folds(step: Segment[Equations], rtol: float) -> list[tuple[float, float]]:

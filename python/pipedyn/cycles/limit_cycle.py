@@ -32,7 +32,6 @@ from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.base import Model
 from pipedyn.models.drive import steady_speed
-from pipedyn.motion.sampling import zeros_between
 from pipedyn.motion.simulate import (
     Motion,
     Start,
@@ -63,7 +62,7 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import count_work
 from pipedyn.util.errors import NotConverged, PipedynError
-from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.newton import NewtonFailed, zeros_between
 from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import TableResult
 
@@ -509,14 +508,14 @@ def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, floa
     """Half the free end's peak-to-peak motion, and the phase of its largest displacement."""
     # Samples are as close as the mesh requires: a period may have a dozen peaks.
     phases, y = orbit.sampled(SAMPLES_A_STAGE * ORBIT_STAGES)
-    velocity = motion.tip_velocity(y)
+    across, _, velocity, _ = motion.end(y)
     before = np.flatnonzero((velocity[:-1] > 0.0) != (velocity[1:] > 0.0))
     peaks = zeros_between(
-        lambda phase: motion.tip_velocity(orbit.states(phase)),
+        lambda phase: motion.end(orbit.states(phase))[2],
         *(phases[before], phases[before + 1], velocity[before], velocity[before + 1]),
     )
     phases = np.append(phases, peaks)
-    across = np.append(motion.tip(y), motion.tip(orbit.states(peaks)))
+    across = np.append(across, motion.end(orbit.states(peaks))[0])
     if not orbit.symmetric:
         return 0.5 * float(np.ptp(across)), float(phases[np.argmax(across)])
     farthest = int(np.argmax(np.abs(across)))  # if to negative x, the mirror image comes later

@@ -779,6 +779,14 @@ class Model(OfPipe, ABC):
             raise ValueError(f"qdot must have the shape of q, {columns.shape}, got {rates.shape}")
         return resolved("tip_velocities", lambda: self._free_ends(columns, rates)[2:], batch=True).T
 
+    def end_motion(self, y: Array) -> Array:
+        """Positions and velocities for `tips` and `tip_velocities`, (4, k), at k states [p, p'].
+
+        Raises NotResolved for states that the model does not resolve.
+        """
+        q, rates = self.to_user(y[: self.integrated].T, y[self.integrated :].T)
+        return np.asarray(resolved("tips", lambda: self._free_ends(q.T, rates.T), batch=True))
+
     @abstractmethod
     def _free_ends(self, q: Array, qdot: Array) -> Array:
         """Positions and velocities for `tips` and `tip_velocities`, shape (4, k).

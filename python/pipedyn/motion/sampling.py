@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import scipy
 
@@ -27,10 +25,6 @@ since large motion is faster than small motion."""
 A_TURN = 384.0
 """Number of the finest samples in a turn of the part of the pipe that turns fastest at the start. A
 whirling pipe cracks like a whip: without damping the free end of 20 segments needs more than 80."""
-
-MOST_SECANTS, SECANT_ERROR = 30, 1e-12
-"""Largest number of secant steps to find a zero, which mostly takes five or six, and the change of
-its place after which no further step is taken: the next would be far smaller."""
 
 MOST_NUMBERS = 16_000_000
 """Largest number of values in the finest samples, 128 MB; longer motions have coarser samples."""
@@ -84,31 +78,6 @@ def turning_points(t: Array, x: Array, velocity: Array) -> Array:
     return np.asarray(
         x[place] + since * (slope[place] + since * (bend[place] + since * rest[place]))
     )
-
-
-def zeros_between(
-    values: Callable[[Array], Array], low: Array, high: Array, below: Array, above: Array
-) -> Array:
-    """Zeros of k functions, each between two places where its values differ in sign, shape (k,).
-
-    The Illinois method takes secants, and halves the value at an end that stays.
-
-    Args:
-        values: values (k,) of the functions at places (k,).
-        low: the place on one side of each zero.
-        high: the place on the other side.
-        below: values at `low`.
-        above: values at `high`.
-    """
-    for _ in range(MOST_SECANTS):
-        last, high = high, (low * above - high * below) / (above - below)
-        if np.abs(high - last).max(initial=0.0) <= SECANT_ERROR:
-            break
-        found = values(high)
-        crossed = (found > 0.0) != (above > 0.0)
-        low, below = np.where(crossed, last, low), np.where(crossed, above, 0.5 * below)
-        above = found
-    return high
 
 
 def maxima(turnings: Array) -> Array:

@@ -146,15 +146,13 @@ class VectorField:
         """The state at rest about which the model is linearised, shape (2 integrated,)."""
         return np.concatenate([self.model.resting(), np.zeros(self.half)])
 
-    def tip(self, y: Array) -> Array:
-        """Transverse position of the free end at the k states in the columns, shape (k,)."""
-        q, _ = self.model.to_user(y[: self.half].T, y[self.half :].T)
-        return self.model.tips(q.T)[:, 0]
+    def end(self, y: Array) -> Array:
+        """Position (x, y) and velocity of the free end at the k states in the columns, (4, k).
 
-    def tip_velocity(self, y: Array) -> Array:
-        """Transverse velocity of the free end at the k states in the columns, shape (k,)."""
-        q, rates = self.model.to_user(y[: self.half].T, y[self.half :].T)
-        return self.model.tip_velocities(q.T, rates.T)[:, 0]
+        Raises:
+            NotResolved: for states that the model does not resolve.
+        """
+        return self.model.end_motion(y)
 
 
 @saved_as("ForcedField")

@@ -35,6 +35,7 @@ from pipedyn.util.newton import NewtonFailed
 LOSS = 1e5
 """Largest entry of a product of intervals' maps: its rounding error is then 1e-11."""
 
+
 def condensed(
     motion: VectorField, orbit: PeriodicOrbit, speed_varies: bool = False, of_states: bool = False
 ) -> _core.LinearisedOrbit:
@@ -276,7 +277,7 @@ class OrbitProblem(Continuation):
 def _unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
     """The `unit` of an `OrbitProblem` on an orbit."""
     states = orbit.states(PROBES)
-    positions, across = states[: motion.half], motion.tip(states)
+    positions, across = states[: motion.half], motion.end(states)[0]
     centred = positions - positions.mean(axis=1, keepdims=True)
     size = math.sqrt(float(np.mean(np.sum(centred**2, axis=0))))
     # The free end may be held, so its motion may be 0.

@@ -20,6 +20,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from pipedyn import _core
 from pipedyn.continuation.tracer import TestFunction
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import collocation_maps, span_maps, stage_derivatives, state_units
@@ -228,7 +229,7 @@ def _by_pairs(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None
 def _worst_change(before: Complex, after: Complex) -> float:
     """Largest change of a multiplier, relative if above 1."""
     moved = np.abs(before[:, None] - after) / np.maximum(np.abs(after), 1.0)
-    return float(moved[scipy.optimize.linear_sum_assignment(moved)].max())
+    return float(moved[np.arange(len(moved)), _core.assignment(moved)].max())
 
 
 def _roots_of_maps(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units: Array) -> Complex:

@@ -16,7 +16,6 @@ from itertools import islice, product
 from typing import TypeVar, cast
 
 import numpy as np
-import scipy
 
 from pipedyn.continuation.arclength import Point, Segment
 from pipedyn.continuation.tracer import between_folds, reason_of
@@ -35,7 +34,7 @@ from pipedyn.orbits.periodic_orbit import (
     stop_contacts,
 )
 from pipedyn.util.check import Array
-from pipedyn.util.newton import NewtonFailed
+from pipedyn.util.newton import NewtonFailed, zero_between
 
 FIRST_AMPLITUDE, LEAST_AMPLITUDE, LARGEST_AMPLITUDE = 0.01, 1e-4, 0.3
 """Amplitude in L of the free end after a branch's first step, the least that is tried, and the
@@ -350,7 +349,7 @@ def meeting(step: Step, kind: str, beginnings: Array, within: float) -> Meeting 
         """Arc length at which a given share of the part remains."""
         if not (left(low) > share) or not (left(high) < share):
             raise NewtonFailed("it comes near to orbits of more symmetry, and the step is too long")
-        return float(scipy.optimize.brentq(lambda s: left(s) - share, low, high))
+        return zero_between(lambda s: left(s) - share, low, high)
 
     def with_left(share: float) -> Point:
         return step.at(where(share, 0.0, where(0.0, 0.0, step.length)))

@@ -14,10 +14,10 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from pipedyn import _core
-from pipedyn.motion.sampling import zeros_between
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.newton import zeros_between
 
 ORBIT_STAGES = 8
 """Number of stages of the Radau IIA method, which has order 2 ORBIT_STAGES - 1 = 15. Cycles of two
