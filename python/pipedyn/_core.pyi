@@ -17,6 +17,7 @@ __all__: list[str] = [
     "Forms",
     "Galerkin",
     "Integrator",
+    "LinearisedOrbit",
     "Member",
     "Operators",
     "Pairs",
@@ -28,23 +29,24 @@ __all__: list[str] = [
     "SHIFT",
     "Scene",
     "Segments",
+    "SpanRelation",
     "Spectrum",
     "Structured",
     "Supply",
     "Sweep",
     "Traits",
     "Truncated",
-    "condense",
+    "assignment",
     "crossings",
     "dense_limit",
     "ends",
     "exponentials",
     "interval_maps",
     "is_felt_by_small_motions",
-    "map_products",
     "orbit_states",
     "rounding",
     "set_vector_level",
+    "stage_states",
     "vector_level",
     "vector_levels",
 ]
@@ -480,6 +482,9 @@ class Scene:
         drive: typing.Any = None,
         refuses: bool = True,
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def linearised(
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
     def operators(
         self,
         angles: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
@@ -582,22 +587,75 @@ class Integrator:
     @property
     def members(self) -> list[Member]: ...
 
-def condense(
-    durations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-    starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-    rates: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-    linearised: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-    by_frequency: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None,
-    speed_varies: bool,
-    frequency: typing.SupportsFloat | typing.SupportsIndex,
-    weights: tuple[
-        typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-        typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-        typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-    ],
-    mirror_sign: typing.SupportsFloat | typing.SupportsIndex = 1.0,
-    units: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None,
-) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]: ...
+class SpanRelation:
+    def __init__(
+        self,
+        maps: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        most: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def states(
+        self,
+        ends: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        loads: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def begins(self) -> list[int]: ...
+    @property
+    def first(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def known(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def last(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def products(self) -> numpy.typing.NDArray[numpy.float64]: ...
+
+class LinearisedOrbit:
+    def __init__(
+        self,
+        model: typing.Any,
+        durations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        rates: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        method: tuple[
+            typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+            typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+            typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        ],
+        frequency: typing.SupportsFloat | typing.SupportsIndex,
+        mirror_sign: typing.SupportsFloat | typing.SupportsIndex,
+        speeds: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        drive: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] | None,
+        by_frequency: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None,
+        speed_varies: bool,
+        of_states: bool,
+        forced: bool,
+        most: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def change(
+        self,
+        phase: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        shift: typing.SupportsFloat | typing.SupportsIndex,
+        row: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        gap: typing.SupportsFloat | typing.SupportsIndex,
+        share: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    def restored(
+        self,
+        ends: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+        loads: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def by_rates(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def maps(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def span(self) -> SpanRelation: ...
+    @property
+    def unit(self) -> float: ...
+
+def assignment(
+    cost: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+) -> list[int]: ...
 def crossings(
     spectra: collections.abc.Sequence[Spectrum],
     ranges: collections.abc.Sequence[Range],
@@ -621,10 +679,6 @@ def interval_maps(
     first: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
 ) -> numpy.typing.NDArray[numpy.float64]: ...
 def is_felt_by_small_motions(law: str) -> bool: ...
-def map_products(
-    maps: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-    most: typing.SupportsFloat | typing.SupportsIndex,
-) -> tuple[numpy.typing.NDArray[numpy.float64], list[int]]: ...
 def orbit_states(
     edges: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
@@ -639,6 +693,16 @@ def rounding(
     values: typing.Annotated[numpy.typing.ArrayLike, numpy.complex128, "[m, 1]"],
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
 def set_vector_level(name: str) -> None: ...
+def stage_states(
+    durations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    rates: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    method: tuple[
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    ],
+) -> numpy.typing.NDArray[numpy.float64]: ...
 def vector_level() -> str: ...
 def vector_levels() -> list[str]: ...
 

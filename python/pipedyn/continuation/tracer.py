@@ -15,6 +15,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 from typing import Any, Generic, Literal, cast
 
@@ -73,6 +74,9 @@ class TestFunction:
             self.known[s] = np.atleast_1d(self.values(self.step.at(s)))
         return self.known[s]
 
+    def _value(self, which: int, s: float) -> float:
+        return float(self.at(s)[which])
+
     def positive(self, s: float) -> int:
         """Number of positive values at an arc length."""
         return int(np.count_nonzero(self.at(s) > 0.0))
@@ -92,14 +96,14 @@ class TestFunction:
             if first == last:
                 return
             passing = first - (last < first)
-            root = zero_between(lambda s, i=passing: self.at(s)[i], low, high, self.tolerance)
-            begins = self.at(low)[passing] > 0.0
-            width = self.tolerance  # doubled below where rounding hides the change
-            while True:
-                before, beyond = max(low, root - width), min(root + width, high)
-                if (self.at(before)[passing] > 0.0) == begins != (self.at(beyond)[passing] > 0.0):
-                    break
+            value = partial(self._value, passing)
+            root = zero_between(value, low, high, self.tolerance)
+            changes, sides = (value(low) > 0.0, value(high) > 0.0), (False, False)
+            width = 0.5 * self.tolerance  # doubled where rounding hides the change
+            while sides != changes:
                 width *= 2.0
+                before, beyond = max(low, root - width), min(root + width, high)
+                sides = value(before) > 0.0, value(beyond) > 0.0
             yield before, beyond
             low = beyond
 

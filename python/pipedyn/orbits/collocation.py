@@ -52,8 +52,12 @@ def condensed(
     speeds, drive = motion.driven_at(orbit.u, orbit.rates.shape[0] * orbit.rates.shape[1])
     return _core.LinearisedOrbit(
         *(motion.model.core, orbit.durations, orbit.starts, orbit.rates, METHOD, orbit.frequency),
-        *(orbit.mirror_sign, speeds, drive, by_frequency, speed_varies, of_states, orbit.forced),
-        LOSS,
+        *(orbit.mirror_sign, speeds, drive),
+        by_frequency=by_frequency,
+        speed_varies=speed_varies,
+        of_states=of_states,
+        forced=orbit.forced,
+        most=LOSS,
     )
 
 
