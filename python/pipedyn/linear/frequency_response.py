@@ -40,6 +40,7 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import count_factorisations
 from pipedyn.util.errors import NotConverged
+from pipedyn.util.newton import zero_between
 from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import FREQUENCY, Result, TableResult
 
@@ -563,7 +564,7 @@ def _resonances(
         level = math.sqrt(0.5) * height
         below = np.flatnonzero(sizes <= level)
         beside = *below[below < k][-1:], *below[below > k][:1]
-        sides = [scipy.optimize.brentq(above, peak, at[j], args=(level,)) for j in beside]
+        sides = [zero_between(partial(above, level=level), peak, at[j]) for j in beside]
         width = sides[1] - sides[0] if len(sides) == 2 else math.nan
         found.append(Resonance(float(peak), height, width))
     return tuple(sorted(found, key=lambda peak: peak.frequency))

@@ -97,7 +97,7 @@ def zeros_between(
         high: the place on the other side.
         below: values at `low`.
         above: values at `high`.
-        error: largest error of the places.
+        error: largest error of the places, beyond rounding.
 
     Source: Chandrupatla (1997), A new hybrid quadratic/bisection algorithm for finding the zero of
     a nonlinear function without using derivatives.
@@ -107,7 +107,8 @@ def zeros_between(
     share = at_a / np.where(at_a == at_b, 1.0, at_a - at_b)
     for _ in range(MOST_PLACES):
         best = np.where(np.abs(at_a) < np.abs(at_b), a, b)
-        least = 0.5 * error / np.maximum(np.abs(b - a), 0.5 * error)
+        allowed = 0.5 * np.maximum(error, 4.0 * np.finfo(float).eps * np.abs(best))
+        least = allowed / np.maximum(np.abs(b - a), allowed)
         done = (least > 0.5) | (at_a == 0.0) | (at_b == 0.0)
         if done.all():
             break
