@@ -570,12 +570,12 @@ class _Search:
             self.spectrum = _core.Truncated(spectrum, more, self.resolved)
         if not self.problem.is_long or continuous:
             return
-        some = self.reach.modes_within(max_speed)
+        some, pipe = self.reach.modes_within(max_speed), self.problem.pipe
         # The highest modes of a reduced model are not the pipe's, and the flow may make them grow
         # most. Fluid that is drawn into a chain feeds the highest modes most.
-        fed = model.pipe.flow == "aspirating" and not model.pipe.end_held
+        fed = pipe.flow == "aspirating" and not pipe.end_held
         judged = fed or isinstance(self.problem.pencil, PanelPencil)
-        judged &= _some_are_cheaper(some, max_speed, model.dof)
+        judged &= _some_are_cheaper(some, max_speed, self.tracked)
         modes = spectrum.modes_at_rest() if judged else None
         if judged and not self._are_enough(some, modes):
             return
@@ -583,7 +583,7 @@ class _Search:
         # A search for a few roots does not pass the cluster at -1 / delta, but the modes before it,
         # with (delta omega)^2 < 0.9, may suffice. Four modes fewer are tracked, because the search
         # also examines roots beyond the tracked ones.
-        delta = model.pipe.damping
+        delta = pipe.damping
         before = math.floor(math.sqrt(0.9 / delta) / math.pi) - 4 if delta else self.tracked
         fewer = max_speed / math.pi + 1.0 <= before < self.count // 2
         if fewer and (not fed or self._are_enough(before, modes)):

@@ -100,8 +100,7 @@ class Eigenproblem:
             loss=pipe.hysteresis,
         )
         # The norm of the stiffness at rest; the elastic part has norm 1.
-        varied = self.pencil.term_stiffness() if self.model.is_varied else 0.0
-        size = 1.0 + abs(pipe.gamma) + varied
+        size = 1.0 + abs(pipe.gamma) + self.model.varied_stiffness
         spectrum = self.pencil.spectrum(traits, size)
         if pipe.hysteresis:
             spectrum.set_without_loss(self.static.spectrum())

@@ -189,7 +189,7 @@ class OfPipe(Saved):
         """Whether the model converges to the continuous pipe as its number of coordinates grows."""
         return True
 
-    @property
+    @cached_property
     def resisted(self) -> bool:
         """Whether linear forces but the flow's and Kelvin-Voigt damping depend on velocities."""
         return bool(self._pipe.terms) and core_pipe(self._pipe).resisted
@@ -280,6 +280,11 @@ class Model(OfPipe, ABC):
         """Whether other forces than a uniform pipe's act in small motions."""
         pipe = self._pipe
         return bool(pipe.terms or pipe.stiffness or pipe.mass)
+
+    @cached_property
+    def varied_stiffness(self) -> float:
+        """Norm of the stiffness, in elastic coordinates, that other forces than its own add."""
+        return self.pencil().term_stiffness() if self.is_varied else 0.0
 
     def refined(self) -> Model | None:
         """A model of the pipe with 1.5 times as many functions, at least four more.

@@ -276,6 +276,21 @@ class Galerkin(Model):
             return PanelPencil(self)
         return DensePencil(self)
 
+    @cached_property
+    def _on_panels(self) -> tuple[_core.PanelPencil, Array, Array]:
+        """Parts of the pencil in root slope and curvatures, and matrices between coordinates.
+
+        These lead from elastic coordinates to root slope and curvatures, (core's, dof), and back.
+        """
+        core, root = _core.PanelPencil(self.core), self._pipe.root_stiffness
+        lift = core.on_panels(self._amplitudes)
+        if (self.elastic_share < 1.0).any():
+            return core, lift, np.asarray(np.linalg.pinv(lift), dtype=np.float64)
+        loads = core.times(lift, by_damping=1.0)
+        if 0.0 < root < math.inf:
+            loads[0] += root * lift[0]
+        return core, lift, np.ascontiguousarray(loads.T)
+
     @property
     def elastic_scale(self) -> Array:
         """Amplitudes q_i for a unit of each elastic coordinate, shape (m, m)."""
@@ -477,27 +492,9 @@ class PanelPencil(Pencil):
 
     def __init__(self, model: Galerkin) -> None:
         super().__init__(model)
-        self.core = _core.PanelPencil(model.core)
-        self.end_moves = model.pipe.cantilevered and model.pipe.beta * model.pipe.inflow_share > 0.0
-
-    @cached_property
-    def lift(self) -> Array:
-        """Matrix from elastic coordinates to root slope and curvatures, (core's, dof)."""
-        return self.core.on_panels(self.model._amplitudes)
-
-    @cached_property
-    def projection(self) -> Array:
-        """Matrix from root slope and curvatures to elastic coordinates, (dof, core's)."""
-        if (self.model.elastic_share < 1.0).any():
-            return np.asarray(np.linalg.pinv(self.lift), dtype=np.float64)
-        return np.ascontiguousarray(self._elastic(self.lift).T)
-
-    def _elastic(self, x: Array) -> Array:
-        """Elastic loads by root slope and curvatures, with the root's spring."""
-        loads = self.core.times(x, by_damping=1.0)
-        if 0.0 < self.pipe.root_stiffness < math.inf:
-            loads[0] += self.pipe.root_stiffness * x[0]
-        return loads
+        self.core, self.lift, self.projection = model._on_panels
+        pipe = self.pipe
+        self.end_moves = pipe.cantilevered and pipe.beta * pipe.inflow_share > 0.0
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
         return _core.Structured(traits, self.core, self.lift, self.projection, size)

@@ -59,7 +59,8 @@ class Pencil:
     @property
     def turns_freely(self) -> bool:
         """Whether a joint, or the root of the pipe, has no spring."""
-        return bool((self.model.elastic_share == 0.0).any())
+        share = self.model.elastic_share
+        return int(np.count_nonzero(share)) < share.size
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
         """The core's solver for eigenvalues; size: the norm of K at rest."""
