@@ -230,6 +230,22 @@ def test_arrays_that_do_not_fit_are_refused():
         linearised_orbit(MODEL, *given, 1.0)
     with pytest.raises(ValueError, match="rates must be those of the model"):
         linearised_orbit(MODEL, given[0][:2], *given[1:], 1.0)
+    with pytest.raises(ValueError, match="rates must have shape"):
+        linearised_orbit(MODEL, given[0][:0], given[1][:0], given[2][:0], 1.0)
+    alone = pp.Chain(pp.Pipe(0.2), 1), given[0][:2] + 0.1, *given[1:], 1.0
+    states, unknowns = linearised_orbit(*alone, of_states=True), np.zeros(2 * 10 + 2)
+    with pytest.raises(ValueError, match="equations must have loads"):
+        states.change(unknowns, 0.0, unknowns, 1.0, 0.0)
+    with pytest.raises(ValueError, match="ends and loads must have 4 and 0 rows"):
+        states.restored(np.zeros((4, 1)), np.zeros((3, 1)))
+    with pytest.raises(ValueError, match="ends and loads must have 4 and 3 rows"):
+        linearised_orbit(*alone).restored(np.zeros((4, 1)), np.zeros((3, 2)))
+    with pytest.raises(ValueError, match="ends and loads must have 4 and 0 rows"):
+        states.span.states(np.zeros((2, 1)), np.zeros((0, 1)))
+    with pytest.raises(ValueError, match="edges must hold 2 numbers"):
+        _core.orbit_states(
+            np.zeros(1), *given[1:], 1.0, 1.0, np.zeros((9, 8)), np.zeros((10, 8)), [0]
+        )
     with pytest.raises(ValueError, match="durations must hold 2 numbers"):
         _core.stage_states(*given, METHOD)
     with pytest.raises(ValueError, match="exponents must have shape"):

@@ -29,7 +29,7 @@ GivenMatrix matrix(const char* name, const Numbers& values, Index rows, Index co
 
 Intervals intervals_of(const Numbers& durations, const Numbers& starts, const Numbers& rates,
                        const Method& method, double frequency = 1.0, double mirror_sign = 1.0) {
-  if (rates.ndim() != 3) {
+  if (rates.ndim() != 3 || rates.size() == 0) {
     throw py::value_error("rates must have shape (M, s, n / 2), got " + shape_of(rates));
   }
   const auto& [nodes, single, twofold] = method;
@@ -47,6 +47,13 @@ Intervals intervals_of(const Numbers& durations, const Numbers& starts, const Nu
   const py::object error = py::module_::import("numpy.linalg").attr("LinAlgError");
   PyErr_SetString(error.ptr(), "Singular matrix");
   throw py::error_already_set();
+}
+
+/// States at both ends of a span (2 n, k) with the loads (so many, k), checked.
+void require_ends(const Matrix& ends, const Matrix& loads, Index n, Index of_loads) {
+  if (ends.rows() == 2 * n && loads.rows() == of_loads && loads.cols() == ends.cols()) return;
+  throw py::value_error("ends and loads must have " + std::to_string(2 * n) + " and " +
+                        std::to_string(of_loads) + " rows, and as many columns");
 }
 
 /// The rows of a matrix as those of `count` matrices.
@@ -177,6 +184,7 @@ Numbers states_of(const Numbers& edges, const Numbers& starts, const Numbers& ra
                   double frequency, double mirror_sign, const Numbers& single,
                   const Numbers& twofold, const Vector& phases) {
   const Index stages = single.size() / std::max<Index>(single.shape(0), 1);
+  if (edges.size() < 2) throw py::value_error("edges must hold 2 numbers or more");
   const Index count = edges.size() - 1, half = rates.size() / std::max<Index>(count * stages, 1);
   const OrbitPolynomials orbit{
       .count = count,
@@ -212,7 +220,13 @@ void define_orbits(py::module_& m) {
                                    of.products(),
                                    of.products().rows() / std::max<Index>(of.first.rows(), 1));
                              })
-      .def("states", &SpanRelation::states, "ends"_a, "loads"_a);
+      .def(
+          "states",
+          [](const SpanRelation& of, const Matrix& ends, const Matrix& loads) {
+            require_ends(ends, loads, of.first.rows(), of.known.cols());
+            return of.states(ends, loads);
+          },
+          "ends"_a, "loads"_a);
   py::class_<LinearisedOrbit>(m, "LinearisedOrbit")
       .def(py::init(&linearised_orbit), "model"_a, "durations"_a, "starts"_a, "rates"_a, "method"_a,
            "frequency"_a, "mirror_sign"_a, "speeds"_a, "drive"_a, "by_frequency"_a,
@@ -222,14 +236,21 @@ void define_orbits(py::module_& m) {
       .def_readonly("by_rates", &LinearisedOrbit::by_rates)
       .def_property_readonly("maps",
                              [](const LinearisedOrbit& of) { return stacked(of.maps, of.count()); })
-      .def("restored", &LinearisedOrbit::restored, "ends"_a, "loads"_a)
+      .def(
+          "restored",
+          [](const LinearisedOrbit& of, const Matrix& ends, const Matrix& loads) {
+            require_ends(ends, loads, of.span.first.rows(), of.span.known.cols());
+            return of.restored(ends, loads);
+          },
+          "ends"_a, "loads"_a)
       .def(
           "change",
           [](const LinearisedOrbit& of, const Vector& phase, double shift, const Vector& row,
              double gap, double share) {
             const Index size = of.unknowns();
-            if (phase.size() != size || row.size() != size) {
-              throw py::value_error("phase and row must hold " + std::to_string(size) + " numbers");
+            if (phase.size() != size || row.size() != size || of.span.known.cols() == 0) {
+              throw py::value_error("phase and row must hold " + std::to_string(size) +
+                                    " numbers, and equations must have loads");
             }
             std::optional<Vector> found = of.change(phase, shift, row, gap, share);
             if (!found) refuse_singular();
