@@ -22,8 +22,9 @@ from pipedyn.util.newton import NewtonFailed, newton, zero_between, zeros_betwee
 
 
 def circle_equations(x, p):
-    """x^2 + p^2 = 1, twice."""
-    return x**2 + p**2 - 1.0, np.column_stack([np.diag(2.0 * x), np.full(2, 2.0 * p)])
+    """x^2 + p^2 = 1 for the first unknown, which the second one equals."""
+    derivative = np.array([[2.0 * x[0], 0.0, 2.0 * p], [-1.0, 1.0, 0.0]])
+    return np.array([x[0] ** 2 + p**2 - 1.0, x[1] - x[0]]), derivative
 
 
 @pytest.fixture

@@ -40,21 +40,48 @@ def test_a_buckled_pipe_leans_on_a_stop_with_the_beam_columns_force(kind, error)
         assert np.abs(tips / (side * (gap + force / stiffness)) - 1.0).min() < error
 
 
-def test_a_segment_bounces_between_stops_in_the_time_of_two_arcs():
-    """One stiff segment on a spring: an arc of frequency w between the stops, W beyond."""
-    gap, reach, stiffness = 1e-4, 1.7e-4, 30.0
+def bouncing(reach):
+    """One stiff segment on a spring, with the period in which it swings to `reach` gaps.
+
+    The motion is an arc of frequency w between the stops, and one of frequency W beyond each.
+    """
+    gap, stiffness = 1e-4, 30.0
     chain = pp.Chain(pp.Pipe(0.0, terms=[pp.Stop(1.0, gap, stiffness)]), 1, springs=[3.0])
-    inertia = 1.0 / 3.0
+    inertia, farthest = 1.0 / 3.0, reach * gap
     slow, fast = math.sqrt(3.0 / inertia), math.sqrt((3.0 + stiffness) / inertia)
     # Beyond the stop about the place where both springs balance.
     middle = stiffness * gap / (3.0 + stiffness)
-    beyond = math.acos((gap - middle) / (reach - middle)) / fast
-    speed = (reach - middle) * fast * math.sin(beyond * fast)
-    period = 4.0 * (beyond + math.atan(gap * slow / speed) / slow)
+    beyond = math.acos((gap - middle) / (farthest - middle)) / fast
+    speed = (farthest - middle) * fast * math.sin(beyond * fast)
+    return chain, farthest, speed, 4.0 * (beyond + math.atan(gap * slow / speed) / slow)
+
+
+def test_a_segment_bounces_between_stops_in_the_time_of_two_arcs():
+    chain, reach, speed, period = bouncing(1.7)
     motion = pp.simulate(chain, 0.0, 5.0 * period, [math.asin(reach)], rtol=1e-11, atol=1e-16)
     assert motion.q[-1] == pytest.approx([reach], rel=2e-7)  # angles to reach^2
     assert np.abs(motion.qdot[-1]).max() < 1e-5 * speed
     assert motion.audit < 1e-8  # up to 8.5e-9 over 120 reaches, by where steps meet the stops
+
+
+@pytest.mark.parametrize("beyond", [1e-1, 1e-2, 1e-3])
+@pytest.mark.parametrize("rtol", [1e-5, 1e-7])
+def test_a_short_contact_is_not_stepped_over(beyond, rtol):
+    """Where the stop is hardly reached, a contact is shorter than what stages are apart.
+
+    At a contact of 1e-4 of the gap, which lasts a twentieth of a step, rates are still not asked.
+    """
+    chain, reach, _, period = bouncing(1.0 + beyond)
+    missed = []
+    for start in np.linspace(0.0, 0.5, 12, endpoint=False):  # steps meet the stops elsewhere
+        times = start * period + np.arange(6.0) * 0.5 * period
+        motion = pp.simulate(
+            *(chain, 0.0, times[-1], [math.asin(reach)]), times=times, rtol=rtol, atol=rtol * reach
+        )
+        swings = motion.q[:, 0] * (-1.0) ** np.arange(6)
+        rates = motion.qdot[:, 0] * (-1.0) ** np.arange(6)
+        missed.append(max(np.ptp(swings), np.ptp(rates)))
+    assert max(missed) <= 100.0 * rtol * reach
 
 
 @pytest.mark.parametrize("kind", ["chain", "Legendre functions"])

@@ -251,7 +251,7 @@ std::unique_ptr<Integrator> integrator(const py::object& of, const py::object& u
                                        const Matrix& start, double t0, const Numbers& rtols,
                                        const Numbers& atols, double most, double max_step,
                                        const py::object& jacobian,
-                                       const py::typing::Optional<Supplied>& at_head) {
+                                       const py::typing::Optional<Supplied>& at_head, bool kinked) {
   const Supplied* const supply = at_head.is_none() ? nullptr : at_head.cast<const Supplied*>();
   const Index rows = start.rows(), members = start.cols();
   require_size("rtol", rtols, members);
@@ -264,7 +264,7 @@ std::unique_ptr<Integrator> integrator(const py::object& of, const py::object& u
                                     start.data(), t0, limits);
   }
   return std::make_unique<Radau>(implicit_rates_of(of, jacobian, rows, u, rtol, supply), rows,
-                                 members, start.data(), t0, limits);
+                                 members, start.data(), t0, limits, kinked);
 }
 
 /// Advances the motion and returns whether all members have finished and, if `follow`, the ends of
@@ -316,7 +316,8 @@ void define_motion(py::module_& m) {
   py::class_<Integrator>(m, "Integrator")
       .def(py::init(&integrator), "of"_a, "u"_a, "start"_a, "t0"_a, "rtol"_a, "atol"_a, "most"_a,
            "max_step"_a = std::numeric_limits<double>::infinity(), "jacobian"_a = py::none(),
-           "supply"_a = py::none(), py::keep_alive<1, 2>(), py::keep_alive<1, 11>())
+           "supply"_a = py::none(), "kinked"_a = false, py::keep_alive<1, 2>(),
+           py::keep_alive<1, 11>())
       .def("advance", advance, "times"_a, "out"_a.noconvert(), "evaluations"_a, "follow"_a = false)
       .def("state", &Integrator::state, "member"_a)
       .def("stop", &Integrator::stop, "member"_a)

@@ -570,6 +570,7 @@ class Integrator:
         max_step: typing.SupportsFloat | typing.SupportsIndex = ...,
         jacobian: typing.Any = None,
         supply: Supply | None = None,
+        kinked: bool = False,
     ) -> None: ...
     def advance(
         self,

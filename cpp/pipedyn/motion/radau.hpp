@@ -8,8 +8,9 @@
 // one batch of eight members; the systems are solved side by side in the lanes of vectors. With u
 // the polynomial through the start y and the stages, the error is estimated by the real part of
 //   (lambda_1 / h - J)^-1 (f(t, y) - u'(t)),
-// and by the error of u within the step, where u gives samples. Members advance one after the
-// other. An iteration costs O(rows) operations besides f and the solve.
+// and by the error of u within the step, where u gives samples; where slopes of f jump, also by f
+// between the stages. Members advance one after the other. An iteration costs O(rows) operations
+// besides f and the solve.
 #pragma once
 
 #include <memory>
@@ -86,9 +87,9 @@ struct ImplicitRates {
 
 class Radau final : public Integrator {
  public:
-  /// start: states (rows, members), all at time t0.
+  /// start: states (rows, members), all at time t0; kinked: whether slopes of f jump.
   Radau(ImplicitRates rates, Index rows, Index members, const double* start, double time,
-        const Limits& limits);
+        const Limits& limits, bool kinked);
 
   Vector state(Index member) const override { return states_.col(member); }
 
@@ -102,9 +103,11 @@ class Radau final : public Integrator {
   void predict(double h);
   bool solve(Index which, double h, Index& evaluations);
   double error(double h);
+  double unseen(Index which, double h);
   void accept(Index which, double h);
 
   ImplicitRates of_;
+  bool kinked_;
   Matrix states_;  // (rows, members)
   Index current_ = -1;
 
@@ -113,6 +116,7 @@ class Radau final : public Integrator {
   Vector start_rates_, end_rates_;  // rates at y_ and at the end of the step
   Matrix z_, before_, w_;     // (rows, 8): stages, stages of the last step, unknowns of the systems
   Matrix at_, rates_at_, x_;  // states at the stages, their rates, right-hand sides or solutions
+  Matrix between_;            // states between the stages
   double last_h_ = 0.0, factored_h_ = 0.0;
   double contraction_ = 1.0;  // ratio of the next change to that of an iteration
   double left_ = 1.0;         // ratio of all later changes to that of an iteration

@@ -334,6 +334,7 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
         *(model.core, u, start, first.t0, rtol, atol, first.most, first.max_step),
         None if first.method == "dop853" else first.jacobian,
         None if first.constant_head is None else first.constant_head.core,
+        model.calls_python or any(term.kinks for term in model.pipe.terms),
     )
     monitors = [Monitor(task) for task in tasks]
     times, count = first.times, first.times.size
