@@ -224,7 +224,16 @@ def test_a_chunk_that_kills_its_workers_costs_its_pipes_and_no_more():
     assert np.isnan(found.speeds[5:10]).all()
 
 
-def test_a_critical_speed_takes_few_calls_of_python():
+@pytest.mark.parametrize(
+    "model",
+    [
+        CHAIN,
+        pp.Chain(pp.Pipe(0.2, 10.0, damping=0.01, terms=(pp.PointMass(1.0, 0.1),)), 10),
+        pp.Galerkin(pp.Pipe(0.2, 10.0), 10, "legendre"),
+    ],
+    ids=["chain", "chain with a mass", "Legendre functions"],
+)
+def test_a_critical_speed_takes_few_calls_of_python(model):
     """Users ask it a thousand times; each call costs as much as tracking a root for a step."""
     calls = []
 
@@ -232,10 +241,10 @@ def test_a_critical_speed_takes_few_calls_of_python():
         if event == "call":
             calls.append(frame.f_code.co_qualname)
 
-    pp.critical_speed(CHAIN)
+    pp.critical_speed(model)
     sys.setprofile(count)
     try:
-        pp.critical_speed(CHAIN)
+        pp.critical_speed(model)
     finally:
         sys.setprofile(None)
     assert len(calls) <= 60, calls

@@ -574,12 +574,13 @@ class _Search:
         # The highest modes of a reduced model are not the pipe's, and the flow may make them grow
         # most. Fluid that is drawn into a chain feeds the highest modes most.
         fed = pipe.flow == "aspirating" and not pipe.end_held
-        judged = fed or isinstance(self.problem.pencil, PanelPencil)
-        judged &= _some_are_cheaper(some, max_speed, self.tracked)
+        cheaper = _some_are_cheaper(some, max_speed, self.tracked)
+        judged = cheaper and (fed or isinstance(self.problem.pencil, PanelPencil))
         modes = spectrum.modes_at_rest() if judged else None
         if judged and not self._are_enough(some, modes):
             return
-        self._track(some)
+        if cheaper:
+            self._track(some)
         # A search for a few roots does not pass the cluster at -1 / delta, but the modes before it,
         # with (delta omega)^2 < 0.9, may suffice. Four modes fewer are tracked, because the search
         # also examines roots beyond the tracked ones.
@@ -718,8 +719,8 @@ class Reach:
         self.pipe = pipe
         mass, load, pushed = 1.0 if pipe.mass is None else pipe.mass.bounds[1], 0.0, 0.0
         for term in pipe.terms:
-            mass += term.numbers.get("mass", 0.0)
-            pull = term.numbers.get("load", 0.0)
+            mass += getattr(term, "mass", 0.0)
+            pull = getattr(term, "load", 0.0)
             load += pull
             pushed += max(-pull, 0.0)
         self.weight = pipe.gamma * mass

@@ -177,9 +177,7 @@ class Galerkin(Model):
     def __repr__(self) -> str:
         return f"Galerkin({self._pipe!r}, m={self._size}, basis={self._basis!r}{self._about_shown})"
 
-    @property
-    def dof(self) -> int:
-        return self._size
+    dof = stored("_size", "Number of degrees of freedom, m.")
 
     @property
     def coordinates(self) -> int:
@@ -207,7 +205,7 @@ class Galerkin(Model):
         A joint between panels takes three functions: with 2 to 20 panels, the lowest three fifths
         of the remaining number are the pipe's modes to some 1e-4, the same as on one panel.
         """
-        return max(self._size - 3 * (self.panels - 1), self._size // 2)
+        return max(self._size - 3 * self._joints.size, self._size // 2)
 
     @property
     def resolved_modes(self) -> int:

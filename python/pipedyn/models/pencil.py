@@ -59,8 +59,7 @@ class Pencil:
     @property
     def turns_freely(self) -> bool:
         """Whether a joint, or the root of the pipe, has no spring."""
-        share = self.model.elastic_share
-        return int(np.count_nonzero(share)) < share.size
+        return 0.0 in self.model.elastic_share
 
     def spectrum(self, traits: _core.Traits, size: float) -> _core.Eigenproblem:
         """The core's solver for eigenvalues; size: the norm of K at rest."""
