@@ -255,14 +255,26 @@ struct Between {
 }  // namespace
 
 /// Error of the step relative to the tolerance where slopes of f jump within it, as where a pipe
-/// meets a stop between two stages: estimates for smooth f do not see that. It is the change from
-/// one stage to the next that the rates between them make, beyond those of the polynomial.
+/// meets a stop between two stages: the estimates for smooth f do not see that. It is the change
+/// from one stage to the next that the rates between them make, beyond those of the polynomial. As
+/// stiff modes multiply what Newton's method leaves, it is four times the change that systems of the
+/// step give where that is less.
 double Radau::unseen(Index which, double h) {
   static const std::array<Between, places> all{Between(0.25), Between(0.5), Between(0.75)};
+  constexpr Index systems = MotionKernel::shifts;
   const Index n = of_.solved;
+  // Below this relative tolerance rounding of the rates would be seen.
+  const double least = std::max(1.0, 1e-11 / limits_.relative[current_]);
   const Vector ends =
       y_.head(n).cwiseAbs().cwiseMax((y_.head(n) + z_.col(lanes - 1).head(n)).cwiseAbs());
-  const Vector allowed = limits_.absolute.col(current_).head(n) + limits_.relative[current_] * ends;
+  const Vector allowed =
+      least * (limits_.absolute.col(current_).head(n) + limits_.relative[current_] * ends);
+  const auto largest = [&](const Matrix& changes) {
+    const Matrix shares = allowed.cwiseInverse().asDiagonal() * changes;
+    return shares.allFinite()
+               ? std::sqrt(shares.colwise().squaredNorm().maxCoeff() / static_cast<double>(n))
+               : std::numeric_limits<double>::infinity();
+  };
   double worst = 0.0;
   for (const Between& at : all) {
     combine_rows(z_.data(), at.values, n, between_.data());
@@ -270,11 +282,20 @@ double Radau::unseen(Index which, double h) {
     combine_rows(z_.data(), at.slopes, n, x_.data());
     of_.rates(members_[which].time + h * at.shares.array(), between_.data(),
               std::vector<Index>(radau::stages, which), rates_at_.data());
-    const Vector missed =
-        ((h * rates_at_.topRows(n) - x_).cwiseAbs() * at.gaps.asDiagonal()).rowwise().maxCoeff();
-    worst = std::max(worst, missed.cwiseQuotient(allowed).squaredNorm());
+    const Matrix missed = rates_at_.topRows(n) - x_ / h;
+    const double change = largest(h * missed * at.gaps.asDiagonal());
+    if (!(change > 1.0)) continue;
+    double of_systems = 0.0;
+    for (Index k = 0; k < radau::stages; k += systems) {
+      x_.leftCols(systems) = missed.middleCols(k, systems);
+      x_.rightCols(systems).setZero();
+      of_.systems->solve(x_.data());
+      const Matrix squares = x_.leftCols(systems).cwiseAbs2() + x_.rightCols(systems).cwiseAbs2();
+      of_systems = std::max(of_systems, largest(4.0 * squares.cwiseSqrt()));
+    }
+    worst = std::max(worst, std::min(change, of_systems));
   }
-  return std::sqrt(worst / static_cast<double>(n));
+  return worst;
 }
 
 Index Radau::step(double end) {
