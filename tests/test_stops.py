@@ -11,6 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import pipedyn as pp
+from pipedyn import _core
 
 MODELS = {
     "chain": lambda pipe: pp.Chain(pipe, 40),
@@ -64,14 +65,10 @@ def test_a_segment_bounces_between_stops_in_the_time_of_two_arcs():
     assert motion.audit < 1e-8  # up to 8.5e-9 over 120 reaches, by where steps meet the stops
 
 
-@pytest.mark.parametrize(
-    ("beyond", "rtol"), [(1e-1, 1e-5), (1e-1, 1e-7), (1e-2, 1e-5), (1e-2, 1e-7), (1e-3, 1e-7)]
-)
+@pytest.mark.parametrize("beyond", [1e-1, 1e-2, 1e-3, 1e-4])
+@pytest.mark.parametrize("rtol", [1e-5, 1e-8])
 def test_a_short_contact_is_not_stepped_over(beyond, rtol):
-    """Where the stop is hardly reached, a contact is shorter than what stages are apart.
-
-    Rates are asked for at twentieths of a step: a contact of 1e-4 of the gap still escapes.
-    """
+    """Where the stop is hardly reached, a contact is far shorter than a step."""
     chain, reach, _, period = bouncing(1.0 + beyond)
     missed = []
     for start in np.linspace(0.0, 0.5, 12, endpoint=False):  # steps meet the stops elsewhere
@@ -83,6 +80,19 @@ def test_a_short_contact_is_not_stepped_over(beyond, rtol):
         rates = motion.qdot[:, 0] * (-1.0) ** np.arange(6)
         missed.append(max(np.ptp(swings), np.ptp(rates)))
     assert max(missed) <= 100.0 * rtol * reach
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_places_of_stops_are_displaced_as_the_pipe_is(kind):
+    stops = pp.Stop(0.8, 0.05, 10.0), pp.Stop(0.37, 0.02, 1.0), pp.Stop(1.0, 0.3, 1.0)
+    model = MODELS[kind](pp.Pipe(0.2, terms=stops))
+    angles, weights, gaps = model.stop_places()
+    assert gaps.tolist() == [0.02, 0.05, 0.3]
+    p = model.sampled(lambda s: 0.7 * s - 0.3 * s**2)
+    found = weights @ np.sin(angles @ p if angles.size else p)
+    beyond = model.kinks(p[:, None], np.zeros((p.size, 1)))[:, 0].reshape(3, 2)  # by stop and side
+    across = {stop.at: one - stop.gap for stop, one in zip(stops, beyond.max(axis=1), strict=True)}
+    assert found == pytest.approx([across[at] for at in (0.37, 0.8, 1.0)], abs=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["chain", "Legendre functions"])
@@ -156,3 +166,19 @@ def test_a_stop_is_relevant_where_the_pipe_meets_it():
     found = pp.relevant(pipe, 5.0, "motion", tolerance=0.1, duration=0.2, start=lambda s: 0.3 * s)
     assert found[near].verdict == "relevant"
     assert found[far].verdict == "negligible"
+
+
+def test_stops_that_do_not_fit_the_states_are_refused():
+    start = np.ones((4, 1))
+    given = *(lambda t, y, u: y, np.zeros(1), start, 0.0, [1e-6], start, 1e6), math.inf
+    how = {"jacobian": lambda t, y, u: np.eye(4)}
+    none = np.zeros((0, 0))
+    for angles, weights, gaps in (
+        (none, np.ones((1, 5)), [1.0]),
+        (none, np.ones((1, 2)), [1.0, 1.0]),
+        (np.ones((3, 2)), np.ones((1, 2)), [1.0]),
+        (np.ones((3, 5)), np.ones((1, 3)), [1.0]),
+    ):
+        with pytest.raises(ValueError, match="stops must have angles, weights and gaps that fit"):
+            _core.Integrator(*given, **how, stops=(angles, weights, np.array(gaps)))
+    _core.Integrator(*given, **how, stops=(np.ones((3, 4)), np.ones((1, 3)), np.ones(1)))

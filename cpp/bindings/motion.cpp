@@ -8,7 +8,9 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <optional>
 #include <string>
+#include <tuple>
 
 #include "arguments.hpp"
 #include "models.hpp"
@@ -246,12 +248,16 @@ ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian
           std::make_unique<DenseSystems>(called_jacobian(jacobian, rows, flow_at), rows)};
 }
 
+/// Angles, weights and gaps of `Stops`.
+using StopNumbers = std::tuple<Matrix, Matrix, Vector>;
+
 /// The explicit integrator if `jacobian` is None, otherwise the implicit one.
 std::unique_ptr<Integrator> integrator(const py::object& of, const py::object& u,
                                        const Matrix& start, double t0, const Numbers& rtols,
                                        const Numbers& atols, double most, double max_step,
                                        const py::object& jacobian,
-                                       const py::typing::Optional<Supplied>& at_head, bool kinked) {
+                                       const py::typing::Optional<Supplied>& at_head,
+                                       const std::optional<StopNumbers>& stops) {
   const Supplied* const supply = at_head.is_none() ? nullptr : at_head.cast<const Supplied*>();
   const Index rows = start.rows(), members = start.cols();
   require_size("rtol", rtols, members);
@@ -263,8 +269,18 @@ std::unique_ptr<Integrator> integrator(const py::object& of, const py::object& u
     return std::make_unique<Dop853>(rates_of(of, rows, u, rtol, supply), rows, members,
                                     start.data(), t0, limits);
   }
+  std::optional<Stops> known;
+  if (stops) {
+    const auto& [angles, weights, gaps] = *stops;
+    const Index columns = angles.size() > 0 ? angles.cols() : weights.cols();
+    const bool fit = angles.size() == 0 || angles.rows() == weights.cols();
+    if (!fit || gaps.size() != weights.rows() || columns > rows) {
+      throw py::value_error("stops must have angles, weights and gaps that fit the states");
+    }
+    known = Stops{angles, weights, gaps};
+  }
   return std::make_unique<Radau>(implicit_rates_of(of, jacobian, rows, u, rtol, supply), rows,
-                                 members, start.data(), t0, limits, kinked);
+                                 members, start.data(), t0, limits, std::move(known));
 }
 
 /// Advances the motion and returns whether all members have finished and, if `follow`, the ends of
@@ -316,7 +332,7 @@ void define_motion(py::module_& m) {
   py::class_<Integrator>(m, "Integrator")
       .def(py::init(&integrator), "of"_a, "u"_a, "start"_a, "t0"_a, "rtol"_a, "atol"_a, "most"_a,
            "max_step"_a = std::numeric_limits<double>::infinity(), "jacobian"_a = py::none(),
-           "supply"_a = py::none(), "kinked"_a = false, py::keep_alive<1, 2>(),
+           "supply"_a = py::none(), "stops"_a = py::none(), py::keep_alive<1, 2>(),
            py::keep_alive<1, 11>())
       .def("advance", advance, "times"_a, "out"_a.noconvert(), "evaluations"_a, "follow"_a = false)
       .def("state", &Integrator::state, "member"_a)

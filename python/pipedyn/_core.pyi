@@ -570,7 +570,12 @@ class Integrator:
         max_step: typing.SupportsFloat | typing.SupportsIndex = ...,
         jacobian: typing.Any = None,
         supply: Supply | None = None,
-        kinked: bool = False,
+        stops: tuple[
+            typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+            typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+            typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        ]
+        | None = None,
     ) -> None: ...
     def advance(
         self,

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <utility>
 
 #include "pipedyn/motion/radau_coefficients.hpp"
@@ -76,10 +77,10 @@ void DenseSystems::solve(double* b) {
 // -------------------------------------------------------------------------------------- steps
 
 Radau::Radau(ImplicitRates rates, Index rows, Index members, const double* start, double time,
-             const Limits& limits, bool kinked)
+             const Limits& limits, std::optional<Stops> stops)
     : Integrator(rows, members, time, limits),
       of_(std::move(rates)),
-      kinked_(kinked),
+      stops_(std::move(stops)),
       states_(Eigen::Map<const Matrix>(start, rows, members)),
       z_(rows, radau::stages),
       before_(rows, radau::stages),
@@ -257,9 +258,9 @@ struct Between {
 /// Error of the step relative to the tolerance where slopes of f jump within it, as where a pipe
 /// meets a stop between two stages: the estimates for smooth f do not see that. It is the change
 /// from one stage to the next that the rates between them make, beyond those of the polynomial. As
-/// stiff modes multiply what Newton's method leaves, it is four times the change that systems of the
-/// step give where that is less.
-double Radau::unseen(Index which, double h) {
+/// stiff modes multiply what Newton's method leaves, it is four times the change that systems of
+/// the step give where that is less.
+double Radau::unseen(Index which, double h, Index& evaluations) {
   static const std::array<Between, places> all{Between(0.25), Between(0.5), Between(0.75)};
   constexpr Index systems = MotionKernel::shifts;
   const Index n = of_.solved;
@@ -275,10 +276,36 @@ double Radau::unseen(Index which, double h) {
                ? std::sqrt(shares.colwise().squaredNorm().maxCoeff() / static_cast<double>(n))
                : std::numeric_limits<double>::infinity();
   };
-  double worst = 0.0;
-  for (const Between& at : all) {
+  // Positions at the start, then at the places before each stage and at the stage itself.
+  const Index rows = stops_->angles.size() > 0 ? stops_->angles.cols() : stops_->weights.cols();
+  constexpr Index each = places + 1;
+  Matrix positions(rows, 1 + each * radau::stages);
+  Vector shares = Vector::Zero(positions.cols());
+  const auto put = [&](Index from, const Matrix& states, const Vector& at) {
+    for (Index i = 0; i < radau::stages; ++i) {
+      positions.col(from + each * i) = states.col(i).head(rows);
+      shares[from + each * i] = at[i];
+    }
+  };
+  const auto go_between = [&](const Between& at) {
     combine_rows(z_.data(), at.values, n, between_.data());
     between_.topRows(n).colwise() += y_.head(n);
+  };
+  positions.col(0) = y_.head(rows);
+  put(each, at_, Eigen::Map<const Vector>(radau::nodes, radau::stages));
+  for (Index place = 0; place < places; ++place) {
+    const Between& at = all[static_cast<std::size_t>(place)];
+    go_between(at);
+    put(1 + place, between_, at.shares);
+  }
+  constexpr double halving = 512.0;  // half as long a step shows more
+  const Contact found = contact(positions, shares);
+  if (found == Contact::passed) return halving;
+  if (found == Contact::none) return 0.0;
+  evaluations += places * radau::stages;
+  double worst = 0.0;
+  for (const Between& at : all) {
+    go_between(at);
     combine_rows(z_.data(), at.slopes, n, x_.data());
     of_.rates(members_[which].time + h * at.shares.array(), between_.data(),
               std::vector<Index>(radau::stages, which), rates_at_.data());
@@ -298,6 +325,30 @@ double Radau::unseen(Index which, double h) {
   return worst;
 }
 
+/// Whether a place crosses its gap between two of the positions, or goes beyond it and back between
+/// them, as a parabola through three shows. positions: at ascending shares of a step. Where places
+/// are not known they may cross.
+Radau::Contact Radau::contact(const Matrix& positions, const Vector& shares) const {
+  const Matrix angles = stops_->angles.size() > 0 ? stops_->angles * positions : positions;
+  const Matrix across = stops_->weights * Matrix(angles.array().sin());
+  Contact found = stops_->gaps.size() > 0 ? Contact::none : Contact::crossed;
+  for (Index stop = 0; stop < across.rows(); ++stop) {
+    const double gap = stops_->gaps[stop], least = 0.01 * limits_.relative[current_] * gap;
+    const auto side = [&](Index k) { return (across(stop, k) > gap) - (across(stop, k) < -gap); };
+    for (Index k = 1; k < across.cols(); ++k) {
+      if (side(k) != side(k - 1)) found = Contact::crossed;
+      if (k + 1 == across.cols() || side(k - 1) != 0 || side(k) != 0 || side(k + 1) != 0) continue;
+      const double left = shares[k] - shares[k - 1], right = shares[k + 1] - shares[k];
+      const double here = across(stop, k), rise = (here - across(stop, k - 1)) / left;
+      const double bend = ((across(stop, k + 1) - here) / right - rise) / (left + right);
+      const double slope = rise + bend * left, farthest = -0.5 * slope / bend;
+      if (!(farthest >= -left && farthest <= right)) continue;
+      if (std::abs(here + 0.5 * slope * farthest) > gap + least) return Contact::passed;
+    }
+  }
+  return found;
+}
+
 Index Radau::step(double end) {
   const Index which = which_.front();
   if (which != current_) begin(which);
@@ -308,10 +359,7 @@ Index Radau::step(double end) {
   predict(h);
   bool solved = solve(which, h, evaluations);
   double found = solved ? std::max(error(h), 1e-10) : 0.0;
-  if (solved && found <= 1.0 && kinked_) {
-    evaluations += places * radau::stages;
-    found = std::max(found, unseen(which, h));
-  }
+  if (solved && found <= 1.0 && stops_) found = std::max(found, unseen(which, h, evaluations));
   if (std::isnan(found)) {
     member.overflowed = true;
     solved = false;

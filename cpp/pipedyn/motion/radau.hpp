@@ -14,6 +14,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 
 #include "pipedyn/chain/motion.hpp"
 #include "pipedyn/motion/integrator.hpp"
@@ -85,11 +86,20 @@ struct ImplicitRates {
   std::unique_ptr<ShiftedSystems> systems;
 };
 
+/// Where slopes of f jump: displacements W sin(B p) of places from the positions p, the first rows
+/// of a state, that pass their gap or its negative.
+struct Stops {
+  Matrix angles;   // B; empty if it is the identity
+  Matrix weights;  // W (places, angles)
+  Vector gaps;     // (places,)
+};
+
 class Radau final : public Integrator {
  public:
-  /// start: states (rows, members), all at time t0; kinked: whether slopes of f jump.
+  /// start: states (rows, members), all at time t0; stops: those that are known, if slopes of f may
+  /// jump.
   Radau(ImplicitRates rates, Index rows, Index members, const double* start, double time,
-        const Limits& limits, bool kinked);
+        const Limits& limits, std::optional<Stops> stops);
 
   Vector state(Index member) const override { return states_.col(member); }
 
@@ -103,11 +113,13 @@ class Radau final : public Integrator {
   void predict(double h);
   bool solve(Index which, double h, Index& evaluations);
   double error(double h);
-  double unseen(Index which, double h);
+  double unseen(Index which, double h, Index& evaluations);
+  enum class Contact { none, crossed, passed };
+  Contact contact(const Matrix& positions, const Vector& shares) const;
   void accept(Index which, double h);
 
   ImplicitRates of_;
-  bool kinked_;
+  std::optional<Stops> stops_;
   Matrix states_;  // (rows, members)
   Index current_ = -1;
 

@@ -817,6 +817,20 @@ class Model(OfPipe, ABC):
         moved = 0.0 if drive is None else drive[1]
         return self._across(p, places) + moved - where[:, None]
 
+    def stop_places(self) -> tuple[Array, Array, Array]:
+        """How far the places of stops are displaced, and the gaps of the stops, (places,).
+
+        The displacements are W sin(B p) at p, (integrated,); the first array is B, or empty if B is
+        the identity, the second is W.
+        """
+        met = [(term.place or 0.0, abs(x)) for term in self.pipe.terms for x in term.kinks]
+        places, gaps = np.array(sorted(set(met))).reshape(-1, 2).T
+        return *self._displacing(places), gaps
+
+    @abstractmethod
+    def _displacing(self, places: Array) -> tuple[Array, Array]:
+        """The matrices B and W of `stop_places`."""
+
     def _across(self, p: Array, s: Array) -> Array:
         """Transverse displacements at points on the pipe, (points, k), at p (integrated, k)."""
         configurations, _ = self.to_user(p.T, np.zeros_like(p.T))

@@ -428,6 +428,15 @@ class Galerkin(Model):
             found.append(total)
         return np.concatenate(found)
 
+    def _displacing(self, places: Array) -> tuple[Array, Array]:
+        count = self.core.most_on_a_panel() + 8
+        rules = [self._rule(count, place) for place in places.tolist()]
+        nodes = np.concatenate([at for at, _ in rules])
+        weights = np.zeros((places.size, places.size, nodes.size // places.size))
+        for i, (_, of_place) in enumerate(rules):
+            weights[i, i] = of_place
+        return np.asarray(self.core.basis(nodes, 1)), weights.reshape(places.size, -1)
+
     def _free_ends(self, q: Array, qdot: Array) -> Array:
         place = self._pipe.tip_place
         if place == 1.0:

@@ -293,10 +293,11 @@ class SegmentModel(Model):
     def _lengths_to_tip(self) -> Array:
         """Lengths of the parts of the segments up to the point of `tips`, shape (n,)."""
         place = self.pipe.tip_place
-        if place == 1.0:
-            return self._lengths
+        return self._lengths if place == 1.0 else self._displacing(np.array([place]))[1][0]
+
+    def _displacing(self, places: Array) -> tuple[Array, Array]:
         starts = self._base + np.cumsum(self._lengths) - self._lengths
-        return np.clip(place - starts, 0.0, self._lengths)
+        return np.zeros((0, 0)), np.clip(places[:, None] - starts, 0.0, self._lengths)
 
     def _across(self, p: Array, s: Array) -> Array:
         steps = self._lengths[:, None] * np.sin(p)

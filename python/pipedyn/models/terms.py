@@ -362,9 +362,8 @@ class Stop(Term):
 
     Between them the place is free; beyond a stop the force along x is -stiffness * (x - gap), or
     -stiffness * (x + gap) on the other side, where x is the transverse displacement of the place.
-    Stops do not affect small motions. `simulate` looks for contacts at 32 places of an implicit
-    step, at most a twentieth of it apart: one that is shorter may be stepped over, unless
-    `max_step` is less.
+    Stops do not affect small motions. `simulate` shortens steps that would pass over a contact;
+    while the base moves, only over contacts that last a twentieth of a step.
 
     Attributes:
         at: arc length from the clamp in L, 0 < at <= 1.

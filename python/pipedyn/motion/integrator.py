@@ -334,7 +334,7 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
         *(model.core, u, start, first.t0, rtol, atol, first.most, first.max_step),
         None if first.method == "dop853" else first.jacobian,
         None if first.constant_head is None else first.constant_head.core,
-        model.calls_python or any(term.kinks for term in model.pipe.terms),
+        _stops(first),
     )
     monitors = [Monitor(task) for task in tasks]
     times, count = first.times, first.times.size
@@ -407,6 +407,20 @@ def _in_core(tasks: Sequence[Task], shown: bool, observer: Observer) -> list[Out
         answers.append((rows, member.evaluations, why))
     count_right_hand_sides(sum(calls for _, calls, _ in answers))
     return answers
+
+
+def _stops(task: Task) -> tuple[Array, Array, Array] | None:
+    """Stops whose contacts are looked for in each step, as `Model.stop_places` gives them.
+
+    There are none of them, but forces are looked at between the stages, where it is not known where
+    slopes jump: if the base moves, and in modules written in Python. None is returned if no slope
+    jumps.
+    """
+    stops = any(term.kinks for term in task.model.pipe.terms)
+    if stops and task.base is None and not task.model.calls_python:
+        return task.model.stop_places()
+    nowhere = np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0)
+    return nowhere if stops or task.model.calls_python else None
 
 
 def runs_unlocked(task: Task) -> bool:
