@@ -17,6 +17,9 @@ from matplotlib.figure import Figure
 
 import pipedyn as pp
 from pipedyn import plot
+from pipedyn.continuation.arclength import Control
+from pipedyn.curves.event_plane import plane_of
+from pipedyn.curves.event_problem import EventProblem
 
 BETA = 0.05
 FOUR = pp.Chain(pp.Pipe(0.09, gamma=200.0), 4)
@@ -132,6 +135,29 @@ def test_folds_end_where_the_criticality_of_flutter_changes(folded):
     assert point.x == pytest.approx(beta, abs=2e-5)
     assert point.y == pytest.approx(pp.critical_speed(pp.Chain(pp.Pipe(beta), 2)).speed, abs=2e-5)
     assert point.amplitude == 0.0
+
+
+@pytest.mark.slow
+def test_folds_of_a_stiff_model_end_there_too():
+    """Near the end the conditions' rounding errors must not turn the curve's tangents."""
+    model = pp.Galerkin(pp.Pipe(0.01, gamma=300.0), 14, "legendre")
+    (fold,) = folds(branch := cycles_of(model, (11.71, 11.72)))
+    window = {"beta": (0.01, 0.03), "u": (11.0, 12.6)}
+    found = pp.cycle_boundary(branch, fold, "beta", "u", window)
+    (curve,), end = found.curves, found.points[-1]
+    assert curve.ends == ("range", "Bautin")
+    assert [point.kind for point in found.points] == ["cusp", "Bautin"]
+    below, there, above = (
+        model.with_pipe(replace(model.pipe, beta=end.x + by)) for by in (-1e-6, 0.0, 1e-6)
+    )
+    assert pp.hopf(below).lyapunov > 0.0 > pp.hopf(above).lyapunov
+    assert end.y == pytest.approx(pp.critical_speed(there).speed, rel=1e-7)
+    i = int(np.flatnonzero(curve.amplitude > 0.01)[-1])
+    plane = plane_of(branch, "beta", "u", window)
+    event = EventProblem(plane, "fold", curve.orbits[i], curve.x[[i]], Control(longest=1.0))
+    along = event.linearised(event.origin)(event.weights, 1.0, 0.0)
+    parabola = np.polyfit(curve.frequency[-4:] - curve.frequency[i], curve.x[-4:], 2)
+    assert along[-1] / along[-3] == pytest.approx(parabola[1], rel=0.02)
 
 
 def test_with_drag_folds_go_on_at_small_amplitudes_as_long_as_there_is_no_onset():

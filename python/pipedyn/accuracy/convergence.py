@@ -75,11 +75,9 @@ class ModelFamily:
 
 
 DOUBLED = (2, 4, 8, 16, 32, 64)
-"""Sizes of chains. They double, so that the larger chain of a pair is also one of the sizes. The
-limit cycle of 64 segments takes 6 s, that of the largest pair 7 s; 128 segments would take more
-than `trade.LONGEST_ANSWER`. The sizes of reduced models end where the cycle of beam modes takes 3 s
-of that time, and two sizes beyond 12 Legendre functions, which leave errors of 8e-14 in a critical
-speed and 8e-9 in a cycle."""
+"""Sizes of chains. They double, so that the larger chain of a pair is also one of the sizes.
+`limit_cycle` takes at most 100 segments. The sizes of reduced models go beyond 12 Legendre
+functions, which leave errors of 8e-14 in a critical speed and 8e-9 in a cycle."""
 
 FAMILIES: dict[str, ModelFamily] = {
     family.name: family

@@ -31,17 +31,19 @@ from typing import Self
 import numpy as np
 
 from pipedyn.continuation.arclength import Control, Solver
-from pipedyn.curves.event_plane import EventPlane, Followed
+from pipedyn.curves.event_plane import EVENTS, EventPlane, Followed
 from pipedyn.orbits.collocation import Linearised, OrbitProblem
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import count_factorisations
 from pipedyn.util.newton import NewtonFailed
 
-SHORT = 1e-6
-"""Step of differences of conditions, relative to the orbit's size or the parameter's range. Each
-step of Newton's method is shorter than the last by about this factor. Conditions have an error of
-some 1e-12."""
+SHORT = {kind: 1e-4 if kind == "fold" else 1e-6 for kind in EVENTS}
+"""Step of differences of conditions by the kind of the event, relative to the orbit's size or the
+parameter's range. Each step of Newton's method is shorter than the last by about this factor.
+Conditions have an error of some 1e-12. That of a fold, the slope of the speed along the branch,
+hardly changes near a Bautin point: there shorter steps leave tangents wrong by tens of percent. The
+multipliers at other events change too much for steps as long."""
 
 
 class EventProblem(OrbitProblem):
@@ -122,7 +124,7 @@ class EventProblem(OrbitProblem):
         equations = self._equations(orbit, x)
         tangent, row = self._tangent(equations, orbit)
         newton = equations(row, 0.0, 1.0)
-        by_x = SHORT * width
+        by_x = SHORT[self.kind] * width
         try:
             moved = self._equations(self._shifted(orbit, 0.0 * tangent, by_x), x + by_x)
         except ValueError:  # at the end of the parameter's range
@@ -134,7 +136,7 @@ class EventProblem(OrbitProblem):
         directions = [(newton, 0.0), (tangent, 0.0), (with_x, 1.0)]
         slopes = []
         for change, more in directions:
-            h = SHORT * self._size(orbit) / max(self.length_of_orbit(change), 1e-300)
+            h = SHORT[self.kind] * self._size(orbit) / max(self.length_of_orbit(change), 1e-300)
             h = min(h, 1.0) if more == 0.0 else math.copysign(min(h, abs(by_x)), by_x)
             there = self._shifted(orbit, h * change, h * more)
             after = measure(self._equations(there, x + h * more), there)
@@ -169,7 +171,7 @@ class EventProblem(OrbitProblem):
         orbit, x = self.orbit(z), float(z[-1])
         equations = self._equations(orbit, x)
         tangent, row = self._tangent(equations, orbit)
-        h = SHORT * self._size(orbit)
+        h = SHORT["fold"] * self._size(orbit)
         there = self._equations(self._shifted(orbit, h * tangent, 0.0), x)
         # The slope of the speed along the branch is 0 at the fold; its change beyond the fold has
         # the sign that is looked for.
