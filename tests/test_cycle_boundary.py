@@ -138,7 +138,7 @@ def test_folds_end_where_the_criticality_of_flutter_changes(folded):
 
 
 @pytest.mark.slow
-def test_folds_of_a_stiff_model_end_there_too():
+def test_folds_of_a_stiff_model_end_where_the_criticality_changes():
     """Near the end the conditions' rounding errors must not turn the curve's tangents."""
     model = pp.Galerkin(pp.Pipe(0.01, gamma=300.0), 14, "legendre")
     (fold,) = folds(branch := cycles_of(model, (11.71, 11.72)))

@@ -95,7 +95,8 @@ class Continuation(ABC):
     """
 
     hopeless = math.inf
-    """Size of a slow Newton step beyond which Newton's method fails at once."""
+    """Size of a slow Newton step beyond which Newton's method fails at once. It is no field of
+    `Control`, since saved results of earlier versions hold a control without it."""
 
     def __init__(self, weights: Array, control: Control) -> None:
         self.weights, self.control = weights, control

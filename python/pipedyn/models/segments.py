@@ -300,8 +300,7 @@ class SegmentModel(Model):
         return np.zeros((0, 0)), np.clip(places[:, None] - starts, 0.0, self._lengths)
 
     def _across(self, p: Array, s: Array) -> Array:
-        steps = self._lengths[:, None] * np.sin(p)
-        return np.asarray(position_along(steps, self._base, self._lengths, s))
+        return np.asarray(self._displacing(s)[1] @ np.sin(p))
 
     # ------------------------------------------------------------------- what holds nodes in motion
 

@@ -53,6 +53,7 @@ def real(
     """The value as a float, refused unless it is a finite real number in an interval."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
+    # `type` is much faster than `isinstance` of an abstract class.
     if type(value) is not float and not _is_real(value):
         raise TypeError(f"{name} must be a real number, got {shown(value)}")
     try:
@@ -229,5 +230,4 @@ def doubles(name: str, value: Any, what: str) -> Array:
 
 
 def _is_real(value: Any) -> bool:
-    # `type` is much faster than `isinstance` of an abstract class.
-    return type(value) is float or (isinstance(value, Real) and not isinstance(value, NOT_NUMBERS))
+    return isinstance(value, Real) and not isinstance(value, NOT_NUMBERS)
