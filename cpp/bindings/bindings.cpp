@@ -165,6 +165,13 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
   pipedyn::define_equations<Galerkin, work_of>(galerkin);
 
   m.def("ends", &pipedyn::ends, "angles"_a, "rates"_a, "lengths"_a, Unlocked());
+  m.def(
+      "gauss_nodes",
+      [](pipedyn::Index count) {
+        const pipedyn::Quadrature rule(count);
+        return std::pair(rule.node, rule.weight);
+      },
+      "count"_a);
 
   pipedyn::define_linear(m);
   pipedyn::define_scene(m);

@@ -675,6 +675,12 @@ def ends(
 def exponentials(
     exponents: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
 ) -> numpy.typing.NDArray[numpy.float64]: ...
+def gauss_nodes(
+    count: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple[
+    typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
+    typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
+]: ...
 def interval_maps(
     rows: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     durations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],

@@ -46,6 +46,10 @@ Quadrature::Quadrature(Index count) {
       expansion(k, p) = value;
     }
   }
+  // Near the ends, rounded nodes have weights that err by 1e-13 of them, but constants must remain.
+  const double sum = weight.sum();
+  weight /= sum;
+  expansion /= sum;
 }
 
 Matrix Quadrature::integral_to(const Vector& s) const {

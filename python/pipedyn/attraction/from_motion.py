@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-import scipy
 
 from pipedyn.attraction.records import Stretch
 from pipedyn.models.base import Model
@@ -52,11 +51,8 @@ def last_period(stretch: Stretch, farthest: float) -> tuple[Callable[[Array], Ar
     back, first, last, _ = stretch.recurrence
     if not back <= farthest:
         raise NewtonFailed("the motion does not come back to an earlier state")
-    begin, end = np.searchsorted(stretch.t, [first, last])
-    some = slice(max(int(begin) - 2, 0), int(end) + 3)
-    spline = scipy.interpolate.CubicSpline(stretch.t[some], stretch.states[some])
     frequency = 2.0 * math.pi / (last - first)
-    return lambda phase: np.ascontiguousarray(spline(first + phase / frequency).T), frequency
+    return lambda phase: np.ascontiguousarray(stretch.at(first + phase / frequency).T), frequency
 
 
 def solved_cycle(

@@ -14,6 +14,7 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipedyn.motion.sampling import turning_points
 from pipedyn.util.check import Array
@@ -59,6 +60,17 @@ class Stretch:
     velocity: Array
     rtol: float
     drive: float = 0.0
+
+    def at(self, times: Array) -> Array:
+        """States at times, (k,), by cubics through the four nearest samples, (k, 2 integrated)."""
+        place = (times - self.t[0]) / (self.t[1] - self.t[0])
+        before = np.clip(np.floor(place).astype(int), 1, self.t.size - 3)
+        return self._by_cubics(before, place - before)
+
+    def _by_cubics(self, before: NDArray[np.int_], share: Array) -> Array:
+        """States at shares of the distance from samples, which are neither first nor last, (k,)."""
+        nodes = before[:, None] + np.arange(-1, 3)
+        return np.einsum("kn,kns->ks", _lagrange(share), self.states[nodes])
 
     @cached_property
     def turnings(self) -> Array:
@@ -149,7 +161,7 @@ class Stretch:
             for _ in range(4):  # chord method for the root of the cubic through four samples
                 share -= np.sum(_lagrange(share) * across[nodes], axis=1) / rise
             times = self.t[at] + share * (self.t[at + 1] - self.t[at])
-            states = np.einsum("kn,kns->ks", _lagrange(share), self.states[nodes])
+            states = self._by_cubics(at, share)
         scale = np.ptp(self.states[self.t.size // 2 :], axis=0).reshape(2, -1)
         scale = np.maximum(scale, 1e-3 * scale.max(axis=1, keepdims=True)).ravel()
         return (times, states / scale) if scale.all() else (times[:0], states[:0])

@@ -523,7 +523,8 @@ class _Follower(Tracer[OrbitProblem]):
         """
         try:
             return converged_cycle(
-                self.motion, orbit, self.options.rtol, SAMPLES_A_CYCLE, self.how, most=2
+                *(self.motion, orbit, self.options.rtol, SAMPLES_A_CYCLE, self.how),
+                solved_to=FINE.tolerance,
             )
         except NotConverged as error:
             self.failed.append((orbit.u, error))

@@ -56,7 +56,14 @@ from pipedyn.orbits.orbit_continuation import (
     orbit_at_speed,
     solved_anew,
 )
-from pipedyn.orbits.periodic_orbit import ORBIT_STAGES, PeriodicOrbit, refined
+from pipedyn.orbits.periodic_orbit import (
+    ORBIT_STAGES,
+    PROBES,
+    PeriodicOrbit,
+    joined_in_pairs,
+    on_edges,
+    refined,
+)
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
@@ -78,11 +85,6 @@ Motions that wind up without end turn ever faster."""
 DEFECT_ROUNDING = 1e-11
 """Defect of an interval below which the defect may be rounding, so that only halving intervals
 reduces it."""
-
-LAST_CHANGE = 0.1
-"""Largest share of the tolerance by which the last refinement of all intervals with a large defect
-changes the answer where forces are smooth: the remaining error is smaller by at least some 2^-15.
-"""
 
 SAMPLES_A_STAGE = 2
 """Number of samples for each stage of an orbit, between which its free end turns back once at
@@ -145,8 +147,8 @@ class LimitCycle(PeriodicMotion):
         q, qdot: coordinates and rates, shape (S, coordinates).
         u: flow speed.
         model: the model.
-        error: relative error of amplitude and frequency, estimated by refinement as their change in
-            the last refinement of the mesh.
+        error: relative error of amplitude and frequency, estimated as their largest change, or that
+            of a position, between two meshes, one of them with about half as many intervals.
         multiplier_error: the largest of: the distance of the trivial multiplier from 1; the change
             of the worst multiplier with shorter intervals, relative if above 1; and rounding.
         residual: largest |dy/dt - f(y)| half-way between the stages at which the equations were
@@ -408,7 +410,7 @@ def converged_cycle(
     rtol: float,
     samples: int,
     how: str,
-    most: int = 4,
+    solved_to: float = math.inf,
 ) -> LimitCycle:
     """The cycle, refined until its amplitude and frequency converge and its multipliers are right.
 
@@ -418,7 +420,7 @@ def converged_cycle(
         rtol: tolerance of amplitude and frequency.
         samples: number of states of the cycle that the result holds.
         how: how the cycle was found.
-        most: as for `refined_until`.
+        solved_to: as for `refined_until`.
 
     Raises:
         NotConverged: if the tolerance is out of reach; `result` holds the cycle as far as it
@@ -429,8 +431,7 @@ def converged_cycle(
     largest = rtol * (1e-1 if motion.model.pipe.has_kinks else 1e-3)
     tolerance = min(1e-7, 1e-2 * rtol)
     for _ in range(MULTIPLIER_MESHES):
-        enough = 0.0 if motion.model.pipe.has_kinks else LAST_CHANGE * rtol
-        orbit, error, reason = refined_until(motion, orbit, largest, rtol, tolerance, enough, most)
+        orbit, error, reason = refined_until(motion, orbit, largest, rtol, tolerance, solved_to)
         try:
             result = cycle_on_mesh(motion, orbit, error, samples, how)
         except NewtonFailed as failure:
@@ -445,7 +446,7 @@ def converged_cycle(
         allowed = max(TRIVIAL, min(SHARE_OF_NEXT * apart, TRIVIAL / apart))
         if result.multiplier_error <= max(rtol, allowed):
             return result
-        largest *= 0.01  # the multipliers need a finer mesh
+        largest, solved_to = 0.01 * largest, math.inf  # the multipliers need a finer mesh
     raise NotConverged(
         f"the cycle at u = {orbit.u:g} fails its check: its Floquet multipliers, one of which "
         f"should be 1, are known to {result.multiplier_error:.1e} only",
@@ -459,28 +460,45 @@ def refined_until(
     largest: float,
     rtol: float,
     tolerance: float,
-    enough: float = 0.0,
-    most: int = 2,
+    solved_to: float = math.inf,
 ) -> tuple[PeriodicOrbit, float, str]:
-    """The orbit on a finer mesh, its change in the last refinement, and why refinement stopped.
+    """The orbit on a mesh that is fine enough, its error, and why refinement stopped before.
 
-    The intervals with a large defect are refined, and all of them if there is none, until the
-    remaining defects are rounding: halving the intervals at best halves rounding, but reduces a
-    resolved defect to an eighth, even at the kinks of forces. If a change is at most `enough`,
-    refinement stops. The first refinement divides an interval into at most `most` parts where
-    forces are smooth.
+    The error is the largest change of amplitude, frequency and positions in the last refinement:
+    each of them alone may be the same on both meshes by chance. The intervals with a large defect
+    are refined, and all of them if there is none. Where forces are smooth, an error of half of rtol
+    is enough. With kinks the remaining defects must be rounding as well: halving the intervals at
+    best halves rounding, but reduces a resolved defect to an eighth, even at kinks.
+
+    Args:
+        motion: the vector field.
+        orbit: orbit near the cycle.
+        largest: largest defect allowed.
+        rtol: tolerance of amplitude and frequency.
+        tolerance: tolerance of Newton's method.
+        solved_to: tolerance with which the given orbit was solved for. If it is the same or less,
+            the orbit's own mesh may do, which one half as fine shows.
     """
-    # With kinks two answers may agree by chance: an error falls by at most the fourth power of h.
-    before, error, worst = amplitude_of(motion, orbit)[0], math.inf, math.inf
     smooth = not motion.model.pipe.has_kinks
-    last = 0.0 if smooth else math.inf
-    most = most if smooth else 2
+    before, error, worst = amplitude_of(motion, orbit)[0], math.inf, math.inf
+
+    def change(other: PeriodicOrbit, amplitude: float) -> float:
+        moved = np.abs(other.states(PROBES) - orbit.states(PROBES))[: orbit.half].max() / orbit.size
+        turned = abs(other.frequency / orbit.frequency - 1.0)
+        # Answers of ever finer meshes differ by some 3e-14.
+        return max(float(moved), turned, abs(amplitude / before - 1.0), 1e-13)
+
+    pairs = joined_in_pairs(orbit) if smooth and solved_to <= tolerance else None
+    if pairs is not None:
+        with suppress(NewtonFailed):
+            coarser = solved(motion, on_edges(motion, orbit, pairs), tolerance)
+            error = change(coarser, amplitude_of(motion, coarser)[0])
+    # With kinks two answers may agree by chance: an error falls by at most the fourth power of h.
+    last, most = 0.0 if smooth else math.inf, 2
     while True:
         defects = orbit.defects()
         coarse, coarsest, worst = defects > largest, worst, float(defects.max())
-        if error <= enough:
-            return orbit, error, ""
-        if error <= 0.5 * rtol and (not coarse.any() or worst > 0.25 * coarsest):
+        if error <= 0.5 * rtol and (smooth or not coarse.any() or worst > 0.25 * coarsest):
             return orbit, error, ""
         if not coarse.any():
             coarse[:] = True
@@ -497,11 +515,9 @@ def refined_until(
         except NewtonFailed as failure:
             return orbit, error, str(failure)
         amplitude, _ = amplitude_of(motion, finer)
-        change = max(abs(amplitude / before - 1.0), abs(finer.frequency / orbit.frequency - 1.0))
-        orbit, before = finer, amplitude
-        change = max(change, 1e-13)  # answers of ever finer meshes differ by some 3e-14
-        error, last = max(change, last / 16.0), change
-        most = 4 if smooth else 2
+        error = change(finer, amplitude)
+        orbit, before, most = finer, amplitude, 4 if smooth else 2
+        error, last = max(error, last / 16.0), error
 
 
 def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, float]:

@@ -663,7 +663,9 @@ def _refined_motion(
     Raises:
         NotConverged: if the amplitude is not known to rtol; its `result` has the motion.
     """
-    orbit, error, reason = refined_until(motion, orbit, 1e-3 * rtol, rtol, min(1e-7, 1e-2 * rtol))
+    tolerance = min(1e-7, 1e-2 * rtol)
+    given = motion, orbit, 1e-3 * rtol, rtol, tolerance
+    orbit, error, reason = refined_until(*given, solved_to=FINE.tolerance)
     multipliers, _, unsure = orbit_multipliers(motion, orbit)
     t, q, qdot = one_period(motion, orbit, samples)
     found = ForcedMotion(

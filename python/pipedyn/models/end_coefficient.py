@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from pipedyn import _core
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
@@ -77,10 +78,10 @@ def end_coefficient(
         x = at / at[-1]
         profile = scipy.interpolate.PchipInterpolator(x, samples / _peak(samples))
         # The rule is exact up to degree 7, that of x times the square of a cubic.
-        nodes, weights = scipy.special.roots_legendre(4)
-        half = 0.5 * np.diff(x)[:, None]
-        nodes = x[:-1, None] + half * (1.0 + nodes)
-        values, rings = profile(nodes), 2.0 * nodes * half * weights
+        nodes, weights = _core.gauss_nodes(4)
+        widths = np.diff(x)[:, None]
+        nodes = x[:-1, None] + widths * nodes
+        values, rings = profile(nodes), 2.0 * nodes * widths * weights
         mean, square = float(np.sum(rings * values)), float(np.sum(rings * values**2))
         area = float(at[-1]), math.pi * float(at[-1])
     else:

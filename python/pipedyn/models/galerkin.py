@@ -7,12 +7,11 @@ import bisect
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, Literal, Self, get_args
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
@@ -49,13 +48,6 @@ it, functions move so little mass that rounding makes their eigenvalues arbitrar
 
 SUPPORT_TOLERANCE = 1e-6
 """Largest distance from supports of a state given in all coordinates: integrators' tolerances."""
-
-
-@lru_cache(maxsize=32)
-def gauss_nodes(count: int) -> tuple[Array, Array]:
-    """Nodes and weights of Gauss-Legendre quadrature on [0, 1], each of shape (count,)."""
-    nodes, weights = scipy.special.roots_legendre(count)
-    return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
 def panel_ends(pipe: Pipe) -> Array:
@@ -234,7 +226,7 @@ class Galerkin(Model):
 
     def _rule(self, count: int, end: float = 1.0) -> tuple[Array, Array]:
         """Nodes and weights of Gauss-Legendre quadrature up to an end, `count` on each panel."""
-        nodes, weights = gauss_nodes(count)
+        nodes, weights = _core.gauss_nodes(count)
         ends = np.minimum(self._ends, end)
         lengths = np.diff(ends)[:, None]
         return (ends[:-1, None] + lengths * nodes).ravel(), (lengths * weights).ravel()
@@ -414,7 +406,7 @@ class Galerkin(Model):
         The integrand takes the slopes of the functions, (points, m), to (points, k). The number of
         nodes is that needed for the pipe bent by the amplitudes.
         """
-        nodes, weights = gauss_nodes(self._count_for(amplitudes[:, None]))
+        nodes, weights = _core.gauss_nodes(self._count_for(amplitudes[:, None]))
         # In pieces, as a table of the functions at all nodes for all s may exceed the memory.
         pieces = math.ceil(at.size * nodes.size * self._size / 1e7)
         found = []

@@ -194,13 +194,13 @@ def moments(profile: Profile, ends: Array) -> Array:
     """
     cuts = np.union1d(ends, [s for s in profile.at if ends[0] < s < ends[-1]])
     # Gauss quadrature is exact for the series times the square of the distance.
-    nodes, weights = np.polynomial.legendre.leggauss((max(map(len, profile.series)) + 3) // 2)
+    nodes, weights = _core.gauss_nodes((max(map(len, profile.series)) + 3) // 2)
     found, core = np.zeros((3, ends.size - 1)), profile.core
     for first in range(0, cuts.size - 1, 100_000):
         some = cuts[first : first + 100_001]
-        half, start = 0.5 * np.diff(some)[:, None], some[:-1, None]
-        s = start + half * (1.0 + nodes)
-        values = half * weights * core(s.ravel()).reshape(s.shape)
+        lengths, start = np.diff(some)[:, None], some[:-1, None]
+        s = start + lengths * nodes
+        values = lengths * weights * core(s.ravel()).reshape(s.shape)
         segment = np.searchsorted(ends, some[:-1], side="right") - 1
         arms = s - ends[segment, None]
         for power in range(3):

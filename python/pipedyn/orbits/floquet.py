@@ -25,7 +25,7 @@ from pipedyn.continuation.tracer import TestFunction
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import collocation_maps, span_maps, stage_derivatives, state_units
 from pipedyn.orbits.magnus import interval_maps
-from pipedyn.orbits.periodic_orbit import PeriodicOrbit, interpolated, refined
+from pipedyn.orbits.periodic_orbit import PeriodicOrbit, joined_in_pairs, on_edges, refined
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import count_factorisations
 from pipedyn.util.newton import NewtonFailed
@@ -193,8 +193,10 @@ def _by_collocation(
         orbit = refined(motion, orbit, parts, at_kinks=True)
     roots, error = _roots(motion, orbit), math.inf
     power = 2 if orbit.symmetric else 1
-    if not motion.model.pipe.has_kinks and (pairs := _by_pairs(motion, orbit)):
-        error = 0.1 * _worst_change(_roots(motion, pairs) ** power, roots**power)
+    pairs = None if motion.model.pipe.has_kinks else joined_in_pairs(orbit)
+    if pairs is not None:
+        coarser = _roots(motion, on_edges(motion, orbit, pairs))
+        error = 0.1 * _worst_change(coarser**power, roots**power)
     for _ in range(MOST_HALVINGS):
         if error <= tolerance or 2 * len(orbit.starts) > MOST_FLOQUET_INTERVALS:
             break
@@ -209,21 +211,6 @@ def _by_collocation(
 def _roots(motion: VectorField, orbit: PeriodicOrbit) -> Complex:
     """The roots of the multipliers by the collocation on the orbit's own mesh."""
     return _roots_of_maps(motion, orbit, *collocation_maps(motion, orbit))
-
-
-def _by_pairs(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None:
-    """An orbit with intervals joined in pairs, the last three if they are odd in number.
-
-    Its multipliers tell the error of the orbit's own in a quarter of the time that a mesh twice as
-    fine takes. None is returned if the lengths of neighbours differ by half: to join neighbours one
-    of which is 1.8 times as long increases the error 1,000 times, and at least 30 times where the
-    polynomial between the orbit's stages causes it.
-    """
-    steps = np.log(np.diff(orbit.edges))
-    if steps.size < 4 or np.abs(np.diff(steps)).max() > math.log(1.8):
-        return None
-    edges = np.append(orbit.edges[:-2:2], orbit.span)
-    return interpolated(motion, orbit.states, edges, orbit.frequency, orbit.u)
 
 
 def _worst_change(before: Complex, after: Complex) -> float:

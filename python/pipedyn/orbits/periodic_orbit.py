@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,10 @@ harmonics."""
 
 PROBES: Array = np.linspace(0.0, 2.0 * math.pi, 65)[:-1]
 """Phases at which orbits are compared: enough for the harmonics that matter for a sign."""
+
+MOST_JOINED = 0.7
+"""Largest number of intervals of a mesh with intervals joined in pairs, as a share of the orbit's:
+more would tell little about its error."""
 
 BEFORE = 1e-10
 """Phase by which an interval ends before a kink, so that its last stage, at its end, has the slopes
@@ -270,6 +275,24 @@ def resolved_orbit(
     return orbit
 
 
+def joined_in_pairs(orbit: PeriodicOrbit) -> Array | None:
+    """Edges of a mesh in which neighbouring intervals of like lengths are joined in pairs.
+
+    It tells the error of the orbit in a quarter of the time that a mesh twice as fine takes. Three
+    are joined where they are odd in number, and an interval alone among shorter and longer ones
+    stays: to join neighbours one of which is 1.8 times as long increases the error 1,000 times, and
+    at least 30 times where the polynomial between the orbit's stages causes it. None is returned if
+    few can be joined.
+    """
+    count, lengths = len(orbit.starts), np.diff(orbit.edges)
+    jumps = np.flatnonzero(np.abs(np.diff(np.log(lengths))) > math.log(1.8)) + 1
+    ends = [0, *jumps.tolist(), count]  # of runs of like lengths
+    kept = [0]
+    for begin, end in pairwise(ends):
+        kept += [*range(begin + 2, end - 1, 2), end]
+    return orbit.edges[kept] if len(kept) - 1 <= MOST_JOINED * count else None
+
+
 def refined(
     motion: VectorField, orbit: PeriodicOrbit, parts: NDArray[np.int_], at_kinks: bool = False
 ) -> PeriodicOrbit:
@@ -277,7 +300,16 @@ def refined(
 
     With `at_kinks` intervals end also where derivatives of the forces jump.
     """
-    edges = divided(orbit.edges, parts)
+    return on_edges(motion, orbit, divided(orbit.edges, parts), at_kinks)
+
+
+def on_edges(
+    motion: VectorField, orbit: PeriodicOrbit, edges: Array, at_kinks: bool = False
+) -> PeriodicOrbit:
+    """An orbit on another mesh, with the accelerations of the forces on its states.
+
+    With `at_kinks` intervals end also where derivatives of the forces jump.
+    """
     if at_kinks:
         edges = _edges_with_kinks(edges, _kinks(motion, orbit))
     return interpolated(motion, orbit.states, edges, orbit.frequency, orbit.u)
