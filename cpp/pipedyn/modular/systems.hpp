@@ -23,7 +23,6 @@ class SceneSystems final : public ShiftedSystems {
   void linearise(double t, const double* y, Index member) override;
   void factorise(const double* mu) override;
   void solve(double* b) override;
-  bool is_cheap() const override { return true; }
 
  private:
   static constexpr Index shifts = MotionKernel::shifts;

@@ -25,10 +25,10 @@ constexpr double shortest_next = 0.1, longest_next = 5.0;
 constexpr double newton_share = 0.005;
 constexpr Index most_iterations = 10;
 
-/// A dense J is kept while an iteration reduces the error to less than this fraction, and the step
-/// size while it would grow by less than this factor: a step, an iteration and a factorisation cost
-/// about the same.
-constexpr double kept_contraction = 1e-3, kept_step = 1.1;
+/// J is kept while an iteration reduces the error to less than this fraction, and the step size
+/// while it would grow by less than this factor: J and its factors cost about as much as an
+/// iteration. Chains of 3 to 1000 segments take 0 to 15 % less time than with a J for each step.
+constexpr double kept_contraction = 1e-4, kept_step = 1.2;
 
 /// J is computed at the state that is predicted for this stage, near the end of the step. Among all
 /// stages and the start this choice took the fewest iterations, both with chains and with reduced
@@ -158,7 +158,7 @@ bool Radau::solve(Index which, double h, Index& evaluations) {
     }
     of_.rates(t, at_.data(), all, rates_at_.data());
     if (iterations_ == 1) {
-      if (!fresh_ && (of_.systems->is_cheap() || contraction_ > kept_contraction)) {
+      if (!fresh_ && (contraction_ > kept_contraction)) {
         of_.systems->linearise(t[expanded], Vector(at_.col(expanded)).data(), which);
         fresh_ = true;
         factored_h_ = 0.0;
@@ -373,7 +373,7 @@ Index Radau::step(double end) {
       factor *= std::min(1.0, h / last_h_ * std::pow(member.last_error / found, exponent));
     }
     factor = std::clamp(factor, shortest_next, member.rejected ? 1.0 : longest_next);
-    if (!of_.systems->is_cheap() && factor >= 1.0 && factor <= kept_step) factor = 1.0;
+    if (factor >= 1.0 && factor <= kept_step) factor = 1.0;
     move_on(member, h, h * factor, end);
     member.last_error = std::max(found, 1e-2);
     accept(which, h);

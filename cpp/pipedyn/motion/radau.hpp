@@ -32,8 +32,6 @@ class ShiftedSystems {
   virtual void factorise(const double* mu) = 0;
   /// Overwrites b with x.
   virtual void solve(double* b) = 0;
-  /// Whether evaluating J costs no more than factorising it.
-  virtual bool is_cheap() const { return false; }
 };
 
 /// Flow speed u (members,) of each motion of a batch, its drive (Drive::rows, members), or empty if
