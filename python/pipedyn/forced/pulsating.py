@@ -153,7 +153,7 @@ class PulsatingPipe:
         units = np.ones(2 * self.size)
         units[self.size :] = math.sqrt(max(np.abs(by_position).max(), 1.0))
         fastest = math.sqrt(np.abs(np.linalg.eigvals(self._forces[0])).max())
-        parts = np.full(count, math.ceil(4.0 / 3.0 * (fastest * period) ** (1.0 / 3.0)))
+        parts = np.full(count, math.ceil(4.0 * (fastest * period) ** (1.0 / 3.0)))
         rows = np.concatenate([by_position, by_velocity], axis=-1)
         return (rows, np.full(count, period / count), units), parts
 
