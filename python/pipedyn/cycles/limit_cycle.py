@@ -431,9 +431,10 @@ def converged_cycle(
     largest = rtol * (1e-1 if motion.model.pipe.has_kinks else 1e-3)
     tolerance = min(1e-7, 1e-2 * rtol)
     for _ in range(MULTIPLIER_MESHES):
-        orbit, error, reason = refined_until(motion, orbit, largest, rtol, tolerance, solved_to)
+        found = refined_until(motion, orbit, largest, rtol, tolerance, solved_to)
+        orbit, peak, error, reason = found
         try:
-            result = cycle_on_mesh(motion, orbit, error, samples, how)
+            result = cycle_on_mesh(motion, orbit, error, samples, how, peak=peak)
         except NewtonFailed as failure:
             raise NotConverged(f"the cycle at u = {orbit.u:g} fails its check: {failure}") from None
         if error > rtol:
@@ -461,8 +462,9 @@ def refined_until(
     rtol: float,
     tolerance: float,
     solved_to: float = math.inf,
-) -> tuple[PeriodicOrbit, float, str]:
-    """The orbit on a mesh that is fine enough, its error, and why refinement stopped before.
+) -> tuple[PeriodicOrbit, tuple[float, float], float, str]:
+    """The orbit on a mesh that is fine enough, as for `amplitude_of` its largest displacement, its
+    error, and why refinement stopped before.
 
     The error is the largest change of amplitude, frequency and positions in the last refinement:
     each of them alone may be the same on both meshes by chance. The intervals with a large defect
@@ -480,13 +482,13 @@ def refined_until(
             the orbit's own mesh may do, which one half as fine shows.
     """
     smooth = not motion.model.pipe.has_kinks
-    before, error, worst = amplitude_of(motion, orbit)[0], math.inf, math.inf
+    peak, error, worst = amplitude_of(motion, orbit), math.inf, math.inf
 
     def change(other: PeriodicOrbit, amplitude: float) -> float:
         moved = np.abs(other.states(PROBES) - orbit.states(PROBES))[: orbit.half].max() / orbit.size
         turned = abs(other.frequency / orbit.frequency - 1.0)
         # Answers of ever finer meshes differ by some 3e-14.
-        return max(float(moved), turned, abs(amplitude / before - 1.0), 1e-13)
+        return max(float(moved), turned, abs(amplitude / peak[0] - 1.0), 1e-13)
 
     pairs = joined_in_pairs(orbit) if smooth and solved_to <= tolerance else None
     if pairs is not None:
@@ -499,7 +501,7 @@ def refined_until(
         defects = orbit.defects()
         coarse, coarsest, worst = defects > largest, worst, float(defects.max())
         if error <= 0.5 * rtol and (smooth or not coarse.any() or worst > 0.25 * coarsest):
-            return orbit, error, ""
+            return orbit, peak, error, ""
         if not coarse.any():
             coarse[:] = True
         # Divided into p parts an interval has about p^-7 of its defect, or more where forces have
@@ -508,15 +510,15 @@ def refined_until(
         parts = np.ceil((defects / wanted) ** (1.0 / 7.0)).astype(int)
         parts = np.where(coarse, np.clip(parts, 2, most), 1)
         if parts.sum() > MOST_CYCLE_INTERVALS:
-            return orbit, error, f"that takes more than {MOST_CYCLE_INTERVALS} mesh intervals"
+            return orbit, peak, error, f"that takes more than {MOST_CYCLE_INTERVALS} mesh intervals"
         try:
             guess = refined(motion, orbit, parts, at_kinks=True)
             finer = solved(motion, guess, tolerance)
         except NewtonFailed as failure:
-            return orbit, error, str(failure)
-        amplitude, _ = amplitude_of(motion, finer)
-        error = change(finer, amplitude)
-        orbit, before, most = finer, amplitude, 4 if smooth else 2
+            return orbit, peak, error, str(failure)
+        beyond = amplitude_of(motion, finer)
+        error = change(finer, beyond[0])
+        orbit, peak, most = finer, beyond, 4 if smooth else 2
         error, last = max(error, last / 16.0), error
 
 
@@ -583,9 +585,13 @@ def cycle_on_mesh(
     samples: int,
     how: str,
     tolerance: float = MULTIPLIER_TOLERANCE,
+    peak: tuple[float, float] | None = None,
 ) -> LimitCycle:
-    """The cycle of an orbit on its mesh; raises `NewtonFailed` as `orbit_multipliers` does."""
-    amplitude, first = amplitude_of(motion, orbit)
+    """The cycle of an orbit on its mesh; raises `NewtonFailed` as `orbit_multipliers` does.
+
+    peak: what `amplitude_of` gives, if it is known.
+    """
+    amplitude, first = peak or amplitude_of(motion, orbit)
     t, q, qdot = one_period(motion, orbit, samples, first)
     multipliers, _, change = orbit_multipliers(motion, orbit, tolerance)
     # Rounding of the eigenvalues of matrices of this size leaves about as much.

@@ -665,11 +665,11 @@ def _refined_motion(
     """
     tolerance = min(1e-7, 1e-2 * rtol)
     given = motion, orbit, 1e-3 * rtol, rtol, tolerance
-    orbit, error, reason = refined_until(*given, solved_to=FINE.tolerance)
+    orbit, (amplitude, _), error, reason = refined_until(*given, solved_to=FINE.tolerance)
     multipliers, _, unsure = orbit_multipliers(motion, orbit)
     t, q, qdot = one_period(motion, orbit, samples)
     found = ForcedMotion(
-        amplitude=amplitude_of(motion, orbit)[0],
+        amplitude=amplitude,
         frequency=motion.order * orbit.frequency,
         period=float(t[-1]),
         multipliers=multipliers,
