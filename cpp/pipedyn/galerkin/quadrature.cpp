@@ -47,9 +47,8 @@ Quadrature::Quadrature(Index count) {
     }
   }
   // Near the ends, rounded nodes have weights that err by 1e-13 of them, but constants must remain.
-  const double sum = weight.sum();
-  weight /= sum;
-  expansion /= sum;
+  expansion /= weight.sum();
+  weight /= weight.sum();
 }
 
 Matrix Quadrature::integral_to(const Vector& s) const {

@@ -92,13 +92,7 @@ struct StageEquations {
     if (of.speed_varies) b[n + 2] = rows[n + half + c];
   }
 
-  bool solve() const {
-    const Pivoted system{{matrix, step}, size, columns};
-    if (!system.factorise(0, size)) return false;
-    system.solve_lower(0, size, size, columns);
-    system.solve_upper(0, size);
-    return true;
-  }
+  bool solve() const { return solve_real(matrix, size, columns, step); }
 
   void write(double* rates, double* end) const {
     for (Count i = 0; i < s; ++i) {

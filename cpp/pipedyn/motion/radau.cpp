@@ -39,11 +39,10 @@ constexpr Index expanded = 5;
 constexpr double exponent = 1.0 / 9.0;
 
 using Table = double[radau::stages][radau::stages];
-const double* first(const Table& table) { return &table[0][0]; }
 
 /// Computes out = in M.
 void combine_rows(const double* in, const Table& matrix, Index rows, double* out) {
-  motion_kernel().mix_stages(in, first(matrix), nullptr, nullptr, rows, out);
+  motion_kernel().mix_stages(in, matrix[0], nullptr, nullptr, rows, out);
 }
 
 /// Times of the stages of a step.
@@ -166,11 +165,11 @@ bool Radau::solve(Index which, double h, Index& evaluations) {
       if (factored_h_ != h) of_.systems->factorise(mu);
       factored_h_ = h;
     }
-    motion_kernel().mix_stages(rates_at_.data(), first(radau::to_systems), w_.data(), mu, n,
+    motion_kernel().mix_stages(rates_at_.data(), radau::to_systems[0], w_.data(), mu, n,
                                x_.data());
     of_.systems->solve(x_.data());
     const double squares =
-        motion_kernel().correct_stages(x_.data(), first(radau::to_stages), y_.data(),
+        motion_kernel().correct_stages(x_.data(), radau::to_stages[0], y_.data(),
                                        allowed_.data(), n, w_.data(), z_.data(), at_.data());
     const double size = std::sqrt(squares / static_cast<double>(radau::stages * n));
     if (!std::isfinite(size)) {

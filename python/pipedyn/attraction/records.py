@@ -14,7 +14,6 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipedyn.motion.sampling import turning_points
 from pipedyn.util.check import Array
@@ -64,13 +63,9 @@ class Stretch:
     def at(self, times: Array) -> Array:
         """States at times, (k,), by cubics through the four nearest samples, (k, 2 integrated)."""
         place = (times - self.t[0]) / (self.t[1] - self.t[0])
-        before = np.clip(np.floor(place).astype(int), 1, self.t.size - 3)
-        return self._by_cubics(before, place - before)
-
-    def _by_cubics(self, before: NDArray[np.int_], share: Array) -> Array:
-        """States at shares of the distance from samples, which are neither first nor last, (k,)."""
+        before = np.clip(place.astype(int), 1, self.t.size - 3)
         nodes = before[:, None] + np.arange(-1, 3)
-        return np.einsum("kn,kns->ks", _lagrange(share), self.states[nodes])
+        return np.einsum("kn,kns->ks", _lagrange(place - before), self.states[nodes])
 
     @cached_property
     def turnings(self) -> Array:
@@ -161,7 +156,7 @@ class Stretch:
             for _ in range(4):  # chord method for the root of the cubic through four samples
                 share -= np.sum(_lagrange(share) * across[nodes], axis=1) / rise
             times = self.t[at] + share * (self.t[at + 1] - self.t[at])
-            states = self._by_cubics(at, share)
+            states = self.at(times)
         scale = np.ptp(self.states[self.t.size // 2 :], axis=0).reshape(2, -1)
         scale = np.maximum(scale, 1e-3 * scale.max(axis=1, keepdims=True)).ravel()
         return (times, states / scale) if scale.all() else (times[:0], states[:0])

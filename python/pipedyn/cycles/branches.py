@@ -522,10 +522,8 @@ class _Follower(Tracer[OrbitProblem]):
         known.
         """
         try:
-            return converged_cycle(
-                *(self.motion, orbit, self.options.rtol, SAMPLES_A_CYCLE, self.how),
-                solved_to=FINE.tolerance,
-            )
+            given = self.motion, orbit, self.options.rtol, SAMPLES_A_CYCLE, self.how
+            return converged_cycle(*given, solved_to=FINE.tolerance)
         except NotConverged as error:
             self.failed.append((orbit.u, error))
             reached: LimitCycle | None = error.result

@@ -61,7 +61,6 @@ from pipedyn.orbits.periodic_orbit import (
     PROBES,
     PeriodicOrbit,
     joined_in_pairs,
-    on_edges,
     refined,
 )
 from pipedyn.util import check
@@ -426,13 +425,9 @@ def converged_cycle(
         NotConverged: if the tolerance is out of reach; `result` holds the cycle as far as it
             converged.
     """
-    # Largest defect with which the first answer mostly meets rtol, as the mesh follows kinks of
-    # forces.
-    largest = rtol * (1e-1 if motion.model.pipe.has_kinks else 1e-3)
-    tolerance = min(1e-7, 1e-2 * rtol)
+    finer = 1.0
     for _ in range(MULTIPLIER_MESHES):
-        found = refined_until(motion, orbit, largest, rtol, tolerance, solved_to)
-        orbit, peak, error, reason = found
+        orbit, peak, error, reason = refined_until(motion, orbit, rtol, solved_to, finer)
         try:
             result = cycle_on_mesh(motion, orbit, error, samples, how, peak=peak)
         except NewtonFailed as failure:
@@ -447,7 +442,7 @@ def converged_cycle(
         allowed = max(TRIVIAL, min(SHARE_OF_NEXT * apart, TRIVIAL / apart))
         if result.multiplier_error <= max(rtol, allowed):
             return result
-        largest, solved_to = 0.01 * largest, math.inf  # the multipliers need a finer mesh
+        finer, solved_to = 0.01 * finer, math.inf  # the multipliers need a finer mesh
     raise NotConverged(
         f"the cycle at u = {orbit.u:g} fails its check: its Floquet multipliers, one of which "
         f"should be 1, are known to {result.multiplier_error:.1e} only",
@@ -458,30 +453,30 @@ def converged_cycle(
 def refined_until(
     motion: VectorField,
     orbit: PeriodicOrbit,
-    largest: float,
     rtol: float,
-    tolerance: float,
     solved_to: float = math.inf,
+    finer: float = 1.0,
 ) -> tuple[PeriodicOrbit, tuple[float, float], float, str]:
-    """The orbit on a mesh that is fine enough, as for `amplitude_of` its largest displacement, its
-    error, and why refinement stopped before.
+    """The orbit on a mesh that is fine enough, its peak, its error, and why refinement failed.
 
-    The error is the largest change of amplitude, frequency and positions in the last refinement:
-    each of them alone may be the same on both meshes by chance. The intervals with a large defect
-    are refined, and all of them if there is none. Where forces are smooth, an error of half of rtol
-    is enough. With kinks the remaining defects must be rounding as well: halving the intervals at
-    best halves rounding, but reduces a resolved defect to an eighth, even at kinks.
+    The peak is as `amplitude_of` gives it. The error is the largest change of amplitude, frequency
+    and positions in the last refinement: each of them alone may be the same on both meshes by
+    chance. The intervals with a large defect are refined, and all of them if there is none. Where
+    forces are smooth, an error of half of rtol is enough. With kinks the remaining defects must be
+    rounding as well: halving the intervals at best halves rounding, but reduces a resolved defect
+    to an eighth, even at kinks.
 
     Args:
         motion: the vector field.
         orbit: orbit near the cycle.
-        largest: largest defect allowed.
         rtol: tolerance of amplitude and frequency.
-        tolerance: tolerance of Newton's method.
-        solved_to: tolerance with which the given orbit was solved for. If it is the same or less,
-            the orbit's own mesh may do, which one half as fine shows.
+        solved_to: tolerance with which the given orbit was solved for. If no less is asked for
+            here, the orbit's own mesh may do, which one half as fine shows.
+        finer: factor of the largest defect allowed.
     """
-    smooth = not motion.model.pipe.has_kinks
+    smooth, tolerance = not motion.model.pipe.has_kinks, min(1e-7, 1e-2 * rtol)
+    # Largest defect with which the first answer mostly meets rtol, as the mesh follows kinks.
+    largest = finer * rtol * (1e-3 if smooth else 1e-1)
     peak, error, worst = amplitude_of(motion, orbit), math.inf, math.inf
 
     def change(other: PeriodicOrbit, amplitude: float) -> float:
@@ -490,10 +485,9 @@ def refined_until(
         # Answers of ever finer meshes differ by some 3e-14.
         return max(float(moved), turned, abs(amplitude / peak[0] - 1.0), 1e-13)
 
-    pairs = joined_in_pairs(orbit) if smooth and solved_to <= tolerance else None
-    if pairs is not None:
+    if solved_to <= tolerance and (coarser := joined_in_pairs(motion, orbit)):
         with suppress(NewtonFailed):
-            coarser = solved(motion, on_edges(motion, orbit, pairs), tolerance)
+            coarser = solved(motion, coarser, tolerance)
             error = change(coarser, amplitude_of(motion, coarser)[0])
     # With kinks two answers may agree by chance: an error falls by at most the fourth power of h.
     last, most = 0.0 if smooth else math.inf, 2
@@ -502,8 +496,7 @@ def refined_until(
         coarse, coarsest, worst = defects > largest, worst, float(defects.max())
         if error <= 0.5 * rtol and (smooth or not coarse.any() or worst > 0.25 * coarsest):
             return orbit, peak, error, ""
-        if not coarse.any():
-            coarse[:] = True
+        coarse |= not coarse.any()
         # Divided into p parts an interval has about p^-7 of its defect, or more where forces have
         # kinks.
         wanted = max(0.5 * largest, DEFECT_ROUNDING)
@@ -512,13 +505,12 @@ def refined_until(
         if parts.sum() > MOST_CYCLE_INTERVALS:
             return orbit, peak, error, f"that takes more than {MOST_CYCLE_INTERVALS} mesh intervals"
         try:
-            guess = refined(motion, orbit, parts, at_kinks=True)
-            finer = solved(motion, guess, tolerance)
+            better = solved(motion, refined(motion, orbit, parts, at_kinks=True), tolerance)
         except NewtonFailed as failure:
             return orbit, peak, error, str(failure)
-        beyond = amplitude_of(motion, finer)
-        error = change(finer, beyond[0])
-        orbit, peak, most = finer, beyond, 4 if smooth else 2
+        farthest = amplitude_of(motion, better)
+        error = change(better, farthest[0])
+        orbit, peak, most = better, farthest, 4 if smooth else 2
         error, last = max(error, last / 16.0), error
 
 

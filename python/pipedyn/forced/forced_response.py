@@ -663,9 +663,7 @@ def _refined_motion(
     Raises:
         NotConverged: if the amplitude is not known to rtol; its `result` has the motion.
     """
-    tolerance = min(1e-7, 1e-2 * rtol)
-    given = motion, orbit, 1e-3 * rtol, rtol, tolerance
-    orbit, (amplitude, _), error, reason = refined_until(*given, solved_to=FINE.tolerance)
+    orbit, (amplitude, _), error, reason = refined_until(motion, orbit, rtol, FINE.tolerance)
     multipliers, _, unsure = orbit_multipliers(motion, orbit)
     t, q, qdot = one_period(motion, orbit, samples)
     found = ForcedMotion(

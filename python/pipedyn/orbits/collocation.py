@@ -61,15 +61,6 @@ def condensed(
     )
 
 
-def span_maps(maps: Array) -> tuple[Array, Array]:
-    """L and R, (n, n) each, of L x(0) + R x(span) = 0, from maps of intervals, (M, n, n).
-
-    R is the identity if no digits are lost.
-    """
-    relation = _core.SpanRelation(maps, LOSS)
-    return relation.first, relation.last
-
-
 class Linearised:
     """The collocation equations about an orbit, with all but its first state eliminated.
 
@@ -147,16 +138,6 @@ def collocation_maps(motion: VectorField, orbit: PeriodicOrbit) -> tuple[Array, 
     """Maps of a change of state over each interval, (M, n, n), in units of the state, (n,)."""
     equations = condensed(motion, orbit, of_states=True)
     return equations.maps, _units(motion.half, equations.unit)
-
-
-def interval_derivatives(motion: VectorField, orbit: PeriodicOrbit) -> Array:
-    """Derivatives of the accelerations at the stages by the state where an interval begins.
-
-    Their shape is (M, s, integrated, 2 integrated); they are taken along solutions of the
-    collocation equations.
-    """
-    by_rates = condensed(motion, orbit, of_states=True).by_rates
-    return by_rates.reshape(*orbit.rates.shape, motion.size)
 
 
 # ----------------------------------------------------------------------------- Newton's method

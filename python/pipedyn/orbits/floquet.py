@@ -23,9 +23,9 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn import _core
 from pipedyn.continuation.tracer import TestFunction
 from pipedyn.motion.vector_field import VectorField
-from pipedyn.orbits.collocation import collocation_maps, span_maps, stage_derivatives, state_units
+from pipedyn.orbits.collocation import LOSS, collocation_maps, stage_derivatives, state_units
 from pipedyn.orbits.magnus import interval_maps
-from pipedyn.orbits.periodic_orbit import PeriodicOrbit, joined_in_pairs, on_edges, refined
+from pipedyn.orbits.periodic_orbit import PeriodicOrbit, joined_in_pairs, refined
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import count_factorisations
 from pipedyn.util.newton import NewtonFailed
@@ -178,8 +178,7 @@ def by_series(
         if error <= tolerance or error > 0.5 * last:
             break
         fewer, coarser = parts, maps
-        more = min(max((2.0 * error / tolerance) ** 0.25, 1.5), 2.0)
-        parts = np.ceil(more * parts).astype(int)
+        parts = np.ceil(np.clip((2.0 * error / tolerance) ** 0.25, 1.5, 2.0) * parts).astype(int)
     return roots, error
 
 
@@ -200,10 +199,8 @@ def _by_collocation(
         orbit = refined(motion, orbit, parts, at_kinks=True)
     roots, error = _roots(motion, orbit), math.inf
     power = 2 if orbit.symmetric else 1
-    pairs = None if motion.model.pipe.has_kinks else joined_in_pairs(orbit)
-    if pairs is not None:
-        coarser = _roots(motion, on_edges(motion, orbit, pairs))
-        error = 0.1 * _worst_change(coarser**power, roots**power)
+    if coarser := joined_in_pairs(motion, orbit):
+        error = 0.1 * _worst_change(_roots(motion, coarser) ** power, roots**power)
     for _ in range(MOST_HALVINGS):
         if error <= tolerance or 2 * len(orbit.starts) > MOST_FLOQUET_INTERVALS:
             break
@@ -243,7 +240,8 @@ def eigenvalues_through(maps: Array, allowed: Array | None = None) -> Complex:
     count_factorisations()
     with np.errstate(over="raise", invalid="raise"):
         try:
-            left, right = span_maps(maps)
+            relation = _core.SpanRelation(maps, LOSS)
+            left, right = relation.first, relation.last
             if allowed is not None:
                 allowed, _ = np.linalg.qr(allowed)
                 left = allowed.T @ np.linalg.solve(right, left @ allowed)

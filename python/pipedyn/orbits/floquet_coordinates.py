@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipedyn.motion.vector_field import VectorField
-from pipedyn.orbits.collocation import interval_derivatives
+from pipedyn.orbits.collocation import condensed
 from pipedyn.orbits.floquet import fast_turns, parts_for
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit, integrals
 from pipedyn.util.check import Array, Complex
@@ -135,7 +135,7 @@ def _maps_to(motion: VectorField, orbit: PeriodicOrbit, places: Array) -> tuple[
     Their shapes are (M, k, n, n) and (M, n, n).
     """
     h, half, n = orbit.durations[:, None, None, None], orbit.half, motion.size
-    rates = interval_derivatives(motion, orbit)
+    rates = condensed(motion, orbit, of_states=True).by_rates.reshape(*orbit.rates.shape, n)
     places = np.append(places, 1.0)
     single, double = integrals(places, 1), integrals(places, 2)
     maps = np.zeros((len(orbit.starts), places.size, n, n))

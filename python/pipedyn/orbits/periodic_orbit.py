@@ -275,22 +275,23 @@ def resolved_orbit(
     return orbit
 
 
-def joined_in_pairs(orbit: PeriodicOrbit) -> Array | None:
-    """Edges of a mesh in which neighbouring intervals of like lengths are joined in pairs.
+def joined_in_pairs(motion: VectorField, orbit: PeriodicOrbit) -> PeriodicOrbit | None:
+    """An orbit on a mesh in which neighbouring intervals of like lengths are joined in pairs.
 
-    It tells the error of the orbit in a quarter of the time that a mesh twice as fine takes. Three
-    are joined where they are odd in number, and an interval alone among shorter and longer ones
-    stays: to join neighbours one of which is 1.8 times as long increases the error 1,000 times, and
-    at least 30 times where the polynomial between the orbit's stages causes it. None is returned if
-    few can be joined.
+    It tells the error of the orbit's own mesh in a quarter of the time that one twice as fine
+    takes. Three are joined where they are odd in number, and an interval alone among shorter and
+    longer ones stays: to join neighbours one of which is 1.8 times as long increases the error
+    1,000 times, and at least 30 times where the polynomial between the orbit's stages causes it.
+    None is returned if few can be joined or forces have kinks.
     """
-    count, lengths = len(orbit.starts), np.diff(orbit.edges)
-    jumps = np.flatnonzero(np.abs(np.diff(np.log(lengths))) > math.log(1.8)) + 1
-    ends = [0, *jumps.tolist(), count]  # of runs of like lengths
+    count, lengths = len(orbit.starts), np.log(np.diff(orbit.edges))
+    ends = np.flatnonzero(np.abs(np.diff(lengths)) > math.log(1.8)) + 1  # of runs of like lengths
     kept = [0]
-    for begin, end in pairwise(ends):
+    for begin, end in pairwise([0, *ends.tolist(), count]):
         kept += [*range(begin + 2, end - 1, 2), end]
-    return orbit.edges[kept] if len(kept) - 1 <= MOST_JOINED * count else None
+    if motion.model.pipe.has_kinks or len(kept) > 1 + MOST_JOINED * count:
+        return None
+    return interpolated(motion, orbit.states, orbit.edges[kept], orbit.frequency, orbit.u)
 
 
 def refined(
@@ -300,16 +301,7 @@ def refined(
 
     With `at_kinks` intervals end also where derivatives of the forces jump.
     """
-    return on_edges(motion, orbit, divided(orbit.edges, parts), at_kinks)
-
-
-def on_edges(
-    motion: VectorField, orbit: PeriodicOrbit, edges: Array, at_kinks: bool = False
-) -> PeriodicOrbit:
-    """An orbit on another mesh, with the accelerations of the forces on its states.
-
-    With `at_kinks` intervals end also where derivatives of the forces jump.
-    """
+    edges = divided(orbit.edges, parts)
     if at_kinks:
         edges = _edges_with_kinks(edges, _kinks(motion, orbit))
     return interpolated(motion, orbit.states, edges, orbit.frequency, orbit.u)
