@@ -165,12 +165,11 @@ bool Radau::solve(Index which, double h, Index& evaluations) {
       if (factored_h_ != h) of_.systems->factorise(mu);
       factored_h_ = h;
     }
-    motion_kernel().mix_stages(rates_at_.data(), radau::to_systems[0], w_.data(), mu, n,
-                               x_.data());
+    motion_kernel().mix_stages(rates_at_.data(), radau::to_systems[0], w_.data(), mu, n, x_.data());
     of_.systems->solve(x_.data());
     const double squares =
-        motion_kernel().correct_stages(x_.data(), radau::to_stages[0], y_.data(),
-                                       allowed_.data(), n, w_.data(), z_.data(), at_.data());
+        motion_kernel().correct_stages(x_.data(), radau::to_stages[0], y_.data(), allowed_.data(),
+                                       n, w_.data(), z_.data(), at_.data());
     const double size = std::sqrt(squares / static_cast<double>(radau::stages * n));
     if (!std::isfinite(size)) {
       members_[which].overflowed = true;
