@@ -194,6 +194,16 @@ def test_the_error_stated_bounds_what_refinement_changes(model, u):
         assert cycle.phases <= exact.phases
 
 
+def test_cycles_of_stiff_models_are_found_from_samples_of_motions():
+    """Modes that decay like exp(-9e7 tau) would multiply the errors of the samples' forces."""
+    spring = pp.CubicSpring(at=1.0, stiffness=400.0)
+    model = pp.Galerkin(pp.Pipe(0.35, damping=0.02, terms=(spring,)), 5, "legendre")
+    cycle = pp.limit_cycle(model, 10.5)
+    assert cycle.method == "collocation, simulation"
+    assert cycle.amplitude == pytest.approx(0.5676335, abs=1e-6)
+    assert len(cycle.orbit.starts) <= 80  # 113 with those forces
+
+
 def test_a_tolerance_out_of_reach_is_not_claimed():
     """Between 400 soft stops, each of which the pipe meets on its way there and back."""
     stops = tuple(pp.Stop(1.0, gap, 1e-4) for gap in np.linspace(0.01, 0.99, 400))

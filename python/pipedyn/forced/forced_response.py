@@ -10,8 +10,10 @@ edges of parametric regions, with the period of the flow (harmonic) or twice tha
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import field, replace
+from functools import partial
 from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
@@ -37,7 +39,7 @@ from pipedyn.models.base import Model
 from pipedyn.models.drive import Harmonic, Pulsation, require_steady, steady_speed
 from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.motion.vector_field import Excitation, ForcedField
-from pipedyn.orbits.collocation import Linearised, OrbitProblem, residual, solved
+from pipedyn.orbits.collocation import Linearised, OrbitProblem, residual
 from pipedyn.orbits.floquet import (
     CircleTest,
     EventKind,
@@ -55,13 +57,13 @@ from pipedyn.orbits.orbit_continuation import (
     from_orbit,
     meeting,
     orbit_at,
+    solved_anew,
     steps_past_grazing,
 )
 from pipedyn.orbits.periodic_orbit import (
     PeriodicOrbit,
     coarsest_mesh,
     divided,
-    resolved_orbit,
     stage_phases,
 )
 from pipedyn.util import check
@@ -80,6 +82,9 @@ some 50 motions."""
 MOST_STEPS = 400
 """Largest number of steps along a branch. The longest steps are 0.15 in amplitude or in the
 relative frequency."""
+
+GROWING = np.geomspace(0.02, 1.0, 10).tolist()
+"""Shares of a base's amplitude by way of which the motion for all of it is reached."""
 
 SETTLING = 10
 """Number of periods after which a motion from rest is recorded for as many periods; if it comes
@@ -400,35 +405,27 @@ def _first_motion(motion: ForcedField, u: float) -> PeriodicOrbit:
     rest = np.append(motion.resting()[: model.integrated], np.zeros(model.integrated))
     symmetric = motion.is_odd(u)
 
-    def linear(share: float) -> PeriodicOrbit:
+    def linear(share: float, phase: Array) -> Array:
         mode = share * whole.amplitude * np.concatenate([answer, 1j * w * answer])
+        return np.asarray(rest[:, None] + (mode[:, None] * np.exp(1j * phase)).real)
 
-        def states(phase: Array) -> Array:
-            return np.asarray(rest[:, None] + (mode[:, None] * np.exp(1j * phase)).real)
-
-        return resolved_orbit(motion, states, w, u, symmetric, FINE.defect)
-
-    def at_once() -> PeriodicOrbit:
-        return solved(motion, linear(1.0), FINE.tolerance)
-
-    def growing() -> PeriodicOrbit:
-        shares = np.geomspace(0.02, 1.0, 10).tolist()
-        try:
-            orbit = linear(shares[0])
-            for share in shares:
-                motion.forcing = replace(whole, amplitude=share * whole.amplitude)
-                orbit = solved(motion, orbit, FINE.tolerance)
-        finally:
-            motion.forcing = whole
+    def grown(shares: list[float]) -> PeriodicOrbit:
+        """The motion for the last share of the amplitude, by way of those for the others."""
+        states: Callable[[Array], Array] = partial(linear, shares[0])
+        for share in shares:
+            base = replace(whole, amplitude=share * whole.amplitude)
+            field = ForcedField(model, base, motion.order)
+            try:
+                orbit = solved_anew(field, states, w, u, symmetric, FINE)
+            finally:
+                motion.evaluations += field.evaluations
+            states = orbit.states
         return orbit
 
-    reason = NewtonFailed("")
-    for find in (at_once, growing, lambda: _settled(motion, u)):
-        try:
-            return find()
-        except NewtonFailed as failure:
-            reason = failure
-    raise reason
+    for shares in ([1.0], GROWING):
+        with suppress(NewtonFailed):
+            return grown(shares)
+    return _settled(motion, u)
 
 
 def _settled(motion: ForcedField, u: float) -> PeriodicOrbit:

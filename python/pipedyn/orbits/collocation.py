@@ -224,9 +224,7 @@ class OrbitProblem(Continuation):
         orbit = self.orbit(z)
         if edges is None:
             return orbit
-        if self.motion.model.pipe.has_kinks:  # polynomials do not follow them
-            return interpolated(self.motion, orbit.states, edges, orbit.frequency, orbit.u)
-        return orbit.on_mesh(edges)
+        return interpolated(self.motion, orbit.states, edges, orbit.frequency, orbit.u)
 
     def orbit(self, z: Array) -> PeriodicOrbit:
         """The orbit with unknowns z."""

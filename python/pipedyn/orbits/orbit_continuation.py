@@ -49,6 +49,10 @@ MOST_CYCLE_INTERVALS = 2000
 """Largest number of intervals of a mesh: with more, one Newton step of a chain of 20 segments takes
 some seconds."""
 
+MOST_MESHES = 4
+"""Largest number of meshes on which an orbit is solved for from given states: its own harmonics may
+be higher than theirs."""
+
 MOST_EVALUATIONS = 100_000
 """Number of right-hand sides and Jacobians after which no more steps are taken on the way to a
 speed: they alone take 1 s for a chain of 20 segments, half a minute for one of 100."""
@@ -104,10 +108,15 @@ def solved_anew(
     The states [p, p'] are a function of phases, (k,), to (2 integrated, k). The last two arguments
     are those of `solved`.
     """
-    guess = resolved_orbit(motion, states, frequency, u, symmetric, how.defect)
-    if len(guess.starts) > MOST_CYCLE_INTERVALS:
-        raise NewtonFailed(f"more than {MOST_CYCLE_INTERVALS} mesh intervals are needed")
-    return solved(motion, guess, how.tolerance, iterations, hopeless)
+    for _ in range(MOST_MESHES):
+        guess = resolved_orbit(motion, states, frequency, u, symmetric, how.defect)
+        if len(guess.starts) > MOST_CYCLE_INTERVALS:
+            raise NewtonFailed(f"more than {MOST_CYCLE_INTERVALS} mesh intervals are needed")
+        orbit = solved(motion, guess, how.tolerance, iterations, hopeless)
+        if orbit.defects().max() <= how.defect:
+            break
+        states, frequency = orbit.states, orbit.frequency
+    return orbit
 
 
 # --------------------------------------------------------------------------------- beginnings

@@ -67,6 +67,9 @@ def integrals(at: Array, times: int) -> Array:
 ONCE = integrals(STAGE_NODES, 1)
 """Matrix from stage values to integrals from 0 to each stage, shape (s, s)."""
 
+SLOPES = np.linalg.inv(ONCE)
+"""Matrix from changes since 0 at the stages to derivatives of their polynomial there, (s, s)."""
+
 TWICE: Array = ONCE @ ONCE
 """Matrix from stage values to double integrals from 0 to each stage, shape (s, s)."""
 
@@ -163,20 +166,6 @@ class PeriodicOrbit:
         given = self.edges, self.starts, self.rates, self.frequency, self.mirror_sign
         return _core.orbit_states(*given, _INTEGRATED[1], _INTEGRATED[2], phase)
 
-    def on_mesh(self, edges: Array) -> PeriodicOrbit:
-        """The orbit on another mesh of its span, whose accelerations are this orbit's polynomials.
-
-        On a finer mesh it is the same orbit. Forces on interpolated states would not do as well, as
-        those of fast modes multiply the errors of the states.
-        """
-        phases = stage_phases(edges).ravel()
-        own = np.clip(np.searchsorted(self.edges, phases) - 1, 0, len(self.starts) - 1)
-        begin, end = self.edges[own], self.edges[own + 1]
-        values = integrals((phases - begin) / (end - begin), 0)[:, None]
-        rates = (values @ self.rates[own]).reshape(-1, ORBIT_STAGES, self.half)
-        starts = self.states(edges[:-1]).T.copy()
-        return PeriodicOrbit(edges, starts, rates, self.frequency, self.u, self.forced)
-
     def sampled(self, parts: int, whole: bool = False) -> tuple[Array, Array]:
         """Phases at the ends of equal parts of the intervals, (k,), and states [p, p'] there.
 
@@ -250,11 +239,20 @@ def interpolated(
     frequency: float,
     u: float,
 ) -> PeriodicOrbit:
-    """An orbit on a mesh through states [p, p'], a function of phases (k,) to (2 integrated, k)."""
-    phases = stage_phases(edges).ravel()
-    rates = motion.along(phases, frequency)(states(phases), u)[motion.half :]
-    rates = np.ascontiguousarray(rates.T).reshape(edges.size - 1, ORBIT_STAGES, motion.half)
-    return PeriodicOrbit(edges, states(edges[:-1]).T.copy(), rates, frequency, u, motion.forced)
+    """An orbit on a mesh through states [p, p'], a function of phases (k,) to (2 integrated, k).
+
+    Its accelerations are those of the forces where these have kinks. Elsewhere they are derivatives
+    of polynomials through the rates, since stiff forces multiply the errors of the states.
+    """
+    phases, starts = stage_phases(edges).ravel(), states(edges[:-1]).T.copy()
+    shape = edges.size - 1, ORBIT_STAGES, motion.half
+    at = states(phases)
+    if motion.model.pipe.has_kinks:
+        rates = motion.along(phases, frequency)(at, u)[motion.half :].T.reshape(shape)
+    else:
+        speeds = at[motion.half :].T.reshape(shape) - starts[:, None, motion.half :]
+        rates = SLOPES @ speeds / (np.diff(edges)[:, None, None] / frequency)
+    return PeriodicOrbit(edges, starts, np.ascontiguousarray(rates), frequency, u, motion.forced)
 
 
 def resolved_orbit(
