@@ -154,11 +154,11 @@ class Stretch:
             late = self.x[self.x.size // 2 :]
             across = self.x - 0.5 * (late.max() + late.min())
             at = 2 + np.flatnonzero((across[2:-3] < 0.0) & (across[3:-2] >= 0.0))
-            nodes = at[:, None] + NEAREST
-            rise = across[at + 1] - across[at]
+            near, rise = across[at[:, None] + NEAREST], across[at + 1] - across[at]
             share = -across[at] / rise
             for _ in range(4):  # chord method for the root of the quintic
-                share -= np.sum(_lagrange(share) * across[nodes], axis=1) / rise
+                left = np.sum(_lagrange(share) * near, axis=1) / rise
+                share = np.clip(share - left, 0.0, 1.0)
             times = self.t[at] + share * (self.t[at + 1] - self.t[at])
             states = self.at(times)
         scale = np.ptp(self.states[self.t.size // 2 :], axis=0).reshape(2, -1)

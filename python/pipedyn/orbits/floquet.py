@@ -225,9 +225,8 @@ def _worst_change(before: Complex, after: Complex) -> float:
 
 def _roots_of_maps(motion: VectorField, orbit: PeriodicOrbit, maps: Array, units: Array) -> Complex:
     """Roots of the multipliers from the maps of intervals, in units of the state."""
-    allowed: Array | None = None
-    if motion.constrained:
-        allowed = motion.model.free_states(orbit.starts[0]) / units[:, None]
+    free = motion.model.free_states(orbit.starts[0]) if motion.constrained else None
+    allowed = None if free is None else free / units[:, None]
     return np.asarray(orbit.mirror_sign * eigenvalues_through(maps, allowed))
 
 
