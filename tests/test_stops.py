@@ -82,6 +82,33 @@ def test_a_short_contact_is_not_stepped_over(beyond, rtol):
     assert max(missed) <= 100.0 * rtol * reach
 
 
+@pytest.mark.parametrize("seed", range(40))
+def test_implicit_steps_miss_no_contact_of_random_pipes(seed):
+    """Explicit steps are as short as their contacts."""
+    random = np.random.default_rng(seed)
+    stop = pp.Stop(
+        random.uniform(0.3, 1.0), random.uniform(0.01, 0.15), 10.0 ** random.uniform(1, 4)
+    )
+    damping = random.choice([0.0, 0.002, 0.02])
+    pipe = pp.Pipe(
+        random.uniform(0.05, 0.7), random.uniform(0.0, 50.0), damping=damping, terms=[stop]
+    )
+    n = int(random.integers(1, 7))
+    model = pp.Chain(pipe, n) if random.random() < 0.7 else pp.Galerkin(pipe, min(max(n, 2), 4))
+    speed, slope = random.uniform(0.0, 12.0), random.uniform(0.05, 0.5)
+    implicit, explicit = (
+        pp.simulate(
+            *(model, speed, 1.0, model.bent(lambda s: slope * s)),
+            method=method,
+            rtol=rtol,
+            samples=76,
+        )
+        for method, rtol in (("radau", 1e-8), ("dop853", 1e-10))
+    )
+    size = np.abs(explicit.q).max()
+    np.testing.assert_allclose(implicit.q, explicit.q, rtol=0.0, atol=1e-5 * size)
+
+
 @pytest.mark.parametrize("kind", MODELS)
 def test_places_of_stops_are_displaced_as_the_pipe_is(kind):
     stops = pp.Stop(0.8, 0.05, 10.0), pp.Stop(0.37, 0.02, 1.0), pp.Stop(1.0, 0.3, 1.0)
