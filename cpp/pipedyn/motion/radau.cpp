@@ -157,7 +157,7 @@ bool Radau::solve(Index which, double h, Index& evaluations) {
     }
     of_.rates(t, at_.data(), all, rates_at_.data());
     if (iterations_ == 1) {
-      if (!fresh_ && (contraction_ > kept_contraction)) {
+      if (!fresh_ && contraction_ > kept_contraction) {
         of_.systems->linearise(t[expanded], Vector(at_.col(expanded)).data(), which);
         fresh_ = true;
         factored_h_ = 0.0;
