@@ -41,6 +41,7 @@ __all__: list[str] = [
     "dense_limit",
     "ends",
     "exponentials",
+    "gauss_nodes",
     "interval_maps",
     "is_felt_by_small_motions",
     "orbit_states",
