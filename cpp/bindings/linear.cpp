@@ -35,8 +35,7 @@ namespace {
 Lapack found_lapack() {
   Lapack lapack{};
   const auto set = [](const char* library, const char* name, auto& routine) {
-    const py::object found =
-        py::module_::import("pipedyn.util.extensions").attr("extension")("linalg", library);
+    const py::object found = py::module_::import("pipedyn.util.lapack").attr("library")(library);
     const py::capsule address = found.attr("__pyx_capi__")[name];
     routine = reinterpret_cast<std::decay_t<decltype(routine)>>(address.get_pointer());
   };

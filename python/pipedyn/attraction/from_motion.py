@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 
 from pipedyn.attraction.records import Stretch
 from pipedyn.models.base import Model
@@ -51,8 +52,11 @@ def last_period(stretch: Stretch, farthest: float) -> tuple[Callable[[Array], Ar
     back, first, last, _ = stretch.recurrence
     if not back <= farthest:
         raise NewtonFailed("the motion does not come back to an earlier state")
+    begin, end = np.searchsorted(stretch.t, [first, last])
+    some = slice(max(int(begin) - 8, 0), int(end) + 9)
+    spline = scipy.interpolate.make_interp_spline(stretch.t[some], stretch.states[some], 5)
     frequency = 2.0 * math.pi / (last - first)
-    return lambda phase: np.ascontiguousarray(stretch.at(first + phase / frequency).T), frequency
+    return lambda phase: np.ascontiguousarray(spline(first + phase / frequency).T), frequency
 
 
 def solved_cycle(
@@ -74,7 +78,7 @@ def solved_cycle(
         raise NewtonFailed(f"no cycle is solved for with more than {LARGEST_CYCLE} freedoms")
     states, frequency = last_period(stretch, farthest)
     motion, u = drive.field(model, stretch.recurrence[3]), drive.mean
-    orbit = solved_anew(motion, states, frequency, u, False, COARSE, *WHILE_NEAR)
+    orbit = solved_anew(motion, states, frequency, u, False, COARSE, *WHILE_NEAR, sampled=True)
     if orbit.size < REST_EXTENT:
         raise NewtonFailed("the motion comes to rest")
     for within in (ROUGHLY, CLOSELY):

@@ -33,10 +33,6 @@ ERROR_FACTOR = 30.0
 """Change of states in two periods, relative to their ranges and to the tolerance of a step, that
 errors of all their steps explain."""
 
-NEAREST = np.arange(-2, 4)
-"""Samples through which a quintic gives states between samples 0 and 1. From cubics, orbits with 35
-samples and many harmonics were not found."""
-
 AVERAGE_SHARE, AVERAGE_ERROR = 0.15, 1e-3
 """Largest share of their differences that weighted averages keep over twice the time if they
 converge faster than any power of the time, as they do only on a torus: averages of chaotic motions
@@ -63,13 +59,6 @@ class Stretch:
     velocity: Array
     rtol: float
     drive: float = 0.0
-
-    def at(self, times: Array) -> Array:
-        """States at times, (k,), by quintics through the six nearest samples, (k, 2 integrated)."""
-        place = (times - self.t[0]) / (self.t[1] - self.t[0])
-        before = np.clip(place.astype(int), -NEAREST[0], self.t.size - 1 - NEAREST[-1])
-        nodes = before[:, None] + NEAREST
-        return np.einsum("kn,kns->ks", _lagrange(place - before), self.states[nodes])
 
     @cached_property
     def turnings(self) -> Array:
@@ -153,14 +142,14 @@ class Stretch:
         else:
             late = self.x[self.x.size // 2 :]
             across = self.x - 0.5 * (late.max() + late.min())
-            at = 2 + np.flatnonzero((across[2:-3] < 0.0) & (across[3:-2] >= 0.0))
-            near, rise = across[at[:, None] + NEAREST], across[at + 1] - across[at]
+            at = 1 + np.flatnonzero((across[1:-2] < 0.0) & (across[2:-1] >= 0.0))
+            nodes = at[:, None] + np.arange(-1, 3)
+            rise = across[at + 1] - across[at]
             share = -across[at] / rise
-            for _ in range(4):  # chord method for the root of the quintic
-                left = np.sum(_lagrange(share) * near, axis=1) / rise
-                share = np.clip(share - left, 0.0, 1.0)
+            for _ in range(4):  # chord method for the root of the cubic through four samples
+                share -= np.sum(_lagrange(share) * across[nodes], axis=1) / rise
             times = self.t[at] + share * (self.t[at + 1] - self.t[at])
-            states = self.at(times)
+            states = np.einsum("kn,kns->ks", _lagrange(share), self.states[nodes])
         scale = np.ptp(self.states[self.t.size // 2 :], axis=0).reshape(2, -1)
         scale = np.maximum(scale, 1e-3 * scale.max(axis=1, keepdims=True)).ravel()
         return (times, states / scale) if scale.all() else (times[:0], states[:0])
@@ -197,7 +186,6 @@ class Stretch:
 
 
 def _lagrange(share: Array) -> Array:
-    """Lagrange weights, (k, 6), of samples at `NEAREST` for places `share`, (k,)."""
-    others = np.array([np.delete(NEAREST, i) for i in range(NEAREST.size)])
-    factors = (share[:, None, None] - others) / (NEAREST[:, None] - others)
-    return np.asarray(factors.prod(axis=2))
+    """Lagrange weights, (k, 4), of samples at -1, 0, 1 and 2 for places `share`, (k,)."""
+    a, b, c, d = share + 1.0, share, share - 1.0, share - 2.0
+    return np.stack([-b * c * d / 6.0, a * c * d / 2.0, -a * b * d / 2.0, a * b * c / 6.0], axis=1)

@@ -19,16 +19,15 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from pipedyn.models.base import Model
 from pipedyn.motion.integrator import Observer, Outcome, Task, integrate
 from pipedyn.orbits.floquet_coordinates import FloquetCoordinates
 from pipedyn.util.check import Array, Complex
-from pipedyn.util.extensions import extension
 
 NOWHERE, STOPPED = -1, -2
 
@@ -103,13 +102,13 @@ class Region:
         return float(np.linalg.norm(steps, axis=1).max(initial=0.0))
 
     @cached_property
-    def _tree(self) -> Any:  # a scipy.spatial.cKDTree
+    def _tree(self) -> scipy.spatial.cKDTree:
         points = self._without_turns(self.points)
         if self.turn is not None:  # the point nearest to a state may be a turn away
             turn = np.zeros(points.shape[1])
             turn[: self.half] = self.turn
             points = np.concatenate([points, points + turn, points - turn])
-        return extension("spatial", "_ckdtree").cKDTree(points * self.units)
+        return scipy.spatial.cKDTree(points * self.units)
 
     @property
     def half(self) -> int:

@@ -14,6 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy
 from numpy.linalg import LinAlgError
 from numpy.typing import NDArray
 
@@ -250,9 +251,10 @@ def by_record(
     if not period:
         end = replace(end, ending="rest", period=0, turnings=stretch.x[-1:].copy())
     span, last = period or drive.period, float(stretch.t[-1])
+    curve = scipy.interpolate.CubicSpline(stretch.t, stretch.states)
 
     def states(phase: Array) -> Array:
-        return stretch.at(last - span + 0.5 / math.pi * span * phase).T
+        return np.asarray(curve(last - span + 0.5 / math.pi * span * phase).T)
 
     points = max(POINTS, int(np.count_nonzero(stretch.t > last - span)))
     phases = np.linspace(0.0, 2.0 * math.pi, points, endpoint=False)

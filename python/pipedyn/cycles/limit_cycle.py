@@ -56,13 +56,7 @@ from pipedyn.orbits.orbit_continuation import (
     orbit_at_speed,
     solved_anew,
 )
-from pipedyn.orbits.periodic_orbit import (
-    ORBIT_STAGES,
-    PROBES,
-    PeriodicOrbit,
-    joined_in_pairs,
-    refined,
-)
+from pipedyn.orbits.periodic_orbit import PROBES, PeriodicOrbit, joined_in_pairs, refined
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
@@ -304,7 +298,7 @@ def _near(motion: VectorField, u: float, start: LimitCycle | Motion) -> tuple[Pe
     x, velocity = start.tip[:, 0], start.tip_velocity[:, 0]
     stretch = Stretch(start.t, y, x, velocity, 1e-6)
     states, frequency = last_period(stretch, LATE_RECURRENCE)
-    found = solved_anew(motion, states, frequency, u, False, COARSE)
+    found = solved_anew(motion, states, frequency, u, False, COARSE, sampled=True)
     _, found = run_through_once(motion, found, ROUGHLY)
     return as_symmetric(motion, found), "from a motion"
 
@@ -517,7 +511,7 @@ def refined_until(
 def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, float]:
     """Half the free end's peak-to-peak motion, and the phase of its largest displacement."""
     # Samples are as close as the mesh requires: a period may have a dozen peaks.
-    phases, y = orbit.sampled(SAMPLES_A_STAGE * ORBIT_STAGES)
+    phases, y = orbit.sampled(SAMPLES_A_STAGE * orbit.rates.shape[1])
     across, _, velocity, _ = motion.end(y)
     before = np.flatnonzero((velocity[:-1] > 0.0) != (velocity[1:] > 0.0))
     peaks = zeros_between(

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from copy import copy
 from dataclasses import field, replace
 from functools import partial
 from typing import Any, Literal, NamedTuple, cast
@@ -82,9 +83,6 @@ some 50 motions."""
 MOST_STEPS = 400
 """Largest number of steps along a branch. The longest steps are 0.15 in amplitude or in the
 relative frequency."""
-
-GROWING = np.geomspace(0.02, 1.0, 10).tolist()
-"""Shares of a base's amplitude by way of which the motion for all of it is reached."""
 
 SETTLING = 10
 """Number of periods after which a motion from rest is recorded for as many periods; if it comes
@@ -185,16 +183,20 @@ class ForcedBranch(TableResult):
         found = list[ForcedMotion]()
         with one_thread(self.motion.size):
             for step in self.steps:
-                for part in between_folds(step, 1e-4) if np.prod(step.slopes) < 0.0 else [step]:
-                    if (part.begin.p - omega) * (part.end.p - omega) <= 0.0 != part.end.p - omega:
-                        try:
+                passed = [step.guess(s, -1) for s in np.linspace(0.0, step.length, 9).tolist()]
+                if abs(omega - 0.5 * (max(passed) + min(passed))) > 0.6 * np.ptp(passed):
+                    continue
+                try:
+                    for part in between_folds(step, 1e-4) if np.prod(step.slopes) < 0.0 else [step]:
+                        ahead = part.end.p - omega
+                        if ahead != 0.0 and (part.begin.p - omega) * ahead <= 0.0:
                             orbit = step.problem.orbit(part.where(omega))
-                        except NewtonFailed as reason:
-                            raise NotConverged(
-                                f"no motion was found at a frequency of {frequency:g} though the "
-                                f"{self.kind} branch passes it: {reason}"
-                            ) from None
-                        found.append(_refined_motion(self.motion, orbit, rtol, samples))
+                            found.append(_refined_motion(self.motion, orbit, rtol, samples))
+                except NewtonFailed as reason:
+                    raise NotConverged(
+                        f"no motion was found at a frequency of {frequency:g} though the "
+                        f"{self.kind} branch passes it: {reason}"
+                    ) from None
         return found
 
     def _columns(self) -> dict[str, Any]:
@@ -413,16 +415,13 @@ def _first_motion(motion: ForcedField, u: float) -> PeriodicOrbit:
         """The motion for the last share of the amplitude, by way of those for the others."""
         states: Callable[[Array], Array] = partial(linear, shares[0])
         for share in shares:
-            base = replace(whole, amplitude=share * whole.amplitude)
-            field = ForcedField(model, base, motion.order)
-            try:
-                orbit = solved_anew(field, states, w, u, symmetric, FINE)
-            finally:
-                motion.evaluations += field.evaluations
+            weaker = copy(motion)  # which counts its evaluations as the motion's
+            weaker.forcing = weaker.base = replace(whole, amplitude=share * whole.amplitude)
+            orbit = solved_anew(weaker, states, w, u, symmetric, FINE)
             states = orbit.states
         return orbit
 
-    for shares in ([1.0], GROWING):
+    for shares in ([1.0], np.geomspace(0.02, 1.0, 10).tolist()):
         with suppress(NewtonFailed):
             return grown(shares)
     return _settled(motion, u)

@@ -49,10 +49,6 @@ MOST_CYCLE_INTERVALS = 2000
 """Largest number of intervals of a mesh: with more, one Newton step of a chain of 20 segments takes
 some seconds."""
 
-MOST_MESHES = 4
-"""Largest number of meshes on which an orbit is solved for from given states: its own harmonics may
-be higher than theirs."""
-
 MOST_EVALUATIONS = 100_000
 """Number of right-hand sides and Jacobians after which no more steps are taken on the way to a
 speed: they alone take 1 s for a chain of 20 segments, half a minute for one of 100."""
@@ -102,20 +98,21 @@ def solved_anew(
     how: OrbitControl,
     iterations: int = OrbitControl.iterations,
     hopeless: float = math.inf,
+    sampled: bool = False,
 ) -> PeriodicOrbit:
     """The periodic orbit near states at a speed, on as coarse a mesh as resolves it.
 
-    The states [p, p'] are a function of phases, (k,), to (2 integrated, k). The last two arguments
-    are those of `solved`.
+    The states [p, p'] are a function of phases, (k,), to (2 integrated, k), which have the errors
+    of samples of a motion if `sampled`. `iterations` and `hopeless` are as for `solved`.
     """
-    for _ in range(MOST_MESHES):
-        guess = resolved_orbit(motion, states, frequency, u, symmetric, how.defect)
+    for _ in range(4):  # its own harmonics may be higher than those of the states
+        guess = resolved_orbit(motion, states, frequency, u, symmetric, how.defect, sampled)
         if len(guess.starts) > MOST_CYCLE_INTERVALS:
             raise NewtonFailed(f"more than {MOST_CYCLE_INTERVALS} mesh intervals are needed")
         orbit = solved(motion, guess, how.tolerance, iterations, hopeless)
         if orbit.defects().max() <= how.defect:
             break
-        states, frequency = orbit.states, orbit.frequency
+        states, frequency, sampled = orbit.states, orbit.frequency, False
     return orbit
 
 

@@ -27,7 +27,7 @@ from shutil import get_terminal_size
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar
 
-from pipedyn.util.extensions import extension
+from pipedyn.util.lapack import library
 
 if TYPE_CHECKING:
     from concurrent import futures
@@ -59,7 +59,7 @@ def _libraries() -> tuple[list[Limit], list[Limit]]:
     """BLAS libraries with a limit for the whole process, and those with one for each thread."""
     from threadpoolctl import ThreadpoolController
 
-    extension("linalg", "cython_blas")  # SciPy's own BLAS is found only after it is loaded
+    library("cython_blas")  # SciPy's own BLAS is found only after it is loaded
     every = ThreadpoolController().select(user_api="blas").lib_controllers
     own = [one for one in every if getattr(one, "threading_layer", "") == "openmp"]
     shared = [_limit_of(one) for one in every if one not in own]

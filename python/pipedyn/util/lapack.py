@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Extension modules of SciPy, loaded without the packages around them where that is possible.
+"""BLAS and LAPACK of SciPy, which the core calls at the addresses that SciPy publishes for Cython.
 
-The core calls BLAS and LAPACK at the addresses that SciPy publishes for Cython. Each of them takes
-5 ms to load; the package around them takes 120, because it imports most of numpy's and SciPy's own
-helpers. The k-d tree takes 100 ms, and its package 100 more.
+Both are extension modules in the folder of `scipy.linalg`. They take 5 ms to load; the package
+around them takes 120, because it imports most of numpy's and SciPy's own helpers.
 """
 
 import sys
@@ -19,11 +18,11 @@ import scipy
 
 
 @cache  # the addresses are good as long as the module is kept
-def extension(package: str, name: str) -> ModuleType:
-    """A module of a package of SciPy, without the package if nobody has imported that."""
-    whole = f"scipy.{package}.{name}"
-    if f"scipy.{package}" not in sys.modules:
-        spec = PathFinder.find_spec(whole, [str(Path(scipy.__file__).parent / package)])
+def library(name: str) -> ModuleType:
+    """SciPy's "cython_blas" or "cython_lapack", without the package if nobody has imported that."""
+    whole = f"scipy.linalg.{name}"
+    if "scipy.linalg" not in sys.modules:
+        spec = PathFinder.find_spec(whole, [str(Path(scipy.__file__).parent / "linalg")])
         if spec is not None and spec.loader is not None:
             module = module_from_spec(spec)
             with suppress(ImportError):  # where a module needs what its package prepares
