@@ -204,6 +204,34 @@ def test_cycles_of_stiff_models_are_found_from_samples_of_motions():
     assert len(cycle.orbit.starts) <= 80  # 113 with those forces
 
 
+def test_a_cycle_is_found_from_samples_where_drag_and_a_cubic_spring_stiffen_it():
+    """Some 26 samples a period, with high harmonics."""
+    terms = pp.CubicSpring(at=0.4344, stiffness=5410.0), pp.PointMass(at=0.4357, mass=0.4052)
+    pipe = pp.Pipe(0.9365, alpha=1.4775, drag=8.243, terms=terms, supports=(0.447,))
+    model = pp.Chain(pipe, 6)
+    cycle = pp.limit_cycle(model, 9.22, lambda s: 0.1 * s)
+    assert cycle.method == "collocation, simulation"
+    going = pp.simulate(model, 9.22, 40.0, lambda s: 0.1 * s)
+    late = going.tip[going.t > 35.0, 0]
+    assert cycle.amplitude == pytest.approx(0.5 * np.ptp(late), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        np.append(np.linspace(0.0, 25.0, 251), np.linspace(25.0, 30.0, 1001)[1:]),
+        np.append(0.0, np.linspace(25.0, 30.0, 501)),
+        30.0 * np.linspace(0.0, 1.0, 1500) ** 2,
+        np.sort(np.append([0.0, 30.0], np.random.default_rng(0).uniform(0.0, 30.0, 3000))),
+    ],
+)
+def test_a_motion_with_uneven_times_leads_to_its_cycle(times):
+    model = pp.Chain(pp.Pipe(0.2, damping=0.002), 4)
+    motion = pp.simulate(model, 6.5, 30.0, lambda s: 0.1 * s, times=times)
+    cycle = pp.limit_cycle(model, 6.5, motion)
+    assert (cycle.amplitude, cycle.frequency) == pytest.approx((0.4728700, 13.8658177), abs=1e-6)
+
+
 def test_a_tolerance_out_of_reach_is_not_claimed():
     """Between 400 soft stops, each of which the pipe meets on its way there and back."""
     stops = tuple(pp.Stop(1.0, gap, 1e-4) for gap in np.linspace(0.01, 0.99, 400))

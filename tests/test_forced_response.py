@@ -345,6 +345,22 @@ def test_a_branch_that_is_lost_says_where_and_why():
     assert motion.stable
 
 
+@pytest.mark.slow
+def test_a_bad_step_elsewhere_hides_no_motion():
+    """Between the folds of one step of another branch Newton's method fails."""
+    damper = pp.Damper(at=0.944190922777, coefficient=0.0462866150038)
+    pipe = pp.Pipe(
+        0.623138405042, drag=0.176526630138, terms=[damper], root=pp.RootSpring(25.916316265)
+    )
+    flow = pp.Pulsation(7.3270389068480775, 0.5433834963687468, 1.0)
+    found = pp.forced_response(pp.Chain(pipe, 8), flow, frequencies=(14.0065, 35.0163))
+    motion = found.at(32.554)[0]
+    start = {"q0": motion.q[0], "qdot0": motion.qdot[0], "rtol": 1e-10}
+    pulsating = pp.Pulsation(flow.mean, flow.amplitude, 32.554)
+    going = pp.simulate(pp.Chain(pipe, 8), pulsating, motion.period, **start, samples=3)
+    np.testing.assert_allclose(going.q[-1], motion.q[0], atol=1e-7)
+
+
 def test_where_no_motion_is_found_the_reason_and_what_to_change_are_told():
     """Without damping a motion from rest keeps all that it was given at the start."""
     rule = (
