@@ -311,8 +311,8 @@ def test_an_unstable_motion_of_a_strong_base_is_reached_from_those_of_weaker_one
     np.testing.assert_allclose(going.q, motion.q, atol=1e-8)
     # A fiftieth of the base moves the pipe as linear theory says, by as much less.
     assert sizes[0] == pytest.approx(0.1992, rel=0.01)
-    assert np.all(np.diff(sizes) > 0.0)
-    assert len(sizes) == 10
+    assert np.all(np.diff(sizes) > -1e-9)  # the same on finer meshes
+    assert sizes[-1] > 20.0 * sizes[0]
 
 
 def test_small_motions_that_a_fixed_end_bends_over_are_followed_past_their_folds():

@@ -417,8 +417,11 @@ def _first_motion(motion: ForcedField, u: float) -> PeriodicOrbit:
         for share in shares:
             weaker = copy(motion)  # which counts its evaluations as the motion's
             weaker.forcing = weaker.base = replace(whole, amplitude=share * whole.amplitude)
-            orbit = solved_anew(weaker, states, w, u, symmetric, FINE)
-            states = orbit.states
+            for _ in range(4):  # its own harmonics may be higher than those of the states
+                orbit = solved_anew(weaker, states, w, u, symmetric, FINE)
+                states = orbit.states
+                if orbit.defects().max() <= FINE.defect:
+                    break
         return orbit
 
     for shares in ([1.0], np.geomspace(0.02, 1.0, 10).tolist()):

@@ -105,15 +105,10 @@ def solved_anew(
     The states [p, p'] are a function of phases, (k,), to (2 integrated, k), which have the errors
     of samples of a motion if `sampled`. `iterations` and `hopeless` are as for `solved`.
     """
-    for _ in range(4):  # its own harmonics may be higher than those of the states
-        guess = resolved_orbit(motion, states, frequency, u, symmetric, how.defect, sampled)
-        if len(guess.starts) > MOST_CYCLE_INTERVALS:
-            raise NewtonFailed(f"more than {MOST_CYCLE_INTERVALS} mesh intervals are needed")
-        orbit = solved(motion, guess, how.tolerance, iterations, hopeless)
-        if orbit.defects().max() <= how.defect:
-            break
-        states, frequency, sampled = orbit.states, orbit.frequency, False
-    return orbit
+    guess = resolved_orbit(motion, states, frequency, u, symmetric, how.defect, sampled)
+    if len(guess.starts) > MOST_CYCLE_INTERVALS:
+        raise NewtonFailed(f"more than {MOST_CYCLE_INTERVALS} mesh intervals are needed")
+    return solved(motion, guess, how.tolerance, iterations, hopeless)
 
 
 # --------------------------------------------------------------------------------- beginnings
