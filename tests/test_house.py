@@ -18,8 +18,8 @@ LIMITS = {
     "modules in a folder": 16,
     "names with more than one meaning": 9,
     "docstrings that begin with a leaning word": 0,
-    "lines of Python": 21633,
-    "lines of C++": 14057,
+    "lines of Python": 21627,
+    "lines of C++": 14056,
 }
 
 ROOT = Path(__file__).parents[1]
