@@ -66,11 +66,12 @@ struct Exponential {
     right = held;
   }
 
-  /// Norm of A up to which the polynomial is the exponential of A (1 + e), |e| = norm^18 / 19!,
-  /// with |e| below rounding (theta_18 of its authors), and below 1e-12.
+  /// Norms of A up to which the polynomial is the exponential of A (1 + e) with e below rounding,
+  /// theta_18 of its authors, and with e below 1e-12: |e| = norm^18 / 19!.
   static constexpr double exact = 1.09, close = 1.9;
 
-  /// Replaces a by its exponential; by NaN if that overflows on the way.
+  /// Replaces a by its exponential; by NaN if that overflows on the way. It is halved until its
+  /// norm is at most largest_norm.
   void take(double largest_norm) {
     product(a, a, square);
     product(square, a, cube);

@@ -78,7 +78,7 @@ def solved_cycle(
         raise NewtonFailed(f"no cycle is solved for with more than {LARGEST_CYCLE} freedoms")
     states, frequency = last_period(stretch, farthest)
     motion, u = drive.field(model, stretch.recurrence[3]), drive.mean
-    orbit = solved_anew(motion, states, frequency, u, False, COARSE, *WHILE_NEAR, sampled=True)
+    orbit = solved_anew(motion, states, frequency, u, False, COARSE, *WHILE_NEAR, from_samples=True)
     if orbit.size < REST_EXTENT:
         raise NewtonFailed("the motion comes to rest")
     for within in (ROUGHLY, CLOSELY):

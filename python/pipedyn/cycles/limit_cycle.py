@@ -298,7 +298,7 @@ def _near(motion: VectorField, u: float, start: LimitCycle | Motion) -> tuple[Pe
     x, velocity = start.tip[:, 0], start.tip_velocity[:, 0]
     stretch = Stretch(start.t, y, x, velocity, 1e-6)
     states, frequency = last_period(stretch, LATE_RECURRENCE)
-    found = solved_anew(motion, states, frequency, u, False, COARSE, sampled=True)
+    found = solved_anew(motion, states, frequency, u, False, COARSE, from_samples=True)
     _, found = run_through_once(motion, found, ROUGHLY)
     return as_symmetric(motion, found), "from a motion"
 
@@ -419,9 +419,8 @@ def converged_cycle(
         NotConverged: if the tolerance is out of reach; `result` holds the cycle as far as it
             converged.
     """
-    finer = 1.0
-    for _ in range(MULTIPLIER_MESHES):
-        orbit, peak, error, reason = refined_until(motion, orbit, rtol, solved_to, finer)
+    for k in range(MULTIPLIER_MESHES):
+        orbit, peak, error, reason = refined_until(motion, orbit, rtol, solved_to, 0.01**k)
         try:
             result = cycle_on_mesh(motion, orbit, error, samples, how, peak=peak)
         except NewtonFailed as failure:
@@ -436,7 +435,7 @@ def converged_cycle(
         allowed = max(TRIVIAL, min(SHARE_OF_NEXT * apart, TRIVIAL / apart))
         if result.multiplier_error <= max(rtol, allowed):
             return result
-        finer, solved_to = 0.01 * finer, math.inf  # the multipliers need a finer mesh
+        solved_to = math.inf  # the multipliers need a finer mesh
     raise NotConverged(
         f"the cycle at u = {orbit.u:g} fails its check: its Floquet multipliers, one of which "
         f"should be 1, are known to {result.multiplier_error:.1e} only",
@@ -466,7 +465,7 @@ def refined_until(
         rtol: tolerance of amplitude and frequency.
         solved_to: tolerance with which the given orbit was solved for. If no less is asked for
             here, the orbit's own mesh may do, which one half as fine shows.
-        finer: factor of the largest defect allowed.
+        finer: factor of the largest defect that is allowed, below 1 for a finer mesh.
     """
     smooth, tolerance = not motion.model.pipe.has_kinks, min(1e-7, 1e-2 * rtol)
     # Largest defect with which the first answer mostly meets rtol, as the mesh follows kinks.

@@ -183,6 +183,7 @@ class ForcedBranch(TableResult):
         found = list[ForcedMotion]()
         with one_thread(self.motion.size):
             for step in self.steps:
+                # A step is taken to turn at most a tenth of its range beyond its cubic.
                 passed = [step.guess(s, -1) for s in np.linspace(0.0, step.length, 9).tolist()]
                 if abs(omega - 0.5 * (max(passed) + min(passed))) > 0.6 * np.ptp(passed):
                     continue

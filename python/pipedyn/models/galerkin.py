@@ -7,7 +7,7 @@ import bisect
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any, Literal, Self, get_args
 
@@ -48,6 +48,10 @@ it, functions move so little mass that rounding makes their eigenvalues arbitrar
 
 SUPPORT_TOLERANCE = 1e-6
 """Largest distance from supports of a state given in all coordinates: integrators' tolerances."""
+
+
+gauss_nodes = lru_cache(maxsize=32)(_core.gauss_nodes)
+"""Function from a number of nodes to nodes and weights of Gauss-Legendre quadrature on [0, 1]."""
 
 
 def panel_ends(pipe: Pipe) -> Array:
@@ -226,7 +230,7 @@ class Galerkin(Model):
 
     def _rule(self, count: int, end: float = 1.0) -> tuple[Array, Array]:
         """Nodes and weights of Gauss-Legendre quadrature up to an end, `count` on each panel."""
-        nodes, weights = _core.gauss_nodes(count)
+        nodes, weights = gauss_nodes(count)
         ends = np.minimum(self._ends, end)
         lengths = np.diff(ends)[:, None]
         return (ends[:-1, None] + lengths * nodes).ravel(), (lengths * weights).ravel()
@@ -406,7 +410,7 @@ class Galerkin(Model):
         The integrand takes the slopes of the functions, (points, m), to (points, k). The number of
         nodes is that needed for the pipe bent by the amplitudes.
         """
-        nodes, weights = _core.gauss_nodes(self._count_for(amplitudes[:, None]))
+        nodes, weights = gauss_nodes(self._count_for(amplitudes[:, None]))
         # In pieces, as a table of the functions at all nodes for all s may exceed the memory.
         pieces = math.ceil(at.size * nodes.size * self._size / 1e7)
         found = []

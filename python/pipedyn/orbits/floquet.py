@@ -47,12 +47,14 @@ cost about the same."""
 MAGNUS_PARTS = 36.0
 """Number of parts into which Magnus' series first divides half a period, for each cube root of the
 fastest mode's turns in it, to reach MULTIPLIER_TOLERANCE. Multipliers of chains of 20 to 60
-segments mostly err by up to 2e-8 then, and 3e-8 to 6e-8 is given. With fewer parts, whose length
-may be that of half a turn of a fast mode, they may err by six times what is given."""
+segments then mostly err by up to 2e-8, and the error that is given for them is 3e-8 to 6e-8. With
+fewer parts, whose length may be that of half a turn of a fast mode, they may err by six times the
+error that is given."""
 
 FEWER_PARTS = 0.125
-"""Share of these parts of a coarser series, whose difference shows the error. For ten models the
-error that is given is the same with a third of the parts, which takes a fifth longer."""
+"""Number of parts of a coarser series, relative to the first one. The difference of the multipliers
+of both shows the error. For ten models it shows the same error with a share of a third, which takes
+a fifth longer."""
 
 UNIT = 1e-6
 """Largest excess of multipliers over 1 on a stable cycle: the allowed error of the trivial one."""

@@ -135,6 +135,7 @@ def _maps_to(motion: VectorField, orbit: PeriodicOrbit, places: Array) -> tuple[
     Their shapes are (M, k, n, n) and (M, n, n).
     """
     h, half, n = orbit.durations[:, None, None, None], orbit.half, motion.size
+    # Derivatives of the accelerations at the stages by the state where the interval begins.
     rates = condensed(motion, orbit, of_states=True).by_rates.reshape(*orbit.rates.shape, n)
     places = np.append(places, 1.0)
     single, double = integrals(places, 1), integrals(places, 2)

@@ -98,14 +98,14 @@ def solved_anew(
     how: OrbitControl,
     iterations: int = OrbitControl.iterations,
     hopeless: float = math.inf,
-    sampled: bool = False,
+    from_samples: bool = False,
 ) -> PeriodicOrbit:
     """The periodic orbit near states at a speed, on as coarse a mesh as resolves it.
 
-    The states [p, p'] are a function of phases, (k,), to (2 integrated, k), which have the errors
-    of samples of a motion if `sampled`. `iterations` and `hopeless` are as for `solved`.
+    The states [p, p'] are a function of phases, (k,), to (2 integrated, k). `iterations` and
+    `hopeless` are as for `solved`, `from_samples` is as for `interpolated`.
     """
-    guess = resolved_orbit(motion, states, frequency, u, symmetric, how.defect, sampled)
+    guess = resolved_orbit(motion, states, frequency, u, symmetric, how.defect, from_samples)
     if len(guess.starts) > MOST_CYCLE_INTERVALS:
         raise NewtonFailed(f"more than {MOST_CYCLE_INTERVALS} mesh intervals are needed")
     return solved(motion, guess, how.tolerance, iterations, hopeless)

@@ -238,18 +238,19 @@ def interpolated(
     edges: Array,
     frequency: float,
     u: float,
-    sampled: bool = False,
+    from_samples: bool = False,
 ) -> PeriodicOrbit:
     """An orbit on a mesh through states [p, p'], a function of phases (k,) to (2 integrated, k).
 
     Its accelerations are derivatives of polynomials through the rates, since stiff forces multiply
     the errors of the states. If forces have kinks, which polynomials do not follow, accelerations
-    are those of the forces, unless the states are interpolated from samples of a motion.
+    are those of the forces, unless the states are interpolated between samples of a motion
+    (`from_samples`).
     """
     phases, starts = stage_phases(edges).ravel(), states(edges[:-1]).T.copy()
     shape = edges.size - 1, ORBIT_STAGES, motion.half
     at = states(phases)
-    if motion.model.pipe.has_kinks and not sampled:
+    if motion.model.pipe.has_kinks and not from_samples:
         rates = motion.along(phases, frequency)(at, u)[motion.half :].T.reshape(shape)
     else:
         speeds = at[motion.half :].T.reshape(shape) - starts[:, None, motion.half :]
@@ -264,15 +265,15 @@ def resolved_orbit(
     u: float,
     symmetric: bool,
     tolerance: float,
-    sampled: bool = False,
+    from_samples: bool = False,
 ) -> PeriodicOrbit:
     """An orbit through states, on the coarsest mesh whose defects meet a tolerance.
 
-    sampled: as for `interpolated`.
+    from_samples: as for `interpolated`.
     """
     edges = coarsest_mesh(symmetric)
     for _ in range(13):  # intervals are 4,000 times shorter at last
-        orbit = interpolated(motion, states, edges, frequency, u, sampled)
+        orbit = interpolated(motion, states, edges, frequency, u, from_samples)
         coarse = orbit.defects() > tolerance
         if not coarse.any():
             break
