@@ -4,6 +4,7 @@
 import importlib.util
 import inspect
 import re
+import sys
 from pathlib import Path
 
 from docutils import nodes
@@ -11,6 +12,9 @@ from sphinx.util import logging
 
 import pipedyn
 from pipedyn.util.result import Result
+
+sys.path.insert(0, str(Path(__file__).parent))
+import formulas
 
 project = "pipedyn"
 author = "The pipedyn developers"
@@ -126,16 +130,6 @@ def with_inherited(app, what, name, obj, options, lines):
         lines[within] = [*heading, *entries, ""]
 
 
-def marked(line):
-    """A line of a docstring in reStructuredText: `code` becomes a literal, bars are magnitudes."""
-    if line.lstrip().startswith((">>>", "...")):
-        return line
-    parts = re.split(r"`+([^`]+)`+", line)
-    parts[::2] = [part.replace("|", "\\|").replace("*", "\\*") for part in parts[::2]]
-    parts[1::2] = [f"``{part}``" for part in parts[1::2]]
-    return "".join(parts)
-
-
 def rejoined(what, lines):
     """Napoleon takes what stands before a colon for a type: prose is put together again."""
     for i, line in enumerate(lines):
@@ -155,15 +149,14 @@ def plain_words(app, what, name, obj, options, lines):
     """Docstrings are plain text: what is indented before the lists is a formula or code."""
     rejoined(what, lines)
     text = next((i for i, line in enumerate(lines) if line.startswith((":", ".."))), len(lines))
-    found, block = [], False
-    for i, line in enumerate(lines):
-        if line.startswith(" ") and 0 < i < text and not lines[i - 1].strip() and not block:
-            found += [".. code-block:: text", ""]
-            block = True
-        elif line.strip() and not line.startswith(" "):
-            block = False
-        found.append(line if block else marked(line))
-    lines[:] = found
+    found = []
+    for paragraph in "\n".join(lines[:text]).split("\n\n"):
+        if paragraph.startswith(" "):
+            tex = formulas.alone(paragraph)
+            found += [".. math::", f"   {tex}"] if tex else [".. code-block:: text", paragraph]
+        else:
+            found.append(formulas.marked(paragraph))
+    lines[:] = "\n\n".join([*found, formulas.marked("\n".join(lines[text:]))]).split("\n")
 
 
 def setup(app):

@@ -51,11 +51,11 @@ ANGLES: dict[str, Any] = {"low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
 class Operators(Result):
     """Linear operators about a configuration at rest, each of shape (dof, dof).
 
-    M q'' + C q' + K q = 0 with C = s u (gyroscopic + end_flux) + damping and
-    K = stiffness + a u^2 flux + s u' unsteady. With hysteresis, motions q ~ exp(lambda tau) with
-    Im lambda > 0 have K + i loss. The matrix gyroscopic is skew and end_flux is symmetric, of rank
-    one (two about a bent pipe). Both and unsteady contain the factor sqrt(beta), and end_flux also
-    `inflow_share`.
+    M q'' + C q' + K q = 0 with C = s * u * (gyroscopic + end_flux) + damping and
+    K = stiffness + a * u^2 * flux + s * u' * unsteady. With hysteresis, motions
+    q ~ exp(lambda tau) with Im lambda > 0 have K + i * loss. The matrix gyroscopic is
+    skew and end_flux is symmetric, of rank one (two about a bent pipe). Both and unsteady contain
+    the factor sqrt(beta), and end_flux also `inflow_share`.
 
     Attributes:
         mass: M, symmetric and positive definite.

@@ -191,7 +191,7 @@ class Supply:
 
     The fluid in the pipe obeys Newton's law along the pipe, with s = 1 ejecting and -1 aspirating,
 
-        sqrt(beta) u' + s beta int t . r'' ds = head + s weight y(1) - friction u^2 / 2,
+        sqrt(beta) u' + s beta int t . r'' ds = head + s * weight * y(1) - friction * u^2 / 2,
 
     with the tangent t and the acceleration r'' of the pipe. So the pipe's motion slows the flow or
     speeds it up, and u' acts on the pipe. Small motions of a straight pipe do not change the flow
