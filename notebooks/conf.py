@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 
 from docutils import nodes
+from sphinx import addnodes
+from sphinx.transforms.post_transforms import SphinxPostTransform
 from sphinx.util import logging
 
 import pipedyn
@@ -159,9 +161,30 @@ def plain_words(app, what, name, obj, options, lines):
     lines[:] = "\n\n".join([*found, formulas.marked("\n".join(lines[text:]))]).split("\n")
 
 
+class Links(SphinxPostTransform):
+    """Names of the package in the text, such as `critical_speed` or `plot.boundary`, as links."""
+
+    default_priority = 5  # before references are resolved
+
+    def run(self):
+        """Puts each such literal into a reference; one that leads nowhere stays as it is."""
+        public = {*pipedyn.__all__}
+        for node in [*self.document.findall(nodes.literal)]:
+            name = re.sub(r"\(.*\)$", "", node.astext()).removeprefix("pp.")
+            known = name.split(".")[0] in public and not isinstance(node.parent, nodes.reference)
+            if known and not isinstance(node.parent, addnodes.pending_xref):
+                link = addnodes.pending_xref(
+                    "", refdomain="py", reftype="obj", reftarget=f"pipedyn.{name}", refwarn=False
+                )
+                link["refexplicit"] = False
+                node.replace_self(link)
+                link += node
+
+
 def setup(app):
     """Registers the above."""
     app.add_role("source", source)
+    app.add_post_transform(Links)
     app.connect("autodoc-process-docstring", with_inherited, priority=400)  # before napoleon
     app.connect("autodoc-process-docstring", plain_words)
     app.connect("autodoc-process-signature", called)
