@@ -42,10 +42,14 @@ nb_merge_streams = True
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the text says what each argument is
-SHARED = "Result, Saved, TableResult, ResultSequence, Sequence, BaseException"
-# Bases whose members stand once, on the page of results, or belong to Python.
+SHARED = "Result, Saved, TableResult, ResultSequence, Sequence, BaseException, Term"
+# Bases whose members stand once, or belong to Python.
 
-autodoc_default_options = {"members": True, "inherited-members": SHARED}
+autodoc_default_options = {
+    "members": True,
+    "inherited-members": SHARED,
+    "exclude-members": "law, acts_at_end, needs_held_end",
+}
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_attr_annotations = False

@@ -14,7 +14,7 @@ UNIT = r"(?:kg|rad|m|s|N)"
 SUPERSCRIPTS = str.maketrans("2345", "²³⁴⁵")
 MARKUP = r"""(?::\w+(?: [^:\n]*)?:|\.\. .*|[-*] (?=["`*\w]["`*A-Za-z])|>>>.*(?:\n[ ]*\S.*)*)"""
 TOKEN = re.compile(
-    rf"""(?P<verbatim>^[ ]*{MARKUP}|`+[^`]+`+|"[^"\n]*"|'\w+'|\b(?:e\.g|i\.e|sec|vol|J)\.)"""
+    rf"""(?P<verbatim>^[ ]*{MARKUP}|`+[^`]+`+|"[^"\n]*"|(?<!\w)'\w+'|\b(?:e\.g|i\.e|sec|vol|J)\.)"""
     r"|(?P<number>\d+(?:\.\d+)?(?:e-?\d+)?\b|\.\.\.?(?= \+))"
     r"|(?P<word>[A-Za-z]+(?:_\{[^}]*\}|_[A-Za-z0-9]+)*'*(?!\w))"
     r"|(?P<operator>(?:>=|<=|->|[-+*/=<>~.])(?=\s)|[-/^])"
