@@ -185,11 +185,11 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
 
     The equations of a reduced model with few functions have solutions that the pipe does not have.
     So each equilibrium of a reduced model is searched for in two larger bases, each with 1.5 times
-    as many functions as the one before and at least four more. Newton's method starts there from the
-    equilibrium. The equilibrium is kept if each step is at most half of the one before, and if the
-    limit has the same stability, is nearer to it than to any other equilibrium found, and is within
-    half a radian of it (root mean square along the pipe). Shapes that every basis has, such as the
-    straight one, are kept whatever their stability.
+    as many functions as the one before and at least four more. Newton's method starts there from
+    the equilibrium. The equilibrium is kept if each step is at most half of the one before, and if
+    the limit has the same stability, is nearer to it than to any other equilibrium found, and is
+    within half a radian of it (root mean square along the pipe). Shapes that every basis has, such
+    as the straight one, are kept whatever their stability.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
