@@ -8,7 +8,7 @@ GREEK = (
     *("rho", "sigma", "tau", "phi", "chi", "psi", "omega"),
 )
 FUNCTIONS = ("sqrt", "exp", "sin", "cos", "O", "log", "Re", "Im")  # the last three without brackets
-TEX = {">=": r"\ge", "<=": r"\le", "->": r"\to", "~": r"\sim", "*": r"\,", ".": r"\cdot"}
+TEX = {">=": r"\ge", "<=": r"\le", "->": r"\to", "~": r"\sim", "*": r"\cdot", ".": r"\cdot"}
 TEX |= {"..": r"\ldots", "...": r"\ldots"}
 UNIT = r"(?:kg|rad|m|s|N)"
 SUPERSCRIPTS = str.maketrans("2345", "²³⁴⁵")

@@ -21,7 +21,7 @@ spec.loader.exec_module(formulas)
     ("text", "tex"),
     [
         ("L^2 sqrt((mu_p + mu_f) / EI)", r"L^{2}\, \sqrt{(\mu_{p} + \mu_{f}) / EI}"),
-        ("-stiffness * x^3", r"- \mathit{stiffness} \, x^{3}"),
+        ("-stiffness * x^3", r"- \mathit{stiffness} \cdot x^{3}"),
         ("0 < at <= 1", r"0 < \mathit{at} \le 1"),
         ("EI (1 + delta d/dtau)", r"EI\, (1 + \delta\, d / d\tau)"),
         ("1 + |gamma| + a u^2", r"1 + \lvert \gamma \rvert + a\, u^{2}"),
@@ -61,7 +61,7 @@ def test_powers_of_units_are_set_as_such():
 
 def test_a_formula_may_run_over_two_lines():
     assert formulas.marked("energy chi\n* v_n^2 / 2 here") == (
-        r"energy :math:`\chi \, v_{n}^{2} / 2` here"
+        r"energy :math:`\chi \cdot v_{n}^{2} / 2` here"
     )
 
 

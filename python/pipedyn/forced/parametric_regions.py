@@ -58,8 +58,8 @@ class ParametricRegion(
             is NaN below the threshold, where the region is thinner than 1e-6 of its frequency,
             where it lies far outside the range of frequencies, and where it was not found beside a
             region of another kind that meets this one. If regions of one kind overlap, each has the
-            edges of their union; a region that lies within others is not listed. Regions of
-            different kinds may lie within each other.
+            edges of their union; a region that is nowhere separate from others is not listed by
+            itself. Regions of different kinds may lie within each other.
         threshold: least amplitude of the region; 0 for modes without damping, NaN if an edge leaves
             the range of frequencies first.
         threshold_frequency: frequency at the threshold.
@@ -133,9 +133,8 @@ def parametric_regions(
         The regions that touch the range at one of the amplitudes, or whose threshold lies in it, by
         rising frequency, indexed as a tuple, and a table. Edges are roots of Hill's determinant, to
         a relative accuracy of 1e-7, and may lie outside the range. Instabilities of a damped pipe
-            in which motions grow by less than 1e-5 a period are left out, as are regions thinner
-            than 1e-6 of their frequency and combinations of modes with frequencies beyond high + 4
-            low.
+        in which motions grow by less than 1e-5 a period are left out, as are regions thinner than
+        1e-6 of their frequency and combinations of modes with frequencies beyond high + 4 low.
 
     Example:
         >>> pipe = pp.Pipe(0.2, 10.0)
