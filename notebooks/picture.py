@@ -23,7 +23,10 @@ plot.snapshots(motion, units="si", ax=axes[0])
 plot.root_loci(loci, ax=axes[1])
 plot.colour_bar("flow speed $u$", ax=axes[1])
 plot.boundary(pp.boundary(pp.Continuum(pp.Pipe(0.2)), "beta", "u", window), ax=axes[2])
+for legend in [*figure.legends, axes[2].get_legend()]:
+    if legend is not None:
+        legend.remove()
 axes[0].set_title(f"A hose at {hose.speed_si(motion.u):.1f} m/s")
 axes[1].set_title("Its eigenvalues")
-axes[2].set_title("Which pipes are stable")
+axes[2].set_title("Stable pipes (green)")
 figure.savefig(Path(__file__).with_name("picture.png"), dpi=120)
