@@ -170,7 +170,8 @@ class Reader:
             words = (self.at(i - 2)[1], text) == ("a", "lambda") or (
                 text == "a" and self.at(i + 2)[1] != "u"
             )
-            if tex and not words and (sure or self.is_symbolic(i, end)):
+            ends = self.at(end)[1][:1] in ("", *" \n'\")]>-/:.,;!?|")  # as the markup wants
+            if tex and ends and not words and (sure or self.is_symbolic(i, end)):
                 yield tex, "formula"
                 i = end
             else:

@@ -46,7 +46,7 @@ def test_a_formula_of_a_docstring_is_set_as_mathematics(text, tex):
         "a pipe in 3 m of water, at 2 m/s and 10 s later; see e.g. Paidoussis, vol. 1, sec. 5.8",
         "the function may be a lambda, and it and/or its pipe's length do not change",
         "shape (count,) with max_speed and inflow_share = 1 given",
-        'names such as "beta" and "gamma", with u=0 and count=4',
+        'names such as "beta" and "gamma", with u=0 and count=4 (beta=0.2)',
         ">>> pp.Pipe(beta=0.2, gamma=10.0)\nPipe(beta=0.2, gamma=10)",
         "eqs. (1)-(9) of the paper - and no others",
     ],
