@@ -96,6 +96,12 @@ def test_the_table_of_questions_names_public_functions_and_pages_of_the_book():
         assert (ROOT / re.fullmatch(r"\[.+\]\((.*)\)", page)[1]).is_file()
 
 
+def words_of(page):
+    """Words of a page's entries in the index."""
+    found = re.findall(r"(?:```\{index\}|\.\. index::) (.*)", page.read_text(encoding="utf-8"))
+    return [word for entry in found for word in entry.split(", ")]
+
+
 @pytest.mark.parametrize(
     ("word", "page"),
     [
@@ -114,16 +120,10 @@ def test_the_table_of_questions_names_public_functions_and_pages_of_the_book():
     ],
 )
 def test_a_word_of_the_field_leads_to_its_page(word, page):
-    text = (BOOK / "reference" / f"{page}.md").read_text(encoding="utf-8")
-    entries = ", ".join(re.findall(r"```\{index\} (.*)", text)).split(", ")
-    assert word in entries
+    assert word in words_of(BOOK / "reference" / f"{page}.md")
 
 
 def test_a_word_of_the_index_leads_to_one_page_of_the_reference():
-    every = []
-    for page in (BOOK / "reference").glob("*.md"):
-        text = page.read_text(encoding="utf-8")
-        every += ", ".join(re.findall(r"```\{index\} (.*)", text)).split(", ")
-    every = [word for word in every if word]
+    every = [word for page in (BOOK / "reference").glob("*.md") for word in words_of(page)]
     assert len(every) > 100
     assert sorted(every) == sorted({*every})
