@@ -4,13 +4,19 @@
 import importlib.util
 import inspect
 import re
+import sys
 from pathlib import Path
 
 from docutils import nodes
+from sphinx import addnodes
+from sphinx.transforms.post_transforms import SphinxPostTransform
 from sphinx.util import logging
 
 import pipedyn
 from pipedyn.util.result import Result
+
+sys.path.insert(0, str(Path(__file__).parent))
+import formulas
 
 project = "pipedyn"
 author = "The pipedyn developers"
@@ -36,10 +42,14 @@ nb_merge_streams = True
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the text says what each argument is
-SHARED = "Result, Saved, TableResult, ResultSequence, Sequence, BaseException"
-# Bases whose members stand once, on the page of results, or belong to Python.
+SHARED = "Result, Saved, TableResult, ResultSequence, Sequence, BaseException, Term"
+# Bases whose members stand once, or belong to Python.
 
-autodoc_default_options = {"members": True, "inherited-members": SHARED}
+autodoc_default_options = {
+    "members": True,
+    "inherited-members": SHARED,
+    "exclude-members": "law, acts_at_end, needs_held_end",
+}
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_attr_annotations = False
@@ -126,16 +136,6 @@ def with_inherited(app, what, name, obj, options, lines):
         lines[within] = [*heading, *entries, ""]
 
 
-def marked(line):
-    """A line of a docstring in reStructuredText: `code` becomes a literal, bars are magnitudes."""
-    if line.lstrip().startswith((">>>", "...")):
-        return line
-    parts = re.split(r"`+([^`]+)`+", line)
-    parts[::2] = [part.replace("|", "\\|").replace("*", "\\*") for part in parts[::2]]
-    parts[1::2] = [f"``{part}``" for part in parts[1::2]]
-    return "".join(parts)
-
-
 def rejoined(what, lines):
     """Napoleon takes what stands before a colon for a type: prose is put together again."""
     for i, line in enumerate(lines):
@@ -155,20 +155,40 @@ def plain_words(app, what, name, obj, options, lines):
     """Docstrings are plain text: what is indented before the lists is a formula or code."""
     rejoined(what, lines)
     text = next((i for i, line in enumerate(lines) if line.startswith((":", ".."))), len(lines))
-    found, block = [], False
-    for i, line in enumerate(lines):
-        if line.startswith(" ") and 0 < i < text and not lines[i - 1].strip() and not block:
-            found += [".. code-block:: text", ""]
-            block = True
-        elif line.strip() and not line.startswith(" "):
-            block = False
-        found.append(line if block else marked(line))
-    lines[:] = found
+    found = []
+    for paragraph in "\n".join(lines[:text]).split("\n\n"):
+        if paragraph.startswith(" "):
+            tex = formulas.alone(paragraph)
+            found += [".. math::", f"   {tex}"] if tex else [".. code-block:: text", paragraph]
+        else:
+            found.append(formulas.marked(paragraph))
+    lines[:] = "\n\n".join([*found, formulas.marked("\n".join(lines[text:]))]).split("\n")
+
+
+class Links(SphinxPostTransform):
+    """Names of the package in the text, such as `critical_speed` or `plot.boundary`, as links."""
+
+    default_priority = 5  # before references are resolved
+
+    def run(self):
+        """Puts each such literal into a reference; one that leads nowhere stays as it is."""
+        public = {*pipedyn.__all__}
+        for node in [*self.document.findall(nodes.literal)]:
+            name = re.sub(r"\(.*\)$", "", node.astext()).removeprefix("pp.")
+            known = name.split(".")[0] in public and not isinstance(node.parent, nodes.reference)
+            if known and not isinstance(node.parent, addnodes.pending_xref):
+                link = addnodes.pending_xref(
+                    "", refdomain="py", reftype="obj", reftarget=f"pipedyn.{name}", refwarn=False
+                )
+                link["refexplicit"] = False
+                node.replace_self(link)
+                link += node
 
 
 def setup(app):
     """Registers the above."""
     app.add_role("source", source)
+    app.add_post_transform(Links)
     app.connect("autodoc-process-docstring", with_inherited, priority=400)  # before napoleon
     app.connect("autodoc-process-docstring", plain_words)
     app.connect("autodoc-process-signature", called)

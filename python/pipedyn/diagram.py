@@ -85,11 +85,11 @@ class BifurcationDiagram(TableResult):
             mirror images included.
         cycles: branches of cycles within these speeds, those from onsets of flutter first, each
             followed by the branches that leave it; only one of two mirror images.
-        motions: ends of motions from a batch of starts; empty if they were not asked for. An
-            attractor with the start -1 was reached by none of these motions, but by one that began
-            beside a cycle at a neighbouring speed.
+        motions: ends of motions from a batch of starts; empty if they were not asked for. Only a
+            motion that began beside a cycle at a neighbouring speed reached an attractor with the
+            start -1.
         failures: points that failed, with the errors, by speed; `value` is the flow speed and
-            `index` its place among `speeds`, -1 where a branch failed at none of these.
+            `index` its place among `speeds`, -1 if a branch failed between them.
         model: the model.
 
     Example:
@@ -146,10 +146,10 @@ def bifurcation_diagram(
 ) -> BifurcationDiagram:
     """Equilibria and cycles over a range of flow speeds and, on request, ends of motions.
 
-    Equilibria are followed by arc length, past folds, and so are the cycles from each onset of
-    flutter of straight and bent pipes, up to 1.5 times the highest speed given. Cycles are followed
-    up to a quarter beyond both the speeds and the onset, since they may come back. Cycles that
-    leave these at pitchforks and period doublings within the speeds are followed as well, for two
+    Equilibria and the cycles from each onset of flutter of straight and bent pipes, up to 1.5 times
+    the highest speed given, are followed by arc length, past folds. Cycles are followed up to a
+    quarter beyond both the speeds and the onset, because they may come back. Cycles that leave
+    these at pitchforks and period doublings within the speeds are followed as well, for two
     generations, if the branch that they leave spans a twentieth of the range of speeds, or the
     least gap between speeds if that is smaller; no cycles leave at a torus. Motions are integrated
     at the speeds given. If a motion ends on a cycle to which no onset leads, that cycle is followed
@@ -163,18 +163,18 @@ def bifurcation_diagram(
             than 100 degrees of freedom have to be given 0.
         brute_force: number of initial states for each speed; 0 for none.
         transient: time in T that is left out before motions are recorded. A motion that has reached
-            a known equilibrium or cycle ends earlier; those to which another motion has led are
-            known as well, see `attractors`. Irregular motions at one speed whose turning points are
-            spread alike go on as one after 0.4 of this time, as long as that stays irregular.
-        duration: time in T over which motions are then recorded; a motion that comes nearer to
-            something is followed for up to eight times the sum of both times.
+            a known equilibrium or cycle ends earlier, see `attractors`. After 0.4 of this time,
+            irregular motions at one speed whose turning points are spread alike continue as one
+            motion, as long as it stays irregular.
+        duration: time in T over which motions are then recorded; a motion that still comes nearer
+            to a solution is followed for up to eight times the sum of both times.
         exponents: whether the largest Lyapunov exponent of irregular motions is computed, which
             tells chaos from quasi-periodic motion; without it they are "irregular".
         rtol: relative tolerance of cycles at the speeds given, and of the steps of motions,
             relative to the motion's size.
         seed: seed of the initial states; the first state is always a slight bend.
         executor: a `concurrent.futures.Executor`; its tasks are branches of cycles and batches of
-            motions. Tasks fail if it does not return them, since a worker died or it is broken or
+            motions. Tasks fail if it does not return them, because a worker died or it is broken or
             shut down.
         progress: show progress on stderr, after a forecast of the time, from the first steps along
             the branches of cycles and some of the motions. For chains of two to four segments and

@@ -241,8 +241,8 @@ def trade(
         {8, 4}
 
     Raises:
-        NoCrossing, NoCycle, NotConverged: if the continuous pipe has no answer, or if no answer
-            that the next larger model confirms is found in half a minute.
+        NoCrossing, NoCycle, NotConverged: if the continuous pipe has no answer, or if no two models
+            confirm an answer within half a minute.
         ValueError, TypeError: for bad arguments.
     """
     pipe = checked_pipe(pipe)
@@ -475,9 +475,9 @@ def choose(
     The error is measured, for this pipe and this question, against an answer of the continuous pipe
     whose own error is at most a tenth of the tolerance, if possible. If no rtol is given, a motion
     is integrated with a hundredth of the tolerance, and a cycle with a tenth. Families are measured
-    one after the other; a further family is measured only as long as it may be 30 % cheaper than
-    the best so far, since repeated times of one answer differ by as much.
-    tests/benchmark_choose.py measures the cost of a search in answers of the model chosen.
+    one after the other; a further family is measured only if it may be 30 % cheaper than the best
+    so far, because repeated times of one answer differ by as much. tests/benchmark_choose.py
+    measures the cost of a search in answers of the model chosen.
 
     Args:
         pipe: the pipe.

@@ -22,14 +22,14 @@ class Attractor(Result, units={"turnings": LENGTH, "period": None}):
 
     Attributes:
         speed: u.
-        start: number of the start of the motion, counted from 0. It is -1 for an attractor of a
-            bifurcation diagram that no motion from the starts reached, but a motion that began
-            beside a cycle at a neighbouring speed.
+        start: number of the start of the motion, counted from 0. It is -1 in a bifurcation diagram
+            if only a motion that began beside a cycle at a neighbouring speed reached the
+            attractor.
         ending: "rest"; "periodic" for a motion that reaches a cycle; "quasi-periodic" where the
             largest Lyapunov exponent is not above 0 beyond its spread and averages over the record
             converge as they do only on a torus; "chaotic" where the exponent is above 0 by more
             than three times its spread; "irregular" where exponents are not asked for; "unsettled"
-            where none of these was shown, for the `reason`; or "failed".
+            where none of these was shown, see `reason`; or "failed".
         period: number of maxima of the tip's transverse position in a period; 0 unless "periodic".
         turnings: transverse positions of the tip where its velocity changes sign, in order, over
             four periods of a cycle or over the recorded time of other motions, shape (K,); at rest

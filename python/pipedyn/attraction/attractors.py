@@ -85,11 +85,11 @@ class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
         attractor: the attractor, with the end of one of these motions; its exponent is measured if
             it is irregular.
         share: share of the starts that end on it.
-        attracts: whether motions nearby come to it, as eigenvalues or Floquet multipliers say.
-            Where these are not known, as for more than 100 degrees of freedom and for driven pipes
-            at rest, motions from beside it in sixteen directions drawn at random are tested. If
-            False, the starts lie on the set that an unstable equilibrium or cycle attracts, as the
-            straight pipe at rest does. For irregular motions it is not known: False.
+        attracts: whether nearby motions come to it, by eigenvalues or Floquet multipliers. If these
+            are not known (more than 100 degrees of freedom, or a driven pipe at rest), motions that
+            start near it in sixteen random directions are tested. If False, the starts lie on the
+            stable set of an unstable equilibrium or cycle, such as the straight pipe at rest. It is
+            False for irregular motions, for which it is not known.
         period: in T; 0 at rest, NaN where irregular.
         amplitude: half the peak-to-peak transverse motion of the free end, in L.
         exponent: largest Lyapunov exponent in 1 / T: at rest the largest real part of an
@@ -185,7 +185,7 @@ class StartFailure(Result):
 
 @saved_as("Attractors", added=("unsettled_motions",))
 class Attractors(TableResult, units={"exponent": RATE}):
-    """All that motions from many starts end on, at one flow speed.
+    """Attractors of the motions from many starts, at one flow speed.
 
     Attributes:
         u: flow speed, as given.
@@ -246,20 +246,20 @@ def attractors(
     executor: futures.Executor | None = None,
     progress: bool = False,
 ) -> Attractors:
-    """All attractors that motions from many starts end on, with the share of starts of each.
+    """The attractors of motions from many starts, with the share of starts of each.
 
-    A motion ends as soon as it has reached a known attractor: it is near, and comes nearer as
-    linear theory says. Stable equilibria are known from the beginning; attractors to which motions
-    lead are known from then on: a cycle is solved for where a motion comes back to an earlier
-    state, and attracts if its Floquet multipliers say so. A motion that neither rests nor repeats
-    after the transient is followed on as long as it comes nearer to something. Otherwise it is
-    "chaotic" if its largest Lyapunov exponent is above 0 by more than three times its spread, and
-    "quasi-periodic" if that is not so and averages over its record converge as they do only on a
-    torus. If neither can be shown, it is unsettled, with the reason. A motion and its mirror image,
-    x to -x, end on two attractors, unless these are the same.
+    A motion ends as soon as it has reached a known attractor: it is near, and comes nearer as in
+    linear theory. Stable equilibria are known from the beginning. If a motion returns to an earlier
+    state, a cycle is searched for there, and known from then on if its multipliers are stable. A
+    motion that neither rests nor repeats after the transient is followed as long as it comes
+    nearer to a known solution. Otherwise it is "chaotic" if its largest Lyapunov exponent is above
+    0 by more than three times its spread, and "quasi-periodic" if it is not and averages over its
+    record converge as they do only on a torus. If neither can be shown, it is unsettled, with the
+    reason. A motion and its mirror image, x to -x, end on two attractors, unless these are the
+    same.
 
-    Where the flow pulsates or the base oscillates, motions begin together with a period of the
-    drive, and states are compared at the same phase of the drive.
+    If the flow pulsates or the base oscillates, motions begin with a period of the drive, and
+    states are compared at the same phase.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom. Its free end must move.
@@ -270,16 +270,16 @@ def attractors(
             q'], shape (N, 2 coordinates), or coordinates at rest, (N, coordinates); or a
             `StartPlane`.
         base: motion of the base, with the frequency of a pulsating flow; None if it is at rest.
-        transient: time in T after which a motion that has reached nothing known is recorded.
-        duration: time in T over which it is recorded; a motion that comes nearer to something is
-            followed for up to eight times the sum of both times.
+        transient: time in T after which a motion that has not ended is recorded.
+        duration: time in T over which it is recorded; a motion that still comes nearer to a
+            solution is followed for up to eight times the sum of both times.
         exponents: whether the largest Lyapunov exponent of irregular motions is computed. Without
             it they are "irregular".
         rtol: relative tolerance of the motions.
         seed: seed of the random starts, and of the choice of the first batch.
         executor: a `concurrent.futures.Executor` that computes batches as tasks, instead of the
-            threads of this process. Motions fail if it does not return their batch, since a worker
-            died or it is broken or shut down.
+            threads of this process. Motions fail if it does not return their batch, because a
+            worker died or it is broken or shut down.
         progress: show progress on stderr.
 
     Returns:

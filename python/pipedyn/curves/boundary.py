@@ -133,7 +133,7 @@ class Boundary(InPlane):
         ranges: ranges of x and y, ((low, high), (low, high)).
         curves: the curves; curves of flutter come first.
         points: organising points on curves; points at which no other roots are unstable come first.
-        u: flow speed where it is neither x nor y; None where it is one of them.
+        u: flow speed if it is neither x nor y, else None.
         model: the model.
         size: degrees of freedom of the model that was solved.
         failures: sentences that say which curves were not followed to their ends, and which counts
@@ -197,11 +197,10 @@ def boundary(
     Curves of flutter and divergence are found where they meet the window's edges and lines across
     it, and are followed past folds. Numbers of unstable roots are compared between the ends of
     curves round the window's edges, so that `failures` tells of a lost curve that meets them. A
-    closed curve of flutter may meet no line: where a pair comes near to the axis on a line and
-    turns back, its real part is followed uphill from there until the pair passes the axis or comes
-    no nearer. A closed curve is missed if it is so small that it lies between all lines and no
-    uphill path leads to it; no search by samples can exclude that. Look in a smaller window where
-    such a curve is expected.
+    closed curve of flutter may meet no line. So if a pair comes near to the axis on a line and
+    turns back, its real part is followed uphill until the pair passes the axis or comes no nearer.
+    A closed curve is missed if it lies between all lines and no uphill path leads to it; no search
+    by samples can exclude that. If you expect such a curve, use a smaller window.
 
     Args:
         model: chain, reduced model, scene of up to 500 degrees of freedom, or `Continuum`, whose

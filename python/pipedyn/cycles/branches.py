@@ -161,9 +161,8 @@ class CycleBranch(TableResult):
             `limit_cycle` or are listed as failures, those between some 1e-5.
         mirrored: whether the mirror images of its cycles are other cycles; they are not listed.
         origin: beginning of the branch: "hopf" (at an equilibrium), "pitchfork" or "period
-            doubling" (of a branch of cycles), or "motion": a motion ended on one of its cycles,
-            from which it was followed both ways, and it is listed from its end on the side of lower
-            speeds.
+            doubling" (of a branch of cycles), or "motion" (a motion ended on one of its cycles, and
+            the branch was followed both ways from it; it is listed from the end at lower speeds).
         onset: flow speed at which it begins, NaN if that is unknown.
     """
 

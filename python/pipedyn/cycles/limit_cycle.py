@@ -205,8 +205,8 @@ def limit_cycle(
             followed to u, the nearest onset first; if that leads nowhere and rest is unstable, a
             simulation starts from a slight bend; and for pipes with drag that are unstable without
             an onset, the search starts from the cycle of a damped pipe, whose damping is then left
-            out. A cycle found so may be unstable, as `stable` says: then a `Motion` or a state
-            leads to the attractor of motions.
+            out. Such a cycle may be unstable (see `stable`); then a `Motion` or a state leads to
+            the attractor.
         rtol: relative tolerance of amplitude and frequency, in [1e-10, 1e-2].
         samples: number of states that are given, from the start of the period to its end.
 

@@ -111,7 +111,7 @@ class Equilibria(TableResult, units={"growth": RATE}):
         tips: position (x, y) of the free end in L, shape (k, 2).
         residuals: largest force left, in units of 1 + |gamma| + a u^2, shape (k,).
         resolved: whether two larger bases of the reduced model have the equilibrium too, by the
-            test that `equilibria` describes, shape (k,); where not, it is an artefact of the
+            test that `equilibria` describes, shape (k,); if not, it is an artefact of the
             discretisation. Always True for chains and scenes.
         valid: whether the laws of all terms hold at the equilibrium's angles, shape (k,): the law
             of `Stretching` holds up to a quarter turn. `resolved` and `valid` are None in files of
@@ -168,28 +168,28 @@ class Equilibria(TableResult, units={"growth": RATE}):
 def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibria:
     """Equilibria at a flow speed, stable or not, mirror images included.
 
-    All equilibria of a pipe with a free end and up to four degrees of freedom are looked for.
+    If a pipe has a free end and up to four degrees of freedom, all its equilibria are searched for.
     Newton's method starts from mixtures of the modes of bending, spread evenly up to angles beyond
-    the largest that is found, from configurations spread evenly as far as elastic forces can
-    balance the others, whose largest values are sampled, and from starts beside each equilibrium
-    that is known. The search ends when neither these nor as many starts again as before lead to
-    more equilibria, and the equilibria found agree with the degree of the equations: elastic
-    forces grow without bound and all others do not, so the signs of det K over all equilibria add
-    up to 1. For a pipe on a hinge that nothing resists, whole turns about it count once and the
-    signs add up to 0. A pair of opposite signs to which no start leads would be missed.
+    the largest found; from configurations spread evenly over the range in which elastic forces can
+    balance the others; and from starts near each known equilibrium. The search ends when these and
+    as many further starts lead to no more equilibria, and the equilibria found agree with the
+    degree of the equations: elastic forces grow without bound and all others do not, so the signs
+    of det K over all equilibria add up to 1. For a pipe on a free hinge, whole turns about it count
+    once and the signs add up to 0. A pair of opposite signs to which no start leads would be
+    missed.
 
     In other pipes starts are bent by half a radian to one and a half turns, in all mixtures of the
     first three or four modes, and in the shapes in which the straight pipe buckles at that speed.
-    This may miss some equilibria, above all of pipes that are held, which wind up in many ways:
+    This may miss some equilibria, mainly of supported pipes, which can coil in many ways:
     `complete` is False. Further starts may be given as `starts`.
 
     The equations of a reduced model with few functions have solutions that the pipe does not have.
-    So each equilibrium of a reduced model is looked for in two larger bases: one with half as many
-    functions again, and one with half as many as that again, each at least four more. Newton's
-    method starts there from the equilibrium. The equilibrium is kept if each step is at most half
-    the one before, and if the limit lies nearer to it than to any other that was found, is within
-    half a radian of it as the root mean square along the pipe, and has its stability. Shapes that
-    every basis has, such as the straight one, are kept whatever their stability.
+    So each equilibrium of a reduced model is searched for in two larger bases, each with 1.5 times
+    as many functions as the one before and at least four more. Newton's method starts there from
+    the equilibrium. The equilibrium is kept if each step is at most half of the one before, and if
+    the limit has the same stability, is nearer to it than to any other equilibrium found, and is
+    within half a radian of it (root mean square along the pipe). Shapes that every basis has, such
+    as the straight one, are kept whatever their stability.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.

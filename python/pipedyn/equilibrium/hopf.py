@@ -289,8 +289,8 @@ class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
         exponent: power of |u - u_c| with which the amplitude grows: 1/2, or 1 with drag.
         criticality: "supercritical" if the cycle attracts motions in the critical mode, and so
             exists where that mode grows; "subcritical" if it repels. With drag this holds at
-            amplitudes far below `balance`; for larger ones see `fold`. Where other modes grow at
-            the onset, `other_unstable`, no cycle that emerges there is stable.
+            amplitudes far below `balance`; for larger ones see `fold`. If other modes grow at the
+            onset (`other_unstable`), no cycle that emerges there is stable.
         crossing: the crossing of the pair, as it was given or found.
         model: the model.
         mode: eigenvector q, complex, of the integrated state [p, p'], shape (2 integrated,).
@@ -713,8 +713,9 @@ def criticality_curve(
     """Criticality of flutter at the critical speed, super- or subcritical, against a parameter.
 
     Args:
-        make_model: makes the model at a value of the parameter; it is called in this process, so a
-            lambda will do. A map over two parameters consists of one such curve for each row.
+        make_model: makes the model at a value of the parameter; it is called in this process, so
+            that it may be a lambda. A map over two parameters consists of one such curve for each
+            row.
         values: values of the parameter, shape (S,).
         executor: a `concurrent.futures.Executor` that computes the points. Points that it does not
             compute, because a worker died or it is broken or shut down, fail.

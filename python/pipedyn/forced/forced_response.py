@@ -113,8 +113,7 @@ class ForcedMotion(PeriodicMotion):
         multipliers: Floquet multipliers over this period, complex, shape (2 dof,), the largest
             modulus first.
         stable: whether no multiplier's modulus exceeds 1 by more than 1e-6 or three times its
-            error. For a pipe that nothing damps they have the modulus 1: motions nearby then
-            neither grow nor decay.
+            error. Without damping they have the modulus 1: nearby motions neither grow nor decay.
         t: times from a crest of the forcing to the period, shape (S,).
         q, qdot: coordinates and rates, shape (S, coordinates).
         u: flow speed, or the pulsation.
@@ -214,8 +213,8 @@ class ForcedResponse(TableResult):
     """Periodic motions over the frequency of the forcing.
 
     Attributes:
-        branches: branches, each followed from one end. Where the branch of a moving base was lost
-            on its way from the lowest frequency, there is another from the highest.
+        branches: branches, each followed from one end. If the branch of a moving base was lost on
+            the way from the lowest frequency, another one begins at the highest.
         forcing: amplitude and direction of the base's motion, or mean and amplitude of the flow's.
         u: flow speed, in a pulsating flow its mean.
         model: the model.
@@ -240,7 +239,7 @@ class ForcedResponse(TableResult):
     def at(self, frequency: float, rtol: float = 1e-6, samples: int = 257) -> list[ForcedMotion]:
         """Motions at a frequency of the forcing, the largest first.
 
-        Where `failures` has any, there may be more motions.
+        If there are `failures`, there may be more motions.
 
         Args:
             frequency: angular frequency, in 1 / T, within the range in which branches are followed.
@@ -279,13 +278,13 @@ def forced_response(
     Args:
         model: chain, reduced model or scene, up to 60 degrees of freedom.
         u: flow speed >= 0; or a `Pulsation`, whose mean and amplitude stay while its frequency
-            varies. Then motions branch off rest on the edges of parametric regions, and the pipe
-            must be stable at the mean speed.
+            varies. Then motions branch off from rest at the edges of parametric regions, and the
+            pipe must be stable at the mean speed.
         base: transverse motion of the base, whose amplitude stays while its frequency varies. It
             must be given unless the flow pulsates, and must not be given if it does.
         frequencies: range (low, high) of the forcing's angular frequency, low > 0, or several
-            frequencies in increasing order, of which the first and last are the range; where not
-            given, it is 1 % about the frequency of base or pulsation.
+            frequencies in increasing order, of which the first and last are the range. Default: 1 %
+            about the frequency of base or pulsation.
         progress: show progress on stderr.
 
     Returns:
@@ -305,7 +304,7 @@ def forced_response(
         ValueError, TypeError: for bad arguments.
 
     Source: Doedel, Keller and Kernevez (1991), as for `limit_cycle`; Nayfeh and Mook (1979),
-    Nonlinear oscillations, for what is to be expected.
+    Nonlinear oscillations, for typical responses.
     """
     model = checked_model_in_motion(model, largest=FORCED_DOF, purpose="forced_response")
     forcing = _checked_forcing(u, base)

@@ -50,18 +50,18 @@ class ParametricRegion(
     """A region of amplitude and frequency in which the straight pipe is unstable.
 
     Attributes:
-        kind: "subharmonic", where motions grow that change sign from one period to the next (the
-            principal region of a mode is one); "harmonic", where motions grow that repeat with each
-            period; or "combination", where two modes grow at frequencies of their own.
+        kind: "subharmonic", where the growing motions change sign from one period to the next (as
+            in the principal region of a mode); "harmonic", where they repeat with each period; or
+            "combination", where two modes grow at frequencies of their own.
         amplitude: amplitudes asked for, relative to the mean speed, shape (A,).
         edges: lowest and highest frequency of the region at each amplitude, shape (A, 2). An edge
             is NaN below the threshold, where the region is thinner than 1e-6 of its frequency,
-            where it lies far outside the range of frequencies, and where it was not found again
-            beside a region of another kind that meets this one. Where regions of one kind overlap,
-            each of them has the edges of their union; a region that is nowhere apart from another
-            is not listed by itself. Regions of different kinds may lie within each other.
-        threshold: least amplitude of the region; 0 for modes without damping, NaN where an edge
-            leaves the range of frequencies before it gets there.
+            where it lies far outside the range of frequencies, and where it was not found beside a
+            region of another kind that meets this one. If regions of one kind overlap, each has the
+            edges of their union; a region that is nowhere separate from others is not listed by
+            itself. Regions of different kinds may lie within each other.
+        threshold: least amplitude of the region; 0 for modes without damping, NaN if an edge leaves
+            the range of frequencies first.
         threshold_frequency: frequency at the threshold.
         error: largest relative change of an edge from the second last truncation to the last.
         pipe: the pipe.
@@ -132,9 +132,9 @@ def parametric_regions(
     Returns:
         The regions that touch the range at one of the amplitudes, or whose threshold lies in it, by
         rising frequency, indexed as a tuple, and a table. Edges are roots of Hill's determinant, to
-        a relative accuracy of 1e-7, and may lie outside the range. Left out are instabilities of a
-        damped pipe in which motions grow by less than 1e-5 a period, regions thinner than 1e-6 of
-        their frequency, and combinations of modes with frequencies beyond high + 4 low.
+        a relative accuracy of 1e-7, and may lie outside the range. Instabilities of a damped pipe
+        in which motions grow by less than 1e-5 a period are left out, as are regions thinner than
+        1e-6 of their frequency and combinations of modes with frequencies beyond high + 4 low.
 
     Example:
         >>> pipe = pp.Pipe(0.2, 10.0)

@@ -51,11 +51,11 @@ ANGLES: dict[str, Any] = {"low": -LARGEST_ANGLE, "high": LARGEST_ANGLE}
 class Operators(Result):
     """Linear operators about a configuration at rest, each of shape (dof, dof).
 
-    M q'' + C q' + K q = 0 with C = s u (gyroscopic + end_flux) + damping and
-    K = stiffness + a u^2 flux + s u' unsteady. With hysteresis, motions q ~ exp(lambda tau) with
-    Im lambda > 0 have K + i loss. The matrix gyroscopic is skew and end_flux is symmetric, of rank
-    one (two about a bent pipe). Both and unsteady contain the factor sqrt(beta), and end_flux also
-    `inflow_share`.
+    M q'' + C q' + K q = 0 with C = s * u * (gyroscopic + end_flux) + damping and
+    K = stiffness + a * u^2 * flux + s * u' * unsteady. With hysteresis, motions
+    q ~ exp(lambda tau) with Im lambda > 0 have K + i * loss. The matrix gyroscopic is
+    skew and end_flux is symmetric, of rank one (two about a bent pipe). Both and unsteady contain
+    the factor sqrt(beta), and end_flux also `inflow_share`.
 
     Attributes:
         mass: M, symmetric and positive definite.
@@ -482,10 +482,9 @@ class Model(OfPipe, ABC):
             u_dot: rate of change of u, which accelerates the fluid along the pipe; a number, or for
                 k states also (k,). Default: steady flow.
             base: position, velocity and acceleration of a moving base, each (x, y): shape (3, 2),
-                or (3, 2, k) for k states. The base carries the clamp, all rigid supports and what
-                fixes the pipe's end axially (`Stretching`); q is measured from it. Drag and other
-                terms act from the ground, so that they depend on the base's motion. Default: at
-                rest.
+                or (3, 2, k) for k states. The base carries the clamp, all rigid supports and the
+                axial support of the end (`Stretching`); q is measured from it. Drag and other terms
+                belong to the ground, so that they depend on the base's motion. Default: at rest.
 
         Returns:
             dy/dt = [q', q''], of the same shape as y.

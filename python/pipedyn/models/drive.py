@@ -191,7 +191,7 @@ class Supply:
 
     The fluid in the pipe obeys Newton's law along the pipe, with s = 1 ejecting and -1 aspirating,
 
-        sqrt(beta) u' + s beta int t . r'' ds = head + s weight y(1) - friction u^2 / 2,
+        sqrt(beta) u' + s beta int t . r'' ds = head + s * weight * y(1) - friction * u^2 / 2,
 
     with the tangent t and the acceleration r'' of the pipe. So the pipe's motion slows the flow or
     speeds it up, and u' acts on the pipe. Small motions of a straight pipe do not change the flow
@@ -203,11 +203,11 @@ class Supply:
             L^2.
         friction: f > 0, coefficient of all losses of pressure, f rho V^2 / 2: friction factor times
             length by diameter, loss at the inlet, and 1 for the acceleration of the fluid from
-            rest. Below 1 the fluid has a speed before it enters, and a pipe that whips it out may
-            draw ever more of it.
-        weight: weight of the fluid in the pipe, in EI / L^2; beta gamma by default. With a fluid
-            outside, whose pressure at the outlet grows with depth, subtract the weight of the same
-            volume of it.
+            rest. Below 1 the fluid has a speed before it enters, and a whipping pipe may draw in
+            more and more fluid.
+        weight: weight of the fluid in the pipe, in EI / L^2; beta gamma by default. If there is a
+            fluid outside, subtract the weight of the same volume of it, because its pressure at the
+            outlet grows with depth.
         start: initial flow speed; by default that of the straight pipe at rest.
 
     Raises:

@@ -98,9 +98,8 @@ class PointMass(Term):
     """A mass at one place of the pipe, with its weight, that moves and turns with the pipe.
 
     It does not affect the flow: the jet leaves through the pipe's own section. A nozzle or an
-    accelerometer fixed to the pipe also has rotary inertia. It turns with the tangent at its place,
-    in a chain with the segment on which that place lies; where two segments meet, with the one that
-    ends there.
+    accelerometer fixed to the pipe also has rotary inertia. It turns with the tangent at its place.
+    In a chain it turns with the segment on which it lies, or with the segment that ends there.
 
     Attributes:
         at: arc length of the centre of mass from the clamp in L, 0 < at <= 1.
@@ -161,7 +160,7 @@ class RotationalSpring(Term):
 
     Its couple -stiffness * theta acts against the angle theta between the tangent of the pipe and
     the straight axis; it is linear at any amplitude. In a chain theta is the angle of the segment
-    on which the place lies; where two segments meet, that of the one that ends there.
+    on which the place lies, or of the segment that ends there.
 
     Attributes:
         at: arc length from the clamp in L, 0 < at <= 1; a spring at the root is `RootSpring`.
@@ -190,7 +189,7 @@ class RotationalDamper(Term):
 
     Its couple is -coefficient * theta', where theta' is the rate at which the tangent of the pipe
     turns; it is linear at any amplitude. In a chain theta' is the rate of the segment on which the
-    place lies; where two segments meet, that of the one that ends there.
+    place lies, or of the segment that ends there.
 
     Attributes:
         at: arc length from the clamp in L, 0 < at <= 1.
@@ -428,8 +427,8 @@ class Tension(Term):
 class Weight(Term):
     """A dead load at one place, along the straight pipe, without mass.
 
-    It stands for a body that hangs there and hardly moves, or for the difference of a mass' weight
-    from gamma times the mass.
+    It represents a body that hangs there and hardly moves, or the difference between the weight of
+    a mass and gamma times the mass.
 
     Attributes:
         at: arc length from the clamp in L, 0 < at <= 1.
@@ -462,10 +461,10 @@ class Stretching(Term):
     that stretches, stiffness / 2 times the integral of w'^2. It does not affect small motions. The
     end must be pinned or clamped. If the base moves, both ends move with it.
 
-    The law is valid for moderate rotations. For a half sine wave with the largest angle 0.5 rad its
-    tension is seven eighths of that of a pipe that stretches, and for 1 rad half of it. Beyond a
-    quarter turn the pipe would run back along the axis, and stretching does not explain 1 - y:
-    coiled equilibria there have no physical meaning, and `equilibria` discards them.
+    The law is valid for moderate rotations. For a half sine wave with the largest angle 0.5 rad,
+    its tension is seven eighths of the tension of a pipe that stretches; for 1 rad it is half.
+    Beyond a quarter turn the pipe runs back along the axis, and 1 - y is no longer due to
+    stretching. Coiled equilibria there have no physical meaning, and `equilibria` discards them.
 
     Attributes:
         stiffness: axial stiffness of the pipe, E A L^2 / (E I) >= 0, in EI / L^3.

@@ -447,8 +447,8 @@ class Assembly(SegmentModel):
     ) -> Array:
         """Derivative (6 n, 6 n) of `rhs` by one state, in O(n^2), for at most 1300 segments.
 
-        Accelerations depend on the angles of the joints and their rates alone, as the class says.
-        The arguments are those of `Model.jacobian`.
+        Accelerations depend on the angles of the joints and their rates only, see the class. The
+        arguments are those of `Model.jacobian`.
         """
         if self.integrated > LARGEST_JACOBIAN:
             raise ValueError(

@@ -145,7 +145,7 @@ UserLaw: TypeAlias = Callable[..., Any]
 @saved_as("Custom")
 @dataclass(frozen=True)
 class Custom(Module):
-    """A module that a user writes in Python: it may have any forces, and is slower than the others.
+    """A module that a user writes in Python. It may have any forces, and is slower than others.
 
     Its functions take the coordinates it touches, q = (x, y of each node, then phi of each joint),
     shape (k,), and their rates. Derivatives that are not given are computed by complex step, so the

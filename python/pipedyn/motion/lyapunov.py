@@ -121,11 +121,11 @@ def lyapunov_exponent(
             angle theta(s) of the bent pipe or coordinates, from which it begins at rest; or a state
             [q, q'], shape (2 coordinates,). If not given, the pipe is bent a little.
         duration: time in T over which growth is measured, after the transient.
-        transient: time in T before the duration, in which the motion approaches its attractor and
-            the difference the direction of fastest growth.
+        transient: time in T before the duration, in which the motion approaches its attractor, and
+            the difference turns to the direction of fastest growth.
         blocks: number of parts of the duration, from whose means the spread comes, at least 4.
         interval: time in T after which the difference is brought back to its first length; it is
-            shortened so that it divides a block, and where the difference changes too much in it.
+            shortened to divide a block, or if the difference changes too much within it.
         progress: whether to show progress on stderr.
 
     Returns:

@@ -276,18 +276,17 @@ def simulate(
             `cycle.qdot[0]`.
         qdot0: initial rates, of the shape of q0; 0 if not given.
         samples: number of evenly spaced samples, both ends included, at least 2. If not given, 40
-            in a unit of time, of which a cycle of flutter takes about a half, but at least 501.
-            Methods of the core then take 2 to 128 times as many if the free end oscillates so fast
-            that cubics through the samples would miss 5 % of its displacement or 25 % of its
-            velocity.
+            in a unit of time, which is about two cycles of flutter, but at least 501. Methods of
+            the core then take 2 to 128 times as many if the free end oscillates so fast that cubics
+            through the samples would miss 5 % of its displacement or 25 % of its velocity.
         times: times of the samples, if `samples` is not given; increasing, in [t0, t0 + duration].
         t0: time at the start, in [-1e9, 1e9].
-        base: the motion of the base: a `Harmonic`; a smooth function of the time to its place
-            (X, Y) in L, whose two derivatives are computed as the derivative of u is; or a triple
-            of functions to place, velocity and acceleration. The base carries the clamp and all
-            that holds the pipe rigidly: guides, pins and an end fixed axially (`Stretching`). The
-            base does not turn, and coordinates are counted from it. Springs, dampers and the fluid
-            around the pipe rest on the ground. If not given, the base is at rest.
+        base: the motion of the base: a `Harmonic`; a smooth function of the time to its place (X,
+            Y) in L, whose two derivatives are computed as the derivative of u is; or a triple of
+            functions to place, velocity and acceleration. The base carries the clamp and all rigid
+            supports: guides, pins and an end fixed axially (`Stretching`). The base does not turn,
+            and coordinates are relative to it. Springs, dampers and the fluid around the pipe
+            belong to the ground. If not given, the base is at rest.
         rtol: relative tolerance of the error of each step, in [1e-13, 0.1].
         atol: absolute tolerance, > 0; rtol / 100 if not given.
         method: "auto" chooses by measured cost, see `choose_method`; "radau" (implicit, eight
