@@ -25,7 +25,7 @@ from typing import Any, NoReturn, TypeAlias
 from pipedyn import plot
 from pipedyn.models.chain import SPRING_RULES
 from pipedyn.models.galerkin import BASES
-from pipedyn.models.pipe import FLOWS, Pipe
+from pipedyn.models.pipe import BEAM, FLOWS, TUBE, Pipe
 from pipedyn.paper.analysis import HIGHEST_SPEED, LEAST_HIGHEST, Findings, Options, compute_findings
 from pipedyn.paper.report import FIGURES, HEADINGS, SI_HEADER, Draw, report, table
 from pipedyn.util import check
@@ -45,11 +45,16 @@ SI_OPTIONS = {
     "bending-stiffness": ("EI", None, "bending stiffness, N m^2"),
     "pipe-mass": ("M", None, "mass of the pipe, kg/m"),
     "fluid-mass": ("M", None, "mass of the fluid, kg/m"),
+    "outer-diameter": ("D", None, "of a tube, m, in place of stiffness and masses"),
+    "inner-diameter": ("D", None, "of a tube, m"),
+    "youngs-modulus": ("E", None, "of a tube's wall, Pa"),
+    "density": ("RHO", None, "of a tube's wall, kg/m^3"),
+    "fluid-density": ("RHO", None, "of the fluid in a tube, kg/m^3"),
     "gravity": ("G", 9.81, "m/s^2; negative when the free end stands above the clamp"),
     "damping-time": ("T", 0.0, "stress is E (strain + T d strain / dt), s"),
 }
 """Options for quantities in SI units by name: metavariable, default and help. Those without a
-default must all be given."""
+default must be given: the length and all of `BEAM`, or the length and all of `TUBE`."""
 
 
 def add_pipe_options(parser: argparse.ArgumentParser) -> None:
@@ -90,11 +95,16 @@ def pop_pipe(given: dict[str, Any]) -> Pipe:
             f"argument --{next(iter(numbers))}: is nondimensional and cannot be given with "
             f"--{next(iter(measured))}, which is in SI units"
         )
-    for name, (_, default, _) in SI_OPTIONS.items():
-        if default is None and name not in measured:
-            raise ValueError(f"argument --{name}: must be given in SI units")
     of_names = {name.replace("-", "_"): value for name, value in measured.items()}
-    return Pipe.from_si(**of_names, **both)
+    of_tube = [name for name in TUBE if name in of_names]
+    section = TUBE if of_tube else BEAM
+    for name in ("length", *section):
+        if name not in of_names:
+            raise ValueError(f"argument --{name.replace('_', '-')}: must be given in SI units")
+    if of_tube and (twice := [name for name in BEAM if name in of_names]):
+        words = (f"--{name.replace('_', '-')}" for name in (twice[0], of_tube[0]))
+        raise ValueError("argument {}: cannot be given with {}, of a tube".format(*words))
+    return (Pipe.from_tube if of_tube else Pipe.from_si)(**of_names, **both)
 
 
 class _Parser(argparse.ArgumentParser):
