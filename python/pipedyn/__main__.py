@@ -27,7 +27,7 @@ from pipedyn.models.chain import SPRING_RULES
 from pipedyn.models.galerkin import BASES
 from pipedyn.models.pipe import BEAM, FLOWS, TUBE, Pipe
 from pipedyn.paper.analysis import HIGHEST_SPEED, LEAST_HIGHEST, Findings, Options, compute_findings
-from pipedyn.paper.report import FIGURES, HEADINGS, SI_HEADER, Draw, report, table
+from pipedyn.paper.report import FIGURES, HEADINGS, Draw, report, si_header, table
 from pipedyn.util import check
 from pipedyn.util.files import replacing
 
@@ -97,13 +97,12 @@ def pop_pipe(given: dict[str, Any]) -> Pipe:
         )
     of_names = {name.replace("-", "_"): value for name, value in measured.items()}
     of_tube = [name for name in TUBE if name in of_names]
-    section = TUBE if of_tube else BEAM
-    for name in ("length", *section):
-        if name not in of_names:
-            raise ValueError(f"argument --{name.replace('_', '-')}: must be given in SI units")
     if of_tube and (twice := [name for name in BEAM if name in of_names]):
         words = (f"--{name.replace('_', '-')}" for name in (twice[0], of_tube[0]))
         raise ValueError("argument {}: cannot be given with {}, of a tube".format(*words))
+    for name in ("length", *(TUBE if of_tube else BEAM)):
+        if name not in of_names:
+            raise ValueError(f"argument --{name.replace('_', '-')}: must be given in SI units")
     return (Pipe.from_tube if of_tube else Pipe.from_si)(**of_names, **both)
 
 
@@ -211,7 +210,7 @@ def save_table(case: Options, findings: Findings, path: Path) -> None:
     """Saves the table as comma-separated values."""
     with path.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
-        writer.writerow(HEADINGS if case.pipe.scales is None else HEADINGS + SI_HEADER)
+        writer.writerow(HEADINGS + si_header(case.pipe))
         writer.writerows(table(case.pipe, findings))
 
 

@@ -463,9 +463,7 @@ class Pipe(Saved):
         terms = checked_terms(terms, length, in_si=True)
         given = [converted(one, units, operator.truediv) for one in terms]
         displaced, (stiffness, pipe_mass, _) = _displaced(si), _rigidity_and_masses(si)
-        buoyancy = (
-            si["gravity"] * length**3 * displaced / stiffness
-        )  # part of gamma that it cancels
+        buoyancy = si["gravity"] * length**3 * displaced / stiffness  # its part in gamma
         given += [
             Weight(at=one.at, load=buoyancy * one.mass)
             for one in given
