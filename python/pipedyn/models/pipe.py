@@ -753,7 +753,8 @@ def _rigidity_and_masses(si: Mapping[str, float]) -> tuple[float, float, float]:
 
 def _displaced(si: Mapping[str, float]) -> float:
     """Mass per length of the fluid that the pipe displaces outside, kg/m."""
-    return 0.25 * math.pi * si["external_density"] * si["external_diameter"] ** 2
+    diameter = si["external_diameter"]
+    return 0.25 * math.pi * si["external_density"] * diameter * diameter
 
 
 def _numbers_in_si(si: Mapping[str, float]) -> tuple[Scales, dict[str, float]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import MISSING, field, fields, replace
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
@@ -142,7 +143,7 @@ SI_QUANTITIES = {
     "bending_stiffness": SIQuantity("N*m**2", POSITIVE, {"N mm2": 1e-6}),
     **dict.fromkeys(("pipe_mass", "fluid_mass"), SIQuantity("kg/m", POSITIVE, {"g/m": 1e-3})),
     # Centrifuges for models of structures reach 500 g.
-    "gravity": SIQuantity("m/s**2", {"low": -1e12, "high": 1e12}, {"mm/s2": 1e-3}, (-5e3, 5e3)),
+    "gravity": SIQuantity("m/s**2", {"low": -1e12, "high": 1e12}, usual=(-5e3, 5e3)),
     "drag_coefficient": SIQuantity("dimensionless", AT_LEAST_0),
     "external_diameter": SIQuantity("m", AT_LEAST_0, {"mm": 1e-3}, (0.0, 12.0)),
     "external_density": SIQuantity("kg/m**3", AT_LEAST_0, {"g/cm3": 1e3}, (0.0, 2.3e4)),
@@ -167,16 +168,15 @@ days, losses above the elastic energy and beams as thick as long are no pipe's."
 def si_number(name: str, value: Any) -> float:
     """The value of an argument in SI, checked; the message about a refused one names a slip."""
     one = SI_QUANTITIES[name]
+    value = check.in_unit(name, value, one.unit)
     try:
-        return check.real(name, value, unit=one.unit, **one.rule)
+        return check.real(name, value, **one.rule)
     except ValueError as error:
-        given = check.in_unit(name, value, one.unit)
-
-        def is_usual(numbers: Mapping[str, float]) -> bool:
-            low, high = one.usual
-            return low <= numbers[name] <= high
-
-        raise ValueError(f"{error}{likely_slip({name: given}, is_usual)}") from None
+        (low, high), found = one.usual, list[str]()
+        with suppress(OverflowError):  # of whole numbers and fractions beyond doubles
+            found = [word for word, by in one.mistaken.items() if low <= value * by <= high]
+        slip = f": in{one.words}, not in {' or '.join(found)}?" if found else ""
+        raise ValueError(f"{error}{slip}") from None
 
 
 def checked_place(name: str, place: Any, end: float, in_si: bool, open_high: bool) -> float:
