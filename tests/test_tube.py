@@ -247,6 +247,19 @@ def test_motions_cycles_and_branches_of_tubes_give_wall_stresses():
     )
 
 
+def test_stresses_of_chains_approach_those_of_reduced_models():
+    """In a cycle: by the moments of joints, and by the curvature of polynomials."""
+    pipe = pp.Pipe.from_tube(**TUBE, damping_time=2e-3)
+    speed = pipe.flow_rate_from_si(3e-4)  # 18 l/min
+
+    def peak(model):
+        return pp.limit_cycle(model, speed).in_si().wall_stress.max()
+
+    exact = peak(pp.Galerkin(pipe, 12, "legendre"))
+    off = [abs(peak(pp.Chain(pipe, n)) / exact - 1.0) for n in (20, 40)]
+    assert off[1] < 0.5 * off[0] < 0.02
+
+
 def test_a_wall_that_varies_along_the_tube_has_no_stress_but_a_flow_rate():
     tapered = pp.Pipe.from_tube(**TUBE, stiffness_profile=lambda s: 1.0 - 0.5 * s)
     found = pp.simulate(pp.Chain(tapered, 3), 1.0, 0.1, bend, samples=3)
@@ -432,6 +445,22 @@ def test_attractors_exponents_and_diagrams_take_speeds_and_times_in_si_units():
         pp.attractors(model, speed, 3, transient=second, units="si")
     diagram = pp.bifurcation_diagram(model, [0.9 * speed, speed], cycles=0, units="si")
     np.testing.assert_allclose(diagram.in_si().speeds, [0.9 * speed, speed], rtol=1e-12)
+
+
+def test_questions_of_accuracy_take_speeds_and_times_in_si_units():
+    speed, second = HOSE.speed_si(1.0), HOSE.time_si(1.0)
+    asked = {"families": "beam", "sizes": [3], "repeats": 1}
+    plain = pp.trade(HOSE, "motion", **asked, u=1.0, duration=0.2, samples=9)
+    given = {"u": speed, "duration": 0.2 * second, "samples": 9, "units": "si"}
+    found = pp.trade(HOSE, "motion", **asked, **given)
+    assert found.rows[0].error == pytest.approx(plain.rows[0].error, rel=1e-3)
+    assert found.quantity.duration == pytest.approx(0.2, rel=1e-12)
+    effects = pp.relevant(HOSE, speed, "frequencies", count=1, units="si")
+    assert effects.quantity.u == effects.u == pytest.approx(1.0, rel=1e-12)
+    model = pp.choose(HOSE, "frequencies", 0.1, u=quantity(speed, "m/s"), count=1)
+    assert model.quantity.u == pytest.approx(1.0, rel=1e-12)
+    with pytest.raises(ValueError, match=r"^units must be 'nondimensional' where the pipe has no"):
+        pp.choose(pp.Pipe(0.2), "frequencies", 0.1, u=1.0, units="si")
 
 
 def test_times_in_si_need_a_pipe_with_scales():
