@@ -272,9 +272,10 @@ class Pipe(Saved):
                     f'terms[{i}] stretches a pipe whose end is "pinned" or "clamped", got end '
                     f"{self.end!r}"
                 )
-        own = {"jet_angle": self.jet_angle, "hysteresis": self.hysteresis}
-        if reasons := unusual(own):
-            warn_of_pipe(reasons, likely_slip(own, lambda numbers: not unusual(numbers)))
+        if self.jet_angle or self.hysteresis:
+            own = {"jet_angle": self.jet_angle, "hysteresis": self.hysteresis}
+            if reasons := unusual(own):
+                warn_of_pipe(reasons, likely_slip(own, lambda numbers: not unusual(numbers)))
 
     @classmethod
     def from_si(

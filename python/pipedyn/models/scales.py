@@ -160,9 +160,9 @@ DERIVED = {
     "slenderness": ("length over the outer diameter", "", (5.0, 1e6)),
     "bore": ("length over the diameter of a bore that holds fluid_mass", "", (5.0, math.inf)),
 }
-"""What is derived from these arguments, by name: words, unit and range of pipes. No pipe loses
-stability by flow below u = pi, which at 480 m/s is the speed of sound in water; motions that take
-days, losses above the elastic energy and beams as thick as long are no pipe's."""
+"""What is derived from these arguments, by name: words, unit and range of pipes. Without gravity no
+pipe buckles or flutters below u = pi, which at 480 m/s is the speed of sound in water. Motions that
+take days, losses above the elastic energy and beams as thick as long are no pipe's."""
 
 
 def si_number(name: str, value: Any) -> float:
@@ -237,7 +237,8 @@ def without_quantities(name: str, one: Numbered) -> Numbered:
     for item in fields(one):
         mass, length, time = item.metadata["powers"]  # `Scales` counts masses per length
         powers = zip(("kg", "m", "s"), (mass, length - mass, time), strict=True)
-        unit = "*".join(f"{base}**{power}" for base, power in powers if power) or "dimensionless"
+        parts = (base if power == 1 else f"{base}**{power}" for base, power in powers if power)
+        unit = "*".join(parts) or "dimensionless"
         numbers[item.name] = check.in_unit(f"{name}.{item.name}", getattr(one, item.name), unit)
     made: Numbered = replace(one, **numbers)
     return made

@@ -81,7 +81,7 @@ class OfTube(NamedTuple):
         """Heading of a column beside that with a name and unit, and its factor; none if unknown."""
         if name not in self.sources or unit is not self.source or not self.is_known(scales):
             return {}
-        return {f"{self.name.split('_l_')[0]} ({self.unit.name})": self.unit.scale(scales)}
+        return {f"{self.name.removesuffix('_l_min')} ({self.unit.name})": self.unit.scale(scales)}
 
     def is_known(self, scales: Any) -> bool:
         """Whether scales, of one pipe or of each row, have the tube's numbers."""
