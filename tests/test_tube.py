@@ -4,6 +4,7 @@
 import dataclasses
 import math
 import pickle
+import re
 import warnings
 
 import numpy as np
@@ -584,6 +585,13 @@ def test_the_command_makes_the_same_tube_and_gives_its_flow_rates(tmp_path, caps
     rows = (tmp_path / "table.csv").read_text(encoding="utf-8").splitlines()
     assert rows[0].endswith("speed (m/s),frequency (Hz),flow rate (l/min)")
     assert float(rows[2].rpartition(",")[2]) == rate
+    assert capsys.readouterr().err == ""
+    command._parse([*OPTIONS, "--density", "1.15", "--output", str(tmp_path)])
+    assert re.fullmatch(
+        "pipedyn: warning: density is .* not in g/cm3\\?\n", capsys.readouterr().err
+    )
+    command._parse([*OPTIONS, "--density", "1.15", "--quiet", "--output", str(tmp_path)])
+    assert capsys.readouterr().err == ""
     for words, message in (
         (OPTIONS[:-2], "argument --fluid-density: must be given in SI units"),
         ([*OPTIONS, "--pipe-mass", "1"], "--pipe-mass: cannot be given with --outer-diameter"),

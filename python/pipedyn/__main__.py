@@ -15,6 +15,7 @@ import os
 import signal
 import sys
 import tempfile
+import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -164,7 +165,11 @@ def _parse(arguments: Sequence[str] | None) -> Options:
 
     given = vars(parser.parse_args(arguments))
     try:
-        pipe = pop_pipe(given)
+        with warnings.catch_warnings(record=True) as seen:
+            warnings.simplefilter("always")
+            pipe = pop_pipe(given)
+        for one in seen if given["progress"] else ():
+            _say(f"warning: {one.message}".partition(" (warnings.")[0])
         if given["highest"] is not None:
             unit = 1.0 if pipe.scales is None else pipe.scales.speed
             bounds: dict[str, Any] = {"low": 0.0, "high": HIGHEST_SPEED * unit, "open_low": True}

@@ -46,7 +46,7 @@ def warn_of_pipe(reasons: Sequence[str], slip: str) -> None:
     while frame.f_back and frame.f_globals.get("__name__") in MAKERS_OF_PIPES:
         frame, level = frame.f_back, level + 1
     module = str(frame.f_globals.get("__name__"))
-    if module.startswith("pipedyn.") and module != "pipedyn.__main__":
+    if module.startswith("pipedyn.") and not module.endswith("__main__"):
         return
     said = f"{'; '.join(reasons)}{slip or ': are all units right?'}"
     silence = 'warnings.filterwarnings("ignore", category=pipedyn.UnusualPipe) silences this'

@@ -326,6 +326,8 @@ class TableResult(Result):
     def columns(self, units: Units = "nondimensional", pipe: Any = None) -> dict[str, Any]:
         """The table as arrays by the names of its columns, each of shape (rows,).
 
+        Of tubes, flow rates stand beside flow speeds in SI and wall stresses beside curvatures.
+
         Args:
             units: "nondimensional", or "si" for SI units, which the names of columns then state.
             pipe: the pipe, if units are SI and the result does not hold it.
