@@ -302,6 +302,9 @@ def bend(s: Any) -> Any:
 PIPE = pp.Pipe(0.2, 3.0)
 SI = {"length": 1.2, "bending_stiffness": 0.3, "pipe_mass": 0.2, "fluid_mass": 0.1}
 MEASURED = pp.Pipe.from_si(**SI)
+TUBE = {"length": 1.0, "outer_diameter": 0.016, "inner_diameter": 0.012, "youngs_modulus": 3e6}
+TUBE |= {"density": 1100.0, "fluid_density": 998.0}
+HOSE = pp.Pipe.from_tube(**TUBE)
 DRAGGED = pp.Pipe(0.4, 5.0, "aspirating", 0.5, drag=2.0, damping=0.01)
 FULL = pp.Pipe(0.6, 20.0, "aspirating", 0.5, drag=2.0, damping=0.01)
 MASS, SPRING = pp.PointMass(0.6, 0.2), pp.Spring(0.6, 3.0)
@@ -424,7 +427,7 @@ SUPPORTS = Kind(
 )
 PLACES = array(3, (0.0, 1.0), (-0.1, 1.1), any_size=True)
 AXIS = Kind(one_of(AX), _not(None, of(AX).bad))
-USUAL = {"executor": EXECUTOR, "s": PLACES, "ax": AXIS}
+USUAL = {"executor": EXECUTOR, "s": PLACES, "ax": AXIS, "units": word("nondimensional")}
 """What these arguments may be in every call that has them and more."""
 FUNCTION = Kind(
     one_of(bend),
@@ -557,7 +560,7 @@ def _pipes() -> Iterator[Target]:
         "supports": SUPPORTS,
         "rotary_inertia": real((0.0, 0.1), -1e-9, 1e4),
     }
-    turned, share = real((-3.0, 3.0), -3.2, 3.2), real((0.0, 1.0), -1e-9, 1.1)
+    turned, share = real((-1.5, 1.5), -3.2, 3.2), real((0.0, 1.0), -1e-9, 1.1)
     ends = {  # what only one of the flows has
         "ejecting": {"jet_angle": turned, "inflow_share": Kind(one_of(1, 1.0), share.bad)},
         "aspirating": {"jet_angle": Kind(one_of(0, 0.0), turned.bad), "inflow_share": share},
@@ -585,22 +588,26 @@ def _pipes() -> Iterator[Target]:
     yield target(pp.Profile, values=UPWARD)
     yield target(pp.Profile([0.5], [1.0, 0.5]))
     positive = real((0.1, 3.0), 0.0, 1e300)
+    beam = dict.fromkeys(SI, positive) | {"length": real((1.0, 1.0), 0.0, 1e300)}  # of places
+    tube = {name: real((0.9 * x, x), 0.0, 1e300) for name, x in TUBE.items()}
+    tube["length"] = beam["length"]
     for flow, own in ends.items():
-        yield target(
-            pp.Pipe.from_si,
-            f"[{flow}]",
-            **numbers,
-            **dict.fromkeys(SI, positive) | {"length": real((1.0, 1.0), 0.0, 1e300)},  # of places
-            gravity=real((-9.81, 9.81), -1e13, 1e300),
-            damping_time=real((0.0, 1.0), -1.0, 1e300),
-            drag_coefficient=real((0.5, 1.2), -1.0, 1e300),
-            external_diameter=real((0.01, 0.1), -1.0, 1e300),
-            external_density=real((1.0, 1e3), -1.0, 1e300),
-            added_mass_coefficient=real((1.0, 1.5), -1.0, 1e300),
-            flow=word(flow),
-            stiffness_profile=ALONG,
-            **own,
-        )
+        for make, section in ((pp.Pipe.from_si, beam), (pp.Pipe.from_tube, tube)):
+            yield target(
+                make,
+                f"[{flow}]",
+                **numbers,
+                **section,
+                gravity=real((-9.81, 9.81), -1e13, 1e300),
+                damping_time=real((0.0, 0.1), -1.0, 1e300),
+                drag_coefficient=real((0.5, 1.2), -1.0, 1e300),
+                external_diameter=real((0.01, 0.1), -1.0, 1e300),
+                external_density=real((1.0, 1e3), -1.0, 1e300),
+                added_mass_coefficient=real((1.0, 1.5), -1.0, 1e300),
+                flow=word(flow),
+                stiffness_profile=ALONG,
+                **own,
+            )
     from_si = partial(pp.Pipe.from_si, **SI)
     yield target(from_si, "Pipe.from_si[mass_profile]", mass_profile=ALONG)
     ratio = Kind(positive.good, _not(None, positive.bad))
@@ -609,9 +616,9 @@ def _pipes() -> Iterator[Target]:
     odd = any_of(
         *NOTHINGS, *WORDS, *LOGICAL, *NOT_FINITE, one_of([1.0, NAN], [True], [[1], [1, 2]])
     )
-    for quantity in ("speed", "time", "frequency", "length"):
+    for quantity in ("speed", "flow_rate", "time", "frequency", "length"):
         for way in ("si", "from_si"):
-            converted = getattr(MEASURED, f"{quantity}_{way}")
+            converted = getattr(HOSE, f"{quantity}_{way}")
             (name,) = inspect.signature(converted).parameters
             yield target(converted, **{name: Kind(any_of(rows.good, NUMBER.good), odd)})
     size = real((0.1, 2.0), 0.0)
@@ -734,6 +741,7 @@ def _models() -> Iterator[Target]:
         yield target(model.shape, tag, q=either)
         yield target(model.tip, tag, q=either)
         yield target(model.tips, tag, q=columns)
+        yield target(model.curvatures, tag, q=columns)
         yield target(model.tip_velocities, tag, q=columns, qdot=columns)
         yield target(model.bent, tag, angle=FUNCTION)
         others = Kind(one_of(model.pipe), PIPES.bad) if name == "tapered" else OTHERS
@@ -1133,6 +1141,15 @@ def _motions() -> Iterator[Target]:
     }
     short = partial(pp.simulate, CHAIN, 1.0, 0.1, bend, samples=3)
     yield target(short, "simulate[watched]", **watched)
+    in_si = {name: common[name] for name in ("duration", "times", "samples")} | {"u": SLOW}
+    in_si |= {name: watched[name] for name in ("t0", "max_step")} | {"units": word("si")}
+    yield target(
+        lambda **given: pp.simulate(pp.Chain(HOSE, 3), q0=bend, **_without_none(given, "times")),
+        "simulate[si]",
+        **in_si,
+    )
+    still = partial(pp.simulate, pp.Chain(HOSE, 3), duration=0.1, q0=bend, samples=3, units="si")
+    yield target(still, "simulate[si, driven]", u=FLOWS, base=SHAKERS)
     for tag, model in (("chain", CHAIN), ("supported", pp.Galerkin(HINGED, 3))):
         driven = partial(pp.simulate, model, duration=0.1, q0=bend, samples=3)
         yield target(driven, f"simulate[{tag}, driven]", u=FLOWS, base=SHAKERS)

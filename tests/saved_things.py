@@ -29,7 +29,11 @@ THINGS = sorted(json.loads(FACTS.read_text("utf-8")))
 NEW: dict[str, Callable[[], Any]] = {
     "CriticalSpeeds": lambda: pp.critical_speeds(
         pp.Chain(pp.Pipe(0.2), 3), {"beta": [[0.1], [0.3]], "gamma": [0.0, 2.0]}
-    )
+    ),
+    "pipe of a tube": lambda: pp.Pipe.from_tube(
+        **{"length": 0.5, "outer_diameter": 12e-3, "inner_diameter": 8e-3},
+        **{"youngs_modulus": 3e6, "density": 1150.0, "fluid_density": 998.0},
+    ),
 }
 """How a thing without a file is made, by its name; an exception is put into a `Failure`."""
 

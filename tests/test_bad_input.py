@@ -137,6 +137,7 @@ MASKED = np.ma.array([0.5, 0.5, 0.5], mask=[0, 1, 0])
 IMAGINARY_NAN = np.array([0.0, complex(1.0, NAN), 0.0])
 
 
+@pytest.mark.filterwarnings("ignore::pipedyn.UnusualPipe")
 @pytest.mark.parametrize(
     ("call", "message"),
     [

@@ -48,7 +48,7 @@ def exact_cases(flow, damped):
     )
     cases = []
     for name, conditions in questions:
-        quantity = checked_quantity(name, conditions)
+        quantity = checked_quantity(name, conditions, pipe)
         cases.append((name, conditions, exact_answer(quantity, pipe)))
     return pipe, cases
 

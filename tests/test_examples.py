@@ -42,8 +42,9 @@ def test_every_public_function_has_an_example():
 
 
 FIRST_WEEK = """
-    Pipe Pipe.from_si Pipe.speed_si Pipe.speed_from_si Pipe.time_si Pipe.frequency_si Pipe.length_si
-    Pipe.equivalent_damping Scales Chain Galerkin Continuum Operators Operators.at Model.operators
+    Pipe Pipe.from_si Pipe.from_tube Pipe.speed_si Pipe.speed_from_si Pipe.time_si Pipe.frequency_si
+    Pipe.length_si Pipe.equivalent_damping
+    Scales Chain Galerkin Continuum Operators Operators.at Model.operators
     Model.rhs Model.jacobian Model.energy Model.power Model.shape Model.tip Model.tips Model.about
     CriticalSpeed Sensitivity Modes RootLoci StabilityCurve Crossings Motion Ensemble Event
     Pulsation Harmonic Equilibria Hopf Hopf.amplitude Hopf.cycle_frequency LimitCycle

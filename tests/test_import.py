@@ -22,8 +22,10 @@ for pipe in pipes:
         model.operators()
         pp.eigenvalues(model, 1.0)
         pp.critical_speed(model)
+tube = {"length": 0.5, "outer_diameter": 0.012, "inner_diameter": 0.008, "youngs_modulus": 3e6}
+pp.Pipe.from_tube(**tube, density=1150.0, fluid_density=998.0)
 pp.relevant(pipe, 1.0, "frequencies", count=2)
-print("imported:", *sorted({"matplotlib", "tqdm", "IPython", "mpmath"} & set(sys.modules)))
+print("imported:", *sorted({"matplotlib", "tqdm", "IPython", "mpmath", "pint"} & set(sys.modules)))
 print("plot" in dir(pp))
 pp.plot.root_loci
 print("matplotlib" in sys.modules)

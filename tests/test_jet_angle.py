@@ -157,6 +157,7 @@ def test_a_standing_pipe_with_a_jet_rests_in_shapes_without_mirror_images():
     assert apart.min(axis=1).max() < 1e-7
 
 
+@pytest.mark.filterwarnings("ignore::pipedyn.UnusualPipe")
 def test_a_jet_turned_back_pulls_the_straight_pipe():
     """psi = pi: the thrust a u^2 with the other sign, and the straight pipe is at rest again."""
     back, plain = (pp.Pipe(0.3, damping=0.01, jet_angle=psi) for psi in (math.pi, 0.0))

@@ -335,6 +335,7 @@ def test_a_cycle_comes_round(model, beyond):
 # --------------------------------------------------------------------------------------------- SI
 
 
+@pytest.mark.filterwarnings("ignore::pipedyn.UnusualPipe")
 @settings(max_examples=40)
 @example(1.2, 0.3, 0.2, 0.1, 9.0, 1.0, 0.01, 0.5, 1e-3, 1e-3, 1.0, 1.0)  # in millimetres
 @given(

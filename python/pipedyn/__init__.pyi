@@ -124,5 +124,6 @@ from pipedyn.util.archive import load as load
 from pipedyn.util.errors import NotConverged as NotConverged
 from pipedyn.util.errors import NotResolved as NotResolved
 from pipedyn.util.errors import PipedynError as PipedynError
+from pipedyn.util.errors import UnusualPipe as UnusualPipe
 
 __version__: str

@@ -15,6 +15,7 @@ import os
 import signal
 import sys
 import tempfile
+import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -25,9 +26,9 @@ from typing import Any, NoReturn, TypeAlias
 from pipedyn import plot
 from pipedyn.models.chain import SPRING_RULES
 from pipedyn.models.galerkin import BASES
-from pipedyn.models.pipe import FLOWS, Pipe
+from pipedyn.models.pipe import BEAM, FLOWS, TUBE, Pipe
 from pipedyn.paper.analysis import HIGHEST_SPEED, LEAST_HIGHEST, Findings, Options, compute_findings
-from pipedyn.paper.report import FIGURES, HEADINGS, SI_HEADER, Draw, report, table
+from pipedyn.paper.report import FIGURES, HEADINGS, Draw, report, si_header, table
 from pipedyn.util import check
 from pipedyn.util.files import replacing
 
@@ -45,11 +46,16 @@ SI_OPTIONS = {
     "bending-stiffness": ("EI", None, "bending stiffness, N m^2"),
     "pipe-mass": ("M", None, "mass of the pipe, kg/m"),
     "fluid-mass": ("M", None, "mass of the fluid, kg/m"),
+    "outer-diameter": ("D", None, "of a tube, m, in place of stiffness and masses"),
+    "inner-diameter": ("D", None, "of a tube, m"),
+    "youngs-modulus": ("E", None, "of a tube's wall, Pa"),
+    "density": ("RHO", None, "of a tube's wall, kg/m^3"),
+    "fluid-density": ("RHO", None, "of the fluid in a tube, kg/m^3"),
     "gravity": ("G", 9.81, "m/s^2; negative when the free end stands above the clamp"),
     "damping-time": ("T", 0.0, "stress is E (strain + T d strain / dt), s"),
 }
 """Options for quantities in SI units by name: metavariable, default and help. Those without a
-default must all be given."""
+default must be given: the length and all of `BEAM`, or the length and all of `TUBE`."""
 
 
 def add_pipe_options(parser: argparse.ArgumentParser) -> None:
@@ -90,11 +96,15 @@ def pop_pipe(given: dict[str, Any]) -> Pipe:
             f"argument --{next(iter(numbers))}: is nondimensional and cannot be given with "
             f"--{next(iter(measured))}, which is in SI units"
         )
-    for name, (_, default, _) in SI_OPTIONS.items():
-        if default is None and name not in measured:
-            raise ValueError(f"argument --{name}: must be given in SI units")
     of_names = {name.replace("-", "_"): value for name, value in measured.items()}
-    return Pipe.from_si(**of_names, **both)
+    of_tube = [name for name in TUBE if name in of_names]
+    if of_tube and (twice := [name for name in BEAM if name in of_names]):
+        words = (f"--{name.replace('_', '-')}" for name in (twice[0], of_tube[0]))
+        raise ValueError("argument {}: cannot be given with {}, of a tube".format(*words))
+    for name in ("length", *(TUBE if of_tube else BEAM)):
+        if name not in of_names:
+            raise ValueError(f"argument --{name.replace('_', '-')}: must be given in SI units")
+    return (Pipe.from_tube if of_tube else Pipe.from_si)(**of_names, **both)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -155,7 +165,11 @@ def _parse(arguments: Sequence[str] | None) -> Options:
 
     given = vars(parser.parse_args(arguments))
     try:
-        pipe = pop_pipe(given)
+        with warnings.catch_warnings(record=True) as seen:
+            warnings.simplefilter("always")
+            pipe = pop_pipe(given)
+        for one in seen if given["progress"] else ():
+            _say(f"warning: {one.message}".partition(" (warnings.")[0])
         if given["highest"] is not None:
             unit = 1.0 if pipe.scales is None else pipe.scales.speed
             bounds: dict[str, Any] = {"low": 0.0, "high": HIGHEST_SPEED * unit, "open_low": True}
@@ -201,7 +215,7 @@ def save_table(case: Options, findings: Findings, path: Path) -> None:
     """Saves the table as comma-separated values."""
     with path.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
-        writer.writerow(HEADINGS if case.pipe.scales is None else HEADINGS + SI_HEADER)
+        writer.writerow(HEADINGS + si_header(case.pipe))
         writer.writerows(table(case.pipe, findings))
 
 

@@ -44,7 +44,7 @@ from pipedyn.equilibrium.equilibria import (
 from pipedyn.equilibrium.hopf import HopfPoint
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model
-from pipedyn.models.drive import LARGEST_SPEED, require_steady
+from pipedyn.models.drive import LARGEST_SPEED, InputUnits, require_steady
 from pipedyn.motion.simulate import checked_model_in_motion, initial_bends, slight_bend
 from pipedyn.motion.vector_field import Excitation, VectorField
 from pipedyn.orbits.periodic_orbit import PeriodicOrbit
@@ -55,7 +55,7 @@ from pipedyn.util.counters import clock
 from pipedyn.util.errors import PipedynError
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import one_thread, parallel, progress_visible, track
-from pipedyn.util.result import TableResult, join_tables
+from pipedyn.util.result import TableResult, Units, join_tables
 
 MOST_MOTIONS = 100_000
 """Largest number of motions of one call: an hour at 30 ms each."""
@@ -142,6 +142,7 @@ def bifurcation_diagram(
     rtol: float = 1e-6,
     seed: int = 0,
     executor: futures.Executor | None = None,
+    units: Units = "nondimensional",
     progress: bool = False,
 ) -> BifurcationDiagram:
     """Equilibria and cycles over a range of flow speeds and, on request, ends of motions.
@@ -176,6 +177,8 @@ def bifurcation_diagram(
         executor: a `concurrent.futures.Executor`; its tasks are branches of cycles and batches of
             motions. Tasks fail if it does not return them, because a worker died or it is broken or
             shut down.
+        units: "si" if the speeds are given in m/s, transient and duration in s, and the pipe has
+            scales; times not given keep their values in T.
         progress: show progress on stderr, after a forecast of the time, from the first steps along
             the branches of cycles and some of the motions. For chains of two to four segments and
             six functions, at 40 speeds with and without four starts, it was 0.6 to 2.5 times the
@@ -195,7 +198,13 @@ def bifurcation_diagram(
     """
     model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="bifurcation_diagram")
     require_steady("speeds", speeds)
-    at = check.array("speeds", speeds, low=0.0, high=LARGEST_SPEED, longest=100_000)
+    given_in = InputUnits(units, model.pipe)
+    transient, duration = given_in.times(
+        bifurcation_diagram, transient=transient, duration=duration
+    )
+    speeds = given_in.speed("speeds", speeds)
+    with given_in.explained():
+        at = check.array("speeds", speeds, low=0.0, high=LARGEST_SPEED, longest=100_000)
     if at.size < 2 or np.any(np.diff(at) <= 0.0):
         raise ValueError("speeds must be at least 2 and strictly increasing")
     steps = check.count("cycles", cycles, low=0, high=10_000)
@@ -209,7 +218,8 @@ def bifurcation_diagram(
             f"brute_force must ask for at most {MOST_MOTIONS} motions, got {count * at.size}"
         )
     given = transient, duration, rtol, exponents, seed, executor, progress
-    of_motions = MotionOptions.checked(*given)
+    with given_in.explained():
+        of_motions = MotionOptions.checked(*given)
     if count:
         of_motions.require_room(model)
     starts = initial_bends(model, count, of_motions.seed) if count else []

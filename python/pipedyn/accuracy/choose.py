@@ -227,7 +227,8 @@ def trade(
             more than 10 s of processor time is given up.
         repeats: how often each answer is timed; the shortest time counts.
         progress: whether to show progress on stderr.
-        **conditions: conditions of the quantity.
+        **conditions: conditions of the quantity; with units="si" speeds are in m/s and a duration
+            in s, if the pipe has scales.
 
     Returns:
         Trade. If a model fails or is too small for the quantity, its row holds the exception.
@@ -246,7 +247,7 @@ def trade(
         ValueError, TypeError: for bad arguments.
     """
     pipe = checked_pipe(pipe)
-    asked = checked_quantity(quantity, conditions).prepared(pipe)
+    asked = checked_quantity(quantity, conditions, pipe).prepared(pipe)
     chosen = checked_families("families", families, USUAL)
     wanted = _sizes(sizes, chosen, asked.least)
     every = [(family, size) for family in chosen for size in wanted[family.name]]
@@ -512,7 +513,7 @@ def choose(
         tolerance = check.real("tolerance", tolerance, low=1e-10, high=0.5)
     if budget is not None:
         budget = check.real("budget", budget, low=0.0, high=1e6, open_low=True)
-    asked = checked_quantity(quantity, conditions, tolerance)
+    asked = checked_quantity(quantity, conditions, pipe, tolerance)
     families = checked_families("among", among, CANDIDATES)
     repeats = check.count("repeats", repeats, high=1000)
     start = time.perf_counter()

@@ -26,7 +26,7 @@ from pipedyn.linear.modes import CONTINUUM_SPEED, modes
 from pipedyn.linear.neutral import growth
 from pipedyn.models.base import core_pipe
 from pipedyn.models.continuum import LARGEST, Continuum
-from pipedyn.models.drive import Pulsation, Supply
+from pipedyn.models.drive import InputUnits, Pulsation, Supply
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import DEFAULTS, OWN_NUMBERS, Pipe, checked_pipe
 from pipedyn.models.profile import Profile
@@ -207,7 +207,8 @@ def relevant(
         quantity: "critical_speed", "frequencies", "root_loci", "motion" or "limit_cycle", as for
             `trade`.
         tolerance: relative change up to which an effect is negligible, in [1e-8, 1].
-        **conditions: conditions of the quantity: max_speed, count, speeds, duration, ...
+        **conditions: conditions of the quantity: max_speed, count, speeds, duration, ...; with
+            units="si" speeds, `u` too, are in m/s and a duration in s.
 
     Returns:
         Relevance.
@@ -228,12 +229,13 @@ def relevant(
         ('damping', 'drag')
     """
     pipe = checked_pipe(pipe)
+    if "u" in conditions_of(quantity):
+        conditions = {"u": u, **conditions}
+    u = InputUnits(conditions.get("units", "nondimensional"), pipe).speed("u", u)
     steady = quantity != MotionOf.name or not isinstance(u, Pulsation | Supply)
     speed = check.real("u", u, low=0.0, high=CONTINUUM_SPEED) if steady else math.nan
     tolerance = check.real("tolerance", tolerance, low=1e-8, high=1.0)
-    if "u" in conditions_of(quantity):
-        conditions = {"u": u, **conditions}
-    asked = checked_quantity(quantity, conditions).prepared(pipe)
+    asked = checked_quantity(quantity, conditions, pipe).prepared(pipe)
     if isinstance(asked, MotionOf):
         speed = asked.steady_speed(pipe)
     words, full = _outcome(asked, pipe, tolerance)

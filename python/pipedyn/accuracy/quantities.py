@@ -27,7 +27,7 @@ from pipedyn.linear.critical_speed import CriticalSpeed, checked_end, critical_s
 from pipedyn.linear.modes import CONTINUUM_SPEED, eigenvalues, modes, root_loci
 from pipedyn.models.base import Model
 from pipedyn.models.continuum import AnyModel, Continuum
-from pipedyn.models.drive import Base, Pulsation, Supply
+from pipedyn.models.drive import Base, InputUnits, Pulsation, Supply
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
 from pipedyn.motion.simulate import simulate
@@ -514,15 +514,16 @@ def conditions_of(quantity: Any) -> dict[str, inspect.Parameter]:
 
 
 def checked_quantity(
-    quantity: Any, settings: dict[str, Any], tolerance: float | None = None
+    quantity: Any, conditions: dict[str, Any], pipe: Pipe, tolerance: float | None = None
 ) -> Quantity:
-    """The quantity with a given name and with its conditions, `settings`.
+    """The quantity of a pipe with a given name and with its conditions, maybe in other `units`.
 
     Raises TypeError for a condition that the quantity does not take, or that it needs and is not
-    given. If a tolerance is given, the solver is as accurate as both the tolerance and the settings
-    require.
+    given. If a tolerance is given, the solver is as accurate as both the tolerance and the
+    conditions require.
     """
-    known = conditions_of(quantity)
+    known, settings = conditions_of(quantity), dict(conditions)
+    given = InputUnits(settings.pop("units", "nondimensional"), pipe)
     for name in settings:
         if name not in known:
             raise TypeError(f"{quantity!r} takes {', '.join(known)}, got {check.shown(name)}")
@@ -533,7 +534,15 @@ def checked_quantity(
     ]
     if missing:
         raise TypeError(f"{quantity!r} takes {', '.join(known)}, and lacks {', '.join(missing)}")
-    if tolerance is None:
-        return QUANTITIES[quantity](**settings)
-    loosest = {"rtol": LOOSEST_RTOL} if "rtol" in known else {}
-    return QUANTITIES[quantity](**loosest | settings).solved_for(tolerance)
+    for name in ("u", "speeds", "max_speed"):
+        if name in settings:
+            settings[name] = given.speed(name, settings[name])
+    if "duration" in settings:
+        [settings["duration"]] = given.times(checked_quantity, duration=settings["duration"])
+    if "base" in settings:
+        settings["base"] = given.base(settings["base"])
+    with given.explained():
+        if tolerance is None:
+            return QUANTITIES[quantity](**settings)
+        loosest = {"rtol": LOOSEST_RTOL} if "rtol" in known else {}
+        return QUANTITIES[quantity](**loosest | settings).solved_for(tolerance)

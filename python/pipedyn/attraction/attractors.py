@@ -22,7 +22,7 @@ from pipedyn.attraction.regions import NOWHERE, STOPPED
 from pipedyn.attraction.solutions import Solution, equilibria_near, with_separate_regions
 from pipedyn.equilibrium.equilibria import EQUILIBRIA_DOF, searched
 from pipedyn.models.base import Model, loses_energy
-from pipedyn.models.drive import LARGEST_SPEED, Harmonic, Pulsation, Supply
+from pipedyn.models.drive import LARGEST_SPEED, Harmonic, InputUnits, Pulsation, Supply
 from pipedyn.motion.sampling import turning_points
 from pipedyn.motion.simulate import (
     BATCH,
@@ -39,7 +39,7 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.newton import zeros_between
-from pipedyn.util.result import LENGTH, RATE, Result, TableResult
+from pipedyn.util.result import LENGTH, RATE, Result, TableResult, Units
 
 PILOTS, GROUP = BATCH, 128
 """Number of starts that are followed first, in one batch, and of those that afterwards share what
@@ -244,6 +244,7 @@ def attractors(
     rtol: float = 1e-6,
     seed: int = 0,
     executor: futures.Executor | None = None,
+    units: Units = "nondimensional",
     progress: bool = False,
 ) -> Attractors:
     """The attractors of motions from many starts, with the share of starts of each.
@@ -280,6 +281,8 @@ def attractors(
         executor: a `concurrent.futures.Executor` that computes batches as tasks, instead of the
             threads of this process. Motions fail if it does not return their batch, because a
             worker died or it is broken or shut down.
+        units: "si" if u is given in m/s, transient and duration in s, and the pipe has scales;
+            times not given keep their values in T.
         progress: show progress on stderr.
 
     Returns:
@@ -295,9 +298,16 @@ def attractors(
         ('periodic', 1.0)
     """
     model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="attractors")
-    drive = _checked_drive(model, u, base)
-    check.real("transient", transient, low=FIRST_LOOK, high=1e6)
-    options = MotionOptions.checked(transient, duration, rtol, exponents, seed, executor, progress)
+    given_in = InputUnits(units, model.pipe)
+    if not callable(u):
+        u = given_in.speed("u", u)
+    transient, duration = given_in.times(attractors, transient=transient, duration=duration)
+    with given_in.explained():
+        drive = _checked_drive(model, u, base)
+        check.real("transient", transient, low=FIRST_LOOK, high=1e6)
+        options = MotionOptions.checked(
+            transient, duration, rtol, exponents, seed, executor, progress
+        )
     options = replace(
         options, transient=drive.whole(options.transient), duration=drive.whole(options.duration)
     )

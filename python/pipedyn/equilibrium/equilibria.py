@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from pipedyn.continuation.arclength import Control, DenseProblem, Point, Segment
 from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
 from pipedyn.linear.neutral import beyond_rounding, eigenvalues_of, grows
-from pipedyn.models.base import BALANCED, Model, Operators
+from pipedyn.models.base import BALANCED, Configurations, Model, Operators
 from pipedyn.models.drive import LARGEST_SPEED, require_steady, steady_speed
 from pipedyn.motion.simulate import Start, checked_model_in_motion, modal_bend
 from pipedyn.motion.vector_field import VectorField
@@ -99,7 +99,7 @@ contain these, have four times as many entries and take 32 MB."""
 
 
 @saved_as("Equilibria", added=("resolved", "valid", "discarded", "complete", "search"))
-class Equilibria(TableResult, units={"growth": RATE}):
+class Equilibria(Configurations, TableResult, units={"growth": RATE}):
     """Equilibria at one flow speed, ordered by how far they are bent, the straight one first.
 
     Equilibria that `equilibria` returns are resolved and valid; it puts others in `discarded`.
@@ -158,6 +158,7 @@ class Equilibria(TableResult, units={"growth": RATE}):
         return {
             "tip_x": self.tips[:, 0],
             "tip_y": self.tips[:, 1],
+            "curvature": self.curvature,
             "growth_rate": self.growth,
             "stable": self.stable,
             **{name: one for name, one in asked.items() if one is not None},
@@ -748,7 +749,7 @@ class BranchPoint(Result):
 
 
 @saved_as("EquilibriumBranch")
-class EquilibriumBranch(TableResult):
+class EquilibriumBranch(Configurations, TableResult):
     """A branch of equilibria, point by point along its arc length.
 
     Attributes:
@@ -791,6 +792,7 @@ class EquilibriumBranch(TableResult):
             "speed": self.speeds,
             "tip_x": self.tips[:, 0],
             "tip_y": self.tips[:, 1],
+            "curvature": self.curvature,
             "stable": self.stable,
             "unstable": self.unstable,
             **numbered_columns("q", self.q),

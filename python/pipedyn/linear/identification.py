@@ -257,7 +257,7 @@ def _unit(name: str, pipe: Pipe) -> float:
     """Value, in the units of users, of the nondimensional unit of an unknown."""
     if pipe.scales is None:
         return 1.0
-    length, mass, time, _ = pipe.scales
+    length, mass, time = pipe.scales[:3]
     if name == STIFFNESS:
         return mass * length**4 / time**2
     if name == COMPLIANCE:
@@ -284,7 +284,7 @@ def _with_stiffness(pipe: Pipe, value: float) -> Pipe:
         damping=pipe.damping / slower,
         terms=tuple(converted(term, change, operator.truediv) for term in pipe.terms),
         root=converted(root, change, operator.truediv) if isinstance(root, RootSpring) else root,
-        scales=Scales(*map(operator.mul, old, change)),
+        scales=old._replace(time=old.time * slower, speed=old.speed / slower),
     )
 
 

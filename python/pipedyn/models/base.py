@@ -783,6 +783,30 @@ class Model(OfPipe, ABC):
             raise ValueError(f"qdot must have the shape of q, {columns.shape}, got {rates.shape}")
         return resolved("tip_velocities", lambda: self._free_ends(columns, rates)[2:], batch=True).T
 
+    def curvatures(self, q: ArrayLike) -> Array:
+        """Largest curvature |theta'(s)| along the pipe in 1 / L, (k,), for k configurations.
+
+        For chains and scenes it is the largest moment of a joint's spring over EI: the curvature
+        averaged over the length that the spring stands for.
+
+        Args:
+            q: coordinates, shape (coordinates, k).
+
+        Example:
+            >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
+            >>> chain.curvatures([[0.1, 0.0], [0.1, 0.3]])  # springs 4 and 2
+            array([0.4, 0.6])
+        """
+        columns = self._configurations("q", q)
+        few = max(1, 1_000_000 // self.stations.size)  # curvatures at once, 8 MB
+        parts = range(0, columns.shape[1], few)
+        bent = [np.abs(self._bending(columns[:, i : i + few])).max(axis=0) for i in parts]
+        return np.concatenate(bent)
+
+    @abstractmethod
+    def _bending(self, q: Array) -> Array:
+        """Curvatures at places along the pipe, (places, k), for k configurations."""
+
     def end_motion(self, y: Array) -> Array:
         """Positions and velocities for `tips` and `tip_velocities`, (4, k), at k states [p, p'].
 
@@ -900,6 +924,18 @@ class Model(OfPipe, ABC):
         if columns.dtype.kind == "c":
             raise TypeError(f"{name} must be real, got complex numbers")
         return columns
+
+
+class Configurations:
+    """Base class of results with configurations `q`, (S, coordinates), of a `model`."""
+
+    q: Array
+    model: Model
+
+    @property
+    def curvature(self) -> Array:
+        """Largest curvature |theta'(s)| along the pipe in 1 / L, shape (S,)."""
+        return self.model.curvatures(self.q.T) if len(self.q) else np.empty(0)
 
 
 def loses_energy(model: Model, u: float) -> bool:

@@ -9,16 +9,18 @@ stops, foundations and the fluid around the pipe rest on the ground.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from pipedyn.models.pipe import Pipe, checked_pipe
+from pipedyn.models.pipe import Pipe, checked_pipe, scaled_by
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
+from pipedyn.util.result import Units
 
 Direction = Literal["x", "y"]
 DIRECTIONS: tuple[Direction, ...] = get_args(Direction)
@@ -94,7 +96,8 @@ class Pulsation:
             >>> pp.Pulsation.from_si(pipe, mean=8.0, amplitude=0.2, frequency=3.0)
             Pulsation(mean=4.0, amplitude=0.2, frequency=6.0)
         """
-        speed, omega = check.real("mean", mean), check.real("frequency", frequency)
+        speed = check.real("mean", mean, unit="m/s")
+        omega = check.real("frequency", frequency)
         pipe = checked_pipe(pipe)
         return cls(pipe.speed_from_si(speed), amplitude, pipe.frequency_from_si(omega))
 
@@ -158,7 +161,8 @@ class Harmonic:
             >>> pp.Harmonic.from_si(pipe, amplitude=0.02, frequency=3.0)
             Harmonic(amplitude=0.01, frequency=6.0, direction='x')
         """
-        reach, omega = check.real("amplitude", amplitude), check.real("frequency", frequency)
+        reach = check.real("amplitude", amplitude, unit="m")
+        omega = check.real("frequency", frequency)
         pipe = checked_pipe(pipe)
         return cls(pipe.length_from_si(reach), pipe.frequency_from_si(omega), direction)
 
@@ -288,15 +292,15 @@ class Supply:
             >>> pp.Supply.from_si(pipe, pressure=1e5, density=1000.0, friction=0.5)
             Supply(head=25.0, friction=0.5, weight=None, start=None)
         """
-        pressure = check.real("pressure", pressure)
-        density = check.real("density", density, low=0.0, open_low=True)
+        pressure = check.real("pressure", pressure, unit="Pa")
+        density = check.real("density", density, low=0.0, open_low=True, unit="kg/m**3")
         scales = checked_pipe(pipe)._units("head")
         head = check.real("head from pressure and density", pressure / density / scales.speed**2)
         if weight is not None:
             force = pipe.beta * scales.mass * scales.speed**2  # unit of force, EI / L^2
-            weight = check.real("weight", weight) / force
+            weight = check.real("weight", weight, unit="N") / force
         if start is not None:
-            start = pipe.speed_from_si(check.real("start", start, low=0.0))
+            start = pipe.speed_from_si(check.real("start", start, low=0.0, unit="m/s"))
         return cls(head, friction, weight, start)
 
     def _weight_head(self, pipe: Pipe) -> float:
@@ -476,3 +480,86 @@ def _finite(name: str, function: Any, t: float, entries: int) -> tuple[float, ..
         rule = f"{name}({t:g}) must give {entries} finite numbers"
         raise ValueError(f"{rule}, got {check.shown(came)}")
     return values
+
+
+class InputUnits:
+    """Units in which a user gives flow speeds, times and motions of the base for a pipe.
+
+    With "si" they are in m/s, s and m; quantities of pint are converted in any case. States, events
+    and drives that have a `from_si` of their own stay nondimensional.
+
+    Raises ValueError for SI units or quantities if the pipe has no scales.
+    """
+
+    def __init__(self, units: Units, pipe: Pipe) -> None:
+        self.si = check.choice("units", units, ("nondimensional", "si")) == "si"
+        self._pipe, self._converts = pipe, self.si
+        if self.si:
+            self._require_scales("units must be 'nondimensional'", units)
+
+    def _require_scales(self, rule: str, given: Any) -> None:
+        if self._pipe.scales is None:
+            raise ValueError(
+                f"{rule} where the pipe has no scales, as one made by Pipe.from_si or "
+                f"Pipe.from_tube has them, got {check.shown(given)}"
+            )
+
+    @contextmanager
+    def explained(self) -> Iterator[None]:
+        """Adds the pipe's units to messages about numbers that were converted."""
+        try:
+            yield
+        except ValueError as error:
+            if (scales := self._pipe.scales) is None or not self._converts:
+                raise
+            units = f"{scales.time:.4g} s and {scales.speed:.4g} m/s"
+            raise ValueError(f"{error} (in units of the pipe, {units})") from error
+
+    def times(self, function: Callable[..., Any], **given: Any) -> Iterator[Any]:
+        """Arguments of a function that are times, in T; its defaults are in T already."""
+        defaults = getattr(function, "__kwdefaults__", None) or {}
+        for name, value in given.items():
+            if (name in defaults and value is defaults[name]) or self._stays(name, value):
+                yield value
+            else:
+                yield scaled_by(name, value, np.divide, self._pipe._units(name).time, "s")
+
+    def speed(self, name: str, u: Any) -> Any:
+        """A flow speed or speeds u, or a function of time, maybe with its derivative."""
+        if isinstance(u, Pulsation | Supply) or self._stays(name, u):
+            return u
+        pair = isinstance(u, tuple) and any(map(callable, u))
+        if not (pair or callable(u)):
+            return scaled_by(name, u, np.divide, self._pipe._units(name).speed, "m/s")
+        return self._functions(u, 1.0 / self._pipe._units(name).speed)
+
+    def base(self, base: Any) -> Any:
+        """A motion of the base, in L over T."""
+        functions = callable(base) or isinstance(base, tuple)
+        if not functions or isinstance(base, Harmonic) or not self.si:
+            return base
+        return self._functions(base, 1.0 / self._pipe._units("base").length)
+
+    def _stays(self, name: str, value: Any) -> bool:
+        """Whether a value is nondimensional already."""
+        if not check.has_quantity(value):
+            return not self.si
+        self._require_scales(f"{name} must be nondimensional", value)
+        self._converts = True
+        return False
+
+    def _functions(self, given: Any, scale: float) -> Any:
+        """A function of time in SI, or it with its derivatives, in units of the pipe."""
+        time = self._pipe._units("times").time
+        if callable(given):
+            return partial(_nondimensional, given, time, scale)
+        return tuple(
+            of if not callable(of) else partial(_nondimensional, of, time, scale * time**order)
+            for order, of in enumerate(given)
+        )
+
+
+def _nondimensional(function: Callable[[float], Any], time: float, scale: float, t: float) -> Any:
+    """Values of a function of time in SI at a nondimensional time, in other units."""
+    found = np.multiply(function(time * t), scale)
+    return found if found.ndim else found.item()

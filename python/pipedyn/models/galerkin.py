@@ -448,6 +448,9 @@ class Galerkin(Model):
             found[:, coiled] = np.sum(parts, axis=1)
         return found
 
+    def _bending(self, q: Array) -> Array:
+        return np.asarray(self._basis_at(self.stations, 2) @ q)
+
     def _count_for(self, amplitudes: Array) -> int:
         """Number of nodes on each panel that integrate sin and cos of the angle; columns (m, k)."""
         count = 2 * self.core.most_on_a_panel() + 60

@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import partial
 from typing import Any, Literal
@@ -14,7 +15,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipedyn.models.profile import Along, Profile, checked_profile, mixed
-from pipedyn.models.scales import Scales, repr_of, scales_at
+from pipedyn.models.scales import (
+    SI_QUANTITIES,
+    Scales,
+    SIQuantity,
+    likely_slip,
+    repr_of,
+    scales_at,
+    si_number,
+    unusual,
+    without_quantities,
+)
 from pipedyn.models.supports import (
     ENDS,
     GOLDEN,
@@ -35,6 +46,7 @@ from pipedyn.models.terms import (
 )
 from pipedyn.util import check
 from pipedyn.util.archive import Saved, saved_as
+from pipedyn.util.errors import warn_of_pipe
 from pipedyn.util.result import TIME, Unit
 
 Flow = Literal["ejecting", "aspirating"]
@@ -120,6 +132,25 @@ OWN_NUMBERS = {
 }
 """The numbers of a pipe by argument name, in the order of `own_numbers` in pipe.hpp."""
 
+SI_QUANTITIES.update(
+    alpha=SIQuantity("dimensionless", OWN_NUMBERS["alpha"].rule),
+    nozzle_ratio=SIQuantity("dimensionless", OWN_NUMBERS["alpha"].rule | {"open_low": True}),
+    inflow_share=SIQuantity("dimensionless", OWN_NUMBERS["inflow_share"].rule),
+    # Sheets made to damp have a loss factor of 1.
+    hysteresis=SIQuantity("dimensionless", OWN_NUMBERS["hysteresis"].rule, usual=(0.0, 2.0)),
+    # A nozzle does not point backward.
+    jet_angle=SIQuantity(
+        "rad",
+        OWN_NUMBERS["jet_angle"].rule,
+        {"degrees": math.pi / 180.0},
+        (-0.5 * math.pi, 0.5 * math.pi),
+    ),
+)
+
+BEAM = "bending_stiffness", "pipe_mass", "fluid_mass"
+TUBE = "outer_diameter", "inner_diameter", "youngs_modulus", "density", "fluid_density"
+"""Arguments in SI that describe the pipe's section."""
+
 
 @saved_as("Pipe", added=("rotary_inertia",))
 @dataclass(frozen=True)
@@ -172,7 +203,8 @@ class Pipe(Saved):
             None if it is uniform. Damping is proportional to it. Kept as a `Profile`.
         mass: mass per length along the pipe, including the uniform mass of the fluid, in the same
             form as stiffness; nowhere below beta.
-        scales: values in SI of the units, or None for a pipe not made with `from_si`.
+        scales: values in SI of the units, or None for a pipe not made with `from_si` or
+            `from_tube`.
 
     Example:
         >>> hanging = pp.Pipe(beta=0.2, gamma=10.0, terms=[pp.PointMass(at=1.0, mass=0.1)])
@@ -232,13 +264,18 @@ class Pipe(Saved):
                 f"got {check.shown(self.jet_angle)}"
             )
         if self.scales is not None:  # mu_f = beta (mu_p + mu_f), also for a replaced beta
-            given["scales"] = scales_at(self.beta, self.scales)
+            scales = scales_at(self.beta, self.scales)
+            given["scales"] = scales._replace(outer_diameter=0.0) if self.stiffness else scales
         for i, term in enumerate(self.terms):
             if term.needs_held_end and not self.end_held:
                 raise ValueError(
                     f'terms[{i}] stretches a pipe whose end is "pinned" or "clamped", got end '
                     f"{self.end!r}"
                 )
+        if self.jet_angle or self.hysteresis:
+            own = {"jet_angle": self.jet_angle, "hysteresis": self.hysteresis}
+            if reasons := unusual(own):
+                warn_of_pipe(reasons, likely_slip(own, lambda numbers: not unusual(numbers)))
 
     @classmethod
     def from_si(
@@ -268,7 +305,10 @@ class Pipe(Saved):
         stiffness_profile: Along | Profile | None = None,
         mass_profile: Along | Profile | None = None,
     ) -> Pipe:
-        """A pipe from measured quantities in SI units.
+        """A pipe from measured quantities in SI units, or from quantities of pint in other units.
+
+        For values far outside the range of pipes it brings the warning `UnusualPipe`. `from_tube`
+        takes diameters, Young's modulus and densities in place of EI and masses.
 
         Args:
             length: L, m.
@@ -324,103 +364,143 @@ class Pipe(Saved):
                 must be given together, and each coefficient needs both.
             TypeError: for an argument that is not a number.
         """
-        positive: dict[str, Any] = {"low": 0.0, "high": 1e12, "open_low": True}
-        length = check.real("length", length, **positive)
-        stiffness = check.real("bending_stiffness", bending_stiffness, **positive)
-        pipe_mass = check.real("pipe_mass", pipe_mass, **positive)
-        fluid_mass = check.real("fluid_mass", fluid_mass, **positive)
-        gravity = check.real("gravity", gravity, low=-1e12, high=1e12)
-        drag_coefficient = check.real("drag_coefficient", drag_coefficient, low=0.0)
-        diameter = check.real("external_diameter", external_diameter, low=0.0)
-        density = check.real("external_density", external_density, low=0.0)
-        added_mass_coefficient = check.real(
-            "added_mass_coefficient", added_mass_coefficient, low=0.0
-        )
-        if (diameter or density or drag_coefficient or added_mass_coefficient) and not (
-            diameter and density
-        ):
+        given = locals()
+        return cls._from_quantities({name: given[name] for name in ("length", *BEAM)}, given)
+
+    @classmethod
+    def from_tube(
+        cls,
+        *,
+        length: float,
+        outer_diameter: float,
+        inner_diameter: float,
+        youngs_modulus: float,
+        density: float,
+        fluid_density: float,
+        **options: Any,
+    ) -> Pipe:
+        """The pipe whose section is that of a round tube, for measured quantities in SI units.
+
+        EI = E pi (D_o^4 - D_i^4) / 64, mu_p = rho pi (D_o^2 - D_i^2) / 4 and mu_f = rho_f pi D_i^2
+        / 4. The pipe keeps the diameters, so that SI results also give flow rates (`flow_rate` in
+        m^3/s, `flow_rate_l_min` in l/min) and, where results know the `curvature`, the bending
+        stress of the wall.
+
+        Args:
+            length: L, m.
+            outer_diameter: D_o, m; also the external diameter, if an external_density is given and
+                no external_diameter.
+            inner_diameter: D_i, m, less than D_o.
+            youngs_modulus: E of the wall, Pa.
+            density: rho of the wall, kg/m^3.
+            fluid_density: rho_f of the fluid in the tube, kg/m^3.
+            **options: all arguments of `from_si` that have a default there.
+
+        Example:
+            >>> hose = pp.Pipe.from_tube(
+            ...     length=0.5, outer_diameter=12e-3, inner_diameter=8e-3, youngs_modulus=3e6,
+            ...     density=1150.0, fluid_density=998.0,
+            ... )
+            >>> round(hose.beta, 4), round(hose.gamma, 2)
+            (0.4098, 61.26)
+            >>> found = pp.critical_speed(pp.Continuum(hose)).in_si()
+            >>> print(f"{found.speed:.2f} m/s, {found.flow_rate_l_min:.1f} l/min")
+            5.08 m/s, 15.3 l/min
+
+        Raises:
+            ValueError: as `from_si`, and for an inner diameter that is not less than the outer one.
+            TypeError: for an argument that is not a number, or an option that `from_si` lacks.
+        """
+        given = locals()
+        optional = inspect.signature(cls.from_si).parameters.values()
+        defaults = {one.name: one.default for one in optional if one.default is not one.empty}
+        if unknown := options.keys() - defaults.keys():
+            raise TypeError(f"from_tube() got an unexpected keyword argument {min(unknown)!r}")
+        section = {name: given[name] for name in ("length", *TUBE)}
+        return cls._from_quantities(section, defaults | options)
+
+    @classmethod
+    def _from_quantities(cls, section: Mapping[str, Any], options: Mapping[str, Any]) -> Pipe:
+        """The pipe from its length and section, and the arguments of `from_si` with defaults."""
+        si = {name: si_number(name, value) for name, value in section.items()}
+        if "inner_diameter" in si and si["inner_diameter"] >= si["outer_diameter"]:
+            raise ValueError(
+                f"inner_diameter must be less than outer_diameter, {si['outer_diameter']:g}, got "
+                f"{si['inner_diameter']:g}"
+            )
+        for name in SI_QUANTITIES:
+            absent = name in ("alpha", "nozzle_ratio") and options[name] is None
+            if name not in ("length", *BEAM, *TUBE) and not absent:
+                si[name] = si_number(name, options[name])
+        if si["external_density"] and not si["external_diameter"]:
+            si["external_diameter"] = si.get("outer_diameter", 0.0)
+        outside = si["external_diameter"], si["external_density"]
+        coefficients = si["drag_coefficient"], si["added_mass_coefficient"]
+        if any((*outside, *coefficients)) and not all(outside):
             raise ValueError(
                 "external_diameter and external_density must be given together, also where "
                 "drag_coefficient or added_mass_coefficient is, "
-                f"got {diameter!r} and {density!r}"
+                f"got {outside[0]!r} and {outside[1]!r}"
             )
-        damping_time = check.real("damping_time", damping_time, low=0.0)
-        if nozzle_ratio is not None:
-            if alpha is not None:
-                raise ValueError(
-                    f"alpha or nozzle_ratio must be given, not both, got {check.shown(alpha)} and "
-                    f"{check.shown(nozzle_ratio)}"
-                )
-            if flow != "ejecting":
-                raise ValueError(
-                    f"nozzle_ratio must be that of an ejecting pipe, whose jet it contracts, "
-                    f"got flow={check.shown(flow)}"
-                )
-            alpha = check.real(
-                "nozzle_ratio", nozzle_ratio, open_low=True, **OWN_NUMBERS["alpha"].rule
-            )
-        mass = pipe_mass + fluid_mass
-        time = length**2 * math.sqrt(mass / stiffness)
-        units = Scales(length, mass, time, math.sqrt(stiffness / fluid_mass) / length)
-        if not all(0.0 < unit < math.inf for unit in units):
+        if "nozzle_ratio" in si and "alpha" in si:
             raise ValueError(
-                "length, bending_stiffness, pipe_mass and fluid_mass must give finite units, "
-                f"got {units._asdict()}"
+                f"alpha or nozzle_ratio must be given, not both, got {si['alpha']:g} and "
+                f"{si['nozzle_ratio']:g}"
             )
-        every = "length, pipe_mass, fluid_mass and bending_stiffness"
-        outside = "external_diameter, external_density"
-        displaced = 0.25 * math.pi * density * diameter * diameter
-        drag = drag_coefficient * diameter * density * length / (2.0 * mass)
-        numbers = {
-            "beta": (fluid_mass / mass, "pipe_mass and fluid_mass"),
-            "gamma": (
-                gravity * length**3 * (mass - displaced) / stiffness,
-                f"gravity, {outside}, {every}" if displaced else f"gravity, {every}",
-            ),
-            "drag": (drag, f"drag_coefficient, {outside}, length and the masses"),
-            "damping": (damping_time / time, f"damping_time, {every}"),
-            "rotary_inertia": (
-                check.real("rotary_inertia", rotary_inertia, low=0.0) / (mass * length * length),
-                "its SI value, length and the masses",
-            ),
-        }
-        checked = {
-            name: check.real(f"{name} from {causes}", value, **OWN_NUMBERS[name].rule)
-            for name, (value, causes) in numbers.items()
-        }
-        given = [converted(one, units, operator.truediv) for one in checked_terms(terms, length)]
-        buoyancy = gravity * length**3 * displaced / stiffness  # the part of gamma that it cancels
+        if "nozzle_ratio" in si and options["flow"] != "ejecting":
+            raise ValueError(
+                f"nozzle_ratio must be that of an ejecting pipe, whose jet it contracts, "
+                f"got flow={check.shown(options['flow'])}"
+            )
+        try:
+            units, checked = _numbers_in_si(si)
+        except ValueError as error:
+            raise ValueError(f"{error}{likely_slip(si, _is_usual)}") from None
+        if reasons := _unusual_in_si(si, units, checked["damping"]):
+            warn_of_pipe(reasons, likely_slip(si, _is_usual))
+        length, mass = si["length"], units.mass
+        terms, root = options["terms"], options["root"]
+        if isinstance(terms, tuple | list):
+            terms = [
+                without_quantities(f"terms[{i}]", one) if isinstance(one, Term) else one
+                for i, one in enumerate(terms)
+            ]
+        terms = checked_terms(terms, length, in_si=True)
+        given = [converted(one, units, operator.truediv) for one in terms]
+        displaced, (stiffness, pipe_mass, _) = _displaced(si), _rigidity_and_masses(si)
+        buoyancy = si["gravity"] * length**3 * displaced / stiffness  # its part in gamma
         given += [
             Weight(at=one.at, load=buoyancy * one.mass)
             for one in given
             if isinstance(one, PointMass) and buoyancy
         ]
-        if added_mass_coefficient:
-            causes = f"added_mass_coefficient, {outside} and the masses"
-            share = displaced / mass * added_mass_coefficient
+        if si["added_mass_coefficient"]:
+            causes = "added_mass_coefficient, external_diameter, external_density and the masses"
+            share = displaced / mass * si["added_mass_coefficient"]
             given.append(AddedMass(check.real(f"added mass from {causes}", share, high=1e6)))
-        own = checked_profile("mass_profile", mass_profile)
-        if own is not None and displaced and gravity:
+        own = checked_profile("mass_profile", options["mass_profile"])
+        if own is not None and displaced and si["gravity"]:
             raise ValueError(
                 "mass_profile must be None in a fluid that bears part of the weight, or gravity 0: "
                 "buoyancy is uniform along the pipe, the weight of such a pipe is not, got "
-                f"external_density = {density:g}"
+                f"external_density = {si['external_density']:g}"
             )
         source = " from its SI value, length, bending_stiffness and the masses"
         if isinstance(root, RootSpring):
-            root = checked_root(converted(root, units, operator.truediv), source)
+            root = converted(without_quantities("root", root), units, operator.truediv)
+            root = checked_root(root, source)
+        supports = check.in_unit("supports", options["supports"], "m")
+        supports = checked_supports(supports, length, in_si=True)
         return cls(
             **checked,
-            flow=flow,
-            alpha=1.0 if alpha is None else alpha,
-            hysteresis=hysteresis,
-            inflow_share=inflow_share,
-            jet_angle=jet_angle,
+            flow=options["flow"],
+            alpha=si.get("nozzle_ratio", si.get("alpha", 1.0)),
+            **{name: si[name] for name in ("hysteresis", "inflow_share", "jet_angle")},
             terms=in_range(tuple(given), source),
             root=root,
-            end=end,
-            supports=tuple(s / length for s in checked_supports(supports, length)),
-            stiffness=checked_profile("stiffness_profile", stiffness_profile),
+            end=options["end"],
+            supports=tuple(s / length for s in supports),
+            stiffness=checked_profile("stiffness_profile", options["stiffness_profile"]),
             mass=None if own is None else mixed(own, pipe_mass / mass),
             scales=units,
         )
@@ -520,8 +600,11 @@ class Pipe(Saved):
     def __repr__(self) -> str:
         if self.scales is None:
             return repr_of(self)
-        units = zip(self.scales, ("m", "kg/m", "s", "m/s"), strict=True)
-        return repr_of(self, "units " + ", ".join(f"{value:.6g} {unit}" for value, unit in units))
+        units = zip(self.scales, ("m", "kg/m", "s", "m/s"), strict=False)
+        shown = "units " + ", ".join(f"{value:.6g} {unit}" for value, unit in units)
+        if bore := self.scales.inner_diameter:
+            shown += f", bore {bore:.6g} m"
+        return repr_of(self, shown)
 
     @property
     def terms_si(self) -> tuple[Term, ...]:
@@ -546,7 +629,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).speed_si(3.0)
             6.0
         """
-        return _scaled_by("u", u, np.multiply, self._units("speed").speed)
+        return scaled_by("u", u, np.multiply, self._units("speed").speed)
 
     def speed_from_si(self, V: ArrayLike) -> Any:
         """Nondimensional flow speed u from V in m/s; a number or an array.
@@ -556,7 +639,43 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).speed_from_si(6.0)
             3.0
         """
-        return _scaled_by("V", V, np.divide, self._units("speed").speed)
+        return scaled_by("V", V, np.divide, self._units("speed").speed, "m/s")
+
+    def flow_rate_si(self, u: ArrayLike) -> Any:
+        """Flow rate in m^3/s from the nondimensional flow speed u; a number or an array.
+
+        The pipe must have been made with `from_tube`. With another beta, its bore holds a fluid of
+        another density.
+
+        Example:
+            >>> hose = pp.Pipe.from_tube(
+            ...     length=0.5, outer_diameter=12e-3, inner_diameter=8e-3, youngs_modulus=3e6,
+            ...     density=1150.0, fluid_density=998.0,
+            ... )
+            >>> round(6e4 * hose.flow_rate_si(2.0), 3)  # l/min
+            2.666
+        """
+        return scaled_by("u", u, np.multiply, self._flow_rate())
+
+    def flow_rate_from_si(self, Q: ArrayLike) -> Any:
+        """Nondimensional flow speed u from a flow rate in m^3/s; a number or an array.
+
+        Example:
+            >>> hose = pp.Pipe.from_tube(
+            ...     length=0.5, outer_diameter=12e-3, inner_diameter=8e-3, youngs_modulus=3e6,
+            ...     density=1150.0, fluid_density=998.0,
+            ... )
+            >>> round(hose.flow_rate_from_si(15.0 / 6e4), 3)  # 15 l/min
+            11.252
+        """
+        return scaled_by("Q", Q, np.divide, self._flow_rate(), "m**3/s")
+
+    def _flow_rate(self) -> float:
+        """Flow rate at u = 1, in m^3/s."""
+        rate = float(self._units("flow rate").flow_rate)
+        if math.isnan(rate):
+            raise ValueError(f"flow rates need a pipe made with Pipe.from_tube, got {self!r}")
+        return rate
 
     def time_si(self, tau: ArrayLike) -> Any:
         """Time in s from the nondimensional tau; a number or an array.
@@ -566,7 +685,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).time_si(1.5)
             3.0
         """
-        return _scaled_by("tau", tau, np.multiply, self._units("time").time)
+        return scaled_by("tau", tau, np.multiply, self._units("time").time)
 
     def time_from_si(self, t: ArrayLike) -> Any:
         """Nondimensional time tau from t in s; a number or an array.
@@ -576,7 +695,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).time_from_si(3.0)
             1.5
         """
-        return _scaled_by("t", t, np.divide, self._units("time").time)
+        return scaled_by("t", t, np.divide, self._units("time").time, "s")
 
     def frequency_si(self, omega: ArrayLike) -> Any:
         """Angular frequency in rad/s from the nondimensional omega; a number or an array.
@@ -588,7 +707,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).frequency_si(14.0)
             7.0
         """
-        return _scaled_by("omega", omega, np.divide, self._units("time").time)
+        return scaled_by("omega", omega, np.divide, self._units("time").time)
 
     def frequency_from_si(self, omega_si: ArrayLike) -> Any:
         """Nondimensional angular frequency from rad/s (2 pi times Hz); a number or an array.
@@ -598,7 +717,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).frequency_from_si(7.0)
             14.0
         """
-        return _scaled_by("omega_si", omega_si, np.multiply, self._units("time").time)
+        return scaled_by("omega_si", omega_si, np.multiply, self._units("time").time)
 
     def length_si(self, s: ArrayLike) -> Any:
         """Length in m from a length in units of L; a number or an array.
@@ -608,7 +727,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).length_si(0.5)
             1.0
         """
-        return _scaled_by("s", s, np.multiply, self._units("length").length)
+        return scaled_by("s", s, np.multiply, self._units("length").length)
 
     def length_from_si(self, x: ArrayLike) -> Any:
         """Length in units of L from a length in m; a number or an array.
@@ -618,7 +737,7 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).length_from_si(1.0)
             0.5
         """
-        return _scaled_by("x", x, np.divide, self._units("length").length)
+        return scaled_by("x", x, np.divide, self._units("length").length, "m")
 
 
 def checked_pipe(pipe: Any) -> Pipe:
@@ -627,17 +746,101 @@ def checked_pipe(pipe: Any) -> Pipe:
     return checked
 
 
+def _rigidity_and_masses(si: Mapping[str, float]) -> tuple[float, float, float]:
+    """EI, mu_p and mu_f from quantities in SI: as they are, or of a tube."""
+    if "bending_stiffness" in si:
+        return si["bending_stiffness"], si["pipe_mass"], si["fluid_mass"]
+    outer, inner = si["outer_diameter"], si["inner_diameter"]
+    bore, wall = 0.25 * math.pi * inner**2, 0.25 * math.pi * (outer**2 - inner**2)
+    stiffness = si["youngs_modulus"] * wall * (outer**2 + inner**2) / 16.0
+    return stiffness, si["density"] * wall, si["fluid_density"] * bore
+
+
+def _displaced(si: Mapping[str, float]) -> float:
+    """Mass per length of the fluid that the pipe displaces outside, kg/m."""
+    diameter = si["external_diameter"]
+    return 0.25 * math.pi * si["external_density"] * diameter * diameter
+
+
+def _numbers_in_si(si: Mapping[str, float]) -> tuple[Scales, dict[str, float]]:
+    """The units, and the pipe's own numbers that follow from quantities in SI, checked."""
+    stiffness, pipe_mass, fluid_mass = _rigidity_and_masses(si)
+    length, mass, displaced = si["length"], pipe_mass + fluid_mass, _displaced(si)
+    outside = "external_diameter, external_density"
+    if "bending_stiffness" in si:
+        masses, section = "pipe_mass and fluid_mass", "pipe_mass, fluid_mass and bending_stiffness"
+    else:
+        masses, section = "the diameters and densities", f"{', '.join(TUBE[:-1])} and {TUBE[-1]}"
+    gravity = f"gravity, {outside}" if displaced else "gravity"
+    units = Scales(
+        length,
+        mass,
+        length**2 * math.sqrt(mass / stiffness) if stiffness else math.inf,
+        math.sqrt(stiffness / fluid_mass) / length if fluid_mass else math.inf,
+    )
+    if not all(0.0 < unit < math.inf for unit in units[:4]):
+        raise ValueError(f"length, {section} must give finite units, got {units[:4]}")
+    drag = si["drag_coefficient"] * si["external_diameter"] * si["external_density"]
+    numbers = {
+        "beta": (fluid_mass / mass, masses),
+        "gamma": (
+            si["gravity"] * length**3 * (mass - displaced) / stiffness,
+            f"{gravity}, length, {section}",
+        ),
+        "drag": (
+            drag * length / (2.0 * mass),
+            f"drag_coefficient, {outside}, length and the masses",
+        ),
+        "damping": (si["damping_time"] / units.time, f"damping_time, length, {section}"),
+        "rotary_inertia": (
+            si["rotary_inertia"] / (mass * length * length),
+            "its SI value, length and the masses",
+        ),
+    }
+    diameters = si.get("outer_diameter", 0.0), si.get("inner_diameter", 0.0)
+    return units._replace(outer_diameter=diameters[0], inner_diameter=diameters[1]), {
+        name: check.real(f"{name} from {causes}", value, **OWN_NUMBERS[name].rule)
+        for name, (value, causes) in numbers.items()
+    }
+
+
+def _unusual_in_si(si: Mapping[str, float], units: Scales, damping: float) -> list[str]:
+    """What is outside the range of pipes, in quantities in SI and the units that follow."""
+    outer = si.get("outer_diameter", si["external_diameter"])
+    numbers = {**si, "speed": units.speed, "time": units.time, "damping": damping}
+    if outer:
+        numbers["slenderness"] = si["length"] / outer
+    if "fluid_mass" in si:  # of a fluid as heavy as ore in water, as few are heavier
+        numbers["bore"] = si["length"] / math.sqrt(si["fluid_mass"] / (0.25 * math.pi * 4000.0))
+    return unusual({k: v for k, v in numbers.items() if k not in ("jet_angle", "hysteresis")})
+
+
+def _is_usual(si: Mapping[str, float]) -> bool:
+    """Whether quantities in SI describe a pipe in the range of pipes."""
+    try:
+        units, numbers = _numbers_in_si(si)
+    except (ValueError, OverflowError):
+        return False
+    return not _unusual_in_si(si, units, numbers["damping"])
+
+
 def _checked_scales(scales: Any) -> Scales:
-    """Checks that the argument is a tuple of four positive numbers, and returns it."""
-    if not isinstance(scales, tuple) or len(scales) != 4:
+    """Checks a tuple of four positive numbers, and maybe the diameters of a tube; returns it."""
+    if not isinstance(scales, tuple) or len(scales) not in (4, 6):
         raise TypeError(f"scales must be a Scales, got {check.shown(scales)}")
-    parts = zip(Scales._fields, scales, strict=True)
-    return Scales(*(check.real(f"scales.{k}", v, low=0.0, open_low=True) for k, v in parts))
+    given = Scales(*scales)._asdict().items()
+    found = Scales(
+        *(check.real(f"scales.{k}", v, low=0.0, open_low="diameter" not in k) for k, v in given)
+    )
+    if 0.0 < found.outer_diameter <= found.inner_diameter:
+        raise ValueError(f"scales.inner_diameter must be less than the outer one, got {found}")
+    return found
 
 
 CHECKS: dict[str, Callable[[Any], Any]] = {
     "flow": partial(check.choice, "flow", options=FLOWS),
     **{name: partial(check.real, name, **one.rule) for name, one in OWN_NUMBERS.items()},
+    "jet_angle": partial(si_number, "jet_angle"),
     "terms": lambda terms: in_range(checked_terms(terms)),
     "root": checked_root,
     "end": partial(check.choice, "end", options=ENDS),
@@ -651,7 +854,10 @@ CHECKS: dict[str, Callable[[Any], Any]] = {
 DEFAULTS = {item.name: item.default for item in fields(Pipe)}
 
 
-def _scaled_by(name: str, value: ArrayLike, by: np.ufunc, scale: float) -> Any:
+def scaled_by(name: str, value: ArrayLike, by: np.ufunc, scale: float, unit: str = "") -> Any:
+    """A number or array times or over the SI value of its unit; a quantity of pint in `unit`."""
+    if unit:
+        value = check.in_unit(name, value, unit)
     numbers = check.numbers(name, value, "a number or an array of numbers", longest=10_000_000)
     if not np.isfinite(numbers).all():
         raise ValueError(f"{name} must be finite, got {check.shown(value)}")

@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: MIT
-"""Units of length, mass, time and speed in SI, and metadata for numbers in these units."""
+"""Units of length, mass, time and speed in SI, and the quantities in SI that describe a pipe."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import MISSING, field, fields
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import MISSING, field, fields, replace
+from types import MappingProxyType
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 
 SLACK = 1e-9
@@ -16,15 +20,15 @@ SLACK = 1e-9
 1, far above the rounding of sums of lengths."""
 
 
-@saved_as("Scales")
+@saved_as("Scales", added=("outer_diameter", "inner_diameter"))
 class Scales(NamedTuple):
-    """Values in SI of the nondimensional units of a pipe.
+    """Values in SI of the nondimensional units of a pipe, with the diameters of a tube.
 
     Example:
         >>> pp.Pipe.from_si(
         ...     length=2.0, bending_stiffness=4.0, pipe_mass=0.75, fluid_mass=0.25
         ... ).scales
-        Scales(length=2.0, mass=1.0, time=2.0, speed=2.0)
+        Scales(length=2.0, mass=1.0, time=2.0, speed=2.0, outer_diameter=0.0, inner_diameter=0.0)
     """
 
     length: float
@@ -35,6 +39,25 @@ class Scales(NamedTuple):
     """L^2 sqrt((mu_p + mu_f) / EI), s"""
     speed: float
     """sqrt(EI / mu_f) / L, m/s"""
+    outer_diameter: float = 0.0
+    """D_o, m; 0 if it is not known or the wall is not uniform"""
+    inner_diameter: float = 0.0
+    """D_i, m; 0 if it is not known"""
+
+    @property
+    def flow_rate(self) -> Any:
+        """Flow rate at u = 1, m^3/s: the unit of speed times the bore's area; NaN if unknown."""
+        bore = 0.25 * math.pi * np.square(self.inner_diameter)
+        return self.speed * np.where(bore > 0.0, bore, math.nan)
+
+    @property
+    def wall_stress(self) -> Any:
+        """Largest bending stress at the curvature 1 / L, E D_o / (2 L), Pa; NaN if unknown."""
+        outer, inner = np.asarray(self.outer_diameter), np.asarray(self.inner_diameter)
+        area_moment = math.pi / 64.0 * (outer**4 - inner**4)
+        stiffness = self.mass * np.power(self.length, 4) / np.square(self.time)
+        modulus = stiffness / np.where(outer > 0.0, area_moment, math.nan)
+        return 0.5 * modulus * outer / self.length
 
 
 def scales_at(beta: Any, scales: Scales) -> Scales:
@@ -75,3 +98,147 @@ def repr_of(one: Any, *more: str) -> str:
     defaults = {item.name: item.default for item in fields(one)}
     told = [f"{name}={text_of(of)}" for name, of in shown.items() if of != defaults[name]]
     return f"{type(one).__name__}({', '.join([*told, *more])})"
+
+
+# --------------------------------------------------------------------------- descriptions in SI
+
+
+class SIQuantity(NamedTuple):
+    """An argument in SI that describes a pipe.
+
+    Attributes:
+        unit: its unit, as pint reads it.
+        rule: allowed range, as arguments of `check.real`.
+        mistaken: units that users take for it, with their values in it.
+        usual: range outside which no pipe's value lies.
+    """
+
+    unit: str
+    rule: Mapping[str, Any]
+    mistaken: Mapping[str, float] = MappingProxyType({})
+    usual: tuple[float, float] = (-math.inf, math.inf)
+
+    @property
+    def words(self) -> str:
+        """The unit as messages show it, with a space before it; empty if there is none."""
+        plain = self.unit.replace("**", "").replace("*", " ")
+        return "" if plain == "dimensionless" else f" {plain}"
+
+
+POSITIVE: dict[str, Any] = {"low": 0.0, "high": 1e12, "open_low": True}
+AT_LEAST_0: dict[str, Any] = {"low": 0.0}
+
+SI_QUANTITIES = {
+    "length": SIQuantity("m", POSITIVE, {"mm": 1e-3}),
+    # Pipes that fetch cold water from the deep sea are 10 m wide.
+    **dict.fromkeys(
+        ("outer_diameter", "inner_diameter"),
+        SIQuantity("m", POSITIVE, {"mm": 1e-3}, (0.0, 12.0)),
+    ),
+    # From the softest gels to tungsten carbide.
+    "youngs_modulus": SIQuantity("Pa", POSITIVE, {"MPa": 1e6, "GPa": 1e9}, (1e3, 1e12)),
+    # From light foams to osmium, and for the fluid from thin gases.
+    "density": SIQuantity("kg/m**3", POSITIVE, {"g/cm3": 1e3}, (10.0, 2.3e4)),
+    "fluid_density": SIQuantity("kg/m**3", POSITIVE, {"g/cm3": 1e3}, (0.01, 2.3e4)),
+    "bending_stiffness": SIQuantity("N*m**2", POSITIVE, {"N mm2": 1e-6}),
+    **dict.fromkeys(("pipe_mass", "fluid_mass"), SIQuantity("kg/m", POSITIVE, {"g/m": 1e-3})),
+    # Centrifuges for models of structures reach 500 g.
+    "gravity": SIQuantity("m/s**2", {"low": -1e12, "high": 1e12}, usual=(-5e3, 5e3)),
+    "drag_coefficient": SIQuantity("dimensionless", AT_LEAST_0),
+    "external_diameter": SIQuantity("m", AT_LEAST_0, {"mm": 1e-3}, (0.0, 12.0)),
+    "external_density": SIQuantity("kg/m**3", AT_LEAST_0, {"g/cm3": 1e3}, (0.0, 2.3e4)),
+    "added_mass_coefficient": SIQuantity("dimensionless", AT_LEAST_0),
+    "damping_time": SIQuantity("s", AT_LEAST_0, {"ms": 1e-3}),
+    "rotary_inertia": SIQuantity("kg*m", AT_LEAST_0),
+}
+"""Arguments of `Pipe.from_si` and `Pipe.from_tube` by name; the pipe adds its own numbers."""
+
+DERIVED = {
+    "speed": ("the unit of flow speed, sqrt(EI / mu_f) / L,", " m/s", (0.0, 480.0)),
+    "time": ("the unit of time, L^2 sqrt((mu_p + mu_f) / EI),", " s", (0.0, 86400.0)),
+    "damping": ("damping_time over the unit of time", "", (0.0, 1.0)),
+    "slenderness": ("length over the outer diameter", "", (5.0, 1e6)),
+    "bore": ("length over the diameter of a bore that holds fluid_mass", "", (5.0, math.inf)),
+}
+"""What is derived from these arguments, by name: words, unit and range of pipes. Without gravity no
+pipe buckles or flutters below u = pi, which at 480 m/s is the speed of sound in water. Motions that
+take days, losses above the elastic energy and beams as thick as long are no pipe's."""
+
+
+def si_number(name: str, value: Any) -> float:
+    """The value of an argument in SI, checked; the message about a refused one names a slip."""
+    one = SI_QUANTITIES[name]
+    value = check.in_unit(name, value, one.unit)
+    try:
+        return check.real(name, value, **one.rule)
+    except ValueError as error:
+        (low, high), found = one.usual, list[str]()
+        with suppress(OverflowError):  # of whole numbers and fractions beyond doubles
+            found = [word for word, by in one.mistaken.items() if low <= value * by <= high]
+        slip = f": in{one.words}, not in {' or '.join(found)}?" if found else ""
+        raise ValueError(f"{error}{slip}") from None
+
+
+def checked_place(name: str, place: Any, end: float, in_si: bool, open_high: bool) -> float:
+    """A place on a pipe of length `end`, checked; one in mm is told from one in m."""
+    try:
+        return check.real(name, place, low=0.0, high=end, open_low=True, open_high=open_high)
+    except ValueError as error:
+        slip = ": in m, not in mm?" if in_si and end < place <= 1e3 * end else ""
+        raise ValueError(f"{error}{slip}") from None
+
+
+def unusual(numbers: Mapping[str, float]) -> list[str]:
+    """A sentence for each number, given or derived, outside the range of pipes."""
+    found = []
+    for name, value in numbers.items():
+        words, unit, usual = name, "", (-math.inf, math.inf)
+        if name in DERIVED:
+            words, unit, usual = DERIVED[name]
+        elif name in SI_QUANTITIES:
+            unit, usual = SI_QUANTITIES[name].words, SI_QUANTITIES[name].usual
+        low, high = usual
+        if not low <= value <= high:
+            limit = f"at least {low:.3g}" if value < low else f"at most {high:.3g}"
+            found.append(f"{words} is {value:.4g}{unit}, for pipes {limit}{unit}")
+    return found
+
+
+def likely_slip(given: Mapping[str, float], is_usual: Callable[[Mapping[str, float]], bool]) -> str:
+    """The question whether arguments are in another unit, if they are usual then; else empty.
+
+    Each argument is tried in the units that users take for its own, then those that share one.
+    """
+    tries: list[tuple[str, ...]] = [(name,) for name in given]
+    every = tuple(name for name, value in given.items() if value)
+    tries += [tuple(name for name in every if "diameter" in name)]
+    tries += [
+        tuple(name for name in every if word in SI_QUANTITIES[name].mistaken)
+        for word in ("mm", "g/cm3")
+    ]
+    for names in filter(None, tries):
+        found = []
+        for word in SI_QUANTITIES[names[0]].mistaken:
+            by = {name: given[name] * SI_QUANTITIES[name].mistaken[word] for name in names}
+            if is_usual({**given, **by}):
+                found.append(word)
+        if found:
+            asked = f"{' and '.join(names)} in{SI_QUANTITIES[names[0]].words}"
+            return f": {asked}, not in {' or '.join(found)}?"
+    return ""
+
+
+Numbered = TypeVar("Numbered", bound=Any)
+
+
+def without_quantities(name: str, one: Numbered) -> Numbered:
+    """A term or root spring with numbers in SI in place of quantities of pint."""
+    numbers = {}
+    for item in fields(one):
+        mass, length, time = item.metadata["powers"]  # `Scales` counts masses per length
+        powers = zip(("kg", "m", "s"), (mass, length - mass, time), strict=True)
+        parts = (base if power == 1 else f"{base}**{power}" for base, power in powers if power)
+        unit = "*".join(parts) or "dimensionless"
+        numbers[item.name] = check.in_unit(f"{name}.{item.name}", getattr(one, item.name), unit)
+    made: Numbered = replace(one, **numbers)
+    return made

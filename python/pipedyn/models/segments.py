@@ -141,6 +141,18 @@ class SegmentModel(Model):
         """Arc lengths of the nodes, at which polylines have their maxima."""
         return self._ends()[1:]
 
+    def _bending(self, q: Array) -> Array:
+        moments = self._chain.joints[:, :1]
+        straight = np.zeros((len(moments) - self.integrated, q.shape[1]))  # beyond a guided end
+        angles = np.concatenate([self._segment_angles(q), straight])
+        turns = np.diff(angles, axis=0, prepend=0.0)
+        return np.asarray(moments * (turns - self._rest_turns))
+
+    @property
+    def _rest_turns(self) -> Array | float:
+        """Angles of the joints at which their springs have no moment, (joints, 1), or 0."""
+        return 0.0
+
     # --------------------------------------------------------------------------- small motions
 
     @cached_property

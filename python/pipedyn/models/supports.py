@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pipedyn.models.scales import SLACK, number, repr_of
+from pipedyn.models.scales import SLACK, checked_place, number, repr_of
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 
@@ -58,7 +58,8 @@ class RootSpring:
     stiffness: float = number(1e9, mass=1, length=3, time=-2)
 
     def __post_init__(self) -> None:  # the pipe checks how large it is, as it may be in SI
-        vars(self).update(stiffness=check.real("stiffness", self.stiffness, low=0.0))
+        if not check.is_quantity(self.stiffness):  # `Pipe.from_si` converts quantities
+            vars(self).update(stiffness=check.real("stiffness", self.stiffness, low=0.0))
 
     __repr__ = repr_of
 
@@ -79,7 +80,7 @@ def checked_root(root: Any, given: str = "") -> Root:
     return check.choice("root", root, ROOTS)
 
 
-def checked_supports(supports: Any, end: float = 1.0) -> tuple[float, ...]:
+def checked_supports(supports: Any, end: float = 1.0, in_si: bool = False) -> tuple[float, ...]:
     """Checks supports and returns them as ascending arc lengths on a pipe of length `end`.
 
     Raises ValueError for more than 100 supports, for one that is not inside the pipe, or if two
@@ -93,8 +94,9 @@ def checked_supports(supports: Any, end: float = 1.0) -> tuple[float, ...]:
         return ()
     if len(supports) > MOST_SUPPORTS:
         raise ValueError(f"supports must be at most {MOST_SUPPORTS}, got {len(supports)}")
-    inside: dict[str, Any] = {"low": 0.0, "high": end, "open_low": True, "open_high": True}
-    places = sorted(check.real(f"supports[{i}]", s, **inside) for i, s in enumerate(supports))
+    places = sorted(
+        checked_place(f"supports[{i}]", s, end, in_si, True) for i, s in enumerate(supports)
+    )
     spans = [right - left for left, right in zip([0.0, *places], [*places, end], strict=True)]
     if places and min(spans) < SHORTEST_SPAN * end * (1.0 - SLACK):
         span = spans.index(min(spans))

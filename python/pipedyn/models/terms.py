@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from pipedyn import _core
-from pipedyn.models.scales import SLACK, Scales, number, repr_of
+from pipedyn.models.scales import SLACK, Scales, checked_place, number, repr_of
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 
@@ -62,8 +62,9 @@ class Term:
             rule.pop("high", None)
             if rule.get("low", 0.0) < 0.0:
                 del rule["low"]
-            value = check.real(item.name, getattr(self, item.name), **rule)
-            object.__setattr__(self, item.name, value)
+            value = getattr(self, item.name)
+            if not check.is_quantity(value):  # `Pipe.from_si` converts quantities
+                object.__setattr__(self, item.name, check.real(item.name, value, **rule))
 
     __repr__ = repr_of
 
@@ -519,7 +520,7 @@ def in_range(terms: tuple[Term, ...], given: str = "") -> tuple[Term, ...]:
     return terms
 
 
-def checked_terms(terms: Any, end: float = 1.0) -> tuple[Term, ...]:
+def checked_terms(terms: Any, end: float = 1.0, in_si: bool = False) -> tuple[Term, ...]:
     """Checks a sequence of terms on a pipe of length `end` and returns it as a tuple.
 
     Raises ValueError for more than 400 terms, or a place beyond the free end, else TypeError.
@@ -532,8 +533,8 @@ def checked_terms(terms: Any, end: float = 1.0) -> tuple[Term, ...]:
         check.instance(f"terms[{i}]", term, Term, "a term, such as PointMass or Spring")
         if type(term).__module__ != __name__:
             raise TypeError(f"terms[{i}] must be a law of the package, got {check.shown(term)}")
-        if getattr(term, "at", end) > end * (1.0 + SLACK):
-            raise ValueError(f"terms[{i}].at must lie in (0, {end:g}], got {term.place!r}")
+        if check.real(f"terms[{i}].at", getattr(term, "at", end)) > end * (1.0 + SLACK):
+            checked_place(f"terms[{i}].at", term.place, end, in_si, False)
     return tuple(
         replace(term, at=end) if getattr(term, "at", end) > end else term for term in terms
     )

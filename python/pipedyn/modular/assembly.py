@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cached_property
@@ -517,6 +518,13 @@ class Assembly(SegmentModel):
         line = position_along(steps, self._base, self._lengths, s)
         line[:, 1] += np.minimum(s, self._base)
         return line
+
+    @property
+    def _rest_turns(self) -> Array:
+        layout = self._layout
+        springs = np.where(layout.springs > 0.0, layout.springs, math.inf)
+        moments = np.append(layout.rest_moments, np.zeros(springs.size - layout.size))
+        return (moments / springs)[:, None]
 
     def _segment_angles(self, q: NDArray[Any]) -> NDArray[Any]:
         return np.cumsum(q[2::3], axis=0)

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from pipedyn.models.base import Model
-from pipedyn.models.drive import Base, Pulsation, steady_speed
+from pipedyn.models.drive import Base, InputUnits, Pulsation, require_steady, steady_speed
 from pipedyn.models.pipe import Pipe
 from pipedyn.motion.integrator import Observer, Task, integrate
 from pipedyn.motion.simulate import (
@@ -40,7 +40,7 @@ from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.parallel import track
-from pipedyn.util.result import RATE, TableResult
+from pipedyn.util.result import RATE, TableResult, Units
 
 APART, CLOSE = 1e-5, 1e-6
 """Distance of neighbours, in the norm of the state, at the start of each interval: APART where the
@@ -109,6 +109,7 @@ def lyapunov_exponent(
     transient: float = 100.0,
     blocks: int = 10,
     interval: float = 0.5,
+    units: Units = "nondimensional",
     progress: bool = False,
 ) -> LyapunovExponent:
     """The largest Lyapunov exponent of the motion from a start, after its transient.
@@ -126,6 +127,8 @@ def lyapunov_exponent(
         blocks: number of parts of the duration, from whose means the spread comes, at least 4.
         interval: time in T after which the difference is brought back to its first length; it is
             shortened to divide a block, or if the difference changes too much within it.
+        units: "si" if u is given in m/s and the times duration, transient and interval in s. The
+            pipe must have scales, and the times not given keep their values in T.
         progress: whether to show progress on stderr.
 
     Returns:
@@ -142,13 +145,20 @@ def lyapunov_exponent(
         ValueError, TypeError: for bad arguments.
     """
     model = checked_model_in_motion(model)
-    u = steady_speed("u", u)
+    given = InputUnits(units, model.pipe)
+    require_steady("u", u)
+    u = given.speed("u", u)
+    duration, transient, interval = given.times(
+        lyapunov_exponent, duration=duration, transient=transient, interval=interval
+    )
     kinds = "a LimitCycle, a Motion, an angle theta(s), coordinates or a state [q, q']"
+    with given.explained():
+        u = steady_speed("u", u)
+        duration = check.real("duration", duration, low=1e-3, high=1e6)
+        transient = check.real("transient", transient, low=0.0, high=1e6)
+        interval = check.real("interval", interval, low=1e-6, high=1e3)
     state = state_of(model, "start", slight_bend if start is None else start, kinds)
-    duration = check.real("duration", duration, low=1e-3, high=1e6)
-    transient = check.real("transient", transient, low=0.0, high=1e6)
     blocks = check.count("blocks", blocks, low=4, high=10_000)
-    interval = check.real("interval", interval, low=1e-6, high=1e3)
     shown = check.flag("progress", progress)
     if (duration + transient) / min(interval, duration / blocks) > MOST_INTERVALS:
         raise ValueError(f"interval must cut the time into at most {MOST_INTERVALS} parts")

@@ -24,8 +24,16 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.models.base import Model
-from pipedyn.models.drive import LARGEST_SPEED, Base, Drive, DriveFailed, Speed, Supply
+from pipedyn.models.base import Configurations, Model
+from pipedyn.models.drive import (
+    LARGEST_SPEED,
+    Base,
+    Drive,
+    DriveFailed,
+    InputUnits,
+    Speed,
+    Supply,
+)
 from pipedyn.modular.assembly import Assembly
 from pipedyn.motion.constant_head import ConstantHead
 from pipedyn.motion.events import (
@@ -57,7 +65,14 @@ from pipedyn.util.check import Array
 from pipedyn.util.counters import TookTooLong
 from pipedyn.util.errors import PipedynError, resolved
 from pipedyn.util.parallel import Returned, parallel
-from pipedyn.util.result import Result, TableResult, Unit, join_tables, states_over_time
+from pipedyn.util.result import (
+    Result,
+    TableResult,
+    Unit,
+    Units,
+    join_tables,
+    states_over_time,
+)
 
 Start: TypeAlias = ArrayLike | Callable[[Array], ArrayLike]
 """The angle theta(s) of the bent pipe, or coordinates; some functions also take states."""
@@ -85,14 +100,12 @@ VECTOR = 4
 """Number of members that the core's vectors hold: this many take no longer than one."""
 
 
-class Trajectory:
+class Trajectory(Configurations):
     """States of a model at S times; base class of motions, limit cycles and forced motions."""
 
     t: Array
-    q: Array
     qdot: Array
     u: Speed
-    model: Model
 
     @property
     def y(self) -> Array:
@@ -114,7 +127,7 @@ class Trajectory:
 
     def _columns(self) -> dict[str, Any]:
         tips = self.model.tips(self.q.T) if self.t.size else np.empty((0, 2))
-        return states_over_time(self.t, self.q, self.qdot, tips)
+        return states_over_time(self.t, self.q, self.qdot, tips, self.curvature)
 
 
 @saved_as("Motion")
@@ -256,6 +269,7 @@ def simulate(
     dense: bool = False,
     most: float = MOST_CALLS,
     callback: Callback | None = None,
+    units: Units = "nondimensional",
     progress: bool = False,
 ) -> Motion:
     """The motion from an initial state, geometrically exact.
@@ -308,6 +322,10 @@ def simulate(
         callback: function called with the t, q and qdot that the motion has reached, first after
             some hundred right-hand sides, then every 0.05 s or later; if it returns True, the
             motion ends there.
+        units: "si" if u is given in m/s, duration, times, t0 and max_step in s, and functions of
+            time in these units, a base's in m; the pipe must have scales. States, events, `Event`
+            functions and the returned motion stay nondimensional (see `in_si`), and so do drives
+            that have a `from_si`. Quantities of pint are converted whatever `units` says.
         progress: whether to show progress on stderr.
 
     Returns:
@@ -320,6 +338,17 @@ def simulate(
         >>> float(motion.events[0].t[0]) < 5.0
         True
 
+        A hose of which speed and time are in SI, and the largest bending stress of its wall:
+
+        >>> hose = pp.Pipe.from_tube(
+        ...     length=0.5, outer_diameter=12e-3, inner_diameter=8e-3, youngs_modulus=3e6,
+        ...     density=1150.0, fluid_density=998.0,
+        ... )
+        >>> motion = pp.simulate(pp.Chain(hose, 8), 9.0, 2.0, lambda s: 0.1 * s, units="si")
+        >>> found = motion.in_si()
+        >>> round(float(found.t[-1]), 3), round(float(found.flow_rate_l_min[0]), 2)
+        (2.0, 27.14)
+
     Raises:
         MotionStopped: if the step tends to 0, the state or its rate is no longer finite, the
             motion takes more than `most` right-hand sides, or a function of time fails during the
@@ -329,12 +358,18 @@ def simulate(
     Source: `rhs` of the models for the equations; Hairer, Norsett and Wanner, Solving Ordinary
     Differential Equations I, II.6, for "dop853"; Hairer and Wanner, II, IV.8, for "radau".
     """
-    task = checked_task(
-        *(model, u, duration, q0, qdot0, samples, times, rtol, atol, method, most),
-        t0=t0,
-        max_step=max_step,
-        base=base,
+    given = InputUnits(units, checked_model_in_motion(model).pipe)
+    u = given.speed("u", u)
+    duration, times, t0, max_step = given.times(
+        simulate, duration=duration, times=times, t0=t0, max_step=max_step
     )
+    with given.explained():
+        task = checked_task(
+            *(model, u, duration, q0, qdot0, samples, times, rtol, atol, method, most),
+            t0=t0,
+            max_step=max_step,
+            base=given.base(base),
+        )
     looked_for, kept = checked_events(events), check.flag("dense", dense)
     recorder = None
     if looked_for or kept:
@@ -347,12 +382,12 @@ def simulate(
         recorder = Recorder(task.model, looked_for, task.t0, task.start, kept)
     check.instance("callback", callback, Callable | None, "a function")
     observer = Observer(recorder, callback)
-    given = task, check.flag("progress", progress), observer
+    shown = check.flag("progress", progress)
     if samples is None and times is None and task.method in CORE:
-        task, outcome = integrated_as_shown(*given)
+        task, outcome = integrated_as_shown(task, shown, observer)
         [(motion, why)] = assembled([task], [outcome])
     else:
-        [(motion, why)] = motions_of([task], *given[1:])
+        [(motion, why)] = motions_of([task], shown, observer)
     if recorder is not None:
         until = math.inf if observer.end is None else observer.end
         motion = replace(motion, events=recorder.occurrences(), dense=recorder.output(until))
@@ -376,6 +411,7 @@ def simulate_many(
     method: Method = "auto",
     most: float = MOST_CALLS,
     executor: futures.Executor | None = None,
+    units: Units = "nondimensional",
     progress: bool = False,
 ) -> Ensemble:
     """Motions of many members, which may differ in model, flow speed and initial state.
@@ -404,6 +440,8 @@ def simulate_many(
             this process. Members for which the executor returns nothing fail, because a worker died
             or the executor is broken or shut down. With a pool of processes, `speeds` and `base`
             must not be lambdas, as the workers call them; `q0` is called in this process.
+        units: as for `simulate`: with "si" speeds, duration and times are in SI for the pipe of
+            each member.
         progress: whether to show progress on stderr.
 
     Returns:
@@ -425,6 +463,7 @@ def simulate_many(
     at = _speeds(speeds)
     starts, rates = _each("q0", q0), _each("qdot0", qdot0)
     given: dict[str, Any] = {"models": chosen, "speeds": at, "q0": starts, "qdot0": rates}
+    asked = {id(model): InputUnits(units, model.pipe) for model in chosen}
     members = max(len(values) for values in given.values())
     for name, values in given.items():
         if len(values) not in (1, members):
@@ -441,15 +480,23 @@ def simulate_many(
     tasks: list[Task] = []
     for i in range(members):
         model, u, q, qdot = (values[i % len(values)] for values in given.values())
-        same = members_of[id(model)]
+        same, own = members_of[id(model)], asked[id(model)]
         try:
-            if i == same[0]:
-                options = (samples, times, rtol, atol, method, most)
-                task = checked_task(
-                    *(model, u, duration, q, qdot, *options), base=base, members=len(same)
-                )
+            u = own.speed("speeds", u)
+            if i > same[0]:
+                with own.explained():
+                    task = with_speed(
+                        replace(tasks[same[0]], start=checked_start(model, q, qdot)), u
+                    )
             else:
-                task = with_speed(replace(tasks[same[0]], start=checked_start(model, q, qdot)), u)
+                lasting, at_times = own.times(simulate_many, duration=duration, times=times)
+                options = (samples, at_times, rtol, atol, method, most)
+                with own.explained():
+                    task = checked_task(
+                        *(model, u, lasting, q, qdot, *options),
+                        base=own.base(base),
+                        members=len(same),
+                    )
         except (ValueError, TypeError) as error:
             raise type(error)(f"{error} (member {i})") from error
         tasks.append(task)
@@ -535,6 +582,10 @@ def outcomes_in_batches(
 
 def _speeds(given: Any) -> list[Any]:
     """The argument `speeds` as a list: the flow speed of each member, or one speed for all."""
+    if check.is_quantity(given):
+        return list(given) if np.ndim(given.magnitude) else [given]
+    if check.has_quantity(given):
+        return list(given)
     if _varies(given):
         return [given]
     if isinstance(given, list) and any(map(_varies, given)):

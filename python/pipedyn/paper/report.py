@@ -285,8 +285,12 @@ HEADINGS = (
 )
 
 
-SI_HEADER = ("speed (m/s)", "frequency (Hz)")
-"""Headings of the additional columns for a pipe in SI units."""
+def si_header(pipe: Pipe) -> tuple[str, ...]:
+    """Headings of the additional columns for a pipe in SI units."""
+    if pipe.scales is None:
+        return ()
+    of_tube = ("flow rate (l/min)",) if pipe.scales.inner_diameter else ()
+    return ("speed (m/s)", "frequency (Hz)", *of_tube)
 
 
 def table(pipe: Pipe, findings: Findings) -> list[tuple[str, ...]]:
@@ -296,7 +300,7 @@ def table(pipe: Pipe, findings: Findings) -> list[tuple[str, ...]]:
     lines: list[tuple[str, ...]] = []
     for row in (first, *findings.rows):
         start, found = (row.kind, row.family, str(row.size)), row.critical
-        si = () if pipe.scales is None else ("", "")
+        si = ("",) * len(si_header(pipe))
         if found is None:
             lines.append((*start, *[""] * 7, row.remark, *si))
             continue
@@ -306,8 +310,9 @@ def table(pipe: Pipe, findings: Findings) -> list[tuple[str, ...]]:
         speed, rest = repr(found.speed), "yes" if found.stable_at_rest else "no"
         answer = (speed, repr(found.frequency), found.kind, str(found.mode), rest)
         if pipe.scales is not None:
-            measured = found.in_si(pipe)
-            si = repr(float(measured.speed)), repr(float(measured.frequency))
+            measured: Any = found.in_si(pipe)
+            names = ("speed", "frequency", "flow_rate_l_min")[: len(si)]
+            si = tuple(repr(float(getattr(measured, name))) for name in names)
         lines.append((*start, *answer, error, f"{found.error:.1e}", remark, *si))
     return lines
 
@@ -319,17 +324,19 @@ def report(case: Options, findings: Findings) -> str:
         "reduced": {*case.reduced_sizes, max((*REDUCED_SIZES, *case.reduced_sizes))},
     }
     pipe, rows = case.pipe, []
+    units: tuple[str, ...] = ("u_c", "omega_c")
+    if pipe.scales is not None:
+        units = ("V_c (m/s)", "f_c (Hz)", *("Q_c (l/min)" for _ in si_header(pipe)[2:]))
     for kind, family, size, speed, frequency, how, mode, _, *errors in table(pipe, findings):
-        if pipe.scales is not None:
-            *errors, speed, frequency = errors
+        errors, answers = errors[:3], errors[3:] or [speed, frequency]
         if kind not in shown or int(size) in shown[kind]:
-            rounded = [f"{float(speed):.7f}", f"{float(frequency):.6f}"] if speed else ["", ""]
+            digits = zip(answers, (7, 6, 5), strict=False)
+            rounded = [f"{float(one):.{count}f}" if one else "" for one, count in digits]
             rows.append((f"{kind} {family}", size, *rounded, how, mode, *errors))
     title = (
         f"Critical speeds: beta = {pipe.beta:g}, gamma = {pipe.gamma:g}, {pipe.flow}, "
         f"alpha = {pipe.alpha:g}, damping = {pipe.damping:g}\n"
     )
-    units = ("u_c", "omega_c") if pipe.scales is None else ("V_c (m/s)", "f_c (Hz)")
     headings = ("model, springs or basis", "size", *units, "kind", "mode", *HEADINGS[-3:])
     notes = ["", verdict(findings), instabilities(pipe, findings)]
     if findings.exact is not None:

@@ -41,6 +41,30 @@ def shown(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
+def is_quantity(value: Any) -> bool:
+    """Whether the value is a `pint.Quantity`, told without importing pint."""
+    return hasattr(value, "dimensionality") and callable(getattr(value, "to", None))
+
+
+def has_quantity(value: Any) -> bool:
+    """Whether the value is a `pint.Quantity` or a list with one."""
+    return is_quantity(value) or (isinstance(value, list | tuple) and any(map(is_quantity, value)))
+
+
+def in_unit(name: str, value: Any, unit: str) -> Any:
+    """Numbers in a unit from quantities of pint, one or a list of them; other values unchanged."""
+    if not has_quantity(value):
+        return value
+    if not is_quantity(value):
+        return [in_unit(f"{name}[{i}]", one, unit) for i, one in enumerate(value)]
+    try:
+        return value.to(unit).magnitude
+    except Exception as error:  # of pint: another dimension, or an offset unit such as degC
+        raise ValueError(
+            f"{name} must be a quantity that converts to {unit}, got {shown(value)}"
+        ) from error
+
+
 def real(
     name: str,
     value: Any,
@@ -49,8 +73,14 @@ def real(
     high: float = math.inf,
     open_low: bool = False,
     open_high: bool = False,
+    unit: str = "",
 ) -> float:
-    """The value as a float, refused unless it is a finite real number in an interval."""
+    """The value as a float, refused unless it is a finite real number in an interval.
+
+    With a unit, the value may be a `pint.Quantity`, which is converted to it.
+    """
+    if unit:
+        value = in_unit(name, value, unit)
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     # `type` is much faster than `isinstance` of an abstract class.
@@ -201,6 +231,8 @@ def numbers(
     def wrong() -> TypeError:
         return TypeError(f"{name} must be {what}, got {shown(value)}")
 
+    if is_quantity(value):  # numpy would drop its unit
+        raise wrong()
     too_long = isinstance(value, range) and bool(value[longest:])
     try:  # a range, which takes no memory, may be endless
         listed = np.array(value if isinstance(value, list | tuple) else (), dtype=object)

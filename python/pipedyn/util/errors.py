@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import sys
+import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, Self
 
@@ -20,6 +22,39 @@ class PipedynError(Exception):
 
     def __str__(self) -> str:
         return str(self.args[0]) if self.args else ""
+
+
+class UnusualPipe(UserWarning):
+    """A pipe's number is allowed, but far outside the range of pipes, perhaps in another unit.
+
+    `warnings.filterwarnings("ignore", category=pipedyn.UnusualPipe)` silences it.
+
+    Example:
+        >>> import warnings
+        >>> with warnings.catch_warnings():
+        ...     warnings.simplefilter("ignore", pp.UnusualPipe)
+        ...     backward = pp.Pipe(0.2, jet_angle=2.0)
+    """
+
+
+def warn_of_pipe(reasons: Sequence[str], slip: str) -> None:
+    """Warns with `UnusualPipe` whoever called from outside of the package.
+
+    Pipes that the package derives from a user's own bring no warning.
+    """
+    frame, level = sys._getframe(1), 2
+    while frame.f_back and frame.f_globals.get("__name__") in MAKERS_OF_PIPES:
+        frame, level = frame.f_back, level + 1
+    module = str(frame.f_globals.get("__name__"))
+    if module.startswith("pipedyn.") and not module.endswith("__main__"):
+        return
+    said = f"{'; '.join(reasons)}{slip or ': are all units right?'}"
+    silence = 'warnings.filterwarnings("ignore", category=pipedyn.UnusualPipe) silences this'
+    warnings.warn(f"{said} ({silence})", UnusualPipe, stacklevel=level)
+
+
+MAKERS_OF_PIPES = "pipedyn.models.pipe", "dataclasses"
+"""Modules in whose frames a user makes a pipe."""
 
 
 @saved_as("NotConverged")

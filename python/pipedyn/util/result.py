@@ -50,6 +50,7 @@ VELOCITY = Unit("m/s", lambda scales: scales.length / scales.time)
 """Unit of velocities of points of the pipe; the unit of flow speeds is `SPEED`."""
 POWER = Unit("W", lambda scales: scales.mass * scales.length**3 / scales.time**3)
 ENERGY = Unit("J", lambda scales: scales.mass * scales.length**3 / scales.time**2)
+CURVATURE = Unit("1/m", lambda scales: 1.0 / scales.length)
 
 UNIT_OF: MappingProxyType[str, Unit] = MappingProxyType(
     {
@@ -61,10 +62,43 @@ UNIT_OF: MappingProxyType[str, Unit] = MappingProxyType(
         **dict.fromkeys(("tip", "tips", "amplitude", "amplitudes", "highest"), LENGTH),
         "energy": ENERGY,
         "tip_velocity": VELOCITY,
+        "curvature": CURVATURE,
     }
 )
 """Units of numbers and arrays in results and of columns of tables, by name. A class of results may
 state other units."""
+
+
+class OfTube(NamedTuple):
+    """A quantity in SI that follows from a number of a result, if the pipe is a tube."""
+
+    name: str
+    unit: Unit
+    source: Unit  # unit of the numbers that it follows from
+    sources: tuple[str, ...]  # their names; the first that the result has counts
+
+    def column(self, name: str, unit: Unit | None, scales: Any) -> dict[str, Any]:
+        """Heading of a column beside that with a name and unit, and its factor; none if unknown."""
+        if name not in self.sources or unit is not self.source or not self.is_known(scales):
+            return {}
+        return {f"{self.name.removesuffix('_l_min')} ({self.unit.name})": self.unit.scale(scales)}
+
+    def is_known(self, scales: Any) -> bool:
+        """Whether scales, of one pipe or of each row, have the tube's numbers."""
+        return scales is not None and bool(np.isfinite(self.unit.scale(scales)).any())
+
+
+_FLOW_RATE = Unit("m3/s", lambda scales: scales.flow_rate)
+_LITRES = Unit("l/min", lambda scales: 6e4 * scales.flow_rate)
+_ONE, _SEVERAL = ("flow_speed", "speed", "u"), ("speeds",)
+
+OF_TUBES = (
+    OfTube("flow_rate", _FLOW_RATE, SPEED, _ONE),
+    OfTube("flow_rate_l_min", _LITRES, SPEED, _ONE),
+    OfTube("flow_rates", _FLOW_RATE, SPEED, _SEVERAL),
+    OfTube("flow_rates_l_min", _LITRES, SPEED, _SEVERAL),
+    OfTube("wall_stress", Unit("Pa", lambda scales: scales.wall_stress), CURVATURE, ("curvature",)),
+)
 
 
 @dataclass(frozen=True)
@@ -189,6 +223,12 @@ class Result(Saved):
 
         A frequency in Hz is an angular frequency over 2 pi; `Pipe.frequency_si` gives rad/s.
 
+        For a pipe made with `Pipe.from_tube` there are more names. Beside a flow speed there are
+        `flow_rate` (m^3/s) and `flow_rate_l_min` (l/min), beside `speeds` the same in the plural.
+        Beside a `curvature` there is `wall_stress` (Pa), the largest bending stress E D_o / 2 times
+        the curvature, at the outside of the bend. It leaves out stresses by pressure, weight,
+        thrust and viscosity of the wall, and what clamps and flattening of the section add.
+
         Args:
             pipe: the pipe, if the result holds neither the pipe nor its model.
 
@@ -226,7 +266,7 @@ class Result(Saved):
             >>> pp.modes(pp.Chain(pp.Pipe(0.2), 2), 1.0).units
             {'speed': 'm/s', 'eigenvalues': '1/s'}
         """
-        return SI(self, None).units
+        return SI(self, self._scales()).units
 
     def _known_scales(self, pipe: Any) -> Any:
         """Scales of the given pipe, or else of the result's own; refused if there are none."""
@@ -286,6 +326,8 @@ class TableResult(Result):
     def columns(self, units: Units = "nondimensional", pipe: Any = None) -> dict[str, Any]:
         """The table as arrays by the names of its columns, each of shape (rows,).
 
+        Of tubes, flow rates stand beside flow speeds in SI and wall stresses beside curvatures.
+
         Args:
             units: "nondimensional", or "si" for SI units, which the names of columns then state.
             pipe: the pipe, if units are SI and the result does not hold it.
@@ -309,6 +351,9 @@ class TableResult(Result):
                 made[name] = values
             else:
                 made[f"{name} ({unit.name})"] = values * unit.scale(scales)
+            for one in OF_TUBES:
+                for heading, scale in one.column(name, unit, scales).items():
+                    made[heading] = values * scale
         return made
 
     def to_dataframe(self, units: Units = "nondimensional", pipe: Any = None) -> Any:
@@ -411,14 +456,29 @@ class SI:
             unit = self._unit(name)
             if unit is not None:
                 found[name] = unit.name
+        for one in OF_TUBES:
+            if one.is_known(self._scales) and self._source(one) in found:
+                found[one.name] = one.unit.name
         return found
 
     def _unit(self, name: str) -> Unit | None:
         return self._known.get(name) or self._result._unit(name)
 
+    def _source(self, one: OfTube) -> str | None:
+        """Name of the result's number from which a quantity of a tube follows."""
+        for name in one.sources:
+            value = getattr(self._result, name, None)
+            if isinstance(value, NUMBERS) and self._unit(name) is one.source:
+                return name
+        return None
+
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
             raise AttributeError(name)
+        for one in OF_TUBES:
+            source = self._source(one) if one.name == name else None
+            if source is not None and one.is_known(self._scales):
+                return getattr(self._result, source) * np.asarray(one.unit.scale(self._scales))[()]
         value, unit = getattr(self._result, name), self._unit(name)
         if inspect.ismethod(value):
             own = type(self._result).__name__
@@ -578,7 +638,9 @@ def numbered_columns(name: str, values: Any) -> dict[str, Any]:
     return {f"{name}_{index}": column for index, column in enumerate(np.asarray(values).T)}
 
 
-def states_over_time(t: Any, q: Any, qdot: Any, tip: Any = None) -> dict[str, Any]:
-    """Columns of the table of a motion: time, free end, coordinates and their rates."""
-    end = {} if tip is None else {"tip_x": tip[:, 0], "tip_y": tip[:, 1]}
+def states_over_time(
+    t: Any, q: Any, qdot: Any, tip: Any = None, curvature: Any = None
+) -> dict[str, Any]:
+    """Columns of a motion's table: time, free end, curvature, coordinates and their rates."""
+    end = {} if tip is None else {"tip_x": tip[:, 0], "tip_y": tip[:, 1], "curvature": curvature}
     return {"t": t, **end, **numbered_columns("q", q), **numbered_columns("qdot", qdot)}
