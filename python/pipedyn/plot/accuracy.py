@@ -9,7 +9,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import LogLocator, NullLocator, ScalarFormatter
+from matplotlib.ticker import (
+    EngFormatter,
+    LogLocator,
+    NullFormatter,
+    NullLocator,
+    ScalarFormatter,
+)
 from numpy.typing import NDArray
 
 from pipedyn.accuracy.choose import COSTS, Trade, TradeRow
@@ -33,7 +39,7 @@ FAMILY_STYLES: dict[str, dict[str, Any]] = {
 """Look of the curve of each spring rule and basis."""
 
 COST_LABELS = {
-    "seconds": "processor time of an answer (s)",
+    "seconds": "processor time of an answer",
     "dof": "degrees of freedom",
     "right_hand_sides": "evaluations of the right-hand side",
     "factorisations": "matrix factorisations",
@@ -159,9 +165,11 @@ def trade(
     if costs.max() < 10.0 * costs.min():  # less than a decade may contain no round number
         middle = math.sqrt(costs.max() * costs.min())
         ax.set_xlim(middle / 4.0, middle * 4.0)
-    ax.xaxis.set_major_locator(LogLocator(numticks=12))
-    ax.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0), numticks=12))
-    ax.tick_params(axis="x", which="minor", labelsize=6.0)
+    decades = float(np.ptp(np.log10(ax.get_xlim())))
+    round_numbers = (1.0, 2.0, 5.0) if decades < 1.3 else (1.0, 3.0) if decades < 2.6 else (1.0,)
+    ax.xaxis.set_major_locator(LogLocator(subs=round_numbers, numticks=12))
+    ax.xaxis.set_major_formatter(EngFormatter("s" if cost == "seconds" else "", sep="\N{THIN SPACE}"))
+    ax.xaxis.set_minor_formatter(NullFormatter())
     _finish(ax, float(errors.min()), float(errors.max()), found.reference.error, shaded=True)
     return ax
 
@@ -218,7 +226,7 @@ def _finish(ax: Axes, low: float, high: float, floor: float, *, shaded: bool) ->
     room = 1.2 * (high / low) ** 0.03
     low, high = low / room, high * room
     ax.set_yscale("log")
-    ax.yaxis.set_major_locator(LogLocator(numticks=13))
+    ax.yaxis.set_major_locator(LogLocator())
     ax.yaxis.set_minor_locator(NullLocator())
     ax.set_ylim(low, high)
     ax.grid(True, color="0.9", linewidth=0.5, zorder=0.1)

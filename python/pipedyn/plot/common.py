@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from itertools import pairwise, product
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import matplotlib
 import numpy as np
@@ -15,13 +15,14 @@ from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
+from matplotlib.text import Text
 from matplotlib.ticker import SymmetricalLogLocator
 from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 from numpy.typing import NDArray
 
 from pipedyn.util import check
 
-# Formulas have no spaces, because a label longer than the height of a picture breaks at a space.
+# Formulas have no spaces, because a label too long for the height of Axes breaks at spaces.
 SPEED_LABEL = r"flow speed $u=VL\,(\mu_f/EI)^{1/2}$"
 REAL_LABEL = r"Re $\lambda$"
 IMAGINARY_LABEL = r"Im $\lambda$"
@@ -45,21 +46,33 @@ CURVE_STYLES: tuple[dict[str, Any], ...] = (
 )
 
 
-def style() -> AbstractContextManager[None]:
+def style(column: Literal["single"] | None = None) -> AbstractContextManager[None]:
     """Settings of matplotlib for a printed page, in force in a `with` block.
 
+    Args:
+        column: "single" for pictures as wide as one column of a journal with two: new figures are
+            3.4 inches wide and 2.6 inches high, and letters have 7 points. Without it letters have
+            8 points, and figures keep their sizes.
+
     Example:
-        >>> with plot.style():
-        ...     ax = plot.notice("eight points high")
+        >>> with plot.style(column="single"):
+        ...     ax = plot.notice("seven points high")
+        >>> ax.figure.get_size_inches()
+        array([3.4, 2.6])
+
+    Raises:
+        ValueError, TypeError: for bad arguments.
     """
+    single = column is not None and check.choice("column", column, ("single",)) == "single"
+    size, small = (7.0, 6.5) if single else (8.0, 7.5)
     settings: dict[Any, Any] = {
-        "font.size": 8.0,
-        "axes.titlesize": 8.0,
+        "font.size": size,
+        "axes.titlesize": size,
         "axes.titley": 1.0,  # nothing lies above the axes, so titles need not be moved
-        "axes.labelsize": 8.0,
-        "legend.fontsize": 7.5,
-        "xtick.labelsize": 7.5,
-        "ytick.labelsize": 7.5,
+        "axes.labelsize": size,
+        "legend.fontsize": small,
+        "xtick.labelsize": small,
+        "ytick.labelsize": small,
         "axes.linewidth": 0.6,
         "xtick.direction": "in",
         "ytick.direction": "in",
@@ -70,6 +83,8 @@ def style() -> AbstractContextManager[None]:
         "pdf.fonttype": 42,
         "savefig.dpi": 200,
     }
+    if single:
+        settings["figure.figsize"] = (3.4, 2.6)
     return matplotlib.rc_context(settings)
 
 
@@ -110,50 +125,105 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
     return cast("Axes", bar.ax)
 
 
+BESIDE = 0.6
+"""Width beside Axes, in inches, for ticks and label."""
+
+
 def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
     """The given Axes, or those of a new figure of pyplot with a size in inches, with labels set.
 
+    The new figure has the size in the settings of matplotlib if `style` or the user set one there.
     A figure without a layout engine gets one, since artists beside the Axes would be cut off.
     """
     if ax is None:
         import matplotlib.pyplot as plt  # selects how figures are shown, so only if needed
 
-        ax = plt.subplots(figsize=size, layout="constrained")[1]
+        usual, given = (one["figure.figsize"] for one in (matplotlib.rcParamsDefault, matplotlib.rcParams))
+        ax = plt.subplots(figsize=size if given == usual else given, layout="constrained")[1]
     chosen: Axes = check.instance("ax", ax, Axes)
     if isinstance(chosen.figure, Figure) and chosen.figure.get_layout_engine() is None:
         with suppress(RuntimeError):  # a colour bar was placed without a layout engine
             chosen.figure.set_layout_engine("constrained")
     chosen.set(**labels)
-    chosen.yaxis.label.set_wrap(True)
+    _wrap(chosen.yaxis.label, 0.62 * _cell(chosen)[1])
     return chosen
 
 
-def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
-    """Adds a legend below the Axes, of artists by name, or of all artists that have a label.
+def _cell(ax: Axes) -> tuple[float, float]:
+    """Width and height, in pixels, of the part of the figure for the Axes and what is beside it."""
+    figure, spec = ax.figure, ax.get_subplotspec()
+    wide, high = figure.bbox.size
+    if spec is None:
+        return wide, high
+    every = spec.get_topmost_subplotspec().get_gridspec()[:, :].get_position(figure)
+    part = spec.get_position(figure)
+    return wide * part.width / every.width, high * part.height / every.height
 
-    Without such artists there is no legend. The legend has as many columns, up to four, as fit the
-    width of the figure. If it would take more than a fifth of the height of the figure, its letters
-    get smaller, down to six points.
+
+def _wrap(label: Text, room: float) -> None:
+    """Breaks an upright label at spaces into lines that are no longer than `room` in pixels."""
+    lines = [""]
+    for word in label.get_text().split(" "):
+        label.set_text(f"{lines[-1]} {word}")
+        fits = label.get_window_extent().height <= room
+        lines[-1:] = [f"{lines[-1]} {word}".strip()] if fits or not lines[-1] else [lines[-1], word]
+    label.set_text("\n".join(lines))
+
+
+def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
+    """Adds a legend below or inside the Axes, of artists by name, or of all that have a label.
+
+    Without such artists there is no legend. It stands below if it takes at most a fifth of the
+    height that the figure has for these Axes; its letters get smaller for that, down to six points.
+    A larger legend stands inside, where it covers nothing. If there is no such place, it stands
+    below, with letters of five points. It has as many columns, up to four, as fit the width.
     """
     if named is None:
         named = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
     if not named:
         return
-    spec = ax.get_subplotspec()
+    figure, spec = ax.figure, ax.get_subplotspec()
     alone = spec is not None and spec.get_gridspec().ncols == 1
+    wide, high = _cell(ax)
+    wide = 0.95 * wide if alone else wide - BESIDE * figure.dpi
     middle = blended_transform_factory(
-        ax.figure.transSubfigure if alone else ax.transAxes, ax.transAxes
+        figure.transSubfigure if alone else ax.transAxes, ax.transAxes
     )
-    below = ScaledTranslation(0.0, -0.42, ax.figure.dpi_scale_trans)  # inches, for ticks and label
+    below = ScaledTranslation(0.0, -0.42, figure.dpi_scale_trans)  # inches, for ticks and label
     look: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "frameon": False}
     look |= {"bbox_transform": middle + below, "columnspacing": 1.2}
     usual = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
-    wide, high = ax.figure.bbox.size
-    for size, columns in product([*np.arange(usual, 6.0, -0.5), min(usual, 6.0)], (4, 3, 2, 1)):
-        legend = ax.legend(named.values(), named, fontsize=size, ncols=columns, **look)
-        box = legend.get_window_extent()
-        if box.width <= 0.95 * wide and (box.height <= 0.2 * high or size <= 6.0):
-            return
+    sizes = [*np.arange(usual, 6.0, -0.5), min(usual, 6.0)]
+
+    def fits_below(sizes: Sequence[float], share: float) -> bool:
+        for size, columns in product(sizes, (4, 3, 2, 1)):
+            legend = ax.legend(named.values(), named, fontsize=size, ncols=columns, **look)
+            box = legend.get_window_extent()
+            if box.width <= wide and box.height <= share * high:
+                return True
+        return False
+
+    if not fits_below(sizes, 0.2) and not _fits_inside(ax, named, sizes):
+        fits_below([5.0], math.inf)
+
+
+def _fits_inside(ax: Axes, named: Mapping[str, Any], sizes: Sequence[float]) -> bool:
+    """Adds a legend inside the Axes, and returns whether it covers nothing there."""
+    ax.legend([], [])
+    ax.figure.figure.draw_without_rendering()  # gives the Axes their place
+    frame = ax.get_window_extent()
+    curves = [line.get_transform().transform_path(line.get_path()) for line in ax.lines]
+    others = [one.get_window_extent() for one in (*ax.patches, *ax.collections, *ax.texts)]
+    for size, columns in product(sizes, (1, 2)):
+        legend = ax.legend(named.values(), named, fontsize=size, ncols=columns)
+        for place in legend.codes.values():
+            legend.set_loc(place)
+            box = legend.get_window_extent()
+            within = frame.width > box.width and frame.height > box.height
+            covers = any(curve.intersects_bbox(box, filled=False) for curve in curves)
+            if within and not covers and not box.count_overlaps(others):
+                return True
+    return False
 
 
 def runs(values: NDArray[Any]) -> list[tuple[int, int]]:
