@@ -16,7 +16,7 @@ from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.text import Text
-from matplotlib.ticker import SymmetricalLogLocator
+from matplotlib.ticker import AutoLocator, SymmetricalLogLocator
 from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 from numpy.typing import NDArray
 
@@ -120,7 +120,8 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
     if isinstance(shown[0].norm, SymLogNorm):
         look["ticks"] = SymmetricalLogLocator(base=10, linthresh=1.0, subs=(1.0, 3.0))
         look["format"] = "{x:g}"
-    bar = every[0].figure.colorbar(shown[0], ax=every, label=label, **look)
+    beside = every if len(every) > 1 else every[0]  # tight layout knows a bar beside one
+    bar = every[0].figure.colorbar(shown[0], ax=beside, label=label, **look)
     bar.minorticks_off()
     return cast("Axes", bar.ax)
 
@@ -138,36 +139,54 @@ def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
     if ax is None:
         import matplotlib.pyplot as plt  # selects how figures are shown, so only if needed
 
-        usual, given = (one["figure.figsize"] for one in (matplotlib.rcParamsDefault, matplotlib.rcParams))
+        usual, given = (
+            one["figure.figsize"] for one in (matplotlib.rcParamsDefault, matplotlib.rcParams)
+        )
         ax = plt.subplots(figsize=size if given == usual else given, layout="constrained")[1]
     chosen: Axes = check.instance("ax", ax, Axes)
     if isinstance(chosen.figure, Figure) and chosen.figure.get_layout_engine() is None:
         with suppress(RuntimeError):  # a colour bar was placed without a layout engine
             chosen.figure.set_layout_engine("constrained")
     chosen.set(**labels)
+    for axis in (chosen.xaxis, chosen.yaxis):
+        if isinstance(locator := axis.get_major_locator(), AutoLocator):
+            locator.set_params(steps=[1, 2, 5, 10])  # steps of 2.5 have longer labels
+    chosen.title.set_wrap(True)
     _wrap(chosen.yaxis.label, 0.62 * _cell(chosen)[1])
     return chosen
 
 
 def _cell(ax: Axes) -> tuple[float, float]:
     """Width and height, in pixels, of the part of the figure for the Axes and what is beside it."""
-    figure, spec = ax.figure, ax.get_subplotspec()
-    wide, high = figure.bbox.size
-    if spec is None:
-        return wide, high
-    every = spec.get_topmost_subplotspec().get_gridspec()[:, :].get_position(figure)
-    part = spec.get_position(figure)
-    return wide * part.width / every.width, high * part.height / every.height
+    wide, high = ax.figure.bbox.size
+    if (spec := ax.get_subplotspec()) is not None:
+        for one in {spec, spec.get_topmost_subplotspec()}:  # Axes with a colour bar lie in two
+            across, down = (
+                one.get_gridspec().get_width_ratios(),
+                one.get_gridspec().get_height_ratios(),
+            )
+            wide *= sum(across[k] for k in one.colspan) / sum(across)
+            high *= sum(down[k] for k in one.rowspan) / sum(down)
+    return wide, high
 
 
 def _wrap(label: Text, room: float) -> None:
-    """Breaks an upright label at spaces into lines that are no longer than `room` in pixels."""
-    lines = [""]
-    for word in label.get_text().split(" "):
-        label.set_text(f"{lines[-1]} {word}")
-        fits = label.get_window_extent().height <= room
-        lines[-1:] = [f"{lines[-1]} {word}".strip()] if fits or not lines[-1] else [lines[-1], word]
-    label.set_text("\n".join(lines))
+    """Breaks an upright label at spaces into lines of similar length, at most `room` in pixels."""
+    words = label.get_text().split(" ")
+
+    def lines(room: float) -> list[str]:
+        found = words[:1]
+        for word in words[1:]:
+            label.set_text(f"{found[-1]} {word}")
+            fits = label.get_window_extent().height <= room
+            found[-1:] = [label.get_text()] if fits else [found[-1], word]
+        return found
+
+    found = shorter = lines(room)
+    while len(found) == len(shorter) > 1:
+        found, room = shorter, 0.9 * room
+        shorter = lines(room)
+    label.set_text("\n".join(found))
 
 
 def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
