@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.text import Text
 from matplotlib.ticker import AutoLocator, SymmetricalLogLocator
-from matplotlib.transforms import ScaledTranslation, blended_transform_factory
+from matplotlib.transforms import Bbox, ScaledTranslation, blended_transform_factory
 from numpy.typing import NDArray
 
 from pipedyn.util import check
@@ -126,8 +126,11 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
     return cast("Axes", bar.ax)
 
 
-BESIDE = 0.6
-"""Width beside Axes, in inches, for ticks and label."""
+BESIDE, BELOW = 0.6, 1.0
+"""Width beside Axes for ticks and label, and height below for these and a legend, in inches."""
+
+POINTS_AN_INCH = 3.2
+"""Largest size of a legend's letters, in points for an inch of height of the part of the figure."""
 
 
 def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
@@ -152,7 +155,8 @@ def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
         if isinstance(locator := axis.get_major_locator(), AutoLocator):
             locator.set_params(steps=[1, 2, 5, 10])  # steps of 2.5 have longer labels
     chosen.title.set_wrap(True)
-    _wrap(chosen.yaxis.label, 0.62 * _cell(chosen)[1])
+    high = _cell(chosen)[1]
+    _wrap(chosen.yaxis.label, max(high - BELOW * chosen.figure.dpi, 0.5 * high))
     return chosen
 
 
@@ -161,12 +165,10 @@ def _cell(ax: Axes) -> tuple[float, float]:
     wide, high = ax.figure.bbox.size
     if (spec := ax.get_subplotspec()) is not None:
         for one in {spec, spec.get_topmost_subplotspec()}:  # Axes with a colour bar lie in two
-            across, down = (
-                one.get_gridspec().get_width_ratios(),
-                one.get_gridspec().get_height_ratios(),
-            )
-            wide *= sum(across[k] for k in one.colspan) / sum(across)
-            high *= sum(down[k] for k in one.rowspan) / sum(down)
+            grid: Any = one.get_gridspec()
+            across, down = grid.get_width_ratios(), grid.get_height_ratios()
+            wide *= np.sum(across[one.colspan.start : one.colspan.stop]) / np.sum(across)
+            high *= np.sum(down[one.rowspan.start : one.rowspan.stop]) / np.sum(down)
     return wide, high
 
 
@@ -212,7 +214,8 @@ def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
     look: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "frameon": False}
     look |= {"bbox_transform": middle + below, "columnspacing": 1.2}
     usual = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
-    sizes = [*np.arange(usual, 6.0, -0.5), min(usual, 6.0)]
+    usual = min(usual, max(6.0, POINTS_AN_INCH * high / figure.dpi))
+    sizes = [*np.arange(usual, 6.0, -1.0), min(usual, 6.0)]
 
     def fits_below(sizes: Sequence[float], share: float) -> bool:
         for size, columns in product(sizes, (4, 3, 2, 1)):
@@ -230,19 +233,29 @@ def _fits_inside(ax: Axes, named: Mapping[str, Any], sizes: Sequence[float]) -> 
     """Adds a legend inside the Axes, and returns whether it covers nothing there."""
     ax.legend([], [])
     ax.figure.figure.draw_without_rendering()  # gives the Axes their place
-    frame = ax.get_window_extent()
+    frame: Any = ax.get_window_extent()
     curves = [line.get_transform().transform_path(line.get_path()) for line in ax.lines]
     others = [one.get_window_extent() for one in (*ax.patches, *ax.collections, *ax.texts)]
     for size, columns in product(sizes, (1, 2)):
-        legend = ax.legend(named.values(), named, fontsize=size, ncols=columns)
-        for place in legend.codes.values():
-            legend.set_loc(place)
-            box = legend.get_window_extent()
-            within = frame.width > box.width and frame.height > box.height
-            covers = any(curve.intersects_bbox(box, filled=False) for curve in curves)
-            if within and not covers and not box.count_overlaps(others):
+        legend = ax.legend(named.values(), named, fontsize=size, ncols=columns, loc="lower left")
+        box = legend.get_window_extent()
+        room = frame.size - box.size - 2.0 * (box.min - frame.min)  # between two opposite corners
+        if (room < 0.0).any():
+            continue
+        for place, shares in PLACES.items():
+            there = Bbox(box.get_points() + room * shares)
+            covers = any(curve.intersects_bbox(there, filled=False) for curve in curves)
+            if not covers and not there.count_overlaps(others):
+                legend.set_loc(place)
                 return True
     return False
+
+
+PLACES: dict[Any, tuple[float, float]] = {"upper right": (1.0, 1.0), "upper left": (0.0, 1.0)}
+PLACES |= {"lower right": (1.0, 0.0), "lower left": (0.0, 0.0), "center right": (1.0, 0.5)}
+PLACES |= {"center left": (0.0, 0.5), "upper center": (0.5, 1.0), "lower center": (0.5, 0.0)}
+"""Places of a legend inside Axes, and how far they are from the lower left corner, as shares of the
+width and the height that the legend leaves."""
 
 
 def runs(values: NDArray[Any]) -> list[tuple[int, int]]:

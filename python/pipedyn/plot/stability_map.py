@@ -54,9 +54,9 @@ def boundary(
 ) -> Axes:
     """Boundaries of stability in the plane of two numbers; the stable region is shaded.
 
-    Curves are solid if the bifurcation is supercritical, dashed if it is subcritical, and thin if
-    other roots are unstable or the criticality was not computed. The legend names organising
-    points.
+    Curves are solid if the bifurcation is supercritical, dashed if it is subcritical, thin if the
+    criticality was not computed, and thin and pale if other roots are unstable. The legend names
+    organising points.
 
     Args:
         found: the result of `pipedyn.boundary`.
