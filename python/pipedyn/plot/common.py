@@ -242,7 +242,7 @@ def _fits_inside(ax: Axes, named: Mapping[str, Any], sizes: Sequence[float]) -> 
         room = frame.size - box.size - 2.0 * (box.min - frame.min)  # between two opposite corners
         if (room < 0.0).any():
             continue
-        for place, shares in PLACES.items():
+        for place, shares in INSIDE.items():
             there = Bbox(box.get_points() + room * shares)
             covers = any(curve.intersects_bbox(there, filled=False) for curve in curves)
             if not covers and not there.count_overlaps(others):
@@ -251,9 +251,9 @@ def _fits_inside(ax: Axes, named: Mapping[str, Any], sizes: Sequence[float]) -> 
     return False
 
 
-PLACES: dict[Any, tuple[float, float]] = {"upper right": (1.0, 1.0), "upper left": (0.0, 1.0)}
-PLACES |= {"lower right": (1.0, 0.0), "lower left": (0.0, 0.0), "center right": (1.0, 0.5)}
-PLACES |= {"center left": (0.0, 0.5), "upper center": (0.5, 1.0), "lower center": (0.5, 0.0)}
+INSIDE: dict[Any, tuple[float, float]] = {"upper right": (1.0, 1.0), "upper left": (0.0, 1.0)}
+INSIDE |= {"lower right": (1.0, 0.0), "lower left": (0.0, 0.0), "center right": (1.0, 0.5)}
+INSIDE |= {"center left": (0.0, 0.5), "upper center": (0.5, 1.0), "lower center": (0.5, 0.0)}
 """Places of a legend inside Axes, and how far they are from the lower left corner, as shares of the
 width and the height that the legend leaves."""
 

@@ -240,7 +240,7 @@ def forced_response(
     ax = view.axes(ax, (6.4, 4.2), OMEGA, AMPLITUDE)
     per, one = view.one(OMEGA), view.one(AMPLITUDE)
     for branch, look in zip(response.branches, cycle(common.CURVE_STYLES), strict=False):
-        points, steady = _finer(branch)
+        points, steady = _fine_curve(branch)
         curve = smooth(*(points * [per, one]).T)
         labels = {word: f"{branch.kind}, {word}" for word in ("stable", "unstable")}
         draw_pieces(ax, curve, steady, look["color"], labels)
@@ -253,7 +253,7 @@ def forced_response(
     return ax
 
 
-def _finer(branch: ForcedBranch) -> tuple[Array, Array]:
+def _fine_curve(branch: ForcedBranch) -> tuple[Array, Array]:
     """Frequencies and amplitudes on a branch, (k, 2), and whether each step is stable, (k - 1,).
 
     Between two points of the branch lie further ones on the cubic of the step between them.
