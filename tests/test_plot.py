@@ -407,6 +407,21 @@ def test_a_thin_stable_region_beside_a_double_divergence_is_shaded():
         assert stable[at] == (pp.eigenvalues(there, u).real < 1e-7).all()
 
 
+def test_ticks_change_sides_where_a_divergence_turns_from_the_second_to_the_first():
+    """The divergence of mode 2 frees an undamped pipe up to where it crosses that of mode 1."""
+    pipe = pp.Pipe(0.3, root="pinned", end="pinned", terms=(pp.Spring(0.5, 10.0),))
+    window = {"Spring.stiffness": (0.0, 400.0), "u": (0.0, 10.0)}
+    model = pp.Galerkin(pipe, 6, "beam")
+    found = pp.boundary(model, "Spring.stiffness", "u", window, criticality=False)
+    lines = shown(plot.stability_map({"a": found}, ax=axes()))
+    level = [line for line in lines if np.ptp(line.get_ydata()) < 1e-6]
+    assert len(level) == 2
+    assert len(lines) > 4
+    for line in lines:
+        unstable, stable = side(line)
+        assert found.unstable(*unstable) > 0 == found.unstable(*stable)
+
+
 def test_subcritical_parts_of_a_boundary_differ_in_more_than_colour():
     lines = {line.get_label(): line for line in plot.boundary(standing(), ax=axes()).lines}
     above, below = lines["divergence, supercritical"], lines["divergence, subcritical"]

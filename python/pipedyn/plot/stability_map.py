@@ -262,14 +262,17 @@ def stability_map(
         if found.failures:
             note += f" ({check.how_many(len(found.failures), 'curve')} with failures)"
         ax.plot([], [], linewidth=1.5, label=f"{label}{note}", **look)
-        for line, kind, left in parts:
+        written = set[bool]()  # words are written once above and once below, at the longest parts
+        for line, kind, left in sorted(parts, key=lambda part: -np.ptp(part[0][:, 0])):
             ticks = withTickedStroke(angle=90.0 if left else -90.0, **TICKS)
             at = plane.at(*line.T).T
             ax.plot(*at.T, linewidth=1.3, path_effects=[ticks], **look)
-            if kind == "divergence":
-                middle = line.shape[0] // 2
+            middle = line.shape[0] // 2
+            above = bool(at[middle, 0] > at[middle - 1, 0]) == left
+            if kind == "divergence" and above not in written:
+                written.add(above)
                 gamma = line[middle, 0] if name == "gamma" else found.model.pipe.gamma
-                divergences.append((at[middle - 1 : middle + 1], left, gamma < 0.0, look["color"]))
+                divergences.append((at[middle], above, gamma < 0.0, look["color"]))
     drawn = len(states) < len(every)
     end = 1.1 * ax.dataLim.y1 if drawn else reach
     if highest is not None:
@@ -277,9 +280,9 @@ def stability_map(
     ax.set_ylim(0.0, end if end > 0.0 else None)
     if searched:
         ax.set_xlim(min(searched), max(searched))
-    heights = np.array([step[0][1, 1] for step in divergences]) / ax.get_ylim()[1]
-    for i, step in enumerate(divergences):
-        _divergence(ax, *step, int((np.abs(heights[:i] - heights[i]) < 0.08).sum()))
+    heights = np.array([place[0][1] for place in divergences]) / ax.get_ylim()[1]
+    for i, place in enumerate(divergences):
+        _divergence(ax, *place, int((np.abs(heights[:i] - heights[i]) < 0.08).sum()))
     if name == "beta" and view.si and boundaries:
         _unsearched(ax, list(boundaries.values()))
     if drawn:
@@ -336,16 +339,12 @@ def _number_swept(label: Any, one: Any) -> str:
     return found.names[0]
 
 
-def _divergence(
-    ax: Axes, step: Array, left: bool, standing: bool, colour: str, others: int
-) -> None:
-    """Writes words at a step of a curve of divergence, which say on which side the pipe buckles.
+def _divergence(ax: Axes, at: Array, above: bool, standing: bool, colour: str, others: int) -> None:
+    """Writes words at a point of a curve of divergence, which say on which side the pipe buckles.
 
     The words are on that side, or on the other side if the end of the axis is near. They do not
     overlap the words of `others` curves at the same height.
     """
-    before, at = step
-    above = (at[0] > before[0]) == left
     below = "buckled by its weight below" if standing else "divergence below"
     share = at[1] / ax.get_ylim()[1]
     over = share < 0.8 if above else share < 0.3
@@ -356,7 +355,7 @@ def _divergence(
     place |= {"textcoords": "offset points", "color": colour, "bbox": white}
     words = "divergence above" if above else below
     away = 7 + 10 * others
-    ax.annotate(words, at, (0, away if over else -away), **place)
+    ax.annotate(words, (at[0], at[1]), (0, away if over else -away), **place)
 
 
 def parts_of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[Array, str, bool]]:
@@ -365,10 +364,10 @@ def parts_of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[
     Each part comes with its kind, and with whether the pipe is unstable on the left of the curve.
     """
     places, of, certain = _dense(curve, found)
-    pieces = certain & (curve.unstable[of] == 0)
-    for first, last in common.runs(pieces):
-        if pieces[first]:
-            yield places[first : last + 1], curve.kind, bool(curve.change[of[first]] > 0)
+    sides = np.where(certain & (curve.unstable[of] == 0), np.sign(curve.change[of]), 0)
+    for first, last in common.runs(sides):
+        if sides[first]:
+            yield places[first : last + 1], curve.kind, bool(sides[first] > 0)
 
 
 # ------------------------------------------------------------------------------ events of cycles
