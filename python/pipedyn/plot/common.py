@@ -123,6 +123,8 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
     beside = every if len(every) > 1 else every[0]  # tight layout knows a bar beside one
     bar = every[0].figure.colorbar(shown[0], ax=beside, label=label, **look)
     bar.minorticks_off()
+    if len(every) == 1:
+        _wrap(bar.ax.yaxis.label, _room(every[0]))
     return cast("Axes", bar.ax)
 
 
@@ -150,14 +152,24 @@ def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
     if isinstance(chosen.figure, Figure) and chosen.figure.get_layout_engine() is None:
         with suppress(RuntimeError):  # a colour bar was placed without a layout engine
             chosen.figure.set_layout_engine("constrained")
-    chosen.set(**labels)
+    set_labels(chosen, **labels)
     for axis in (chosen.xaxis, chosen.yaxis):
         if isinstance(locator := axis.get_major_locator(), AutoLocator):
             locator.set_params(steps=[1, 2, 5, 10])  # steps of 2.5 have longer labels
     chosen.title.set_wrap(True)
-    high = _cell(chosen)[1]
-    _wrap(chosen.yaxis.label, max(high - BELOW * chosen.figure.dpi, 0.5 * high))
     return chosen
+
+
+def set_labels(ax: Axes, **labels: str) -> None:
+    """Sets labels of Axes; that of the y axis has as many lines as its height requires."""
+    ax.set(**labels)
+    _wrap(ax.yaxis.label, _room(ax))
+
+
+def _room(ax: Axes) -> float:
+    """Height, in pixels, that Axes are likely to have with ticks, labels and legend below them."""
+    high = _cell(ax)[1]
+    return max(high - BELOW * ax.figure.dpi, 0.5 * high)
 
 
 def _cell(ax: Axes) -> tuple[float, float]:
