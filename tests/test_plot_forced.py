@@ -136,6 +136,13 @@ def test_regions_that_are_not_seen_are_not_in_the_legend():
     assert len(ax.patches) == 1
 
 
+def test_a_region_from_one_of_the_amplitudes_on_begins_at_a_point():
+    from_first = replace(REGION, threshold=0.1, threshold_frequency=2.5)
+    outline = plot.parametric_regions([from_first], ax=axes()).lines[0].get_xydata()
+    assert outline[:, 1].min() == 0.1
+    assert set(outline[outline[:, 1] == 0.1, 0]) == {2.5}
+
+
 def test_a_region_without_edges_is_no_obstacle_to_the_others():
     """One that is too thin at all amplitudes asked for has edges of NaN alone."""
     thin = replace(REGION, edges=np.full((2, 2), math.nan), threshold=math.nan)

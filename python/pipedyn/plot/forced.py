@@ -194,7 +194,7 @@ def _outline(region: ParametricRegion) -> tuple[Array, Array]:
     The mean of the edges and the square of their distance are smooth functions of the amplitude at
     the threshold, too, where the edges meet.
     """
-    inside = np.isfinite(region.edges).all(axis=1)
+    inside = np.isfinite(region.edges).all(axis=1) & ~(region.amplitude <= region.threshold)
     amplitude, edges = region.amplitude[inside], region.edges[inside]
     if math.isfinite(region.threshold):
         amplitude = np.append(region.threshold, amplitude)
