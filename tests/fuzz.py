@@ -1516,7 +1516,7 @@ def _pictures() -> Iterator[Target]:
             "label": words,
             "ax": Kind(one_of(AXES), any_of(*NOTHINGS, one_of([AX], np.ones(2), AXES[:0]))),
         },
-        "style": {},
+        "style": {"column": optional(word("single"))},
         "time_history": {"motions": several},
         "phase_portrait": {"motions": several, "coordinate": place},
         "snapshots": {"motion": motion, "span": span, "count": count(2, 5, 10_001)},

@@ -13,9 +13,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from canvas import axes, legend_of
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 import pipedyn as pp
 from pipedyn import plot
+from pipedyn.plot.units import View, of_number
 
 PIPE = pp.Pipe(0.2)
 CHAIN = pp.Chain(PIPE, 3)
@@ -335,9 +338,96 @@ def test_a_boundary_over_the_mass_of_a_term_has_axes_in_si_units():
     ranges = {"PointMass.mass": (0.0, 0.5), "u": (0.0, 8.0)}
     found = pp.boundary(pp.Chain(pipe, 3), "PointMass.mass", "u", ranges, criticality=False)
     ax = plot.boundary(found, units="si", ax=axes())
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("PointMass.mass (kg)", "flow speed (m/s)")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == (
+        "mass of the point mass $m$ (kg)",
+        "flow speed (m/s)",
+    )
     assert ax.get_xlim()[1] == pytest.approx(0.5 * 0.08 * 0.5)  # of 0.04 kg
     assert ax.get_ylim()[1] == pytest.approx(pipe.speed_si(8.0))
+
+
+SCALED = {"length": 0.5, "bending_stiffness": 0.01, "pipe_mass": 0.05, "fluid_mass": 0.03}
+
+
+@pytest.mark.parametrize(
+    ("term", "name", "label", "unit"),
+    [
+        (pp.PointMass(0.5, 0.004), "PointMass.mass", r"$m/[(\mu_p+\mu_f)L]$", "kg"),
+        (
+            pp.PointMass(0.5, 0.004, 1e-5),
+            "PointMass.inertia",
+            r"$J/[(\mu_p+\mu_f)L^3]$",
+            "kg m$^{2}$",
+        ),
+        (pp.Spring(0.5, 1.0), "Spring.stiffness", "$kL^3/EI$", "N m$^{-1}$"),
+        (pp.CubicSpring(0.5, 1.0), "CubicSpring.stiffness", "$kL^5/EI$", "N m$^{-3}$"),
+        (pp.Stop(0.5, 0.1, 1.0), "Stop.stiffness", "$kL^3/EI$", "N m$^{-1}$"),
+        (pp.Stop(0.5, 0.1, 1.0), "Stop.gap", "$d/L$", "m"),
+        (pp.RotationalSpring(0.5, 1.0), "terms[0].stiffness", "$kL/EI$", "N m"),
+        (
+            *(pp.Damper(0.5, 1.0), "Damper.coefficient"),
+            *(r"$cL/[EI(\mu_p+\mu_f)]^1/2$", "N s m$^{-1}$"),
+        ),
+        (
+            *(pp.RotationalDamper(0.5, 1.0), "RotationalDamper.coefficient"),
+            *(r"$c/([EI(\mu_p+\mu_f)]^1/2L)$", "N s m"),
+        ),
+        (pp.Foundation(1.0), "Foundation.stiffness", "$kL^4/EI$", "N m$^{-2}$"),
+        (
+            *(pp.Viscosity(1.0), "Viscosity.sigma"),
+            *(r"$\sigma L^2/[EI(\mu_p+\mu_f)]^1/2$", "N s m$^{-2}$"),
+        ),
+        (pp.AddedMass(0.5), "AddedMass.chi", r"$\chi/(\mu_p+\mu_f)$", "kg m$^{-1}$"),
+        (pp.Tension(1.0), "Tension.load", "$PL^2/EI$", "N"),
+        (pp.Weight(0.5, 1.0), "Weight.load", "$PL^2/EI$", "N"),
+    ],
+)
+def test_numbers_of_terms_have_a_symbol_and_a_unit_on_axes(term, name, label, unit):
+    """In these units the axis shows the number that `Pipe.from_si` was given."""
+    pipe, field = pp.Pipe.from_si(**SCALED, terms=[term]), name.split(".")[1]
+    measure, si = of_number(name, pipe), View("si", pipe)
+    plain = View("nondimensional", pipe).label(measure)
+    assert plain.replace("{", "").replace("}", "").endswith(label.replace(" ", ""))
+    assert si.label(measure).endswith(f" ({unit})")
+    shown = si.one(measure) * getattr(pipe.terms[0], field)
+    assert shown == pytest.approx(getattr(term, field))
+
+
+def test_a_thin_stable_region_beside_a_double_divergence_is_shaded():
+    """An undamped pinned pipe flutters a little above its second divergence, and is stable between:
+    without the shading, the curve of that divergence looks like a spur."""
+    pipe = pp.Pipe(0.1, root="pinned", end="pinned", terms=(pp.Foundation(10.0),))
+    ranges = {"Foundation.stiffness": (0.0, 1000.0), "u": (0.0, 12.0)}
+    model = pp.Galerkin(pipe, 6, "beam")
+    found = pp.boundary(model, "Foundation.stiffness", "u", ranges, criticality=False)
+    stable, stiffnesses, speeds = shade(plot.boundary(found, ax=axes()))
+    for stiffness, u in ((380.0, 7.05), (390.0, 7.08), (400.0, 7.14), (350.0, 6.85), (200.0, 6.65)):
+        there = model.with_pipe(dataclasses.replace(pipe, terms=(pp.Foundation(stiffness),)))
+        at = np.argmin(np.abs(speeds - u)), np.argmin(np.abs(stiffnesses - stiffness))
+        assert stable[at] == (pp.eigenvalues(there, u).real < 1e-7).all()
+
+
+def test_ticks_change_sides_where_a_divergence_turns_from_the_second_to_the_first():
+    """The divergence of mode 2 frees an undamped pipe up to where it crosses that of mode 1."""
+    pipe = pp.Pipe(0.3, root="pinned", end="pinned", terms=(pp.Spring(0.5, 10.0),))
+    window = {"Spring.stiffness": (0.0, 400.0), "u": (0.0, 10.0)}
+    model = pp.Galerkin(pipe, 6, "beam")
+    found = pp.boundary(model, "Spring.stiffness", "u", window, criticality=False)
+    lines = shown(plot.stability_map({"a": found}, ax=axes()))
+    level = [line for line in lines if np.ptp(line.get_ydata()) < 1e-6]
+    assert len(level) == 2
+    assert len(lines) > 4
+    for line in lines:
+        unstable, stable = side(line)
+        assert found.unstable(*unstable) > 0 == found.unstable(*stable)
+
+
+def test_subcritical_parts_of_a_boundary_differ_in_more_than_colour():
+    lines = {line.get_label(): line for line in plot.boundary(standing(), ax=axes()).lines}
+    above, below = lines["divergence, supercritical"], lines["divergence, subcritical"]
+    assert (above.get_linestyle(), below.get_linestyle()) == ("-", "--")
+    beside, alone = lines["divergence, other roots unstable"], lines["flutter"]
+    assert beside.get_alpha() < alone.get_alpha()
 
 
 def test_a_window_without_boundaries_says_what_it_is():
@@ -358,6 +448,19 @@ def test_convergence_of_no_model_leaves_axes_that_have_no_positive_data_as_they_
     ax.figure.canvas.draw()
     assert ax.get_yscale() == ax.get_xscale() == "linear"
     assert "No model" in ax.texts[0].get_text()
+
+
+@pytest.mark.parametrize("cost", ["seconds", "dof"])
+@pytest.mark.parametrize("width", [3.4, 6.4])
+def test_costs_have_several_ticks_with_labels_apart_from_each_other(cost, width):
+    trade = pp.trade(PIPE, "critical_speed", families="beam", sizes=[4, 6, 12], repeats=1)
+    ax = plot.trade(trade, cost, ax=axes(figsize=(width, 2.6)))
+    ax.figure.canvas.draw()
+    low, high = ax.get_xlim()
+    ticks = [tick.label1 for tick in ax.xaxis.get_major_ticks() if low <= tick.get_loc() <= high]
+    boxes = [label.get_window_extent() for label in ticks if label.get_text()]
+    assert len(boxes) >= 2
+    assert all(left.x1 < right.x0 for left, right in itertools.pairwise(boxes))
 
 
 def found(errors):
@@ -531,6 +634,81 @@ def of_the_hose(pipe=HOSE):
     }
     pictures = {name: partial(getattr(plot, name), *given) for name, given in draw.items()}
     return pictures | {"animate": partial(film, motion)}
+
+
+@cache
+def crowded():
+    """Pictures with more entries in their legends than those of the hose have."""
+    families = {name: found(0.5 ** np.arange(1, 7)) for name in plot.FAMILY_STYLES}
+    trade = pp.trade(PIPE, "critical_speed", sizes=[4, 6, 8], repeats=1)
+    diagram = pp.bifurcation_diagram(pp.Chain(PIPE, 2), [3.0, 4.0, 5.0], brute_force=1)
+    return {
+        "bifurcation_diagram": partial(plot.bifurcation_diagram, diagram),
+        "boundary": partial(plot.boundary, standing()),
+        "convergence": partial(plot.convergence, families, CRITICAL),
+        "stability_map": partial(plot.stability_map, {f"pipe {i}": buckled() for i in range(6)}),
+        "trade": partial(plot.trade, trade),
+    }
+
+
+@pytest.mark.parametrize("layout", ["constrained", "tight"])
+@pytest.mark.parametrize("name", sorted(OF_RESULTS))
+def test_no_picture_collapses_in_a_figure_of_four(name, layout):
+    draw = (of_the_hose() | crowded())[name]
+    figure = plot.Figure(figsize=(7.0, 5.0), layout=layout)
+    FigureCanvasAgg(figure)
+    several = list(figure.subplots(2, 2).flat)
+    for ax in several:
+        draw(ax=ax)
+    figure.canvas.draw()
+    whole = figure.bbox
+    for every in (ax.get_tightbbox() for ax in figure.axes):
+        assert whole.x0 - 2.0 < every.x0 < every.x1 < whole.x1 + 2.0  # 0.02 inches
+        assert whole.y0 - 2.0 < every.y0 < every.y1 < whole.y1 + 2.0
+    for ax in several:
+        place = ax.get_position(original=True)
+        assert place.height > SHARE_OF_HEIGHT * 0.5
+        assert place.width > SHARE_OF_WIDTH * 0.5
+        others = [other.get_window_extent() for other in figure.axes if other is not ax]
+        assert not ax.get_window_extent().count_overlaps(others)
+        if (legend := ax.get_legend()) is not None:
+            others += [axis.get_tightbbox() for axis in (ax.xaxis, ax.yaxis)]
+            assert not legend.get_window_extent().count_overlaps(others)
+
+
+SHARE_OF_HEIGHT, SHARE_OF_WIDTH = 0.45, 0.5
+"""Least parts of a quarter of the figure that remain for the curves in each direction."""
+
+
+def test_every_picture_gives_a_figure_without_layout_a_constrained_one():
+    for name, draw in of_the_hose().items():
+        ax = axes()
+        draw(ax=ax)
+        assert isinstance(ax.figure.get_layout_engine(), ConstrainedLayoutEngine), name
+
+
+def test_every_picture_with_a_legend_is_drawn_without_on_request():
+    for name, draw in (of_the_hose() | crowded()).items():
+        if "legend" in PICTURES[name]:
+            ax = axes()
+            draw(legend=False, ax=ax)
+            assert ax.get_legend() is None, name
+        else:
+            assert name in ("animate", "frequencies", "root_loci", "snapshots"), name
+
+
+def test_the_style_of_one_column_sets_the_size_of_figures_and_letters():
+    try:
+        with plot.style(column="single"):
+            ax = plot.boundary(standing())
+        assert tuple(ax.figure.get_size_inches()) == (3.4, 2.6)
+        assert ax.xaxis.label.get_size() == 7.0
+        with plot.style():
+            ax = plot.boundary(standing())
+        assert tuple(ax.figure.get_size_inches()) == (6.4, 4.8)
+        assert ax.xaxis.label.get_size() == 8.0
+    finally:
+        plt.close("all")
 
 
 def test_every_picture_shows_si_units_on_request():

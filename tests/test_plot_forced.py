@@ -49,6 +49,18 @@ def test_the_response_is_drawn_with_its_resonances():
     assert np.mean(known) > 0.9
 
 
+def test_the_legend_of_a_response_explains_bars_rings_and_triangles():
+    assert legend_of(plot.frequency_response(RESPONSE, ax=axes())) == [
+        "half-power width",
+        "resonance",
+    ]
+    undamped = pp.frequency_response(pp.Galerkin(pp.Pipe(0.2), 3), 0.0, (1.0, 30.0))
+    assert legend_of(plot.frequency_response(undamped, ax=axes())) == [
+        "resonance of infinite height"
+    ]
+    assert plot.frequency_response(RESPONSE, True, ax=axes()).get_legend() is None
+
+
 def test_infinite_resonances_are_marked_at_the_upper_end():
     found = pp.frequency_response(pp.Galerkin(pp.Pipe(0.2), 3), 0.0, (1.0, 30.0))
     marks = plot.frequency_response(found, ax=axes()).lines[1]
@@ -75,6 +87,60 @@ def test_forced_motions_are_drawn_with_their_folds():
     np.testing.assert_allclose(marked, [[fold.frequency, fold.amplitude] for fold in folds])
     words = set(legend_of(ax))
     assert words == {"base, stable", "base, unstable", "fold"}
+
+
+def largest_turn(curve):
+    """Largest change of direction, in degrees, along a curve that fills a square."""
+    steps = np.diff(curve / np.ptp(curve, axis=0), axis=0)
+    steps = steps[np.hypot(*steps.T) > 1e-9]
+    turns = np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))
+    return np.degrees(np.abs(turns).max())
+
+
+def test_a_forced_response_has_no_corners_and_shows_motions_between_the_steps():
+    found = pp.forced_response(
+        pp.Galerkin(pp.Pipe(0.2), 3), 5.3, base=pp.Harmonic(0.01, 13.0), frequencies=(11.0, 17.0)
+    )
+    (line,) = plot.forced_response(found, ax=axes()).lines
+    assert largest_turn(line.get_xydata()) < 4.0  # 10 degrees without motions within the steps
+    for frequency in (13.2, 14.35, 15.1):
+        (motion,) = found.at(frequency)
+        shown = np.interp(frequency, *line.get_xydata().T)
+        assert shown == pytest.approx(motion.amplitude, rel=1e-3)
+
+
+def test_regions_are_smooth_between_amplitudes_in_the_range_that_was_asked_for():
+    model = pp.Galerkin(pp.Pipe(0.2, damping=2e-3), 3)
+    coarse, fine = (
+        pp.parametric_regions(model, 4.0, amplitudes, (20.0, 45.0))
+        for amplitudes in ([0.35, 0.4, 0.5], [0.32, 0.33, 0.36, 0.45])
+    )
+    ax = plot.parametric_regions(coarse, ax=axes())
+    outline = ax.lines[0].get_xydata()
+    assert largest_turn(outline) < 4.0
+    middle = np.argmin(outline[:, 1])
+    for amplitude, edges in zip(fine[0].amplitude, fine[0].edges, strict=True):
+        low, high = outline[middle::-1], outline[middle:]
+        shown = [np.interp(amplitude, side[:, 1], side[:, 0]) for side in (low, high)]
+        assert shown == pytest.approx(edges, abs=0.1)  # of an axis of 25
+    assert (ax.get_xlim(), ax.get_ylim()) == ((20.0, 45.0), (0.0, 0.5))
+
+
+def test_regions_that_are_not_seen_are_not_in_the_legend():
+    far = replace(REGION, kind="combination", edges=REGION.edges + 20.0, threshold_frequency=22.4)
+    thin = replace(REGION, kind="subharmonic", edges=np.full((2, 2), np.nan), threshold=np.nan)
+    asked = pp.parametric_regions(pp.Chain(PIPE, 2), 1.0, [0.01], (50.0, 60.0))
+    shown = replace(asked, regions=(thin, REGION, far), frequencies=np.array([1.0, 10.0]))
+    ax = plot.parametric_regions(shown, ax=axes())
+    assert legend_of(ax) == ["harmonic"]
+    assert len(ax.patches) == 1
+
+
+def test_a_region_from_one_of_the_amplitudes_on_begins_at_a_point():
+    from_first = replace(REGION, threshold=0.1, threshold_frequency=2.5)
+    outline = plot.parametric_regions([from_first], ax=axes()).lines[0].get_xydata()
+    assert outline[:, 1].min() == 0.1
+    assert set(outline[outline[:, 1] == 0.1, 0]) == {2.5}
 
 
 def test_a_region_without_edges_is_no_obstacle_to_the_others():

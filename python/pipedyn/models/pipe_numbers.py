@@ -87,8 +87,10 @@ def unit_of_number(name: str, pipe: Pipe) -> Unit | None:
         return None
     (item,) = (one for one in fields(number.holder(pipe)) if one.name == number.attribute)
     mass, length, time = item.metadata["powers"]
-    # `Scales` counts masses per length.
-    powers = zip(("kg", "m", "s"), (mass, length - mass, time), strict=True)
+    # `Scales` counts masses per length, and N is kg m/s^2.
+    newtons = mass if time < 0 else 0
+    of_units = newtons, mass - newtons, time + 2 * newtons, length - mass - newtons
+    powers = zip(("N", "kg", "s", "m"), of_units, strict=True)
     text = " ".join(f"{unit}^{power}" if power != 1 else unit for unit, power in powers if power)
     if not text:
         return None

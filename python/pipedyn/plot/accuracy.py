@@ -9,7 +9,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import LogLocator, NullLocator, ScalarFormatter
+from matplotlib.ticker import (
+    EngFormatter,
+    LogLocator,
+    NullFormatter,
+    NullLocator,
+    ScalarFormatter,
+)
 from numpy.typing import NDArray
 
 from pipedyn.accuracy.choose import COSTS, Trade, TradeRow
@@ -33,7 +39,7 @@ FAMILY_STYLES: dict[str, dict[str, Any]] = {
 """Look of the curve of each spring rule and basis."""
 
 COST_LABELS = {
-    "seconds": "processor time of an answer (s)",
+    "seconds": "processor time of an answer",
     "dof": "degrees of freedom",
     "right_hand_sides": "evaluations of the right-hand side",
     "factorisations": "matrix factorisations",
@@ -53,6 +59,7 @@ def convergence(
     exact: CriticalSpeed,
     *,
     units: Units = "nondimensional",
+    legend: bool = True,
     ax: Axes | None = None,
 ) -> Axes:
     """Error of the critical speed against degrees of freedom, with fitted orders.
@@ -65,6 +72,7 @@ def convergence(
             basis.
         exact: critical speed of the continuous pipe.
         units: "nondimensional", or "si" if the pipe has scales.
+        legend: whether to add a legend, below the Axes or inside.
         ax: Axes to draw on; new ones if not given.
 
     Example:
@@ -82,6 +90,7 @@ def convergence(
         for i, critical in enumerate(found):
             check.instance(f"families[{name!r}][{i}]", critical, CriticalSpeed)
     check.instance("exact", exact, CriticalSpeed)
+    legend = check.flag("legend", legend)
     families = {name: found for name, found in families.items() if found}
     View(units, exact.pipe)
     ylabel = r"relative error of critical speed"
@@ -111,11 +120,18 @@ def convergence(
     ax.set_xscale("log", base=2)
     ax.xaxis.set_major_formatter(ScalarFormatter())
     _finish(ax, min(every), max(every), floor, shaded=min(every) <= floor)
+    if legend:
+        common.legend_below(ax)
     return ax
 
 
 def trade(
-    found: Trade, cost: str = "seconds", *, units: Units = "nondimensional", ax: Axes | None = None
+    found: Trade,
+    cost: str = "seconds",
+    *,
+    units: Units = "nondimensional",
+    legend: bool = True,
+    ax: Axes | None = None,
 ) -> Axes:
     """Error against cost on logarithmic axes, with a line for each family and the Pareto front.
 
@@ -127,6 +143,7 @@ def trade(
         found: the measurement to show.
         cost: "seconds", "dof", "right_hand_sides" or "factorisations".
         units: "nondimensional", or "si" if the pipe has scales.
+        legend: whether to add a legend, below the Axes or inside.
         ax: Axes to draw on; new ones if not given.
 
     Example:
@@ -136,7 +153,7 @@ def trade(
         ValueError, TypeError: for bad arguments.
     """
     check.instance("found", found, Trade)
-    cost = check.choice("cost", cost, COSTS)
+    cost, legend = check.choice("cost", cost, COSTS), check.flag("legend", legend)
     View(units, found.pipe)
     ylabel = ERROR_LABELS[found.quantity.name]
     ax = common.axes(ax, (6.4, 4.8), xlabel=COST_LABELS[cost], ylabel=ylabel)
@@ -159,10 +176,16 @@ def trade(
     if costs.max() < 10.0 * costs.min():  # less than a decade may contain no round number
         middle = math.sqrt(costs.max() * costs.min())
         ax.set_xlim(middle / 4.0, middle * 4.0)
-    ax.xaxis.set_major_locator(LogLocator(numticks=12))
-    ax.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0), numticks=12))
-    ax.tick_params(axis="x", which="minor", labelsize=6.0)
+    decades = float(np.ptp(np.log10(ax.get_xlim())))
+    round_numbers = (1.0, 2.0, 5.0) if decades < 1.3 else (1.0, 3.0) if decades < 2.6 else (1.0,)
+    ax.xaxis.set_major_locator(LogLocator(subs=round_numbers, numticks=12))
+    ax.xaxis.set_major_formatter(
+        EngFormatter("s" if cost == "seconds" else "", sep="\N{THIN SPACE}")
+    )
+    ax.xaxis.set_minor_formatter(NullFormatter())
     _finish(ax, float(errors.min()), float(errors.max()), found.reference.error, shaded=True)
+    if legend:
+        common.legend_below(ax)
     return ax
 
 
@@ -206,7 +229,7 @@ def _points(rows: Sequence[TradeRow], cost: str) -> Array:
 
 
 def _finish(ax: Axes, low: float, high: float, floor: float, *, shaded: bool) -> None:
-    """Makes the axis of errors logarithmic and adds grid and legend.
+    """Makes the axis of errors logarithmic and adds a grid.
 
     The axis shows errors from `low` to `high`, and the error of the reference, `floor`, if it is
     near. A grey band shows the errors that are too small to be measured, if it is asked for.
@@ -218,8 +241,7 @@ def _finish(ax: Axes, low: float, high: float, floor: float, *, shaded: bool) ->
     room = 1.2 * (high / low) ** 0.03
     low, high = low / room, high * room
     ax.set_yscale("log")
-    ax.yaxis.set_major_locator(LogLocator(numticks=13))
+    ax.yaxis.set_major_locator(LogLocator())
     ax.yaxis.set_minor_locator(NullLocator())
     ax.set_ylim(low, high)
     ax.grid(True, color="0.9", linewidth=0.5, zorder=0.1)
-    common.legend_below(ax)

@@ -49,6 +49,7 @@ def bifurcation_diagram(
     coordinate: Literal["tip"] | int = "tip",
     *,
     units: Units = "nondimensional",
+    legend: bool = True,
     ax: Axes | None = None,
 ) -> Axes:
     """Transverse position of the free end against flow speed.
@@ -62,6 +63,7 @@ def bifurcation_diagram(
         coordinate: "tip", or the index of a coordinate, counted from 0. With an index only
             equilibria are shown; use an index if the free end is held by a support.
         units: "nondimensional", or "si" if the pipe has scales.
+        legend: whether to add a legend, below the Axes or inside.
         ax: Axes to draw on; new ones if not given.
 
     Example:
@@ -101,7 +103,8 @@ def bifurcation_diagram(
         look["rasterized"] = x.size > 20_000  # keeps vector files small
         ax.plot(one[0] * x, one[1] * y, label="turning points of motions", **look)
     ax.set_xlim(one[0] * diagram.speeds[0], one[0] * diagram.speeds[-1])
-    common.legend_below(ax)
+    if check.flag("legend", legend):
+        common.legend_below(ax)
     return ax
 
 

@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from itertools import pairwise, product
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import matplotlib
 import numpy as np
@@ -15,13 +15,14 @@ from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
-from matplotlib.ticker import SymmetricalLogLocator
-from matplotlib.transforms import ScaledTranslation, blended_transform_factory
+from matplotlib.text import Text
+from matplotlib.ticker import AutoLocator, SymmetricalLogLocator
+from matplotlib.transforms import Bbox, ScaledTranslation, blended_transform_factory
 from numpy.typing import NDArray
 
 from pipedyn.util import check
 
-# Formulas have no spaces, because a label longer than the height of a picture breaks at a space.
+# Formulas have no spaces, because a label too long for the height of Axes breaks at spaces.
 SPEED_LABEL = r"flow speed $u=VL\,(\mu_f/EI)^{1/2}$"
 REAL_LABEL = r"Re $\lambda$"
 IMAGINARY_LABEL = r"Im $\lambda$"
@@ -45,21 +46,33 @@ CURVE_STYLES: tuple[dict[str, Any], ...] = (
 )
 
 
-def style() -> AbstractContextManager[None]:
+def style(column: Literal["single"] | None = None) -> AbstractContextManager[None]:
     """Settings of matplotlib for a printed page, in force in a `with` block.
 
+    Args:
+        column: "single" for pictures as wide as one column of a journal with two: new figures are
+            3.4 inches wide and 2.6 inches high, and letters have 7 points. Without it letters have
+            8 points, and figures keep their sizes.
+
     Example:
-        >>> with plot.style():
-        ...     ax = plot.notice("eight points high")
+        >>> with plot.style(column="single"):
+        ...     ax = plot.notice("seven points high")
+        >>> ax.figure.get_size_inches()
+        array([3.4, 2.6])
+
+    Raises:
+        ValueError, TypeError: for bad arguments.
     """
+    single = column is not None and check.choice("column", column, ("single",)) == "single"
+    size, small = (7.0, 6.5) if single else (8.0, 7.5)
     settings: dict[Any, Any] = {
-        "font.size": 8.0,
-        "axes.titlesize": 8.0,
+        "font.size": size,
+        "axes.titlesize": size,
         "axes.titley": 1.0,  # nothing lies above the axes, so titles need not be moved
-        "axes.labelsize": 8.0,
-        "legend.fontsize": 7.5,
-        "xtick.labelsize": 7.5,
-        "ytick.labelsize": 7.5,
+        "axes.labelsize": size,
+        "legend.fontsize": small,
+        "xtick.labelsize": small,
+        "ytick.labelsize": small,
         "axes.linewidth": 0.6,
         "xtick.direction": "in",
         "ytick.direction": "in",
@@ -70,6 +83,8 @@ def style() -> AbstractContextManager[None]:
         "pdf.fonttype": 42,
         "savefig.dpi": 200,
     }
+    if single:
+        settings["figure.figsize"] = (3.4, 2.6)
     return matplotlib.rc_context(settings)
 
 
@@ -105,55 +120,154 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
     if isinstance(shown[0].norm, SymLogNorm):
         look["ticks"] = SymmetricalLogLocator(base=10, linthresh=1.0, subs=(1.0, 3.0))
         look["format"] = "{x:g}"
-    bar = every[0].figure.colorbar(shown[0], ax=every, label=label, **look)
+    beside = every if len(every) > 1 else every[0]  # tight layout knows a bar beside one
+    bar = every[0].figure.colorbar(shown[0], ax=beside, label=label, **look)
     bar.minorticks_off()
+    if len(every) == 1:
+        _wrap(bar.ax.yaxis.label, _room(every[0]))
     return cast("Axes", bar.ax)
+
+
+BESIDE, BELOW = 0.6, 1.0
+"""Width beside Axes for ticks and label, and height below for these and a legend, in inches."""
+
+POINTS_AN_INCH = 3.2
+"""Largest size of a legend's letters, in points for an inch of height of the part of the figure."""
 
 
 def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
     """The given Axes, or those of a new figure of pyplot with a size in inches, with labels set.
 
+    The new figure has the size in the settings of matplotlib if `style` or the user set one there.
     A figure without a layout engine gets one, since artists beside the Axes would be cut off.
     """
     if ax is None:
         import matplotlib.pyplot as plt  # selects how figures are shown, so only if needed
 
-        ax = plt.subplots(figsize=size, layout="constrained")[1]
+        usual, given = (
+            one["figure.figsize"] for one in (matplotlib.rcParamsDefault, matplotlib.rcParams)
+        )
+        ax = plt.subplots(figsize=size if given == usual else given, layout="constrained")[1]
     chosen: Axes = check.instance("ax", ax, Axes)
     if isinstance(chosen.figure, Figure) and chosen.figure.get_layout_engine() is None:
         with suppress(RuntimeError):  # a colour bar was placed without a layout engine
             chosen.figure.set_layout_engine("constrained")
-    chosen.set(**labels)
-    chosen.yaxis.label.set_wrap(True)
+    set_labels(chosen, **labels)
+    for axis in (chosen.xaxis, chosen.yaxis):
+        if isinstance(locator := axis.get_major_locator(), AutoLocator):
+            locator.set_params(steps=[1, 2, 5, 10])  # steps of 2.5 have longer labels
+    chosen.title.set_wrap(True)
     return chosen
 
 
-def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
-    """Adds a legend below the Axes, of artists by name, or of all artists that have a label.
+def set_labels(ax: Axes, **labels: str) -> None:
+    """Sets labels of Axes; that of the y axis has as many lines as its height requires."""
+    ax.set(**labels)
+    _wrap(ax.yaxis.label, _room(ax))
 
-    Without such artists there is no legend. The legend has as many columns, up to four, as fit the
-    width of the figure. If it would take more than a fifth of the height of the figure, its letters
-    get smaller, down to six points.
+
+def _room(ax: Axes) -> float:
+    """Height, in pixels, that Axes are likely to have with ticks, labels and legend below them."""
+    high = _cell(ax)[1]
+    return max(high - BELOW * ax.figure.dpi, 0.5 * high)
+
+
+def _cell(ax: Axes) -> tuple[float, float]:
+    """Width and height, in pixels, of the part of the figure for the Axes and what is beside it."""
+    wide, high = ax.figure.bbox.size
+    if (spec := ax.get_subplotspec()) is not None:
+        for one in {spec, spec.get_topmost_subplotspec()}:  # Axes with a colour bar lie in two
+            grid: Any = one.get_gridspec()
+            across, down = grid.get_width_ratios(), grid.get_height_ratios()
+            wide *= np.sum(across[one.colspan.start : one.colspan.stop]) / np.sum(across)
+            high *= np.sum(down[one.rowspan.start : one.rowspan.stop]) / np.sum(down)
+    return wide, high
+
+
+def _wrap(label: Text, room: float) -> None:
+    """Breaks an upright label at spaces into lines of similar length, at most `room` in pixels."""
+    words = label.get_text().split(" ")
+
+    def lines(room: float) -> list[str]:
+        found = words[:1]
+        for word in words[1:]:
+            label.set_text(f"{found[-1]} {word}")
+            fits = label.get_window_extent().height <= room
+            found[-1:] = [label.get_text()] if fits else [found[-1], word]
+        return found
+
+    found = shorter = lines(room)
+    while len(found) == len(shorter) > 1:
+        found, room = shorter, 0.9 * room
+        shorter = lines(room)
+    label.set_text("\n".join(found))
+
+
+def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
+    """Adds a legend below or inside the Axes, of artists by name, or of all that have a label.
+
+    Without such artists there is no legend. It stands below if it takes at most a fifth of the
+    height that the figure has for these Axes; its letters get smaller for that, down to six points.
+    A larger legend stands inside, where it covers nothing. If there is no such place, it stands
+    below, with letters of five points. It has as many columns, up to four, as fit the width.
     """
     if named is None:
         named = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
     if not named:
         return
-    spec = ax.get_subplotspec()
+    figure, spec = ax.figure, ax.get_subplotspec()
     alone = spec is not None and spec.get_gridspec().ncols == 1
+    wide, high = _cell(ax)
+    wide = 0.95 * wide if alone else wide - BESIDE * figure.dpi
     middle = blended_transform_factory(
-        ax.figure.transSubfigure if alone else ax.transAxes, ax.transAxes
+        figure.transSubfigure if alone else ax.transAxes, ax.transAxes
     )
-    below = ScaledTranslation(0.0, -0.42, ax.figure.dpi_scale_trans)  # inches, for ticks and label
+    below = ScaledTranslation(0.0, -0.42, figure.dpi_scale_trans)  # inches, for ticks and label
     look: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "frameon": False}
     look |= {"bbox_transform": middle + below, "columnspacing": 1.2}
     usual = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
-    wide, high = ax.figure.bbox.size
-    for size, columns in product([*np.arange(usual, 6.0, -0.5), min(usual, 6.0)], (4, 3, 2, 1)):
-        legend = ax.legend(named.values(), named, fontsize=size, ncols=columns, **look)
+    usual = min(usual, max(6.0, POINTS_AN_INCH * high / figure.dpi))
+    sizes = [*np.arange(usual, 6.0, -1.0), min(usual, 6.0)]
+
+    def fits_below(sizes: Sequence[float], share: float) -> bool:
+        for size, columns in product(sizes, (4, 3, 2, 1)):
+            legend = ax.legend(named.values(), named, fontsize=size, ncols=columns, **look)
+            box = legend.get_window_extent()
+            if box.width <= wide and box.height <= share * high:
+                return True
+        return False
+
+    if not fits_below(sizes, 0.2) and not _fits_inside(ax, named, sizes):
+        fits_below([5.0], math.inf)
+
+
+def _fits_inside(ax: Axes, named: Mapping[str, Any], sizes: Sequence[float]) -> bool:
+    """Adds a legend inside the Axes, and returns whether it covers nothing there."""
+    ax.legend([], [])
+    ax.figure.figure.draw_without_rendering()  # gives the Axes their place
+    frame: Any = ax.get_window_extent()
+    curves = [line.get_transform().transform_path(line.get_path()) for line in ax.lines]
+    others = [one.get_window_extent() for one in (*ax.patches, *ax.collections, *ax.texts)]
+    for size, columns in product(sizes, (1, 2)):
+        legend = ax.legend(named.values(), named, fontsize=size, ncols=columns, loc="lower left")
         box = legend.get_window_extent()
-        if box.width <= 0.95 * wide and (box.height <= 0.2 * high or size <= 6.0):
-            return
+        room = frame.size - box.size - 2.0 * (box.min - frame.min)  # between two opposite corners
+        if (room < 0.0).any():
+            continue
+        for place, shares in INSIDE.items():
+            there = Bbox(box.get_points() + room * shares)
+            covers = any(curve.intersects_bbox(there, filled=False) for curve in curves)
+            if not covers and not there.count_overlaps(others):
+                legend.set_loc(place)
+                return True
+    return False
+
+
+INSIDE: dict[Any, tuple[float, float]] = {"upper right": (1.0, 1.0), "upper left": (0.0, 1.0)}
+INSIDE |= {"lower right": (1.0, 0.0), "lower left": (0.0, 0.0), "center right": (1.0, 0.5)}
+INSIDE |= {"center left": (0.0, 0.5), "upper center": (0.5, 1.0), "lower center": (0.5, 0.0)}
+"""Places of a legend inside Axes, and how far they are from the lower left corner, as shares of the
+width and the height that the legend leaves."""
 
 
 def runs(values: NDArray[Any]) -> list[tuple[int, int]]:

@@ -5,19 +5,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import cycle
+from itertools import cycle, pairwise
 from typing import Any
 
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
 
-from pipedyn.forced.forced_response import ForcedResponse
+from pipedyn.cycles.limit_cycle import amplitude_of
+from pipedyn.forced.forced_response import ForcedBranch, ForcedResponse
 from pipedyn.forced.parametric_regions import ParametricRegion, ParametricRegions
 from pipedyn.linear.frequency_response import FrequencyResponse
 from pipedyn.plot import common
 from pipedyn.plot.bifurcation import draw_pieces, mark_event, smooth
 from pipedyn.plot.units import AMPLITUDE, OMEGA, PER_FORCE, PER_MOMENT, Measure, Units, View
 from pipedyn.util import check
+from pipedyn.util.check import Array
 
 REGION_STYLES: dict[str, dict[str, Any]] = {
     "subharmonic": {"color": common.BLUE, "linestyle": "-", "hatch": None},
@@ -25,12 +28,17 @@ REGION_STYLES: dict[str, dict[str, Any]] = {
     "combination": {"color": common.GREEN, "linestyle": (0, (1, 1.2)), "hatch": "..."},
 }
 
+INNER = (1 / 3, 2 / 3)
+"""Places within a step of a branch, as shares of its length, at which amplitudes are computed, so
+that curves show no corners where steps are long."""
+
 
 def frequency_response(
     response: FrequencyResponse,
     phase: bool = False,
     *,
     units: Units = "nondimensional",
+    legend: bool = True,
     ax: Axes | None = None,
 ) -> Axes:
     """Magnitude of the response over the frequency, on a logarithmic scale, or its phase.
@@ -42,6 +50,7 @@ def frequency_response(
         response: the response to show.
         phase: whether to show the phase in degrees, from -180 to 180, instead of the magnitude.
         units: "nondimensional", or "si" if the pipe has scales.
+        legend: whether to add a legend, below the Axes or inside.
         ax: Axes to draw on; new ones if not given.
 
     Example:
@@ -84,18 +93,23 @@ def frequency_response(
             ax.set_ylim(top=1e3 * typical)
             look = common.open_marker(6.0, marker="^", zorder=4.0, clip_on=False)
             of_axes = ax.get_xaxis_transform()
-            ax.plot(infinite, np.ones(len(infinite)), transform=of_axes, **look)
+            label = "resonance of infinite height"
+            ax.plot(infinite, np.ones(len(infinite)), label=label, transform=of_axes, **look)
         for peak in response.resonances:
             if peak.height < math.inf and math.isfinite(peak.width):
                 level = math.sqrt(0.5) * one * peak.height
                 ends = _level_crossings(at, sizes, per * peak.frequency, level)
-                ax.plot(ends, [level, level], color=common.VERMILION, linewidth=1.6)
+                bar: dict[str, Any] = {"color": common.VERMILION, "linewidth": 1.6}
+                ax.plot(ends, [level, level], label="half-power width", **bar)
         peaks = [per * r.frequency for r in response.resonances if r.height < math.inf]
-        ax.plot(peaks, heights, **common.open_marker(4.5, zorder=4.0))
+        if peaks:
+            ax.plot(peaks, heights, label="resonance", **common.open_marker(4.5, zorder=4.0))
     if at[0] < at[-1]:
         ax.set_xlim(float(at[0]), float(at[-1]))
     stable = "" if response.stable else ", unstable: the response is not reached"
     ax.set_title(f"{view.speed(response.u)}{stable}")
+    if check.flag("legend", legend):
+        common.legend_below(ax)
     return ax
 
 
@@ -110,15 +124,22 @@ def _level_crossings(at: Any, sizes: Any, frequency: float, level: float) -> lis
 
 
 def parametric_regions(
-    regions: Sequence[ParametricRegion], *, units: Units = "nondimensional", ax: Axes | None = None
+    regions: Sequence[ParametricRegion],
+    *,
+    units: Units = "nondimensional",
+    legend: bool = True,
+    ax: Axes | None = None,
 ) -> Axes:
     """Regions of amplitude over frequency in which a pulsating flow makes the pipe unstable.
 
-    Kinds differ in colour, line and hatching; a ring marks the least amplitude of each region.
+    Kinds differ in colour, line and hatching; a ring marks the least amplitude of each region. The
+    axes show the ranges of frequencies and amplitudes that `parametric_regions` was asked for; of a
+    list of regions, all frequencies.
 
     Args:
         regions: the regions to show, with amplitudes that are close enough for a curve.
         units: "nondimensional", or "si" if the pipe has scales.
+        legend: whether to add a legend, below the Axes or inside.
         ax: Axes to draw on; new ones if not given.
 
     Example:
@@ -137,35 +158,63 @@ def parametric_regions(
     view = View(units, regions[0].pipe if regions else pipe)
     pulsation = Measure(r"frequency of the pulsation $\omega$", OMEGA.words, OMEGA.unit)
     ax = view.axes(ax, (6.4, 4.2), pulsation, Measure(r"amplitude $\mu$ of the pulsation"))
-    per = view.one(OMEGA)
+    per, (low, high) = view.one(OMEGA), (-math.inf, math.inf)
+    if isinstance(regions, ParametricRegions):
+        low, high = per * regions.frequencies
+        ax.set_xlim(low, high)
     for region in regions:
+        amplitude, edges = _outline(region)
+        edges *= per
+        if not ((edges[:, 0] <= high) & (edges[:, 1] >= low)).any():
+            continue
         look = REGION_STYLES[region.kind]
-        inside = np.isfinite(region.edges).all(axis=1)
-        amplitude, edges = region.amplitude[inside], per * region.edges[inside]
-        if math.isfinite(region.threshold):
-            amplitude = np.append(region.threshold, amplitude)
-            edges = np.vstack([np.full(2, per * region.threshold_frequency), edges])
         fill = {"facecolor": look["color"], "alpha": 0.25, "hatch": look["hatch"]}
         fill |= {"linewidth": 0.0, "label": region.kind}
         line = {"color": look["color"], "linestyle": look["linestyle"], "linewidth": 1.2}
-        if math.isfinite(region.threshold):  # the outline goes down one side and up the other
-            around = np.append(edges[:0:-1, 0], edges[:, 1]), np.append(amplitude[:0:-1], amplitude)
-            outline = smooth(*around)
-            ax.fill(*outline.T, **fill)
-            ax.plot(*outline.T, **line)
+        # The outline goes down one side and up the other.
+        around = np.append(edges[::-1, 0], edges[:, 1]), np.append(amplitude[::-1], amplitude)
+        ax.fill(*around, **fill)
+        if math.isfinite(region.threshold):
+            ax.plot(*around, **line)
             ring = common.open_marker(4.5, edge=look["color"], zorder=4.0, clip_on=False)
-            ax.plot([per * region.threshold_frequency], [region.threshold], **ring)
+            if low <= edges[0, 0] <= high:
+                ax.plot(edges[:1, 0], amplitude[:1], **ring)
         else:
-            ax.fill_betweenx(amplitude, *edges.T, **fill)
             for side in edges.T:
-                ax.plot(*smooth(side, amplitude).T, **line)
-    ax.set_ylim(bottom=0.0)
-    common.legend_below(ax)
+                ax.plot(side, amplitude, **line)
+    ax.set_ylim(0.0, max((float(region.amplitude[-1]) for region in regions), default=None))
+    if check.flag("legend", legend):
+        common.legend_below(ax)
     return ax
 
 
+def _outline(region: ParametricRegion) -> tuple[Array, Array]:
+    """Amplitudes, (k,), and both edges there, (k, 2), close enough for smooth curves.
+
+    The mean of the edges and the square of their distance are smooth functions of the amplitude at
+    the threshold, too, where the edges meet.
+    """
+    inside = np.isfinite(region.edges).all(axis=1) & ~(region.amplitude <= region.threshold)
+    amplitude, edges = region.amplitude[inside], region.edges[inside]
+    if math.isfinite(region.threshold):
+        amplitude = np.append(region.threshold, amplitude)
+        edges = np.vstack([np.full(2, region.threshold_frequency), edges])
+    if amplitude.size < 2:
+        return amplitude, edges
+    known = np.column_stack([edges.mean(axis=1), np.diff(edges)[:, 0] ** 2])
+    shares = np.linspace(0.0, 1.0, 101) ** 2  # the edges turn fastest at the threshold
+    finer = np.union1d(amplitude, amplitude[0] + np.ptp(amplitude) * shares)
+    middle, square = scipy.interpolate.PchipInterpolator(amplitude, known)(finer).T
+    half = 0.5 * np.sqrt(np.maximum(square, 0.0))
+    return finer, np.column_stack([middle - half, middle + half])
+
+
 def forced_response(
-    response: ForcedResponse, *, units: Units = "nondimensional", ax: Axes | None = None
+    response: ForcedResponse,
+    *,
+    units: Units = "nondimensional",
+    legend: bool = True,
+    ax: Axes | None = None,
 ) -> Axes:
     """Amplitude of periodic motions over the frequency.
 
@@ -174,6 +223,7 @@ def forced_response(
     Args:
         response: the response to show.
         units: "nondimensional", or "si" if the pipe has scales.
+        legend: whether to add a legend, below the Axes or inside.
         ax: Axes to draw on; new ones if not given.
 
     Example:
@@ -190,13 +240,35 @@ def forced_response(
     ax = view.axes(ax, (6.4, 4.2), OMEGA, AMPLITUDE)
     per, one = view.one(OMEGA), view.one(AMPLITUDE)
     for branch, look in zip(response.branches, cycle(common.CURVE_STYLES), strict=False):
-        curve = smooth(per * branch.frequency, one * branch.amplitude)
-        steady = branch.stable[:-1] | branch.stable[1:]  # a step to an event is stable up to it
+        points, steady = _fine_curve(branch)
+        curve = smooth(*(points * [per, one]).T)
         labels = {word: f"{branch.kind}, {word}" for word in ("stable", "unstable")}
         draw_pieces(ax, curve, steady, look["color"], labels)
         for event in branch.events:
             if event.kind != "end":
                 mark_event(ax, event.kind, [per * event.frequency, one * event.amplitude])
     ax.set_ylim(bottom=0.0)
-    common.legend_below(ax)
+    if check.flag("legend", legend):
+        common.legend_below(ax)
     return ax
+
+
+def _fine_curve(branch: ForcedBranch) -> tuple[Array, Array]:
+    """Frequencies and amplitudes on a branch, (k, 2), and whether each step is stable, (k - 1,).
+
+    Between two points of the branch lie further ones on the cubic of the step between them.
+    """
+    steady = branch.stable[:-1] | branch.stable[1:]  # a step to an event is stable up to it
+    order = branch.motion.order
+    between = {(order * step.begin.p, order * step.end.p): step for step in branch.steps}
+    points = [[branch.frequency[0], branch.amplitude[0]]]
+    counts = []
+    for k, ends in enumerate(pairwise(branch.frequency.tolist())):
+        before = len(points)
+        if (step := between.get(ends)) is not None:
+            for share in INNER:
+                orbit = step.problem.orbit(step.guess(share * step.length))
+                points.append([order * orbit.frequency, amplitude_of(branch.motion, orbit)[0]])
+        points.append([ends[1], branch.amplitude[k + 1]])
+        counts.append(len(points) - before)
+    return np.array(points), np.repeat(steady, counts)

@@ -603,7 +603,7 @@ def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array, view: View) -> None
     The shapes, of shape (..., 2), are in the units shown.
     """
     one = view.one(TRANSVERSE)
-    ax.set(xlabel=view.label(TRANSVERSE), ylabel=view.label(AXIAL))
+    common.set_labels(ax, xlabel=view.label(TRANSVERSE), ylabel=view.label(AXIAL))
     room = (ARROW + 0.06) * one
     wide = max(0.36 * one, float(np.abs(shapes[..., 0]).max()) + room)
     low = min(-0.12 * one, float(shapes[..., 1].min()) - room)

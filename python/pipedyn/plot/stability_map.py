@@ -49,16 +49,19 @@ COLUMNS = 500
 """Numbers of rows and columns of the shading, so that its steps are hidden by the curves."""
 
 
-def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | None = None) -> Axes:
+def boundary(
+    found: Boundary, *, units: Units = "nondimensional", legend: bool = True, ax: Axes | None = None
+) -> Axes:
     """Boundaries of stability in the plane of two numbers; the stable region is shaded.
 
-    Curves are solid if the bifurcation is supercritical, dashed if it is subcritical, and thin if
-    other roots are unstable or the criticality was not computed. The legend names organising
-    points.
+    Curves are solid if the bifurcation is supercritical, dashed if it is subcritical, thin if the
+    criticality was not computed, and thin and pale if other roots are unstable. The legend names
+    organising points.
 
     Args:
         found: the result of `pipedyn.boundary`.
         units: "nondimensional", or "si" if the pipe has scales.
+        legend: whether to add a legend, below the Axes or inside.
         ax: Axes to draw on; new ones if not given.
 
     Example:
@@ -87,8 +90,9 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
             beside = OTHERS_UNSTABLE if others[first] and not kind else ""
             label = ", ".join(word for word in (curve.kind, kind, beside) if word)
             look: dict[str, Any] = {"color": KIND_COLOURS[curve.kind][subcritical], "label": label}
-            look |= {"linestyle": (0, (4, 1.5)) if subcritical else "-"}
-            ax.plot(*plane.at(*places[first : last + 1].T), linewidth=1.6 if kind else 0.7, **look)
+            look |= {"linestyle": (0, (1.6, 0.8)) if subcritical else "-"}
+            look |= {"linewidth": 1.6 if kind else 0.7, "alpha": 0.5 if others[first] else 1.0}
+            ax.plot(*plane.at(*places[first : last + 1].T), **look)
     for point in found.points:
         mark = common.open_marker(5.5, marker=ORGANISING_MARKERS[point.kind], zorder=4.0)
         ax.plot(*plane.at(point.x, point.y), label=point.kind, **mark)
@@ -102,7 +106,8 @@ def boundary(found: Boundary, *, units: Units = "nondimensional", ax: Axes | Non
     if not found.curves:
         sentence = _why_nothing({_stability(found)})
         ax.text(0.5, 0.5, sentence, transform=ax.transAxes, ha="center", wrap=True)
-    common.legend_below(ax)
+    if check.flag("legend", legend):
+        common.legend_below(ax)
     return ax
 
 
@@ -155,7 +160,8 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
     """Whether no root is unstable, in rows by increasing y, (COLUMNS, COLUMNS).
 
     Neighbouring columns that cross the same curves in the same order cross the same regions between
-    these. Eigenvalues are counted once in each region, in the column in which it is highest.
+    these; a region ends where two curves come closer than a row. Eigenvalues are counted once in
+    each region, in the column in which it is highest.
     """
     (left, right), (low, high) = found.ranges
     middles = (np.arange(COLUMNS) + 0.5) / COLUMNS
@@ -178,9 +184,14 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
         alike = list(group)
         heights = np.array([[low, *sorted(at for at, _ in crossed[k]), high] for k in alike]).T
         for bottom, top in pairwise(heights):
-            k = int(np.argmax(top - bottom))
-            if found.unstable(float(columns[alike[k]]), float(0.5 * (bottom[k] + top[k]))) == 0:
-                stable[:, alike] |= (rows[:, None] > bottom) & (rows[:, None] < top)
+            seen = top - bottom > (high - low) / COLUMNS
+            for first, last in common.runs(seen):
+                k = first + int(np.argmax((top - bottom)[first:last]))
+                at = float(columns[alike[k]]), float(0.5 * (bottom[k] + top[k]))
+                if seen[k] and found.unstable(*at) == 0:
+                    part = slice(first, last)
+                    inside = (rows[:, None] > bottom[part]) & (rows[:, None] < top[part])
+                    stable[:, alike[part]] |= inside
     return stable
 
 
@@ -192,6 +203,7 @@ def stability_map(
     highest: float | None = None,
     *,
     units: Units = "nondimensional",
+    legend: bool = True,
     ax: Axes | None = None,
 ) -> Axes:
     """Speeds at which several pipes lose or regain stability, against a number.
@@ -205,6 +217,7 @@ def stability_map(
         boundaries: boundaries by their labels, with the same number for x and "u" for y.
         highest: end of the axis of speed, nondimensional.
         units: "nondimensional", or "si" if the pipe has scales.
+        legend: whether to add a legend, below the Axes or inside.
         ax: Axes to draw on; new ones if not given.
 
     Example:
@@ -249,14 +262,17 @@ def stability_map(
         if found.failures:
             note += f" ({check.how_many(len(found.failures), 'curve')} with failures)"
         ax.plot([], [], linewidth=1.5, label=f"{label}{note}", **look)
-        for line, kind, left in parts:
+        written = set[bool]()  # words are written once above and once below, at the longest parts
+        for line, kind, left in sorted(parts, key=lambda part: -np.ptp(part[0][:, 0])):
             ticks = withTickedStroke(angle=90.0 if left else -90.0, **TICKS)
             at = plane.at(*line.T).T
             ax.plot(*at.T, linewidth=1.3, path_effects=[ticks], **look)
-            if kind == "divergence":
-                middle = line.shape[0] // 2
+            middle = line.shape[0] // 2
+            above = bool(at[middle, 0] > at[middle - 1, 0]) == left
+            if kind == "divergence" and above not in written:
+                written.add(above)
                 gamma = line[middle, 0] if name == "gamma" else found.model.pipe.gamma
-                divergences.append((at[middle - 1 : middle + 1], left, gamma < 0.0, look["color"]))
+                divergences.append((at[middle], above, gamma < 0.0, look["color"]))
     drawn = len(states) < len(every)
     end = 1.1 * ax.dataLim.y1 if drawn else reach
     if highest is not None:
@@ -264,9 +280,9 @@ def stability_map(
     ax.set_ylim(0.0, end if end > 0.0 else None)
     if searched:
         ax.set_xlim(min(searched), max(searched))
-    heights = np.array([step[0][1, 1] for step in divergences]) / ax.get_ylim()[1]
-    for i, step in enumerate(divergences):
-        _divergence(ax, *step, int((np.abs(heights[:i] - heights[i]) < 0.08).sum()))
+    heights = np.array([place[0][1] for place in divergences]) / ax.get_ylim()[1]
+    for i, place in enumerate(divergences):
+        _divergence(ax, *place, int((np.abs(heights[:i] - heights[i]) < 0.08).sum()))
     if name == "beta" and view.si and boundaries:
         _unsearched(ax, list(boundaries.values()))
     if drawn:
@@ -274,7 +290,8 @@ def stability_map(
         ax.plot([], [], color="0.3", path_effects=[ticks], label="ticks: unstable side")
     else:
         ax.text(0.5, 0.5, _why_nothing({*states}), transform=ax.transAxes, ha="center", wrap=True)
-    common.legend_below(ax)
+    if check.flag("legend", legend):
+        common.legend_below(ax)
     return ax
 
 
@@ -322,16 +339,12 @@ def _number_swept(label: Any, one: Any) -> str:
     return found.names[0]
 
 
-def _divergence(
-    ax: Axes, step: Array, left: bool, standing: bool, colour: str, others: int
-) -> None:
-    """Writes words at a step of a curve of divergence, which say on which side the pipe buckles.
+def _divergence(ax: Axes, at: Array, above: bool, standing: bool, colour: str, others: int) -> None:
+    """Writes words at a point of a curve of divergence, which say on which side the pipe buckles.
 
     The words are on that side, or on the other side if the end of the axis is near. They do not
     overlap the words of `others` curves at the same height.
     """
-    before, at = step
-    above = (at[0] > before[0]) == left
     below = "buckled by its weight below" if standing else "divergence below"
     share = at[1] / ax.get_ylim()[1]
     over = share < 0.8 if above else share < 0.3
@@ -342,7 +355,7 @@ def _divergence(
     place |= {"textcoords": "offset points", "color": colour, "bbox": white}
     words = "divergence above" if above else below
     away = 7 + 10 * others
-    ax.annotate(words, at, (0, away if over else -away), **place)
+    ax.annotate(words, (at[0], at[1]), (0, away if over else -away), **place)
 
 
 def parts_of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[Array, str, bool]]:
@@ -351,10 +364,10 @@ def parts_of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[
     Each part comes with its kind, and with whether the pipe is unstable on the left of the curve.
     """
     places, of, certain = _dense(curve, found)
-    pieces = certain & (curve.unstable[of] == 0)
-    for first, last in common.runs(pieces):
-        if pieces[first]:
-            yield places[first : last + 1], curve.kind, bool(curve.change[of[first]] > 0)
+    sides = np.where(certain & (curve.unstable[of] == 0), np.sign(curve.change[of]), 0)
+    for first, last in common.runs(sides):
+        if sides[first]:
+            yield places[first : last + 1], curve.kind, bool(sides[first] > 0)
 
 
 # ------------------------------------------------------------------------------ events of cycles
@@ -372,7 +385,11 @@ POINT_MARKS = ("o", "v", "D", "s", "^", "p", "h", "P", "X", "*")
 
 
 def cycle_boundary(
-    found: CycleBoundary, *, units: Units = "nondimensional", ax: Axes | None = None
+    found: CycleBoundary,
+    *,
+    units: Units = "nondimensional",
+    legend: bool = True,
+    ax: Axes | None = None,
 ) -> Axes:
     """Curves of events of cycles in the plane of two numbers, and regions of rest beside flutter.
 
@@ -385,6 +402,7 @@ def cycle_boundary(
     Args:
         found: the result of `pipedyn.cycle_boundary`.
         units: "nondimensional", or "si" if the pipe has scales.
+        legend: whether to add a legend, below the Axes or inside.
         ax: Axes to draw on; new ones if not given.
 
     Example:
@@ -419,12 +437,12 @@ def cycle_boundary(
         until = _stable_until(found.onsets, second, speed, across)
         both &= np.isfinite(until) & ~(speed >= onset)
         if both.any():
-            look: dict[str, Any] = {"color": common.ORANGE, "alpha": 0.25, "linewidth": 0.0}
+            look: dict[str, Any] = {"color": common.ORANGE, "alpha": 0.5, "linewidth": 0.0}
             look |= {"zorder": 0.5, "label": "rest and flutter both stable"}
             along, bottom = plane.at(x, y)[:: -1 if across else 1]
             top = plane.at(until, y)[0] if across else plane.at(x, until)[1]
             shade(along, bottom, top, where=both, **look)
-    black: dict[str, Any] = {"color": common.BLACK, "linewidth": 1.4, "zorder": 2.5}
+    black: dict[str, Any] = {"color": common.BLACK, "linewidth": 0.8, "zorder": 2.5}
     if found.onsets is not None:
         for bound in found.onsets.curves:
             for places, *_ in parts_of_stability(bound, found.onsets):
@@ -437,7 +455,8 @@ def cycle_boundary(
         ax.plot(*at, clip_on=False, label=kind, **look)
     xlim, ylim = plane.limits(found.ranges)
     ax.set(xlim=xlim, ylim=ylim)
-    common.legend_below(ax)
+    if check.flag("legend", legend):
+        common.legend_below(ax)
     return ax
 
 

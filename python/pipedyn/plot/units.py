@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 
 from pipedyn.models.drive import Supply
 from pipedyn.models.pipe import OWN_NUMBERS, Pipe
-from pipedyn.models.pipe_numbers import unit_of_number
+from pipedyn.models.pipe_numbers import pipe_numbers, unit_of_number
 from pipedyn.models.scales import scales_at
 from pipedyn.plot import common
 from pipedyn.util import check
@@ -64,12 +64,35 @@ OF_A_NUMBER = {
 """Numbers that axes of boundaries show, by name; all other numbers are looked up in the pipe."""
 
 
+SYMBOLS = {"mass": "m", "inertia": "J", "stiffness": "k", "coefficient": "c", "gap": "d"}
+SYMBOLS |= {"load": "P", "sigma": r"\sigma", "chi": r"\chi"}
+"""Symbols, in TeX, of the numbers of terms and of the spring at the root."""
+
+SCALES = {(0.0, 0.0): "", (1.0, 0.0): "EI", (0.0, 1.0): r"(\mu_p+\mu_f)"}
+SCALES[0.5, 0.5] = r"[EI(\mu_p+\mu_f)]^{1/2}"
+"""Products of EI and the mass per length, in TeX, by the powers of these two."""
+
+
 def of_number(name: str, pipe: Pipe) -> Measure:
     """The measure for a number of a pipe, of one of its terms or of the spring at its root."""
-    if name in OF_A_NUMBER:
-        return OF_A_NUMBER[name]
-    label = "stiffness of the root $(EI/L)$" if name == "root.stiffness" else name
-    return Measure(label, name, unit_of_number(name, pipe))
+    number = pipe_numbers(pipe, motions=True).get(name)
+    if name in OF_A_NUMBER or number is None:
+        return OF_A_NUMBER.get(name, Measure(name))
+    holder, symbol = number.holder(pipe), SYMBOLS[number.attribute]
+    words = re.sub("(?<=[a-z])(?=[A-Z])", " ", type(holder).__name__).lower()
+    if not symbol.startswith("\\"):  # a Greek letter is the only number of its term
+        words = f"{number.attribute} of the {words}"
+    if name.startswith("terms"):
+        words += f" {name.split('.')[0]}"
+    mass, length, time = type(holder).__dataclass_fields__[number.attribute].metadata["powers"]
+    # T^2 is (mu_p + mu_f) L^4 / EI.
+    below, power = SCALES[-0.5 * time, mass + 0.5 * time], length + 2 * time
+    arm = "" if power == 0 else "L" if abs(power) == 1 else f"L^{abs(power)}"
+    if power > 0:
+        below = (f"[{below}{arm}]" if below[0] == "(" else f"({below}{arm})") if below else arm
+        arm = ""
+    label = f"{words} ${{{symbol}}}{arm}/{below}$"
+    return Measure(label, f"{words} ${symbol}$", unit_of_number(name, pipe))
 
 
 def rate(coordinate: int, before: str = "", after: str = "") -> Measure:
