@@ -138,6 +138,8 @@ def test_multipliers_outside_the_unit_circle_are_crosses():
     np.testing.assert_allclose(sorted(inside.get_offsets()[:, 1]), [-0.5, 0.5])
     np.testing.assert_allclose(outside.get_offsets(), [[-1.4, 0.0]])
     assert ax.get_aspect() == 1.0
+    assert legend_of(ax) == ["inside the circle", "outside: unstable", "trivial, 1"]
+    assert plot.multipliers(circle(), legend=False, ax=axes()).get_legend() is None
 
 
 def test_multipliers_of_a_branch_are_coloured_by_speed():
