@@ -1541,7 +1541,8 @@ def _pictures() -> Iterator[Target]:
         call = _filmed if name == "animate" else getattr(plot, name)
         yield target(call, f"plot.{name}", slow=bool(kinds), **kinds)
     for name in ("poincare_section", "spectrum"):
-        yield target(getattr(plot, name), f"plot.{name}[attractors]", slow=True, found=of(ENDS))
+        found = Kind(of(ENDS).good, several.bad)
+        yield target(getattr(plot, name), f"plot.{name}[attractors]", slow=True, found=found)
 
 
 def _filmed(**given: Any) -> str:

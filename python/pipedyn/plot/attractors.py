@@ -221,7 +221,7 @@ def poincare_section(
     for one, basin, period, marker in zip(
         given.shown, given.basins, periods, cycle(SHAPES), strict=False
     ):
-        points = _section(one, period) if basin is None else basin.section
+        points = _section_points(one, period) if basin is None else basin.section
         if not len(points):
             continue
         q, qdot = np.split(points, 2, axis=1)
@@ -396,7 +396,7 @@ def _drive_period(motion: Any) -> float:
     return 2.0 * math.pi / known.pop() if periodic else 0.0
 
 
-def _section(one: Signal, drive: float) -> Any:
+def _section_points(one: Signal, drive: float) -> Any:
     """Poincare section of a motion, shape (K, 2 coordinates)."""
     states = one.motion.y.T
     if not one.moves:
