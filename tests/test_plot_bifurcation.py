@@ -148,6 +148,14 @@ def test_multipliers_of_a_branch_are_coloured_by_speed():
     assert len(ax.figure.axes) == 2
 
 
+def test_large_multipliers_do_not_hide_the_unit_circle():
+    """On the way to an infinite period they grow without bound."""
+    large = replace(circle(), multipliers=np.array([1.0, 0.5j, -0.5j, 4e6]))
+    ax = rendered(plot.multipliers(large, ax=axes()))
+    assert max(ax.get_xlim()[1], ax.get_ylim()[1]) < 10.0
+    assert ax.get_title() == "not all are shown: up to 4e+06"
+
+
 def test_branches_are_drawn_without_corners_through_their_points():
     """Of a circle with 16 points, whose chords turn by 22.5 degrees."""
 

@@ -39,6 +39,9 @@ MARKS: dict[str, dict[str, Any]] = {
 A_STEP = 12
 """Number of straight pieces drawn between two points of a branch, enough to show no corners."""
 
+FARTHEST = 5.0
+"""Modulus of a multiplier up to which the picture is as wide as the multipliers are far."""
+
 STABILITY_STYLES: dict[str, dict[str, Any]] = {
     "stable": {"linestyle": "-", "linewidth": 1.4, "zorder": 3.0},
     "unstable": {"linestyle": (0, (4, 2)), "linewidth": 1.0, "zorder": 2.0},
@@ -204,7 +207,8 @@ def multipliers(
 
     The trivial multiplier is a ring at 1. Multipliers outside the circle, which make a cycle
     unstable, are crosses; multipliers inside it are dots. For a branch, colour shows the flow
-    speed.
+    speed. If a multiplier is larger than 5, only the neighbourhood of the circle is shown, and the
+    title says how large the largest is.
 
     Args:
         cycles: a limit cycle or a branch of limit cycles.
@@ -255,7 +259,11 @@ def multipliers(
     look = common.open_marker(7.0, common.SKY, **ring)
     (named["trivial, 1"],) = ax.plot([1.0], [0.0], **look)
     ax.margins(0.08)
-    ax.set_aspect("equal", adjustable="datalim")
+    near = (farthest := float(np.abs(values).max(initial=0.0))) <= FARTHEST
+    ax.set_aspect("equal", adjustable="datalim" if near else "box")
+    if not near:
+        ax.set(xlim=(-FARTHEST, FARTHEST), ylim=(-FARTHEST, FARTHEST))
+        ax.set_title(f"not all are shown: up to {farthest:.3g}")
     if check.flag("legend", legend):
         common.legend_below(ax, named)
     return ax
