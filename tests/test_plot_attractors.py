@@ -214,7 +214,25 @@ def test_several_motions_have_a_legend_unless_none_is_wanted():
         assert legend_of(picture(two, start=10.0, ax=axes())) == ["$u = 4$", "$u = 4.5$"]
         for one in (two, found()):
             assert picture(one, legend=False, ax=axes()).get_legend() is None
+        none = replace(found(), basins=(), ends=np.full(36, -1))
+        assert [text.get_text() for text in picture(none, ax=axes()).texts] == [
+            "no attractor was found"
+        ]
     assert plot.basins(found(), legend=False, ax=axes()).get_legend() is None
+
+
+def test_motions_of_several_pipes_have_each_its_own_units():
+    """The second pipe is twice as long, so that its free end is seen to move twice as far."""
+    long = pp.Pipe.from_si(length=1.0, bending_stiffness=0.01, pipe_mass=0.1, fluid_mass=0.02)
+    two = [replace(flutter(), model=pp.Chain(pipe, 2)) for pipe in (MEASURED, long)]
+    ax = plot.poincare_section(two, start=20.0, units="si", ax=axes())
+    short, far = (line.get_xdata().mean() for line in ax.lines)
+    assert ax.get_ylabel() == "rate $\\dot{q}_{1}$ (1/s)"
+    assert far == pytest.approx(2.0 * short)
+    ax = plot.spectrum(two, start=15.0, units="si", ax=axes())
+    drawn = [line.get_xydata().T for line in ax.lines]
+    energies = [np.sum(np.gradient(f) * density) for f, density in drawn]
+    assert energies[1] == pytest.approx(4.0 * energies[0])
 
 
 def test_a_spectrum_and_a_section_of_few_samples_say_so():

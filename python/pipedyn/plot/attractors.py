@@ -81,9 +81,9 @@ def basins(
 
     Each attractor has a colour, and the legend gives its share of the starts. A white marker shows
     an equilibrium that lies in the plane. Starts whose motions end on an unstable equilibrium or
-    cycle belong to no basin: crosses show them, over the colour of most starts around them. Starts
-    whose motions did not settle are grey, and those whose motions failed are white. Coordinates are
-    those of the model, counted from 0.
+    cycle belong to no basin: crosses show them, over the colour of the nearest start of a basin.
+    Starts whose motions did not settle are grey, and those whose motions failed are white.
+    Coordinates are those of the model, counted from 0.
 
     Args:
         found: attractors from a `StartPlane` of at least 2 values along both axes.
@@ -119,7 +119,12 @@ def basins(
         for k, one in enumerate(found.basins)
         if not one.attracts and one.ending in ("rest", "periodic")
     ]
-    ax.pcolormesh(x, y, _around(ends, unstable), cmap=shades, norm=steps, rasterized=True)
+    apart = np.isin(ends, unstable)
+    shown = ends
+    if not apart.all():
+        _, nearest = scipy.ndimage.distance_transform_edt(apart, return_indices=True)
+        shown = ends[tuple(nearest)]
+    ax.pcolormesh(x, y, shown, cmap=shades, norm=steps, rasterized=True)
     named: dict[str, Any] = {}
     for k, (one, fill) in enumerate(zip(found.basins, colours, strict=True)):
         name, share = _name(found, k, view), one.share
@@ -155,20 +160,6 @@ def basins(
 
 def _percent(share: Share) -> str:
     return f"{100.0 * share.value:.3g} %"
-
-
-def _around(ends: Any, unstable: Sequence[int]) -> Any:
-    """Ends of starts in a plane, (Y, X), without some: most ends around a start replace its own."""
-    shown = ends.copy()
-    left = np.isin(ends, unstable)
-    while left.any() and not left.all():
-        known, before = ~left, shown.copy()
-        for row, column in np.argwhere(left):
-            near = np.s_[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
-            values, counts = np.unique(before[near][known[near]], return_counts=True)
-            if values.size:
-                shown[row, column], left[row, column] = values[counts.argmax()], False
-    return shown
 
 
 def poincare_section(
@@ -214,9 +205,9 @@ def poincare_section(
     given = _Given(found, start, units)
     legend = check.flag("legend", legend)
     index, across = of_coordinate(coordinate, min(model.coordinates for model in given.models))
-    last = given.models[0].coordinates - 1 if index is None else index
-    upward, view = rate(last), given.view
-    ax = view.axes(ax, (4.8, 4.2), across, upward)
+    last = {model.coordinates - 1 if index is None else index for model in given.models}
+    upward = rate(last.pop() if len(last) == 1 else r"\mathrm{last}")
+    ax = given.view.axes(ax, (4.8, 4.2), across, upward)
     handles, periods = {}, [_drive_period(one.motion) for one in given.shown]
     for one, basin, period, marker in zip(
         given.shown, given.basins, periods, cycle(SHAPES), strict=False
@@ -231,17 +222,18 @@ def poincare_section(
         look: dict[str, Any] = {"linestyle": "none", "marker": marker, "markeredgewidth": 0.0}
         look |= {"color": one.look["color"], "label": one.label}
         size = 5.0 if few else 2.0
-        ax.plot(view.one(across) * x, view.one(upward) * rates, markersize=size, **look)
+        place = one.view.one(across) * x, one.view.one(upward) * rates
+        ax.plot(*place, markersize=size, **look)
         handles[one.label] = Line2D([], [], markersize=5.0, **look)
     if handles:
         ax.margins(0.08)
-        for place, limits in (
+        for seen, limits in (
             (ax.dataLim.intervalx, ax.set_xlim),
             (ax.dataLim.intervaly, ax.set_ylim),
         ):
-            least = SMALLEST_VIEW * float(np.abs(place).max())
-            if np.ptp(place) < least:
-                limits(place.mean() - least, place.mean() + least)
+            least = SMALLEST_VIEW * float(np.abs(seen).max())
+            if np.ptp(seen) < least:
+                limits(seen.mean() - least, seen.mean() + least)
         ax.locator_params(nbins=SIGNED_TICKS)
     where = {True: "once a period of the drive", False: "at maxima of the free end"}
     lines = dict.fromkeys(where[period > 0.0] for period in periods) if handles else ()
@@ -301,8 +293,7 @@ def spectrum(
     decibels, legend = check.flag("decibels", decibels), check.flag("legend", legend)
     of_motions = any(basin is None for basin in given.basins)
     quantity, power = (DENSITY, 2) if of_motions else (AMPLITUDE, 1)
-    view = given.view
-    ax = view.axes(ax, (6.4, 3.6), OMEGA, quantity)
+    ax = given.view.axes(ax, (6.4, 3.6), OMEGA, quantity)
     highest, last, drawn = 0.0, 0.0, list[Any]()
     for one, basin in zip(given.shown, given.basins, strict=True):
         if basin is None:
@@ -311,7 +302,7 @@ def spectrum(
             omega, height = basin.frequencies[1:], basin.spectrum[1:]
         if not height.any():
             continue
-        omega, height = view.one(OMEGA) * omega, view.one(quantity) * height
+        omega, height = one.view.one(OMEGA) * omega, one.view.one(quantity) * height
         highest = max(highest, float(height.max()))
         last = max(last, float(omega[height > LOWEST_LINE**power * height.max()][-1]))
         drawn.append((one, omega, height, basin is not None and basin.ending == "periodic"))
@@ -335,8 +326,8 @@ def spectrum(
         ends = ordinate(LOWEST_LINE**power * highest), ordinate(3.0 * highest)
         ax.set(xlim=(0.0, 1.05 * last), ylim=ends)
     if decibels:
-        label = view.label(quantity)
-        ax.set_ylabel(label.replace("(", "(dB re 1 ") if view.si else f"{label} (dB)")
+        label = given.view.label(quantity)
+        ax.set_ylabel(label.replace("(", "(dB re 1 ") if given.view.si else f"{label} (dB)")
     handles = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
     given.explain(ax, handles, legend=legend)
     return ax
@@ -389,11 +380,11 @@ def films(
 
 def _drive_period(motion: Any) -> float:
     """Period of what drives a motion; 0 if that is steady or has no one period."""
-    drives = [one for one in (motion.u, motion.base) if one is not None]
-    moving = [one for one in drives if not isinstance(one, float)]
-    known = {one.frequency for one in moving if isinstance(one, Pulsation | Harmonic)}
-    periodic = len(known) == 1 and all(isinstance(one, Pulsation | Harmonic) for one in moving)
-    return 2.0 * math.pi / known.pop() if periodic else 0.0
+    moving = [one for one in (motion.u, motion.base) if not isinstance(one, float | None)]
+    if not all(isinstance(one, Pulsation | Harmonic) for one in moving):
+        return 0.0
+    known = {one.frequency for one in moving}
+    return 2.0 * math.pi / known.pop() if len(known) == 1 else 0.0
 
 
 def _section_points(one: Signal, drive: float) -> Any:
@@ -454,7 +445,8 @@ class _Given:
     def explain(self, ax: Axes, handles: Any, *lines: str, legend: bool) -> None:
         """Adds a legend, a title with some lines, and words where nothing moves."""
         if not handles:
-            ax.text(0.5, 0.5, "all are at rest", transform=ax.transAxes, ha="center", va="center")
+            words = "all are at rest" if self.shown else "no attractor was found"
+            ax.text(0.5, 0.5, words, transform=ax.transAxes, ha="center", va="center")
         alone = len(self.shown) == 1 and self.basins[0] is None
         if legend and not alone and len(handles) <= 12:
             common.legend_below(ax, handles)

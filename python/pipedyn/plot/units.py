@@ -78,7 +78,7 @@ def of_number(name: str, pipe: Pipe) -> Measure:
     return Measure(label, name, unit_of_number(name, pipe))
 
 
-def rate(coordinate: int, before: str = "", after: str = "") -> Measure:
+def rate(coordinate: int | str, before: str = "", after: str = "") -> Measure:
     """Rate of change of a coordinate, with words before and after it in the label."""
     words = rf"{before}rate $\dot{{q}}_{{{coordinate}}}${after}"
     return Measure(words, words, RATE)
