@@ -1484,6 +1484,8 @@ def _pictures() -> Iterator[Target]:
         one_of(MOTION, [MOTION], ENSEMBLE),
         any_of(*NOTHINGS, *WORDS, NONE, one_of(3, [], [3], PIPE)),
     )
+    ends_or_motions = Kind(one_of(MOTION, [MOTION], ENSEMBLE), several.bad)
+    start = optional(real((0.0, 1.0), above=1e9))
     span = Kind(
         one_of(None, (0.5, 1.5)),
         any_of(_not(None, array(2, (0.0, 1.0), (-9.0, 9.0)).bad), one_of((1.0, 1.0), (2.0, 1.0))),
@@ -1517,8 +1519,8 @@ def _pictures() -> Iterator[Target]:
             "ax": Kind(one_of(AXES), any_of(*NOTHINGS, one_of([AX], np.ones(2), AXES[:0]))),
         },
         "style": {"column": optional(word("single"))},
-        "time_history": {"motions": several},
-        "phase_portrait": {"motions": several, "coordinate": place},
+        "time_history": {"motions": several, "start": start},
+        "phase_portrait": {"motions": several, "coordinate": place, "start": start},
         "snapshots": {"motion": motion, "span": span, "count": count(2, 5, 10_001)},
         "animate": {
             "motion": motion,
@@ -1532,8 +1534,8 @@ def _pictures() -> Iterator[Target]:
         },
         "bifurcation_diagram": {"diagram": of(DIAGRAM), "coordinate": place},
         "basins": {"found": of(ENDS)},
-        "poincare_section": {"found": of(ENDS), "coordinate": place},
-        "spectrum": {"found": of(ENDS)},
+        "poincare_section": {"found": ends_or_motions, "coordinate": place, "start": start},
+        "spectrum": {"found": ends_or_motions, "segments": count(1, 9, 10_001), "start": start},
         "cycle_boundary": {"found": of(FOLDS)},
         "trade": {
             "found": Kind(any_of(of(TRADE).good, any_trade), of(TRADE).bad),
@@ -1555,6 +1557,9 @@ def _pictures() -> Iterator[Target]:
     for name, kinds in calls.items():
         call = _filmed if name == "animate" else getattr(plot, name)
         yield target(call, f"plot.{name}", slow=bool(kinds), **kinds)
+    for name in ("poincare_section", "spectrum"):
+        found = Kind(of(ENDS).good, several.bad)
+        yield target(getattr(plot, name), f"plot.{name}[attractors]", slow=True, found=found)
 
 
 def _filmed(**given: Any) -> str:

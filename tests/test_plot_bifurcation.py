@@ -138,12 +138,22 @@ def test_multipliers_outside_the_unit_circle_are_crosses():
     np.testing.assert_allclose(sorted(inside.get_offsets()[:, 1]), [-0.5, 0.5])
     np.testing.assert_allclose(outside.get_offsets(), [[-1.4, 0.0]])
     assert ax.get_aspect() == 1.0
+    assert legend_of(ax) == ["inside the circle", "outside: unstable", "trivial, 1"]
+    assert plot.multipliers(circle(), legend=False, ax=axes()).get_legend() is None
 
 
 def test_multipliers_of_a_branch_are_coloured_by_speed():
     ax = rendered(plot.multipliers(BRANCH, ax=axes()))
     assert sum(len(one.get_offsets()) for one in ax.collections) == 15
     assert len(ax.figure.axes) == 2
+
+
+def test_large_multipliers_do_not_hide_the_unit_circle():
+    """On the way to an infinite period they grow without bound."""
+    large = replace(circle(), multipliers=np.array([1.0, 0.5j, -0.5j, 4e6]))
+    ax = rendered(plot.multipliers(large, ax=axes()))
+    assert max(ax.get_xlim()[1], ax.get_ylim()[1]) < 10.0
+    assert ax.get_title() == "not all are shown: up to 4e+06"
 
 
 def test_branches_are_drawn_without_corners_through_their_points():

@@ -108,9 +108,11 @@ NO_FILM = "path must end with .gif, .mp4 or .html and lie in a folder"
         (plot.snapshots, "cycle", {"span": (0.0, 31.0)}, "span must be a start and a later end"),
         (plot.time_history, [], {}, "motions must hold at least one, got none"),
         (plot.time_history, ["cycle", "short"], {}, "motions[1] must have at least 3 samples"),
-        (plot.time_history, "coarse", {}, f"motions {COARSE}"),
-        (plot.phase_portrait, ["cycle", "coarse"], {}, f"motions[1] {COARSE}"),
-        (plot.phase_portrait, "sparse cycle", {}, f"motions {COARSE}"),
+        (
+            *(plot.time_history, ["cycle", "decay"], {"start": 9.999}),
+            "start must leave at least 3 samples of motions[1], whose third last is at 9.995 T",
+        ),
+        (plot.phase_portrait, "cycle", {"start": "late"}, "start must be a real number"),
         (plot.phase_portrait, "cycle", {"coordinate": 6}, "coordinate must be from 0 to 5, got 6"),
         (plot.animate, "coarse", {}, f"motion {COARSE}"),
         (plot.animate, "cycle", {"path": "pipe.avi"}, NO_FILM),
@@ -142,8 +144,55 @@ def test_samples_once_a_cycle_are_no_pipe_at_rest():
     motion = pp.simulate(CHAIN, 6.0, 10 * (end - start), *on, samples=11, rtol=1e-8)
     assert np.ptp(motion.tip[:, 0]) < 0.01
     for draw in plot.time_history, plot.phase_portrait:
-        with pytest.raises(ValueError, match="at least six times a cycle"):
-            draw(motion, ax=axes())
+        ax = draw(motion, ax=axes())
+        assert dots_and_curves(ax)[0] == 1
+        assert "fewer than ten samples a cycle" in ax.get_title()
+
+
+@pytest.mark.parametrize("draw", [plot.time_history, plot.phase_portrait])
+def test_a_motion_with_fewer_than_ten_samples_a_cycle_has_a_note(draw):
+    few, dots = "\nfewer than ten samples a cycle", "\nsamples, too far apart for a curve"
+    start, end = last_cycle(run("fine"))
+    for samples, note in ((14, ""), (8, few), (4, few + dots)):
+        seldom = every_one(run("fine"), round((end - start) / 0.0025 / samples))
+        ax = draw(seldom, start=20.0, ax=axes())
+        assert ax.get_title() == "$u = 6$, ejecting" + note
+        assert dots_and_curves(ax)[0] == (samples == 4)
+    two = [run("cycle"), every_one(run("fine"), 50)]
+    ax = draw(two, ax=axes())
+    assert ax.get_title().startswith("fewer than ten samples a cycle: 1 of 2 motions")
+
+
+def every_one(motion, step):
+    """A motion as it would be with fewer samples."""
+    names = ("t", "q", "qdot", "tip", "energy", "flow_speed")
+    return dataclasses.replace(motion, **{name: getattr(motion, name)[::step] for name in names})
+
+
+@pytest.mark.parametrize("draw", [plot.time_history, plot.phase_portrait])
+def test_a_start_leaves_out_the_transient(draw):
+    whole, late = run("cycle"), run("cycle").t >= 20.0
+    lines = draw(run("cycle"), start=20.0, ax=axes()).lines
+    drawn = np.concatenate([line.get_xydata() for line in lines if len(line.get_xdata()) > 2])
+    of_time = draw is plot.time_history
+    shown = whole.t if of_time else whole.tip[:, 0]
+    assert drawn[:, 0].min() == pytest.approx(shown[late].min(), abs=1e-4)
+    assert len(drawn) > 4 * late.sum()
+    rings = [line for line in lines if line.get_marker() == "o"]
+    assert not rings  # the transient's start is not shown
+    cycle = pp.limit_cycle(CHAIN, 6.0)
+    assert draw([whole, cycle], start=0.2, legend=False, ax=axes()).get_legend() is None
+
+
+def test_a_chaotic_motion_has_no_last_cycle():
+    stop = pp.Stop(0.8, gap=0.05, stiffness=1000.0)
+    chain = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.002, terms=[stop]), 4)
+    chaos, cycle = (pp.simulate(chain, u, 40.0, bend, samples=6001) for u in (6.43, 5.9))
+    widths = [
+        {line.get_linewidth() for line in plot.phase_portrait(one, start=20.0, ax=axes()).lines}
+        for one in (chaos, cycle)
+    ]
+    assert max(widths[0]) < 1.0 < max(widths[1])
 
 
 def test_the_tip_moves_as_its_velocity_says():
@@ -437,8 +486,8 @@ def test_a_default_motion_is_drawn_by_every_picture(model, u, duration, start):
     np.testing.assert_array_equal(asked.q, motion.q[::parts])
     assert asked.evaluations == motion.evaluations
     if parts > 1:
-        with pytest.raises(ValueError, match="compute it with more `samples=`"):
-            plot.phase_portrait(asked, ax=axes())
+        title = plot.phase_portrait(asked, ax=axes()).get_title()
+        assert title.endswith("samples, too far apart for a curve")
 
 
 def test_a_slow_motion_has_no_more_samples_than_it_needs():

@@ -8,6 +8,7 @@ have shown, or a stable equilibrium, and end there.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from concurrent import futures
 from dataclasses import field, replace
 from typing import Any
@@ -518,12 +519,14 @@ def _basin(
         rtol=RECORD_TOLERANCE,
         dense=True,
     )
-    amplitude, section = 0.0, np.empty((0, 2 * q.size))
+    amplitude, points = 0.0, np.empty((0, 2 * q.size))
     frequencies = spectrum = np.zeros(0)
     if ending != "rest":
         turnings = turning_points(motion.t, motion.tip[:, 0], motion.tip_velocity[:, 0])
         amplitude = 0.5 * float(np.ptp(turnings)) if turnings.size else 0.0
-        section = _section(motion, drive.period)
+        assert motion.dense is not None
+        t = np.linspace(0.0, duration, math.ceil(duration * SAMPLES_A_TIME) + 1)
+        points = section(model, motion.dense, t, drive.period)
         frequencies, spectrum = _lines(motion.t[:-1], motion.tip[:-1, 0], whole=repeats)
         # Between the harmonics the spectrum is 0 but for errors.
         every = slice(0, None, round(duration / period) if repeats else 1)
@@ -543,33 +546,36 @@ def _basin(
         mirror_image=image,
         frequencies=frequencies,
         spectrum=spectrum,
-        section=section,
+        section=points,
         motion=motion,
     )
 
 
-def _section(motion: Motion, drive: float) -> Array:
-    """States [q, q'] of a Poincare section, shape (K, 2 coordinates).
+def section(model: Model, states: Callable[[Array], Array], t: Array, drive: float) -> Array:
+    """States [q, q'] of a Poincare section of a motion, shape (K, 2 coordinates).
 
     They are those at the beginnings of the periods of the drive; or, if all is steady and `drive`
     0, those where the transverse position of the free end is at a maximum.
+
+    Args:
+        model: model that moves.
+        states: states of the motion, (2 coordinates, k), at times (k,).
+        t: times of the motion, increasing, between which the free end turns round at most once.
+        drive: period of the drive.
     """
-    dense, model, half = motion.dense, motion.model, motion.model.coordinates
-    assert dense is not None
+    half = model.coordinates
 
     def velocity(t: Array) -> Array:
-        states = dense(t)
-        return np.asarray(model.tip_velocities(states[:half], states[half:])[:, 0])
+        found = states(t)
+        return np.asarray(model.tip_velocities(found[:half], found[half:])[:, 0])
 
-    end = float(dense.t[-1])
     if drive:
-        at = drive * np.arange(math.floor(end / drive + 1e-6))
+        at = drive * np.arange(*(math.ceil(time / drive - 1e-6) for time in (t[0], t[-1])))
     else:
-        t = np.linspace(0.0, end, math.ceil(end * SAMPLES_A_TIME) + 1)
         values = velocity(t)
         falls = np.flatnonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
         at = zeros_between(velocity, t[falls], t[falls + 1], values[falls], values[falls + 1])
-    return np.ascontiguousarray(dense(at).T)
+    return np.ascontiguousarray(states(at).T)
 
 
 def _lines(t: Array, x: Array, *, whole: bool) -> tuple[Array, Array]:

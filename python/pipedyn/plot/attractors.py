@@ -1,24 +1,37 @@
 # SPDX-License-Identifier: MIT
-"""Pictures of attractors: basins, Poincare sections, spectra and films."""
+"""Pictures of attractors and motions: basins, Poincare sections, spectra and films."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import cycle
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from pipedyn.attraction.attractors import Attractors, Basin
+from pipedyn.attraction.attractors import Attractors, Basin, Share, section
 from pipedyn.diagram import BifurcationDiagram
-from pipedyn.motion.simulate import simulate
+from pipedyn.models.drive import Harmonic, Pulsation
+from pipedyn.motion.simulate import Ensemble, Motion, simulate
 from pipedyn.plot import common
-from pipedyn.plot.motion import Film, animate
+from pipedyn.plot.motion import (
+    SIGNED_TICKS,
+    Film,
+    Signal,
+    animate,
+    checked_motions,
+    explain,
+    signals,
+)
 from pipedyn.plot.units import (
     AMPLITUDE,
+    DENSITY,
     ELAPSED,
     GROWTH,
     OMEGA,
@@ -49,17 +62,33 @@ LOWEST_LINE = 1e-5
 """Height, as a share of the highest line, below which a spectrum is not shown, because errors of
 motions are as large."""
 
+FEW_POINTS = 100
+"""Number of points in a section of a motion up to which their markers are large."""
 
-def basins(found: Attractors, *, units: Units = "nondimensional", ax: Axes | None = None) -> Axes:
+FEWEST_IN_SEGMENT, MOST_IN_SPECTRUM = 16, 2**21
+"""Least number of samples in a segment of Welch's method, and largest number of samples to which a
+motion with uneven samples is interpolated."""
+
+
+def basins(
+    found: Attractors,
+    *,
+    units: Units = "nondimensional",
+    legend: bool = True,
+    ax: Axes | None = None,
+) -> Axes:
     """Basins of attraction: the attractor on which the motion from each start of a plane ends.
 
     Each attractor has a colour, and the legend gives its share of the starts. A white marker shows
-    an equilibrium that lies in the plane. Starts whose motions did not settle are grey, and those
-    whose motions failed are white. Coordinates are those of the model, counted from 0.
+    an equilibrium that lies in the plane. Starts whose motions end on an unstable equilibrium or
+    cycle belong to no basin: crosses show them, over the colour of the nearest start of a basin.
+    Starts whose motions did not settle are grey, and those whose motions failed are white.
+    Coordinates are those of the model, counted from 0.
 
     Args:
         found: attractors from a `StartPlane` of at least 2 values along both axes.
         units: "nondimensional", or "si" if the pipe has scales.
+        legend: whether the basins have a legend.
         ax: Axes to draw on; new ones if not given.
 
     Example:
@@ -76,6 +105,7 @@ def basins(found: Attractors, *, units: Units = "nondimensional", ax: Axes | Non
     if plane is None or min(plane.shape) < 2:
         rule = "found must come from a StartPlane of at least 2 values along both axes"
         raise ValueError(f"{rule}, got {len(found.starts)} starts of another kind")
+    legend = check.flag("legend", legend)
     view = View(units, found.model.pipe)
     entries = tuple(_state_entry(found, index, "initial ") for index in plane.indices)
     x, y = (view.one(of) * at for of, at in zip(entries, (plane.x, plane.y), strict=True))
@@ -84,136 +114,222 @@ def basins(found: Attractors, *, units: Units = "nondimensional", ax: Axes | Non
     shades = ListedColormap([FAILED, UNSETTLED, *colours])
     steps = BoundaryNorm(np.arange(-2.5, len(colours) + 0.5), shades.N)
     ends = found.ends.reshape(plane.shape)
-    ax.pcolormesh(x, y, ends, cmap=shades, norm=steps, rasterized=True)
-    parts = [
-        (one.share, fill, _name(found, k, view))
-        for k, (one, fill) in enumerate(zip(found.basins, colours, strict=True))
+    unstable = [
+        k
+        for k, one in enumerate(found.basins)
+        if not one.attracts and one.ending in ("rest", "periodic")
     ]
-    parts += [(found.unsettled, UNSETTLED, "not settled"), (found.failed, FAILED, "failed")]
-    shown = {
-        f"{words}, {100.0 * share.value:.3g} %": Patch(facecolor=fill, edgecolor="0.3")
-        for share, fill, words in parts
-        if share.count
-    }
+    apart = np.isin(ends, unstable)
+    shown = ends
+    if not apart.all():
+        _, nearest = scipy.ndimage.distance_transform_edt(apart, return_indices=True)
+        shown = ends[tuple(nearest)]
+    ax.pcolormesh(x, y, shown, cmap=shades, norm=steps, rasterized=True)
+    named: dict[str, Any] = {}
+    for k, (one, fill) in enumerate(zip(found.basins, colours, strict=True)):
+        name, share = _name(found, k, view), one.share
+        if k not in unstable:
+            named[f"{name}, {_percent(share)}"] = Patch(facecolor=fill, edgecolor="0.3")
+            continue
+        rows, columns = np.nonzero(ends == k)
+        cross: dict[str, Any] = {"marker": "x", "linestyle": "none", "zorder": 2.5}
+        cross |= {"markersize": 5.0, "color": "white", "markeredgewidth": 1.6}
+        (behind,) = ax.plot(x[columns], y[rows], **cross)
+        behind.set(markersize=6.5, markeredgewidth=3.2, color="black", zorder=2.4)
+        ax.plot(x[columns], y[rows], gid=f"unstable {k}", **cross)
+        named[f"{name}, unstable, {check.how_many(share.count, 'start')}"] = behind
+    for share, fill, words in (
+        (found.unsettled, UNSETTLED, "not settled"),
+        (found.failed, FAILED, "failed"),
+    ):
+        if share.count:
+            named[f"{words}, {_percent(share)}"] = Patch(facecolor=fill, edgecolor="0.3")
     for k, basin in enumerate(found.basins):
-        if basin.ending == "rest":
+        if basin.ending == "rest" and k not in unstable:
             end = np.append(basin.motion.q[-1], basin.motion.qdot[-1])[list(plane.indices)]
             end = end * list(map(view.one, entries))
             inside = x[0] <= end[0] <= x[-1] and y[0] <= end[1] <= y[-1]
             if inside:
                 look = common.open_marker(6.0, marker=SHAPES[k % len(SHAPES)], zorder=3.0)
                 ax.plot(*end, gid=f"rest {k}", **look)
-    common.legend_below(ax, shown)
+    if legend:
+        common.legend_below(ax, named)
     ax.set_title(f"{view.speed(found.u, 6)}, {found.model.pipe.flow}")
     return ax
 
 
+def _percent(share: Share) -> str:
+    return f"{100.0 * share.value:.3g} %"
+
+
 def poincare_section(
-    found: Attractors | Basin,
+    found: Attractors | Basin | Motion | Sequence[Motion] | Ensemble,
     coordinate: Literal["tip"] | int = "tip",
     *,
+    start: float | None = None,
     units: Units = "nondimensional",
+    legend: bool = True,
     ax: Axes | None = None,
 ) -> Axes:
-    """Poincare sections of attractors: states at which the free end is at a maximum.
+    """Poincare sections of attractors or motions: states at maxima of the free end's position.
 
     A cycle shows as many points as it has maxima in a period, a torus lines, and chaos a cloud. The
     picture shows a coordinate against its rate; for "tip" it shows the position of the free end
-    against the rate of the last coordinate. If the flow or the base drives the pipe, sections are
-    stroboscopic: they hold the states at the beginnings of the periods of the drive.
+    against the rate of the last coordinate. If a `Pulsation` of the flow or a `Harmonic` motion of
+    the base drives the pipe, sections are stroboscopic: they hold the states at the beginnings of
+    the periods of the drive. The title says which. Between samples of motions, states are those of
+    quintic splines; the title says where a mean cycle has fewer than ten samples.
 
     Args:
-        found: attractors, or one of the basins. Attractors at rest have no section.
+        found: attractors; one of the basins; one or several motions; or an ensemble, whose failed
+            members are left out. What rests has no section.
         coordinate: "tip" for the transverse position of the free end, or the index of a coordinate,
             counted from 0.
+        start: time in T from which motions are shown, to leave out a transient; all if not given.
+            Attractors have none.
         units: "nondimensional", or "si" if the pipe has scales.
+        legend: whether attractors or several motions have a legend.
         ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> found = pp.attractors(pp.Chain(pp.Pipe(0.2), 2), 4.0, 3)
         >>> ax = plot.poincare_section(found)
+        >>> motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 2), 4.0, 30.0, lambda s: 0.1 * s)
+        >>> ax = plot.poincare_section(motion, start=20.0)
 
     Raises:
-        ValueError, TypeError: for bad arguments.
+        ValueError: for fewer than 3 samples from `start` on; for an index that a model does not
+            have; for a `start` of attractors.
+        TypeError: for bad arguments.
     """
-    some, model, view, names = _shown_basins(found, units)
-    index, across = of_coordinate(coordinate, model.coordinates)
-    last = model.coordinates - 1 if index is None else index
-    driven = any(basin.motion.base or not isinstance(basin.motion.u, float) for basin in some)
-    place = "once a period" if driven else "at a maximum of the free end"
-    shown = rate(last, "", f" {place}")
-    ax = view.axes(ax, (4.8, 4.2), across, shown)
-    looks = zip(cycle(SHAPES), cycle(common.CURVE_STYLES), strict=False)
-    moving = False
-    for basin, name, (marker, style) in zip(some, names, looks, strict=False):
-        if not len(basin.section):
+    given = _Given(found, start, units)
+    legend = check.flag("legend", legend)
+    index, across = of_coordinate(coordinate, min(model.coordinates for model in given.models))
+    last = {model.coordinates - 1 if index is None else index for model in given.models}
+    upward = rate(last.pop() if len(last) == 1 else r"\mathrm{last}")
+    ax = given.view.axes(ax, (4.8, 4.2), across, upward)
+    handles, periods = {}, [_drive_period(one.motion) for one in given.shown]
+    for one, basin, period, marker in zip(
+        given.shown, given.basins, periods, cycle(SHAPES), strict=False
+    ):
+        points = _section_points(one, period) if basin is None else basin.section
+        if not len(points):
             continue
-        moving = True
-        q, qdot = np.split(basin.section, 2, axis=1)
-        x = model.tips(q.T)[:, 0] if index is None else q[:, index]
-        few = basin.ending == "periodic"
-        look: dict[str, Any] = {"linestyle": "none", "marker": marker, "color": style["color"]}
-        look |= {"label": name, "markersize": 5.0 if few else 2.0, "markeredgewidth": 0.0}
-        ax.plot(view.one(across) * x, view.one(shown) * qdot[:, last], **look)
-    if moving:
-        common.legend_below(ax)
+        q, qdot = np.split(points, 2, axis=1)
+        x = one.motion.model.tips(q.T)[:, 0] if index is None else q[:, index]
+        rates = qdot[:, -1 if index is None else index]
+        few = len(points) <= FEW_POINTS or (basin is not None and basin.ending == "periodic")
+        look: dict[str, Any] = {"linestyle": "none", "marker": marker, "markeredgewidth": 0.0}
+        look |= {"color": one.look["color"], "label": one.label}
+        size = 5.0 if few else 2.0
+        place = one.view.one(across) * x, one.view.one(upward) * rates
+        ax.plot(*place, markersize=size, **look)
+        handles[one.label] = Line2D([], [], markersize=5.0, **look)
+    if handles:
         ax.margins(0.08)
-        for place, limits in (
+        for seen, limits in (
             (ax.dataLim.intervalx, ax.set_xlim),
             (ax.dataLim.intervaly, ax.set_ylim),
         ):
-            least = SMALLEST_VIEW * float(np.abs(place).max())
-            if np.ptp(place) < least:
-                limits(place.mean() - least, place.mean() + least)
-    else:
-        ax.text(0.5, 0.5, "all are at rest", transform=ax.transAxes, ha="center", va="center")
+            least = SMALLEST_VIEW * float(np.abs(seen).max())
+            if np.ptp(seen) < least:
+                limits(seen.mean() - least, seen.mean() + least)
+        ax.locator_params(nbins=SIGNED_TICKS)
+    where = {True: "once a period of the drive", False: "at maxima of the free end"}
+    lines = dict.fromkeys(where[period > 0.0] for period in periods) if handles else ()
+    given.explain(ax, handles, *lines, legend=legend)
     return ax
 
 
 def spectrum(
-    found: Attractors | Basin, *, units: Units = "nondimensional", ax: Axes | None = None
+    found: Attractors | Basin | Motion | Sequence[Motion] | Ensemble,
+    *,
+    start: float | None = None,
+    segments: int = 8,
+    decibels: bool = False,
+    units: Units = "nondimensional",
+    legend: bool = True,
+    ax: Axes | None = None,
 ) -> Axes:
-    """Spectra of the transverse motion of the free end, for each attractor that is not at rest.
+    """Spectra of the transverse motion of the free end, of attractors or of motions.
 
-    A spectrum is the amplitude over the frequency; the spectrum of a cycle is drawn as stems at its
-    harmonics.
+    The spectrum of an attractor is the amplitude over the frequency; that of a cycle is drawn as
+    stems at its harmonics. The spectrum of a motion is its power spectral density by Welch's
+    method: the mean over half-overlapping segments, each without its mean and with Hann's window.
+    The integral of the density over the frequencies shown is the mean square of the motion about
+    its mean. Uneven samples are interpolated by cubics, at steps of the least distance between two.
+    The title says where a mean cycle has fewer than ten samples.
+
+    Frequencies are in Hz with units="si", and angular (omega T) otherwise.
 
     Args:
-        found: attractors, or one of the basins.
+        found: attractors; one of the basins; one or several motions; or an ensemble, whose failed
+            members are left out. What rests has no spectrum.
+        start: time in T from which motions are shown, to leave out a transient; all if not given.
+            Attractors have none.
+        segments: number of segments, for motions; fewer if a segment would have less than 16
+            samples. More segments make a smoother curve, fewer a finer resolution.
+        decibels: whether the ordinate is linear in decibels, 10 log10 of the density or 20 log10 of
+            the amplitude; otherwise it is logarithmic.
         units: "nondimensional", or "si" if the pipe has scales.
+        legend: whether attractors or several motions have a legend.
         ax: Axes to draw on; new ones if not given.
 
     Example:
         >>> found = pp.attractors(pp.Chain(pp.Pipe(0.2), 2), 4.0, 3)
         >>> ax = plot.spectrum(found)
+        >>> motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 2), 4.0, 30.0, lambda s: 0.1 * s)
+        >>> ax = plot.spectrum(motion, start=10.0, decibels=True)
 
     Raises:
+        ValueError: for fewer than 3 samples from `start` on; for a `start` of attractors.
         TypeError: for bad arguments.
+
+    Source: Welch (1967), The use of fast Fourier transform for the estimation of power spectra,
+    IEEE Transactions on Audio and Electroacoustics 15, 70-73.
     """
-    some, _, view, names = _shown_basins(found, units)
-    ax = view.axes(ax, (6.4, 3.6), OMEGA, AMPLITUDE)
-    highest, last = 0.0, 0.0
-    for basin, name, style in zip(some, names, cycle(common.CURVE_STYLES), strict=False):
-        omega = view.one(OMEGA) * basin.frequencies[1:]  # without the mean value at frequency 0
-        height = view.one(AMPLITUDE) * basin.spectrum[1:]
-        if not height.size:
+    given = _Given(found, start, units)
+    segments = check.count("segments", segments, high=10_000)
+    decibels, legend = check.flag("decibels", decibels), check.flag("legend", legend)
+    of_motions = any(basin is None for basin in given.basins)
+    quantity, power = (DENSITY, 2) if of_motions else (AMPLITUDE, 1)
+    ax = given.view.axes(ax, (6.4, 3.6), OMEGA, quantity)
+    highest, last, drawn = 0.0, 0.0, list[Any]()
+    for one, basin in zip(given.shown, given.basins, strict=True):
+        if basin is None:
+            omega, height = _density(one, segments)
+        else:  # without the mean value at frequency 0
+            omega, height = basin.frequencies[1:], basin.spectrum[1:]
+        if not height.any():
             continue
-        large = height > LOWEST_LINE * height.max()
+        omega, height = one.view.one(OMEGA) * omega, one.view.one(quantity) * height
         highest = max(highest, float(height.max()))
-        last = max(last, float(omega[large][-1]))
-        if basin.ending == "periodic":
-            stem: dict[str, Any] = {"color": style["color"], "linewidth": 1.0}
-            ax.vlines(omega[large], LOWEST_LINE * height.max(), height[large], **stem)
+        last = max(last, float(omega[height > LOWEST_LINE**power * height.max()][-1]))
+        drawn.append((one, omega, height, basin is not None and basin.ending == "periodic"))
+
+    def ordinate(height: Any) -> Any:
+        return 20.0 / power * np.log10(height) if decibels else height
+
+    for one, omega, height, stems in drawn:
+        if stems:
+            tops = height > (floor := LOWEST_LINE * height.max())
+            line: dict[str, Any] = {"color": one.look["color"], "linewidth": 1.0}
+            ax.vlines(omega[tops], ordinate(floor), ordinate(height[tops]), **line)
             look: dict[str, Any] = {"marker": "o", "markersize": 3.5, "linestyle": "none"}
-            ax.plot(omega[large], height[large], color=style["color"], label=name, **look)
+            look |= {"color": one.look["color"]}
+            ax.plot(omega[tops], ordinate(height[tops]), label=one.label, **look)
         else:
-            ax.plot(omega, np.maximum(height, 1e-300), label=name, linewidth=0.7, **style)
-    if highest:
-        ax.set_yscale("log")
-        ax.set(xlim=(0.0, 1.05 * last), ylim=(LOWEST_LINE * highest, 3.0 * highest))
-        common.legend_below(ax)
-    else:
-        ax.text(0.5, 0.5, "all are at rest", transform=ax.transAxes, ha="center", va="center")
+            look = {"linewidth": 1.0 if of_motions else 0.7} | one.look
+            ax.plot(omega, ordinate(np.maximum(height, 1e-300)), label=one.label, **look)
+    if drawn:
+        ax.set_yscale("linear" if decibels else "log")
+        ends = ordinate(LOWEST_LINE**power * highest), ordinate(3.0 * highest)
+        ax.set(xlim=(0.0, 1.05 * last), ylim=ends)
+    if decibels:
+        label = given.view.label(quantity)
+        ax.set_ylabel(label.replace("(", "(dB re 1 ") if given.view.si else f"{label} (dB)")
+    handles = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
+    given.explain(ax, handles, legend=legend)
     return ax
 
 
@@ -262,16 +378,80 @@ def films(
     return made
 
 
-def _shown_basins(found: Any, units: Units) -> tuple[Sequence[Basin], Any, View, list[str]]:
-    """Basins in the argument `found`, their model, the units, and the names of the basins."""
-    if isinstance(found, Basin):
-        model = found.motion.model
-        view = View(units, model.pipe)
-        return [found], model, view, [_kind(found, view)]
-    check.instance("found", found, Attractors)
-    view = View(units, found.model.pipe)
-    names = [_name(found, k, view) for k in range(len(found))]
-    return found.basins, found.model, view, names
+def _drive_period(motion: Any) -> float:
+    """Period of what drives a motion; 0 if that is steady or has no one period."""
+    moving = [one for one in (motion.u, motion.base) if not isinstance(one, float | None)]
+    if not all(isinstance(one, Pulsation | Harmonic) for one in moving):
+        return 0.0
+    known = {one.frequency for one in moving}
+    return 2.0 * math.pi / known.pop() if len(known) == 1 else 0.0
+
+
+def _section_points(one: Signal, drive: float) -> Any:
+    """Poincare section of a motion, shape (K, 2 coordinates)."""
+    states = one.motion.y.T
+    if not one.moves:
+        return states[:0]
+    degree = min(5, len(states) - 1)
+    spline = scipy.interpolate.make_interp_spline(one.motion.t, states, degree)
+
+    def at(t: Any) -> Any:
+        return np.ascontiguousarray(spline(t).T)
+
+    return section(one.motion.model, at, one.motion.t, drive)
+
+
+def _density(one: Signal, segments: int) -> tuple[Any, Any]:
+    """Angular frequencies and power spectral density over them; 0 for what rests."""
+    t = one.curve.x
+    size = min(round(np.ptp(t) / float(np.diff(t).min())) + 1, MOST_IN_SPECTRUM)
+    t = np.linspace(t[0], t[-1], size)
+    length = min(max(2 * size // (segments + 1), FEWEST_IN_SEGMENT), size)
+    x = one.curve(t) * one.moves
+    hertz, density = scipy.signal.welch(x, 1.0 / float(t[1] - t[0]), nperseg=length)
+    return 2.0 * math.pi * hertz[1:], density[1:] / (2.0 * math.pi)
+
+
+class _Given:
+    """What the argument `found` holds: motions, and the basins that they belong to.
+
+    Attributes:
+        shown: the motions, as signals with names.
+        basins: the basin of each motion; None for motions that were given themselves.
+        models: models of the motions, at least one.
+        view: units of the picture.
+    """
+
+    def __init__(self, found: Any, start: Any, units: Units) -> None:
+        self.failed, basins = list[int](), list[Basin]()
+        if isinstance(found, Attractors | Basin):
+            basins = [found] if isinstance(found, Basin) else list(found.basins)
+            if start is not None:
+                rule = "start must be None for attractors, whose records begin on them"
+                raise ValueError(f"{rule}, got {check.shown(start)}")
+            motions: list[Any] = [basin.motion for basin in basins]
+        else:
+            motions, self.failed = checked_motions(found, start, "found", "Attractors, a Basin, ")
+            for motion in motions:
+                check.instance("found", motion, Motion)
+        self.basins: list[Basin | None] = [*basins] or [None] * len(motions)
+        self.models = [one.model for one in motions] or [found.model]
+        self.view = View(units, self.models[0].pipe)
+        self.shown = signals(motions, None, units, rates_shown=False)
+        for k, (one, basin) in enumerate(zip(self.shown, basins, strict=False)):
+            named = isinstance(found, Attractors)
+            one.label = _name(found, k, self.view) if named else _kind(basin, self.view)
+
+    def explain(self, ax: Axes, handles: Any, *lines: str, legend: bool) -> None:
+        """Adds a legend, a title with some lines, and words where nothing moves."""
+        if not handles:
+            words = "all are at rest" if self.shown else "no attractor was found"
+            ax.text(0.5, 0.5, words, transform=ax.transAxes, ha="center", va="center")
+        alone = len(self.shown) == 1 and self.basins[0] is None
+        if legend and not alone and len(handles) <= 12:
+            common.legend_below(ax, handles)
+        shown = self.shown if None in self.basins else self.shown[:1]  # at the same speed
+        explain(ax, shown, self.failed, *lines, legend=False)
 
 
 def _kind(basin: Basin, view: View) -> str:

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
 import scipy
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from pipedyn.cycles.branches import CycleBranch
@@ -36,6 +38,9 @@ MARKS: dict[str, dict[str, Any]] = {
 
 A_STEP = 12
 """Number of straight pieces drawn between two points of a branch, enough to show no corners."""
+
+FARTHEST = 5.0
+"""Modulus of a multiplier up to which the picture is as wide as the multipliers are far."""
 
 STABILITY_STYLES: dict[str, dict[str, Any]] = {
     "stable": {"linestyle": "-", "linewidth": 1.4, "zorder": 3.0},
@@ -195,17 +200,23 @@ def smooth(*columns: Array) -> Array:
 
 
 def multipliers(
-    cycles: LimitCycle | CycleBranch, *, units: Units = "nondimensional", ax: Axes | None = None
+    cycles: LimitCycle | CycleBranch,
+    *,
+    units: Units = "nondimensional",
+    legend: bool = True,
+    ax: Axes | None = None,
 ) -> Axes:
     """Floquet multipliers and the unit circle.
 
     The trivial multiplier is a ring at 1. Multipliers outside the circle, which make a cycle
     unstable, are crosses; multipliers inside it are dots. For a branch, colour shows the flow
-    speed.
+    speed. If a multiplier is larger than 5, only the neighbourhood of the circle is shown, and the
+    title says how large the largest is.
 
     Args:
         cycles: a limit cycle or a branch of limit cycles.
         units: "nondimensional", or "si" if the pipe has scales.
+        legend: whether a legend explains the markers.
         ax: Axes to draw on; new ones if not given.
 
     Example:
@@ -227,20 +238,35 @@ def multipliers(
     speeds = None
     if isinstance(cycles, CycleBranch):
         speeds = np.broadcast_to(view.one(FLOW_SPEED) * cycles.speeds[:, None], values.shape)
-    inside_look, outside_look = ("o", 16, common.BLUE), ("X", 30, common.VERMILION)
-    for chosen, (marker, size, plain) in ((~outside, inside_look), (outside, outside_look)):
+    looks = (
+        (~outside, "o", 16, common.BLUE, "inside the circle"),
+        (outside, "X", 30, common.VERMILION, "outside: unstable"),
+    )
+    named: dict[str, Any] = {}
+    for chosen, marker, size, plain, words in looks:
         if not chosen.any():
             continue
         look: dict[str, Any] = {"color": plain}
         if speeds is not None:
             ends = {"vmin": float(speeds.min()), "vmax": float(speeds.max()) + 1e-12}
             look = {"c": speeds[chosen], "cmap": "viridis", **ends}
+            plain = "0.3"  # colours show speeds
         points = values[chosen]
         ax.scatter(points.real, points.imag, marker=marker, s=size, zorder=3.0, **look)
+        entry: dict[str, Any] = {"linestyle": "none", "markersize": math.sqrt(size)}
+        entry |= {"color": plain, "marker": marker, "markeredgewidth": 0.0}
+        named[words] = Line2D([], [], **entry)
     if speeds is not None:
         common.colour_bar(view.label(FLOW_SPEED), ax=ax)
     ring = {"markerfacecolor": "none", "markeredgewidth": 1.4, "zorder": 2.5}
-    ax.plot([1.0], [0.0], **common.open_marker(7.0, common.SKY, **ring))
+    look = common.open_marker(7.0, common.SKY, **ring)
+    (named["trivial, 1"],) = ax.plot([1.0], [0.0], **look)
     ax.margins(0.08)
-    ax.set_aspect("equal", adjustable="datalim")
+    near = (farthest := float(np.abs(values).max(initial=0.0))) <= FARTHEST
+    ax.set_aspect("equal", adjustable="datalim" if near else "box")
+    if not near:
+        ax.set(xlim=(-FARTHEST, FARTHEST), ylim=(-FARTHEST, FARTHEST))
+        ax.set_title(f"not all are shown: up to {farthest:.3g}")
+    if check.flag("legend", legend):
+        common.legend_below(ax, named)
     return ax

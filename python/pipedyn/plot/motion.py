@@ -69,16 +69,23 @@ Shown: TypeAlias = Sampled | Basin
 def time_history(
     motions: Shown | Sequence[Shown] | Ensemble,
     *,
+    start: float | None = None,
     units: Units = "nondimensional",
+    legend: bool = True,
     ax: Axes | None = None,
 ) -> Axes:
     """Transverse displacement of the free end over time.
+
+    Samples too far apart for a curve are shown as dots. The title says where a mean cycle has fewer
+    than ten samples.
 
     Args:
         motions: one or several motions, limit cycles or basins, or an ensemble, whose failed
             members are left out. Between samples, cubics through positions and velocities are
             shown.
+        start: time in T from which motions are shown, to leave out a transient; all if not given.
         units: "nondimensional", or "si" if the pipe has scales.
+        legend: whether several motions have a legend.
         ax: Axes to draw on; new ones if not given.
 
     Example:
@@ -86,18 +93,19 @@ def time_history(
         >>> ax = plot.time_history(motion)
 
     Raises:
-        ValueError: for fewer than 3 samples, or samples too far apart to interpolate.
+        ValueError: for fewer than 3 samples from `start` on.
         TypeError: for bad arguments.
     """
-    named, failed = checked_motions(motions)
-    shown = _signals(named, None, units, rates_shown=False)
+    chosen, failed = checked_motions(motions, start)
+    legend = check.flag("legend", legend)
+    shown = signals(chosen, None, units, rates_shown=False)
     ax = shown[0].view.axes(ax, (6.4, 3.2), ELAPSED, TIP)
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     for one in shown:
-        t, unit = finer_times(one.curve.x), one.view.one(ELAPSED)
-        ax.plot(unit * t, one.values(t), label=one.label, **{"linewidth": 1.0} | one.look)
+        t = one.times()
+        ax.plot(one.view.one(ELAPSED) * t, one.values(t), **{"linewidth": 1.0} | one.drawn())
     ax.margins(x=0.0)
-    _legend(ax, shown, failed)
+    explain(ax, shown, failed, legend=legend)
     return ax
 
 
@@ -105,20 +113,24 @@ def phase_portrait(
     motions: Shown | Sequence[Shown] | Ensemble,
     coordinate: Literal["tip"] | int = "tip",
     *,
+    start: float | None = None,
     units: Units = "nondimensional",
+    legend: bool = True,
     ax: Axes | None = None,
 ) -> Axes:
-    """Displacement against velocity; a ring marks the start, and the last cycle is a thicker line.
+    """Displacement against velocity; a ring marks the start, and a closed last cycle is thicker.
 
-    Unstable limit cycles are dashed. If a coordinate moves too fast for a curve through its
-    samples, dots show the samples.
+    Unstable limit cycles are dashed. Samples too far apart for a curve are shown as dots. The title
+    says where a mean cycle has fewer than ten samples.
 
     Args:
         motions: one or several motions, limit cycles or basins, or an ensemble, whose failed
             members are left out.
         coordinate: "tip" for the transverse displacement of the end, or the index of a coordinate,
             counted from 0, which shows how a pipe moves whose end is held.
+        start: time in T from which motions are shown, to leave out a transient; all if not given.
         units: "nondimensional", or "si" if the pipe has scales.
+        legend: whether several motions have a legend.
         ax: Axes to draw on; new ones if not given.
 
     Example:
@@ -126,64 +138,83 @@ def phase_portrait(
         >>> ax = plot.phase_portrait(motion)
 
     Raises:
-        ValueError: for fewer than 3 samples, for samples too far apart to interpolate the path of
-            the free end, or for an index that a model does not have.
+        ValueError: for fewer than 3 samples from `start` on, or for an index that a model does not
+            have.
         TypeError: for bad arguments.
     """
-    named, failed = checked_motions(motions)
-    least = min(motion.model.coordinates for motion in named.values())
+    chosen, failed = checked_motions(motions, start)
+    legend = check.flag("legend", legend)
+    least = min(motion.model.coordinates for motion in chosen)
     index, across = of_coordinate(coordinate, least)
-    shown = _signals(named, index, units, rates_shown=True)
+    shown = signals(chosen, index, units, rates_shown=True)
     upward = TIP_RATE if index is None else rate(index, "its ")
     ax = shown[0].view.axes(ax, (4.8, 4.2), across, upward)
     for one in shown:
-        t, colour = finer_times(one.curve.x), one.look["color"]
-        if one.dotted:
-            t = one.curve.x
-            look = {"color": colour, "linestyle": "none", "marker": ".", "markersize": 2.0}
-            ax.plot(one.values(t), one.values(t, 1), label=f"{one.label}, samples", **look)
-            continue
-        last = t
-        if (ends := last_cycle(one.motion)) is not None:
+        t, look = one.times(), one.drawn()
+        ends = None if one.dotted else repeated_cycle(one.motion)
+        thin = {"linewidth": 0.5, "zorder": 2.0}
+        if ends is not None:
             last = np.linspace(*ends, 401)
-            thin = {"color": colour, "linewidth": 0.6, "alpha": 0.5, "zorder": 2.0}
-            for part in (t[t <= ends[0]], t[t >= ends[1]]):
-                ax.plot(one.values(part), one.values(part, 1), **thin)
-        look = {"label": one.label, "linewidth": 1.6, **one.look}
-        ax.plot(one.values(last), one.values(last, 1), **look)
-        start = common.open_marker(4.5, colour, zorder=3.0)
-        ax.plot(one.values(t[0]), one.values(t[0], 1), **start)
-    _legend(ax, shown, failed)
+            ax.plot(one.values(last), one.values(last, 1), **{"linewidth": 1.6} | look)
+            look = {"color": look["color"]}
+            thin["alpha"] = 0.5
+        for part in (t,) if ends is None else (t[t <= ends[0]], t[t >= ends[1]]):
+            ax.plot(one.values(part), one.values(part, 1), **look | thin)
+        if start is None and not one.dotted:
+            ring = common.open_marker(4.5, look["color"], zorder=3.0)
+            ax.plot(one.values(t[0]), one.values(t[0], 1), **ring)
+    ax.locator_params(nbins=SIGNED_TICKS)
+    explain(ax, shown, failed, legend=legend)
     return ax
 
 
 Cubics: TypeAlias = "scipy.interpolate.CubicHermiteSpline"
+
+SIGNED_TICKS = 6
+"""Largest number of intervals between ticks: labels with signs then do not meet in one column."""
+
+ENOUGH_A_CYCLE = 10.0
+"""Number of samples in a mean cycle below which a picture has a note."""
 
 
 class Signal:
     """The free end or a coordinate of a motion as a function of time, and how it is drawn.
 
     Args:
-        name: name of the motion in error messages.
         motion: the motion.
-        index: index of the coordinate; None for the transverse displacement of the free end, for
-            which samples too far apart for a curve are refused.
+        index: index of the coordinate; None for the transverse displacement of the free end.
         units: units of the picture.
         rates_shown: whether velocities are shown.
+
+    Attributes:
+        dotted: whether samples are too far apart for a curve, so that dots show them.
+        few: whether there are fewer than `ENOUGH_A_CYCLE` samples in a mean cycle.
     """
 
-    def __init__(
-        self, name: str, motion: Sampled, index: int | None, units: Units, rates_shown: bool
-    ) -> None:
+    def __init__(self, motion: Sampled, index: int | None, units: Units, rates_shown: bool) -> None:
         self.motion, self.index, self.view = motion, index, View(units, motion.model.pipe)
         shown = (motion.tip, motion.tip_velocity) if index is None else (motion.q, motion.qdot)
         at, velocity = (values[:, index or 0] for values in shown)
         self.curve = scipy.interpolate.CubicHermiteSpline(motion.t, at, velocity)
-        if index is None:
-            refuse_coarse(name, self.curve, rates_shown=rates_shown)
-        self.dotted = index is not None and is_coarse(self.curve, rates_shown=rates_shown)
+        self.moves = bool(np.ptp(at) > LEAST_MOTION)
+        self.dotted = is_coarse(self.curve, rates_shown=rates_shown)
+        # A sine has this angular frequency, however seldom it is sampled.
+        frequency = math.sqrt(np.mean(velocity**2)) / max(float(np.std(at)), LEAST_MOTION)
+        interval = float(np.diff(motion.t).max())
+        self.few = self.moves and 2.0 * math.pi < ENOUGH_A_CYCLE * frequency * interval
         self.label = self.view.speed(motion.u, 6)
         self.look: dict[str, Any] = {}
+
+    def times(self) -> Array:
+        """Times at which straight lines look like the motion; those of the samples for dots."""
+        return self.curve.x if self.dotted else finer_times(self.curve.x)
+
+    def drawn(self) -> dict[str, Any]:
+        """Label and look of its curve or dots."""
+        if not self.dotted:
+            return {"label": self.label} | self.look
+        dots = {"linestyle": "none", "marker": ".", "markersize": 2.0}
+        return {"label": f"{self.label}, samples", "color": self.look["color"], **dots}
 
     def values(self, t: Array, derivative: int = 0) -> Array:
         """Values, or a derivative, at times t (in T), in the units shown."""
@@ -191,15 +222,15 @@ class Signal:
         return np.asarray(unit / self.view.one(ELAPSED) ** derivative * self.curve(t, derivative))
 
 
-def _signals(
-    named: dict[str, Sampled], index: int | None, units: Units, rates_shown: bool
+def signals(
+    motions: Sequence[Sampled], index: int | None, units: Units, *, rates_shown: bool
 ) -> list[Signal]:
-    """The curve to draw for each motion; samples too far apart are refused.
+    """The curve to draw for each motion.
 
     Labels give the flow speed, and also the model if several motions have the same speed. Those of
     limit cycles say whether they are stable; unstable ones are dashed.
     """
-    shown = [Signal(name, one, index, units, rates_shown) for name, one in named.items()]
+    shown = [Signal(one, index, units, rates_shown) for one in motions]
     alike, widths = len({one.label for one in shown}) < len(shown), (1.6, 1.0, 2.2)
     for i, (one, look) in enumerate(zip(shown, cycle(common.CURVE_STYLES), strict=False)):
         one.look, model = look, one.motion.model
@@ -211,21 +242,29 @@ def _signals(
     return shown
 
 
-def _legend(ax: Axes, shown: Sequence[Signal], failed: Sequence[int]) -> None:
-    """Adds a legend for several curves, and a title that names members left out.
+def explain(
+    ax: Axes, shown: Sequence[Signal], failed: Sequence[int] = (), *more: str, legend: bool = True
+) -> None:
+    """Adds a legend for several motions, if wanted, and a title.
 
-    More than 12 curves get no legend, since it would be nearly as high as the Axes.
+    The title has the speed of a single motion, lines of `more`, and notes of members left out and
+    of too few samples. More than 12 motions get no legend, as it would be as high as the Axes.
     """
     title = []
     if len(shown) == 1:
         title.append(_title(shown[0].motion, shown[0].view))
-        if shown[0].dotted:
-            title.append("samples, too far apart for a curve")
-    elif len(shown) <= 12:
+    elif legend and len(shown) <= 12:
         common.legend_below(ax)
+    title += more
     if failed:
         which = ", ".join(map(str, failed[:6])) + (", ..." if len(failed) > 6 else "")
         title.append(f"{check.how_many(len(failed), 'member')} left out after failure: {which}")
+    for count, note in (
+        (sum(one.few for one in shown), "fewer than ten samples a cycle"),
+        (sum(one.dotted for one in shown), "samples, too far apart for a curve"),
+    ):
+        if count:
+            title.append(note if len(shown) == 1 else f"{note}: {count} of {len(shown)} motions")
     if title:
         ax.set_title("\n".join(title))
 
@@ -647,8 +686,8 @@ DRAWN_POINTS = 4000
 """Desired number of points of a curve: two for each pixel of a picture 2000 pixels wide."""
 
 
-def checked_motion(motion: Any, name: str = "motion") -> Sampled:
-    """The motion to draw for an argument that is a motion, a limit cycle or a basin."""
+def checked_motion(motion: Any, name: str = "motion", start: Any = None) -> Sampled:
+    """The motion to draw, from a time on, for a motion, a limit cycle or a basin."""
     if isinstance(motion, Basin):
         motion = motion.motion
     if not isinstance(motion, LimitCycle):
@@ -659,35 +698,51 @@ def checked_motion(motion: Any, name: str = "motion") -> Sampled:
             f"{name} must have at least 3 samples, got {checked.t.size}: compute it with more "
             "`samples=`"
         )
-    return checked
+    if start is None:
+        return checked
+    first = int(np.searchsorted(checked.t, check.real("start", start)))
+    if checked.t.size - first < 3:
+        raise ValueError(
+            f"start must leave at least 3 samples of {name}, whose third last is at "
+            f"{checked.t[-3]:g} T, got {start:g}"
+        )
+    return _part(checked, slice(first, None))
 
 
-def checked_motions(motions: Any) -> tuple[dict[str, Sampled], list[int]]:
-    """Motions of the argument `motions`, by their names in error messages.
+def _part(motion: Sampled, held: slice) -> Sampled:
+    """Some samples of a motion."""
+    names = {"t", "q", "qdot", "tip", "energy", "flow_speed"} & vars(motion).keys()
+    return replace(motion, **{name: getattr(motion, name)[held] for name in names})
+
+
+def checked_motions(
+    motions: Any, start: Any = None, name: str = "motions", others: str = ""
+) -> tuple[list[Sampled], list[int]]:
+    """Motions of the argument `name`, from the time `start` on.
 
     The second value holds the indices of members of an ensemble that failed and are left out.
+    `others` names what else the argument may be.
     """
     if isinstance(motions, Motion | LimitCycle | Basin):
-        return {"motions": checked_motion(motions, "motions")}, []
+        return [checked_motion(motions, name, start)], []
     several: Any = motions
     failures = {}
     if isinstance(motions, Ensemble):
         several, failures = motions.motions, {one.index: one.error for one in motions.failures}
     if not isinstance(several, Sequence) or isinstance(several, str):
-        raise TypeError(
-            f"motions must be a Motion, several of them or an Ensemble, got {check.shown(motions)}"
-        )
+        kinds = f"{others}a Motion, several of them or an Ensemble"
+        raise TypeError(f"{name} must be {kinds}, got {check.shown(motions)}")
     if not several:
-        raise ValueError("motions must hold at least one, got none")
+        raise ValueError(f"{name} must hold at least one, got none")
     if len(failures) == len(several):
         first = next(iter(failures.values()))
-        raise ValueError(f"motions must have a member that did not fail, the first: {first}")
-    named = {
-        f"motions[{i}]": checked_motion(one, f"motions[{i}]")
+        raise ValueError(f"{name} must have a member that did not fail, the first: {first}")
+    chosen = [
+        checked_motion(one, f"{name}[{i}]", start)
         for i, one in enumerate(several)
         if i not in failures
-    }
-    return named, list(failures)
+    ]
+    return chosen, list(failures)
 
 
 def tip_path_of(motion: Sampled) -> Cubics:
@@ -707,14 +762,12 @@ def is_coarse(
     return coarse(curve.x, curve(curve.x), curve(curve.x, 1), invisible, rates_shown=rates_shown)
 
 
-def refuse_coarse(
-    name: str, curve: scipy.interpolate.PPoly, *, invisible: float = 0.0, rates_shown: bool = False
-) -> None:
-    """Raises ValueError if samples are too far apart for a curve through them."""
-    if is_coarse(curve, invisible=invisible, rates_shown=rates_shown):
+def refuse_coarse(motion: Sampled) -> None:
+    """Raises ValueError if samples are too far apart for the path of the free end."""
+    if is_coarse(tip_path_of(motion), invisible=INVISIBLE):
         raise ValueError(
-            f"{name} must be sampled at least six times a cycle of the fastest visible motion, got "
-            f"samples {np.diff(curve.x).max():.3g} T apart: compute it with more `samples=`"
+            "motion must be sampled at least six times a cycle of the fastest visible motion, got "
+            f"samples {np.diff(motion.t).max():.3g} T apart: compute it with more `samples=`"
         )
 
 
@@ -751,6 +804,22 @@ def last_cycle(motion: Sampled) -> tuple[float, float] | None:
     return float(crossings[same[-1] if same.size else -2]), float(crossings[-1])
 
 
+def repeated_cycle(motion: Sampled) -> tuple[float, float] | None:
+    """Start and end of a limit cycle, or of the last cycle if the one before is the same to 3 %.
+
+    It is None where there is none: a chaotic motion comes near an earlier state by chance.
+    """
+    if isinstance(motion, LimitCycle):
+        return float(motion.t[0]), float(motion.t[-1])
+    ends = last_cycle(motion)
+    if ends is None or 2.0 * ends[0] - ends[1] < motion.t[0]:
+        return None
+    now, before = (
+        coordinates_at(motion, np.linspace(*ends, 201) - past) for past in (0.0, ends[1] - ends[0])
+    )
+    return ends if np.abs(now - before).max() < 0.03 * np.ptp(now) else None
+
+
 def shown_part(motion: Any, span: Any) -> tuple[Sampled, float, float, bool]:
     """Samples around the part to show, its start and end, and whether it is the last cycle."""
     closed = isinstance(motion, LimitCycle)
@@ -770,9 +839,8 @@ def shown_part(motion: Any, span: Any) -> tuple[Sampled, float, float, bool]:
     # The samples that enclose the span are kept, with two more on either side if there are any.
     first = max(int(np.searchsorted(motion.t, start, side="right")) - 3, 0)
     held = slice(first, int(np.searchsorted(motion.t, end, side="left")) + 3)
-    names = {"t", "q", "qdot", "tip"} & vars(motion).keys()
-    shown = replace(motion, **{name: getattr(motion, name)[held] for name in names})
-    refuse_coarse("motion", tip_path_of(shown), invisible=INVISIBLE)
+    shown = _part(motion, held)
+    refuse_coarse(shown)
     return shown, start, end, cycle is not None
 
 

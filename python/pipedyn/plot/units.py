@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from typing import Any
@@ -41,6 +42,11 @@ ELAPSED = Measure(common.TIME_LABEL, "time", TIME)
 TIP = Measure(common.TIP_LABEL, "free end $x$", LENGTH)
 TIP_RATE = Measure(common.TIP_RATE_LABEL, r"velocity of the free end $\dot{x}$", VELOCITY)
 AMPLITUDE = Measure("amplitude of the free end / $L$", "amplitude of the free end", LENGTH)
+DENSITY = Measure(
+    "spectral density of $x/L$",
+    "spectral density of $x$",
+    Unit("m^2/Hz", lambda scales: 2.0 * math.pi * scales.length**2 * scales.time),
+)
 TRANSVERSE = Measure("transverse $x/L$", "transverse $x$", LENGTH)
 AXIAL = Measure("along the straight pipe $y/L$", "along the straight pipe $y$", LENGTH)
 ARC = Measure("arc length $s/L$ from the clamp", "arc length $s$ from the clamp", LENGTH)
@@ -95,7 +101,7 @@ def of_number(name: str, pipe: Pipe) -> Measure:
     return Measure(label, f"{words} ${symbol}$", unit_of_number(name, pipe))
 
 
-def rate(coordinate: int, before: str = "", after: str = "") -> Measure:
+def rate(coordinate: int | str, before: str = "", after: str = "") -> Measure:
     """Rate of change of a coordinate, with words before and after it in the label."""
     words = rf"{before}rate $\dot{{q}}_{{{coordinate}}}${after}"
     return Measure(words, words, RATE)
