@@ -24,7 +24,8 @@ from pipedyn.accuracy.convergence import FAMILIES
 from pipedyn.attraction.from_motion import LARGEST_CYCLE
 from pipedyn.cycles.limit_cycle import limit_cycle
 from pipedyn.linear.critical_speed import CriticalSpeed, checked_end, critical_speed
-from pipedyn.linear.modes import CONTINUUM_SPEED, eigenvalues, modes, root_loci
+from pipedyn.linear.loci import branches_followed
+from pipedyn.linear.modes import CONTINUUM_SPEED, eigenvalues, modes
 from pipedyn.models.base import Model
 from pipedyn.models.continuum import AnyModel, Continuum
 from pipedyn.models.drive import Base, Pulsation, Supply
@@ -277,7 +278,7 @@ class RootLociOver(_Eigenvalues):
     def answer(self, model: Model) -> Answer:
         """Branches in the upper half plane, then their partners, shape (S, 2 count)."""
         count = min(self.count + 1, model.dof)  # one more, since models may order them differently
-        loci = root_loci(model, self.speeds, count)
+        loci = branches_followed(model, np.asarray(self.speeds), count)
         if not loci.converged.all():
             raise NotConverged("eigenvalues on the branches failed their residual check", loci)
         pairs = np.stack([loci.eigenvalues, loci.partners], axis=1)  # (S, 2, count)

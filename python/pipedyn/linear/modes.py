@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import itertools
-import math
 from dataclasses import field, replace
 from functools import cached_property, partial
 from typing import Any
@@ -19,19 +17,18 @@ from pipedyn.models.continuum import (
     TOLERANCE,
     AnyModel,
     Continuum,
-    Converged,
     checked_model,
     converged_answer,
     relative,
 )
-from pipedyn.models.drive import LARGEST_SPEED, require_steady, steady_speed
+from pipedyn.models.drive import LARGEST_SPEED, steady_speed
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import count_factorisations
 from pipedyn.util.errors import NotConverged
-from pipedyn.util.parallel import Progress, one_thread
+from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import RATE, Result, TableResult
 
 LARGEST_FULL = _core.dense_limit
@@ -315,10 +312,10 @@ def _checked_question(
         most = CONTINUUM_COUNT
     else:  # of a long chain, some roots are computed at once
         most = 2 * model.dof if model.dof <= DENSE_LIMIT else model.dof // 2
-    return u, _checked_count(count, model, most // roots)
+    return u, checked_count(count, model, most // roots)
 
 
-def _checked_count(count: Any, model: AnyModel, most: int) -> int:
+def checked_count(count: Any, model: AnyModel, most: int) -> int:
     """The argument count, checked to be at most `most`, and its vectors to fit into memory."""
     asked = check.count("count", count, high=most)
     if isinstance(model, Model) and asked * model.dof > LARGEST_VECTORS:
@@ -367,158 +364,3 @@ def _modes(model: Model, u: float, count: int | None) -> Modes:
     pairs = eigenproblem(model).lowest(u, 2 * model.dof if count is None else count)
     shapes = _shapes(model, pairs.values, model.from_elastic(pairs.right))
     return Modes(u, pairs.values, shapes, pairs.residuals, pairs.converged, model.dof)
-
-
-@saved_as("RootLoci")
-class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
-    """Eigenvalues as functions of the flow speed, one branch in each column.
-
-    Attributes:
-        speeds: flow speeds u, shape (S,).
-        eigenvalues: lambda, complex, shape (S, count); a branch starts in the upper half plane, or
-            on the real axis with the greater root of a pair.
-        partners: the other root of each pair, shape (S, count): the conjugate while the pair is
-            complex, the other real root while it is not.
-            With hysteresis, branches follow oscillating roots, and are NaN where strong damping
-            leaves a mode without such a root.
-        converged: whether the residual of each eigenvalue is small enough, shape (S, count).
-        errors: bounds, to first order, on the absolute error of each eigenvalue or its partner,
-            shape (S, count): residual and rounding times the condition number, so that they are
-            large where two roots meet. For `Continuum` the largest change from the basis before the
-            last is added; bounds are infinite for overdamped roots, which need not converge.
-        size: number of degrees of freedom of the model that was solved.
-        pipe: the pipe of the model.
-
-    Example:
-        >>> chain = pp.Chain(pp.Pipe(0.2), n=5)
-        >>> loci = pp.root_loci(chain, [0.0, 3.0, 6.0], count=2)
-        >>> loci.eigenvalues.round(2)
-        array([[  0.   +3.45j,   0.  +20.73j],
-               [ -3.07 +3.61j,  -2.17+17.79j],
-               [-11.35 +0.j  ,   1.73+13.17j]])
-    """
-
-    speeds: Array
-    eigenvalues: Complex = field(repr=False)
-    partners: Complex = field(repr=False)
-    converged: NDArray[np.bool_] = field(repr=False)
-    errors: Array = field(repr=False)
-    size: int
-    pipe: Pipe = field(repr=False)
-
-    def _columns(self) -> dict[str, Any]:
-        count = self.eigenvalues.shape[1]
-        return {
-            "speed": np.repeat(self.speeds, count),
-            "branch": np.tile(np.arange(count), self.speeds.size),
-            "growth_rate": self.eigenvalues.real.ravel(),
-            "frequency": self.eigenvalues.imag.ravel(),
-            "error": self.errors.ravel(),
-            "converged": self.converged.ravel(),
-        }
-
-
-def root_loci(
-    model: AnyModel, speeds: ArrayLike, count: int | None = None, progress: bool = False
-) -> RootLoci:
-    """Branches of eigenvalues, followed continuously along the flow speed.
-
-    Additional speeds are inserted where it is not clear which root continues which branch.
-
-    Args:
-        model: chain, reduced model or `Continuum`.
-        speeds: flow speeds u >= 0, strictly increasing, shape (S,).
-        count: number of branches, which start from the lowest pairs at the first speed; default:
-            four, or all of a model that has fewer.
-        progress: whether to show progress on stderr.
-
-    Returns:
-        RootLoci at the speeds asked for only.
-
-    Example:
-        >>> loci = pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), np.linspace(0.0, 8.0, 41), count=3)
-        >>> loci.eigenvalues.shape
-        (41, 3)
-
-    Raises:
-        NotConverged: if the continuous pipe's branches do not converge as the basis grows.
-        ValueError, TypeError: for arguments out of range or of a wrong type.
-    """
-    checked_model(model)
-    require_steady("speeds", speeds)
-    at = check.array("speeds", speeds, low=0.0, high=largest_speed(model), longest=100_000)
-    if np.any(np.diff(at) <= 0.0):
-        raise ValueError("speeds must be strictly increasing")
-    if count is None:
-        count = 4 if isinstance(model, Continuum) else min(4, model.dof)
-    most = CONTINUUM_COUNT if isinstance(model, Continuum) else model.dof
-    count = _checked_count(count, model, most)
-    shown = check.flag("progress", progress)
-    smallest = max(16, 3 * count, math.ceil(at[-1]))
-    answer: Converged[RootLoci] = converged_answer(
-        model,
-        (float(at[0]), float(at[-1])),
-        lambda one: _root_loci(one, at, count, shown),
-        partial(_loci_change, pipe=model.pipe),
-        tolerance=1e-8,
-        smallest=smallest,
-        largest=smallest + 32,
-    )
-    found = answer.value
-    if not isinstance(model, Continuum):
-        return found
-    scale = np.maximum(np.maximum(np.abs(found.eigenvalues), np.abs(found.partners)), 1.0)
-    unknown = _overdamped(found, model.pipe.damping) | np.isnan(scale)
-    moved = np.where(unknown, np.inf, answer.error * scale)
-    return replace(found, errors=found.errors + moved)
-
-
-def _loci_change(a: RootLoci, b: RootLoci, pipe: Pipe) -> float:
-    """Largest relative change of a root; under damping, overdamped roots are not compared.
-
-    Overdamped roots of neighbouring modes meet and part in the cluster at -1 / delta, so that the
-    choice of a root for each branch is a convention.
-    """
-    delta = pipe.damping
-    compared = ~(_overdamped(a, delta) & _overdamped(b, delta))
-    if pipe.hysteresis:  # NaN is a root that does not exist
-        compared &= np.isfinite(a.eigenvalues) & np.isfinite(b.eigenvalues)
-    moved = relative(a.eigenvalues[compared], b.eigenvalues[compared])
-    if delta > 0.0:
-        return moved
-    return max(moved, relative(a.partners[compared], b.partners[compared]))
-
-
-def _overdamped(loci: RootLoci, delta: float) -> NDArray[np.bool_]:
-    """Which roots are real and decay under damping, or lie in the cluster at -1 / delta."""
-    values = loci.eigenvalues
-    on_axis: NDArray[np.bool_] = (values.imag == 0.0) & (values.real < 0.0)
-    return (on_axis | (np.abs(delta * values + 1.0) < 0.5)) & (delta > 0.0)
-
-
-def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci:
-    """Root loci of one model, computed with more roots until no branch is lost."""
-    # If the requested modes are overdamped, half of their roots lie beyond the cluster at -1 /
-    # delta, and only a computation of all roots finds them.
-    overdamped = model.pipe.damping * (math.pi * count) ** 2 > 2.0
-    problem = eigenproblem(model)
-    spectrum, every = problem.spectrum(), 2 * problem.dof
-    size = every if overdamped else 2 * count + 16
-    with Progress("root loci", shown and speeds.size > 1) as progress:
-        total, done = speeds.size - 1, itertools.count(1)
-
-        def row_done() -> None:
-            row = next(done)
-            progress.to(row / total, f"{min(row, total)}/{total}")
-
-        report = row_done if progress.shown else None
-        while True:
-            size = size if problem.is_long and size < problem.dof else every
-            asked = speeds.tolist(), count, size
-            with one_thread(problem.rows):
-                loci = spectrum.root_loci(*asked, count_factorisations, report)
-            if loci is not None:
-                values, partners = loci.values, loci.partners
-                checks = loci.converged, loci.errors
-                return RootLoci(speeds, values, partners, *checks, problem.dof, model.pipe)
-            size *= 2

@@ -35,7 +35,8 @@ from pipedyn.linear.critical_speed import (
     stability_losses,
     stable_speeds,
 )
-from pipedyn.linear.modes import ModeShape, RootLoci, modes, root_loci
+from pipedyn.linear.loci import RootLoci, root_loci
+from pipedyn.linear.modes import ModeShape, modes
 from pipedyn.linear.neutral import grows, growth
 from pipedyn.linear.stability_curve import StabilityCurve, stability_curve
 from pipedyn.models.chain import Chain

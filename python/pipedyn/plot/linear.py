@@ -12,7 +12,8 @@ from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import Normalize, SymLogNorm
 from numpy.typing import NDArray
 
-from pipedyn.linear.modes import Modes, RootLoci
+from pipedyn.linear.loci import RootLoci
+from pipedyn.linear.modes import Modes
 from pipedyn.linear.neutral import growth
 from pipedyn.plot import common
 from pipedyn.plot.units import (
