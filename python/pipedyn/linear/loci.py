@@ -21,6 +21,7 @@ from pipedyn.linear.critical_speed import (
 from pipedyn.linear.eigenproblem import Eigenproblem, eigenproblem
 from pipedyn.linear.modes import (
     CONTINUUM_COUNT,
+    FEW_MODES,
     LARGEST_FULL,
     LARGEST_VECTORS,
     checked_count,
@@ -53,9 +54,6 @@ Of an aspirating pipe with little damping, hundreds of modes grow."""
 
 RESOLVING = 24
 """Size beyond the largest wave number of a basis that is searched for growing modes."""
-
-FEW_MODES = 64
-"""Number of modes up to which all are followed if need be: all roots are then computed anyway."""
 
 CLOSE = 1e-3
 """Distance from a crossing, over 1 + its speed, within which growing roots are not counted: there
@@ -170,42 +168,46 @@ def root_loci(
     if isinstance(model, Model):
         model.require_equilibrium(float(at[0]), float(at[-1]))
         most = min(most, LARGEST_VECTORS // model.dof)
-    straight = _rests_without_flow(model)
-    growth = _Growth([], np.zeros(at.size), False)
-    followed = count
-    if not straight:  # a bent pipe rests at one speed, whose roots decide
-        followed = max(count, min(Reach(model.pipe).modes_within(float(at[-1])), most))
-        growth = replace(growth, complete=followed == most)
+    reach, end, pipe = Reach(model.pipe), float(at[-1]), model.pipe
+    growth, highest = _Growth([], np.zeros(at.size), False), count
+    if not _rests_without_flow(model):  # a bent pipe rests at one speed, whose roots decide
+        highest = max(count, min(reach.modes_within(end), most))
+        growth = replace(growth, complete=highest == most)
     elif isinstance(model, Continuum) or model.dof <= LARGEST_FULL:
         growth = _growth(model, at, count)
-        followed = min(max([count, *growth.added]), most)
-    complete = growth.complete
-    # Damping so strong that modes do not oscillate makes their numbers a convention: some more are
-    # followed then, until all growing roots have a branch.
-    more = math.ceil(Reach(model.pipe).modes_reached(float(at[-1]))) + 2
-    farthest = max(followed, most if most <= FEW_MODES else min(more, most))
+        highest = min(max([count, *growth.added]), most)
+    # If damping is so strong that modes do not oscillate, their numbers are a convention. As few as
+    # possible are followed then, until all growing roots have a branch.
+    overdamped = pipe.damping * (math.pi * highest) ** 2 > 2.0
+    reached = most if most <= FEW_MODES else min(math.ceil(reach.modes_reached(end)) + 2, most)
+    followed, highest = (count if overdamped else highest), max(highest, reached)
+    loci, complete = None, growth.complete
     while True:
         try:
             loci = branches_followed(model, at, followed, shown)
         except NotConverged:
             if followed == count:
                 raise
-            followed, complete = count, False
+            complete = False
+            if loci is not None:
+                break
+            followed = count
             continue
         grows = loci.eigenvalues.real > loci.errors
         both = (loci.eigenvalues.imag != 0.0) | (loci.partners.real > loci.errors)
-        missed = complete and bool(np.any(np.sum(grows * (1 + both), axis=1) < growth.roots))
-        if not missed or followed == farthest:
+        missed = bool(np.any(np.sum(grows * (1 + both), axis=1) < growth.roots))
+        complete &= not missed or followed < highest
+        if not (missed and complete):
             break
-        followed = min(2 * followed, farthest)
-    wanted = (loci.modes <= count) | np.isin(loci.modes, growth.added) | grows.any(axis=0)
-    kept = np.flatnonzero(wanted)
+        followed = min(followed + max(1, followed // 2), highest)
+    wanted = (loci.modes <= count) | np.isin(loci.modes, growth.added)
+    kept = np.flatnonzero(wanted | (loci.eigenvalues.real > loci.errors).any(axis=0))
     every = ("eigenvalues", "partners", "converged", "errors")
     return replace(
         loci,
         **{name: getattr(loci, name)[:, kept] for name in every},
         modes=loci.modes[kept],
-        complete=complete and not missed,
+        complete=complete,
     )
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import field, replace
 from functools import cached_property, partial
 from typing import Any
@@ -11,7 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
-from pipedyn.linear.eigenproblem import eigenproblem
+from pipedyn.linear.eigenproblem import eigenproblem, select_pairs
+from pipedyn.linear.neutral import grows
+from pipedyn.linear.reach import Reach
 from pipedyn.models.base import DENSE_LIMIT, Model
 from pipedyn.models.continuum import (
     TOLERANCE,
@@ -41,6 +44,9 @@ CONTINUUM_SPEED, CONTINUUM_COUNT = 1000.0, 400
 """Largest u and count for a `Continuum`, whose basis grows with both. At u = 1000, eigenvalues from
 640 and 816 functions differ by 3e-9, which is rounding, so that larger bases do not help; 400
 eigenvalues need dense problems of 816 rows, which take a second each."""
+
+FEW_MODES = 64
+"""Number of modes up to which all roots of a model are computed anyway."""
 
 CLUSTER = 1e-6
 """Relative distance from |lambda| = 1 / damping within which a root belongs to the cluster."""
@@ -173,7 +179,11 @@ class Modes(TableResult, units={"errors": RATE}):
         problem = eigenproblem(self.shapes[0].model)
         # Conjugates that are no modes are among the lowest roots, too.
         roots = self.eigenvalues.size + int(np.nansum(np.sign(self.eigenvalues.imag)))
-        pairs = problem.lowest(self.speed, roots, left=True)
+        highest = np.nanmax(np.abs(self.eigenvalues), initial=0.0)
+        pairs, most = problem.lowest(self.speed, roots, left=True), 2 * problem.dof
+        while roots < most and np.nanmax(np.abs(pairs.values), initial=0.0) < highest:
+            roots = min(2 * roots, most)  # a mode that grows may lie above others left out
+            pairs = problem.lowest(self.speed, roots, left=True)
         errors = np.full(self.eigenvalues.size, np.inf)
         good = np.flatnonzero(np.isfinite(self.eigenvalues))
         values = self.eigenvalues[good]
@@ -204,18 +214,24 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
     Args:
         model: chain, reduced model or `Continuum`.
         u: flow speed >= 0, in sqrt(EI / mu_f) / L.
-        count: number of modes, from the lowest |lambda|, at most dof (dof / 4 for a long chain);
-            default: all. A conjugate pair of eigenvalues is one mode, and so is a real eigenvalue.
-            A `Continuum` needs a count.
+        count: least number of modes, from the lowest |lambda|, at most dof (dof / 4 for a long
+            chain); default: all. A conjugate pair of eigenvalues is one mode, and so is a real
+            eigenvalue. A `Continuum` needs a count.
 
     Returns:
-        Modes; `converged` is False for those with a large residual. There may be fewer than count,
-        if `eigenvalues` would return fewer than 2 count.
+        Modes. Higher modes follow the lowest if they grow, so that no instability is missed: all
+        that do up to 64 degrees of freedom; in larger models and the continuous pipe those that
+        flow and weight can make unstable; none of an aspirating pipe without damping, all modes of
+        which grow. `converged` is False for those with a large residual. There may be fewer than
+        count, if `eigenvalues` would return fewer than 2 count.
 
     Example:
         >>> found = pp.modes(pp.Chain(pp.Pipe(0.2), 10), 4.0, count=2)
         >>> found.eigenvalues.round(2), len(found.shapes)
         (array([-4.8  +4.01j, -2.42+16.61j]), 2)
+        >>> hose = pp.Pipe(0.225, gamma=998.0)  # flutters in its fifth mode
+        >>> pp.modes(pp.Continuum(hose), 24.0, count=1).eigenvalues.round(1)
+        array([-29.3 +49.4j,   4.4+180.2j])
 
     Raises:
         NotConverged: if the continuous pipe's eigenvalues do not converge as the basis grows, or
@@ -223,18 +239,35 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
         ValueError, TypeError: for arguments out of range or of a wrong type.
     """
     u, count = _checked_question(model, u, count, roots=2)
-    found = roots_and_shapes(model, u, None if count is None else 2 * count)
-    return _selected(found, np.flatnonzero(~(found.eigenvalues.imag < 0.0))[:count])
+    roots = None if count is None else 2 * count
+    found = roots_and_shapes(model, u, roots, _searched(model, u))
+    above = np.flatnonzero(~(found.eigenvalues.imag < 0.0))
+    growing = above[grows(np.nan_to_num(found.eigenvalues[above]))]
+    return _selected(found, np.union1d(above[:count], growing))
 
 
-def roots_and_shapes(model: AnyModel, u: float, count: int | None) -> Modes:
-    """The lowest `count` eigenvalues, with both of each conjugate pair, and their mode shapes."""
+def _searched(model: AnyModel, u: float) -> int:
+    """Number of lowest roots among which growing ones are looked for."""
+    pipe, reach = model.pipe, Reach(model.pipe)
+    if pipe.flow == "aspirating" and not (pipe.end_held or pipe.damping or pipe.hysteresis):
+        return 0
+    if isinstance(model, Continuum):
+        return 2 * (math.ceil(reach.modes_reached(u)) + 2)
+    few = min(reach.modes_within(u), LARGEST_VECTORS // (2 * model.dof))
+    return 2 * (model.dof if model.dof <= FEW_MODES else few)
+
+
+def roots_and_shapes(model: AnyModel, u: float, count: int | None, searched: int = 0) -> Modes:
+    """The lowest `count` eigenvalues, with both of each conjugate pair, and their mode shapes.
+
+    Those of the lowest `searched` eigenvalues that grow follow, if they are not among these.
+    """
     found = converged_answer(
         model,
         (u,),
-        lambda one: _modes(one, u, count),
+        lambda one: _modes(one, u, count, searched),
         partial(_basis_change, model.pipe),
-        smallest=max(16, count or 0),
+        smallest=max(16, count or 0, searched),
     )
     if not isinstance(model, Continuum):
         return found.value
@@ -359,8 +392,17 @@ def _shapes(model: Model, values: Complex, coordinates: Complex) -> tuple[ModeSh
     )
 
 
-def _modes(model: Model, u: float, count: int | None) -> Modes:
-    """The lowest `count` modes of one model, or all if it is None."""
-    pairs = eigenproblem(model).lowest(u, 2 * model.dof if count is None else count)
+def _modes(model: Model, u: float, count: int | None, searched: int) -> Modes:
+    """The lowest `count` modes of one model, or all if it is None, and those that grow.
+
+    Growing modes are looked for among the lowest `searched`.
+    """
+    every = 2 * model.dof
+    count = every if count is None else count
+    pairs = eigenproblem(model).lowest(u, min(max(count, searched), every))
+    if searched > count:
+        values = np.nan_to_num(pairs.values)
+        kept = np.flatnonzero((np.arange(values.size) < count) | grows(values))
+        pairs = select_pairs(pairs, kept)
     shapes = _shapes(model, pairs.values, model.from_elastic(pairs.right))
     return Modes(u, pairs.values, shapes, pairs.residuals, pairs.converged, model.dof)
