@@ -485,7 +485,8 @@ class ExplorationPicture:
         """Draws root loci, coloured by the flow speed, and the roots at the present speed."""
         of, rate = self._of, self._view.one(units.GROWTH)
         highest = self._highest / self._view.one(units.FLOW_SPEED)
-        linear.root_loci(of.loci, highest=highest, units=self._units, ax=ax)
+        look: dict[str, Any] = {"numbers": False, "bar": False, "units": self._units}
+        linear.root_loci(of.loci, highest=highest, ax=ax, **look)
         values = np.array([mode.eigenvalue for mode in of.modes])
         growing = grows(values)
         ring = common.open_marker(6.0, zorder=4.0)
