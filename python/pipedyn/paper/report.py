@@ -144,7 +144,7 @@ def _write_in_free_corner(ax: Any, text: str) -> None:
     if not text:
         return
     places = np.concatenate(
-        [*(ax.collections[0].get_segments()), *([t.get_position()] for t in ax.texts)]
+        [*ax.collections[0].get_segments(), *([number.xy] for number in ax.texts)]
     )
     x, y = ax.transAxes.inverted().transform(ax.transData.transform(places)).T
     inside = (x >= 0.0) & (x <= 1.0) & (y >= 0.0) & (y <= 1.0)

@@ -112,11 +112,13 @@ def root_loci(
     _mark_onsets(ax, growth(branches), places)
     (ax.axvline if plane == "lambda" else ax.axhline)(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     ax.autoscale_view()
+    exact = np.empty(0, dtype=np.complex128)
     if benchmark is not None:
         exact = turn * rate * branches_of(benchmark)[:: dot_stride(benchmark)]
         _draw_dots(ax, exact)
     axis = np.linspace(*(ax.get_ylim() if plane == "lambda" else ax.get_xlim()), FINE_POINTS)
-    labels = _Labels(ax, np.append(places.ravel(), axis * (1.0j if plane == "lambda" else 1.0)))
+    line = axis * (1.0j if plane == "lambda" else 1.0)
+    labels = _Labels(ax, np.concatenate([places.ravel(), exact.ravel(), line]))
     upper = turn * rate * smooth.eigenvalues
     if numbers:
         labels.number(upper, loci.modes)
@@ -180,13 +182,16 @@ def frequencies(
     _coloured(ax, speeds, heights, rate * real, "RdBu_r", norm, outlined=0.0)
     _mark_onsets(ax, real, speeds + 1j * heights)
     ax.autoscale_view()
+    taken = (speeds + 1j * heights).ravel()
     if benchmark is not None:
         stride = dot_stride(benchmark)
         places = view.one(FLOW_SPEED) * benchmark.speeds[::stride, None]
-        _draw_dots(ax, places + 1j * height * branches_of(benchmark).imag[::stride])
+        exact = places + 1j * height * branches_of(benchmark).imag[::stride]
+        _draw_dots(ax, exact)
+        taken = np.append(taken, exact)
     upper = speeds + 1j * height * np.abs(smooth.eigenvalues.imag)
     if numbers:
-        _Labels(ax, speeds + 1j * heights).number(upper.astype(np.complex128), loci.modes)
+        _Labels(ax, taken).number(upper.astype(np.complex128), loci.modes)
     if bar:
         common.colour_bar(view.label(GROWTH), ax=ax)
     return ax
@@ -206,38 +211,55 @@ def _smooth(loci: RootLoci) -> RootLoci:
     """Branches at speeds so close that their polygons look smooth, by Akima's interpolation.
 
     A pair meets on the real axis with vertical tangents, where neither root has a slope. The sum
-    and the product of the pair do, so that these are interpolated.
+    and the product of the pair do, so that these are interpolated. A root that has met one of
+    another pair, so that it is not the conjugate of its partner, is interpolated itself. Where a
+    pair changes into one of which it has one root only, a straight line leads from this root.
     """
     steps = loci.speeds.size - 1
     parts = math.ceil(FINE_POINTS / steps) if steps > 0 else 1
     speeds = np.interp(np.arange(steps * parts + 1) / parts, np.arange(steps + 1), loci.speeds)
-    nothing = complex(math.nan, math.nan)
-    shape = speeds.size, loci.eigenvalues.shape[1]
-    values, partners = np.full(shape, nothing), np.full(shape, nothing)
-    known = loci.converged & np.isfinite(loci.eigenvalues) & np.isfinite(loci.partners)
+    one, other = loci.eigenvalues, loci.partners
+    shape = speeds.size, one.shape[1]
+    values, partners = np.full((2, *shape), complex(math.nan, math.nan))
+    known = loci.converged & np.isfinite(one) & np.isfinite(other)
+    paired = (other == one.conj()) | ((one.imag == 0.0) & (other.imag == 0.0))
+    # The real roots of a pair that meet are at equal distances from where they do.
+    mean, gap = 0.5 * (one + other).real, 0.5 * np.abs((one - other).real)
+    changed = np.zeros(one.shape, dtype=bool)
+    turned = (one.imag == 0.0)[1:] != (one.imag == 0.0)[:-1]
+    off = np.abs(np.diff(mean, axis=0)) > 0.5 * np.maximum(gap[1:], gap[:-1])
+    changed[1:] = turned & off & paired[1:] & paired[:-1] & known[1:] & known[:-1]
+    kinds = np.where(known, 1 + paired + 2 * np.cumsum(changed, axis=0), 0)
     for k in range(shape[1]):
-        for begin, end in common.runs(known[:, k]):
+        for row in np.flatnonzero(changed[:, k]).tolist():
+            ends = np.array([[one[i, k], other[i, k]] for i in (row - 1, row)])
+            nearest = [
+                at[np.abs(at - far[0]).argmin()] for at, far in zip(ends, ends[::-1], strict=True)
+            ]
+            start, stop = (at.real + 1j * abs(at.imag) for at in nearest)
+            between = slice((row - 1) * parts, row * parts + 1)
+            values[between, k] = np.linspace(start, stop, parts + 1)
+        for begin, end in common.runs(kinds[:, k]):
             if not known[begin, k]:
                 continue
-            one, other = loci.eigenvalues[begin:end, k], loci.partners[begin:end, k]
-            mean, product = 0.5 * (one + other).real, (one * other).real
+            alone = not paired[begin, k]
+            if alone:  # from the pair before to the pair behind
+                begin -= int(begin > 0 and known[begin - 1, k])
+                end += int(end <= steps and known[min(end, steps), k])
+            some, rest = one[begin:end, k], other[begin:end, k]
             inside = slice(begin * parts, (end - 1) * parts + 1)
+            both = np.column_stack([some, rest] if alone else [0.5 * (some + rest), some * rest])
+            parts_of = np.hstack([both.real, np.abs(both.imag)])
             if end - begin > 1:
-                both = np.column_stack([mean, product])
-                smooth = Akima1DInterpolator(loci.speeds[begin:end], both)
-                mean, product = smooth(speeds[inside]).T
-            apart = np.sqrt((mean**2 - product).astype(complex))
-            values[inside, k], partners[inside, k] = mean + apart, mean - apart
-            values[inside, k][::parts], partners[inside, k][::parts] = one, other
-    converged = np.isfinite(values)
-    return replace(
-        loci,
-        speeds=speeds,
-        eigenvalues=values,
-        partners=partners,
-        converged=converged,
-        errors=np.zeros(shape),
-    )
+                parts_of = Akima1DInterpolator(loci.speeds[begin:end], parts_of)(speeds[inside])
+            first, second = (parts_of[:, :2] + 1j * parts_of[:, 2:] * alone).T
+            if not alone:
+                apart = np.sqrt(first**2 - second)
+                first, second = first + apart, first - apart
+            values[inside, k], partners[inside, k] = first, second
+            values[inside, k][::parts], partners[inside, k][::parts] = some, rest
+    found = {"eigenvalues": values, "partners": partners, "converged": np.isfinite(values)}
+    return replace(loci, speeds=speeds, errors=np.zeros(shape), **found)
 
 
 def _draw_dots(ax: Axes, places: NDArray[np.complex128]) -> None:
@@ -292,22 +314,23 @@ class _Labels:
         reach = math.hypot(0.3 * size * len(text), 0.4 * size) + 1.5
         turns = np.exp(0.25j * np.pi * np.array([0, 1, 7, 4, 3, 5, 2, 6]))
         shown = (_on_paper(self._ax, places)[:, None] + (reach + 1.0) * turns).ravel()
+        which = np.repeat(np.arange(places.size), turns.size)
         inside = (shown.real > self._low[0] + reach) & (shown.real < self._high[0] - reach)
         inside &= (shown.imag > self._low[1] + reach) & (shown.imag < self._high[1] - reach)
-        shown = shown[inside]
+        shown, which = shown[inside], which[inside]
         if not shown.size:
             return
         room = np.abs(shown[:, None] - self._taken).min(axis=1, initial=math.inf)
         best = int(np.argmax(room >= reach)) if (room >= reach).any() else int(np.argmax(room))
         if room[best] < reach and not needed:
             return
-        at = self._ax.transData.inverted().transform(
-            np.array([shown[best].real, shown[best].imag]) * self._ax.figure.dpi / 72.0
-        )
+        place = places[which[best]]
+        apart = shown[best] - complex(_on_paper(self._ax, np.array([place]))[0])
         around = np.exp(0.25j * np.pi * np.arange(8)) * 0.5 * reach
         self._taken = np.concatenate([self._taken, [shown[best]], shown[best] + around])
-        look |= {"ha": "center", "va": "center", "size": "small", "clip_on": True, "zorder": 5.0}
-        self._ax.text(float(at[0]), float(at[1]), text, **look)
+        look |= {"ha": "center", "va": "center", "size": "small", "zorder": 5.0}
+        look |= {"xytext": (apart.real, apart.imag), "textcoords": "offset points"}
+        self._ax.annotate(text, (place.real, place.imag), annotation_clip=True, **look)
 
 
 def _coloured(
