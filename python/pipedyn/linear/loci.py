@@ -55,7 +55,11 @@ Of an aspirating pipe with little damping, hundreds of modes grow."""
 RESOLVING = 24
 """Size beyond the largest wave number of a basis that is searched for growing modes."""
 
-CLOSE = 1e-3
+SAME_ROOT = 1e-5
+"""Distance of two roots, over 1 + |lambda|, within which they are one root computed twice: near a
+meeting, rounding moves both by its square root."""
+
+BESIDE_CROSSING = 1e-3
 """Distance from a crossing, over 1 + its speed, within which growing roots are not counted: there
 the bound on the error of a root may be larger than its real part."""
 
@@ -169,19 +173,19 @@ def root_loci(
         model.require_equilibrium(float(at[0]), float(at[-1]))
         most = min(most, LARGEST_VECTORS // model.dof)
     reach, end, pipe = Reach(model.pipe), float(at[-1]), model.pipe
-    growth, highest = _Growth([], np.zeros(at.size), False), count
+    growing, highest = _GrowingModes([], np.zeros(at.size), False), count
     if not _rests_without_flow(model):  # a bent pipe rests at one speed, whose roots decide
         highest = max(count, min(reach.modes_within(end), most))
-        growth = replace(growth, complete=highest == most)
+        growing = replace(growing, complete=highest == most)
     elif isinstance(model, Continuum) or model.dof <= LARGEST_FULL:
-        growth = _growth(model, at, count)
-        highest = min(max([count, *growth.added]), most)
+        growing = _growing_modes(model, at, count)
+        highest = min(max([count, *growing.added]), most)
     # If damping is so strong that modes do not oscillate, their numbers are a convention. As few as
     # possible are followed then, until all growing roots have a branch.
     overdamped = pipe.damping * (math.pi * highest) ** 2 > 2.0
     reached = most if most <= FEW_MODES else min(math.ceil(reach.modes_reached(end)) + 2, most)
     followed, highest = (count if overdamped else highest), max(highest, reached)
-    loci, complete = None, growth.complete
+    loci, complete = None, growing.complete
     while True:
         try:
             loci = branches_followed(model, at, followed, shown)
@@ -195,12 +199,12 @@ def root_loci(
             continue
         grows = loci.eigenvalues.real > loci.errors
         both = (loci.eigenvalues.imag != 0.0) | (loci.partners.real > loci.errors)
-        missed = bool(np.any(np.sum(grows * (1 + both), axis=1) < growth.roots))
+        missed = bool(np.any(np.sum(grows * (1 + both), axis=1) < growing.roots))
         complete &= not missed or followed < highest
         if not (missed and complete):
             break
         followed = min(followed + max(1, followed // 2), highest)
-    wanted = (loci.modes <= count) | np.isin(loci.modes, growth.added)
+    wanted = (loci.modes <= count) | np.isin(loci.modes, growing.added)
     kept = np.flatnonzero(wanted | (loci.eigenvalues.real > loci.errors).any(axis=0))
     every = ("eigenvalues", "partners", "converged", "errors")
     return replace(
@@ -222,7 +226,7 @@ def _rests_without_flow(model: AnyModel) -> bool:
 
 
 @dataclass(frozen=True)
-class _Growth:
+class _GrowingModes:
     """The modes of a model that grow in a range of speeds.
 
     Attributes:
@@ -237,7 +241,7 @@ class _Growth:
     complete: bool
 
 
-def _growth(model: AnyModel, at: Array, count: int) -> _Growth:
+def _growing_modes(model: AnyModel, at: Array, count: int) -> _GrowingModes:
     """The modes that grow at a speed from the first of `at` to the last one."""
     found: tuple[Crossing, ...] = ()
     complete, pipe, searched = True, model.pipe, model
@@ -271,9 +275,9 @@ def _growth(model: AnyModel, at: Array, count: int) -> _Growth:
     known = max(every, default=0) < resolved and {*every} <= {*range(1, count + 1), *added}
     speeds = of_each(found, "speed")
     roots = np.array([at_rest, *(one.unstable_after for one in found)])
-    near = (np.abs(at[:, None] - speeds) <= CLOSE * (1.0 + speeds)).any(axis=1)
+    near = (np.abs(at[:, None] - speeds) <= BESIDE_CROSSING * (1.0 + speeds)).any(axis=1)
     numbers = np.where(near, 0, roots[np.searchsorted(speeds, at, side="right")])
-    return _Growth(added, numbers, complete and known)
+    return _GrowingModes(added, numbers, complete and known)
 
 
 def branches_followed(model: AnyModel, speeds: Array, count: int, shown: bool = False) -> RootLoci:
@@ -360,44 +364,45 @@ def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci
 
 
 def _told_apart(problem: Eigenproblem, loci: RootLoci) -> RootLoci:
-    """Root loci in which no two branches are the same pair.
+    """Root loci in which no two branches have the same root.
 
-    The greater roots of two real pairs may meet and become a complex pair, as in a pipe that two
-    modes buckle at rest. The core then follows this pair on both branches. The later branch gets
-    the pair that is left, of the lesser roots: it is found among the roots that no branch has, as
-    the one next to its place at the speed before.
+    Roots of two real pairs may meet and become a complex pair, as in a pipe that two modes buckle
+    at rest. The core then follows this pair on both branches. The later one gets a root that no
+    branch has instead: the one next to its root at the speed before.
     """
-    values, partners = loci.eigenvalues.copy(), loci.partners.copy()
-    converged, errors, count = loci.converged.copy(), loci.errors.copy(), values.shape[1]
-    for i, k in itertools.combinations(range(count), 2):
-        one, other = loci.eigenvalues[:, i], loci.eigenvalues[:, k]
-        upper = ((one == other) | (one == other.conj())) & (one != 0.0)
-        rows = np.flatnonzero(
-            upper & (one.imag != 0.0) | (upper & (partners[:, i] == partners[:, k]))
-        )
-        for row in rows:
-            asked = min(4 * count + 16, 2 * problem.dof) if problem.is_long else 2 * problem.dof
-            found = problem.lowest(float(loci.speeds[row]), asked, left=True)
-            left, others = [*range(found.values.size)], np.delete(np.arange(count), k)
-            for root in (*values[row, others], *partners[row, others]):
-                if left:
-                    left.remove(min(left, key=lambda j: abs(found.values[j] - root)))
-            if row == 0 or len(left) < 2:
-                continue
-            before = (partners[row - 1, i], partners[row - 1, k])
-            if row - 1 in rows:
-                before = (values[row - 1, k], partners[row - 1, k])
-            first = min(left, key=lambda j: min(abs(found.values[j] - at) for at in before))
-            left.remove(first)
-            near = found.values[first].conjugate()
-            if not near.imag:
-                left = [j for j in left if not found.values[j].imag] or left
-                near = max(before, key=lambda at: abs(at - near))
-            second = min(left, key=lambda j: abs(found.values[j] - near))
-            pair = sorted(
-                (first, second), key=lambda j: (found.values[j].imag, found.values[j].real)
-            )
-            partners[row, k], values[row, k] = found.values[pair]
-            converged[row, k] = found.converged[pair].all()
+    tables = np.stack([loci.eigenvalues, loci.partners], axis=-1)
+    converged, errors, count = loci.converged.copy(), loci.errors.copy(), loci.modes.size
+    for row, roots in enumerate(tables):
+        known = roots[np.isfinite(roots) & (roots != 0.0)]
+        if np.unique(known).size == known.size:
+            continue
+        asked = min(4 * count + 16, 2 * problem.dof) if problem.is_long else 2 * problem.dof
+        found = problem.lowest(float(loci.speeds[row]), asked, left=True)
+        there, left = found.values, [*range(found.values.size)]
+        own = np.full(roots.shape, -1)  # indices of roots among those found
+        is_pair = (roots[:, 1] == roots[:, 0].conj()) | ~roots.imag.any(axis=1)
+        for place in sorted(np.ndindex(*roots.shape), key=lambda at: not is_pair[at[0]]):
+            nearest = min(left, key=lambda j: abs(there[j] - roots[place]), default=-1)
+            if abs(there[nearest] - roots[place]) < SAME_ROOT * (1.0 + abs(roots[place])):
+                own[place] = nearest
+                left.remove(nearest)
+        for k in np.flatnonzero((own < 0).any(axis=1)).tolist():
+            for slot in (0, 1):
+                if own[k, slot] >= 0 or not left:
+                    continue
+                other = own[k, 1 - slot]
+                near = tables[max(row - 1, 0), k, slot]
+                if other < 0:
+                    some = left
+                elif there[other].imag:
+                    some, near = left, there[other].conjugate()
+                else:
+                    some = [j for j in left if not there[j].imag] or left
+                own[k, slot] = min(some, key=lambda j: abs(there[j] - near))
+                left.remove(own[k, slot])
+            pair = sorted(own[k].tolist(), key=lambda j: (-there[j].imag, -there[j].real))
+            roots[k] = there[pair]
+            converged[row, k] = found.converged[pair].all() and (own[k] >= 0).all()
             errors[row, k] = found.uncertain[pair].max() if found.uncertain.size else math.inf
+    values, partners = np.moveaxis(tables, -1, 0).copy()
     return replace(loci, eigenvalues=values, partners=partners, converged=converged, errors=errors)

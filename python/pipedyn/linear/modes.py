@@ -231,7 +231,7 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
         (array([-4.8  +4.01j, -2.42+16.61j]), 2)
         >>> hose = pp.Pipe(0.225, gamma=998.0)  # flutters in its fifth mode
         >>> pp.modes(pp.Continuum(hose), 24.0, count=1).eigenvalues.round(1)
-        array([-29.3 +49.4j,   4.4+180.2j])
+        array([-34.3 +30.8j,  11.8+169.8j])
 
     Raises:
         NotConverged: if the continuous pipe's eigenvalues do not converge as the basis grows, or
@@ -240,13 +240,13 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
     """
     u, count = _checked_question(model, u, count, roots=2)
     roots = None if count is None else 2 * count
-    found = roots_and_shapes(model, u, roots, _searched(model, u))
+    found = roots_and_shapes(model, u, roots, _looked_at(model, u))
     above = np.flatnonzero(~(found.eigenvalues.imag < 0.0))
     growing = above[grows(np.nan_to_num(found.eigenvalues[above]))]
     return _selected(found, np.union1d(above[:count], growing))
 
 
-def _searched(model: AnyModel, u: float) -> int:
+def _looked_at(model: AnyModel, u: float) -> int:
     """Number of lowest roots among which growing ones are looked for."""
     pipe, reach = model.pipe, Reach(model.pipe)
     if pipe.flow == "aspirating" and not (pipe.end_held or pipe.damping or pipe.hysteresis):

@@ -104,7 +104,7 @@ def root_loci(
     if highest is not None:
         end = check.real("highest", highest, low=0.0, open_low=True)
     rate, turn = view.one(GROWTH), 1.0 if plane == "lambda" else -1.0j
-    smooth, unit = _smooth(loci), view.one(FLOW_SPEED)
+    smooth, unit = _smooth_branches(loci), view.one(FLOW_SPEED)
     branches = branches_of(smooth)
     norm = Normalize(0.0, unit * (end or 1.0))
     places = turn * rate * branches
@@ -170,7 +170,7 @@ def frequencies(
     ax, view = _checked_axes(loci, benchmark, units, ax, FLOW_SPEED, ROOT_FREQUENCY)
     for name, given in (("numbers", numbers), ("bar", bar)):
         check.flag(name, given)
-    smooth = _smooth(loci)
+    smooth = _smooth_branches(loci)
     branches = branches_of(smooth)
     if largest is None:
         largest = float(np.nanmax(np.abs(branches.real), initial=0.0))
@@ -207,7 +207,7 @@ def _checked_axes(
     return view.axes(ax, (4.8, 4.2), x, y), view
 
 
-def _smooth(loci: RootLoci) -> RootLoci:
+def _smooth_branches(loci: RootLoci) -> RootLoci:
     """Branches at speeds so close that their polygons look smooth, by Akima's interpolation.
 
     A pair meets on the real axis with vertical tangents, where neither root has a slope. The sum
