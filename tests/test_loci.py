@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 from independent import chain_newton_step, companion_eigenvalues, distances, series_newton_step
+from saved_things import path_of
 from scipy.optimize import linear_sum_assignment
 
 import pipedyn as pp
@@ -276,7 +277,6 @@ def test_a_branch_that_grows_only_between_two_speeds_is_followed():
     """The sixth mode flutters from 29.365 to 30.375."""
     loci = pp.root_loci(pp.Continuum(HOSE), [0.0, 29.0, 30.5], count=2)
     assert loci.modes.tolist() == [1, 2, 5, 6]
-    assert (loci.eigenvalues[:, 3].real < 0.0).all() or loci.eigenvalues[0, 3].real == 0.0
     assert (loci.eigenvalues[1:, 3].real < 0.0).all()
 
 
@@ -325,8 +325,8 @@ def test_no_growing_root_of_random_pipes_is_missed_by_their_branches(seed):
             loci = pp.root_loci(model, np.linspace(rng.choice([0.0, end / 2.0]), end, 21), 1)
             assert loci.eigenvalues.shape == (21, loci.modes.size)
             assert not (loci.complete and missed(model, loci)), (pipe, model)
-            complete += loci.complete
-    assert complete >= 8  # undamped aspirating pipes and few others are not
+            complete += loci.complete or (pipe.flow == "aspirating" and not pipe.damping)
+    assert complete >= 11
 
 
 def test_all_branches_of_a_pipe_that_two_modes_buckle_are_different_pairs():
@@ -404,3 +404,20 @@ def test_the_modes_at_one_speed_have_all_that_grow(model):
         assert shape.eigenvalue == value
         assert np.abs(shape(np.linspace(0.0, 1.0, 801))).max() == pytest.approx(1.0, abs=1e-3)
     assert pp.modes(model, 5.0, count=1).eigenvalues.size == 1
+
+
+def test_a_file_of_an_earlier_version_has_the_numbers_of_its_first_modes():
+    old = pp.load(path_of("RootLoci"))
+    assert old.modes.tolist() == [*range(1, old.eigenvalues.shape[1] + 1)]
+    assert not old.complete
+
+
+def test_a_table_of_branches_says_which_modes_they_are(tmp_path):
+    loci = pp.root_loci(pp.Chain(HOSE, 20), [0.0, 24.0], count=1)
+    header, *lines = loci.to_csv().splitlines()
+    column = header.split(",").index("mode")
+    assert [int(line.split(",")[column]) for line in lines] == [1, 5, 1, 5]
+    loci.save(tmp_path / "loci.npz")
+    again = pp.load(tmp_path / "loci.npz")
+    np.testing.assert_array_equal(again.modes, loci.modes)
+    assert again.complete

@@ -18,7 +18,7 @@ from pipedyn.linear.critical_speed import (
     stability_losses,
     unstable_at_rest,
 )
-from pipedyn.linear.eigenproblem import Eigenproblem, eigenproblem
+from pipedyn.linear.eigenproblem import Eigenproblem, eigenproblem, select_pairs
 from pipedyn.linear.modes import (
     CONTINUUM_COUNT,
     FEW_MODES,
@@ -377,7 +377,8 @@ def _told_apart(problem: Eigenproblem, loci: RootLoci) -> RootLoci:
         if np.unique(known).size == known.size:
             continue
         asked = min(4 * count + 16, 2 * problem.dof) if problem.is_long else 2 * problem.dof
-        found = problem.lowest(float(loci.speeds[row]), asked, left=True)
+        u = float(loci.speeds[row])
+        found = problem.lowest(u, asked, left=True)
         there, left = found.values, [*range(found.values.size)]
         own = np.full(roots.shape, -1)  # indices of roots among those found
         is_pair = (roots[:, 1] == roots[:, 0].conj()) | ~roots.imag.any(axis=1)
@@ -403,6 +404,6 @@ def _told_apart(problem: Eigenproblem, loci: RootLoci) -> RootLoci:
             pair = sorted(own[k].tolist(), key=lambda j: (-there[j].imag, -there[j].real))
             roots[k] = there[pair]
             converged[row, k] = found.converged[pair].all() and (own[k] >= 0).all()
-            errors[row, k] = found.uncertain[pair].max() if found.uncertain.size else math.inf
+            errors[row, k] = problem.errors(u, select_pairs(found, np.array(pair))).max()
     values, partners = np.moveaxis(tables, -1, 0).copy()
     return replace(loci, eigenvalues=values, partners=partners, converged=converged, errors=errors)

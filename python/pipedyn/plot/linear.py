@@ -208,7 +208,7 @@ def _checked_axes(
 
 
 def _smooth_branches(loci: RootLoci) -> RootLoci:
-    """Branches at speeds so close that their polygons look smooth, by Akima's interpolation.
+    """Branches at speeds so close that their polygons look smooth, by Akima's modified interpolation.
 
     A pair meets on the real axis with vertical tangents, where neither root has a slope. The sum
     and the product of the pair do, so that these are interpolated. A root that has met one of
@@ -251,7 +251,8 @@ def _smooth_branches(loci: RootLoci) -> RootLoci:
             both = np.column_stack([some, rest] if alone else [0.5 * (some + rest), some * rest])
             parts_of = np.hstack([both.real, np.abs(both.imag)])
             if end - begin > 1:
-                parts_of = Akima1DInterpolator(loci.speeds[begin:end], parts_of)(speeds[inside])
+                curve = Akima1DInterpolator(loci.speeds[begin:end], parts_of, method="makima")
+                parts_of = curve(speeds[inside])
             first, second = (parts_of[:, :2] + 1j * parts_of[:, 2:] * alone).T
             if not alone:
                 apart = np.sqrt(first**2 - second)
