@@ -208,7 +208,7 @@ def _checked_axes(
 
 
 def _smooth_branches(loci: RootLoci) -> RootLoci:
-    """Branches at speeds so close that their polygons look smooth, by Akima's modified interpolation.
+    """Branches at so many speeds that their polygons look smooth, by modified Akima splines.
 
     A pair meets on the real axis with vertical tangents, where neither root has a slope. The sum
     and the product of the pair do, so that these are interpolated. A root that has met one of
@@ -255,7 +255,7 @@ def _smooth_branches(loci: RootLoci) -> RootLoci:
                 parts_of = curve(speeds[inside])
             first, second = (parts_of[:, :2] + 1j * parts_of[:, 2:] * alone).T
             if not alone:
-                apart = np.sqrt(first**2 - second)
+                apart = np.sqrt((first.real**2 - second.real).astype(complex))
                 first, second = first + apart, first - apart
             values[inside, k], partners[inside, k] = first, second
             values[inside, k][::parts], partners[inside, k][::parts] = some, rest
