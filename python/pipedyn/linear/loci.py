@@ -25,6 +25,7 @@ from pipedyn.linear.modes import (
     LARGEST_FULL,
     LARGEST_VECTORS,
     checked_count,
+    feeds_every_mode,
     largest_speed,
 )
 from pipedyn.linear.reach import Reach
@@ -173,11 +174,12 @@ def root_loci(
         model.require_equilibrium(float(at[0]), float(at[-1]))
         most = min(most, LARGEST_VECTORS // model.dof)
     reach, end, pipe = Reach(model.pipe), float(at[-1]), model.pipe
+    fed = feeds_every_mode(model)
     growing, highest = _GrowingModes([], np.zeros(at.size), False), count
     if not _rests_without_flow(model):  # a bent pipe rests at one speed, whose roots decide
         highest = max(count, min(reach.modes_within(end), most))
         growing = replace(growing, complete=highest == most)
-    elif isinstance(model, Continuum) or model.dof <= LARGEST_FULL:
+    elif (isinstance(model, Continuum) or model.dof <= LARGEST_FULL) and not fed:
         growing = _growing_modes(model, at, count)
         highest = min(max([count, *growing.added]), most)
     # If damping is so strong that modes do not oscillate, their numbers are a convention. As few as

@@ -246,11 +246,18 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
     return _selected(found, np.union1d(above[:count], growing))
 
 
+def feeds_every_mode(model: AnyModel) -> bool:
+    """Whether the smallest flow makes all modes grow, as in an aspirating pipe without damping."""
+    pipe = model.pipe
+    damped = pipe.damping or pipe.hysteresis or model.resisted
+    return pipe.flow == "aspirating" and pipe.beta > 0.0 and not (pipe.end_held or damped)
+
+
 def _looked_at(model: AnyModel, u: float) -> int:
     """Number of lowest roots among which growing ones are looked for."""
-    pipe, reach = model.pipe, Reach(model.pipe)
-    if pipe.flow == "aspirating" and not (pipe.end_held or pipe.damping or pipe.hysteresis):
+    if feeds_every_mode(model):
         return 0
+    reach = Reach(model.pipe)
     if isinstance(model, Continuum):
         return 2 * (math.ceil(reach.modes_reached(u)) + 2)
     few = min(reach.modes_within(u), LARGEST_VECTORS // (2 * model.dof))
