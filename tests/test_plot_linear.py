@@ -133,3 +133,16 @@ def test_mode_shapes_have_all_that_grow_and_no_legend_if_asked_for_none():
     assert plot.mode_shapes(found, 2, legend=False, ax=axes()).get_legend() is None
     with pytest.raises(TypeError, match="legend must be True or False"):
         plot.mode_shapes(found, legend=1, ax=axes())
+
+
+@pytest.mark.parametrize("layout", ["constrained", "tight"])
+def test_a_bar_of_its_own_leaves_a_picture_its_place_in_a_figure_of_four(layout):
+    figure = plot.Figure(figsize=(7.0, 5.0), layout=layout)
+    four = figure.subplots(2, 2)
+    for ax in four.flat:
+        plot.frequencies(HOSE_LOCI, ax=ax)
+    figure.draw_without_rendering()
+    boxes = [ax.get_window_extent() for ax in figure.axes]
+    assert len(boxes) == 8
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+    assert all(box.width > 0.25 * figure.bbox.width for box in boxes[:4])

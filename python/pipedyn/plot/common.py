@@ -110,7 +110,8 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
     if isinstance(shown[0].norm, SymLogNorm):
         look["ticks"] = SymmetricalLogLocator(base=10, linthresh=1.0, subs=(1.0, 3.0))
         look["format"] = "{x:g}"
-    bar = every[0].figure.colorbar(shown[0], ax=every, label=label, **look)
+    at = every if len(every) > 1 else every[0]  # tight layouts know bars of one Axes only
+    bar = every[0].figure.colorbar(shown[0], ax=at, label=label, **look)
     bar.minorticks_off()
     return cast("Axes", bar.ax)
 
