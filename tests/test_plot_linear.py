@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Pictures of the linear analysis: which curves they have, and what is written next to these."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -146,3 +147,13 @@ def test_a_bar_of_its_own_leaves_a_picture_its_place_in_a_figure_of_four(layout)
     assert len(boxes) == 8
     assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
     assert all(box.width > 0.25 * figure.bbox.width for box in boxes[:4])
+
+
+@pytest.mark.parametrize("draw", [plot.root_loci, plot.frequencies])
+def test_a_picture_without_growth_says_if_higher_modes_may_grow(draw):
+    def note(loci):
+        return draw(loci, ax=axes()).get_title(loc="right")
+
+    assert note(replace(LOCI, complete=False)) == "higher modes may be unstable"
+    assert note(LOCI) == ""
+    assert note(replace(HOSE_LOCI, complete=False)) == ""

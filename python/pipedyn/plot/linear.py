@@ -204,7 +204,10 @@ def _checked_axes(
     check.instance("loci", loci, RootLoci)
     check.instance("benchmark", benchmark, RootLoci | None, "of type RootLoci")
     view = View(units, loci.pipe)
-    return view.axes(ax, (4.8, 4.2), x, y), view
+    ax = view.axes(ax, (4.8, 4.2), x, y)
+    if not loci.complete and not (growth(loci.eigenvalues) > 0.0).any():
+        ax.set_title("higher modes may be unstable", loc="right", size="small")
+    return ax, view
 
 
 def _smooth_branches(loci: RootLoci) -> RootLoci:
