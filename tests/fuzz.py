@@ -1503,7 +1503,10 @@ def _pictures() -> Iterator[Target]:
         )
 
     calls: dict[str, dict[str, Kind]] = {
-        "root_loci": {"loci": loci, "benchmark": optional(loci), "highest": top},
+        "root_loci": {
+            **{"loci": loci, "benchmark": optional(loci), "highest": top},
+            "plane": word("lambda", "omega"),
+        },
         "frequencies": {"loci": loci, "benchmark": optional(loci), "largest": top},
         "mode_shapes": {"modes": of(MODES), "count": count(1, 4, 1001)},
         "convergence": {"families": named([CRITICAL]), "exact": of(CRITICAL)},

@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 from independent import chain_newton_step, companion_eigenvalues, distances, series_newton_step
+from saved_things import path_of
 from scipy.optimize import linear_sum_assignment
 
 import pipedyn as pp
@@ -234,3 +235,189 @@ def test_no_two_branches_go_on_as_one_root_where_roots_crowd():
     loci = pp.root_loci(pp.Galerkin(pipe, 40, "legendre"), np.linspace(0.0, 5.5266, 40), count=4)
     gaps = np.abs(loci.eigenvalues[:, :, None] - loci.eigenvalues[:, None])
     assert (gaps + np.eye(4) > 0.0).all()
+
+
+HOSE = pp.Pipe(0.225, gamma=998.0)
+"""1.2 m of silicone tube, which flutters in its fifth mode at u = 23.4 and, up to 36, in the sixth,
+seventh and eighth as well."""
+
+
+def missed(model, loci, tolerance=1e-6):
+    """Growing eigenvalues of dense matrices, below |lambda| = 2000, that no branch has."""
+    found = []
+    for u, values, partners in zip(loci.speeds, loci.eigenvalues, loci.partners, strict=True):
+        roots = companion_eigenvalues(*model.operators().at(u))
+        grows = (roots.real > 1e-5 * (1.0 + np.abs(roots))) & (np.abs(roots) < 2000.0)
+        apart = np.abs(np.concatenate([values, partners])[:, None] - roots[grows]).min(axis=0)
+        found += roots[grows][apart > tolerance * (1.0 + np.abs(roots[grows]))].tolist()
+    return found
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        pp.Continuum(HOSE),
+        *(pp.Chain(HOSE, n) for n in (10, 40, 100)),
+        *(pp.Galerkin(HOSE, 16, basis) for basis in ("beam", "legendre")),
+    ],
+    ids=["continuum", "10 segments", "40 segments", "100 segments", "beam", "legendre"],
+)
+def test_every_mode_of_a_hose_that_flutters_has_a_branch(model):
+    for speeds in (np.linspace(0.0, 36.0, 37), np.array([20.0, 28.0, 36.0])):
+        loci = pp.root_loci(model, speeds, count=2)
+        flutters = {one.mode for one in pp.crossings(model, 36.0) if one.destabilising}
+        assert loci.modes.tolist() == sorted({1, 2, *flutters})
+        assert loci.complete
+        dense = model.frozen(60) if isinstance(model, pp.Continuum) else model
+        assert missed(dense, loci) == []
+    assert pp.root_loci(model, [0.0, 18.0], count=2).modes.tolist() == [1, 2]
+
+
+def test_a_branch_that_grows_only_between_two_speeds_is_followed():
+    """The sixth mode flutters from 29.365 to 30.375."""
+    loci = pp.root_loci(pp.Continuum(HOSE), [0.0, 29.0, 30.5], count=2)
+    assert loci.modes.tolist() == [1, 2, 5, 6]
+    assert (loci.eigenvalues[1:, 3].real < 0.0).all()
+
+
+def test_modes_are_counted_from_rest_wherever_the_speeds_begin():
+    for model in (pp.Continuum(HOSE), pp.Chain(HOSE, 20)):
+        from_rest = pp.root_loci(model, [0.0, 26.0, 28.0], count=6)
+        later = pp.root_loci(model, [26.0, 28.0], count=6)
+        np.testing.assert_array_equal(later.modes, from_rest.modes)
+        np.testing.assert_array_equal(later.speeds, [26.0, 28.0])
+        np.testing.assert_allclose(later.eigenvalues, from_rest.eigenvalues[1:], rtol=1e-6)
+
+
+def random_pipe(rng):
+    """A pipe, often buckled or aspirating, damped or held at both ends, with terms or without."""
+    terms = []
+    if rng.random() < 0.3:
+        terms.append(pp.Spring(rng.uniform(0.2, 0.95), 10.0 ** rng.uniform(0.0, 3.0)))
+    if rng.random() < 0.3:
+        place = 1.0 if rng.random() < 0.5 else rng.uniform(0.2, 0.95)
+        terms.append(pp.PointMass(at=place, mass=10.0 ** rng.uniform(-2.0, 0.5)))
+    end = "free"
+    if place_is_free := all(getattr(one, "at", 0.0) < 1.0 for one in terms):
+        end = rng.choice(["free", "free", "pinned", "clamped", "guided"])
+    flow = "aspirating" if place_is_free and rng.random() < 0.3 else "ejecting"
+    return pp.Pipe(
+        rng.uniform(0.01, 0.95),
+        gamma=rng.choice([0.0, 10.0, -5.0, 100.0, 1000.0, -100.0]),
+        damping=rng.choice([0.0, 0.0, 1e-4, 1e-3, 1e-2]),
+        flow=str(flow),
+        end=str(end),
+        terms=terms,
+    )
+
+
+@pytest.mark.parametrize("seed", range(15))
+def test_no_growing_root_of_random_pipes_is_missed_by_their_branches(seed):
+    """Against all eigenvalues of dense matrices; where branches are not complete, they say so."""
+    rng = np.random.default_rng(seed)
+    complete = 0
+    for _ in range(6):
+        pipe, end = random_pipe(rng), rng.choice([6.0, 10.0, 16.0, 30.0])
+        for model in (
+            pp.Chain(pipe, int(rng.integers(3, 20))),
+            pp.Galerkin(pipe, int(rng.integers(3, 20)), str(rng.choice(["beam", "legendre"]))),
+        ):
+            loci = pp.root_loci(model, np.linspace(rng.choice([0.0, end / 2.0]), end, 21), 1)
+            assert loci.eigenvalues.shape == (21, loci.modes.size)
+            assert not (loci.complete and missed(model, loci)), (pipe, model)
+            complete += loci.complete or (pipe.flow == "aspirating" and not pipe.damping)
+    assert complete >= 11
+
+
+def test_all_branches_of_a_pipe_that_two_modes_buckle_are_different_pairs():
+    """The greater roots of two real pairs meet: one branch has this pair, the other the rest."""
+    pipe = pp.Pipe(0.458, gamma=-100.0, terms=[pp.PointMass(at=0.535, mass=0.085)])
+    for model in (pp.Galerkin(pipe, 4, "beam"), pp.Galerkin(pipe, 4), pp.Chain(pipe, 6)):
+        speeds = np.linspace(0.0, 30.0, 61)
+        loci = pp.root_loci(model, speeds, count=model.dof)
+        for u, values, partners in zip(speeds, loci.eigenvalues, loci.partners, strict=True):
+            both = np.concatenate([values, partners])
+            reference = companion_eigenvalues(*model.operators().at(u))
+            left, right = linear_sum_assignment(np.abs(both[:, None] - reference[None, :]))
+            np.testing.assert_allclose(both[left], reference[right], atol=1e-5, rtol=1e-6)
+
+
+def test_modes_that_buckle_at_rest_have_branches_whatever_the_count():
+    for model in (pp.Continuum(pp.Pipe(0.2, -1000.0)), pp.Chain(pp.Pipe(0.2, -1000.0), 30)):
+        growing = int(np.sum(pp.eigenvalues(model, 0.0, 20).real > 0.0))
+        loci = pp.root_loci(model, [0.0, 1.0], count=1)
+        assert growing > 3
+        assert loci.modes.tolist() == [*range(1, growing + 1)]
+        assert (loci.eigenvalues[0].real > 0.0).all()
+
+
+@pytest.mark.parametrize("damping", [0.0, 1e-5, 1e-3])
+def test_an_aspirating_pipe_says_whether_more_modes_grow_than_have_branches(damping):
+    """Without damping all modes grow from the smallest flow on; the lowest then say enough."""
+    pipe = pp.Pipe(0.2, flow="aspirating", alpha=0.5, damping=damping)
+    for model in (pp.Continuum(pipe), pp.Chain(pipe, 12)):
+        loci = pp.root_loci(model, np.linspace(0.0, 12.0, 13), count=2)
+        assert (loci.eigenvalues[-1, :2].real > 0.0).all()
+        assert loci.complete == (damping > 0.0)
+        grow = np.array([pp.eigenvalues(model, 12.0, 24).real > 0.0]).sum() // 2
+        assert loci.modes.size == (2 if damping == 0.0 else grow)
+
+
+def test_hysteretic_branches_that_grow_are_followed():
+    model = pp.Chain(pp.Pipe(0.225, gamma=998.0, hysteresis=0.02), 20)
+    loci = pp.root_loci(model, [0.0, 20.0, 34.0], count=2)
+    roots = pp.eigenvalues(model, 34.0)
+    growing = roots[(roots.real > 0.0) & (roots.imag > 0.0)]
+    assert growing.size > 2
+    np.testing.assert_allclose(
+        np.sort_complex(loci.eigenvalues[-1][loci.eigenvalues[-1].real > 0.0]),
+        np.sort_complex(growing),
+        rtol=1e-9,
+    )
+
+
+def test_a_bent_pipe_that_grows_in_a_high_mode_says_so():
+    chain = pp.Chain(pp.Pipe(0.225, gamma=998.0, jet_angle=0.02), 12)
+    rest = pp.equilibria(chain, 30.0).q[0]
+    loci = pp.root_loci(chain.about(rest), [30.0], count=1)
+    roots = pp.eigenvalues(chain.about(rest), 30.0)
+    growing = roots[(roots.real > 1e-6) & (roots.imag >= 0.0)]
+    assert growing.size > 0
+    assert loci.complete
+    assert all(np.abs(loci.eigenvalues[0] - one).min() < 1e-6 * abs(one) for one in growing)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [pp.Continuum(HOSE), pp.Chain(HOSE, 12), pp.Chain(HOSE, 100), pp.Galerkin(HOSE, 20)],
+    ids=["continuum", "chain", "long chain", "beam"],
+)
+def test_the_modes_at_one_speed_have_all_that_grow(model):
+    found = pp.modes(model, 26.0, count=1)
+    every = pp.eigenvalues(model, 26.0, 24)
+    growing = every[(every.real > 0.0) & (every.imag >= 0.0)]
+    assert growing.size > 0
+    np.testing.assert_allclose(found.eigenvalues[1:], growing, rtol=1e-9)
+    assert found.converged.all()
+    assert (found.errors < 1e-6 * np.abs(found.eigenvalues)).all()
+    for shape, value in zip(found.shapes, found.eigenvalues, strict=True):
+        assert shape.eigenvalue == value
+        assert np.abs(shape(np.linspace(0.0, 1.0, 801))).max() == pytest.approx(1.0, abs=1e-3)
+    assert pp.modes(model, 5.0, count=1).eigenvalues.size == 1
+
+
+def test_a_file_of_an_earlier_version_has_the_numbers_of_its_first_modes():
+    old = pp.load(path_of("RootLoci"))
+    assert old.modes.tolist() == [*range(1, old.eigenvalues.shape[1] + 1)]
+    assert not old.complete
+
+
+def test_a_table_of_branches_says_which_modes_they_are(tmp_path):
+    loci = pp.root_loci(pp.Chain(HOSE, 20), [0.0, 24.0], count=1)
+    header, *lines = loci.to_csv().splitlines()
+    column = header.split(",").index("mode")
+    assert [int(line.split(",")[column]) for line in lines] == [1, 5, 1, 5]
+    loci.save(tmp_path / "loci.npz")
+    again = pp.load(tmp_path / "loci.npz")
+    np.testing.assert_array_equal(again.modes, loci.modes)
+    assert again.complete

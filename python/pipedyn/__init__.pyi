@@ -68,12 +68,12 @@ from pipedyn.linear.identification import Identification as Identification
 from pipedyn.linear.identification import Measurement as Measurement
 from pipedyn.linear.identification import NotIdentifiable as NotIdentifiable
 from pipedyn.linear.identification import identify as identify
+from pipedyn.linear.loci import RootLoci as RootLoci
+from pipedyn.linear.loci import root_loci as root_loci
 from pipedyn.linear.modes import Modes as Modes
 from pipedyn.linear.modes import ModeShape as ModeShape
-from pipedyn.linear.modes import RootLoci as RootLoci
 from pipedyn.linear.modes import eigenvalues as eigenvalues
 from pipedyn.linear.modes import modes as modes
-from pipedyn.linear.modes import root_loci as root_loci
 from pipedyn.linear.sensitivity import Crossing as Crossing
 from pipedyn.linear.sensitivity import Crossings as Crossings
 from pipedyn.linear.sensitivity import Derivatives as Derivatives

@@ -21,9 +21,10 @@ from pipedyn.accuracy.quantities import (
     conditions_of,
 )
 from pipedyn.cycles.limit_cycle import NoCycle
-from pipedyn.linear.critical_speed import NoCrossing, Reach
+from pipedyn.linear.critical_speed import NoCrossing
 from pipedyn.linear.modes import CONTINUUM_SPEED, modes
 from pipedyn.linear.neutral import growth
+from pipedyn.linear.reach import Reach
 from pipedyn.models.base import core_pipe
 from pipedyn.models.continuum import LARGEST, Continuum
 from pipedyn.models.drive import InputUnits, Pulsation, Supply

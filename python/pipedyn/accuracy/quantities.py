@@ -24,7 +24,8 @@ from pipedyn.accuracy.convergence import FAMILIES
 from pipedyn.attraction.from_motion import LARGEST_CYCLE
 from pipedyn.cycles.limit_cycle import limit_cycle
 from pipedyn.linear.critical_speed import CriticalSpeed, checked_end, critical_speed
-from pipedyn.linear.modes import CONTINUUM_SPEED, eigenvalues, modes, root_loci
+from pipedyn.linear.loci import root_loci
+from pipedyn.linear.modes import CONTINUUM_SPEED, eigenvalues, modes
 from pipedyn.models.base import Model
 from pipedyn.models.continuum import AnyModel, Continuum
 from pipedyn.models.drive import Base, InputUnits, Pulsation, Supply
@@ -264,7 +265,11 @@ class Frequencies(_Eigenvalues):
 @saved_as("RootLociOver")
 @dataclass(frozen=True)
 class RootLociOver(_Eigenvalues):
-    """Branches of eigenvalues over increasing flow speeds, (S,); their largest error counts."""
+    """Branches of eigenvalues over increasing flow speeds, (S,); their largest error counts.
+
+    They are those of the `count` lowest modes at rest and of all others that grow, as `root_loci`
+    finds them.
+    """
 
     name: ClassVar[str] = "root_loci"
     speeds: ArrayLike
@@ -275,13 +280,15 @@ class RootLociOver(_Eigenvalues):
         self._set(speeds=at, count=check.count("count", self.count, high=100))
 
     def answer(self, model: Model) -> Answer:
-        """Branches in the upper half plane, then their partners, shape (S, 2 count)."""
+        """Branches in the upper half plane, then their partners, shape (S, 2 B)."""
         count = min(self.count + 1, model.dof)  # one more, since models may order them differently
         loci = root_loci(model, self.speeds, count)
         if not loci.converged.all():
             raise NotConverged("eigenvalues on the branches failed their residual check", loci)
         pairs = np.stack([loci.eigenvalues, loci.partners], axis=1)  # (S, 2, count)
-        every, asked = (part.reshape(len(part), -1) for part in (pairs, pairs[..., : self.count]))
+        grows = (loci.eigenvalues.real > loci.errors).any(axis=0)
+        asked_for = pairs[..., (loci.modes != self.count + 1) | grows]
+        every, asked = (part.reshape(len(part), -1) for part in (pairs, asked_for))
         return Answer(asked, damping=model.pipe.damping, candidates=every)
 
 
@@ -452,7 +459,7 @@ class MotionOf(_Integrated):
         u = self.steady_speed(pipe)
         model = Galerkin(unbent, max(24, math.ceil(u)) + more, "legendre")
         found = modes(model, u, 4)
-        growth = found.eigenvalues.real  # if all grow equally, the lowest mode is taken
+        growth = found.eigenvalues.real[:4]  # if all grow equally, the lowest mode is taken
         mode = found.shapes[int(np.argmax(growth >= growth.max() - 0.2 * abs(growth.max())))]
         q = 0.05 * mode.coordinates / mode([pipe.tip_place])[0]  # 2 % of such a motion is nonlinear
         bend, rates = np.split(model.initial_state(q.real, (mode.eigenvalue * q).real), 2)

@@ -123,7 +123,7 @@ class Eigenproblem:
                     found = spectrum.lowest(u, asked, left, high=True)
                 still = self.static.lowest(u, min(count, most), left)
                 grows = np.flatnonzero(self.grows_statically(still.values))
-                found = _with_conjugates(found, _select_pairs(still, grows), count)
+                found = _with_conjugates(found, select_pairs(still, grows), count)
         count_factorisations(spectrum.factorisations())
         return found
 
@@ -132,13 +132,13 @@ class Eigenproblem:
         still = (pairs.values.imag == 0.0) & (self.pipe.hysteresis > 0.0)
         errors = np.empty(still.size)
         for problem, which in ((self, ~still), (self.static if still.any() else self, still)):
-            some = _select_pairs(pairs, np.flatnonzero(which))
+            some = select_pairs(pairs, np.flatnonzero(which))
             problem.spectrum().assess(u, some)
             errors[which] = some.uncertain
         return errors
 
 
-def _select_pairs(pairs: _core.Pairs, which: NDArray[np.intp]) -> _core.Pairs:
+def select_pairs(pairs: _core.Pairs, which: NDArray[np.intp]) -> _core.Pairs:
     """The pairs with the indices `which`."""
     right, left = (of[:, which] if of.size else of for of in (pairs.right, pairs.left))
     return _core.Pairs(pairs.values[which], right, left, pairs.residuals[which])
@@ -151,7 +151,7 @@ def _with_conjugates(hysteretic: _core.Pairs, grows: _core.Pairs, count: int) ->
     for value in grows.values if growing.size else ():
         # The nearest growing root is the same motion, changed by the loss factor.
         oscillates[growing[np.abs(hysteretic.values[growing] - value).argmin()]] = False
-    above = _select_pairs(hysteretic, np.flatnonzero(oscillates))
+    above = select_pairs(hysteretic, np.flatnonzero(oscillates))
     values = np.concatenate([above.values, above.values.conj(), grows.values])
     places = np.lexsort((-values.imag, values.real, np.abs(values)))[:count]
     right, left = (
@@ -159,7 +159,7 @@ def _with_conjugates(hysteretic: _core.Pairs, grows: _core.Pairs, count: int) ->
         for a, b in ((above.right, grows.right), (above.left, grows.left))
     )
     residuals = np.concatenate([above.residuals, above.residuals, grows.residuals])
-    return _select_pairs(_core.Pairs(values, right, left, residuals), places)
+    return select_pairs(_core.Pairs(values, right, left, residuals), places)
 
 
 def eigenproblem(model: Model) -> Eigenproblem:

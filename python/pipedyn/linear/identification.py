@@ -20,7 +20,7 @@ import scipy
 
 from pipedyn.linear.critical_speed import CriticalSpeed, critical_speed
 from pipedyn.linear.eigenproblem import eigenproblem
-from pipedyn.linear.modes import root_loci
+from pipedyn.linear.loci import branches_followed
 from pipedyn.models.base import Model
 from pipedyn.models.continuum import Continuum
 from pipedyn.models.pipe import Pipe, checked_pipe
@@ -577,7 +577,7 @@ def _roots_in_flow(model: Model, u: float, count: int) -> Complex:
     if u > MOST_SPEED:
         raise NotConverged(f"at u = {u:.3g} no mode is followed")
     speeds = np.linspace(0.0, u, 2 + math.ceil(u)) if u else np.zeros(1)
-    return root_loci(model, speeds, max(count, 2)).eigenvalues[-1]
+    return branches_followed(model, speeds, max(count, 2)).eigenvalues[-1]
 
 
 def _onset_frequency(onset: CriticalSpeed) -> float:

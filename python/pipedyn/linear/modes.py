@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import field, replace
 from functools import cached_property, partial
@@ -13,25 +12,26 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
-from pipedyn.linear.eigenproblem import eigenproblem
+from pipedyn.linear.eigenproblem import eigenproblem, select_pairs
+from pipedyn.linear.neutral import grows
+from pipedyn.linear.reach import Reach
 from pipedyn.models.base import DENSE_LIMIT, Model
 from pipedyn.models.continuum import (
     TOLERANCE,
     AnyModel,
     Continuum,
-    Converged,
     checked_model,
     converged_answer,
     relative,
 )
-from pipedyn.models.drive import LARGEST_SPEED, require_steady, steady_speed
+from pipedyn.models.drive import LARGEST_SPEED, steady_speed
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import count_factorisations
 from pipedyn.util.errors import NotConverged
-from pipedyn.util.parallel import Progress, one_thread
+from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import RATE, Result, TableResult
 
 LARGEST_FULL = _core.dense_limit
@@ -44,6 +44,9 @@ CONTINUUM_SPEED, CONTINUUM_COUNT = 1000.0, 400
 """Largest u and count for a `Continuum`, whose basis grows with both. At u = 1000, eigenvalues from
 640 and 816 functions differ by 3e-9, which is rounding, so that larger bases do not help; 400
 eigenvalues need dense problems of 816 rows, which take a second each."""
+
+FEW_MODES = 64
+"""Number of modes up to which all roots of a model are computed anyway."""
 
 CLUSTER = 1e-6
 """Relative distance from |lambda| = 1 / damping within which a root belongs to the cluster."""
@@ -176,7 +179,11 @@ class Modes(TableResult, units={"errors": RATE}):
         problem = eigenproblem(self.shapes[0].model)
         # Conjugates that are no modes are among the lowest roots, too.
         roots = self.eigenvalues.size + int(np.nansum(np.sign(self.eigenvalues.imag)))
-        pairs = problem.lowest(self.speed, roots, left=True)
+        highest = np.nanmax(np.abs(self.eigenvalues), initial=0.0)
+        pairs, most = problem.lowest(self.speed, roots, left=True), 2 * problem.dof
+        while roots < most and np.nanmax(np.abs(pairs.values), initial=0.0) < highest:
+            roots = min(2 * roots, most)  # a mode that grows may lie above others left out
+            pairs = problem.lowest(self.speed, roots, left=True)
         errors = np.full(self.eigenvalues.size, np.inf)
         good = np.flatnonzero(np.isfinite(self.eigenvalues))
         values = self.eigenvalues[good]
@@ -207,18 +214,24 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
     Args:
         model: chain, reduced model or `Continuum`.
         u: flow speed >= 0, in sqrt(EI / mu_f) / L.
-        count: number of modes, from the lowest |lambda|, at most dof (dof / 4 for a long chain);
-            default: all. A conjugate pair of eigenvalues is one mode, and so is a real eigenvalue.
-            A `Continuum` needs a count.
+        count: least number of modes, from the lowest |lambda|, at most dof (dof / 4 for a long
+            chain); default: all. A conjugate pair of eigenvalues is one mode, and so is a real
+            eigenvalue. A `Continuum` needs a count.
 
     Returns:
-        Modes; `converged` is False for those with a large residual. There may be fewer than count,
-        if `eigenvalues` would return fewer than 2 count.
+        Modes. Higher modes follow the lowest if they grow, so that no instability is missed: all
+        that do up to 64 degrees of freedom; in larger models and the continuous pipe those that
+        flow and weight can make unstable; none of an aspirating pipe without damping, all modes of
+        which grow. `converged` is False for those with a large residual. There may be fewer than
+        count, if `eigenvalues` would return fewer than 2 count.
 
     Example:
         >>> found = pp.modes(pp.Chain(pp.Pipe(0.2), 10), 4.0, count=2)
         >>> found.eigenvalues.round(2), len(found.shapes)
         (array([-4.8  +4.01j, -2.42+16.61j]), 2)
+        >>> hose = pp.Pipe(0.225, gamma=998.0)  # flutters in its fifth mode
+        >>> pp.modes(pp.Continuum(hose), 24.0, count=1).eigenvalues.round(1)
+        array([-34.3 +30.8j,  11.8+169.8j])
 
     Raises:
         NotConverged: if the continuous pipe's eigenvalues do not converge as the basis grows, or
@@ -226,18 +239,42 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
         ValueError, TypeError: for arguments out of range or of a wrong type.
     """
     u, count = _checked_question(model, u, count, roots=2)
-    found = roots_and_shapes(model, u, None if count is None else 2 * count)
-    return _selected(found, np.flatnonzero(~(found.eigenvalues.imag < 0.0))[:count])
+    roots = None if count is None else 2 * count
+    found = roots_and_shapes(model, u, roots, _looked_at(model, u))
+    above = np.flatnonzero(~(found.eigenvalues.imag < 0.0))
+    growing = above[grows(np.nan_to_num(found.eigenvalues[above]))]
+    return _selected(found, np.union1d(above[:count], growing))
 
 
-def roots_and_shapes(model: AnyModel, u: float, count: int | None) -> Modes:
-    """The lowest `count` eigenvalues, with both of each conjugate pair, and their mode shapes."""
+def feeds_every_mode(model: AnyModel) -> bool:
+    """Whether the smallest flow makes all modes grow, as in an aspirating pipe without damping."""
+    pipe = model.pipe
+    damped = pipe.damping or pipe.hysteresis or model.resisted
+    return pipe.flow == "aspirating" and pipe.beta > 0.0 and not (pipe.end_held or damped)
+
+
+def _looked_at(model: AnyModel, u: float) -> int:
+    """Number of lowest roots among which growing ones are looked for."""
+    if feeds_every_mode(model):
+        return 0
+    reach = Reach(model.pipe)
+    if isinstance(model, Continuum):
+        return 2 * (math.ceil(reach.modes_reached(u)) + 2)
+    few = min(reach.modes_within(u), LARGEST_VECTORS // (2 * model.dof))
+    return 2 * (model.dof if model.dof <= FEW_MODES else few)
+
+
+def roots_and_shapes(model: AnyModel, u: float, count: int | None, searched: int = 0) -> Modes:
+    """The lowest `count` eigenvalues, with both of each conjugate pair, and their mode shapes.
+
+    Those of the lowest `searched` eigenvalues that grow follow, if they are not among these.
+    """
     found = converged_answer(
         model,
         (u,),
-        lambda one: _modes(one, u, count),
+        lambda one: _modes(one, u, count, searched),
         partial(_basis_change, model.pipe),
-        smallest=max(16, count or 0),
+        smallest=max(16, count or 0, searched),
     )
     if not isinstance(model, Continuum):
         return found.value
@@ -315,10 +352,10 @@ def _checked_question(
         most = CONTINUUM_COUNT
     else:  # of a long chain, some roots are computed at once
         most = 2 * model.dof if model.dof <= DENSE_LIMIT else model.dof // 2
-    return u, _checked_count(count, model, most // roots)
+    return u, checked_count(count, model, most // roots)
 
 
-def _checked_count(count: Any, model: AnyModel, most: int) -> int:
+def checked_count(count: Any, model: AnyModel, most: int) -> int:
     """The argument count, checked to be at most `most`, and its vectors to fit into memory."""
     asked = check.count("count", count, high=most)
     if isinstance(model, Model) and asked * model.dof > LARGEST_VECTORS:
@@ -362,163 +399,17 @@ def _shapes(model: Model, values: Complex, coordinates: Complex) -> tuple[ModeSh
     )
 
 
-def _modes(model: Model, u: float, count: int | None) -> Modes:
-    """The lowest `count` modes of one model, or all if it is None."""
-    pairs = eigenproblem(model).lowest(u, 2 * model.dof if count is None else count)
+def _modes(model: Model, u: float, count: int | None, searched: int) -> Modes:
+    """The lowest `count` modes of one model, or all if it is None, and those that grow.
+
+    Growing modes are looked for among the lowest `searched`.
+    """
+    every = 2 * model.dof
+    count = every if count is None else count
+    pairs = eigenproblem(model).lowest(u, min(max(count, searched), every))
+    if searched > count:
+        values = np.nan_to_num(pairs.values)
+        kept = np.flatnonzero((np.arange(values.size) < count) | grows(values))
+        pairs = select_pairs(pairs, kept)
     shapes = _shapes(model, pairs.values, model.from_elastic(pairs.right))
     return Modes(u, pairs.values, shapes, pairs.residuals, pairs.converged, model.dof)
-
-
-@saved_as("RootLoci")
-class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
-    """Eigenvalues as functions of the flow speed, one branch in each column.
-
-    Attributes:
-        speeds: flow speeds u, shape (S,).
-        eigenvalues: lambda, complex, shape (S, count); a branch starts in the upper half plane, or
-            on the real axis with the greater root of a pair.
-        partners: the other root of each pair, shape (S, count): the conjugate while the pair is
-            complex, the other real root while it is not.
-            With hysteresis, branches follow oscillating roots, and are NaN where strong damping
-            leaves a mode without such a root.
-        converged: whether the residual of each eigenvalue is small enough, shape (S, count).
-        errors: bounds, to first order, on the absolute error of each eigenvalue or its partner,
-            shape (S, count): residual and rounding times the condition number, so that they are
-            large where two roots meet. For `Continuum` the largest change from the basis before the
-            last is added; bounds are infinite for overdamped roots, which need not converge.
-        size: number of degrees of freedom of the model that was solved.
-        pipe: the pipe of the model.
-
-    Example:
-        >>> chain = pp.Chain(pp.Pipe(0.2), n=5)
-        >>> loci = pp.root_loci(chain, [0.0, 3.0, 6.0], count=2)
-        >>> loci.eigenvalues.round(2)
-        array([[  0.   +3.45j,   0.  +20.73j],
-               [ -3.07 +3.61j,  -2.17+17.79j],
-               [-11.35 +0.j  ,   1.73+13.17j]])
-    """
-
-    speeds: Array
-    eigenvalues: Complex = field(repr=False)
-    partners: Complex = field(repr=False)
-    converged: NDArray[np.bool_] = field(repr=False)
-    errors: Array = field(repr=False)
-    size: int
-    pipe: Pipe = field(repr=False)
-
-    def _columns(self) -> dict[str, Any]:
-        count = self.eigenvalues.shape[1]
-        return {
-            "speed": np.repeat(self.speeds, count),
-            "branch": np.tile(np.arange(count), self.speeds.size),
-            "growth_rate": self.eigenvalues.real.ravel(),
-            "frequency": self.eigenvalues.imag.ravel(),
-            "error": self.errors.ravel(),
-            "converged": self.converged.ravel(),
-        }
-
-
-def root_loci(
-    model: AnyModel, speeds: ArrayLike, count: int | None = None, progress: bool = False
-) -> RootLoci:
-    """Branches of eigenvalues, followed continuously along the flow speed.
-
-    Additional speeds are inserted where it is not clear which root continues which branch.
-
-    Args:
-        model: chain, reduced model or `Continuum`.
-        speeds: flow speeds u >= 0, strictly increasing, shape (S,).
-        count: number of branches, which start from the lowest pairs at the first speed; default:
-            four, or all of a model that has fewer.
-        progress: whether to show progress on stderr.
-
-    Returns:
-        RootLoci at the speeds asked for only.
-
-    Example:
-        >>> loci = pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), np.linspace(0.0, 8.0, 41), count=3)
-        >>> loci.eigenvalues.shape
-        (41, 3)
-
-    Raises:
-        NotConverged: if the continuous pipe's branches do not converge as the basis grows.
-        ValueError, TypeError: for arguments out of range or of a wrong type.
-    """
-    checked_model(model)
-    require_steady("speeds", speeds)
-    at = check.array("speeds", speeds, low=0.0, high=largest_speed(model), longest=100_000)
-    if np.any(np.diff(at) <= 0.0):
-        raise ValueError("speeds must be strictly increasing")
-    if count is None:
-        count = 4 if isinstance(model, Continuum) else min(4, model.dof)
-    most = CONTINUUM_COUNT if isinstance(model, Continuum) else model.dof
-    count = _checked_count(count, model, most)
-    shown = check.flag("progress", progress)
-    smallest = max(16, 3 * count, math.ceil(at[-1]))
-    answer: Converged[RootLoci] = converged_answer(
-        model,
-        (float(at[0]), float(at[-1])),
-        lambda one: _root_loci(one, at, count, shown),
-        partial(_loci_change, pipe=model.pipe),
-        tolerance=1e-8,
-        smallest=smallest,
-        largest=smallest + 32,
-    )
-    found = answer.value
-    if not isinstance(model, Continuum):
-        return found
-    scale = np.maximum(np.maximum(np.abs(found.eigenvalues), np.abs(found.partners)), 1.0)
-    unknown = _overdamped(found, model.pipe.damping) | np.isnan(scale)
-    moved = np.where(unknown, np.inf, answer.error * scale)
-    return replace(found, errors=found.errors + moved)
-
-
-def _loci_change(a: RootLoci, b: RootLoci, pipe: Pipe) -> float:
-    """Largest relative change of a root; under damping, overdamped roots are not compared.
-
-    Overdamped roots of neighbouring modes meet and part in the cluster at -1 / delta, so that the
-    choice of a root for each branch is a convention.
-    """
-    delta = pipe.damping
-    compared = ~(_overdamped(a, delta) & _overdamped(b, delta))
-    if pipe.hysteresis:  # NaN is a root that does not exist
-        compared &= np.isfinite(a.eigenvalues) & np.isfinite(b.eigenvalues)
-    moved = relative(a.eigenvalues[compared], b.eigenvalues[compared])
-    if delta > 0.0:
-        return moved
-    return max(moved, relative(a.partners[compared], b.partners[compared]))
-
-
-def _overdamped(loci: RootLoci, delta: float) -> NDArray[np.bool_]:
-    """Which roots are real and decay under damping, or lie in the cluster at -1 / delta."""
-    values = loci.eigenvalues
-    on_axis: NDArray[np.bool_] = (values.imag == 0.0) & (values.real < 0.0)
-    return (on_axis | (np.abs(delta * values + 1.0) < 0.5)) & (delta > 0.0)
-
-
-def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci:
-    """Root loci of one model, computed with more roots until no branch is lost."""
-    # If the requested modes are overdamped, half of their roots lie beyond the cluster at -1 /
-    # delta, and only a computation of all roots finds them.
-    overdamped = model.pipe.damping * (math.pi * count) ** 2 > 2.0
-    problem = eigenproblem(model)
-    spectrum, every = problem.spectrum(), 2 * problem.dof
-    size = every if overdamped else 2 * count + 16
-    with Progress("root loci", shown and speeds.size > 1) as progress:
-        total, done = speeds.size - 1, itertools.count(1)
-
-        def row_done() -> None:
-            row = next(done)
-            progress.to(row / total, f"{min(row, total)}/{total}")
-
-        report = row_done if progress.shown else None
-        while True:
-            size = size if problem.is_long and size < problem.dof else every
-            asked = speeds.tolist(), count, size
-            with one_thread(problem.rows):
-                loci = spectrum.root_loci(*asked, count_factorisations, report)
-            if loci is not None:
-                values, partners = loci.values, loci.partners
-                checks = loci.converged, loci.errors
-                return RootLoci(speeds, values, partners, *checks, problem.dof, model.pipe)
-            size *= 2

@@ -24,7 +24,7 @@ from pipedyn.linear.critical_speed import (
     critical_speed,
     crossings,
 )
-from pipedyn.linear.modes import RootLoci, root_loci
+from pipedyn.linear.loci import RootLoci, root_loci
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.base import Model
 from pipedyn.models.chain import SPRING_RULES, Chain

@@ -119,6 +119,8 @@ def _panel_figure(
     size = 1.5 + 2.05 * columns, 1.1 + 2.1 * rows
     figure = plot.Figure(figsize=size, layout="constrained")
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    axes[0, 0].set_xlim(across)
+    axes[0, 0].set_ylim(-0.03 * top, 1.04 * top)
     letters = iter(string.ascii_lowercase)
     for (i, j), ax in np.ndenumerate(axes):
         if j >= len(findings.panels[i]):
@@ -129,16 +131,31 @@ def _panel_figure(
         if loci is None:
             ax.text(0.5, 0.5, "not computed", transform=ax.transAxes, ha="center")
         else:
-            picture(loci, units=_units_of(case.pipe), ax=ax)
-            beyond = _note_range(ax, across, top)
-            ax.text(0.97, 0.96, beyond, transform=ax.transAxes, ha="right", va="top", size=6.5)
+            picture(loci, bar=False, units=_units_of(case.pipe), ax=ax)
+            _write_in_free_corner(ax, _note_range(ax, across, top))
         ax.label_outer()
     named = "" if _view(case.pipe).si else "; all quantities nondimensional"
     figure.suptitle(f"{_pipe_title(case.pipe)}{named}", fontsize=9.0)
-    shown = plot.colour_bar(bar, ax=axes)
-    axes[0, 0].set_xlim(across)
-    axes[0, 0].set_ylim(-0.03 * top, 1.04 * top)
-    return figure, shown
+    return figure, plot.colour_bar(bar, ax=axes)
+
+
+def _write_in_free_corner(ax: Any, text: str) -> None:
+    """Writes a note in that corner of the Axes in which the fewest curves and numbers lie."""
+    if not text:
+        return
+    places = np.concatenate(
+        [*ax.collections[0].get_segments(), *([number.xy] for number in ax.texts)]
+    )
+    x, y = ax.transAxes.inverted().transform(ax.transData.transform(places)).T
+    inside = (x >= 0.0) & (x <= 1.0) & (y >= 0.0) & (y <= 1.0)
+
+    def crossed(corner: tuple[float, float]) -> int:
+        near = (np.abs(x - corner[0]) < 0.5) & (np.abs(y - corner[1]) < 0.25)
+        return int(np.sum(near & inside))
+
+    right, up = min(((1.0, 1.0), (0.0, 1.0), (1.0, 0.0), (0.0, 0.0)), key=crossed)
+    look = {"ha": "right" if right else "left", "va": "top" if up else "bottom", "size": 6.5}
+    ax.text(0.03 + 0.94 * right, 0.04 + 0.92 * up, text, transform=ax.transAxes, **look)
 
 
 def _note_range(ax: Any, across: tuple[float, float], top: float) -> str:

@@ -91,6 +91,8 @@ def style(column: Literal["single"] | None = None) -> AbstractContextManager[Non
 def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | None:
     """A colour bar next to one or several Axes, for the first collection that they show.
 
+    It replaces the bars that these Axes have.
+
     Args:
         label: label of the bar.
         ax: the Axes, or an array of them in one figure; the current Axes of pyplot if not given.
@@ -116,6 +118,9 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
     shown = [one.collections[0] for one in every if one.collections]
     if not shown:
         return None
+    for one in shown:
+        if one.colorbar is not None:  # of a picture that brought its own
+            one.colorbar.remove()
     look: dict[str, Any] = {"pad": 0.01, "aspect": 40}
     if isinstance(shown[0].norm, SymLogNorm):
         look["ticks"] = SymmetricalLogLocator(base=10, linthresh=1.0, subs=(1.0, 3.0))

@@ -35,7 +35,8 @@ from pipedyn.linear.critical_speed import (
     stability_losses,
     stable_speeds,
 )
-from pipedyn.linear.modes import ModeShape, RootLoci, modes, root_loci
+from pipedyn.linear.loci import RootLoci, root_loci
+from pipedyn.linear.modes import ModeShape, modes
 from pipedyn.linear.neutral import grows, growth
 from pipedyn.linear.stability_curve import StabilityCurve, stability_curve
 from pipedyn.models.chain import Chain
@@ -484,7 +485,8 @@ class ExplorationPicture:
         """Draws root loci, coloured by the flow speed, and the roots at the present speed."""
         of, rate = self._of, self._view.one(units.GROWTH)
         highest = self._highest / self._view.one(units.FLOW_SPEED)
-        linear.root_loci(of.loci, highest=highest, units=self._units, ax=ax)
+        look: dict[str, Any] = {"numbers": False, "bar": False, "units": self._units}
+        linear.root_loci(of.loci, highest=highest, ax=ax, **look)
         values = np.array([mode.eigenvalue for mode in of.modes])
         growing = grows(values)
         ring = common.open_marker(6.0, zorder=4.0)

@@ -4,22 +4,29 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import replace
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import Normalize, SymLogNorm
+from matplotlib.font_manager import FontProperties
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
+from scipy.interpolate import Akima1DInterpolator
 
-from pipedyn.linear.modes import Modes, RootLoci
-from pipedyn.linear.neutral import growth
+from pipedyn.linear.loci import RootLoci
+from pipedyn.linear.modes import Modes
+from pipedyn.linear.neutral import grows, growth
 from pipedyn.plot import common
 from pipedyn.plot.units import (
     ARC,
     FLOW_SPEED,
     GROWTH,
+    IMAGINARY_OMEGA,
     OSCILLATION,
+    REAL_OMEGA,
     ROOT_FREQUENCY,
     Measure,
     Units,
@@ -32,8 +39,18 @@ DOT: dict[str, Any] = {"color": "black", "marker": "o", "markersize": 2.2, "line
 DOT |= {"markeredgewidth": 0.0, "zorder": 3.0}
 """Look of the branches of a benchmark."""
 
+DOT_GAP = 6.0
+"""Least distance of two dots in points, so that the curve below remains visible between them."""
+
+FINE_POINTS = 400
+"""Number of points of a smooth curve: in a column of print they are 0.01 inches apart."""
+
 ONSET = common.open_marker(4.5, marker="D", markeredgewidth=0.9, zorder=4.0)
 """Look of the marker of an onset."""
+
+MARK: dict[str, Any] = {"color": "0.25", "marker": ".", "markersize": 3.5, "linestyle": "none"}
+MARK |= {"zorder": 3.5}
+"""Look of the places at which flow speeds are written."""
 
 
 def root_loci(
@@ -41,44 +58,80 @@ def root_loci(
     benchmark: RootLoci | None = None,
     highest: float | None = None,
     *,
+    plane: Literal["lambda", "omega"] = "lambda",
+    numbers: bool = True,
+    speeds: bool = False,
+    bar: bool = True,
     units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> Axes:
     """Branches of eigenvalues in the upper half of the complex plane, coloured by flow speed.
 
-    A diamond marks each onset. The lower half plane is the mirror image and is not shown. A pair
-    that has become real is shown as two curves on the real axis.
+    A diamond marks each onset. Between the samples, the sum and the product of each pair are
+    interpolated, which are smooth also where the pair becomes real. The lower half plane is the
+    mirror image and is not shown. A pair that has become real is shown as two curves on the real
+    axis.
 
     Args:
         loci: branches of the model.
-        benchmark: branches of the continuous pipe, shown as black dots.
+        benchmark: branches of the continuous pipe, shown as black dots at equal steps of the flow
+            speed, where these would not overlap.
         highest: flow speed at the end of the colours; the highest of the loci if not given.
+        plane: "lambda", or "omega" for the plane of complex frequencies omega = -i lambda, as in
+            Paidoussis' book: Re omega to the right, Im omega upwards, unstable below 0.
+        numbers: whether to write the number of its mode next to each branch.
+        speeds: whether to write flow speeds, at round values, along the branches.
+        bar: whether to add a colour bar; a later `colour_bar` replaces it.
         units: "nondimensional", or "si" if the pipe has scales.
         ax: Axes to draw on; new ones if not given. The first collection serves `colour_bar`.
 
     Example:
-        >>> speeds = np.linspace(0.0, 8.0, 81)
-        >>> exact = pp.root_loci(pp.Continuum(pp.Pipe(0.2)), speeds, count=3)
-        >>> ax = plot.root_loci(pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), speeds, count=3), exact)
+        >>> grid = np.linspace(0.0, 8.0, 81)
+        >>> exact = pp.root_loci(pp.Continuum(pp.Pipe(0.2)), grid, count=3)
+        >>> ax = plot.root_loci(pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), grid, count=3), exact)
+        >>> ax = plot.root_loci(exact, plane="omega", speeds=True)
 
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    ax, view = _checked_axes(loci, benchmark, units, ax, GROWTH, OSCILLATION)
+    axes = (GROWTH, OSCILLATION)
+    if check.choice("plane", plane, ("lambda", "omega")) == "omega":
+        axes = (REAL_OMEGA, IMAGINARY_OMEGA)
+    for name, given in (("numbers", numbers), ("speeds", speeds), ("bar", bar)):
+        check.flag(name, given)
+    ax, view = _checked_axes(loci, benchmark, units, ax, *axes)
     end = float(loci.speeds[-1])
     if highest is not None:
         end = check.real("highest", highest, low=0.0, open_low=True)
-    rate = view.one(GROWTH)
-    branches = rate * branches_of(loci)
-    norm = Normalize(0.0, view.one(FLOW_SPEED) * (end or 1.0))
-    speeds = view.one(FLOW_SPEED) * loci.speeds[:, None]
-    _coloured(ax, branches.real, branches.imag, speeds, "viridis", norm)
-    _mark_onsets(ax, growth(branches / rate), branches)
-    if benchmark is not None:
-        exact = rate * branches_of(benchmark)[:: dot_stride(benchmark)]
-        ax.plot(exact.real, exact.imag, **DOT)
-    ax.axvline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
+    rate, turn = view.one(GROWTH), 1.0 if plane == "lambda" else -1.0j
+    smooth, unit = _smooth_branches(loci), view.one(FLOW_SPEED)
+    branches = branches_of(smooth)
+    norm = Normalize(0.0, unit * (end or 1.0))
+    places = turn * rate * branches
+    _coloured(ax, places.real, places.imag, unit * smooth.speeds[:, None], "viridis", norm)
+    _mark_onsets(ax, growth(branches), places)
+    (ax.axvline if plane == "lambda" else ax.axhline)(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     ax.autoscale_view()
+    exact = np.empty(0, dtype=np.complex128)
+    if benchmark is not None:
+        exact = turn * rate * branches_of(benchmark)[:: dot_stride(benchmark)]
+        _draw_dots(ax, exact)
+    axis = np.linspace(*(ax.get_ylim() if plane == "lambda" else ax.get_xlim()), FINE_POINTS)
+    line = axis * (1.0j if plane == "lambda" else 1.0)
+    labels = _Labels(ax, np.concatenate([places.ravel(), exact.ravel(), line]))
+    upper = turn * rate * smooth.eigenvalues
+    if numbers:
+        labels.number(upper, loci.modes)
+    if speeds:
+        for value in MaxNLocator(5).tick_values(0.0, unit * loci.speeds[-1]):
+            i = int(np.abs(unit * smooth.speeds - value).argmin())
+            if not unit * loci.speeds[0] < value <= unit * loci.speeds[-1]:
+                continue
+            ax.plot(upper[i].real, upper[i].imag, **MARK)
+            for place in upper[i]:
+                labels.add(f"{value:g}", np.array([place]), color="0.25", needed=False)
+    if bar:
+        common.colour_bar(view.label(FLOW_SPEED), ax=ax)
     return ax
 
 
@@ -87,18 +140,23 @@ def frequencies(
     benchmark: RootLoci | None = None,
     largest: float | None = None,
     *,
+    numbers: bool = True,
+    bar: bool = True,
     units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> Axes:
     """|Im lambda| against flow speed, with the real part as a colour that diverges from zero.
 
-    Unstable parts of branches have a black outline; a diamond marks each onset.
+    Unstable parts of branches have a black outline; a diamond marks each onset. Curves between
+    samples are those of `plot.root_loci`.
 
     Args:
         loci: branches of the model.
         benchmark: branches of the continuous pipe, shown as black dots.
         largest: |Re lambda| at the ends of the colours, which are linear up to 1 and logarithmic
             beyond; the largest of the loci if not given.
+        numbers: whether to write the number of its mode next to each branch.
+        bar: whether to add a colour bar; a later `colour_bar` replaces it.
         units: "nondimensional", or "si" if the pipe has scales.
         ax: Axes to draw on; new ones if not given. The first collection serves `colour_bar`.
 
@@ -110,21 +168,32 @@ def frequencies(
         ValueError, TypeError: for bad arguments.
     """
     ax, view = _checked_axes(loci, benchmark, units, ax, FLOW_SPEED, ROOT_FREQUENCY)
-    branches = branches_of(loci)
+    for name, given in (("numbers", numbers), ("bar", bar)):
+        check.flag(name, given)
+    smooth = _smooth_branches(loci)
+    branches = branches_of(smooth)
     if largest is None:
         largest = float(np.nanmax(np.abs(branches.real), initial=0.0))
     largest = check.real("largest", largest, low=0.0)
     rate, end = view.one(GROWTH), view.one(GROWTH) * max(largest, 2.0)
     norm = SymLogNorm(rate, vmin=-end, vmax=end)
-    speeds, height = view.one(FLOW_SPEED) * loci.speeds[:, None], view.one(ROOT_FREQUENCY)
+    speeds, height = view.one(FLOW_SPEED) * smooth.speeds[:, None], view.one(ROOT_FREQUENCY)
     heights, real = height * branches.imag, growth(branches)
     _coloured(ax, speeds, heights, rate * real, "RdBu_r", norm, outlined=0.0)
     _mark_onsets(ax, real, speeds + 1j * heights)
+    ax.autoscale_view()
+    taken = (speeds + 1j * heights).ravel()
     if benchmark is not None:
         stride = dot_stride(benchmark)
-        places = view.one(FLOW_SPEED) * benchmark.speeds[::stride]
-        ax.plot(places, height * branches_of(benchmark).imag[::stride], **DOT)
-    ax.autoscale_view()
+        places = view.one(FLOW_SPEED) * benchmark.speeds[::stride, None]
+        exact = places + 1j * height * branches_of(benchmark).imag[::stride]
+        _draw_dots(ax, exact)
+        taken = np.append(taken, exact)
+    upper = speeds + 1j * height * np.abs(smooth.eigenvalues.imag)
+    if numbers:
+        _Labels(ax, taken).number(upper.astype(np.complex128), loci.modes)
+    if bar:
+        common.colour_bar(view.label(GROWTH), ax=ax)
     return ax
 
 
@@ -135,7 +204,137 @@ def _checked_axes(
     check.instance("loci", loci, RootLoci)
     check.instance("benchmark", benchmark, RootLoci | None, "of type RootLoci")
     view = View(units, loci.pipe)
-    return view.axes(ax, (4.8, 4.2), x, y), view
+    ax = view.axes(ax, (4.8, 4.2), x, y)
+    if not loci.complete and not (growth(loci.eigenvalues) > 0.0).any():
+        ax.set_title("higher modes may be unstable", loc="right", size="small")
+    return ax, view
+
+
+def _smooth_branches(loci: RootLoci) -> RootLoci:
+    """Branches at so many speeds that their polygons look smooth, by modified Akima splines.
+
+    A pair meets on the real axis with vertical tangents, where neither root has a slope. The sum
+    and the product of the pair do, so that these are interpolated. A root that has met one of
+    another pair, so that it is not the conjugate of its partner, is interpolated itself. Where a
+    pair changes into one of which it has one root only, a straight line leads from this root.
+    """
+    steps = loci.speeds.size - 1
+    parts = math.ceil(FINE_POINTS / steps) if steps > 0 else 1
+    speeds = np.interp(np.arange(steps * parts + 1) / parts, np.arange(steps + 1), loci.speeds)
+    one, other = loci.eigenvalues, loci.partners
+    shape = speeds.size, one.shape[1]
+    values, partners = np.full((2, *shape), complex(math.nan, math.nan))
+    known = loci.converged & np.isfinite(one) & np.isfinite(other)
+    paired = (other == one.conj()) | ((one.imag == 0.0) & (other.imag == 0.0))
+    # The real roots of a pair that meet are at equal distances from where they do.
+    mean, gap = 0.5 * (one + other).real, 0.5 * np.abs((one - other).real)
+    changed = np.zeros(one.shape, dtype=bool)
+    turned = (one.imag == 0.0)[1:] != (one.imag == 0.0)[:-1]
+    off = np.abs(np.diff(mean, axis=0)) > 0.5 * np.maximum(gap[1:], gap[:-1])
+    changed[1:] = turned & off & paired[1:] & paired[:-1] & known[1:] & known[:-1]
+    kinds = np.where(known, 1 + paired + 2 * np.cumsum(changed, axis=0), 0)
+    for k in range(shape[1]):
+        for row in np.flatnonzero(changed[:, k]).tolist():
+            ends = np.array([[one[i, k], other[i, k]] for i in (row - 1, row)])
+            nearest = [
+                at[np.abs(at - far[0]).argmin()] for at, far in zip(ends, ends[::-1], strict=True)
+            ]
+            start, stop = (at.real + 1j * abs(at.imag) for at in nearest)
+            between = slice((row - 1) * parts, row * parts + 1)
+            values[between, k] = np.linspace(start, stop, parts + 1)
+        for begin, end in common.runs(kinds[:, k]):
+            if not known[begin, k]:
+                continue
+            alone = not paired[begin, k]
+            if alone:  # from the pair before to the pair behind
+                begin -= int(begin > 0 and known[begin - 1, k])
+                end += int(end <= steps and known[min(end, steps), k])
+            some, rest = one[begin:end, k], other[begin:end, k]
+            inside = slice(begin * parts, (end - 1) * parts + 1)
+            both = np.column_stack([some, rest] if alone else [0.5 * (some + rest), some * rest])
+            parts_of = np.hstack([both.real, np.abs(both.imag)])
+            if end - begin > 1:
+                curve = Akima1DInterpolator(loci.speeds[begin:end], parts_of, method="makima")
+                parts_of = curve(speeds[inside])
+            first, second = (parts_of[:, :2] + 1j * parts_of[:, 2:] * alone).T
+            if not alone:
+                apart = np.sqrt((first.real**2 - second.real).astype(complex))
+                first, second = first + apart, first - apart
+            values[inside, k], partners[inside, k] = first, second
+            values[inside, k][::parts], partners[inside, k][::parts] = some, rest
+    found = {"eigenvalues": values, "partners": partners, "converged": np.isfinite(values)}
+    return replace(loci, speeds=speeds, errors=np.zeros(shape), **found)
+
+
+def _draw_dots(ax: Axes, places: NDArray[np.complex128]) -> None:
+    """Draws dots, leaving out those that are closer to others than `DOT_GAP`."""
+    kept: list[tuple[complex, complex]] = []
+    for place, shown in zip(places.T.ravel(), _on_paper(ax, places.T.ravel()), strict=True):
+        if np.isfinite(shown) and all(abs(shown - near) >= DOT_GAP for near, _ in kept):
+            kept.append((complex(shown), complex(place)))
+    dots = np.array([place for _, place in kept], dtype=np.complex128)
+    ax.plot(dots.real, dots.imag, **DOT)
+
+
+def _on_paper(ax: Axes, places: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Places in points (1/72 inch) on the figure from places in data, x + i y."""
+    flat = ax.transData.transform(np.column_stack([places.real.ravel(), places.imag.ravel()]))
+    found = (flat[:, 0] + 1j * flat[:, 1]) * 72.0 / ax.figure.dpi
+    return np.asarray(found.reshape(places.shape))
+
+
+class _Labels:
+    """Numbers next to curves, at places where they cover neither curves nor each other.
+
+    Args:
+        ax: the Axes, with the limits that they keep.
+        curves: points of all curves in data, x + i y.
+    """
+
+    def __init__(self, ax: Axes, curves: NDArray[np.complex128]) -> None:
+        self._ax = ax
+        shown = _on_paper(ax, curves.ravel())
+        self._taken = shown[np.isfinite(shown)]
+        box = ax.get_window_extent()
+        self._low, self._high = (np.array(at) * 72.0 / ax.figure.dpi for at in (box.min, box.max))
+
+    def number(self, curves: NDArray[np.complex128], numbers: NDArray[np.int64]) -> None:
+        """Writes the number of each curve, a column of places, as close to its start as it fits."""
+        for curve, number in zip(curves.T, numbers.tolist(), strict=True):
+            points = curve[np.isfinite(curve)]
+            if points.size:
+                chosen = np.linspace(0, points.size - 1, 24).astype(int)
+                self.add(str(number), points[chosen], weight="bold")
+
+    def add(
+        self, text: str, places: NDArray[np.complex128], needed: bool = True, **look: Any
+    ) -> None:
+        """Writes a text next to the first of some places at which there is room.
+
+        If there is none, it goes where there is most, or is left out if it is not `needed`.
+        """
+        size = FontProperties(size="small").get_size_in_points()
+        # A circle about the text and a gap.
+        reach = math.hypot(0.3 * size * len(text), 0.4 * size) + 1.5
+        turns = np.exp(0.25j * np.pi * np.array([0, 1, 7, 4, 3, 5, 2, 6]))
+        shown = (_on_paper(self._ax, places)[:, None] + (reach + 1.0) * turns).ravel()
+        which = np.repeat(np.arange(places.size), turns.size)
+        inside = (shown.real > self._low[0] + reach) & (shown.real < self._high[0] - reach)
+        inside &= (shown.imag > self._low[1] + reach) & (shown.imag < self._high[1] - reach)
+        shown, which = shown[inside], which[inside]
+        if not shown.size:
+            return
+        room = np.abs(shown[:, None] - self._taken).min(axis=1, initial=math.inf)
+        best = int(np.argmax(room >= reach)) if (room >= reach).any() else int(np.argmax(room))
+        if room[best] < reach and not needed:
+            return
+        place = places[which[best]]
+        apart = shown[best] - complex(_on_paper(self._ax, np.array([place]))[0])
+        around = np.exp(0.25j * np.pi * np.arange(8)) * 0.5 * reach
+        self._taken = np.concatenate([self._taken, [shown[best]], shown[best] + around])
+        look |= {"ha": "center", "va": "center", "size": "small", "zorder": 5.0}
+        look |= {"xytext": (apart.real, apart.imag), "textcoords": "offset points"}
+        self._ax.annotate(text, (place.real, place.imag), annotation_clip=True, **look)
 
 
 def _coloured(
@@ -209,14 +408,20 @@ def dot_stride(loci: RootLoci) -> int:
 
 
 def mode_shapes(
-    modes: Modes, count: int = 4, *, units: Units = "nondimensional", ax: Axes | None = None
+    modes: Modes,
+    count: int = 4,
+    *,
+    legend: bool = True,
+    units: Units = "nondimensional",
+    ax: Axes | None = None,
 ) -> Axes:
     """Mode shapes, as transverse displacement: real part solid, imaginary part dashed.
 
     Args:
         modes: the modes to show.
-        count: largest number of modes shown, in the order of `modes`, from 1 to 1000; if there are
-            more modes, the title gives their number.
+        count: number of modes shown, in the order of `modes`, from 1 to 1000, besides later ones
+            that grow; if there are more modes, the title gives their number.
+        legend: whether to add a legend, with the eigenvalue of each mode.
         units: "nondimensional", or "si" if the pipe has scales.
         ax: Axes to draw on; new ones if not given.
 
@@ -228,22 +433,25 @@ def mode_shapes(
     """
     check.instance("modes", modes, Modes)
     count = check.count("count", count, high=1000)
+    check.flag("legend", legend)
     view = View(units, modes.shapes[0].model.pipe if modes.shapes else None)
-    ax = view.axes(ax, (6.4, 4.2), ARC, Measure("displacement (largest: 1)"))
+    ax = view.axes(ax, (6.4, 4.2), ARC, Measure("displacement / largest value"))
     s = np.linspace(0.0, 1.0, 401)
-    for i, shape in enumerate(modes.shapes[:count]):
-        displacement, value = shape(s), view.one(GROWTH) * shape.eigenvalue
+    values = np.array([shape.eigenvalue for shape in modes.shapes], dtype=np.complex128)
+    shown = np.flatnonzero((np.arange(values.size) < count) | grows(np.nan_to_num(values)))
+    for i, which in enumerate(shown):
+        displacement, value = modes.shapes[which](s), view.one(GROWTH) * values[which]
         colour = common.CURVE_STYLES[i % len(common.CURVE_STYLES)]["color"]
         look: dict[str, Any] = {"color": colour, "linewidth": 1.0 + 0.4 * (i % 3)}
-        label = rf"$\lambda = {value.real:.3g} {value.imag:+.4g}\,\mathrm{{i}}${' 1/s' * view.si}"
+        label = rf"$\lambda = {value.real:.3g} {value.imag:+.3g}\,\mathrm{{i}}${' 1/s' * view.si}"
         at = view.one(ARC) * s
         ax.plot(at, displacement.real, label=label, **look)
         ax.plot(at, displacement.imag, linestyle="--", **look)
     ax.axhline(0.0, color="0.4", linewidth=0.6, zorder=0.5)
-    ax.set(xlim=(0.0, view.one(ARC)), ylim=(-1.08, 1.08), title=view.speed(modes.speed, 6))
-    if len(modes.shapes) > count:
-        ax.set_title(f"{view.speed(modes.speed, 6)}, {count} of {len(modes.shapes)} modes")
-    if modes.shapes:
+    ax.set(xlim=(0.0, view.one(ARC)), title=view.speed(modes.speed, 6))
+    if len(modes.shapes) > shown.size:
+        ax.set_title(f"{view.speed(modes.speed, 6)}, {shown.size} of {len(modes.shapes)} modes")
+    if modes.shapes and legend:
         for word, line in (("real part", "-"), ("imaginary part", "--")):
             ax.plot([], [], color="0.4", linestyle=line, label=word)
         common.legend_below(ax)

@@ -52,6 +52,8 @@ AXIAL = Measure("along the straight pipe $y/L$", "along the straight pipe $y$", 
 ARC = Measure("arc length $s/L$ from the clamp", "arc length $s$ from the clamp", LENGTH)
 GROWTH = Measure(common.REAL_LABEL, common.REAL_LABEL, RATE)
 OSCILLATION = Measure(common.IMAGINARY_LABEL, common.IMAGINARY_LABEL, Unit("rad/s", RATE.scale))
+REAL_OMEGA = Measure(r"Re $\omega$", r"Re $\omega$", OSCILLATION.unit)
+IMAGINARY_OMEGA = Measure(r"Im $\omega$", r"Im $\omega$", RATE)
 ROOT_FREQUENCY = Measure(common.FREQUENCY_LABEL, r"|Im $\lambda$| $/2\pi$", FREQUENCY)
 OMEGA = Measure(r"angular frequency $\omega$ (nondimensional)", "frequency", FREQUENCY)
 

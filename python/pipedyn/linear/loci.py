@@ -1,0 +1,411 @@
+# SPDX-License-Identifier: MIT
+"""Root loci of any model: eigenvalues as functions of the flow speed."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipedyn.linear.critical_speed import (
+    count_resolved,
+    only_answer,
+    stability_losses,
+    unstable_at_rest,
+)
+from pipedyn.linear.eigenproblem import Eigenproblem, eigenproblem, select_pairs
+from pipedyn.linear.modes import (
+    CONTINUUM_COUNT,
+    FEW_MODES,
+    LARGEST_FULL,
+    LARGEST_VECTORS,
+    checked_count,
+    feeds_every_mode,
+    largest_speed,
+)
+from pipedyn.linear.reach import Reach
+from pipedyn.linear.sensitivity import Crossing, of_each
+from pipedyn.models.base import Model
+from pipedyn.models.continuum import (
+    AnyModel,
+    Continuum,
+    Converged,
+    checked_model,
+    converged_answer,
+    relative,
+)
+from pipedyn.models.drive import require_steady
+from pipedyn.models.pipe import Pipe
+from pipedyn.util import check
+from pipedyn.util.archive import saved_as
+from pipedyn.util.check import Array, Complex
+from pipedyn.util.counters import count_factorisations
+from pipedyn.util.errors import NotConverged
+from pipedyn.util.parallel import Progress, one_thread
+from pipedyn.util.result import RATE, TableResult
+
+MOST_ADDED = 30
+"""Largest number of branches that are followed beyond those asked for: more do not fit a picture.
+Of an aspirating pipe with little damping, hundreds of modes grow."""
+
+RESOLVING = 24
+"""Size beyond the largest wave number of a basis that is searched for growing modes."""
+
+SAME_ROOT = 1e-5
+"""Distance of two roots, over 1 + |lambda|, within which they are one root computed twice: near a
+meeting, rounding moves both by its square root."""
+
+BESIDE_CROSSING = 1e-3
+"""Distance from a crossing, over 1 + its speed, within which growing roots are not counted: there
+the bound on the error of a root may be larger than its real part."""
+
+
+@saved_as("RootLoci", added=("modes", "complete"))
+class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
+    """Eigenvalues as functions of the flow speed, one branch in each of B columns.
+
+    Attributes:
+        speeds: flow speeds u, shape (S,).
+        eigenvalues: lambda, complex, shape (S, B); a branch starts in the upper half plane, or on
+            the real axis with the greater root of a pair.
+        partners: the other root of each pair, shape (S, B): the conjugate while the pair is
+            complex, the other real root while it is not.
+            With hysteresis, branches follow oscillating roots, and are NaN where strong damping
+            leaves a mode without such a root.
+        converged: whether the residual of each eigenvalue is small enough, shape (S, B).
+        errors: bounds, to first order, on the absolute error of each eigenvalue or its partner,
+            shape (S, B): residual and rounding times the condition number, so that they are
+            large where two roots meet. For `Continuum` the largest change from the basis before the
+            last is added; bounds are infinite for overdamped roots, which need not converge.
+        size: number of degrees of freedom of the model that was solved.
+        pipe: the pipe of the model.
+        modes: number of the mode of each branch, from 1, shape (B,), increasing. Modes are counted
+            from the lowest at rest, as in `Crossing.mode`; for a model that does not rest without
+            flow where it is linearised, at the first speed.
+        complete: whether every mode that grows at a speed in the range has a branch, as far as
+            `crossings` finds these modes; False in files of versions that did not look for them.
+
+    Example:
+        >>> chain = pp.Chain(pp.Pipe(0.2), n=5)
+        >>> loci = pp.root_loci(chain, [0.0, 3.0, 6.0], count=2)
+        >>> loci.eigenvalues.round(2)
+        array([[  0.   +3.45j,   0.  +20.73j],
+               [ -3.07 +3.61j,  -2.17+17.79j],
+               [-11.35 +0.j  ,   1.73+13.17j]])
+    """
+
+    speeds: Array
+    eigenvalues: Complex = field(repr=False)
+    partners: Complex = field(repr=False)
+    converged: NDArray[np.bool_] = field(repr=False)
+    errors: Array = field(repr=False)
+    size: int
+    pipe: Pipe = field(repr=False)
+    modes: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    complete: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.modes.size:  # all from the first, as in files of versions without the field
+            object.__setattr__(self, "modes", np.arange(1, self.eigenvalues.shape[1] + 1))
+
+    def _columns(self) -> dict[str, Any]:
+        count = self.eigenvalues.shape[1]
+        return {
+            "speed": np.repeat(self.speeds, count),
+            "branch": np.tile(np.arange(count), self.speeds.size),
+            "mode": np.tile(self.modes, self.speeds.size),
+            "growth_rate": self.eigenvalues.real.ravel(),
+            "frequency": self.eigenvalues.imag.ravel(),
+            "error": self.errors.ravel(),
+            "converged": self.converged.ravel(),
+        }
+
+
+def root_loci(
+    model: AnyModel, speeds: ArrayLike, count: int | None = None, progress: bool = False
+) -> RootLoci:
+    """Branches of eigenvalues, followed continuously along the flow speed.
+
+    Every mode that grows at a speed in the range has a branch, whatever the count, so that no
+    instability is missed. Additional speeds are inserted where it is not clear which root continues
+    which branch.
+
+    Args:
+        model: chain, reduced model or `Continuum`.
+        speeds: flow speeds u >= 0, strictly increasing, shape (S,).
+        count: least number of branches, which are those of the lowest modes at rest; default: four,
+            or all of a model that has fewer. Branches of higher modes follow if they grow between
+            the first speed and the last one, also if they do so only between two speeds: up to 30,
+            those that lose stability first. Of modes that the smallest flow makes unstable, as all
+            of an aspirating pipe without damping, the lowest one suffices.
+        progress: whether to show progress on stderr.
+
+    Returns:
+        RootLoci at the speeds asked for only. Its `modes` says which mode each branch is, and its
+        `complete` is False if modes may grow that have no branch: for the reasons above, beyond
+        2,000 degrees of freedom, and if the search for crossings fails.
+
+    Example:
+        >>> loci = pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), np.linspace(0.0, 8.0, 41), count=3)
+        >>> loci.eigenvalues.shape
+        (41, 3)
+        >>> hose = pp.Pipe(0.225, gamma=998.0)
+        >>> pp.root_loci(pp.Continuum(hose), [0.0, 20.0, 24.0], count=2).modes
+        array([1, 2, 5])
+
+    Raises:
+        NotConverged: if the continuous pipe's branches do not converge as the basis grows.
+        ValueError, TypeError: for arguments out of range or of a wrong type.
+    """
+    checked_model(model)
+    require_steady("speeds", speeds)
+    at = check.array("speeds", speeds, low=0.0, high=largest_speed(model), longest=100_000)
+    if np.any(np.diff(at) <= 0.0):
+        raise ValueError("speeds must be strictly increasing")
+    most = CONTINUUM_COUNT if isinstance(model, Continuum) else model.dof
+    count = checked_count(min(4, most) if count is None else count, model, most)
+    shown = check.flag("progress", progress)
+    if isinstance(model, Model):
+        model.require_equilibrium(float(at[0]), float(at[-1]))
+        most = min(most, LARGEST_VECTORS // model.dof)
+    reach, end, pipe = Reach(model.pipe), float(at[-1]), model.pipe
+    fed = feeds_every_mode(model)
+    growing, highest = _GrowingModes([], np.zeros(at.size), False), count
+    if not _rests_without_flow(model):  # a bent pipe rests at one speed, whose roots decide
+        highest = max(count, min(reach.modes_within(end), most))
+        growing = replace(growing, complete=highest == most)
+    elif (isinstance(model, Continuum) or model.dof <= LARGEST_FULL) and not fed:
+        growing = _growing_modes(model, at, count)
+        highest = min(max([count, *growing.added]), most)
+    # If damping is so strong that modes do not oscillate, their numbers are a convention. As few as
+    # possible are followed then, until all growing roots have a branch.
+    overdamped = pipe.damping * (math.pi * highest) ** 2 > 2.0
+    reached = most if most <= FEW_MODES else min(math.ceil(reach.modes_reached(end)) + 2, most)
+    followed, highest = (count if overdamped else highest), max(highest, reached)
+    loci, complete = None, growing.complete
+    while True:
+        try:
+            loci = branches_followed(model, at, followed, shown)
+        except NotConverged:
+            if followed == count:
+                raise
+            complete = False
+            if loci is not None:
+                break
+            followed = count
+            continue
+        grows = loci.eigenvalues.real > loci.errors
+        both = (loci.eigenvalues.imag != 0.0) | (loci.partners.real > loci.errors)
+        missed = bool(np.any(np.sum(grows * (1 + both), axis=1) < growing.roots))
+        complete &= not missed or followed < highest
+        if not (missed and complete):
+            break
+        followed = min(followed + max(1, followed // 2), highest)
+    wanted = (loci.modes <= count) | np.isin(loci.modes, growing.added)
+    kept = np.flatnonzero(wanted | (loci.eigenvalues.real > loci.errors).any(axis=0))
+    every = ("eigenvalues", "partners", "converged", "errors")
+    return replace(
+        loci,
+        **{name: getattr(loci, name)[:, kept] for name in every},
+        modes=loci.modes[kept],
+        complete=complete,
+    )
+
+
+def _rests_without_flow(model: AnyModel) -> bool:
+    """Whether the configuration about which a model is linearised is an equilibrium at rest."""
+    try:
+        if isinstance(model, Model):
+            model.require_equilibrium(0.0)
+    except ValueError:
+        return False
+    return True
+
+
+@dataclass(frozen=True)
+class _GrowingModes:
+    """The modes of a model that grow in a range of speeds.
+
+    Attributes:
+        added: numbers of modes beyond the lowest `count` that grow and get a branch, in the order
+            in which they lose stability.
+        roots: number of growing roots at each speed, shape (S,); 0 close to a crossing.
+        complete: whether all modes that grow are known and have a branch.
+    """
+
+    added: list[int]
+    roots: Array
+    complete: bool
+
+
+def _growing_modes(model: AnyModel, at: Array, count: int) -> _GrowingModes:
+    """The modes that grow at a speed from the first of `at` to the last one."""
+    found: tuple[Crossing, ...] = ()
+    complete, pipe, searched = True, model.pipe, model
+    resolved: float = math.inf
+    if isinstance(model, Continuum) and not (
+        pipe.end_held or (pipe.bare and pipe.flow == "ejecting")
+    ):
+        # Any mode may grow, for instance with a mass at the free end, so that ever larger bases
+        # have ever more crossings: one basis gives those of the modes that it resolves.
+        searched = model.frozen(RESOLVING + math.ceil(Reach(pipe).wave_number(at[-1])))
+        resolved = count_resolved(searched, eigenproblem(searched).spectrum())
+    try:
+        if at[-1] > 0.0:
+            _, found = only_answer(stability_losses([searched], float(at[-1]), sensitive=False))
+        at_rest = unstable_at_rest(model, found)
+    except NotConverged as error:  # with what was found below the speed of the failure
+        complete, found = False, found or error.result or ()
+        at_rest = found[0].unstable_before if found else 0
+    found = tuple(one for one in found if one.mode <= resolved)
+    growing = dict.fromkeys(range(1, at_rest + 1), 1)  # number of growing roots by mode
+    for one in found:
+        before, change = growing.get(one.mode, 0), one.unstable_after - one.unstable_before
+        if one.speed <= at[0] or one.destabilising:
+            growing[one.mode] = (before if one.speed <= at[0] else max(before, 0)) + change
+    later = {one.mode for one in found if one.destabilising and one.speed > 0.0}
+    leaving = {one.mode for one in found if one.destabilising and one.speed == 0.0} - later
+    every = [mode for mode, number in growing.items() if number > 0]
+    lowest = min(leaving.intersection(every), default=0)
+    more = [mode for mode in every if mode > count and (mode not in leaving or mode == lowest)]
+    added = more[:MOST_ADDED]
+    known = max(every, default=0) < resolved and {*every} <= {*range(1, count + 1), *added}
+    speeds = of_each(found, "speed")
+    roots = np.array([at_rest, *(one.unstable_after for one in found)])
+    near = (np.abs(at[:, None] - speeds) <= BESIDE_CROSSING * (1.0 + speeds)).any(axis=1)
+    numbers = np.where(near, 0, roots[np.searchsorted(speeds, at, side="right")])
+    return _GrowingModes(added, numbers, complete and known)
+
+
+def branches_followed(model: AnyModel, speeds: Array, count: int, shown: bool = False) -> RootLoci:
+    """Branches of the `count` lowest modes at rest, whether or not others grow.
+
+    Args:
+        model: chain, reduced model or `Continuum`.
+        speeds: checked flow speeds, increasing, shape (S,).
+        count: number of branches.
+        shown: whether to show progress on stderr.
+    """
+    ahead = int(speeds[0] > 0.0 and _rests_without_flow(model))
+    asked = np.concatenate([np.zeros(ahead), speeds])
+    smallest = max(16, 3 * count, math.ceil(speeds[-1]))
+    answer: Converged[RootLoci] = converged_answer(
+        model,
+        (float(speeds[0]), float(speeds[-1])),
+        lambda one: _root_loci(one, asked, count, shown),
+        partial(_loci_change, pipe=model.pipe),
+        tolerance=1e-8,
+        smallest=smallest,
+        largest=smallest + 32,
+    )
+    found = answer.value
+    if isinstance(model, Continuum):
+        scale = np.maximum(np.maximum(np.abs(found.eigenvalues), np.abs(found.partners)), 1.0)
+        unknown = _overdamped(found, model.pipe.damping) | np.isnan(scale)
+        moved = np.where(unknown, np.inf, answer.error * scale)
+        found = replace(found, errors=found.errors + moved)
+    every = ("speeds", "eigenvalues", "partners", "converged", "errors")
+    return replace(found, **{name: getattr(found, name)[ahead:] for name in every})
+
+
+def _loci_change(a: RootLoci, b: RootLoci, pipe: Pipe) -> float:
+    """Largest relative change of a root; under damping, overdamped roots are not compared.
+
+    Overdamped roots of neighbouring modes meet and part in the cluster at -1 / delta, so that the
+    choice of a root for each branch is a convention.
+    """
+    delta = pipe.damping
+    compared = ~(_overdamped(a, delta) & _overdamped(b, delta))
+    if pipe.hysteresis:  # NaN is a root that does not exist
+        compared &= np.isfinite(a.eigenvalues) & np.isfinite(b.eigenvalues)
+    moved = relative(a.eigenvalues[compared], b.eigenvalues[compared])
+    if delta > 0.0:
+        return moved
+    return max(moved, relative(a.partners[compared], b.partners[compared]))
+
+
+def _overdamped(loci: RootLoci, delta: float) -> NDArray[np.bool_]:
+    """Which roots are real and decay under damping, or lie in the cluster at -1 / delta."""
+    values = loci.eigenvalues
+    on_axis: NDArray[np.bool_] = (values.imag == 0.0) & (values.real < 0.0)
+    return (on_axis | (np.abs(delta * values + 1.0) < 0.5)) & (delta > 0.0)
+
+
+def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci:
+    """Root loci of one model, computed with more roots until no branch is lost."""
+    # If the requested modes are overdamped, half of their roots lie beyond the cluster at -1 /
+    # delta, and only a computation of all roots finds them.
+    overdamped = model.pipe.damping * (math.pi * count) ** 2 > 2.0
+    problem = eigenproblem(model)
+    spectrum, every = problem.spectrum(), 2 * problem.dof
+    size = every if overdamped else 2 * count + 16
+    with Progress("root loci", shown and speeds.size > 1) as progress:
+        total, done = speeds.size - 1, itertools.count(1)
+
+        def row_done() -> None:
+            row = next(done)
+            progress.to(row / total, f"{min(row, total)}/{total}")
+
+        report = row_done if progress.shown else None
+        while True:
+            size = size if problem.is_long and size < problem.dof else every
+            asked = speeds.tolist(), count, size
+            with one_thread(problem.rows):
+                loci = spectrum.root_loci(*asked, count_factorisations, report)
+            if loci is not None:
+                values, partners = loci.values, loci.partners
+                checks = loci.converged, loci.errors
+                found = RootLoci(speeds, values, partners, *checks, problem.dof, model.pipe)
+                return found if model.pipe.hysteresis else _told_apart(problem, found)
+            size *= 2
+
+
+def _told_apart(problem: Eigenproblem, loci: RootLoci) -> RootLoci:
+    """Root loci in which no two branches have the same root.
+
+    Roots of two real pairs may meet and become a complex pair, as in a pipe that two modes buckle
+    at rest. The core then follows this pair on both branches. The later one gets a root that no
+    branch has instead: the one next to its root at the speed before.
+    """
+    tables = np.stack([loci.eigenvalues, loci.partners], axis=-1)
+    converged, errors, count = loci.converged.copy(), loci.errors.copy(), loci.modes.size
+    for row, roots in enumerate(tables):
+        known = roots[np.isfinite(roots) & (roots != 0.0)]
+        if np.unique(known).size == known.size:
+            continue
+        asked = min(4 * count + 16, 2 * problem.dof) if problem.is_long else 2 * problem.dof
+        u = float(loci.speeds[row])
+        found = problem.lowest(u, asked, left=True)
+        there, left = found.values, [*range(found.values.size)]
+        own = np.full(roots.shape, -1)  # indices of roots among those found
+        is_pair = (roots[:, 1] == roots[:, 0].conj()) | ~roots.imag.any(axis=1)
+        for place in sorted(np.ndindex(*roots.shape), key=lambda at: not is_pair[at[0]]):
+            nearest = min(left, key=lambda j: abs(there[j] - roots[place]), default=-1)
+            if abs(there[nearest] - roots[place]) < SAME_ROOT * (1.0 + abs(roots[place])):
+                own[place] = nearest
+                left.remove(nearest)
+        for k in np.flatnonzero((own < 0).any(axis=1)).tolist():
+            for slot in (0, 1):
+                if own[k, slot] >= 0 or not left:
+                    continue
+                other = own[k, 1 - slot]
+                near = tables[max(row - 1, 0), k, slot]
+                if other < 0:
+                    some = left
+                elif there[other].imag:
+                    some, near = left, there[other].conjugate()
+                else:
+                    some = [j for j in left if not there[j].imag] or left
+                own[k, slot] = min(some, key=lambda j: abs(there[j] - near))
+                left.remove(own[k, slot])
+            pair = sorted(own[k].tolist(), key=lambda j: (-there[j].imag, -there[j].real))
+            roots[k] = there[pair]
+            converged[row, k] = found.converged[pair].all() and (own[k] >= 0).all()
+            errors[row, k] = problem.errors(u, select_pairs(found, np.array(pair))).max()
+    values, partners = np.moveaxis(tables, -1, 0).copy()
+    return replace(loci, eigenvalues=values, partners=partners, converged=converged, errors=errors)

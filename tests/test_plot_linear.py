@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: MIT
+"""Pictures of the linear analysis: which curves they have, and what is written next to these."""
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from canvas import axes
+
+import pipedyn as pp
+from pipedyn import plot
+
+LOCI = pp.root_loci(pp.Chain(pp.Pipe(0.2), 3), [0.0, 1.0, 2.0], 2)
+HOSE = pp.Pipe.from_si(
+    length=0.5, bending_stiffness=0.01, pipe_mass=0.1, fluid_mass=0.02, damping_time=1e-3
+)
+
+HOSE_LOCI = pp.root_loci(pp.Chain(pp.Pipe(0.225, gamma=998.0), 20), np.linspace(0.0, 30.0, 31), 2)
+"""Branches 1 and 2, and those of the modes that flutter, 5, 7, ..."""
+
+
+def written(ax):
+    """Texts next to curves, with the places that they point to."""
+    return {text.get_text(): text.xy for text in ax.texts}
+
+
+@pytest.mark.parametrize("draw", [plot.root_loci, plot.frequencies])
+def test_each_branch_has_the_number_of_its_mode_once_at_a_point_of_its_curve(draw):
+    numbers = HOSE_LOCI.modes.tolist()
+    assert numbers[:3] == [1, 2, 5]
+    ax = draw(HOSE_LOCI, ax=axes())
+    assert sorted(written(ax), key=int) == [str(number) for number in numbers]
+    ends = np.concatenate(ax.collections[0].get_segments())
+    for place in written(ax).values():
+        assert np.abs(ends - place).sum(axis=1).min() < 1e-9
+    boxes = [text.get_window_extent() for text in ax.texts]
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+    assert not draw(HOSE_LOCI, numbers=False, ax=axes()).texts
+
+
+def test_the_plane_of_complex_frequencies_is_that_of_eigenvalues_turned():
+    """omega = -i lambda: growth is below the real axis, and a labelled root as in the book."""
+    turned = plot.root_loci(HOSE_LOCI, plane="omega", ax=axes())
+    usual = plot.root_loci(HOSE_LOCI, ax=axes())
+    assert (turned.get_xlabel(), turned.get_ylabel()) == (r"Re $\omega$", r"Im $\omega$")
+    ends, before = (np.array(ax.collections[0].get_segments()) for ax in (turned, usual))
+    np.testing.assert_array_equal(ends, np.stack([before[..., 1], -before[..., 0]], axis=-1))
+    with pytest.raises(ValueError, match="plane must be one of 'lambda', 'omega'"):
+        plot.root_loci(HOSE_LOCI, plane="Omega", ax=axes())
+
+
+def test_speeds_along_branches_are_at_the_roots_of_these_speeds():
+    loci = pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), np.linspace(0.0, 8.0, 81), 3)
+    ax = plot.root_loci(loci, numbers=False, speeds=True, ax=axes())
+    assert len(ax.texts) >= 6
+    for text in ax.texts:
+        row = round(float(text.get_text()) / 0.1)
+        roots = np.column_stack([loci.eigenvalues[row].real, loci.eigenvalues[row].imag])
+        assert np.abs(roots - text.xy).sum(axis=1).min() < 1e-9
+    hose = pp.root_loci(pp.Chain(HOSE, 4), np.linspace(0.0, 8.0, 9), 2)
+    largest = hose.speeds[-1] * HOSE.scales.speed
+    words = [
+        float(text.get_text())
+        for text in plot.root_loci(hose, numbers=False, speeds=True, units="si", ax=axes()).texts
+    ]
+    assert 0.7 * largest < max(words) <= largest
+
+
+@pytest.mark.parametrize("draw", [plot.root_loci, plot.frequencies])
+def test_eigenvalues_have_a_bar_for_their_colours_which_a_common_one_replaces(draw):
+    ax = draw(LOCI, ax=axes())
+    own, bar = ax.figure.axes
+    assert own is ax
+    assert bar.get_ylabel() == (plot.SPEED_LABEL if draw is plot.root_loci else plot.REAL_LABEL)
+    common = plot.colour_bar("common", ax=ax)
+    assert ax.figure.axes == [ax, common]
+    assert draw(LOCI, bar=False, ax=axes()).figure.axes[1:] == []
+
+
+def test_curves_of_few_samples_pass_through_these_and_lie_close_to_many():
+    """Branches 2 and 3; the first reaches the real axis at speeds between two samples."""
+    coarse, fine = (
+        pp.root_loci(pp.Continuum(pp.Pipe(0.2)), np.linspace(0.0, 9.0, size), 3)
+        for size in (37, 721)
+    )
+    pieces = np.array(plot.root_loci(coarse, ax=axes()).collections[0].get_segments())
+    starts, stops = (pieces[:, i, 0] + 1j * pieces[:, i, 1] for i in (0, 1))
+
+    def distance(root, starts, stops):
+        """From a set of straight lines."""
+        along, from_start = stops - starts, root - starts
+        share = np.clip((from_start * along.conj()).real / np.abs(along) ** 2, 0.0, 1.0)
+        return np.abs(from_start - share * along).min()
+
+    for root in coarse.eigenvalues.ravel():
+        assert distance(root, starts, stops) < 1e-9
+    roots = fine.eigenvalues[:, 1:].ravel()
+    polygons = coarse.eigenvalues[:-1, 1:].ravel(), coarse.eigenvalues[1:, 1:].ravel()
+    assert max(distance(root, *polygons) for root in roots) > 0.1
+    assert max(distance(root, starts, stops) for root in roots) < 0.03
+
+
+def test_no_onset_is_drawn_where_two_real_pairs_become_other_pairs():
+    """Two modes buckle at rest; their growing roots meet and stay unstable."""
+    pipe = pp.Continuum(pp.Pipe(0.2, gamma=-100.0))
+    loci = pp.root_loci(pipe, np.linspace(0.0, 9.0, 19), 3)
+    (onsets,) = [line for line in plot.root_loci(loci, ax=axes()).lines if line.get_marker() == "D"]
+    assert onsets.get_xdata().size == 0
+    assert not any(c.destabilising for c in pp.crossings(pipe, 9.0))
+
+
+def test_dots_of_a_benchmark_leave_the_curve_visible_between_them():
+    speeds = np.linspace(0.0, 8.0, 161)
+    exact = pp.root_loci(pp.Continuum(pp.Pipe(0.2)), speeds)
+    for draw in (plot.root_loci, plot.frequencies):
+        ax = draw(exact, exact, ax=axes())
+        (dots,) = [line for line in ax.lines if line.get_marker() == "o"]
+        shown = ax.transData.transform(dots.get_xydata()) * 72.0 / ax.figure.dpi
+        apart = np.hypot(*(shown[:, None] - shown).T) + 100.0 * np.eye(len(shown))
+        assert len(shown) > 30
+        assert apart.min() > 5.0
+
+
+def test_mode_shapes_have_all_that_grow_and_no_legend_if_asked_for_none():
+    found = pp.modes(pp.Chain(pp.Pipe(0.225, gamma=998.0), 20), 24.0)
+    growing = int(np.sum(found.eigenvalues.real > 0.0))
+    ax = plot.mode_shapes(found, 2, ax=axes())
+    labels = [one for one in ax.get_legend_handles_labels()[1] if "lambda" in one]
+    assert growing == 1
+    assert len(labels) == 3
+    assert ax.get_title() == f"$u = 24$, 3 of {found.eigenvalues.size} modes"
+    assert ax.get_legend() is not None
+    assert plot.mode_shapes(found, 2, legend=False, ax=axes()).get_legend() is None
+    with pytest.raises(TypeError, match="legend must be True or False"):
+        plot.mode_shapes(found, legend=1, ax=axes())
+
+
+@pytest.mark.parametrize("layout", ["constrained", "tight"])
+def test_a_bar_of_its_own_leaves_a_picture_its_place_in_a_figure_of_four(layout):
+    figure = plot.Figure(figsize=(7.0, 5.0), layout=layout)
+    four = figure.subplots(2, 2)
+    for ax in four.flat:
+        plot.frequencies(HOSE_LOCI, ax=ax)
+    figure.draw_without_rendering()
+    boxes = [ax.get_window_extent() for ax in figure.axes]
+    assert len(boxes) == 8
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+    assert all(box.width > 0.25 * figure.bbox.width for box in boxes[:4])
+
+
+@pytest.mark.parametrize("draw", [plot.root_loci, plot.frequencies])
+def test_a_picture_without_growth_says_if_higher_modes_may_grow(draw):
+    def note(loci):
+        return draw(loci, ax=axes()).get_title(loc="right")
+
+    assert note(replace(LOCI, complete=False)) == "higher modes may be unstable"
+    assert note(LOCI) == ""
+    assert note(replace(HOSE_LOCI, complete=False)) == ""
