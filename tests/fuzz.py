@@ -524,7 +524,7 @@ def public_name(call: Any) -> str:
     if owner is not None:
         cls = owner if isinstance(owner, type) else type(owner)
         name, module = f"{cls.__name__}.{name}", cls.__module__
-    folder = module.split(".")[1]
+    folder = module.removeprefix("pipedyn.").split(".")[0]
     return f"{folder}.{name}" if folder in ("continuation", "modular", "plot") else name
 
 
@@ -1114,7 +1114,7 @@ def _motions() -> Iterator[Target]:
             called={"q0": "q0|angle"},
             **common,
             u=SLOW,
-            q0=rows,
+            q0=optional(rows),
             qdot0=rates,
         )
     yield target(
@@ -1147,7 +1147,9 @@ def _motions() -> Iterator[Target]:
         models=Kind(one_of(CHAIN, [CHAIN, CHAIN]), any_of(MOVING.bad, one_of([], [EXACT], [3]))),
         speeds=speeds,
         executor=EXECUTOR,
-        q0=Kind(start(3).good, any_of(FUNCTION.bad, one_of([[0.1]], [NAN] * 3, [[0.1, NAN, 0.0]]))),
+        q0=optional(
+            Kind(start(3).good, any_of(FUNCTION.bad, one_of([[0.1]], [NAN] * 3, [[0.1, NAN, 0.0]])))
+        ),
     )
     many = one_of([PUMP, 1.0, lambda t: 1.0 + t], (PUMP, PUMP), [(lambda t: 1.0, lambda t: 0.0)])
     few = one_of([PUMP, -1.0], [None], [lambda t: NAN], [(PUMP,)], [[PUMP]], ["a"], [], 1j)

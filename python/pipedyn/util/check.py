@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import operator
 import reprlib
@@ -13,6 +12,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pipedyn.util.hints import did_you_mean
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -120,8 +121,7 @@ def choice(name: str, value: Any, options: Collection[Word]) -> Word:
     listed = ", ".join(repr(option) for option in options)
     if not is_word:
         raise TypeError(f"{name} must be one of {listed}, got {shown(value)}")
-    similar = difflib.get_close_matches(value[:60], options, n=1) if len(options) > 4 else []
-    hint = f": did you mean {similar[0]!r}?" if similar else ""
+    hint = did_you_mean(value, options)
     raise ValueError(f"{name} must be one of {listed}, got {shown(value)}{hint}")
 
 
