@@ -1358,6 +1358,8 @@ def _kept() -> Iterator[Target]:
     known = {"found": Kind(one_of(CRITICAL, CYCLE, LOCI, BOUNDARY), None)}
     known["pipe"] = Kind(one_of(MEASURED), one_of(PIPE, 3, "pipe", CHAIN))
     yield target(lambda found, pipe: repr(found.in_si(pipe)), "Result.in_si", **known)
+    heard = pp.identify(MEASURED, [pp.Measurement("frequency", 1.0, 0.1)], ["bending_stiffness"])
+    yield target(heard.in_si, pipe=Kind(one_of(MEASURED, None), any_of(known["pipe"].bad)))
     yield target(pp.load, path=Kind(kept, bad))
     size, most = real((0.1, 5.0), -1.0, 1e300), real((0.1, 5.0), 0.0, 1e300)
     words = ("frequency", "decay_rate", "decrement", "critical_speed", "critical_frequency")

@@ -68,6 +68,7 @@ def test_an_unknown_argument_is_answered_with_the_one_that_is_meant(call, meant)
         (lambda: pp.identify(HOSE, HEARD, ["dampng"]), "damping"),
         (lambda: pp.identify(PIPE, HEARD, ["mass ratio"]), "beta"),
         (lambda: pp.critical_speeds(CHAIN, {"mass": [0.1]}), "PointMass.mass"),
+        (lambda: pp.Harmonic(0.1, 3.0, "horizontal"), "x"),
         (lambda: pp.boundary(CHAIN, "velocity", "beta", {}), "u"),
     ],
 )
@@ -143,6 +144,7 @@ def test_public_functions_keep_their_names_signatures_and_places_in_pickles():
         assert pickle.loads(pickle.dumps(function)) is function
         assert function.__name__ == name
         assert "given" not in parameters
+    assert not hasattr(plot.Figure.__init__, "__wrapped__")  # matplotlib's stays as it is
     inner = inspect.unwrap(pp.critical_speed)
     assert pickle.loads(pickle.dumps(inner)) is inner
     assert next(iter(inspect.signature(pp.Chain).parameters)) == "pipe"

@@ -62,16 +62,15 @@ MOST_SPEED = 55.0
 the shortest waves that the largest model can represent."""
 
 SCANNED = 16
-"""Number of values of each unknown, on a line or for each dimension of a scan, whose misfits show
-where to search. With 12, two of 12 random problems had an optimum that was not found."""
+"""Number of values of each unknown in a scan of all ranges and on lines, whose misfits show where
+to search. With 12, two of six random problems with several optima lacked one of them."""
 
-MOST_STARTS, REPEATS, MOST_LINES = 8, 4, 4
+MOST_SEARCHES, REPEATS, MOST_LINES = 8, 4, 4
 """Largest number of searches from a scan of all ranges, which end when so many of them have found
-an optimum once more; and largest number of optima from which lines lead on. Of 12 random problems
-with 1 to 3 unknowns, six have several optima, all of which are found, but one not after 3 repeats.
-"""
+an optimum once more; and largest number of optima from which lines lead on. Five of those six
+problems then have all their optima, and one lacks one of two."""
 
-CLOSE = 0.01
+SAME_OPTIMUM = 0.01
 """Largest difference of logarithms of one optimum found twice."""
 
 SCOUT, PRECISE = 1e-3, 1e-12
@@ -474,7 +473,7 @@ class _Problem:
         found, seen = self.optima(self.starts(size), size, SCOUT, REPEATS), list[Array]()
 
         def is_new(x: Array) -> bool:
-            return all(float(np.abs(x - y).max()) > CLOSE for y in seen)
+            return all(float(np.abs(x - y).max()) > SAME_OPTIMUM for y in seen)
 
         while len(seen) < MOST_LINES and (new := [*filter(is_new, found)]):
             seen.append(new[0])
@@ -485,14 +484,13 @@ class _Problem:
         """The x of the given pipe, and those of an even scan that fit better than their nearest."""
         low, high = self.bounds
         many = low.size
-        steps = np.roots([1.0, *[0.0] * (many - 1), -1.0, -1.0])  # of x^(many + 1) = x + 1
-        steps = np.abs(steps[np.argmin(np.abs(steps.imag))]) ** -np.arange(1.0, many + 1.0)
-        scan = (0.5 + np.outer(np.arange(SCANNED * many), steps)) % 1.0
+        even = (np.arange(SCANNED * many) + 0.5) / (SCANNED * many)  # values of each unknown
+        scan = np.random.default_rng(0).permuted(np.tile(even, (many, 1)), axis=1).T
         places = low + (high - low) * scan
         squares = np.array([self.squares(x, size) for x in places])
         near = np.argsort(np.linalg.norm(scan[:, None] - scan, axis=2), axis=1)[:, 1 : 2 * many + 1]
         best = np.flatnonzero(squares < squares[near].min(axis=1))
-        return [self.begin, *places[best[np.argsort(squares[best])][:MOST_STARTS]]]
+        return [self.begin, *places[best[np.argsort(squares[best])][:MOST_SEARCHES]]]
 
     def beside(self, x: Array, size: int) -> list[Array]:
         """The x of least misfit where one unknown at a time takes all values, but x itself."""
@@ -528,7 +526,7 @@ class _Problem:
             except PipedynError as error:
                 failed.append(error)
                 continue
-            repeats -= any(float(np.abs(one[1] - x).max()) < CLOSE for _, x in found)
+            repeats -= any(float(np.abs(one[1] - x).max()) < SAME_OPTIMUM for _, x in found)
             found.append(one)
             if not repeats:
                 break

@@ -40,8 +40,8 @@ SYNONYM_GROUPS = """
     nmodes modes number, frequency freq frequencies omega, frequencies freqs freq omega frequency,
     decayrate decay, decrement logdec logdecrement logarithmicdecrement dampingratio zeta,
     criticalspeed ucr uc flutterspeed criticalvelocity, criticalfrequency omegac flutterfrequency,
-    criticalspeed divergencespeed, ranges limits window bounds range, bounds limits range, ax axes
-    axis, si siunits
+    criticalspeed divergencespeed, ranges limits window bounds range, bounds limits range, x
+    transverse lateral, y axial vertical, seconds time, ax axes axis, si siunits
 """
 """Words of the field for the same thing, as `bare` writes them; commas separate groups."""
 
@@ -90,8 +90,11 @@ def with_hints(one: Public, package: str) -> Public:
         hinting: Any = _hinting(one, f"{shown}.{one.__name__}")
         hinting.__module__ = package  # where it is found when it is pickled
         return hinting
+    if not isinstance(one, type) or not one.__module__.startswith("pipedyn."):
+        return one
+    # Results have in_si; those that check what they are given, as StartPlane does, users make, too.
     made_by_users = hasattr(one, "__post_init__") or not hasattr(one, "in_si")
-    if isinstance(one, type) and made_by_users and not issubclass(one, BaseException | tuple):
+    if made_by_users and not issubclass(one, BaseException | tuple):
         for name, of in list(vars(one).items()):
             if hasattr(getattr(of, "__func__", of), "__wrapped__"):
                 continue  # another package has the class, too
