@@ -41,7 +41,7 @@ SYNONYM_GROUPS = """
     decayrate decay, decrement logdec logdecrement logarithmicdecrement dampingratio zeta,
     criticalspeed ucr uc flutterspeed criticalvelocity, criticalfrequency omegac flutterfrequency,
     criticalspeed divergencespeed, ranges limits window bounds range, bounds limits range, x
-    transverse lateral, y axial vertical, seconds time, ax axes axis, si siunits
+    transverse lateral horizontal, y axial vertical, seconds time, ax axes axis, si siunits
 """
 """Words of the field for the same thing, as `bare` writes them; commas separate groups."""
 
