@@ -31,6 +31,7 @@ HEARD = [pp.Measurement("frequency", 1.0, 0.1)]
         (lambda: pp.Spring(0.5, k=3.0), "'stiffness'"),
         (lambda: pp.PointMass(position=0.5, mass=0.1), "'at'"),
         (lambda: modular.PointMass(1.0, m=3.0), "'mass'"),
+        (lambda: pp.Measurement("frequency", 1.0, std=0.1), "'uncertainty'"),
         (lambda: pp.Pulsation(2.0, amp=0.3, frequency=25.0), "'amplitude'"),
         (lambda: pp.StartPlane(xs=[0.0, 1.0], y=[2.0]), "'x'"),
         (lambda: pp.critical_speed(CHAIN, umax=30.0), "'max_speed'"),
@@ -84,6 +85,7 @@ def test_a_word_that_resembles_nothing_gets_the_list_alone():
         pp.Pipe(0.2, root="loose")
     assert did_you_mean("EI", ["u", "beta", "gamma"]) == ""
     assert did_you_mean("", ["u", "beta"]) == ""
+    assert did_you_mean("kappa", ["u", "alpha"]) == ""  # which is drag, and no slip of the pen
     several = ["terms[0].stiffness", "Spring.stiffness", "Foundation.stiffness"]
     assert did_you_mean("k", several) == (
         ": did you mean 'Spring.stiffness' or 'Foundation.stiffness' or 'terms[0].stiffness'?"
@@ -127,6 +129,8 @@ def test_a_list_where_one_is_asked_for_is_refused_with_the_way_to_ask(taken):
     loci = pp.root_loci(CHAIN, [0.0, 1.0], 2)
     with pytest.raises(TypeError, match=r"one at a time, \[pp.plot.root_loci\(loci\) for loci in"):
         plot.root_loci([loci, loci])
+    with pytest.raises(TypeError, match=r"got [^;]*; ask .*, \[pp\.plot\.explore\(pipe\) for"):
+        plot.explore([PIPE])
 
 
 def test_errors_of_the_users_own_functions_are_left_as_they_are():

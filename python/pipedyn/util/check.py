@@ -142,7 +142,8 @@ def array(
     """
     raw = numbers(name, value, "an array of real numbers", longest=longest)
     if raw.ndim != 1:
-        raise ValueError(f"{name} must be one-dimensional, got shape {raw.shape}")
+        came = f"shape {raw.shape}" if raw.ndim else f"the number {shown(value)}"
+        raise ValueError(f"{name} must be one-dimensional, as a list of numbers is, got {came}")
     sizes = size if isinstance(size, tuple) else (size,)
     if size is not None and raw.size not in sizes:
         many = " or ".join(map(str, dict.fromkeys(sizes)))

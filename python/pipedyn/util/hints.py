@@ -37,11 +37,12 @@ SYNONYM_GROUPS = """
     qdot0 v0 initialvelocity rates, samples nsamples npoints points steps nsteps, times t time
     tspan, rtol tol tolerance, tolerance tol rtol, atol abstol, method solver integrator, base
     shaker basemotion excitation, executor pool njobs workers parallel, progress verbose, count n
-    nmodes modes number, frequency freq frequencies omega, frequencies freqs freq omega frequency,
-    decayrate decay, decrement logdec logdecrement logarithmicdecrement dampingratio zeta,
-    criticalspeed ucr uc flutterspeed criticalvelocity, criticalfrequency omegac flutterfrequency,
-    criticalspeed divergencespeed, ranges limits window bounds range, bounds limits range, x
-    transverse lateral horizontal, y axial vertical, seconds time, ax axes axis, si siunits
+    nmodes modes number, frequency freq frequencies omega, frequencies freqs freq omega frequency
+    naturalfrequencies eigenfrequencies, decayrate decay, decrement logdec logdecrement
+    logarithmicdecrement dampingratio zeta, criticalspeed ucr uc flutterspeed flutter
+    criticalvelocity, criticalfrequency omegac flutterfrequency, criticalspeed divergencespeed,
+    ranges limits window bounds range, bounds limits range, x transverse lateral horizontal, y axial
+    vertical, seconds time, uncertainty sigma std sd error, gap clearance, ax axes axis, si siunits
 """
 """Words of the field for the same thing, as `bare` writes them; commas separate groups."""
 
@@ -49,6 +50,9 @@ SYNONYMS = [frozenset(group.split()) for group in SYNONYM_GROUPS.split(",")]
 
 MOST_MEANT = 3
 """Largest number of options in a hint: more are no hint."""
+
+
+ONE_AT_A_TIME = "; ask for one at a time,"
 
 
 def bare(word: str) -> str:
@@ -71,7 +75,7 @@ def did_you_mean(word: str, options: Iterable[str]) -> str:
         for option, name in known.items()
         if name in meaning or bare(option.rpartition(".")[2]) in meaning
     ]
-    if not found:
+    if not found and len(meaning) == 1:  # a word with another meaning is no slip of the pen
         begin = [name for name in known.values() if len(given) > 2 and name.startswith(given)]
         similar = begin or difflib.get_close_matches(given, known.values(), n=1)
         found = [option for option, name in known.items() if name in similar][:1]
@@ -120,7 +124,7 @@ def _hinting(function: Callable[..., Any], name: str) -> Callable[..., Any]:
                 if unknown := _unknown_argument(function, name, given):
                     raise TypeError(unknown) from None
             elif of_each := _one_at_a_time(function, name, args, given, str(error)):
-                error.args = (f"{error}{of_each}",)
+                error.args = (str(error).partition(ONE_AT_A_TIME)[0] + of_each,)
             raise
 
     return hinting
@@ -161,4 +165,4 @@ def _one_at_a_time(
     if not (of_package and message.startswith(f"{first.name} must be ")):
         return ""
     others = ", ..." if len({*bound} - {"self", "cls"}) > 1 else ""
-    return f"; ask for one at a time, [{name}({first.name}{others}) for {first.name} in ...]"
+    return f"{ONE_AT_A_TIME} [{name}({first.name}{others}) for {first.name} in ...]"
