@@ -75,9 +75,10 @@ def did_you_mean(word: str, options: Iterable[str]) -> str:
         for option, name in known.items()
         if name in meaning or bare(option.rpartition(".")[2]) in meaning
     ]
-    if not found and len(meaning) == 1:  # a word with another meaning is no slip of the pen
+    if not found:
+        likeness = 0.6 if len(meaning) == 1 else 0.8  # a word with a meaning is seldom misspelled
         begin = [name for name in known.values() if len(given) > 2 and name.startswith(given)]
-        similar = begin or difflib.get_close_matches(given, known.values(), n=1)
+        similar = begin or difflib.get_close_matches(given, known.values(), 1, likeness)
         found = [option for option, name in known.items() if name in similar][:1]
     found.sort(key=lambda option: "[" in option)  # Spring.stiffness before terms[0].stiffness
     return f": did you mean {' or '.join(map(repr, found[:MOST_MEANT]))}?" if found else ""
