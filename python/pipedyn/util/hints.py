@@ -85,10 +85,10 @@ def did_you_mean(word: str, options: Iterable[str]) -> str:
 
 
 def with_hints(one: Public, package: str) -> Public:
-    """A public function or class of a package, whose calls explain arguments that it has not.
+    """A public function or class of a package, whose TypeErrors say what was probably meant.
 
-    A function is returned as another one, which calls it; a class is changed in place, but neither
-    results, which users do not make, nor exceptions.
+    A function is returned as another one that calls it; the constructors of a class are replaced in
+    the class itself. Exceptions and results, which users do not make, are left as they are.
     """
     shown = package.replace("pipedyn", "pp")
     if isinstance(one, FunctionType):
@@ -138,7 +138,7 @@ def _parameters(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
 
 
 def _unknown_argument(function: Callable[..., Any], name: str, given: Mapping[str, Any]) -> str:
-    """A sentence on the first argument that a function has not; empty if it has all of them."""
+    """A sentence on the first argument that a function does not take; empty if there is none."""
     known = _parameters(function)
     for word in given:
         if word not in known:
@@ -154,7 +154,7 @@ def _one_at_a_time(
     given: Mapping[str, Any],
     message: str,
 ) -> str:
-    """How to ask for several objects where a function takes one; empty if that is not wrong."""
+    """How to ask for several objects where a function takes one; empty if none was given so."""
     first = next(iter(_parameters(function).values()), None)
     if first is None or "Sequence" in str(first.annotation):
         return ""
