@@ -527,7 +527,7 @@ def public_name(call: Any) -> str:
     if owner is not None:
         cls = owner if isinstance(owner, type) else type(owner)
         name, module = f"{cls.__name__}.{name}", cls.__module__
-    folder = module.split(".")[1]
+    folder = module.removeprefix("pipedyn.").split(".")[0]
     return f"{folder}.{name}" if folder in ("continuation", "modular", "plot") else name
 
 
@@ -1122,7 +1122,7 @@ def _motions() -> Iterator[Target]:
             called={"q0": "q0|angle"},
             **common,
             u=SLOW,
-            q0=rows,
+            q0=optional(rows),
             qdot0=rates,
         )
     yield target(
@@ -1164,7 +1164,9 @@ def _motions() -> Iterator[Target]:
         models=Kind(one_of(CHAIN, [CHAIN, CHAIN]), any_of(MOVING.bad, one_of([], [EXACT], [3]))),
         speeds=speeds,
         executor=EXECUTOR,
-        q0=Kind(start(3).good, any_of(FUNCTION.bad, one_of([[0.1]], [NAN] * 3, [[0.1, NAN, 0.0]]))),
+        q0=optional(
+            Kind(start(3).good, any_of(FUNCTION.bad, one_of([[0.1]], [NAN] * 3, [[0.1, NAN, 0.0]])))
+        ),
     )
     many = one_of([PUMP, 1.0, lambda t: 1.0 + t], (PUMP, PUMP), [(lambda t: 1.0, lambda t: 0.0)])
     few = one_of([PUMP, -1.0], [None], [lambda t: NAN], [(PUMP,)], [[PUMP]], ["a"], [], 1j)
@@ -1373,6 +1375,8 @@ def _kept() -> Iterator[Target]:
     known = {"found": Kind(one_of(CRITICAL, CYCLE, LOCI, BOUNDARY), None)}
     known["pipe"] = Kind(one_of(MEASURED), one_of(PIPE, 3, "pipe", CHAIN))
     yield target(lambda found, pipe: repr(found.in_si(pipe)), "Result.in_si", **known)
+    heard = pp.identify(MEASURED, [pp.Measurement("frequency", 1.0, 0.1)], ["bending_stiffness"])
+    yield target(heard.in_si, pipe=Kind(one_of(MEASURED, None), any_of(known["pipe"].bad)))
     yield target(pp.load, path=Kind(kept, bad))
     size, most = real((0.1, 5.0), -1.0, 1e300), real((0.1, 5.0), 0.0, 1e300)
     words = ("frequency", "decay_rate", "decrement", "critical_speed", "critical_frequency")

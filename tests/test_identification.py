@@ -6,6 +6,7 @@ the literature) or drawn at random around the true ones.
 """
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 from independent import companion_eigenvalues
 
 import pipedyn as pp
+from pipedyn.models.pipe_numbers import pipe_numbers
 
 EI, LENGTH, DAMPING_TIME, COMPLIANCE = 7.3e-3, 0.45, 2e-3, 0.03
 
@@ -290,3 +292,136 @@ def test_a_mode_that_is_not_told_from_its_neighbours_tells_nothing():
     onset = pp.Measurement("critical_speed", 8.778, 0.05)
     with pytest.raises(pp.NotConverged, match=r"measurements\[0\] jumps .* too close together"):
         pp.identify(pp.Pipe(0.37), [decay, onset], {"beta": (0.3, 0.45)})
+
+
+# ---------------------------------------------------------------------------- more than one answer
+
+
+def swayed(gamma):
+    """A pipe whose first mode, at u = 6, decays at one rate for three values of gamma."""
+    return pp.Pipe(0.22, gamma, alpha=1.2, damping=0.02)
+
+
+def decay_at_six(gamma):
+    loci = pp.root_loci(pp.Continuum(swayed(gamma)), np.linspace(0.0, 6.0, 13), 2)
+    return -loci.eigenvalues[-1, 0].real
+
+
+@pytest.mark.parametrize("given", [2.0, 10.0, 30.0])
+def test_all_pipes_that_explain_the_measurements_are_told_from_any_start(given):
+    """One search from gamma = 30 finds 42.9 with an uncertainty of 2.4 %; the truth is 1.5."""
+    rate = decay_at_six(1.5)
+    measured = [pp.Measurement("decay_rate", rate, 0.01 * rate, speed=6.0)]
+    found = pp.identify(swayed(given), measured, {"gamma": (0.5, 60.0)})
+    every = sorted(float(one[0]) for one in (found.values, *found.alternatives))
+    assert every == pytest.approx([1.5, 18.248, 42.892], rel=1e-4)
+    assert [decay_at_six(gamma) for gamma in every] == pytest.approx([rate] * 3, rel=1e-6)
+    assert found.values[0] == min(every, key=lambda gamma: abs(math.log(gamma / given)))
+    assert np.isnan(found.uncertainties).all()
+    assert math.isnan(found.critical_speed_uncertainty)
+    assert found.warnings[0].startswith("3 different pipes explain the measurements about equally ")
+    assert {"gamma = 1.5", "gamma = 18.25", "gamma = 42.89"} == {
+        *re.findall(r"gamma = [\d.]*\d", found.warnings[0])
+    }
+    alone = pp.identify(swayed(given), measured, {"gamma": (30.0, 60.0)})
+    assert alone.alternatives == ()
+    assert alone.warnings == ()
+    assert alone.values[0] == pytest.approx(every[2], rel=1e-6)
+    assert 0.01 < alone.uncertainties[0] / alone.values[0] < 0.03
+
+
+def test_uncertainties_that_are_too_small_rule_no_pipe_out():
+    """Two decay rates do not fit any gamma: the one at 42.9 is only a little better than at 1.5."""
+    rate, sigma = decay_at_six(1.5), 1e-4
+    measured = [
+        pp.Measurement("decay_rate", rate * (1.0 + 0.01 * sign), sigma * rate, speed=6.0)
+        for sign in (-1, 1)
+    ]
+    found = pp.identify(swayed(30.0), measured, {"gamma": (0.5, 60.0)})
+    assert found.chi_squared > 1e4
+    assert len(found.alternatives) >= 2
+    assert any("does not explain the measurements" in one for one in found.warnings)
+
+
+LAWS = {
+    "beta": (0.02, 0.98),
+    "gamma": (0.3, 100.0),
+    "damping": (5e-4, 0.2),
+    "Spring.stiffness": (0.1, 1e3),
+}
+KINDS = [
+    ("frequency", 0.0, 1), ("frequency", 0.0, 2), ("decrement", 0.0, 1), ("frequency", 6.0, 1),
+    ("decay_rate", 4.0, 1), ("frequency", 4.0, 2), ("critical_speed",), ("critical_frequency",),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("seed", "others"), [(0, 0), (17, 0), (35, 0), (25, 1), (30, 1), (34, 1)])
+def test_random_pipes_come_back_within_their_uncertainties_or_among_those_told(seed, others):
+    """The search begins far from them, at a pipe in the middle of all ranges."""
+    random = np.random.default_rng(seed)
+    numbers = random.choice([*LAWS], 2, replace=False).tolist()
+    true = pp.Pipe(
+        random.uniform(0.1, 0.8),
+        10.0 ** random.uniform(0.0, 1.5),
+        damping=10.0 ** random.uniform(-2.5, -1.5),
+        terms=[pp.Spring(0.5, 10.0 ** random.uniform(0.0, 2.0))],
+    )
+    measured = []
+    for k in random.permutation(len(KINDS)).tolist():
+        quantity, *at = KINDS[k]
+        value = predicted(true, quantity, *at)
+        if not value or len(measured) == 3:  # a mode that does not oscillate has no frequency
+            continue
+        sigma = 0.01 * abs(value)
+        noisy = value + sigma * random.normal()
+        measured.append(pp.Measurement(quantity, noisy, sigma, *at))
+    given, truth = true, []
+    for name in numbers:
+        number = pipe_numbers(true)[name]
+        truth.append(number.of(true))
+        given = number.changed(given, math.sqrt(math.prod(LAWS[name])))
+    found = pp.identify(given, measured, {name: LAWS[name] for name in numbers})
+    assert len(found.alternatives) == others
+    if others:
+        every = np.log([found.values, *found.alternatives])
+        assert np.abs(every - np.log(truth)).max(axis=1).min() < 0.1
+    else:
+        assert np.abs((found.values - truth) / found.uncertainties).max() < 4.0
+        assert found.uncertainties.max() < 0.3 * found.values.max()
+
+
+def predicted(pipe, quantity, speed=0.0, mode=1):
+    """A measured quantity, by root loci and critical speed of 30 functions."""
+    model = pp.Continuum(pipe).frozen(30)
+    if quantity.startswith("critical"):
+        found = pp.critical_speed(model)
+        return found.speed if quantity == "critical_speed" else found.frequency
+    speeds = np.linspace(0.0, speed, 2 + math.ceil(speed)) if speed else np.zeros(1)
+    root = pp.root_loci(model, speeds, 3).eigenvalues[-1, mode - 1]
+    if quantity == "decrement":
+        return -2.0 * math.pi * root.real / root.imag
+    return root.imag if quantity == "frequency" else -root.real
+
+
+@pytest.mark.parametrize(
+    ("given", "true"),
+    [
+        (pp.Pipe(0.3, 10.0, damping=0.01), 0.9),
+        (pp.Pipe(0.3, 10.0, damping=0.01, mass=lambda s: 1.0 - 0.4 * s), 0.55),
+    ],
+    ids=["uniform", "mass that varies"],
+)
+def test_a_mass_ratio_is_searched_for_below_one_or_the_least_mass(given, true):
+    """Thirty times 0.3 is no mass ratio."""
+    pipe = replace(given, beta=true)
+    critical = pp.critical_speed(pp.Continuum(pipe))
+    measured = [
+        pp.Measurement("critical_speed", critical.speed, 0.01 * critical.speed),
+        pp.Measurement("critical_frequency", critical.frequency, 0.01 * critical.frequency),
+    ]
+    found = pp.identify(given, measured, ["beta"])
+    assert found.values == pytest.approx([true], rel=1e-5)
+    with pytest.raises(
+        ValueError, match=r"^unknowns\['beta'\] must lie in \(0, (1|0.6)[)\]], got 9"
+    ):
+        pp.identify(given, measured, {"beta": (0.01, 9.0)})

@@ -150,7 +150,7 @@ def test_public_names_are_spelled_the_british_way():
     names = set()
     for module in (pp, pp.plot, pp.modular, pp.continuation):
         for name, one in inspect.getmembers(module):
-            if str(getattr(one, "__module__", "")).startswith("pipedyn."):
+            if str(getattr(one, "__module__", "")).startswith("pipedyn"):
                 names.add(name)
                 names.update(inspect.signature(one).parameters if inspect.isfunction(one) else ())
                 names.update(vars(one) if inspect.isclass(one) else ())
@@ -165,7 +165,7 @@ def test_every_public_name_stands_in_the_reference():
     for prefix, module in (("", pp), ("plot.", pp.plot), ("modular.", pp.modular)):
         every = {name: getattr(module, name) for name in module.__all__}
         own = {name for name, one in every.items() if getattr(one, "__module__", None) is not None}
-        names = [name for name in own if every[name].__module__.startswith("pipedyn.")]
+        names = [name for name in own if every[name].__module__.startswith("pipedyn")]
         assert len(names) > 10
         found = {name: {f"pipedyn.{name}", f"pipedyn.{prefix}{name}"} & words for name in names}
         assert [name for name in names if not found[name]] == []

@@ -520,7 +520,10 @@ def test_what_does_not_fit_is_named(make: Callable[[], Any], message: str) -> No
         (lambda: md.Assembly(PIPE, [md.Clamp()], []), "modules must hold modules and terms only"),
         (lambda: md.Assembly(PIPE, SEGMENTS, SEGMENTS), "constraints must hold constraints only"),
         (scene("mass"), "parts must be modules, constraints or terms, got 'mass'"),
-        (lambda: md.chain(PIPE, 3, length=[1.0]), "chain() got an unexpected keyword argument"),
+        (
+            lambda: md.chain(PIPE, 3, length=[1.0]),
+            "has no argument 'length': did you mean 'lengths'?",
+        ),
     ],
 )
 def test_what_is_no_part_is_refused(make: Callable[[], Any], message: str) -> None:

@@ -468,9 +468,23 @@ def test_each_member_of_an_ensemble_has_its_own_units():
 
 def test_what_is_in_si_already_is_not_converted_again():
     found = pp.identify(SCALED, [pp.Measurement("frequency", 1.0, 0.01)], ["bending_stiffness"])
-    with pytest.raises(ValueError, match="Identification has no numbers to convert"):
-        found.in_si()
+    assert found.in_si() is found
+    assert found.units == {
+        "bending_stiffness": "N m^2",
+        "critical_speed": "m/s",
+        "critical_speed_uncertainty": "m/s",
+    }
+    assert "unknowns=('bending_stiffness (N m^2)',), values=[" in repr(found)
+    assert "critical_speed (m/s)=" in repr(found)
+    assert found.columns()["unit"].tolist() == ["N m^2"]
     assert "nondimensional" not in found._repr_html_()
+    with pytest.raises(TypeError, match="pipe must be a Pipe, got 3"):
+        found.in_si(3)
+    bare = pp.identify(pp.Pipe(0.2, 3.0), [pp.Measurement("frequency", 4.0, 0.01)], ["gamma"])
+    assert bare.units == {}
+    assert "unknowns=('gamma',)" in repr(bare)
+    with pytest.raises(ValueError, match=r"numbers in SI need a pipe made with Pipe\.from_si"):
+        bare.in_si()
     assert list(found.columns("si")) == list(found.columns())
 
 

@@ -138,6 +138,34 @@ def test_default_samples_are_those_that_are_left_of_the_finest(model, u, duratio
     np.testing.assert_array_equal(found.tip, thinned.tip)
 
 
+SPANS = pp.Pipe(0.3, 5.0, end="clamped", damping=0.01, supports=(0.4,))
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        CHAIN,
+        pp.Galerkin(DAMPED, 4, "legendre"),
+        pp.Chain(SPANS, 6),
+        pp.Galerkin(SPANS, 4),
+        pp.Chain(pp.Pipe(0.2, jet_angle=0.4), 4),
+        md.chain(DAMPED, 3).plus(md.Guide(3)),
+    ],
+    ids=["chain", "reduced", "chain on supports", "reduced on supports", "jet", "scene"],
+)
+def test_a_motion_without_a_start_begins_at_the_slight_bend_of_all_questions(model):
+    """That of `limit_cycle`, `bifurcation_diagram` and `lyapunov_exponent`: theta = 0.05 s^2."""
+    alone = pp.simulate(model, 1.0, 0.1, samples=11)
+    bent = pp.simulate(model, 1.0, 0.1, lambda s: 0.05 * s**2, samples=11)
+    assert alone == bent
+    assert 1e-3 < np.abs(model.shape(alone.q[0], [0.2, 0.7, 1.0])[:, 0]).max() < 0.02
+    [member] = pp.simulate_many(model, [1.0], 0.1, samples=11, method=alone.method).motions
+    np.testing.assert_allclose(member.q, bent.q, rtol=0.0, atol=1e-8)
+    pumped, shaken = pp.Pulsation(1.0, 0.2, 9.0), pp.Harmonic(0.01, 9.0)
+    driven = pp.simulate(model, pumped, 0.1, samples=11, base=shaken)
+    np.testing.assert_array_equal(driven.q[0], bent.q[0])
+
+
 def test_a_motion_gives_tip_energy_and_states():
     motion = pp.simulate(CHAIN, 6.0, 1.0, bow, np.linspace(0.0, 1.0, 6), samples=5)
     assert motion.q.shape == motion.qdot.shape == (5, 6)

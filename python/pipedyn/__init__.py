@@ -11,6 +11,7 @@ from pathlib import Path as _Path
 from typing import Any as _Any
 
 from pipedyn.models.pipe import Pipe as Pipe
+from pipedyn.util.hints import with_hints as _with_hints
 
 __version__ = "0.2.0"
 
@@ -21,6 +22,8 @@ _MODULES = {
 
 __all__ = sorted(_MODULES)
 
+_with_hints(Pipe, "pipedyn")
+
 
 def __getattr__(name: str) -> _Any:
     """A public name that is used for the first time."""
@@ -29,7 +32,7 @@ def __getattr__(name: str) -> _Any:
     module = _import_module(_MODULES[name])
     if module.__name__ == "pipedyn":  # the name is that of a module itself
         return _import_module(f"pipedyn.{name}")
-    globals()[name] = getattr(module, name)
+    globals()[name] = _with_hints(getattr(module, name), "pipedyn")
     return globals()[name]
 
 

@@ -2,8 +2,8 @@
 """Identification of a pipe's numbers from measurements, with their uncertainties.
 
 Least squares of (model - measured) / uncertainty in the logarithms of the unknown numbers, within
-bounds. The model is the small motion of the continuous pipe, whose predictions are precise enough
-for derivatives by differences.
+bounds, from several starts. The model is the small motion of the continuous pipe, whose predictions
+are precise enough for derivatives by differences.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Literal, get_args
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 import scipy
@@ -60,6 +60,25 @@ FUNCTIONS = (16, 24, 36, 54)
 MOST_SPEED = 55.0
 """Largest u at which modes are computed. A flow of u = 1.25 (FUNCTIONS[-1] - 8) bends the pipe into
 the shortest waves that the largest model can represent."""
+
+SCANNED = 16
+"""Number of values of each unknown in a scan of all ranges and on lines, whose misfits show where
+to search. With 12, two of six random problems with several optima lacked one of them."""
+
+MOST_SEARCHES, REPEATS, MOST_LINES = 8, 4, 4
+"""Largest number of searches from a scan of all ranges, which end when so many of them have found
+an optimum once more; and largest number of optima from which lines lead on. Five of those six
+problems then have all their optima, and one lacks one of two."""
+
+SAME_OPTIMUM = 0.01
+"""Largest difference of logarithms of one optimum found twice."""
+
+SCOUT, PRECISE = 1e-3, 1e-12
+"""Relative tolerances of searches for optima, and of the optima themselves."""
+
+RULED_OUT = 0.01
+"""Chance at which measurements of the best pipe fit it better than another by as much as they do,
+below which the other is ruled out."""
 
 MOST_TRIALS = 40
 """Largest number of pipes tried from one start; searches that find an optimum try 5 to 30."""
@@ -131,17 +150,19 @@ class Measurement:
             raise ValueError(f"speed must be left out of a {self.quantity}, got {self.speed:g}")
 
 
-@saved_as("Identification")
+@saved_as("Identification", added=("alternatives",))
 class Identification(TableResult):
     """Numbers of a pipe estimated from measurements.
 
     If the pipe has scales, all values are in SI units: the bending stiffness in N m^2, damping in
-    s, the clamp's compliance in rad/(N m) and the numbers of terms in their units.
+    s, the clamp's compliance in rad/(N m) and the numbers of terms in their units; `units` names
+    them.
 
     Attributes:
         unknowns: names of the U unknowns.
         values: estimates, shape (U,).
-        uncertainties: standard deviations, shape (U,); NaN for an estimate at the end of its range.
+        uncertainties: standard deviations, shape (U,); NaN for an estimate at the end of its range,
+            and for all estimates if there are `alternatives`.
         covariance: covariance of the estimates, shape (U, U); NaN where it is not known.
         correlation: covariance divided by both uncertainties, shape (U, U).
         predicted: measured quantities as predicted for the estimated pipe, shape (M,).
@@ -158,6 +179,10 @@ class Identification(TableResult):
             unknowns only.
         pipe: the pipe with the estimated numbers.
         measurements: the measurements, as given.
+        alternatives: estimates of other pipes that explain the measurements about as well, (U,)
+            each: at the best pipe, chance alone would make a difference of chi-squared as large as
+            theirs in more than 1 % of all cases. Empty if none was found. Ranges that hold only one
+            of the pipes, or other measurements, tell which one is right.
     """
 
     unknowns: tuple[str, ...]
@@ -175,9 +200,35 @@ class Identification(TableResult):
     critical_speed_uncertainty: float
     pipe: Pipe = field(repr=False)
     measurements: tuple[Measurement, ...] = field(repr=False)
+    alternatives: tuple[Array, ...] = field(default=(), repr=False)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of the unknowns and of the critical speed; empty for a nondimensional pipe."""
+        units = {name: _unit_text(name, self.pipe) for name in self.unknowns}
+        speeds = dict.fromkeys(("critical_speed", "critical_speed_uncertainty"), "m/s")
+        return {} if self.pipe.scales is None else units | speeds
+
+    def in_si(self, pipe: Any = None) -> Self:
+        """The result itself if its pipe has scales: it is in SI units already, see `units`."""
+        if self.pipe.scales is None:
+            return super().in_si(pipe)
+        self._known_scales(pipe)
+        return self
+
+    def _shown(self) -> dict[str, Any]:
+        units = self.units
+
+        def named(name: str) -> str:
+            return f"{name} ({units[name]})" if units.get(name) else name
+
+        shown = super()._shown() | {"unknowns": tuple(map(named, self.unknowns))}
+        return {named(name): value for name, value in shown.items()}
 
     def _columns(self) -> dict[str, Any]:
-        return {"unknown": self.unknowns, "value": self.values, "uncertainty": self.uncertainties}
+        units = [_unit_text(name, self.pipe) for name in self.unknowns]
+        columns = {"unknown": self.unknowns, "value": self.values}
+        return columns | {"uncertainty": self.uncertainties, "unit": units}
 
 
 def identify(
@@ -194,10 +245,13 @@ def identify(
             made with `from_si`), "clamp_compliance" (one over the stiffness of a `RootSpring`), and
             the numbers of the pipe that `boundary` accepts, such as "damping", "hysteresis",
             "Viscosity.sigma" or "Spring.stiffness". By default an unknown may differ by a factor of
-            30 from the pipe's value.
+            30 from the pipe's value, within the range that the number has.
 
     Returns:
-        Identification with the estimates, their uncertainties and warnings.
+        Identification with the estimates, their uncertainties and warnings. Several pipes may
+        explain the measurements. Searches therefore begin at the given pipe, at pipes from all over
+        the ranges, and where one unknown at a time takes the values of its range. All pipes found
+        that the measurements do not rule out are told.
 
     Example:
         >>> pipe = pp.Pipe.from_si(
@@ -209,8 +263,10 @@ def identify(
         ...     pp.Measurement("decrement", 0.05, 0.005),
         ... ]
         >>> found = pp.identify(pipe, measured, ["bending_stiffness", "damping"])
-        >>> found.freedom
-        1
+        >>> found.freedom, found.alternatives
+        (1, ())
+        >>> found.units["bending_stiffness"]
+        'N m^2'
 
     Raises:
         NotIdentifiable: if the measurements do not determine the unknowns; the message names the
@@ -224,15 +280,18 @@ def identify(
     """
     known = _checked_problem(pipe, measurements, unknowns)
     with one_thread(max(FUNCTIONS)):
-        x = known.begin
+        optima = known.searched(FUNCTIONS[0])
         for size in FUNCTIONS:
-            x = known.fitted(x, size)
-            moved = known.moved(x, size)
-            if moved <= RESOLVED_CHANGE:
-                return known.estimated(x, size)
-    raise NotConverged(
-        f"with {FUNCTIONS[-1]} functions a prediction still moves by {moved:.2g} of its uncertainty"
-    )
+            optima = known.optima(optima, size, PRECISE)
+            moved = [known.moved(x, size) for x in optima]
+            if max(moved) <= RESOLVED_CHANGE:
+                break
+        if moved[0] > RESOLVED_CHANGE:
+            raise NotConverged(
+                f"with {size} functions a prediction still moves by {moved[0]:.2g} of its "
+                "uncertainty"
+            )
+        return known.estimated(optima, size)
 
 
 @dataclass(frozen=True)
@@ -264,6 +323,16 @@ def _unit(name: str, pipe: Pipe) -> float:
         return time**2 / (mass * length**3)
     unit = unit_of_number(name, pipe)
     return 1.0 if unit is None else float(unit.scale(pipe.scales))
+
+
+def _unit_text(name: str, pipe: Pipe) -> str:
+    """The unit of an unknown in the units of users; empty if it has none."""
+    if pipe.scales is None:
+        return ""
+    if name in (STIFFNESS, COMPLIANCE):
+        return "N m^2" if name == STIFFNESS else "rad N^-1 m^-1"
+    unit = unit_of_number(name, pipe)
+    return "" if unit is None else unit.name
 
 
 def _speed_unit(pipe: Pipe) -> float:
@@ -335,6 +404,7 @@ def _unknown(pipe: Pipe, name: Any, bounds: Any) -> tuple[_Unknown, float]:
             f"unknowns must have 'clamp_compliance' instead of {name!r}, one over that, which is 0 "
             "of a rigid clamp"
         )
+    rule: dict[str, Any] = {"high": math.inf}
     if name == COMPLIANCE:
         stiffness = pipe.root_stiffness
         if stiffness == 0.0:
@@ -344,19 +414,24 @@ def _unknown(pipe: Pipe, name: Any, bounds: Any) -> tuple[_Unknown, float]:
         value = 1.0
     else:
         number = checked_number("unknowns", name, pipe, others=(STIFFNESS, COMPLIANCE))
-        value = number.of(pipe)
+        value, rule = number.of(pipe), number.rule
         if number.name in ("beta", "gamma", "alpha") and pipe.scales is not None:
             raise ValueError(
                 f"unknowns must not have {name!r} of a pipe made with Pipe.from_si: its masses and "
                 "lengths are given"
             )
     unit = _unit(name, pipe)
+    most = rule["high"] * unit
+    if name == "beta" and pipe.mass is not None:
+        most = min(most, pipe.mass.bounds[0])  # of which it is a part
     if bounds is not None:
-        low, high = check.array(f"unknowns[{name!r}]", bounds, size=2, low=0.0, open_low=True)
+        within = {"low": 0.0, "high": most, "open_low": True}
+        within["open_high"] = rule.get("open_high", False)
+        low, high = check.array(f"unknowns[{name!r}]", bounds, size=2, **within)
         if not low < high:
             raise ValueError(f"unknowns[{name!r}] must be (low, high), got ({low:g}, {high:g})")
     elif value > 0.0:
-        low, high = value / AROUND * unit, value * AROUND * unit
+        low, high = value / AROUND * unit, min(value * AROUND * unit, most * (1.0 - 1e-9))
     elif name in RANGES_OF_ZERO:
         low, high = (unit * one for one in RANGES_OF_ZERO[name])
     else:
@@ -393,15 +468,94 @@ class _Problem:
             pipe = one.put(pipe, value)
         return pipe
 
-    def fitted(self, begin: Array, size: int) -> Array:
-        """The least-squares x, searched from `begin` and, if misfits are large, from other x."""
+    def searched(self, size: int) -> list[Array]:
+        """The optima that searches from several x find, as `optima` has them."""
+        found, seen = self.optima(self.starts(size), size, SCOUT, REPEATS), list[Array]()
+
+        def is_new(x: Array) -> bool:
+            return all(float(np.abs(x - y).max()) > SAME_OPTIMUM for y in seen)
+
+        while len(seen) < MOST_LINES and (new := [*filter(is_new, found)]):
+            seen.append(new[0])
+            found = self.optima([*found, *self.beside(new[0], size)], size, SCOUT)
+        return found
+
+    def starts(self, size: int) -> list[Array]:
+        """The x of the given pipe, and those of an even scan that fit better than their nearest."""
         low, high = self.bounds
-        random = np.random.default_rng(0)
-        starts = [begin]
-        if size == FUNCTIONS[0]:
-            starts.append(0.5 * (low + high))
-            starts += [low + (high - low) * random.uniform(size=low.size) for _ in range(4)]
-        best, failed = None, list[PipedynError]()
+        many = low.size
+        even = (np.arange(SCANNED * many) + 0.5) / (SCANNED * many)  # values of each unknown
+        scan = np.random.default_rng(0).permuted(np.tile(even, (many, 1)), axis=1).T
+        places = low + (high - low) * scan
+        squares = np.array([self.squares(x, size) for x in places])
+        near = np.argsort(np.linalg.norm(scan[:, None] - scan, axis=2), axis=1)[:, 1 : 2 * many + 1]
+        best = np.flatnonzero(squares < squares[near].min(axis=1))
+        return [self.begin, *places[best[np.argsort(squares[best])][:MOST_SEARCHES]]]
+
+    def beside(self, x: Array, size: int) -> list[Array]:
+        """The x of least misfit where one unknown at a time takes all values, but x itself."""
+        found = list[Array]()
+        for i, (low, high) in enumerate(self.bounds.T):
+            line, step = np.tile(x, (SCANNED, 1)), (high - low) / (SCANNED - 1)
+            line[:, i] = np.linspace(low, high, SCANNED)
+            squares = np.array([math.inf, *(self.squares(one, size) for one in line), math.inf])
+            best = (squares[1:-1] < squares[:-2]) & (squares[1:-1] < squares[2:])
+            found += [*line[best & (np.abs(line[:, i] - x[i]) > 0.6 * step)]]
+        return found
+
+    def squares(self, x: Array, size: int) -> float:
+        """The sum of squared residuals of a model of this size; infinite where there is none."""
+        try:
+            return float(np.sum(self.misfit(x, size) ** 2))
+        except PipedynError:
+            return math.inf
+
+    def optima(
+        self, starts: Sequence[Array], size: int, tolerance: float, repeats: float = math.inf
+    ) -> list[Array]:
+        """The least-squares x, and others to which searches lead and that are not ruled out.
+
+        An x is not another one if pipes lead from it to a better one of which none is ruled out.
+        Of equal ones, the first is the one nearest to the given pipe. Searches end when so many
+        `repeats` have found an optimum once more.
+        """
+        found, failed = list[tuple[float, Array]](), list[PipedynError]()
+        for start in starts:
+            try:
+                one = self.fitted(start, size, tolerance)
+            except PipedynError as error:
+                failed.append(error)
+                continue
+            repeats -= any(float(np.abs(one[1] - x).max()) < SAME_OPTIMUM for _, x in found)
+            found.append(one)
+            if not repeats:
+                break
+        if not found:
+            raise failed[0]
+        least = min(squares for squares, _ in found)
+
+        def order(one: tuple[float, Array]) -> tuple[float, float]:
+            return max(one[0] - least, 1e-6), float(np.linalg.norm(one[1] - self.begin))
+
+        def apart(x: Array, y: Array) -> bool:
+            line = (x + part * (y - x) for part in (0.25, 0.5, 0.75))
+            return max(self.squares(one, size) for one in line) > self.limit(least)
+
+        kept = list[Array]()
+        for squares, x in sorted(found, key=order):
+            if squares <= self.limit(least) and all(apart(x, y) for y in kept):
+                kept.append(x)
+        return kept
+
+    def limit(self, least: float) -> float:
+        """Sum of squares beyond which a pipe is ruled out, if the least is that of another."""
+        allowed = scipy.special.chdtri(len(self.unknowns), RULED_OUT)
+        freedom = max(len(self.measurements) - len(self.unknowns), 1)
+        return float(least + allowed * max(1.0, least / freedom))  # sigmas may be too small
+
+    def fitted(self, begin: Array, size: int, tolerance: float) -> tuple[float, Array]:
+        """The sum of squares at its minimum that a search from `begin` finds, and its x."""
+        low, high = self.bounds
         inner = 1e-9 * (high - low)
         misfit, here = partial(self.misfit, size=size), begin
 
@@ -410,28 +564,17 @@ class _Problem:
             here = misfit(x)
             return here
 
-        for start in starts:
-            try:
-                found = scipy.optimize.least_squares(
-                    tried,
-                    np.clip(start, low + inner, high - inner),
-                    jac=lambda x: self.slopes(misfit, x, here),  # of the x tried last
-                    bounds=(low, high),
-                    xtol=1e-12,
-                    ftol=1e-12,
-                    gtol=1e-12,
-                    max_nfev=MOST_TRIALS,
-                )
-            except PipedynError as error:
-                failed.append(error)
-                continue
-            if best is None or found.cost < best.cost * (1.0 - 1e-6):
-                best = found
-            if _explained_by_chance(2.0 * best.cost, len(self.measurements) - len(self.unknowns)):
-                break
-        if best is None:
-            raise failed[0]
-        return np.asarray(best.x)
+        found = scipy.optimize.least_squares(
+            tried,
+            np.clip(begin, low + inner, high - inner),
+            jac=lambda x: self.slopes(misfit, x, here),  # of the x tried last
+            bounds=(low, high),
+            xtol=tolerance,
+            ftol=tolerance,
+            gtol=1e-12,
+            max_nfev=MOST_TRIALS,
+        )
+        return 2.0 * float(found.cost), np.asarray(found.x)
 
     def misfit(self, x: Array, size: int) -> Array:
         """Residuals (predicted - measured) / uncertainty of a model of this size, shape (M,)."""
@@ -457,9 +600,10 @@ class _Problem:
         larger = size + max(8, size // 2)
         return float(np.abs(self.misfit(x, larger) - self.misfit(x, size)).max())
 
-    def estimated(self, x: Array, size: int) -> Identification:
-        """The estimates at the least-squares x, with their uncertainties and warnings."""
+    def estimated(self, optima: Sequence[Array], size: int) -> Identification:
+        """The estimates at the first of the optima, with their uncertainties and warnings."""
         low, high = self.bounds
+        x = optima[0]
         at_end = (x - low < 1e-4) | (high - x < 1e-4)
         free = np.flatnonzero(~at_end)
         spread = np.full((x.size, x.size), math.nan)
@@ -480,8 +624,15 @@ class _Problem:
             if not sizes[-1] * UNDETERMINED > 1.0:
                 raise NotIdentifiable(self._undetermined(free, right[-1], sizes[-1]))
             spread[np.ix_(free, free)] = (right.T / sizes**2) @ right
-        values, relative = np.exp(x), np.sqrt(np.diag(spread))
         warnings = []
+        if others := optima[1:]:
+            spread[:] = math.nan
+            listed = "; ".join(map(self.told, optima))
+            warnings.append(
+                f"{len(optima)} different pipes explain the measurements about equally well: "
+                f"{listed}. Give ranges that hold only one of them, or measure something else, too"
+            )
+        values, relative = np.exp(x), np.sqrt(np.diag(spread))
         for i, one in enumerate(self.unknowns):
             if at_end[i]:
                 at_low = x[i] - low[i] < 1e-4
@@ -522,7 +673,14 @@ class _Problem:
             critical_speed_uncertainty=math.sqrt(of_onset) if free.size else math.nan,
             pipe=self.pipe(x),
             measurements=self.measurements,
+            alternatives=tuple(np.exp(other) for other in others),
         )
+
+    def told(self, x: Array) -> str:
+        """The unknowns at x in words."""
+        pairs = zip(self.unknowns, np.exp(x).tolist(), strict=True)
+        told = (f"{one.name} = {v:.4g} {_unit_text(one.name, self.given)}" for one, v in pairs)
+        return ", ".join(map(str.rstrip, told))
 
     def _undetermined(self, free: Any, direction: Array, size: float) -> str:
         """A sentence naming the combination of unknowns that the measurements do not determine."""

@@ -17,7 +17,13 @@ from pipedyn.modular.parts import Module as Module
 from pipedyn.modular.parts import Pin as Pin
 from pipedyn.modular.parts import Segment as Segment
 from pipedyn.modular.parts import TorsionalSpring as TorsionalSpring
+from pipedyn.util.hints import with_hints as _with_hints
 
 __all__ = sorted(
     name for name, one in globals().items() if not isinstance(one, _ModuleType) and name[0] != "_"
 )
+globals().update({name: _with_hints(globals()[name], __name__) for name in __all__})
+
+
+def __dir__() -> list[str]:
+    return __all__

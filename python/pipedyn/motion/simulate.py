@@ -254,7 +254,7 @@ def simulate(
     model: Model,
     u: Speed,
     duration: float,
-    q0: Start,
+    q0: Start | None = None,
     qdot0: ArrayLike | None = None,
     *,
     samples: int | None = None,
@@ -285,9 +285,9 @@ def simulate(
         duration: duration of the motion in T, from 1e-12 to 1e9.
         q0: initial coordinates, shape (dof,), or for an assembly angles (n,) or redundant
             coordinates (3 n,); or the angle theta(s) of the bent pipe, a function of arc lengths
-            (p,) to (p,), so that different models start alike. To continue a motion, give
-            `motion.q[-1]` and `motion.qdot[-1]`; to start on a cycle, give `cycle.q[0]` and
-            `cycle.qdot[0]`.
+            (p,) to (p,), so that different models start alike. If not given, the pipe is slightly
+            bent, theta(s) = 0.05 s^2. To continue a motion, give `motion.q[-1]` and
+            `motion.qdot[-1]`; to start on a cycle, give `cycle.q[0]` and `cycle.qdot[0]`.
         qdot0: initial rates, of the shape of q0; 0 if not given.
         samples: number of evenly spaced samples, both ends included, at least 2. If not given, 40
             in a unit of time, which is about two cycles of flutter, but at least 501. Methods of
@@ -400,7 +400,7 @@ def simulate_many(
     models: Model | Sequence[Model],
     speeds: Speed | ArrayLike | Sequence[Speed],
     duration: float,
-    q0: Start | Sequence[Start],
+    q0: Start | Sequence[Start] | None = None,
     qdot0: ArrayLike | Sequence[ArrayLike] | None = None,
     *,
     samples: int | None = None,
@@ -427,7 +427,7 @@ def simulate_many(
             or a list of k such speeds.
         duration: duration of the motions in T, from 1e-12 to 1e9.
         q0: initial coordinates (dof,) or an angle theta(s), as for `simulate`; or k of them, e.g.
-            shape (k, dof).
+            shape (k, dof). If not given, all start slightly bent.
         qdot0: initial rates, shape (dof,) or k of them; 0 if not given.
         samples: number of evenly spaced samples, as for `simulate`.
         times: times of the samples, if `samples` is not given.
@@ -931,6 +931,7 @@ def with_speed(task: Task, u: Any) -> Task:
 
 def checked_start(model: Model, q0: Any, qdot0: Any) -> Array:
     """The state [p, p', 0], shape (2 integrated + 1,), from the arguments `q0` and `qdot0`."""
+    q0 = slight_bend if q0 is None else q0
     if not callable(q0):
         check.numbers("q0", q0, "an angle theta(s) or coordinates")
         return np.append(model.initial_state(q0, qdot0), 0.0)

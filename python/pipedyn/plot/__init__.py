@@ -53,7 +53,14 @@ from pipedyn.plot.motion import time_history as time_history
 from pipedyn.plot.stability_map import boundary as boundary
 from pipedyn.plot.stability_map import cycle_boundary as cycle_boundary
 from pipedyn.plot.stability_map import stability_map as stability_map
+from pipedyn.util.hints import with_hints as _with_hints
 
 __all__ = sorted(
     name for name, one in globals().items() if not isinstance(one, _ModuleType) and name[0] != "_"
 )
+globals().update({name: _with_hints(globals()[name], __name__) for name in __all__})
+
+
+def __dir__() -> list[str]:
+    """The functions and classes that users call, without colours, styles and modules."""
+    return [name for name in __all__ if callable(globals()[name]) and name != "Figure"]

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import operator
 import reprlib
@@ -13,6 +12,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pipedyn.util.hints import did_you_mean
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -150,8 +151,7 @@ def choice(name: str, value: Any, options: Collection[Word]) -> Word:
     listed = ", ".join(repr(option) for option in options)
     if not is_word:
         raise TypeError(f"{name} must be one of {listed}, got {shown(value)}")
-    similar = difflib.get_close_matches(value[:60], options, n=1) if len(options) > 4 else []
-    hint = f": did you mean {similar[0]!r}?" if similar else ""
+    hint = did_you_mean(value, options)
     raise ValueError(f"{name} must be one of {listed}, got {shown(value)}{hint}")
 
 
@@ -172,7 +172,8 @@ def array(
     """
     raw = numbers(name, value, "an array of real numbers", longest=longest)
     if raw.ndim != 1:
-        raise ValueError(f"{name} must be one-dimensional, got shape {raw.shape}")
+        came = f"shape {raw.shape}" if raw.ndim else f"the number {shown(value)}"
+        raise ValueError(f"{name} must be one-dimensional, as a list of numbers is, got {came}")
     sizes = size if isinstance(size, tuple) else (size,)
     if size is not None and raw.size not in sizes:
         many = " or ".join(map(str, dict.fromkeys(sizes)))
