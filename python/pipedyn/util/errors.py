@@ -53,7 +53,7 @@ def warn_of_pipe(reasons: Sequence[str], slip: str) -> None:
     warnings.warn(f"{said} ({silence})", UnusualPipe, stacklevel=level)
 
 
-MAKERS_OF_PIPES = "pipedyn.models.pipe", "dataclasses"
+MAKERS_OF_PIPES = "pipedyn.models.pipe", "pipedyn.util.hints", "dataclasses"
 """Modules in whose frames a user makes a pipe."""
 
 
