@@ -66,7 +66,7 @@ def test_a_refusal_is_listed_by_its_name():
 )
 def test_stated_errors_bound_the_true_ones_closely(model, u):
     found = pp.modes(model, u, 3)
-    assert found.errors.shape == (3,)
+    assert found.errors.size >= 3  # modes that grow are never left out
     true = [abs(chain_newton_step(model, z, u, 200)) for z in found.eigenvalues]
     assert (true <= found.errors).all()
     assert (found.errors <= 2e-4 * np.abs(found.eigenvalues)).all()

@@ -59,7 +59,7 @@ def test_recursion_along_the_chain_meets_the_matrices_roots(share):
     long = pp.Chain(aspirating(share, 0.5, damping=1e-4), 300)
     exact = pp.eigenvalues(pp.Continuum(long.pipe), 3.0, 6)
     found = pp.modes(long, 3.0, 3)
-    assert np.abs(found.eigenvalues / exact[::2] - 1.0).max() < 1e-3
+    assert np.abs(found.eigenvalues[:3] / exact[::2] - 1.0).max() < 1e-3
     assert found.errors.max() < 1e-8
 
 
