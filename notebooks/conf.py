@@ -42,7 +42,7 @@ nb_merge_streams = True
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the text says what each argument is
-SHARED = "Result, Saved, TableResult, ResultSequence, Sequence, BaseException, Term"
+SHARED = "Result, Saved, TableResult, ResultSequence, Sequence, BaseException, Term, tuple"
 # Bases whose members stand once, or belong to Python.
 
 autodoc_default_options = {

@@ -105,13 +105,14 @@ class Reader:
         kind, text = self.at(j)
         if kind == "operator":
             k, later = self.spaced(j + 1)
-            minus = "-" * (text == "^" and self.at(k)[1] == "-")
+            minus = "-" * (text in "^=" and self.at(k)[1] == "-")
             tight = text == "^" or re.fullmatch(
                 r"(d[a-zA-Z]*|\))/d[a-z]+|\d+/\d+", self.at(j - 1)[1] + text + self.at(k)[1]
             )
             one, k, sure = self.operand(k + len(minus), True, inside)
             if one and space == later and (space or tight):
-                shown = f"^{{{minus}{one}}}" if text == "^" else f" {TEX.get(text, text)} {one}"
+                signed = minus + one
+                shown = f"^{{{signed}}}" if text == "^" else f" {TEX.get(text, text)} {signed}"
                 return shown, k, sure or text not in "+-=."
         elif inside and text == ",":
             k, _ = self.spaced(j + 1)
@@ -151,8 +152,10 @@ class Reader:
         if words in ([], ["a"], ["I"], ["sum"]) or (words == ["A"] and before in ".\n:"):
             return False
         physical = ("kg", "in", "and", "or", "to", "per", ",", "N", "m", "s")
-        alone = len(words) == 1 and kind != "number" and before not in physical
-        related = any(self.at(k)[0] == "operator" for k in range(i, end))
+        measured = "number" in (kind, self.at(i)[0])  # 10 s
+        alone = len(words) == 1 and not measured and before not in physical
+        shape = self.at(i)[1] == "(" and any(self.at(k)[1] == "," for k in range(i, end))
+        related = shape or any(self.at(k)[0] == "operator" for k in range(i, end))
         return alone or related or not {*words} & {"m", "s", "N"}
 
     def pieces(self):

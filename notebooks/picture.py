@@ -15,18 +15,16 @@ hose = pp.Pipe.from_si(
 chain = pp.Chain(hose, 20)
 onset = pp.critical_speed(chain)
 motion = pp.simulate(chain, 1.1 * onset.speed, 30.0, lambda s: 0.1 * s)
-loci = pp.root_loci(chain, np.linspace(0.0, 1.2 * onset.speed, 121), count=4)
+loci = pp.root_loci(chain, np.linspace(0.0, 1.2 * onset.speed, 121), count=3)
 window = {"beta": (0.02, 0.95), "u": (0.0, 20.0)}
 
-figure, axes = plt.subplots(1, 3, figsize=(10.0, 3.6), layout="constrained")
+figure, axes = plt.subplots(1, 3, figsize=(8.4, 3.3), layout="constrained")
 plot.snapshots(motion, units="si", ax=axes[0])
 plot.root_loci(loci, ax=axes[1])
 plot.colour_bar("flow speed $u$", ax=axes[1])
-plot.boundary(pp.boundary(pp.Continuum(pp.Pipe(0.2)), "beta", "u", window), ax=axes[2])
-for legend in [*figure.legends, axes[2].get_legend()]:
-    if legend is not None:
-        legend.remove()
+stable = pp.boundary(pp.Continuum(pp.Pipe(0.2)), "beta", "u", window)
+plot.boundary(stable, legend=False, ax=axes[2])
 axes[0].set_title(f"A hose at {hose.speed_si(motion.u):.1f} m/s")
 axes[1].set_title("Its eigenvalues")
-axes[2].set_title("Stable pipes (green)")
-figure.savefig(Path(__file__).with_name("picture.png"), dpi=120)
+axes[2].set(title="Stable pipes (shaded)", xlabel=r"mass ratio $\beta$", ylabel="flow speed $u$")
+figure.savefig(Path(__file__).with_name("picture.png"), dpi=144)

@@ -222,6 +222,12 @@ def test_speeds_and_frequencies_are_told_in_si_where_the_pipe_has_scales():
     assert f"u = 3 ({HOSE.speed_si(3.0):.3g} m/s)" in now
     assert " m/s)" in then
     assert " Hz)" in then
+    tube = pp.Pipe.from_tube(
+        **{"length": 0.5, "outer_diameter": 12e-3, "inner_diameter": 8e-3, "youngs_modulus": 3e6},
+        **{"density": 1150.0, "fluid_density": 998.0},
+    )
+    rate = 6e4 * tube.flow_rate_si(3.0)
+    assert f" m/s, {rate:.3g} l/min)" in plot.Exploration(tube, 6, 3.0).report[0]
 
 
 @pytest.mark.parametrize("against", ["beta", "gamma"])

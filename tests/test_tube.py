@@ -100,6 +100,8 @@ def test_flow_rates_are_speeds_times_the_area_of_the_bore():
     assert "flow_rate_l_min" in dir(si)
     assert f"flow_rate_l_min={si.flow_rate_l_min:.7g} l/min" in repr(si)
     assert (found.units["flow_rate"], found.units["flow_rate_l_min"]) == ("m3/s", "l/min")
+    row = f"<td>flow_rate_l_min</td><td></td><td>{si.flow_rate_l_min:.7g} l/min</td>"
+    assert row in found._repr_html_()
     assert HOSE.flow_rate_si(found.speed) == pytest.approx(si.flow_rate, rel=1e-14)
     assert HOSE.flow_rate_from_si(si.flow_rate) == pytest.approx(found.speed, rel=1e-14)
     speeds = pp.root_loci(CHAIN, [1.0, 2.0]).in_si()
@@ -458,6 +460,7 @@ def test_questions_of_accuracy_take_speeds_and_times_in_si_units():
     assert found.quantity.duration == pytest.approx(0.2, rel=1e-12)
     effects = pp.relevant(HOSE, speed, "frequencies", count=1, units="si")
     assert effects.quantity.u == effects.u == pytest.approx(1.0, rel=1e-12)
+    assert f"({speed:.4g} m/s, {6e4 * BORE * speed:.4g} l/min)" in str(effects)
     model = pp.choose(HOSE, "frequencies", 0.1, u=quantity(speed, "m/s"), count=1)
     assert model.quantity.u == pytest.approx(1.0, rel=1e-12)
     with pytest.raises(ValueError, match=r"^units must be 'nondimensional' where the pipe has no"):

@@ -35,7 +35,7 @@ from pipedyn.models.supports import RootSpring
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.errors import PipedynError
-from pipedyn.util.result import RATE, Result, Table, TableResult
+from pipedyn.util.result import RATE, Result, Table, TableResult, speed_in_si
 
 LIMIT_BETA = 1e-9
 """Value of beta for the limit beta -> 0; its critical speed differs from the limit by 1.1 beta."""
@@ -390,8 +390,7 @@ def _answer_in_words(quantity: Quantity, pipe: Pipe, answer: Answer) -> tuple[st
 
 
 def _speed(u: float, pipe: Pipe) -> str:
-    given = f"u = {u:.6g}"
-    return given if pipe.scales is None else f"{given} ({pipe.speed_si(u):.4g} m/s)"
+    return f"u = {u:.6g}{speed_in_si(u, pipe.scales, 4)}"
 
 
 def _growth_at(pipe: Pipe, u: float) -> float:

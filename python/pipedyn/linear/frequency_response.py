@@ -89,7 +89,8 @@ class FrequencyResponse(TableResult):
     Attributes:
         frequencies: angular frequencies omega, shape (F,); increasing if they were chosen.
         response: complex, shape (F,): an input Re(a exp(i omega tau)) moves the place of the output
-            by Re(a response exp(i omega tau)). It is infinite at the frequency of an undamped mode.
+            by Re(a * response * exp(i omega tau)). It is infinite at the frequency of an undamped
+            mode.
         resonances: peaks between the lowest and the highest frequency, in rising order.
         poles: eigenvalues in the upper half plane up to 1.5 times the highest frequency, complex.
         stable: whether no eigenvalue has a positive real part; if one has, motions do not tend to

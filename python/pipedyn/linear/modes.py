@@ -53,7 +53,7 @@ CLUSTER = 1e-6
 
 
 def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
-    """Eigenvalues lambda of the straight pipe at flow speed u; motion ~ exp(lambda tau).
+    """Eigenvalues lambda of the straight pipe at flow speed u; motions go as exp(lambda tau).
 
     Args:
         model: chain, reduced model or `Continuum`; for a pipe that rests bent, `model.about(q)`.

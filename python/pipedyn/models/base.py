@@ -90,7 +90,7 @@ class Operators(Result):
     loss: Array | None = None
 
     def at(self, u: float, u_dot: float = 0.0) -> tuple[Array, Array, NDArray[Any]]:
-        """(M, C, K) at flow speed u >= 0 and rate u_dot = du/dtau; with hysteresis K is complex.
+        """(M, C, K) at flow speed u >= 0 and rate du/dtau; with hysteresis K is complex.
 
         Example:
             >>> M, C, K = pp.Chain(pp.Pipe(0.2), n=2).operators().at(4.0)

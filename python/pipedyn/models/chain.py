@@ -86,7 +86,7 @@ class Chain(SegmentModel):
             Default: those of the pipe's mass, l_j / sqrt(12) if it is uniform.
         drag_points: points where drag acts, as fractions xi_j of the lengths, shape (n,), in [0,
             1]. Default: 1/2.
-        base: length of the fixed part at a clamped root, in L; base + sum(lengths) = 1.
+        base: length of the fixed part at a clamped root, in L; with the lengths it adds up to 1.
         masses: masses of the segments in units of the pipe's mass, shape (n,), each > 0. Default:
             their lengths, or integrals of the pipe's mass if it varies; then masses, centres and
             gyration_radii must be given together or not at all.

@@ -327,7 +327,7 @@ class Pipe(Saved):
             added_mass_coefficient: C_m, which adds an `AddedMass` of C_m rho_e pi d_e^2 / 4. It is
                 1 far from walls, (D^2 + d_e^2) / (D^2 - d_e^2) in the middle of a tank of diameter
                 D.
-            damping_time: eps, s; the material's stress is E (strain + eps d strain / dt).
+            damping_time: eps, s; the material's stress is E (strain + eps d(strain)/dt).
             hysteresis: the material's loss factor.
             flow: "ejecting" or "aspirating".
             alpha: end coefficient, see `end_coefficient`; 1 by default.

@@ -338,7 +338,7 @@ def simulate(
         >>> float(motion.events[0].t[0]) < 5.0
         True
 
-        A hose of which speed and time are in SI, and the largest bending stress of its wall:
+        A hose, with speed and time in SI units, and its flow rate:
 
         >>> hose = pp.Pipe.from_tube(
         ...     length=0.5, outer_diameter=12e-3, inner_diameter=8e-3, youngs_modulus=3e6,

@@ -50,6 +50,7 @@ from pipedyn.plot.units import Measure, PlaneView, Units, View
 from pipedyn.util import check
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import PipedynError
+from pipedyn.util.result import speed_in_si
 
 MOST_SEGMENTS = 20
 """Largest number of segments. With strong damping the stability curve of 40 segments takes over a
@@ -324,9 +325,8 @@ class Exploration:
         return f"{now}. Least stable mode: λ = {value.real:.3g}{pair}.", self._stability()
 
     def _text(self, u: float) -> str:
-        """A flow speed in words, also in m/s if the pipe has scales."""
-        pipe = self.model.pipe
-        return f"{u:.4g} ({pipe.speed_si(u):.3g} m/s)" if pipe.scales else f"{u:.4g}"
+        """A flow speed in words, also in SI units if the pipe has scales."""
+        return f"{u:.4g}{speed_in_si(u, self.model.pipe.scales, 3)}"
 
     def _stability(self) -> str:
         """A sentence on the flow speeds at which the pipe is stable, and how it loses stability."""

@@ -101,6 +101,14 @@ OF_TUBES = (
 )
 
 
+def speed_in_si(u: float, scales: Any, digits: int) -> str:
+    """A flow speed in m/s, and of a tube in l/min, as text in brackets; empty without scales."""
+    units = (SPEED, _LITRES) if scales is not None else ()
+    known = [unit for unit in units if math.isfinite(unit.scale(scales))]
+    shown = ", ".join(f"{u * unit.scale(scales):.{digits}g} {unit.name}" for unit in known)
+    return f" ({shown})" if shown else ""
+
+
 @dataclass(frozen=True)
 class Table:
     """A table with a title, and notes below; `numbers` aligns all columns but the first right."""
@@ -209,10 +217,13 @@ class Result(Saved):
         """The table that a notebook shows for the result."""
         scales = self._scales()
         si = SI(self, scales) if scales is not None else None
+        units = si.units if si is not None else {}
         rows = []
         for name, value in self._shown().items():
-            numbers = [] if si is None else [si._text(name) if name in si.units else ""]
+            numbers = [] if si is None else [si._text(name) if name in units else ""]
             rows.append((name, _short(value), *numbers))
+            of_tube = (one.name for one in OF_TUBES if name in one.sources and one.name in units)
+            rows += [(one, "", si._text(one)) for one in of_tube if si is not None]
         headings = ("", "value", "SI") if si is not None else ("", "value")
         return Table(type(self).__name__, headings, rows)
 
@@ -326,7 +337,8 @@ class TableResult(Result):
     def columns(self, units: Units = "nondimensional", pipe: Any = None) -> dict[str, Any]:
         """The table as arrays by the names of its columns, each of shape (rows,).
 
-        Of tubes, flow rates stand beside flow speeds in SI and wall stresses beside curvatures.
+        In SI the table of a tube also has flow rates next to flow speeds and wall stresses next to
+        curvatures.
 
         Args:
             units: "nondimensional", or "si" for SI units, which the names of columns then state.
