@@ -519,9 +519,9 @@ class InputUnits:
             if (scales := self._pipe.scales) is None or not self._given:
                 raise
             units = f"in units of the pipe, {scales.time:.4g} s and {scales.speed:.4g} m/s"
-            name = str(error).partition(" ")[0]
-            came = f"{check.shown(self._given[name])} " if name in self._given else ""
-            raise ValueError(f"{error} ({came}{units})") from error
+            if (name := str(error).partition(" ")[0]) in self._given:
+                units += f"; given as {check.shown(self._given[name])}"
+            raise ValueError(f"{error} ({units})") from error
 
     def times(self, function: Callable[..., Any], **given: Any) -> Iterator[Any]:
         """Arguments of a function that are times, in T; its defaults are in T already."""

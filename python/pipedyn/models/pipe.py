@@ -821,11 +821,12 @@ def _numbers_in_si(si: Mapping[str, float]) -> tuple[Scales, dict[str, float]]:
 
 def _unusual_in_si(si: Mapping[str, float]) -> list[str]:
     """What is outside the range of pipes, in quantities in SI and what follows from them."""
-    outer = si.get("outer_diameter", si["external_diameter"])
-    length, (stiffness, pipe_mass, fluid_mass) = si["length"], _rigidity_and_masses(si)
-    mass, numbers = pipe_mass + fluid_mass, dict(si)
-    with np.errstate(all="ignore"):
-        time = np.sqrt(np.divide(mass, stiffness)) * length**2
+    with np.errstate(all="ignore"):  # a refused pipe may have masses of 0 or infinity
+        numbers = si = {name: np.float64(value) for name, value in si.items()}
+        outer = si.get("outer_diameter", si["external_diameter"])
+        length, (stiffness, pipe_mass, fluid_mass) = si["length"], _rigidity_and_masses(si)
+        mass = pipe_mass + fluid_mass
+        time = length**2 * np.sqrt(mass / stiffness)
         numbers |= {"time": time, "damping": si["damping_time"] / time, "share": fluid_mass / mass}
         numbers["inertia"] = si["rotary_inertia"] / mass / length**2
         if outer:
@@ -836,8 +837,8 @@ def _unusual_in_si(si: Mapping[str, float]) -> list[str]:
             load = mass / pipe_mass * si["density"] * abs(si["gravity"])
             numbers["stretch"] = load * length / si["youngs_modulus"]
         else:  # the bore of a fluid as heavy as ore in water, as few are heavier
-            numbers["bore"] = length / math.sqrt(fluid_mass / (0.25 * math.pi * 4000.0))
-            numbers["wall"] = 4.0 * math.pi * np.divide(stiffness, pipe_mass**2)
+            numbers["bore"] = length / np.sqrt(fluid_mass / (0.25 * math.pi * 4000.0))
+            numbers["wall"] = 4.0 * math.pi * stiffness / pipe_mass**2
     return unusual({k: v for k, v in numbers.items() if k not in ("jet_angle", "hysteresis")})
 
 

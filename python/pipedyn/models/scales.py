@@ -189,8 +189,8 @@ def si_number(name: str, value: Any) -> float:
     except ValueError as error:
         (low, high), found = one.usual, list[str]()
         with suppress(OverflowError):  # of whole numbers and fractions beyond doubles
-            tried = [word for word, by in one.mistaken.items() if low <= value * by <= high]
-            found = tried if value else found
+            tried = one.mistaken.items() if value else ()
+            found = [word for word, by in tried if low <= value * by <= high]
         slip = f": in{one.words}, not in {' or '.join(found)}?" if found else ""
         raise ValueError(f"{error}{slip}") from None
 
@@ -228,8 +228,8 @@ def likely_slip(given: Mapping[str, float], is_usual: Callable[[Mapping[str, flo
     """
     mistaken = {name: SI_QUANTITIES[name].mistaken for name, value in given.items() if value}
     shared = [
-        {name: word for name, words in mistaken.items() if word in words}
-        for word in ("mm", "cm", "g/cm3", "g/m")
+        {name: word for name, words in mistaken.items() for word in words if word in together}
+        for together in (["mm"], ["cm"], ["g/cm3"], ["g/m"], ["mm", "MPa"])
     ]
     diameters = [{k: word for k, word in one.items() if "diameter" in k} for one in shared[:2]]
     single = [
@@ -237,8 +237,7 @@ def likely_slip(given: Mapping[str, float], is_usual: Callable[[Mapping[str, flo
         for name, words in mistaken.items()
         if name != "inner_diameter"  # in mm it is refused beside an outer one in m
     ]
-    of_all = [shared[:2], shared[2:3], shared[3:], [shared[0] | {"youngs_modulus": "MPa"}]]
-    for tries in [*single, diameters, *(of_all if "youngs_modulus" in mistaken else of_all[:3])]:
+    for tries in [*single, diameters, shared[:2], *([one] for one in shared[2:])]:
         found = []
         for one in filter(None, tries):
             by = {k: given[k] * mistaken[k][word] for k, word in one.items()}

@@ -48,8 +48,9 @@ def is_quantity(value: Any) -> bool:
 
 
 def has_quantity(value: Any) -> bool:
-    """Whether the value is a `pint.Quantity` or a list with one."""
-    listed = isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0)
+    """Whether the value is a `pint.Quantity` or a list or array with one."""
+    objects = isinstance(value, np.ndarray) and value.dtype.kind == "O" and value.ndim > 0
+    listed = isinstance(value, list | tuple) or objects
     return is_quantity(value) or (listed and any(map(is_quantity, value)))
 
 
