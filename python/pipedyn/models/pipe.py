@@ -467,8 +467,6 @@ class Pipe(Saved):
         except ValueError as error:
             slip = likely_slip(si, _is_usual) if _unusual_in_si(si) else ""
             raise ValueError(f"{error}{slip}") from None
-        if reasons := _unusual_in_si(si):
-            warn_of_pipe(reasons, likely_slip(si, _is_usual))
         length, mass = si["length"], units.mass
         terms, root = options["terms"], options["root"]
         if isinstance(terms, tuple | list):
@@ -479,8 +477,6 @@ class Pipe(Saved):
         terms = checked_terms(terms, length, in_si=True)
         given = [converted(one, units, operator.truediv) for one in terms]
         heaviest = max((one.mass for one in given if isinstance(one, PointMass)), default=0.0)
-        if reasons := unusual({"heaviest": heaviest}):
-            warn_of_pipe(reasons, ": in kg, not in g?")
         displaced, (stiffness, pipe_mass, _) = _displaced(si), _rigidity_and_masses(si)
         buoyancy = si["gravity"] * length**3 * displaced / stiffness  # its part in gamma
         given += [
@@ -505,7 +501,7 @@ class Pipe(Saved):
             root = checked_root(root, source)
         supports = check.in_unit("supports", options["supports"], "m")
         supports = checked_supports(supports, length, in_si=True)
-        return cls(
+        made = cls(
             **checked,
             flow=options["flow"],
             alpha=si.get("nozzle_ratio", si.get("alpha", 1.0)),
@@ -518,6 +514,11 @@ class Pipe(Saved):
             mass=None if own is None else mixed(own, pipe_mass / mass),
             scales=units,
         )
+        if reasons := _unusual_in_si(si):
+            warn_of_pipe(reasons, likely_slip(si, _is_usual))
+        if reasons := unusual({"heaviest": heaviest}):
+            warn_of_pipe(reasons, ": in kg, not in g?")
+        return made
 
     @property
     def direction(self) -> float:
