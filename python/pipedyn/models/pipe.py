@@ -412,7 +412,8 @@ class Pipe(Saved):
             5.08 m/s, 15.3 l/min
 
         Raises:
-            ValueError: as `from_si`, and for an inner diameter that is not less than the outer one.
+            ValueError: as `from_si`, and for an inner diameter that is not less than the outer one,
+                or an external_diameter that is.
             TypeError: for an argument that is not a number, or an option that `from_si` lacks.
         """
         given = locals()
