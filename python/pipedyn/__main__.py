@@ -161,14 +161,14 @@ def _parse(arguments: Sequence[str] | None) -> Options:
     workers = min(2, os.cpu_count() or 1)
     text = f"threads that share the work; 0: the command's own alone {usual}"
     add("--workers", type=partial(_whole_number, 0, 64), default=workers, metavar="K", help=text)
-    add("--quiet", dest="progress", action="store_false", help="say nothing on stderr but errors")
+    add("--quiet", dest="progress", action="store_false", help="show no progress on stderr")
 
     given = vars(parser.parse_args(arguments))
     try:
         with warnings.catch_warnings(record=True) as seen:
             warnings.simplefilter("always")
             pipe = pop_pipe(given)
-        for one in seen if given["progress"] else ():
+        for one in seen:
             _say(f"warning: {one.message}".partition(" (warnings.")[0])
         if given["highest"] is not None:
             unit = 1.0 if pipe.scales is None else pipe.scales.speed

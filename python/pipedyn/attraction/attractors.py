@@ -283,7 +283,8 @@ def attractors(
             threads of this process. Motions fail if it does not return their batch, because a
             worker died or it is broken or shut down.
         units: "si" if u is given in m/s, transient and duration in s, and the pipe has scales;
-            times not given keep their values in T.
+            times not given keep their values in T. A pulsation and a base must then come from
+            `Pulsation.from_si` and `Harmonic.from_si`.
         progress: show progress on stderr.
 
     Returns:
@@ -300,11 +301,11 @@ def attractors(
     """
     model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="attractors")
     given_in = InputUnits(units, model.pipe)
-    if not callable(u):
+    if isinstance(u, Pulsation) or not callable(u):
         u = given_in.speed("u", u)
     transient, duration = given_in.times(attractors, transient=transient, duration=duration)
     with given_in.explained():
-        drive = _checked_drive(model, u, base)
+        drive = _checked_drive(model, u, given_in.base(base))
         check.real("transient", transient, low=FIRST_LOOK, high=1e6)
         options = MotionOptions.checked(
             transient, duration, rtol, exponents, seed, executor, progress

@@ -786,8 +786,9 @@ class Model(OfPipe, ABC):
     def curvatures(self, q: ArrayLike) -> Array:
         """Largest curvature |theta'(s)| along the pipe in 1 / L, (k,), for k configurations.
 
-        For chains and scenes it is the largest moment of a joint's spring over EI: the curvature
-        averaged over the length that the spring stands for.
+        For chains and scenes it is the largest moment of a joint's spring over the pipe's EI
+        between the middles of the segments beside it. With springs by a rule that is the curvature
+        averaged over that length; with springs of one's own, that of a pipe with such a moment.
 
         Args:
             q: coordinates, shape (coordinates, k).

@@ -16,7 +16,7 @@ from pipedyn import _core
 from pipedyn.models.base import Model, Operators, core_pipe, stored
 from pipedyn.models.galerkin import Galerkin, basis_joints
 from pipedyn.models.pipe import Pipe
-from pipedyn.models.profile import moments, reciprocal
+from pipedyn.models.profile import moments
 from pipedyn.models.segments import MET, SegmentModel, core_segments, held_ends, position_along
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
@@ -218,20 +218,6 @@ class Chain(SegmentModel):
         whole, first, second = moments(mass, self._ends())
         arms = first / whole
         return whole, arms / lengths, np.sqrt(second / whole - arms**2)
-
-    def _relative_stiffness(self, rule: str) -> Array:
-        """Harmonic mean of the pipe's stiffness over the part of each joint, shape (n + 1,)."""
-        if self._pipe.stiffness is None:
-            return np.ones(self.coordinates + 1)
-        cells = self._ends()
-        if rule == "consistent":
-            cells[1:] -= 0.5 * self._lengths
-            cells = np.append(cells, 1.0)
-            cells[0] = 0.0
-        elif rule == "midpoint":
-            cells = np.linspace(0.0, 1.0, self.coordinates + 1)
-        harmonic = np.diff(cells) / moments(reciprocal(self._pipe.stiffness), cells)[0]
-        return np.append(harmonic, harmonic[-1])[: self.coordinates + 1]
 
     def _springs_by_rule(self, rule: str) -> Array:
         """Springs of all joints, with a clamped root and a guided end's joint, shape (n + 1,)."""

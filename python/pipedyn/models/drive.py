@@ -49,6 +49,12 @@ Base: TypeAlias = Callable[[float], Place] | tuple[Callable[[float], Place], ...
 derivative."""
 
 
+def _of_si(drive: Any) -> Any:
+    """The drive, marked as made from numbers in SI, which `InputUnits` asks for beside others."""
+    vars(drive)["of_si"] = True
+    return drive
+
+
 @saved_as("Pulsation")
 @dataclass(frozen=True)
 class Pulsation:
@@ -99,7 +105,7 @@ class Pulsation:
         speed = check.real("mean", mean, unit="m/s")
         omega = check.real("frequency", frequency)
         pipe = checked_pipe(pipe)
-        return cls(pipe.speed_from_si(speed), amplitude, pipe.frequency_from_si(omega))
+        return _of_si(cls(pipe.speed_from_si(speed), amplitude, pipe.frequency_from_si(omega)))
 
     @property
     def period(self) -> float:
@@ -164,7 +170,7 @@ class Harmonic:
         reach = check.real("amplitude", amplitude, unit="m")
         omega = check.real("frequency", frequency)
         pipe = checked_pipe(pipe)
-        return cls(pipe.length_from_si(reach), pipe.frequency_from_si(omega), direction)
+        return _of_si(cls(pipe.length_from_si(reach), pipe.frequency_from_si(omega), direction))
 
     @property
     def period(self) -> float:
@@ -301,7 +307,7 @@ class Supply:
             weight = check.real("weight", weight, unit="N") / force
         if start is not None:
             start = pipe.speed_from_si(check.real("start", start, low=0.0, unit="m/s"))
-        return cls(head, friction, weight, start)
+        return _of_si(cls(head, friction, weight, start))
 
     def _weight_head(self, pipe: Pipe) -> float:
         """Contribution of the fluid's weight in the straight pipe to the head."""
@@ -485,15 +491,15 @@ def _finite(name: str, function: Any, t: float, entries: int) -> tuple[float, ..
 class InputUnits:
     """Units in which a user gives flow speeds, times and motions of the base for a pipe.
 
-    With "si" they are in m/s, s and m; quantities of pint are converted in any case. States, events
-    and drives that have a `from_si` of their own stay nondimensional.
+    With "si" they are in m/s, s and m, and drives that have a `from_si` must come from it;
+    quantities of pint are converted in any case. States and events stay nondimensional.
 
     Raises ValueError for SI units or quantities if the pipe has no scales.
     """
 
     def __init__(self, units: Units, pipe: Pipe) -> None:
         self.si = check.choice("units", units, ("nondimensional", "si")) == "si"
-        self._pipe, self._converts = pipe, self.si
+        self._pipe, self._given = pipe, dict[str, Any]()  # what is converted
         if self.si:
             self._require_scales("units must be 'nondimensional'", units)
 
@@ -510,56 +516,77 @@ class InputUnits:
         try:
             yield
         except ValueError as error:
-            if (scales := self._pipe.scales) is None or not self._converts:
+            if (scales := self._pipe.scales) is None or not self._given:
                 raise
-            units = f"{scales.time:.4g} s and {scales.speed:.4g} m/s"
-            raise ValueError(f"{error} (in units of the pipe, {units})") from error
+            units = f"in units of the pipe, {scales.time:.4g} s and {scales.speed:.4g} m/s"
+            if (name := str(error).partition(" ")[0]) in self._given:
+                units += f"; given as {check.shown(self._given[name])}"
+            raise ValueError(f"{error} ({units})") from error
 
     def times(self, function: Callable[..., Any], **given: Any) -> Iterator[Any]:
         """Arguments of a function that are times, in T; its defaults are in T already."""
         defaults = getattr(function, "__kwdefaults__", None) or {}
         for name, value in given.items():
-            if (name in defaults and value is defaults[name]) or self._stays(name, value):
+            # An explicit value that equals a default is in s, but infinity is the same in T.
+            kept = value is defaults.get(name) or (isinstance(value, float) and value == math.inf)
+            if kept or self._stays(name, value):
                 yield value
             else:
                 yield scaled_by(name, value, np.divide, self._pipe._units(name).time, "s")
 
     def speed(self, name: str, u: Any) -> Any:
         """A flow speed or speeds u, or a function of time, maybe with its derivative."""
-        if isinstance(u, Pulsation | Supply) or self._stays(name, u):
+        if isinstance(u, Pulsation | Supply):
+            return self._checked(name, u)
+        if self._stays(name, u):
             return u
         pair = isinstance(u, tuple) and any(map(callable, u))
         if not (pair or callable(u)):
             return scaled_by(name, u, np.divide, self._pipe._units(name).speed, "m/s")
-        return self._functions(u, 1.0 / self._pipe._units(name).speed)
+        return self._functions(u, self._pipe._units(name).speed, "m/s")
 
     def base(self, base: Any) -> Any:
         """A motion of the base, in L over T."""
-        functions = callable(base) or isinstance(base, tuple)
-        if not functions or isinstance(base, Harmonic) or not self.si:
+        if isinstance(base, Harmonic):
+            return self._checked("base", base)
+        if not (callable(base) or isinstance(base, tuple)) or not self.si:
             return base
-        return self._functions(base, 1.0 / self._pipe._units("base").length)
+        return self._functions(base, self._pipe._units("base").length, "m")
+
+    def _checked(self, name: str, drive: Any) -> Any:
+        """A drive with numbers of its own, which SI units beside it must not seem to concern."""
+        if self.si and not hasattr(drive, "of_si"):
+            raise ValueError(
+                f"{name} must come from {type(drive).__name__}.from_si where units are 'si', as "
+                f"its own numbers are nondimensional, got {check.shown(drive)}"
+            )
+        return drive
 
     def _stays(self, name: str, value: Any) -> bool:
         """Whether a value is nondimensional already."""
-        if not check.has_quantity(value):
-            return not self.si
-        self._require_scales(f"{name} must be nondimensional", value)
-        self._converts = True
+        if check.has_quantity(value):
+            self._require_scales(f"{name} must be nondimensional", value)
+        elif not self.si:
+            return True
+        self._given[name] = value
         return False
 
-    def _functions(self, given: Any, scale: float) -> Any:
+    def _functions(self, given: Any, scale: float, unit: str) -> Any:
         """A function of time in SI, or it with its derivatives, in units of the pipe."""
         time = self._pipe._units("times").time
         if callable(given):
-            return partial(_nondimensional, given, time, scale)
+            return partial(_nondimensional, given, time, 1.0 / scale, unit)
         return tuple(
-            of if not callable(of) else partial(_nondimensional, of, time, scale * time**order)
-            for order, of in enumerate(given)
+            partial(_nondimensional, of, time, time**n / scale, unit + n * "/s")
+            if callable(of)
+            else of
+            for n, of in enumerate(given)
         )
 
 
-def _nondimensional(function: Callable[[float], Any], time: float, scale: float, t: float) -> Any:
-    """Values of a function of time in SI at a nondimensional time, in other units."""
-    found = np.multiply(function(time * t), scale)
+def _nondimensional(
+    function: Callable[[float], Any], time: float, scale: float, unit: str, t: float
+) -> Any:
+    """Values of a function of time in SI, or quantities of pint, at a nondimensional time."""
+    found = np.multiply(check.in_unit("its value", function(time * t), unit), scale)
     return found if found.ndim else found.item()

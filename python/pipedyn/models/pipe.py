@@ -47,6 +47,7 @@ from pipedyn.models.terms import (
 from pipedyn.util import check
 from pipedyn.util.archive import Saved, saved_as
 from pipedyn.util.errors import warn_of_pipe
+from pipedyn.util.hints import did_you_mean
 from pipedyn.util.result import TIME, Unit
 
 Flow = Literal["ejecting", "aspirating"]
@@ -133,8 +134,11 @@ OWN_NUMBERS = {
 """The numbers of a pipe by argument name, in the order of `own_numbers` in pipe.hpp."""
 
 SI_QUANTITIES.update(
-    alpha=SIQuantity("dimensionless", OWN_NUMBERS["alpha"].rule),
-    nozzle_ratio=SIQuantity("dimensionless", OWN_NUMBERS["alpha"].rule | {"open_low": True}),
+    # Nozzles contract to a tenth of the diameter.
+    alpha=SIQuantity("dimensionless", OWN_NUMBERS["alpha"].rule, usual=(0.0, 100.0)),
+    nozzle_ratio=SIQuantity(
+        "dimensionless", OWN_NUMBERS["alpha"].rule | {"open_low": True}, usual=(0.0, 100.0)
+    ),
     inflow_share=SIQuantity("dimensionless", OWN_NUMBERS["inflow_share"].rule),
     # Sheets made to damp have a loss factor of 1.
     hysteresis=SIQuantity("dimensionless", OWN_NUMBERS["hysteresis"].rule, usual=(0.0, 2.0)),
@@ -275,7 +279,7 @@ class Pipe(Saved):
         if self.jet_angle or self.hysteresis:
             own = {"jet_angle": self.jet_angle, "hysteresis": self.hysteresis}
             if reasons := unusual(own):
-                warn_of_pipe(reasons, likely_slip(own, lambda numbers: not unusual(numbers)))
+                warn_of_pipe(reasons, likely_slip(own, lambda numbers: not unusual(numbers)), own)
 
     @classmethod
     def from_si(
@@ -408,14 +412,16 @@ class Pipe(Saved):
             5.08 m/s, 15.3 l/min
 
         Raises:
-            ValueError: as `from_si`, and for an inner diameter that is not less than the outer one.
+            ValueError: as `from_si`, and for an inner diameter that is not less than the outer one,
+                or an external_diameter that is.
             TypeError: for an argument that is not a number, or an option that `from_si` lacks.
         """
         given = locals()
         optional = inspect.signature(cls.from_si).parameters.values()
         defaults = {one.name: one.default for one in optional if one.default is not one.empty}
         if unknown := options.keys() - defaults.keys():
-            raise TypeError(f"from_tube() got an unexpected keyword argument {min(unknown)!r}")
+            hint = did_you_mean(min(unknown), [*defaults, *TUBE]) or f", only {', '.join(defaults)}"
+            raise TypeError(f"pp.Pipe.from_tube() has no argument {min(unknown)!r}{hint}")
         section = {name: given[name] for name in ("length", *TUBE)}
         return cls._from_quantities(section, defaults | options)
 
@@ -434,6 +440,11 @@ class Pipe(Saved):
                 si[name] = si_number(name, options[name])
         if si["external_density"] and not si["external_diameter"]:
             si["external_diameter"] = si.get("outer_diameter", 0.0)
+        if 0.0 < si["external_diameter"] < (1.0 - 1e-9) * si.get("outer_diameter", 0.0):
+            raise ValueError(
+                f"external_diameter must be at least outer_diameter, {si['outer_diameter']:g}, got "
+                f"{si['external_diameter']:g}"
+            )
         outside = si["external_diameter"], si["external_density"]
         coefficients = si["drag_coefficient"], si["added_mass_coefficient"]
         if any((*outside, *coefficients)) and not all(outside):
@@ -455,9 +466,8 @@ class Pipe(Saved):
         try:
             units, checked = _numbers_in_si(si)
         except ValueError as error:
-            raise ValueError(f"{error}{likely_slip(si, _is_usual)}") from None
-        if reasons := _unusual_in_si(si, units, checked["damping"]):
-            warn_of_pipe(reasons, likely_slip(si, _is_usual))
+            slip = likely_slip(si, _is_usual) if _unusual_in_si(si) else ""
+            raise ValueError(f"{error}{slip}") from None
         length, mass = si["length"], units.mass
         terms, root = options["terms"], options["root"]
         if isinstance(terms, tuple | list):
@@ -467,6 +477,7 @@ class Pipe(Saved):
             ]
         terms = checked_terms(terms, length, in_si=True)
         given = [converted(one, units, operator.truediv) for one in terms]
+        heaviest = max((one.mass for one in given if isinstance(one, PointMass)), default=0.0)
         displaced, (stiffness, pipe_mass, _) = _displaced(si), _rigidity_and_masses(si)
         buoyancy = si["gravity"] * length**3 * displaced / stiffness  # its part in gamma
         given += [
@@ -491,7 +502,7 @@ class Pipe(Saved):
             root = checked_root(root, source)
         supports = check.in_unit("supports", options["supports"], "m")
         supports = checked_supports(supports, length, in_si=True)
-        return cls(
+        made = cls(
             **checked,
             flow=options["flow"],
             alpha=si.get("nozzle_ratio", si.get("alpha", 1.0)),
@@ -504,6 +515,11 @@ class Pipe(Saved):
             mass=None if own is None else mixed(own, pipe_mass / mass),
             scales=units,
         )
+        if reasons := _unusual_in_si(si):
+            warn_of_pipe(reasons, likely_slip(si, _is_usual))
+        if reasons := unusual({"heaviest": heaviest}):
+            warn_of_pipe(reasons, ": in kg, not in g?")
+        return made
 
     @property
     def direction(self) -> float:
@@ -618,7 +634,8 @@ class Pipe(Saved):
 
     def _units(self, name: str, need: str = "needs") -> Scales:
         if self.scales is None:
-            raise ValueError(f"{name} in SI {need} a pipe made with Pipe.from_si, got {self!r}")
+            made = "made with Pipe.from_tube" + " or Pipe.from_si" * (name != "flow rate")
+            raise ValueError(f"{name} in SI {need} a pipe {made}, got {self!r}")
         return self.scales
 
     def speed_si(self, u: ArrayLike) -> Any:
@@ -804,24 +821,36 @@ def _numbers_in_si(si: Mapping[str, float]) -> tuple[Scales, dict[str, float]]:
     }
 
 
-def _unusual_in_si(si: Mapping[str, float], units: Scales, damping: float) -> list[str]:
-    """What is outside the range of pipes, in quantities in SI and the units that follow."""
-    outer = si.get("outer_diameter", si["external_diameter"])
-    numbers = {**si, "speed": units.speed, "time": units.time, "damping": damping}
-    if outer:
-        numbers["slenderness"] = si["length"] / outer
-    if "fluid_mass" in si:  # of a fluid as heavy as ore in water, as few are heavier
-        numbers["bore"] = si["length"] / math.sqrt(si["fluid_mass"] / (0.25 * math.pi * 4000.0))
+def _unusual_in_si(si: Mapping[str, float]) -> list[str]:
+    """What is outside the range of pipes, in quantities in SI and what follows from them."""
+    with np.errstate(all="ignore"):  # a refused pipe may have masses of 0 or infinity
+        numbers = si = {name: np.float64(value) for name, value in si.items()}
+        outer = si.get("outer_diameter", si["external_diameter"])
+        length, (stiffness, pipe_mass, fluid_mass) = si["length"], _rigidity_and_masses(si)
+        mass = pipe_mass + fluid_mass
+        time = length**2 * np.sqrt(mass / stiffness)
+        numbers |= {"time": time, "damping": si["damping_time"] / time, "share": fluid_mass / mass}
+        numbers["inertia"] = si["rotary_inertia"] / mass / length**2
+        if outer:
+            numbers["slenderness"] = length / outer
+        if "density" in si:
+            numbers["material"] = si["youngs_modulus"] / si["density"] ** 2
+            numbers["thickness"] = 0.5 * (outer - si["inner_diameter"])
+            load = mass / pipe_mass * si["density"] * abs(si["gravity"])
+            numbers["stretch"] = load * length / si["youngs_modulus"]
+        else:  # the bore of a fluid as heavy as ore in water, as few are heavier
+            numbers["bore"] = length / np.sqrt(fluid_mass / (0.25 * math.pi * 4000.0))
+            numbers["wall"] = 4.0 * math.pi * stiffness / pipe_mass**2
     return unusual({k: v for k, v in numbers.items() if k not in ("jet_angle", "hysteresis")})
 
 
 def _is_usual(si: Mapping[str, float]) -> bool:
     """Whether quantities in SI describe a pipe in the range of pipes."""
     try:
-        units, numbers = _numbers_in_si(si)
+        _numbers_in_si(si)
     except (ValueError, OverflowError):
         return False
-    return not _unusual_in_si(si, units, numbers["damping"])
+    return not _unusual_in_si(si)
 
 
 def _checked_scales(scales: Any) -> Scales:
@@ -840,7 +869,7 @@ def _checked_scales(scales: Any) -> Scales:
 CHECKS: dict[str, Callable[[Any], Any]] = {
     "flow": partial(check.choice, "flow", options=FLOWS),
     **{name: partial(check.real, name, **one.rule) for name, one in OWN_NUMBERS.items()},
-    "jet_angle": partial(si_number, "jet_angle"),
+    **{k: partial(si_number, k) for k in ("alpha", "hysteresis", "inflow_share", "jet_angle")},
     "terms": lambda terms: in_range(checked_terms(terms)),
     "root": checked_root,
     "end": partial(check.choice, "end", options=ENDS),

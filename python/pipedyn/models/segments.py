@@ -141,12 +141,27 @@ class SegmentModel(Model):
         """Arc lengths of the nodes, at which polylines have their maxima."""
         return self._ends()[1:]
 
+    def _relative_stiffness(self, rule: str = "consistent") -> Array:
+        """Harmonic mean of the pipe's stiffness over the part of each joint, shape (n + 1,)."""
+        if self._pipe.stiffness is None:
+            return np.ones(self._lengths.size + 1)
+        cells = self._ends()
+        if rule == "consistent":
+            cells[1:] -= 0.5 * self._lengths
+            cells = np.append(cells, 1.0)
+            cells[0] = 0.0
+        elif rule == "midpoint":
+            cells = np.linspace(0.0, 1.0, self._lengths.size + 1)
+        harmonic = np.diff(cells) / moments(reciprocal(self._pipe.stiffness), cells)[0]
+        return np.append(harmonic, harmonic[-1])[: self._lengths.size + 1]
+
     def _bending(self, q: Array) -> Array:
         moments = self._chain.joints[:, :1]
         straight = np.zeros((len(moments) - self.integrated, q.shape[1]))  # beyond a guided end
         angles = np.concatenate([self._segment_angles(q), straight])
         turns = np.diff(angles, axis=0, prepend=0.0)
-        return np.asarray(moments * (turns - self._rest_turns))
+        local = self._relative_stiffness()[: len(moments), None]
+        return np.asarray(moments * (turns - self._rest_turns) / local)
 
     @property
     def _rest_turns(self) -> Array | float:

@@ -243,6 +243,10 @@ class Ensemble(TableResult):
         tables = [one._columns() for one in self.motions]
         return join_tables(tables, member=range(len(tables)))
 
+    def _scales(self) -> Any:
+        """SI scales of the first pipe that has any."""
+        return next(filter(None, (one._scales() for one in self.motions)), None)
+
     def _scales_of_rows(self, scales: Any) -> Any:
         """SI scales for the rows of the table, from the pipe of each member."""
         each = [one.model.pipe.scales or (math.nan,) * len(scales) for one in self.motions]
@@ -323,9 +327,10 @@ def simulate(
             some hundred right-hand sides, then every 0.05 s or later; if it returns True, the
             motion ends there.
         units: "si" if u is given in m/s, duration, times, t0 and max_step in s, and functions of
-            time in these units, a base's in m; the pipe must have scales. States, events, `Event`
-            functions and the returned motion stay nondimensional (see `in_si`), and so do drives
-            that have a `from_si`. Quantities of pint are converted whatever `units` says.
+            time in these units, a base's in m; the pipe must have scales. Drives that have a
+            `from_si` must come from it. States, events, `Event` functions and the returned motion
+            stay nondimensional (see `in_si`). Quantities of pint are converted whatever `units`
+            says.
         progress: whether to show progress on stderr.
 
     Returns:

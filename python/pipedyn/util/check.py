@@ -48,8 +48,10 @@ def is_quantity(value: Any) -> bool:
 
 
 def has_quantity(value: Any) -> bool:
-    """Whether the value is a `pint.Quantity` or a list with one."""
-    return is_quantity(value) or (isinstance(value, list | tuple) and any(map(is_quantity, value)))
+    """Whether the value is a `pint.Quantity` or a list or array with one."""
+    objects = isinstance(value, np.ndarray) and value.dtype.kind == "O" and value.ndim > 0
+    listed = isinstance(value, list | tuple) or objects
+    return is_quantity(value) or (listed and any(map(is_quantity, value)))
 
 
 def in_unit(name: str, value: Any, unit: str) -> Any:
@@ -86,7 +88,7 @@ def real(
         value = value[()]
     # `type` is much faster than `isinstance` of an abstract class.
     if type(value) is not float and not _is_real(value):
-        raise TypeError(f"{name} must be a real number, got {shown(value)}")
+        raise TypeError(f"{name} must be a real number{_plain(value)}, got {shown(value)}")
     try:
         number = float(value)
     except OverflowError:
@@ -96,6 +98,14 @@ def real(
     if not math.isfinite(number) or below or above:
         raise ValueError(f"{name} must {_rule(low, high, open_low, open_high)}, got {shown(value)}")
     return number + 0.0  # -0.0 becomes 0.0
+
+
+def _plain(value: Any) -> str:
+    """What to do with a quantity of pint where its unit is not known; empty for other values."""
+    if not has_quantity(value):
+        return ""
+    known = "speed_from_si, time_from_si and length_from_si of a Pipe convert quantities of pint"
+    return f" ({known}; frequencies are numbers in rad/s, for which pint takes Hz)"
 
 
 def _rule(low: float, high: float, open_low: bool, open_high: bool) -> str:
@@ -230,7 +240,7 @@ def numbers(
     """
 
     def wrong() -> TypeError:
-        return TypeError(f"{name} must be {what}, got {shown(value)}")
+        return TypeError(f"{name} must be {what}{_plain(value)}, got {shown(value)}")
 
     if is_quantity(value):  # numpy would drop its unit
         raise wrong()

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
@@ -37,13 +38,19 @@ class UnusualPipe(UserWarning):
     """
 
 
-def warn_of_pipe(reasons: Sequence[str], slip: str) -> None:
+def warn_of_pipe(
+    reasons: Sequence[str], slip: str, own: Mapping[str, float] = MappingProxyType({})
+) -> None:
     """Warns with `UnusualPipe` whoever called from outside of the package.
 
-    Pipes that the package derives from a user's own bring no warning.
+    Pipes that the package derives from a user's own bring no warning, nor do those that replace
+    other numbers of a pipe than its `own` that are unusual.
     """
     frame, level = sys._getframe(1), 2
     while frame.f_back and frame.f_globals.get("__name__") in MAKERS_OF_PIPES:
+        replaced = frame.f_locals.get("obj")  # of dataclasses.replace
+        if own and all(getattr(replaced, name, None) == one for name, one in own.items()):
+            return
         frame, level = frame.f_back, level + 1
     module = str(frame.f_globals.get("__name__"))
     if module.startswith("pipedyn.") and not module.endswith("__main__"):

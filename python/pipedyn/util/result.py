@@ -290,7 +290,7 @@ class Result(Saved):
                 "part of a result that does, take the part of the whole's in_si()"
             )
         if scales is None:
-            raise ValueError("numbers in SI need a pipe made with Pipe.from_si")
+            raise ValueError("numbers in SI need a pipe made with Pipe.from_si or Pipe.from_tube")
         return scales
 
     def _pipe(self) -> Any:
@@ -311,6 +311,8 @@ class Result(Saved):
     def _scales_within(self, one: Result, scales: Any) -> Any:
         """Scales of a result in a field: its own if it knows them, else the given ones."""
         own = one._scales()
+        if own is None and one._pipe() is not None and self._scales() is not None:
+            return type(scales)(*[math.nan] * len(scales))  # another pipe, without scales
         return scales if own is None else own
 
     def _unit(self, name: str) -> Unit | None:
@@ -491,6 +493,9 @@ class SI:
             source = self._source(one) if one.name == name else None
             if source is not None and one.is_known(self._scales):
                 return getattr(self._result, source) * np.asarray(one.unit.scale(self._scales))[()]
+            if source is not None:
+                wall = " with a uniform wall" if one.source is CURVATURE else ""
+                raise AttributeError(f"{name} needs a pipe made with Pipe.from_tube{wall}")
         value, unit = getattr(self._result, name), self._unit(name)
         if inspect.ismethod(value):
             own = type(self._result).__name__
@@ -526,7 +531,8 @@ class SI:
 
     def _is_empty(self) -> bool:
         within = _results_within(self._result)
-        return not self.units and all(self._within(*one)._is_empty() for one in within)
+        own = any(map(self._unit, _names_of_numbers(self._result)))  # until the first, as some cost
+        return not own and all(self._within(*one)._is_empty() for one in within)
 
     def _shown(self) -> list[str]:
         """Numbers with their units, then results in fields, in full if there are no numbers."""
