@@ -8,6 +8,7 @@ from saved_things import path_of
 from scipy.optimize import linear_sum_assignment
 
 import pipedyn as pp
+from pipedyn.linear.neutral import eigenvalues_of
 
 PIPE = pp.Pipe(0.2)
 LONG = pp.Chain(PIPE, 66)
@@ -421,3 +422,40 @@ def test_a_table_of_branches_says_which_modes_they_are(tmp_path):
     again = pp.load(tmp_path / "loci.npz")
     np.testing.assert_array_equal(again.modes, loci.modes)
     assert again.complete
+
+
+@pytest.mark.parametrize(
+    ("model", "u"),
+    [
+        (pp.Continuum(pp.Pipe(0.2, 10.0, damping=0.05)), 12.0),
+        (pp.Continuum(pp.Pipe(0.5, 10.0, damping=0.05, end="pinned")), 12.0),
+        (pp.Continuum(pp.Pipe(0.225, 998.0, damping=0.01)), 30.0),
+        (pp.Chain(pp.Pipe(0.225, 998.0, damping=0.01), 100), 30.0),
+        (pp.Chain(pp.Pipe(0.7, flow="aspirating", damping=0.01), 100), 30.0),
+    ],
+)
+def test_modes_that_grow_beyond_the_cluster_of_overdamped_roots_are_not_left_out(model, u):
+    solved = model.frozen(40) if isinstance(model, pp.Continuum) else model
+    every = eigenvalues_of(*solved.operators().at(u))
+    growing = every[(every.real > 1e-6) & (every.imag >= 0.0)]
+    found = pp.modes(model, u, 4).eigenvalues
+    apart = np.abs(found[:, None] - growing).min(axis=0) / np.abs(growing)
+    assert growing.size
+    assert apart.max() < 1e-6
+    assert (np.abs(growing) > 1.0 / model.pipe.damping).any()
+
+
+def test_loci_of_a_strongly_damped_hose_converge_and_have_its_flutter():
+    hose = pp.Continuum(pp.Pipe(0.225, 998.0, damping=0.01))
+    loci = pp.root_loci(hose, np.linspace(0.0, 24.0, 13), 4)
+    assert loci.complete
+    assert loci.eigenvalues[-1].real.max() == pytest.approx(
+        pp.eigenvalues(pp.Galerkin(hose.pipe, 60, "legendre"), 24.0).real.max(), rel=1e-6
+    )
+
+
+def test_loci_are_complete_where_every_mode_has_a_branch():
+    for pipe in (pp.Pipe(0.2, flow="aspirating"), pp.Pipe(0.3765, -20.0, root="pinned")):
+        loci = pp.root_loci(pp.Chain(pipe, 7), np.linspace(0.0, 12.0, 25), 7)
+        assert loci.complete
+        assert loci.modes.tolist() == [*range(1, 8)]

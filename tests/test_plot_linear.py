@@ -154,6 +154,6 @@ def test_a_picture_without_growth_says_if_higher_modes_may_grow(draw):
     def note(loci):
         return draw(loci, ax=axes()).get_title(loc="right")
 
-    assert note(replace(LOCI, complete=False)) == "higher modes may be unstable"
+    assert note(replace(LOCI, complete=False)) == "other modes may be unstable"
     assert note(LOCI) == ""
     assert note(replace(HOSE_LOCI, complete=False)) == ""

@@ -148,7 +148,9 @@ def root_loci(
     Returns:
         RootLoci at the speeds asked for only. Its `modes` says which mode each branch is, and its
         `complete` is False if modes may grow that have no branch: for the reasons above, beyond
-        2,000 degrees of freedom, and if the search for crossings fails.
+        2,000 degrees of freedom, if the search for crossings fails, and in some pipes so damped
+        that modes do not oscillate or whose hysteresis leaves a mode that grows without oscillating
+        out of its branch; `crossings` and `eigenvalues` know these.
 
     Example:
         >>> loci = pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), np.linspace(0.0, 8.0, 41), count=3)
@@ -182,32 +184,29 @@ def root_loci(
     elif (isinstance(model, Continuum) or model.dof <= LARGEST_FULL) and not fed:
         growing = _growing_modes(model, at, count)
         highest = min(max([count, *growing.added]), most)
-    # If damping is so strong that modes do not oscillate, their numbers are a convention. As few as
-    # possible are followed then, until all growing roots have a branch.
+    # If damping is so strong that modes do not oscillate, their numbers are a convention. The modes
+    # that the flow reaches are followed then, unless those asked for have all growing roots.
     overdamped = pipe.damping * (math.pi * highest) ** 2 > 2.0
     reached = most if most <= FEW_MODES else min(math.ceil(reach.modes_reached(end)) + 2, most)
-    followed, highest = (count if overdamped else highest), max(highest, reached)
-    loci, complete = None, growing.complete
-    while True:
+    sizes = [count, max(count, reached)] if overdamped else [highest, max(highest, reached)]
+    loci, complete, missed = None, growing.complete, True
+    for followed in sorted({*sizes}):
         try:
             loci = branches_followed(model, at, followed, shown)
         except NotConverged:
             if followed == count:
                 raise
             complete = False
-            if loci is not None:
-                break
-            followed = count
-            continue
-        grows = loci.eigenvalues.real > loci.errors
-        both = (loci.eigenvalues.imag != 0.0) | (loci.partners.real > loci.errors)
-        missed = bool(np.any(np.sum(grows * (1 + both), axis=1) < growing.roots))
-        complete &= not missed or followed < highest
-        if not (missed and complete):
             break
-        followed = min(followed + max(1, followed // 2), highest)
+        if not (missed := bool(np.any(np.sum(_growing_roots(loci), axis=1) < growing.roots))):
+            break
+    if loci is None:
+        loci = branches_followed(model, at, count, shown)
+    complete &= not missed
+    # Nothing is left out where all modes of a model have a branch.
+    complete |= isinstance(model, Model) and loci.modes.size == model.dof and not pipe.hysteresis
     wanted = (loci.modes <= count) | np.isin(loci.modes, growing.added)
-    kept = np.flatnonzero(wanted | (loci.eigenvalues.real > loci.errors).any(axis=0))
+    kept = np.flatnonzero(wanted | _growing_roots(loci).any(axis=0))
     every = ("eigenvalues", "partners", "converged", "errors")
     return replace(
         loci,
@@ -215,6 +214,12 @@ def root_loci(
         modes=loci.modes[kept],
         complete=complete,
     )
+
+
+def _growing_roots(loci: RootLoci) -> NDArray[np.int64]:
+    """Number of roots of each branch that grow at each speed, 0 to 2, shape (S, B)."""
+    both = (loci.eigenvalues, loci.partners)
+    return np.sum([root.real > loci.errors for root in both], axis=0)
 
 
 def _rests_without_flow(model: AnyModel) -> bool:
@@ -304,6 +309,9 @@ def branches_followed(model: AnyModel, speeds: Array, count: int, shown: bool = 
         largest=smallest + 32,
     )
     found = answer.value
+    if not model.pipe.hysteresis:
+        solved = model.frozen(answer.size) if isinstance(model, Continuum) else model
+        found = _told_apart(eigenproblem(solved), found)
     if isinstance(model, Continuum):
         scale = np.maximum(np.maximum(np.abs(found.eigenvalues), np.abs(found.partners)), 1.0)
         unknown = _overdamped(found, model.pipe.damping) | np.isnan(scale)
@@ -317,10 +325,11 @@ def _loci_change(a: RootLoci, b: RootLoci, pipe: Pipe) -> float:
     """Largest relative change of a root; under damping, overdamped roots are not compared.
 
     Overdamped roots of neighbouring modes meet and part in the cluster at -1 / delta, so that the
-    choice of a root for each branch is a convention.
+    choice of a root for each branch is a convention. Roots that grow are always compared.
     """
     delta = pipe.damping
-    compared = ~(_overdamped(a, delta) & _overdamped(b, delta))
+    grows = (a.eigenvalues.real > 0.0) | (b.eigenvalues.real > 0.0)
+    compared = ~(_overdamped(a, delta) | _overdamped(b, delta)) | (grows & (delta > 0.0))
     if pipe.hysteresis:  # NaN is a root that does not exist
         compared &= np.isfinite(a.eigenvalues) & np.isfinite(b.eigenvalues)
     moved = relative(a.eigenvalues[compared], b.eigenvalues[compared])
@@ -360,8 +369,7 @@ def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci
             if loci is not None:
                 values, partners = loci.values, loci.partners
                 checks = loci.converged, loci.errors
-                found = RootLoci(speeds, values, partners, *checks, problem.dof, model.pipe)
-                return found if model.pipe.hysteresis else _told_apart(problem, found)
+                return RootLoci(speeds, values, partners, *checks, problem.dof, model.pipe)
             size *= 2
 
 

@@ -48,6 +48,10 @@ eigenvalues need dense problems of 816 rows, which take a second each."""
 FEW_MODES = 64
 """Number of modes up to which all roots of a model are computed anyway."""
 
+BEFORE_CLUSTER = 0.5
+"""Largest square of the last wave number that the flow reaches, times the damping, at which growing
+roots lie before the cluster at -1 / damping."""
+
 CLUSTER = 1e-6
 """Relative distance from |lambda| = 1 / damping within which a root belongs to the cluster."""
 
@@ -221,9 +225,10 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
     Returns:
         Modes. Higher modes follow the lowest if they grow, so that no instability is missed: all
         that do up to 64 degrees of freedom; in larger models and the continuous pipe those that
-        flow and weight can make unstable; none of an aspirating pipe without damping, all modes of
-        which grow. `converged` is False for those with a large residual. There may be fewer than
-        count, if `eigenvalues` would return fewer than 2 count.
+        flow and weight can make unstable, for which all roots are computed if damping is strong;
+        none of an aspirating pipe without damping, all modes of which grow. `converged` is False
+        for those with a large residual. There may be fewer than count, if `eigenvalues` would
+        return fewer than 2 count.
 
     Example:
         >>> found = pp.modes(pp.Chain(pp.Pipe(0.2), 10), 4.0, count=2)
@@ -240,7 +245,7 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
     """
     u, count = _checked_question(model, u, count, roots=2)
     roots = None if count is None else 2 * count
-    found = roots_and_shapes(model, u, roots, _looked_at(model, u))
+    found = roots_and_shapes(model, u, roots, *_looked_at(model, u))
     above = np.flatnonzero(~(found.eigenvalues.imag < 0.0))
     growing = above[grows(np.nan_to_num(found.eigenvalues[above]))]
     return _selected(found, np.union1d(above[:count], growing))
@@ -253,32 +258,44 @@ def feeds_every_mode(model: AnyModel) -> bool:
     return pipe.flow == "aspirating" and pipe.beta > 0.0 and not (pipe.end_held or damped)
 
 
-def _looked_at(model: AnyModel, u: float) -> int:
-    """Number of lowest roots among which growing ones are looked for."""
+def _looked_at(model: AnyModel, u: float) -> tuple[float, int]:
+    """Number of lowest roots among which growing ones are looked for, and of modes among them.
+
+    If damping is strong, growing roots may lie beyond the cluster of overdamped ones at -1 / delta:
+    they are looked for among all roots.
+    """
     if feeds_every_mode(model):
-        return 0
-    reach = Reach(model.pipe)
+        return 0, 0
+    reach, delta = Reach(model.pipe), model.pipe.damping
     if isinstance(model, Continuum):
-        return 2 * (math.ceil(reach.modes_reached(u)) + 2)
-    few = min(reach.modes_within(u), LARGEST_VECTORS // (2 * model.dof))
-    return 2 * (model.dof if model.dof <= FEW_MODES else few)
+        few = math.ceil(reach.modes_reached(u)) + 2
+    elif model.dof <= FEW_MODES:
+        few = model.dof
+    else:
+        few = min(reach.modes_within(u), LARGEST_VECTORS // (2 * model.dof))
+    damped = delta * (math.pi * reach.modes_reached(u)) ** 2 > BEFORE_CLUSTER
+    every = isinstance(model, Continuum) or 2 * model.dof**2 <= LARGEST_VECTORS
+    return (math.inf if damped and every else 2 * few), few
 
 
-def roots_and_shapes(model: AnyModel, u: float, count: int | None, searched: int = 0) -> Modes:
+def roots_and_shapes(
+    model: AnyModel, u: float, count: int | None, searched: float = 0, reached: int = 0
+) -> Modes:
     """The lowest `count` eigenvalues, with both of each conjugate pair, and their mode shapes.
 
-    Those of the lowest `searched` eigenvalues that grow follow, if they are not among these.
+    Those of the lowest `searched` eigenvalues that grow follow, if they are not among these. The
+    basis of the continuous pipe has at least twice as many functions as modes are `reached`.
     """
     found = converged_answer(
         model,
         (u,),
         lambda one: _modes(one, u, count, searched),
-        partial(_basis_change, model.pipe),
-        smallest=max(16, count or 0, searched),
+        partial(_basis_change, model.pipe, searched == math.inf),
+        smallest=max(16, count or 0, 2 * reached),
     )
     if not isinstance(model, Continuum):
         return found.value
-    answer = _below_cluster(found.value, model.pipe)
+    answer = _without_cluster(found.value, model.pipe, searched == math.inf)
     if not answer.eigenvalues.size:
         raise NotConverged(
             f"no eigenvalue lies below |lambda| = 1 / damping = {1.0 / model.pipe.damping:.6g}, "
@@ -299,8 +316,8 @@ def _selected(found: Modes, chosen: NDArray[np.intp]) -> Modes:
     )
 
 
-def _below_cluster(found: Modes, pipe: Pipe) -> Modes:
-    """Modes of the continuous pipe with |lambda| below the cluster due to damping.
+def _without_cluster(found: Modes, pipe: Pipe, growing: bool) -> Modes:
+    """Modes of the continuous pipe with |lambda| below the cluster due to damping, or `growing`.
 
     Infinitely many overdamped roots tend to -1 / delta, so that a count of roots has no meaning
     near it.
@@ -308,21 +325,25 @@ def _below_cluster(found: Modes, pipe: Pipe) -> Modes:
     delta = pipe.damping / abs(1.0 + 1j * pipe.hysteresis)
     if not delta:
         return found
-    return _selected(found, np.flatnonzero(np.abs(found.eigenvalues) * delta < 1.0 - CLUSTER))
+    values = found.eigenvalues
+    kept = np.abs(values) * delta < 1.0 - CLUSTER
+    if growing:
+        kept |= grows(np.nan_to_num(values))
+    return _selected(found, np.flatnonzero(kept))
 
 
-def _basis_change(pipe: Pipe, before: Modes, after: Modes) -> float:
-    """Relative change of the modes below the cluster from one basis to the next, beyond rounding.
+def _basis_change(pipe: Pipe, growing: bool, before: Modes, after: Modes) -> float:
+    """Relative change of modes not in the cluster from one basis to the next, beyond rounding.
 
-    If neither basis has a mode there, it is the change of the lowest one.
+    If neither basis has such a mode, it is the change of the lowest one.
 
     Under strong damping at high speed, rounding alone changes them by more than the tolerance. A
     larger basis does not help then, and `errors` of the modes gives the size of rounding.
     """
-    below = _below_cluster(before, pipe), _below_cluster(after, pipe)
-    if not any(one.eigenvalues.size for one in below):
+    apart = [_without_cluster(one, pipe, growing) for one in (before, after)]
+    if not any(one.eigenvalues.size for one in apart):
         return relative(before.eigenvalues[:1], after.eigenvalues[:1])
-    before, after = below
+    before, after = apart
     moved = relative(before.eigenvalues, after.eigenvalues)
     if not TOLERANCE < moved < 100.0 * TOLERANCE:  # errors cost as much as the eigenvalues
         return moved
@@ -399,14 +420,14 @@ def _shapes(model: Model, values: Complex, coordinates: Complex) -> tuple[ModeSh
     )
 
 
-def _modes(model: Model, u: float, count: int | None, searched: int) -> Modes:
+def _modes(model: Model, u: float, count: int | None, searched: float) -> Modes:
     """The lowest `count` modes of one model, or all if it is None, and those that grow.
 
     Growing modes are looked for among the lowest `searched`.
     """
     every = 2 * model.dof
     count = every if count is None else count
-    pairs = eigenproblem(model).lowest(u, min(max(count, searched), every))
+    pairs = eigenproblem(model).lowest(u, int(min(max(count, searched), every)))
     if searched > count:
         values = np.nan_to_num(pairs.values)
         kept = np.flatnonzero((np.arange(values.size) < count) | grows(values))

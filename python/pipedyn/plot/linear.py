@@ -206,7 +206,7 @@ def _checked_axes(
     view = View(units, loci.pipe)
     ax = view.axes(ax, (4.8, 4.2), x, y)
     if not loci.complete and not (growth(loci.eigenvalues) > 0.0).any():
-        ax.set_title("higher modes may be unstable", loc="right", size="small")
+        ax.set_title("other modes may be unstable", loc="right", size="small")
     return ax, view
 
 
