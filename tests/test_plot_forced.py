@@ -89,6 +89,23 @@ def test_forced_motions_are_drawn_with_their_folds():
     assert words == {"base, stable", "base, unstable", "fold"}
 
 
+def test_branches_of_each_kind_look_like_the_legend_says_and_kinds_differ_in_grey():
+    forced = pp.forced_response(
+        pp.Chain(pp.Pipe(0.2, damping=0.003), 2), pp.Pulsation(3.0, 0.6, 12.0), frequencies=(2, 12)
+    )
+    assert len(forced.branches) > len(kinds := {branch.kind for branch in forced.branches}) == 2
+    ax = plot.forced_response(forced, ax=axes())
+
+    def look(line):
+        return line.get_label(), line.get_color(), line.get_linestyle(), line.get_linewidth()
+
+    curves = {look(line) for line in ax.lines if line.get_linestyle() != "None"}
+    handles = ax.get_legend().legend_handles
+    assert curves == {look(line) for line in handles if line.get_linestyle() != "None"}
+    assert {label.split(",")[0] for label, *_ in curves} == kinds
+    assert len({(line, width) for _, _, line, width in curves}) == len(curves)
+
+
 def largest_turn(curve):
     """Largest change of direction, in degrees, along a curve that fills a square."""
     steps = np.diff(curve / np.ptp(curve, axis=0), axis=0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import cycle, pairwise
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,10 @@ REGION_STYLES: dict[str, dict[str, Any]] = {
     "harmonic": {"color": common.ORANGE, "linestyle": (0, (5, 1.5)), "hatch": "///"},
     "combination": {"color": common.GREEN, "linestyle": (0, (1, 1.2)), "hatch": "..."},
 }
+
+BRANCH_LOOKS = {"base": (common.BLACK, 1.0), "subharmonic": (common.BLUE, 1.0)}
+BRANCH_LOOKS["harmonic"] = (common.ORANGE, 2.0)
+"""Colour of each kind of branch, and how wide its curve is, so that kinds differ in grey."""
 
 INNER = (1 / 3, 2 / 3)
 """Places within a step of a branch, as shares of its length, at which amplitudes are computed, so
@@ -218,7 +222,8 @@ def forced_response(
 ) -> Axes:
     """Amplitude of periodic motions over the frequency.
 
-    Stable motions are solid curves, unstable ones dashed. Markers show folds and other events.
+    Stable motions are solid curves, unstable ones dashed, and branches of one kind look alike.
+    Markers show folds and other events.
 
     Args:
         response: the response to show.
@@ -239,11 +244,14 @@ def forced_response(
     view = View(units, response.model.pipe)
     ax = view.axes(ax, (6.4, 4.2), OMEGA, AMPLITUDE)
     per, one = view.one(OMEGA), view.one(AMPLITUDE)
-    for branch, look in zip(response.branches, cycle(common.CURVE_STYLES), strict=False):
+    for branch in response.branches:
         points, steady = _fine_curve(branch)
         curve = smooth(*(points * [per, one]).T)
         labels = {word: f"{branch.kind}, {word}" for word in ("stable", "unstable")}
-        draw_pieces(ax, curve, steady, look["color"], labels)
+        (colour, wider), before = BRANCH_LOOKS[branch.kind], len(ax.lines)
+        draw_pieces(ax, curve, steady, colour, labels)
+        for line in ax.lines[before:]:
+            line.set_linewidth(wider * line.get_linewidth())
         for event in branch.events:
             if event.kind != "end":
                 mark_event(ax, event.kind, [per * event.frequency, one * event.amplitude])
