@@ -33,6 +33,9 @@ def test_a_pulsation_without_regions_has_its_pipe():
     assert len(none) == 0
     ax = plot.parametric_regions(none, units="si", ax=axes())
     assert ax.get_xlabel() == "frequency (Hz)"
+    assert ax.get_ylim() == (0.0, 0.01)
+    assert [text.get_text() for text in ax.texts] == ["no region to show"]
+    assert ax.get_legend() is None
 
 
 def test_the_response_is_drawn_with_its_resonances():
@@ -75,7 +78,7 @@ def test_regions_are_drawn_from_their_least_amplitude_on():
     assert missed.max() < 1e-12
     np.testing.assert_allclose(outline.get_xydata()[[0, -1]], [known[0], known[-1]])
     np.testing.assert_allclose(ring.get_xydata(), [[2.4, 0.05]])
-    assert legend_of(ax) == ["harmonic"]
+    assert legend_of(ax) == ["harmonic", "least amplitude"]
 
 
 def test_forced_motions_are_drawn_with_their_folds():
@@ -143,14 +146,35 @@ def test_regions_are_smooth_between_amplitudes_in_the_range_that_was_asked_for()
     assert (ax.get_xlim(), ax.get_ylim()) == ((20.0, 45.0), (0.0, 0.5))
 
 
+def test_one_amplitude_and_the_threshold_give_nearly_the_whole_region():
+    """As the square of its width grows in proportion to the square of the amplitude."""
+    model, mean, window = pp.Galerkin(pp.Pipe(0.2, damping=2e-3), 3), 4.0, (20.0, 45.0)
+    (one,) = pp.parametric_regions(model, mean, 0.5, window)
+    (fine,) = pp.parametric_regions(model, mean, [0.32, 0.35, 0.4, 0.45], window)
+    outline = plot.parametric_regions([one], ax=axes()).lines[0].get_xydata()
+    middle = np.argmin(outline[:, 1])
+    for side, edge in zip((outline[middle::-1], outline[middle:]), fine.edges.T, strict=True):
+        shown = np.interp(fine.amplitude, side[:, 1], side[:, 0])
+        np.testing.assert_allclose(shown, edge, atol=0.2)  # of a width of 17
+
+
 def test_regions_that_are_not_seen_are_not_in_the_legend():
     far = replace(REGION, kind="combination", edges=REGION.edges + 20.0, threshold_frequency=22.4)
     thin = replace(REGION, kind="subharmonic", edges=np.full((2, 2), np.nan), threshold=np.nan)
     asked = pp.parametric_regions(pp.Chain(PIPE, 2), 1.0, [0.01], (50.0, 60.0))
     shown = replace(asked, regions=(thin, REGION, far), frequencies=np.array([1.0, 10.0]))
     ax = plot.parametric_regions(shown, ax=axes())
-    assert legend_of(ax) == ["harmonic"]
+    assert legend_of(ax) == ["harmonic", "least amplitude"]
     assert len(ax.patches) == 1
+    assert not ax.texts
+
+
+def test_a_region_with_edges_at_one_amplitude_alone_is_seen_as_a_bar():
+    known = np.array([[math.nan, math.nan], [1.5, 4.0]])
+    bar = replace(REGION, kind="combination", edges=known, threshold=math.nan)
+    ax = plot.parametric_regions([bar], ax=axes())
+    np.testing.assert_allclose(ax.lines[0].get_xydata(), [[1.5, 0.2], [4.0, 0.2]])
+    assert (legend_of(ax), len(ax.patches)) == (["combination"], 0)
 
 
 def test_a_region_from_one_of_the_amplitudes_on_begins_at_a_point():

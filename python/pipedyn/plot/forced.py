@@ -138,7 +138,8 @@ def parametric_regions(
 
     Kinds differ in colour, line and hatching; a ring marks the least amplitude of each region. The
     axes show the ranges of frequencies and amplitudes that `parametric_regions` was asked for; of a
-    list of regions, all frequencies.
+    list of regions, all frequencies. A bar shows a region of which edges at one amplitude alone are
+    known.
 
     Args:
         regions: the regions to show, with amplitudes that are close enough for a curve.
@@ -163,30 +164,38 @@ def parametric_regions(
     pulsation = Measure(r"frequency of the pulsation $\omega$", OMEGA.words, OMEGA.unit)
     ax = view.axes(ax, (6.4, 4.2), pulsation, Measure(r"amplitude $\mu$ of the pulsation"))
     per, (low, high) = view.one(OMEGA), (-math.inf, math.inf)
+    asked = [region.amplitude for region in regions]
     if isinstance(regions, ParametricRegions):
         low, high = per * regions.frequencies
         ax.set_xlim(low, high)
+        asked += [] if regions.amplitudes is None else [regions.amplitudes]
+    seen = False
     for region in regions:
         amplitude, edges = _outline(region)
         edges *= per
         if not ((edges[:, 0] <= high) & (edges[:, 1] >= low)).any():
             continue
-        look = REGION_STYLES[region.kind]
+        seen, look = True, REGION_STYLES[region.kind]
         fill = {"facecolor": look["color"], "alpha": 0.25, "hatch": look["hatch"]}
         fill |= {"linewidth": 0.0, "label": region.kind}
         line = {"color": look["color"], "linestyle": look["linestyle"], "linewidth": 1.2}
+        if amplitude.size == 1:  # below the upper end of the axis
+            ax.plot(edges[0], [amplitude[0]] * 2, color=line["color"], lw=5.0, label=region.kind)
+            continue
         # The outline goes down one side and up the other.
         around = np.append(edges[::-1, 0], edges[:, 1]), np.append(amplitude[::-1], amplitude)
         ax.fill(*around, **fill)
         if math.isfinite(region.threshold):
             ax.plot(*around, **line)
-            ring = common.open_marker(4.5, edge=look["color"], zorder=4.0, clip_on=False)
+            ring = common.open_marker(4.5, label="least amplitude", zorder=4.0, clip_on=False)
             if low <= edges[0, 0] <= high:
                 ax.plot(edges[:1, 0], amplitude[:1], **ring)
         else:
             for side in edges.T:
                 ax.plot(side, amplitude, **line)
-    ax.set_ylim(0.0, max((float(region.amplitude[-1]) for region in regions), default=None))
+    ax.set_ylim(0.0, max((float(mu[-1]) for mu in asked), default=None))
+    if not seen:
+        ax.text(0.5, 0.5, "no region to show", transform=ax.transAxes, ha="center", va="center")
     if check.flag("legend", legend):
         common.legend_below(ax)
     return ax
@@ -195,8 +204,8 @@ def parametric_regions(
 def _outline(region: ParametricRegion) -> tuple[Array, Array]:
     """Amplitudes, (k,), and both edges there, (k, 2), close enough for smooth curves.
 
-    The mean of the edges and the square of their distance are smooth functions of the amplitude at
-    the threshold, too, where the edges meet.
+    The mean of the edges and the square of their distance are smooth functions of the square of the
+    amplitude, of a small amplitude nearly linear, at the threshold, too, where the edges meet.
     """
     inside = np.isfinite(region.edges).all(axis=1) & ~(region.amplitude <= region.threshold)
     amplitude, edges = region.amplitude[inside], region.edges[inside]
@@ -207,10 +216,11 @@ def _outline(region: ParametricRegion) -> tuple[Array, Array]:
         return amplitude, edges
     known = np.column_stack([edges.mean(axis=1), np.diff(edges)[:, 0] ** 2])
     shares = np.linspace(0.0, 1.0, 101) ** 2  # the edges turn fastest at the threshold
-    finer = np.union1d(amplitude, amplitude[0] + np.ptp(amplitude) * shares)
-    middle, square = scipy.interpolate.PchipInterpolator(amplitude, known)(finer).T
+    squares = amplitude**2
+    finer = np.union1d(squares, squares[0] + np.ptp(squares) * shares)
+    middle, square = scipy.interpolate.PchipInterpolator(squares, known)(finer).T
     half = 0.5 * np.sqrt(np.maximum(square, 0.0))
-    return finer, np.column_stack([middle - half, middle + half])
+    return np.sqrt(finer), np.column_stack([middle - half, middle + half])
 
 
 def forced_response(
