@@ -64,6 +64,15 @@ def test_the_legend_of_a_response_explains_bars_rings_and_triangles():
     assert plot.frequency_response(RESPONSE, True, ax=axes()).get_legend() is None
 
 
+def test_the_label_of_a_response_breaks_in_no_formula():
+    found = pp.frequency_response(pp.Galerkin(PIPE, 3), 2.0, (0.5, 40.0), output=0.7)
+    for height in np.arange(1.8, 3.0, 0.1):
+        ax = plot.frequency_response(found, ax=axes(figsize=(3.4, height)))
+        lines = ax.get_ylabel().split("\n")
+        assert len(lines) > 1
+        assert all(line.count("$") % 2 == 0 for line in lines)
+
+
 def test_infinite_resonances_are_marked_at_the_upper_end():
     found = pp.frequency_response(pp.Galerkin(pp.Pipe(0.2), 3), 0.0, (1.0, 30.0))
     marks = plot.frequency_response(found, ax=axes()).lines[1]

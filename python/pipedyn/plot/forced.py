@@ -66,7 +66,7 @@ def frequency_response(
     """
     check.instance("response", response, FrequencyResponse)
     shows_phase = check.flag("phase", phase)
-    moved = "free end" if response.output == 1.0 else f"place $s = {response.output:g}$"
+    moved = "free end" if response.output == 1.0 else f"place $s={response.output:g}$"
     driven = "base" if isinstance(response.input, str) else response.input[0]
     view = View(units, response.model.pipe)
     size = Measure(f"|displacement of the {moved} / {driven}|")
