@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Pictures of driven pipes show what the results say."""
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -71,6 +72,24 @@ def test_the_label_of_a_response_breaks_in_no_formula():
         lines = ax.get_ylabel().split("\n")
         assert len(lines) > 1
         assert all(line.count("$") % 2 == 0 for line in lines)
+
+
+@pytest.mark.parametrize("low", [1e-3, 2.1])
+@pytest.mark.parametrize("decades", [0.02, 0.6, 1.7])
+def test_labels_of_a_response_lie_apart_however_little_it_varies(low, decades):
+    peaks = replace(RESPONSE, resonances=())
+    sizes = low * 10.0 ** (decades * np.linspace(0.0, 1.0, peaks.frequencies.size))
+    figure = plot.Figure(figsize=(7.0, 5.0), layout="constrained")
+    for ax in figure.subplots(2, 2).flat:
+        plot.frequency_response(replace(peaks, response=sizes + 0j), ax=ax)
+    figure.draw_without_rendering()
+    bottom, top = ax.get_ylim()
+    ticks = [*ax.yaxis.get_major_ticks(), *ax.yaxis.get_minor_ticks()]
+    labels = [tick.label1 for tick in ticks if bottom <= tick.get_loc() <= top]
+    boxes = [label.get_window_extent() for label in labels if label.get_text()]
+    boxes.sort(key=lambda box: box.y0)
+    assert len(boxes) >= 2
+    assert all(under.y1 < over.y0 for under, over in itertools.pairwise(boxes))
 
 
 def test_infinite_resonances_are_marked_at_the_upper_end():

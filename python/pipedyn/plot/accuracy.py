@@ -9,9 +9,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.ticker import (
     EngFormatter,
+    LogFormatterSciNotation,
     LogLocator,
+    MaxNLocator,
     NullFormatter,
     NullLocator,
     ScalarFormatter,
@@ -176,17 +179,29 @@ def trade(
     if costs.max() < 10.0 * costs.min():  # less than a decade may contain no round number
         middle = math.sqrt(costs.max() * costs.min())
         ax.set_xlim(middle / 4.0, middle * 4.0)
-    decades = float(np.ptp(np.log10(ax.get_xlim())))
-    round_numbers = (1.0, 2.0, 5.0) if decades < 1.3 else (1.0, 3.0) if decades < 2.6 else (1.0,)
-    ax.xaxis.set_major_locator(LogLocator(subs=round_numbers, numticks=12))
+    round_ticks(ax.xaxis)
     ax.xaxis.set_major_formatter(
         EngFormatter("s" if cost == "seconds" else "", sep="\N{THIN SPACE}")
     )
-    ax.xaxis.set_minor_formatter(NullFormatter())
     _finish(ax, float(errors.min()), float(errors.max()), found.reference.error, shaded=True)
     if legend:
         common.legend_below(ax)
     return ax
+
+
+def round_ticks(axis: Axis) -> None:
+    """Sets ticks at round numbers of a logarithmic axis with its final limits, however short."""
+    decades = float(np.ptp(np.log10(axis.get_view_interval())))
+    if decades < 0.5:  # maybe without any of the round numbers of the others
+        axis.set_major_locator(MaxNLocator("auto", steps=[1, 2, 5, 10]))
+        axis.set_major_formatter("{x:g}")
+    else:
+        subs = {1.0: (1.0, 2.0, 3.0, 5.0, 7.0), 1.3: (1.0, 2.0, 5.0), 2.6: (1.0, 3.0)}
+        found = next((one for most, one in subs.items() if decades < most), (1.0,))
+        axis.set_major_locator(LogLocator(subs=found))
+        labels_all = LogFormatterSciNotation(minor_thresholds=(math.inf, math.inf))
+        axis.set_major_formatter(labels_all)
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _draw(ax: Axes, family: str, x: Array, y: Array, filled: NDArray[np.bool_], label: str) -> str:
@@ -241,7 +256,7 @@ def _finish(ax: Axes, low: float, high: float, floor: float, *, shaded: bool) ->
     room = 1.2 * (high / low) ** 0.03
     low, high = low / room, high * room
     ax.set_yscale("log")
-    ax.yaxis.set_major_locator(LogLocator())
     ax.yaxis.set_minor_locator(NullLocator())
     ax.set_ylim(low, high)
+    round_ticks(ax.yaxis)
     ax.grid(True, color="0.9", linewidth=0.5, zorder=0.1)

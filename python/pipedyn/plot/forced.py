@@ -17,6 +17,7 @@ from pipedyn.forced.forced_response import ForcedBranch, ForcedResponse
 from pipedyn.forced.parametric_regions import ParametricRegion, ParametricRegions
 from pipedyn.linear.frequency_response import FrequencyResponse
 from pipedyn.plot import common
+from pipedyn.plot.accuracy import round_ticks
 from pipedyn.plot.bifurcation import draw_pieces, mark_event, smooth
 from pipedyn.plot.units import AMPLITUDE, OMEGA, PER_FORCE, PER_MOMENT, Measure, Units, View
 from pipedyn.util import check
@@ -108,6 +109,7 @@ def frequency_response(
         peaks = [per * r.frequency for r in response.resonances if r.height < math.inf]
         if peaks:
             ax.plot(peaks, heights, label="resonance", **common.open_marker(4.5, zorder=4.0))
+        round_ticks(ax.yaxis)
     if at[0] < at[-1]:
         ax.set_xlim(float(at[0]), float(at[-1]))
     stable = "" if response.stable else ", unstable: the response is not reached"
