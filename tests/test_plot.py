@@ -463,6 +463,27 @@ def test_costs_have_several_ticks_with_labels_apart_from_each_other(cost, width)
     assert all(left.x1 < right.x0 for left, right in itertools.pairwise(boxes))
 
 
+def test_the_trade_of_one_model_has_ticks_and_explains_no_more_than_is_seen():
+    one = pp.trade(PIPE, "critical_speed", families="consistent", sizes=[8], repeats=1)
+    ax = plot.trade(one, "dof", ax=axes())
+    ax.figure.canvas.draw()
+    low, high = ax.get_ylim()
+    assert sum(low <= tick <= high for tick in ax.get_yticks()) >= 2
+    assert all(label.get_text() for label in ax.get_yticklabels())
+    assert legend_of(ax) == ["consistent: no clear order", "Pareto front"]
+    curve, _, front = ax.lines
+    assert front.get_xydata().tolist() == [[8.0, one.rows[0].error]]
+    assert front.get_markersize() > curve.get_markersize()
+    assert front.get_marker() == "o"
+
+
+def test_errors_of_convergence_fill_the_axis():
+    ax = plot.convergence({"uniform": found(0.05 * 0.7 ** np.arange(5))}, CRITICAL, ax=axes())
+    errors = ax.lines[0].get_ydata()
+    low, high = ax.get_ylim()
+    assert 0.5 * errors[-1] < low < high < 2.0 * errors[0]
+
+
 def found(errors):
     return [
         dataclasses.replace(CRITICAL, speed=CRITICAL.speed * (1.0 + error), error=0.0, size=2**i)

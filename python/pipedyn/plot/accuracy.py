@@ -103,7 +103,7 @@ def convergence(
     if not families:  # without a positive number logarithmic axes have no range
         return common.notice("No model has an answer to show.", ax=ax)
     floor = max(relative_errors(found, exact)[-1] for found in families.values())
-    every, others = [1.0, 2.0], False
+    every, others = list[float](), False
     for name, found in families.items():
         sizes, errors, same_kind, _ = relative_errors(found, exact)
         shown = np.maximum(np.abs(errors), floor)
@@ -116,13 +116,14 @@ def convergence(
             limit, place = abs(fitted.limit), ax.get_yaxis_transform()
             ax.axhline(limit, color=colour, linewidth=0.7, zorder=0.8)
             ax.text(1.01, limit, _signed(fitted.limit), color=colour, va="center", transform=place)
-        every, others = [*every, *shown], others or not same_kind.all()
+        every, others = [*every, *shown[shown > 0.0]], others or not same_kind.all()
     if others:
         ring = common.open_marker(4.5, "0.3", markerfacecolor="none")
         ax.plot([], [], label=f"open: no {exact.kind}, not fitted", **ring)
     ax.set_xscale("log", base=2)
     ax.xaxis.set_major_formatter(ScalarFormatter())
-    _finish(ax, min(every), max(every), floor, shaded=min(every) <= floor)
+    low, high = min(every, default=1.0), max(every, default=2.0)
+    _finish(ax, low, high, floor, shaded=low <= floor)
     if legend:
         common.legend_below(ax)
     return ax
@@ -174,6 +175,7 @@ def trade(
     x, y, _ = _points(found.pareto(cost), cost)
     if x.size:  # empty if the rows on the front have a cost of 0
         band: dict[str, Any] = {"color": "0.75", "linewidth": 6.0, "solid_capstyle": "round"}
+        band |= {"marker": "o", "markersize": 10.0}  # to be seen around a single point
         ax.plot(x, y, zorder=0.9, label="Pareto front", **band)
     ax.set_xscale("log")
     if costs.max() < 10.0 * costs.min():  # less than a decade may contain no round number
@@ -191,16 +193,18 @@ def trade(
 
 def round_ticks(axis: Axis) -> None:
     """Sets ticks at round numbers of a logarithmic axis with its final limits, however short."""
-    decades = float(np.ptp(np.log10(axis.get_view_interval())))
+    low, high = axis.get_view_interval()
+    decades = math.log10(high / low)
     if decades < 0.5:  # maybe without any of the round numbers of the others
         axis.set_major_locator(MaxNLocator("auto", steps=[1, 2, 5, 10]))
-        axis.set_major_formatter("{x:g}")
     else:
         subs = {1.0: (1.0, 2.0, 3.0, 5.0, 7.0), 1.3: (1.0, 2.0, 5.0), 2.6: (1.0, 3.0)}
         found = next((one for most, one in subs.items() if decades < most), (1.0,))
         axis.set_major_locator(LogLocator(subs=found))
-        labels_all = LogFormatterSciNotation(minor_thresholds=(math.inf, math.inf))
-        axis.set_major_formatter(labels_all)
+    if decades < 0.5 or (decades < 2.6 and 1e-4 < low < high < 1e5):  # short labels
+        axis.set_major_formatter("{x:g}")
+    else:  # labels all ticks
+        axis.set_major_formatter(LogFormatterSciNotation(minor_thresholds=(math.inf, math.inf)))
     axis.set_minor_formatter(NullFormatter())
 
 
@@ -249,12 +253,12 @@ def _finish(ax: Axes, low: float, high: float, floor: float, *, shaded: bool) ->
     The axis shows errors from `low` to `high`, and the error of the reference, `floor`, if it is
     near. A grey band shows the errors that are too small to be measured, if it is asked for.
     """
-    if shaded:
-        grey: dict[str, Any] = {"facecolor": "0.93", "edgecolor": "0.7", "zorder": 0.2}
-        ax.axhspan(1e-300, floor, label="below the error of the reference", **grey)
     low = min(low, 0.5 * floor) if floor > 0.1 * low else low
     room = 1.2 * (high / low) ** 0.03
     low, high = low / room, high * room
+    if shaded and floor > low:
+        grey: dict[str, Any] = {"facecolor": "0.93", "edgecolor": "0.7", "zorder": 0.2}
+        ax.axhspan(1e-300, floor, label="below the error of the reference", **grey)
     ax.set_yscale("log")
     ax.yaxis.set_minor_locator(NullLocator())
     ax.set_ylim(low, high)
