@@ -477,6 +477,18 @@ def test_the_trade_of_one_model_has_ticks_and_explains_no_more_than_is_seen():
     assert front.get_marker() == "o"
 
 
+@pytest.mark.parametrize("sizes", [[4, 8, 24, 28], [24]])
+def test_arrows_of_bounds_end_above_the_ticks(sizes):
+    trade = pp.trade(PIPE, "critical_speed", families="legendre", sizes=sizes, repeats=1)
+    figure = plot.Figure(figsize=(7.0, 5.0), layout="constrained")
+    for ax in figure.subplots(2, 2).flat:
+        plot.trade(trade, ax=ax)
+    figure.draw_without_rendering()
+    arrows = [text.arrow_patch.get_window_extent() for text in ax.texts]
+    assert len(arrows) > 0
+    assert min(arrow.y0 for arrow in arrows) >= ax.get_window_extent().y0
+
+
 def test_errors_of_convergence_fill_the_axis():
     ax = plot.convergence({"uniform": found(0.05 * 0.7 ** np.arange(5))}, CRITICAL, ax=axes())
     errors = ax.lines[0].get_ydata()
