@@ -18,6 +18,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 import pipedyn as pp
 from pipedyn import plot
+from pipedyn.accuracy.quantities import LimitCycleAt
 from pipedyn.plot.units import View, of_number
 
 PIPE = pp.Pipe(0.2)
@@ -475,6 +476,18 @@ def test_the_trade_of_one_model_has_ticks_and_explains_no_more_than_is_seen():
     assert front.get_xydata().tolist() == [[8.0, one.rows[0].error]]
     assert front.get_markersize() > curve.get_markersize()
     assert front.get_marker() == "o"
+
+
+@pytest.mark.parametrize("within", [nullcontext, partial(plot.style, "single")])
+def test_the_label_of_errors_is_whole_above_a_legend_of_many_rows(within):
+    trade = pp.trade(PIPE, "critical_speed", sizes=[4, 6, 8], repeats=1)
+    cycles = dataclasses.replace(trade, quantity=LimitCycleAt(u=6.5))  # has a long label
+    with within():
+        ax = plot.trade(cycles, ax=axes())
+        ax.figure.draw_without_rendering()
+        label, frame = ax.yaxis.label.get_window_extent(), ax.get_window_extent()
+    assert ax.figure.bbox.y0 <= label.y0 < label.y1 <= ax.figure.bbox.y1
+    assert label.height < 1.1 * frame.height
 
 
 @pytest.mark.parametrize("sizes", [[4, 8, 24, 28], [24]])

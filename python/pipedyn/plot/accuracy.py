@@ -125,7 +125,7 @@ def convergence(
     low, high = min(every, default=1.0), max(every, default=2.0)
     _finish(ax, low, high, floor, shaded=low <= floor)
     if legend:
-        common.legend_below(ax)
+        _legend_below(ax)
     return ax
 
 
@@ -190,7 +190,7 @@ def trade(
         low /= 2.0 * (high / low) ** 0.25
     _finish(ax, low, high, found.reference.error, shaded=True)
     if legend:
-        common.legend_below(ax)
+        _legend_below(ax)
     return ax
 
 
@@ -224,6 +224,18 @@ def _draw(ax: Axes, family: str, x: Array, y: Array, filled: NDArray[np.bool_], 
     look |= {"linestyle": "none", "markerfacecolor": "white", "zorder": 2.5}
     ax.plot(x[~filled], y[~filled], **look)
     return str(look["color"])
+
+
+def _legend_below(ax: Axes) -> None:
+    """Adds the legend, and breaks the label of the errors where many rows leave it little room."""
+    common.legend_below(ax)
+    legend, label, inch = ax.get_legend(), ax.yaxis.label, ax.figure.dpi
+    if legend is None or (box := legend.get_window_extent()).y1 > ax.bbox.y0:  # none, or inside
+        return
+    room = common._cell(ax)[1] - box.height - 0.7 * inch  # for ticks, label and pads
+    if label.get_window_extent().height > room:
+        label.set_text(label.get_text().replace("\n", " "))
+        common._wrap(label, room)
 
 
 def _law(family: str, fitted: ConvergenceLaw, sign: str = "+") -> str:
