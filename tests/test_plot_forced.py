@@ -118,6 +118,8 @@ def test_forced_motions_are_drawn_with_their_folds():
     np.testing.assert_allclose(marked, [[fold.frequency, fold.amplitude] for fold in folds])
     words = set(legend_of(ax))
     assert words == {"base, stable", "base, unstable", "fold"}
+    assert max(found.branches[0].frequency) > 26.0  # the end of the last step
+    assert ax.get_xlim() == (15.0, 26.0)
 
 
 def test_branches_of_each_kind_look_like_the_legend_says_and_kinds_differ_in_grey():

@@ -16,6 +16,7 @@ from pipedyn.cycles.limit_cycle import amplitude_of
 from pipedyn.forced.forced_response import ForcedBranch, ForcedResponse
 from pipedyn.forced.parametric_regions import ParametricRegion, ParametricRegions
 from pipedyn.linear.frequency_response import FrequencyResponse
+from pipedyn.models.drive import Harmonic
 from pipedyn.plot import common
 from pipedyn.plot.accuracy import round_ticks
 from pipedyn.plot.bifurcation import draw_pieces, mark_event, smooth
@@ -235,7 +236,8 @@ def forced_response(
     """Amplitude of periodic motions over the frequency.
 
     Stable motions are solid curves, unstable ones dashed, and branches of one kind look alike.
-    Markers show folds and other events.
+    Markers show folds and other events. Of a moving base the axes show the range of frequencies
+    that was asked for; of a pulsating flow they show branches to where these return to rest.
 
     Args:
         response: the response to show.
@@ -255,7 +257,10 @@ def forced_response(
     check.instance("response", response, ForcedResponse)
     view = View(units, response.model.pipe)
     ax = view.axes(ax, (6.4, 4.2), OMEGA, AMPLITUDE)
-    per, one = view.one(OMEGA), view.one(AMPLITUDE)
+    per, one, (low, high) = view.one(OMEGA), view.one(AMPLITUDE), (-math.inf, math.inf)
+    if response.frequencies is not None and isinstance(response.forcing, Harmonic):
+        low, high = response.frequencies
+        ax.set_xlim(per * low, per * high)
     for branch in response.branches:
         points, steady = _fine_curve(branch)
         curve = smooth(*(points * [per, one]).T)
@@ -265,7 +270,7 @@ def forced_response(
         for line in ax.lines[before:]:
             line.set_linewidth(wider * line.get_linewidth())
         for event in branch.events:
-            if event.kind != "end":
+            if event.kind != "end" and low <= event.frequency <= high:
                 mark_event(ax, event.kind, [per * event.frequency, one * event.amplitude])
     ax.set_ylim(bottom=0.0)
     if check.flag("legend", legend):
