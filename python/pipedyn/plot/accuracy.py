@@ -125,7 +125,7 @@ def convergence(
     low, high = min(every, default=1.0), max(every, default=2.0)
     _finish(ax, low, high, floor, shaded=low <= floor)
     if legend:
-        _legend_below(ax)
+        _add_legend(ax)
     return ax
 
 
@@ -190,7 +190,7 @@ def trade(
         low /= 2.0 * (high / low) ** 0.25
     _finish(ax, low, high, found.reference.error, shaded=True)
     if legend:
-        _legend_below(ax)
+        _add_legend(ax)
     return ax
 
 
@@ -226,7 +226,7 @@ def _draw(ax: Axes, family: str, x: Array, y: Array, filled: NDArray[np.bool_], 
     return str(look["color"])
 
 
-def _legend_below(ax: Axes) -> None:
+def _add_legend(ax: Axes) -> None:
     """Adds the legend, and breaks the label of the errors where many rows leave it little room."""
     common.legend_below(ax)
     legend, label, inch = ax.get_legend(), ax.yaxis.label, ax.figure.dpi
