@@ -18,6 +18,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 import pipedyn as pp
 from pipedyn import plot
+from pipedyn.accuracy.quantities import LimitCycleAt
 from pipedyn.plot.units import View, of_number
 
 PIPE = pp.Pipe(0.2)
@@ -461,6 +462,51 @@ def test_costs_have_several_ticks_with_labels_apart_from_each_other(cost, width)
     boxes = [label.get_window_extent() for label in ticks if label.get_text()]
     assert len(boxes) >= 2
     assert all(left.x1 < right.x0 for left, right in itertools.pairwise(boxes))
+
+
+def test_the_trade_of_one_model_has_ticks_and_explains_no_more_than_is_seen():
+    one = pp.trade(PIPE, "critical_speed", families="consistent", sizes=[8], repeats=1)
+    ax = plot.trade(one, "dof", ax=axes())
+    ax.figure.canvas.draw()
+    low, high = ax.get_ylim()
+    assert sum(low <= tick <= high for tick in ax.get_yticks()) >= 2
+    assert all(label.get_text() for label in ax.get_yticklabels())
+    assert legend_of(ax) == ["consistent: no clear order", "Pareto front"]
+    curve, _, front = ax.lines
+    assert front.get_xydata().tolist() == [[8.0, one.rows[0].error]]
+    assert front.get_markersize() > curve.get_markersize()
+    assert front.get_marker() == "o"
+
+
+@pytest.mark.parametrize("within", [nullcontext, partial(plot.style, "single")])
+def test_the_label_of_errors_is_whole_above_a_legend_of_many_rows(within):
+    trade = pp.trade(PIPE, "critical_speed", sizes=[4, 6, 8], repeats=1)
+    cycles = dataclasses.replace(trade, quantity=LimitCycleAt(u=6.5))  # has a long label
+    with within():
+        ax = plot.trade(cycles, ax=axes())
+        ax.figure.draw_without_rendering()
+        label, frame = ax.yaxis.label.get_window_extent(), ax.get_window_extent()
+    assert ax.figure.bbox.y0 <= label.y0 < label.y1 <= ax.figure.bbox.y1
+    assert label.height < 1.1 * frame.height
+
+
+@pytest.mark.parametrize("sizes", [[4, 8, 24, 28], [24]])
+def test_arrows_of_bounds_end_above_the_ticks(sizes):
+    trade = pp.trade(PIPE, "critical_speed", families="legendre", sizes=sizes, repeats=1)
+    figure = plot.Figure(figsize=(7.0, 5.0), layout="constrained")
+    for ax in figure.subplots(2, 2).flat:
+        plot.trade(trade, ax=ax)
+    figure.draw_without_rendering()
+    arrows = [text.arrow_patch.get_window_extent() for text in ax.texts]
+    assert len(arrows) > 0
+    assert min(arrow.y0 for arrow in arrows) >= ax.get_window_extent().y0
+
+
+def test_errors_of_convergence_fill_the_axis():
+    ax = plot.convergence({"uniform": found(0.05 * 0.7 ** np.arange(5))}, CRITICAL, ax=axes())
+    errors = ax.lines[0].get_ydata()
+    low, high = ax.get_ylim()
+    assert 0.5 * errors[-1] < low < high < 2.0 * errors[0]
 
 
 def found(errors):

@@ -208,7 +208,7 @@ class ForcedBranch(TableResult):
         }
 
 
-@saved_as("ForcedResponse")
+@saved_as("ForcedResponse", added=("frequencies",))
 class ForcedResponse(TableResult):
     """Periodic motions over the frequency of the forcing.
 
@@ -219,6 +219,8 @@ class ForcedResponse(TableResult):
         u: flow speed, in a pulsating flow its mean.
         model: the model.
         evaluations: number of right-hand sides and Jacobians.
+        frequencies: range of the forcing's angular frequency that was asked for, in 1 / T, shape
+            (2,); None in a result of an older version.
     """
 
     branches: tuple[ForcedBranch, ...]
@@ -226,6 +228,7 @@ class ForcedResponse(TableResult):
     u: float
     model: Model
     evaluations: int
+    frequencies: Array | None = field(default=None, repr=False)
 
     @property
     def failures(self) -> tuple[Failure, ...]:
@@ -336,6 +339,7 @@ def forced_response(
         u=speed,
         model=model,
         evaluations=sum(one.motion.evaluations for one in branches),
+        frequencies=np.array([low, high]),
     )
 
 

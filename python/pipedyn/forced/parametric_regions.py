@@ -80,7 +80,7 @@ class ParametricRegion(
         return {"amplitude": self.amplitude, "lowest": low, "highest": high}
 
 
-@saved_as("ParametricRegions")
+@saved_as("ParametricRegions", added=("amplitudes",))
 class ParametricRegions(
     ResultSequence[ParametricRegion],
     units={"amplitude": None, "mean": SPEED, **dict.fromkeys(("lowest", "highest"), FREQUENCY)},
@@ -92,12 +92,15 @@ class ParametricRegions(
         mean: mean flow speed.
         frequencies: range of the pulsation's angular frequency, in 1 / T, shape (2,).
         model: the model.
+        amplitudes: amplitudes asked for, relative to the mean speed, shape (A,); None in a result
+            of an older version.
     """
 
     regions: tuple[ParametricRegion, ...]
     mean: float
     frequencies: Array
     model: AnyModel
+    amplitudes: Array | None = field(default=None, repr=False)
 
     def _members(self) -> tuple[ParametricRegion, ...]:
         return self.regions
@@ -169,7 +172,7 @@ def parametric_regions(
     if isinstance(model, Model):
         model.require_equilibrium(mean)
     found = _converged(model, mean, mu, (low, high), check.flag("progress", progress))
-    return ParametricRegions(found, mean, np.array([low, high]), model)
+    return ParametricRegions(found, mean, np.array([low, high]), model, mu)
 
 
 def _converged(

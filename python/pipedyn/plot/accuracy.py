@@ -9,9 +9,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.ticker import (
     EngFormatter,
+    LogFormatterSciNotation,
     LogLocator,
+    MaxNLocator,
     NullFormatter,
     NullLocator,
     ScalarFormatter,
@@ -100,7 +103,7 @@ def convergence(
     if not families:  # without a positive number logarithmic axes have no range
         return common.notice("No model has an answer to show.", ax=ax)
     floor = max(relative_errors(found, exact)[-1] for found in families.values())
-    every, others = [1.0, 2.0], False
+    every, others = list[float](), False
     for name, found in families.items():
         sizes, errors, same_kind, _ = relative_errors(found, exact)
         shown = np.maximum(np.abs(errors), floor)
@@ -113,15 +116,16 @@ def convergence(
             limit, place = abs(fitted.limit), ax.get_yaxis_transform()
             ax.axhline(limit, color=colour, linewidth=0.7, zorder=0.8)
             ax.text(1.01, limit, _signed(fitted.limit), color=colour, va="center", transform=place)
-        every, others = [*every, *shown], others or not same_kind.all()
+        every, others = [*every, *shown[shown > 0.0]], others or not same_kind.all()
     if others:
         ring = common.open_marker(4.5, "0.3", markerfacecolor="none")
         ax.plot([], [], label=f"open: no {exact.kind}, not fitted", **ring)
     ax.set_xscale("log", base=2)
     ax.xaxis.set_major_formatter(ScalarFormatter())
-    _finish(ax, min(every), max(every), floor, shaded=min(every) <= floor)
+    low, high = min(every, default=1.0), max(every, default=2.0)
+    _finish(ax, low, high, floor, shaded=low <= floor)
     if legend:
-        common.legend_below(ax)
+        _add_legend(ax)
     return ax
 
 
@@ -157,7 +161,7 @@ def trade(
     View(units, found.pipe)
     ylabel = ERROR_LABELS[found.quantity.name]
     ax = common.axes(ax, (6.4, 4.8), xlabel=COST_LABELS[cost], ylabel=ylabel)
-    costs, errors, _ = _points(found.rows, cost)
+    costs, errors, measured = _points(found.rows, cost)
     if not costs.size:
         return common.notice("No model has an answer to show.", ax=ax)
     for family, order in found.orders().items():
@@ -171,22 +175,40 @@ def trade(
     x, y, _ = _points(found.pareto(cost), cost)
     if x.size:  # empty if the rows on the front have a cost of 0
         band: dict[str, Any] = {"color": "0.75", "linewidth": 6.0, "solid_capstyle": "round"}
+        band |= {"marker": "o", "markersize": 10.0}  # to be seen around a single point
         ax.plot(x, y, zorder=0.9, label="Pareto front", **band)
     ax.set_xscale("log")
     if costs.max() < 10.0 * costs.min():  # less than a decade may contain no round number
         middle = math.sqrt(costs.max() * costs.min())
         ax.set_xlim(middle / 4.0, middle * 4.0)
-    decades = float(np.ptp(np.log10(ax.get_xlim())))
-    round_numbers = (1.0, 2.0, 5.0) if decades < 1.3 else (1.0, 3.0) if decades < 2.6 else (1.0,)
-    ax.xaxis.set_major_locator(LogLocator(subs=round_numbers, numticks=12))
+    round_ticks(ax.xaxis)
     ax.xaxis.set_major_formatter(
         EngFormatter("s" if cost == "seconds" else "", sep="\N{THIN SPACE}")
     )
-    ax.xaxis.set_minor_formatter(NullFormatter())
-    _finish(ax, float(errors.min()), float(errors.max()), found.reference.error, shaded=True)
+    low, high = float(errors.min()), float(errors.max())
+    if not measured.all():  # arrows take a fifth of the height of small Axes
+        low /= 2.0 * (high / low) ** 0.25
+    _finish(ax, low, high, found.reference.error, shaded=True)
     if legend:
-        common.legend_below(ax)
+        _add_legend(ax)
     return ax
+
+
+def round_ticks(axis: Axis) -> None:
+    """Sets ticks at round numbers of a logarithmic axis with its final limits, however short."""
+    low, high = axis.get_view_interval()
+    decades = math.log10(high / low)
+    if decades < 0.5:  # maybe without any of the round numbers of the others
+        axis.set_major_locator(MaxNLocator("auto", steps=[1, 2, 5, 10]))
+    else:
+        subs = {1.0: (1.0, 2.0, 3.0, 5.0, 7.0), 1.3: (1.0, 2.0, 5.0), 2.6: (1.0, 3.0)}
+        found = next((one for most, one in subs.items() if decades < most), (1.0,))
+        axis.set_major_locator(LogLocator(subs=found))
+    if decades < 0.5 or (decades < 2.6 and 1e-4 < low < high < 1e5):  # short labels
+        axis.set_major_formatter("{x:g}")
+    else:  # labels all ticks
+        axis.set_major_formatter(LogFormatterSciNotation(minor_thresholds=(math.inf, math.inf)))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _draw(ax: Axes, family: str, x: Array, y: Array, filled: NDArray[np.bool_], label: str) -> str:
@@ -202,6 +224,18 @@ def _draw(ax: Axes, family: str, x: Array, y: Array, filled: NDArray[np.bool_], 
     look |= {"linestyle": "none", "markerfacecolor": "white", "zorder": 2.5}
     ax.plot(x[~filled], y[~filled], **look)
     return str(look["color"])
+
+
+def _add_legend(ax: Axes) -> None:
+    """Adds the legend, and breaks the label of the errors where many rows leave it little room."""
+    common.legend_below(ax)
+    legend, label, inch = ax.get_legend(), ax.yaxis.label, ax.figure.dpi
+    if legend is None or (box := legend.get_window_extent()).y1 > ax.bbox.y0:  # none, or inside
+        return
+    room = common._cell(ax)[1] - box.height - 0.7 * inch  # for ticks, label and pads
+    if label.get_window_extent().height > room:
+        label.set_text(label.get_text().replace("\n", " "))
+        common._wrap(label, room)
 
 
 def _law(family: str, fitted: ConvergenceLaw, sign: str = "+") -> str:
@@ -234,14 +268,14 @@ def _finish(ax: Axes, low: float, high: float, floor: float, *, shaded: bool) ->
     The axis shows errors from `low` to `high`, and the error of the reference, `floor`, if it is
     near. A grey band shows the errors that are too small to be measured, if it is asked for.
     """
-    if shaded:
-        grey: dict[str, Any] = {"facecolor": "0.93", "edgecolor": "0.7", "zorder": 0.2}
-        ax.axhspan(1e-300, floor, label="below the error of the reference", **grey)
     low = min(low, 0.5 * floor) if floor > 0.1 * low else low
     room = 1.2 * (high / low) ** 0.03
     low, high = low / room, high * room
+    if shaded and floor > low:
+        grey: dict[str, Any] = {"facecolor": "0.93", "edgecolor": "0.7", "zorder": 0.2}
+        ax.axhspan(1e-300, floor, label="below the error of the reference", **grey)
     ax.set_yscale("log")
-    ax.yaxis.set_major_locator(LogLocator())
     ax.yaxis.set_minor_locator(NullLocator())
     ax.set_ylim(low, high)
+    round_ticks(ax.yaxis)
     ax.grid(True, color="0.9", linewidth=0.5, zorder=0.1)

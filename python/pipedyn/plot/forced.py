@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import cycle, pairwise
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,9 @@ from pipedyn.cycles.limit_cycle import amplitude_of
 from pipedyn.forced.forced_response import ForcedBranch, ForcedResponse
 from pipedyn.forced.parametric_regions import ParametricRegion, ParametricRegions
 from pipedyn.linear.frequency_response import FrequencyResponse
+from pipedyn.models.drive import Harmonic
 from pipedyn.plot import common
+from pipedyn.plot.accuracy import round_ticks
 from pipedyn.plot.bifurcation import draw_pieces, mark_event, smooth
 from pipedyn.plot.units import AMPLITUDE, OMEGA, PER_FORCE, PER_MOMENT, Measure, Units, View
 from pipedyn.util import check
@@ -27,6 +29,10 @@ REGION_STYLES: dict[str, dict[str, Any]] = {
     "harmonic": {"color": common.ORANGE, "linestyle": (0, (5, 1.5)), "hatch": "///"},
     "combination": {"color": common.GREEN, "linestyle": (0, (1, 1.2)), "hatch": "..."},
 }
+
+BRANCH_LOOKS = {"base": (common.BLACK, 1.0), "subharmonic": (common.BLUE, 1.0)}
+BRANCH_LOOKS["harmonic"] = (common.ORANGE, 2.0)
+"""Colour of each kind of branch, and how wide its curve is, so that kinds differ in grey."""
 
 INNER = (1 / 3, 2 / 3)
 """Places within a step of a branch, as shares of its length, at which amplitudes are computed, so
@@ -62,7 +68,7 @@ def frequency_response(
     """
     check.instance("response", response, FrequencyResponse)
     shows_phase = check.flag("phase", phase)
-    moved = "free end" if response.output == 1.0 else f"place $s = {response.output:g}$"
+    moved = "free end" if response.output == 1.0 else f"place $s={response.output:g}$"
     driven = "base" if isinstance(response.input, str) else response.input[0]
     view = View(units, response.model.pipe)
     size = Measure(f"|displacement of the {moved} / {driven}|")
@@ -104,6 +110,7 @@ def frequency_response(
         peaks = [per * r.frequency for r in response.resonances if r.height < math.inf]
         if peaks:
             ax.plot(peaks, heights, label="resonance", **common.open_marker(4.5, zorder=4.0))
+        round_ticks(ax.yaxis)
     if at[0] < at[-1]:
         ax.set_xlim(float(at[0]), float(at[-1]))
     stable = "" if response.stable else ", unstable: the response is not reached"
@@ -134,7 +141,8 @@ def parametric_regions(
 
     Kinds differ in colour, line and hatching; a ring marks the least amplitude of each region. The
     axes show the ranges of frequencies and amplitudes that `parametric_regions` was asked for; of a
-    list of regions, all frequencies.
+    list of regions, all frequencies. A bar shows a region of which edges at one amplitude alone are
+    known.
 
     Args:
         regions: the regions to show, with amplitudes that are close enough for a curve.
@@ -159,30 +167,38 @@ def parametric_regions(
     pulsation = Measure(r"frequency of the pulsation $\omega$", OMEGA.words, OMEGA.unit)
     ax = view.axes(ax, (6.4, 4.2), pulsation, Measure(r"amplitude $\mu$ of the pulsation"))
     per, (low, high) = view.one(OMEGA), (-math.inf, math.inf)
+    asked = [region.amplitude for region in regions]
     if isinstance(regions, ParametricRegions):
         low, high = per * regions.frequencies
         ax.set_xlim(low, high)
+        asked += [] if regions.amplitudes is None else [regions.amplitudes]
+    seen = False
     for region in regions:
         amplitude, edges = _outline(region)
         edges *= per
         if not ((edges[:, 0] <= high) & (edges[:, 1] >= low)).any():
             continue
-        look = REGION_STYLES[region.kind]
+        seen, look = True, REGION_STYLES[region.kind]
         fill = {"facecolor": look["color"], "alpha": 0.25, "hatch": look["hatch"]}
         fill |= {"linewidth": 0.0, "label": region.kind}
         line = {"color": look["color"], "linestyle": look["linestyle"], "linewidth": 1.2}
+        if amplitude.size == 1:  # below the upper end of the axis
+            ax.plot(edges[0], [amplitude[0]] * 2, color=line["color"], lw=5.0, label=region.kind)
+            continue
         # The outline goes down one side and up the other.
         around = np.append(edges[::-1, 0], edges[:, 1]), np.append(amplitude[::-1], amplitude)
         ax.fill(*around, **fill)
         if math.isfinite(region.threshold):
             ax.plot(*around, **line)
-            ring = common.open_marker(4.5, edge=look["color"], zorder=4.0, clip_on=False)
+            ring = common.open_marker(4.5, label="least amplitude", zorder=4.0, clip_on=False)
             if low <= edges[0, 0] <= high:
                 ax.plot(edges[:1, 0], amplitude[:1], **ring)
         else:
             for side in edges.T:
                 ax.plot(side, amplitude, **line)
-    ax.set_ylim(0.0, max((float(region.amplitude[-1]) for region in regions), default=None))
+    ax.set_ylim(0.0, max((float(mu[-1]) for mu in asked), default=None))
+    if not seen:
+        ax.text(0.5, 0.5, "no region to show", transform=ax.transAxes, ha="center", va="center")
     if check.flag("legend", legend):
         common.legend_below(ax)
     return ax
@@ -191,8 +207,8 @@ def parametric_regions(
 def _outline(region: ParametricRegion) -> tuple[Array, Array]:
     """Amplitudes, (k,), and both edges there, (k, 2), close enough for smooth curves.
 
-    The mean of the edges and the square of their distance are smooth functions of the amplitude at
-    the threshold, too, where the edges meet.
+    The mean of the edges and the square of their distance are smooth functions of the square of the
+    amplitude, of a small amplitude nearly linear, at the threshold, too, where the edges meet.
     """
     inside = np.isfinite(region.edges).all(axis=1) & ~(region.amplitude <= region.threshold)
     amplitude, edges = region.amplitude[inside], region.edges[inside]
@@ -203,10 +219,11 @@ def _outline(region: ParametricRegion) -> tuple[Array, Array]:
         return amplitude, edges
     known = np.column_stack([edges.mean(axis=1), np.diff(edges)[:, 0] ** 2])
     shares = np.linspace(0.0, 1.0, 101) ** 2  # the edges turn fastest at the threshold
-    finer = np.union1d(amplitude, amplitude[0] + np.ptp(amplitude) * shares)
-    middle, square = scipy.interpolate.PchipInterpolator(amplitude, known)(finer).T
+    squares = amplitude**2
+    finer = np.union1d(squares, squares[0] + np.ptp(squares) * shares)
+    middle, square = scipy.interpolate.PchipInterpolator(squares, known)(finer).T
     half = 0.5 * np.sqrt(np.maximum(square, 0.0))
-    return finer, np.column_stack([middle - half, middle + half])
+    return np.sqrt(finer), np.column_stack([middle - half, middle + half])
 
 
 def forced_response(
@@ -218,7 +235,9 @@ def forced_response(
 ) -> Axes:
     """Amplitude of periodic motions over the frequency.
 
-    Stable motions are solid curves, unstable ones dashed. Markers show folds and other events.
+    Stable motions are solid curves, unstable ones dashed, and branches of one kind look alike.
+    Markers show folds and other events. Of a moving base the axes show the range of frequencies
+    that was asked for; of a pulsating flow they show branches to where these return to rest.
 
     Args:
         response: the response to show.
@@ -238,14 +257,20 @@ def forced_response(
     check.instance("response", response, ForcedResponse)
     view = View(units, response.model.pipe)
     ax = view.axes(ax, (6.4, 4.2), OMEGA, AMPLITUDE)
-    per, one = view.one(OMEGA), view.one(AMPLITUDE)
-    for branch, look in zip(response.branches, cycle(common.CURVE_STYLES), strict=False):
+    per, one, (low, high) = view.one(OMEGA), view.one(AMPLITUDE), (-math.inf, math.inf)
+    if response.frequencies is not None and isinstance(response.forcing, Harmonic):
+        low, high = response.frequencies
+        ax.set_xlim(per * low, per * high)
+    for branch in response.branches:
         points, steady = _fine_curve(branch)
         curve = smooth(*(points * [per, one]).T)
         labels = {word: f"{branch.kind}, {word}" for word in ("stable", "unstable")}
-        draw_pieces(ax, curve, steady, look["color"], labels)
+        (colour, wider), before = BRANCH_LOOKS[branch.kind], len(ax.lines)
+        draw_pieces(ax, curve, steady, colour, labels)
+        for line in ax.lines[before:]:
+            line.set_linewidth(wider * line.get_linewidth())
         for event in branch.events:
-            if event.kind != "end":
+            if event.kind != "end" and low <= event.frequency <= high:
                 mark_event(ax, event.kind, [per * event.frequency, one * event.amplitude])
     ax.set_ylim(bottom=0.0)
     if check.flag("legend", legend):
