@@ -163,6 +163,29 @@ def test_a_motion_with_fewer_than_ten_samples_a_cycle_has_a_note(draw):
     assert ax.get_title().startswith("fewer than ten samples a cycle: 1 of 2 motions")
 
 
+def test_a_slow_drift_does_not_hide_a_swing_of_few_samples():
+    """The pipe falls to one side, and swings with six samples a cycle."""
+    model = pp.Galerkin(pp.Pipe(0.2, -12.0, damping=0.0005), 6)
+    fall = pp.simulate(model, 0.5, 60.0, lambda s: 0.01 * s + 0.02 * np.sin(12.6 * s), samples=301)
+    assert "fewer than ten samples a cycle" in plot.time_history(fall, ax=axes()).get_title()
+    slow = every_one(run("decay"), 5)
+    assert "fewer" not in plot.time_history(slow, ax=axes()).get_title()
+
+
+def test_rounding_is_not_drawn_as_a_motion():
+    motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 3), 2.0, 60.0, bend, samples=3001)
+    ax = plot.time_history(motion, start=40.0, ax=axes())
+    assert ax.get_title() == "$u = 2$, ejecting\nthe end is at rest"
+    assert np.ptp(ax.get_ylim()) > 1e3 * np.ptp(ax.lines[-1].get_ydata())
+    ax = plot.phase_portrait(motion, 1, start=40.0, ax=axes())
+    assert ax.get_title() == "$u = 2$, ejecting\nthe coordinate is at rest"
+    drawn = np.ptp([line.get_xydata()[0] for line in ax.lines], axis=0)
+    assert min(np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim())) > 1e3 * drawn.max()
+    both = plot.time_history([run("rest"), run("decay")], ax=axes())
+    assert both.get_title() == "the end is at rest: 1 of 2 motions"
+    assert both.get_ylim()[1] > 1e-3
+
+
 def every_one(motion, step):
     """A motion as it would be with fewer samples."""
     names = ("t", "q", "qdot", "tip", "energy", "flow_speed")

@@ -28,6 +28,7 @@ from pipedyn.plot.motion import (
     checked_motions,
     explain,
     signals,
+    widen,
 )
 from pipedyn.plot.units import (
     AMPLITUDE,
@@ -50,10 +51,6 @@ UNSETTLED, FAILED = "0.75", "#FFFFFF"
 
 SHAPES = ("o", "s", "^", "D", "v", "P", "X", "h")
 """Markers of attractors at rest, and of points in Poincare sections."""
-
-SMALLEST_VIEW = 0.05
-"""Least half-width of the axes of a section, as a share of the largest value. Without it the few
-points of a cycle would be magnified until rounding shows."""
 
 FILMED = 10.0
 """Duration of the motion in a film of an irregular motion, in T: some twenty swings of flutter."""
@@ -227,13 +224,7 @@ def poincare_section(
         handles[one.label] = Line2D([], [], markersize=5.0, **look)
     if handles:
         ax.margins(0.08)
-        for seen, limits in (
-            (ax.dataLim.intervalx, ax.set_xlim),
-            (ax.dataLim.intervaly, ax.set_ylim),
-        ):
-            least = SMALLEST_VIEW * float(np.abs(seen).max())
-            if np.ptp(seen) < least:
-                limits(seen.mean() - least, seen.mean() + least)
+        widen(ax, "xy")
         ax.locator_params(nbins=SIGNED_TICKS)
     where = {True: "once a period of the drive", False: "at maxima of the free end"}
     lines = dict.fromkeys(where[period > 0.0] for period in periods) if handles else ()

@@ -105,7 +105,7 @@ def time_history(
         t = one.times()
         ax.plot(one.view.one(ELAPSED) * t, one.values(t), **{"linewidth": 1.0} | one.drawn())
     ax.margins(x=0.0)
-    explain(ax, shown, failed, legend=legend)
+    explain(ax, shown, failed, *_rest(ax, shown, "y"), legend=legend)
     return ax
 
 
@@ -164,8 +164,32 @@ def phase_portrait(
             ring = common.open_marker(4.5, look["color"], zorder=3.0)
             ax.plot(one.values(t[0]), one.values(t[0], 1), **ring)
     ax.locator_params(nbins=SIGNED_TICKS)
-    explain(ax, shown, failed, legend=legend)
+    explain(ax, shown, failed, *_rest(ax, shown, "xy"), legend=legend)
     return ax
+
+
+def _rest(ax: Axes, shown: Sequence[Signal], names: str) -> list[str]:
+    """Lines of a title about what rests; widens the axes of these names if nothing moves."""
+    if not (resting := sum(not one.moves for one in shown)):
+        return []
+    if resting == len(shown):
+        widen(ax, names, LEAST_MOTION)
+    words = f"the {'end' if shown[0].index is None else 'coordinate'} is at rest"
+    return [words if len(shown) == 1 else f"{words}: {resting} of {len(shown)} motions"]
+
+
+SMALLEST_VIEW = 0.05
+"""Least half-width of axes on which something rests or recurs, as a share of the largest value.
+Without it the few points of a cycle would be magnified until rounding shows."""
+
+
+def widen(ax: Axes, names: str, least: float = 0.0) -> None:
+    """Widens axes, "x", "y" or "xy", of less than `SMALLEST_VIEW` or of a least half-width."""
+    for name in names:
+        seen = getattr(ax.dataLim, f"interval{name}")
+        half = max(SMALLEST_VIEW * float(np.abs(seen).max()), least)
+        if np.ptp(seen) < half:
+            ax.set(**{f"{name}lim": (seen.mean() - half, seen.mean() + half)})
 
 
 Cubics: TypeAlias = "scipy.interpolate.CubicHermiteSpline"
@@ -175,6 +199,9 @@ SIGNED_TICKS = 6
 
 ENOUGH_A_CYCLE = 10.0
 """Number of samples in a mean cycle below which a picture has a note."""
+
+SMALLEST_SWING = 0.02
+"""Share of the range below which a motion between two turning points is hardly seen."""
 
 
 class Signal:
@@ -188,7 +215,9 @@ class Signal:
 
     Attributes:
         dotted: whether samples are too far apart for a curve, so that dots show them.
-        few: whether there are fewer than `ENOUGH_A_CYCLE` samples in a mean cycle.
+        a_cycle: number of samples in a mean cycle, which is twice the mean time between turning
+            points; infinite where nothing swings.
+        few: whether that number is below `ENOUGH_A_CYCLE`.
     """
 
     def __init__(self, motion: Sampled, index: int | None, units: Units, rates_shown: bool) -> None:
@@ -196,12 +225,16 @@ class Signal:
         shown = (motion.tip, motion.tip_velocity) if index is None else (motion.q, motion.qdot)
         at, velocity = (values[:, index or 0] for values in shown)
         self.curve = scipy.interpolate.CubicHermiteSpline(motion.t, at, velocity)
-        self.moves = bool(np.ptp(at) > LEAST_MOTION)
-        self.dotted = is_coarse(self.curve, rates_shown=rates_shown)
-        # A sine has this angular frequency, however seldom it is sampled.
-        frequency = math.sqrt(np.mean(velocity**2)) / max(float(np.std(at)), LEAST_MOTION)
         interval = float(np.diff(motion.t).max())
-        self.few = self.moves and 2.0 * math.pi < ENOUGH_A_CYCLE * frequency * interval
+        # Samples once a cycle are all at the same position.
+        self.moves = bool(max(np.ptp(at), interval * np.abs(velocity).max()) > LEAST_MOTION)
+        self.dotted = is_coarse(self.curve, rates_shown=rates_shown)
+        turns = self.curve.derivative().roots(extrapolate=False)
+        turns = turns[np.isfinite(turns)]  # NaN is given for pieces at rest
+        seen = np.abs(np.diff(self.curve(turns))) > SMALLEST_SWING * np.ptp(at)
+        swings = np.diff(turns)[seen] if self.moves else turns[:0]
+        self.a_cycle = 2.0 * float(swings.mean()) / interval if swings.size else math.inf
+        self.few = self.a_cycle < ENOUGH_A_CYCLE
         self.label = self.view.speed(motion.u, 6)
         self.look: dict[str, Any] = {}
 
