@@ -258,3 +258,11 @@ def test_a_section_of_a_measured_pipe_has_axes_in_si_units():
     assert section.get_title().endswith("at maxima of the free end")
     assert section.get_xlim()[1] == pytest.approx(0.5 * plain.get_xlim()[1])
     assert section.get_ylim()[1] == pytest.approx(plain.get_ylim()[1] / MEASURED.scales.time)
+
+
+@pytest.mark.parametrize("picture", [plot.poincare_section, plot.spectrum])
+def test_no_section_or_spectrum_is_drawn_of_samples_twice_a_cycle(picture):
+    """The spectrum would have its peak at an alias, and the section would look like a torus."""
+    seldom = flutter(samples=round(2.1 * 30.0 / settled().period))
+    with pytest.raises(ValueError, match="found must be sampled at least six times a cycle"):
+        picture([flutter(), seldom], start=10.0, ax=axes())

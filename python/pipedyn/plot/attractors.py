@@ -27,6 +27,7 @@ from pipedyn.plot.motion import (
     animate,
     checked_motions,
     explain,
+    refuse_coarse,
     signals,
     widen,
 )
@@ -195,8 +196,8 @@ def poincare_section(
         >>> ax = plot.poincare_section(motion, start=20.0)
 
     Raises:
-        ValueError: for fewer than 3 samples from `start` on; for an index that a model does not
-            have; for a `start` of attractors.
+        ValueError: for motions of fewer than 3 samples from `start` on, or samples too far apart to
+            interpolate; for an index that a model does not have; for a `start` of attractors.
         TypeError: for bad arguments.
     """
     given = _Given(found, start, units)
@@ -273,7 +274,8 @@ def spectrum(
         >>> ax = plot.spectrum(motion, start=10.0, decibels=True)
 
     Raises:
-        ValueError: for fewer than 3 samples from `start` on; for a `start` of attractors.
+        ValueError: for motions of fewer than 3 samples from `start` on, or samples too far apart to
+            interpolate; for a `start` of attractors.
         TypeError: for bad arguments.
 
     Source: Welch (1967), The use of fast Fourier transform for the estimation of power spectra,
@@ -429,6 +431,8 @@ class _Given:
         self.models = [one.model for one in motions] or [found.model]
         self.view = View(units, self.models[0].pipe)
         self.shown = signals(motions, None, units, rates_shown=False)
+        for one in self.shown[len(basins) :]:  # attractors bring their sections and spectra
+            refuse_coarse("found", one.motion.t, one.dotted)
         for k, (one, basin) in enumerate(zip(self.shown, basins, strict=False)):
             named = isinstance(found, Attractors)
             one.label = _name(found, k, self.view) if named else _kind(basin, self.view)

@@ -795,12 +795,12 @@ def is_coarse(
     return coarse(curve.x, curve(curve.x), curve(curve.x, 1), invisible, rates_shown=rates_shown)
 
 
-def refuse_coarse(motion: Sampled) -> None:
-    """Raises ValueError if samples are too far apart for the path of the free end."""
-    if is_coarse(tip_path_of(motion), invisible=INVISIBLE):
+def refuse_coarse(name: str, t: Array, found: bool) -> None:
+    """Raises ValueError if the samples of a motion were found too far apart for a curve."""
+    if found:
         raise ValueError(
-            "motion must be sampled at least six times a cycle of the fastest visible motion, got "
-            f"samples {np.diff(motion.t).max():.3g} T apart: compute it with more `samples=`"
+            f"{name} must be sampled at least six times a cycle of the fastest visible motion, got "
+            f"samples {np.diff(t).max():.3g} T apart: compute it with more `samples=`"
         )
 
 
@@ -873,7 +873,7 @@ def shown_part(motion: Any, span: Any) -> tuple[Sampled, float, float, bool]:
     first = max(int(np.searchsorted(motion.t, start, side="right")) - 3, 0)
     held = slice(first, int(np.searchsorted(motion.t, end, side="left")) + 3)
     shown = _part(motion, held)
-    refuse_coarse(shown)
+    refuse_coarse("motion", shown.t, is_coarse(tip_path_of(shown), invisible=INVISIBLE))
     return shown, start, end, cycle is not None
 
 
