@@ -89,6 +89,8 @@ def test_pictures_refuse_what_they_cannot_show():
             picture(found(), start=1.0, ax=axes())
         with pytest.raises(TypeError, match="found must be Attractors, a Basin, a Motion, several"):
             picture(3, ax=axes())
+        with pytest.raises(TypeError, match="found must be Attractors, a Basin, a Motion or sev"):
+            picture(pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 2), 4.0), ax=axes())
         with pytest.raises(ValueError, match="start must leave at least 3 samples of found"):
             picture(flutter(), start=29.99, ax=axes())
 
@@ -167,9 +169,10 @@ def test_decibels_are_ten_logarithms_of_the_density():
 def test_a_measured_pipe_has_its_density_over_hertz():
     model = pp.Chain(MEASURED, 2)
     motion = replace(flutter(), model=model)
+    second = MEASURED.scales.time
     plain, hertz = (
-        plot.spectrum(motion, start=15.0, units=units, ax=axes())
-        for units in ("nondimensional", "si")
+        plot.spectrum(motion, start=start, units=units, ax=axes())
+        for start, units in ((15.0, "nondimensional"), (15.0 * second, "si"))
     )
     (omega, density), (f, density_si) = map(curve_of, (plain, hertz))
     np.testing.assert_allclose(f, omega / (2.0 * np.pi * MEASURED.scales.time))
@@ -179,7 +182,7 @@ def test_a_measured_pipe_has_its_density_over_hertz():
         "frequency (Hz)",
         "spectral density of $x$ (m$^{2}$/Hz)",
     )
-    ax = plot.spectrum(motion, start=15.0, units="si", decibels=True, ax=axes())
+    ax = plot.spectrum(motion, units="si", decibels=True, ax=axes())
     assert ax.get_ylabel() == "spectral density of $x$ (dB re 1 m$^{2}$/Hz)"
 
 
@@ -192,6 +195,18 @@ def test_the_section_of_a_settled_motion_is_that_of_its_attractor(coordinate):
     expected = np.broadcast_to(of_attractor.lines[0].get_xydata()[0], points.shape)
     np.testing.assert_allclose(points, expected, rtol=2e-4)
     assert of_motion.get_title() == "$u = 4$, ejecting\nat maxima of the free end"
+
+
+@pytest.mark.parametrize(
+    "picture", [plot.time_history, plot.phase_portrait, plot.poincare_section, plot.spectrum]
+)
+def test_a_start_is_in_the_units_shown(picture):
+    motion, second = replace(flutter(), model=pp.Chain(MEASURED, 2)), MEASURED.scales.time
+    shown = picture(motion, start=15.0 * second, units="si", ax=axes()).lines[-1].get_xydata()
+    early = picture(motion, start=15.0, ax=axes()).lines[-1].get_xydata()
+    assert shown.shape == early.shape
+    with pytest.raises(ValueError, match=f"third last is at {29.98 * second:g} s, got 1000"):
+        picture(motion, start=1000.0, units="si", ax=axes())
 
 
 def test_the_section_of_a_driven_motion_is_taken_once_a_period():
@@ -224,12 +239,14 @@ def test_several_motions_have_a_legend_unless_none_is_wanted():
 def test_motions_of_several_pipes_have_each_its_own_units():
     """The second pipe is twice as long, so that its free end is seen to move twice as far."""
     long = pp.Pipe.from_si(length=1.0, bending_stiffness=0.01, pipe_mass=0.1, fluid_mass=0.02)
-    two = [replace(flutter(), model=pp.Chain(pipe, 2)) for pipe in (MEASURED, long)]
-    ax = plot.poincare_section(two, start=20.0, units="si", ax=axes())
+    names = ("t", "q", "qdot", "tip", "energy", "flow_speed")
+    late = replace(flutter(), **{name: getattr(flutter(), name)[2000:] for name in names})
+    two = [replace(late, model=pp.Chain(pipe, 2)) for pipe in (MEASURED, long)]
+    ax = plot.poincare_section(two, units="si", ax=axes())
     short, far = (line.get_xdata().mean() for line in ax.lines)
     assert ax.get_ylabel() == "rate $\\dot{q}_{1}$ (1/s)"
     assert far == pytest.approx(2.0 * short)
-    ax = plot.spectrum(two, start=15.0, units="si", ax=axes())
+    ax = plot.spectrum(two, units="si", ax=axes())
     drawn = [line.get_xydata().T for line in ax.lines]
     energies = [np.sum(np.gradient(f) * density) for f, density in drawn]
     assert energies[1] == pytest.approx(4.0 * energies[0])

@@ -183,8 +183,8 @@ def poincare_section(
             members are left out. What rests has no section.
         coordinate: "tip" for the transverse position of the free end, or the index of a coordinate,
             counted from 0.
-        start: time in T from which motions are shown, to leave out a transient; all if not given.
-            Attractors have none.
+        start: time from which motions are shown, in T, or in s with units="si", to leave out a
+            transient; all if not given. Attractors have none.
         units: "nondimensional", or "si" if the pipe has scales.
         legend: whether attractors or several motions have a legend.
         ax: Axes to draw on; new ones if not given.
@@ -257,8 +257,8 @@ def spectrum(
     Args:
         found: attractors; one of the basins; one or several motions; or an ensemble, whose failed
             members are left out. What rests has no spectrum.
-        start: time in T from which motions are shown, to leave out a transient; all if not given.
-            Attractors have none.
+        start: time from which motions are shown, in T, or in s with units="si", to leave out a
+            transient; all if not given. Attractors have none.
         segments: number of segments, for motions; fewer if a segment would have less than 16
             samples. More segments make a smoother curve, fewer a finer resolution.
         decibels: whether the ordinate is linear in decibels, 10 log10 of the density or 20 log10 of
@@ -424,9 +424,10 @@ class _Given:
                 raise ValueError(f"{rule}, got {check.shown(start)}")
             motions: list[Any] = [basin.motion for basin in basins]
         else:
-            motions, self.failed = checked_motions(found, start, "found", "Attractors, a Basin, ")
+            others = "Attractors, a Basin, "
+            motions, self.failed = checked_motions(found, start, units, "found", others)
             for motion in motions:
-                check.instance("found", motion, Motion)
+                check.instance("found", motion, Motion, f"{others}a Motion or several")
         self.basins: list[Basin | None] = [*basins] or [None] * len(motions)
         self.models = [one.model for one in motions] or [found.model]
         self.view = View(units, self.models[0].pipe)

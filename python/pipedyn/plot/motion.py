@@ -83,7 +83,8 @@ def time_history(
         motions: one or several motions, limit cycles or basins, or an ensemble, whose failed
             members are left out. Between samples, cubics through positions and velocities are
             shown.
-        start: time in T from which motions are shown, to leave out a transient; all if not given.
+        start: time from which motions are shown, in T, or in s with units="si", to leave out a
+            transient; all if not given.
         units: "nondimensional", or "si" if the pipe has scales.
         legend: whether several motions have a legend.
         ax: Axes to draw on; new ones if not given.
@@ -96,7 +97,7 @@ def time_history(
         ValueError: for fewer than 3 samples from `start` on.
         TypeError: for bad arguments.
     """
-    chosen, failed = checked_motions(motions, start)
+    chosen, failed = checked_motions(motions, start, units)
     legend = check.flag("legend", legend)
     shown = signals(chosen, None, units, rates_shown=False)
     ax = shown[0].view.axes(ax, (6.4, 3.2), ELAPSED, TIP)
@@ -128,7 +129,8 @@ def phase_portrait(
             members are left out.
         coordinate: "tip" for the transverse displacement of the end, or the index of a coordinate,
             counted from 0, which shows how a pipe moves whose end is held.
-        start: time in T from which motions are shown, to leave out a transient; all if not given.
+        start: time from which motions are shown, in T, or in s with units="si", to leave out a
+            transient; all if not given.
         units: "nondimensional", or "si" if the pipe has scales.
         legend: whether several motions have a legend.
         ax: Axes to draw on; new ones if not given.
@@ -142,7 +144,7 @@ def phase_portrait(
             have.
         TypeError: for bad arguments.
     """
-    chosen, failed = checked_motions(motions, start)
+    chosen, failed = checked_motions(motions, start, units)
     legend = check.flag("legend", legend)
     least = min(motion.model.coordinates for motion in chosen)
     index, across = of_coordinate(coordinate, least)
@@ -719,8 +721,10 @@ DRAWN_POINTS = 4000
 """Desired number of points of a curve: two for each pixel of a picture 2000 pixels wide."""
 
 
-def checked_motion(motion: Any, name: str = "motion", start: Any = None) -> Sampled:
-    """The motion to draw, from a time on, for a motion, a limit cycle or a basin."""
+def checked_motion(
+    motion: Any, name: str = "motion", start: Any = None, units: Any = "nondimensional"
+) -> Sampled:
+    """The motion to draw, from a time in some units on, for a motion, a limit cycle or a basin."""
     if isinstance(motion, Basin):
         motion = motion.motion
     if not isinstance(motion, LimitCycle):
@@ -733,11 +737,13 @@ def checked_motion(motion: Any, name: str = "motion", start: Any = None) -> Samp
         )
     if start is None:
         return checked
-    first = int(np.searchsorted(checked.t, check.real("start", start)))
+    view = View(units, checked.model.pipe)
+    t = view.one(ELAPSED) * checked.t
+    first = int(np.searchsorted(t, check.real("start", start)))
     if checked.t.size - first < 3:
         raise ValueError(
             f"start must leave at least 3 samples of {name}, whose third last is at "
-            f"{checked.t[-3]:g} T, got {start:g}"
+            f"{t[-3]:g} {'s' if view.si else 'T'}, got {start:g}"
         )
     return _part(checked, slice(first, None))
 
@@ -749,15 +755,15 @@ def _part(motion: Sampled, held: slice) -> Sampled:
 
 
 def checked_motions(
-    motions: Any, start: Any = None, name: str = "motions", others: str = ""
+    motions: Any, start: Any, units: Any, name: str = "motions", others: str = ""
 ) -> tuple[list[Sampled], list[int]]:
-    """Motions of the argument `name`, from the time `start` on.
+    """Motions of the argument `name`, from the time `start` on, which is in some units.
 
     The second value holds the indices of members of an ensemble that failed and are left out.
     `others` names what else the argument may be.
     """
     if isinstance(motions, Motion | LimitCycle | Basin):
-        return [checked_motion(motions, name, start)], []
+        return [checked_motion(motions, name, start, units)], []
     several: Any = motions
     failures = {}
     if isinstance(motions, Ensemble):
@@ -771,7 +777,7 @@ def checked_motions(
         first = next(iter(failures.values()))
         raise ValueError(f"{name} must have a member that did not fail, the first: {first}")
     chosen = [
-        checked_motion(one, f"{name}[{i}]", start)
+        checked_motion(one, f"{name}[{i}]", start, units)
         for i, one in enumerate(several)
         if i not in failures
     ]
