@@ -216,6 +216,12 @@ def test_a_chaotic_motion_has_no_last_cycle():
         for one in (chaos, cycle)
     ]
     assert max(widths[0]) < 1.0 < max(widths[1])
+    for one, words in ((chaos, "a swing of"), (cycle, "a cycle of")):
+        assert words in plot.snapshots(one, ax=axes()).get_title()
+    repeats = [plot.animate(one, fps=4, ax=small_axes()) for one in (chaos, cycle)]
+    assert [film.repeats for film in repeats] == [False, True]
+    for film in repeats:
+        film._init_draw()
 
 
 def test_the_tip_moves_as_its_velocity_says():

@@ -337,9 +337,9 @@ def snapshots(
 
     Args:
         motion: a motion, a limit cycle, or a basin, whose attracting motion is shown.
-        span: start and end in T; if not given, the last cycle, or all of a motion without cycles. A
-            cycle lasts from one upward crossing of the middle position by the free end to the next
-            one in the same state.
+        span: start and end in T; if not given, the last cycle or swing, or all of a motion without
+            any. Both last from one upward crossing of the middle position by the free end to
+            another; that of a cycle is in the same state, and the cycle before was the same.
         count: number of shapes, from 2 to 1000. The shapes include both ends of a span, but only
             the end of a cycle, whose start looks the same.
         units: "nondimensional", or "si" if the pipe has scales.
@@ -355,11 +355,12 @@ def snapshots(
             samples, or samples too far apart to interpolate.
         TypeError: for bad arguments.
     """
-    motion, start, end, cycle = shown_part(motion, span)
+    motion, start, end, kind = shown_part(motion, span)
     count = check.count("count", count, low=2, high=1000)  # more than can be distinguished
     view = View(units, motion.model.pipe)
     ax = common.axes(ax, (4.4, 5.0))
-    times = np.linspace(start, end, count + 1)[1:] if cycle else np.linspace(start, end, count)
+    cycle = kind == "cycle"
+    times = np.linspace(start, end, count + cycle)[int(cycle) :]
     shapes = view.one(TRANSVERSE) * _shapes_at(motion, times)
     darkness = np.linspace(0.22, 1.0, 256)  # no shape is as light as the page
     lines = LineCollection(
@@ -375,8 +376,8 @@ def snapshots(
     _surroundings(ax, motion, shapes, shapes[-1], view)
     start, end = view.one(ELAPSED) * start, view.one(ELAPSED) * end
     name, unit = ("t", " s") if view.si else (r"\tau", "")
-    ends = f"{end - start:.4g}$" if cycle else f"{start:.4g}$ to {end:.4g}"
-    what = f"{'a cycle of ' * cycle}${name} = {ends}"
+    ends = f"{end - start:.4g}$" if kind else f"{start:.4g}$ to {end:.4g}"
+    what = f"a {kind} of ${name} = {ends}" if kind else f"${name} = {ends}"
     ax.set_title(f"{_title(motion, view)}\n{count} shapes, {what}{unit}")
     return ax
 
@@ -518,9 +519,9 @@ def animate(
             page with a player); if not given, no file is written.
         fps: frames a second, from 1 to 50, the most that a GIF can show.
         speed: time of the motion, in T, that is shown in a second of the animation. If not given, a
-            cycle takes 2.5 seconds, and all of a motion without cycles 8 seconds.
-        span: start and end in T; if not given, the last cycle, which repeats without end, or all of
-            a motion without cycles.
+            cycle or swing takes 2.5 seconds, and all of a motion without swings 8 seconds.
+        span: start and end in T; if not given, the last cycle, which repeats without end; the last
+            swing of a motion that grows or is chaotic, once; or all of a motion without swings.
         dpi: dots an inch in the file, from 10 to 1000; those of the figure if not given.
         progress: whether to show on stderr how many frames of the file are drawn.
         units: "nondimensional", or "si" if the pipe has scales.
@@ -540,7 +541,7 @@ def animate(
             too far apart to interpolate.
         TypeError: for bad arguments.
     """
-    motion, start, end, cycle = shown_part(motion, span)
+    motion, start, end, kind = shown_part(motion, span)
     if path is not None:
         path = _checked_path(path)
     fps = check.real("fps", fps, low=1.0, high=50.0)
@@ -548,7 +549,8 @@ def animate(
     shown = check.flag("progress", progress)
     if speed is not None:
         speed = check.real("speed", speed, low=0.0, open_low=True)
-    begin, finish = (start, end) if cycle else last_cycle(motion) or (0.0, 0.0)
+    cycle, swing = kind == "cycle", last_swing(motion)
+    begin, finish = (start, end) if kind else swing[:2] if swing else (0.0, 0.0)
     frames = _frames(end - start, finish - begin, fps, speed)
     own = ax is None
     if ax is None:
@@ -810,14 +812,14 @@ def refuse_coarse(name: str, t: Array, found: bool) -> None:
         )
 
 
-def last_cycle(motion: Sampled) -> tuple[float, float] | None:
-    """Start and end of the last whole cycle; None if there is none.
+def last_swing(motion: Sampled) -> tuple[float, float, bool] | None:
+    """Start and end of the last cycle or swing, and whether it is a cycle; None if there is none.
 
-    The cycle ends at the last crossing, at which the position of the free end rises through its
-    median over the last quarter of the time. The cycle starts at the latest earlier crossing with
-    the same state to 3 %, since the curve between both looks closed. If there is none, as in a
-    growing motion, it starts at the crossing before the last one. If the free end is held by a
-    support, the coordinate that moves most is taken instead.
+    It ends at the last crossing, at which the position of the free end rises through its median
+    over the last quarter of the time. A cycle starts at the latest earlier crossing with the same
+    state to 3 %, and the cycle before is the same: a chaotic motion comes near an earlier state by
+    chance. If there is none, as in a growing motion too, a swing starts at the crossing before the
+    last one. If the free end is held by a support, the coordinate that moves most is taken instead.
     """
     curve = tip_path_of(motion)
     if np.ptp(motion.tip[:, 0]) <= LEAST_MOTION:
@@ -840,34 +842,34 @@ def last_cycle(motion: Sampled) -> tuple[float, float] | None:
     rates = curve(crossings, 1) / np.abs(curve(late, 1)).max()
     states = np.column_stack([curve(crossings)[:, 1:], rates])
     same = np.flatnonzero(np.abs(states[:-1] - states[-1]).max(axis=1) < 0.03)
-    return float(crossings[same[-1] if same.size else -2]), float(crossings[-1])
+    end = float(crossings[-1])
+    for start in crossings[same[-1:]]:
+        if 2.0 * start - end >= motion.t[0]:
+            times = np.linspace(start, end, 201)
+            now, before = (coordinates_at(motion, times - past) for past in (0.0, end - start))
+            if np.abs(now - before).max() < 0.03 * np.ptp(now):
+                return float(start), end, True
+    return float(crossings[-2]), end, False
 
 
 def repeated_cycle(motion: Sampled) -> tuple[float, float] | None:
-    """Start and end of a limit cycle, or of the last cycle if the one before is the same to 3 %.
-
-    It is None where there is none: a chaotic motion comes near an earlier state by chance.
-    """
+    """Start and end of a limit cycle, or of the last cycle; None where there is none."""
     if isinstance(motion, LimitCycle):
         return float(motion.t[0]), float(motion.t[-1])
-    ends = last_cycle(motion)
-    if ends is None or 2.0 * ends[0] - ends[1] < motion.t[0]:
-        return None
-    now, before = (
-        coordinates_at(motion, np.linspace(*ends, 201) - past) for past in (0.0, ends[1] - ends[0])
-    )
-    return ends if np.abs(now - before).max() < 0.03 * np.ptp(now) else None
+    found = last_swing(motion)
+    return found[:2] if found and found[2] else None
 
 
-def shown_part(motion: Any, span: Any) -> tuple[Sampled, float, float, bool]:
-    """Samples around the part to show, its start and end, and whether it is the last cycle."""
+def shown_part(motion: Any, span: Any) -> tuple[Sampled, float, float, str]:
+    """Samples around the part to show, its start and end, and whether it is a "cycle" or "swing"."""
     closed = isinstance(motion, LimitCycle)
     motion = checked_motion(motion)
     begin, finish = float(motion.t[0]), float(motion.t[-1])
-    cycle = None
+    found = None
     if span is None:
-        cycle = (begin, finish) if closed else last_cycle(motion)
-    start, end = cycle or (begin, finish)
+        found = (begin, finish, True) if closed else last_swing(motion)
+    start, end, cycle = found or (begin, finish, False)
+    kind = ("cycle" if cycle else "swing") if found else ""
     if span is not None:
         start, end = map(float, check.array("span", span, size=2))
     if not begin <= start < end <= finish:
@@ -880,7 +882,7 @@ def shown_part(motion: Any, span: Any) -> tuple[Sampled, float, float, bool]:
     held = slice(first, int(np.searchsorted(motion.t, end, side="left")) + 3)
     shown = _part(motion, held)
     refuse_coarse("motion", shown.t, is_coarse(tip_path_of(shown), invisible=INVISIBLE))
-    return shown, start, end, cycle is not None
+    return shown, start, end, kind
 
 
 def finer_times(t: Array) -> Array:
