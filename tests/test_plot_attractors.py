@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from canvas import axes, legend_of
+from matplotlib.figure import Figure
 
 import pipedyn as pp
 from pipedyn import plot
@@ -283,3 +284,21 @@ def test_no_section_or_spectrum_is_drawn_of_samples_twice_a_cycle(picture):
     seldom = flutter(samples=round(2.1 * 30.0 / settled().period))
     with pytest.raises(ValueError, match="found must be sampled at least six times a cycle"):
         picture([flutter(), seldom], start=10.0, ax=axes())
+
+
+def test_a_periodic_motion_has_no_peak_below_its_frequency():
+    """The mean left in a segment that is no whole number of periods is no slow motion."""
+    for segments in (2, 4):
+        ax = plot.spectrum(flutter(), start=15.0, segments=segments, ax=axes())
+        _, density = curve_of(ax)
+        assert density[0] < 2.0 * density[1]
+
+
+def test_the_label_of_decibels_is_not_cut_off():
+    motion = replace(flutter(), model=pp.Chain(MEASURED, 2))
+    four = Figure(figsize=(7.0, 5.0), layout="constrained").subplots(2, 2)
+    for ax in four.flat:
+        plot.spectrum(motion, decibels=True, units="si", ax=ax)
+    ax.figure.draw_without_rendering()
+    for ax in four.flat:
+        assert ax.yaxis.label.get_window_extent().height < ax.get_window_extent().height

@@ -247,7 +247,8 @@ def spectrum(
 
     The spectrum of an attractor is the amplitude over the frequency; that of a cycle is drawn as
     stems at its harmonics. The spectrum of a motion is its power spectral density by Welch's
-    method: the mean over half-overlapping segments, each without its mean and with Hann's window.
+    method: the mean over half-overlapping segments, each with Hann's window and without its mean,
+    weighted by that window.
     The integral of the density over the frequencies shown is the mean square of the motion about
     its mean. Uneven samples are interpolated by cubics, at steps of the least distance between two.
     The title says where a mean cycle has fewer than ten samples.
@@ -320,7 +321,8 @@ def spectrum(
         ax.set(xlim=(0.0, 1.05 * last), ylim=ends)
     if decibels:
         label = given.view.label(quantity)
-        ax.set_ylabel(label.replace("(", "(dB re 1 ") if given.view.si else f"{label} (dB)")
+        label = label.replace("(", "(dB re 1 ") if given.view.si else f"{label} (dB)"
+        common.set_labels(ax, ylabel=label)
     handles = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
     given.explain(ax, handles, legend=legend)
     return ax
@@ -401,7 +403,13 @@ def _density(one: Signal, segments: int) -> tuple[Any, Any]:
     t = np.linspace(t[0], t[-1], size)
     length = min(max(2 * size // (segments + 1), FEWEST_IN_SEGMENT), size)
     x = one.curve(t) * one.moves
-    hertz, density = scipy.signal.welch(x, 1.0 / float(t[1] - t[0]), nperseg=length)
+    hann = scipy.signal.get_window("hann", length)
+
+    def centred(parts: Any) -> Any:  # of the plain mean, the window would spread the rest
+        return parts - np.average(parts, axis=-1, weights=hann)[..., None]
+
+    rate = 1.0 / float(t[1] - t[0])
+    hertz, density = scipy.signal.welch(x, rate, hann, detrend=centred)
     return 2.0 * math.pi * hertz[1:], density[1:] / (2.0 * math.pi)
 
 

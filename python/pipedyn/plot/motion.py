@@ -861,7 +861,7 @@ def repeated_cycle(motion: Sampled) -> tuple[float, float] | None:
 
 
 def shown_part(motion: Any, span: Any) -> tuple[Sampled, float, float, str]:
-    """Samples around the part to show, its start and end, and whether it is a "cycle" or "swing"."""
+    """Samples around the part to show, its start and end, and "cycle" or "swing" if it is one."""
     closed = isinstance(motion, LimitCycle)
     motion = checked_motion(motion)
     begin, finish = float(motion.t[0]), float(motion.t[-1])
