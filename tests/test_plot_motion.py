@@ -7,6 +7,7 @@ import io
 import math
 import re
 from functools import cache, partial
+from itertools import pairwise
 
 import matplotlib
 import numpy as np
@@ -355,6 +356,26 @@ def test_nothing_of_a_picture_of_motion_is_cut_off(draw, name):
         box = patch.get_window_extent()
         assert inside.x0 <= box.x0 <= box.x1 <= inside.x1
         assert inside.y0 <= box.y0 <= box.y1 <= inside.y1
+
+
+def test_labels_of_ticks_do_not_meet_in_a_figure_of_four():
+    four = Figure(figsize=(7.0, 5.0), layout="constrained").subplots(2, 2)
+    swing = pp.simulate(CHAIN, 6.0, 0.3, lambda s: 0.01 * s, samples=301)
+    pictures = [
+        partial(plot.snapshots, swing),
+        partial(plot.snapshots, run("rest")),
+        partial(plot.phase_portrait, swing, 0),
+        partial(plot.phase_portrait, run("decay"), 2, start=0.3),
+    ]
+    for draw, ax in zip(pictures, four.flat, strict=True):
+        draw(ax=ax)
+    ax.figure.draw_without_rendering()
+    for ax in four.flat:
+        low, high = ax.get_xlim()
+        shown = [one for one in ax.xaxis.get_major_ticks() if low <= one.get_loc() <= high]
+        boxes = [one.label1.get_window_extent() for one in shown]
+        assert len(boxes) > 1
+        assert all(one.x1 < two.x0 for one, two in pairwise(boxes))
 
 
 def test_histories_and_portraits_show_every_motion_under_its_speed():

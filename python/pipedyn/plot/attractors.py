@@ -226,7 +226,7 @@ def poincare_section(
     if handles:
         ax.margins(0.08)
         widen(ax, "xy")
-        ax.locator_params(nbins=SIGNED_TICKS)
+        ax.locator_params(axis="x", nbins=SIGNED_TICKS)
     where = {True: "once a period of the drive", False: "at maxima of the free end"}
     lines = dict.fromkeys(where[period > 0.0] for period in periods) if handles else ()
     given.explain(ax, handles, *lines, legend=legend)

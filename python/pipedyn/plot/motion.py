@@ -162,10 +162,10 @@ def phase_portrait(
             thin["alpha"] = 0.5
         for part in (t,) if ends is None else (t[t <= ends[0]], t[t >= ends[1]]):
             ax.plot(one.values(part), one.values(part, 1), **look | thin)
-        if start is None and not one.dotted:
+        if (start is None or not one.moves) and not one.dotted:
             ring = common.open_marker(4.5, look["color"], zorder=3.0)
             ax.plot(one.values(t[0]), one.values(t[0], 1), **ring)
-    ax.locator_params(nbins=SIGNED_TICKS)
+    ax.locator_params(axis="x", nbins=SIGNED_TICKS)
     explain(ax, shown, failed, *_rest(ax, shown, "xy"), legend=legend)
     return ax
 
@@ -196,8 +196,9 @@ def widen(ax: Axes, names: str, least: float = 0.0) -> None:
 
 Cubics: TypeAlias = "scipy.interpolate.CubicHermiteSpline"
 
-SIGNED_TICKS = 6
-"""Largest number of intervals between ticks: labels with signs then do not meet in one column."""
+SIGNED_TICKS = 4
+"""Largest number of intervals between ticks of an x axis: labels with signs then do not meet in a
+panel of two columns."""
 
 ENOUGH_A_CYCLE = 10.0
 """Number of samples in a mean cycle below which a picture has a note."""
@@ -681,9 +682,13 @@ def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array, view: View) -> None
     one = view.one(TRANSVERSE)
     common.set_labels(ax, xlabel=view.label(TRANSVERSE), ylabel=view.label(AXIAL))
     room = (ARROW + 0.06) * one
-    wide = max(0.36 * one, float(np.abs(shapes[..., 0]).max()) + room)
     low = min(-0.12 * one, float(shapes[..., 1].min()) - room)
     high = float(shapes[..., 1].max()) + room
+    # In narrow axes labels of ticks would lie on one another.
+    place = ax.get_position(original=True).transformed(ax.figure.transSubfigure)
+    wide = 0.5 * (high - low) * place.width / place.height
+    wide = max(0.36 * one, wide, float(np.abs(shapes[..., 0]).max()) + room)
+    ax.locator_params(axis="x", nbins=SIGNED_TICKS)
     ax.set_aspect("equal", adjustable="box")
     ax.set(xlim=(-wide, wide), ylim=(low, high) if gamma < 0.0 else (high, low))
     hatched: dict[str, Any] = {"facecolor": "0.92", "edgecolor": "0.35", "hatch": "////"}
@@ -692,7 +697,7 @@ def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array, view: View) -> None
     ax.plot([-0.1 * one, 0.1 * one], [0.0, 0.0], color=common.BLACK, linewidth=1.4, zorder=1.6)
     ax.axvline(0.0, color="0.6", linewidth=0.6, linestyle=(0, (6, 4)), zorder=0.5)
     if gamma != 0.0:
-        at, length = -wide + 0.1 * one, math.copysign(0.16, gamma) * one
+        at, length = -0.26 * one, math.copysign(0.16, gamma) * one
         start = (-0.06 if gamma > 0.0 else 0.1) * one
         _arrow(ax, common.BLACK, "gravity", ((at, start), (at, start + length)))
         ax.text(at + 0.03 * one, start + 0.5 * length, "$g$", va="center")
