@@ -225,6 +225,20 @@ def test_a_chaotic_motion_has_no_last_cycle():
         film._init_draw()
 
 
+def test_a_portrait_of_many_seldom_samples_has_no_corners():
+    cycle = pp.limit_cycle(CHAIN, 6.0)
+    q, qdot = cycle.q[0], cycle.qdot[0]
+    long = pp.simulate(CHAIN, 6.0, 520 * cycle.period, q, qdot, samples=8 * 520 + 1)
+    ax = plot.phase_portrait(long, ax=axes())
+    points = ax.lines[1].get_xydata()[: 4 * 64] / [
+        np.ptp(cycle.tip[:, 0]),
+        np.ptp(cycle.tip_velocity[:, 0]),
+    ]
+    steps = np.diff(points, axis=0)
+    turn = np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))
+    assert np.abs(turn).max() < 0.3
+
+
 def test_the_tip_moves_as_its_velocity_says():
     step = 1e-6
     generator = np.random.default_rng(5)

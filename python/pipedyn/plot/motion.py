@@ -243,7 +243,11 @@ class Signal:
 
     def times(self) -> Array:
         """Times at which straight lines look like the motion; those of the samples for dots."""
-        return self.curve.x if self.dotted else finer_times(self.curve.x)
+        if self.dotted:
+            return self.curve.x
+        t = self.curve.x
+        parts = min(8, math.ceil(max(DRAWN_POINTS / t.size, DRAWN_A_CYCLE / self.a_cycle)))
+        return np.interp(np.arange((t.size - 1) * parts + 1) / parts, np.arange(t.size), t)
 
     def drawn(self) -> dict[str, Any]:
         """Label and look of its curve or dots."""
@@ -727,6 +731,9 @@ def flow_ends(pipe: Pipe, shape: Array, one: float) -> tuple[Any, Any]:
 DRAWN_POINTS = 4000
 """Desired number of points of a curve: two for each pixel of a picture 2000 pixels wide."""
 
+DRAWN_A_CYCLE = 64.0
+"""Desired number of points in a mean cycle, which then shows no corners in a phase portrait."""
+
 
 def checked_motion(
     motion: Any, name: str = "motion", start: Any = None, units: Any = "nondimensional"
@@ -888,9 +895,3 @@ def shown_part(motion: Any, span: Any) -> tuple[Sampled, float, float, str]:
     shown = _part(motion, held)
     refuse_coarse("motion", shown.t, is_coarse(tip_path_of(shown), invisible=INVISIBLE))
     return shown, start, end, kind
-
-
-def finer_times(t: Array) -> Array:
-    """Times of the samples and between them, at which straight lines look like a smooth curve."""
-    parts = min(8, -(-DRAWN_POINTS // t.size))
-    return np.interp(np.arange((t.size - 1) * parts + 1) / parts, np.arange(t.size), t)
