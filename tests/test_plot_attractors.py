@@ -79,7 +79,7 @@ def test_pictures_of_what_rests_say_so():
     rest = next(basin for basin in found().basins if basin.ending == "rest")
     for picture in (plot.poincare_section, plot.spectrum):
         (text,) = picture(rest, ax=axes()).texts
-        assert text.get_text() == "all are at rest"
+        assert text.get_text() == "at rest"
 
 
 def test_pictures_refuse_what_they_cannot_show():

@@ -176,14 +176,14 @@ def test_a_slow_drift_does_not_hide_a_swing_of_few_samples():
 def test_rounding_is_not_drawn_as_a_motion():
     motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 3), 2.0, 60.0, bend, samples=3001)
     ax = plot.time_history(motion, start=40.0, ax=axes())
-    assert ax.get_title() == "$u = 2$, ejecting\nthe end is at rest"
+    assert ax.get_title() == "$u = 2$, ejecting\nthe free end is at rest"
     assert np.ptp(ax.get_ylim()) > 1e3 * np.ptp(ax.lines[-1].get_ydata())
     ax = plot.phase_portrait(motion, 1, start=40.0, ax=axes())
     assert ax.get_title() == "$u = 2$, ejecting\nthe coordinate is at rest"
     drawn = np.ptp([line.get_xydata()[0] for line in ax.lines], axis=0)
     assert min(np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim())) > 1e3 * drawn.max()
     both = plot.time_history([run("rest"), run("decay")], ax=axes())
-    assert both.get_title() == "the end is at rest: 1 of 2 motions"
+    assert both.get_title() == "the free end is at rest: 1 of 2 motions"
     assert both.get_ylim()[1] > 1e-3
 
 
@@ -326,6 +326,27 @@ def test_gravity_points_down_the_page_and_the_arrow_along_the_flow(name):
     nearer, farther = (tail, head) if sign > 0 else (head, tail)
     assert np.linalg.norm(nearer - motion.tip[-1]) < 0.03
     assert np.linalg.norm(farther - motion.tip[-1]) > 0.1
+
+
+def test_a_held_end_is_shown_held_and_is_not_called_free():
+    held = {"root": "pinned", "end": "pinned", "supports": (0.3,), "damping_time": 2e-3}
+    masses = {"pipe_mass": 0.08, "fluid_mass": 0.05}
+    pipe = pp.Pipe.from_si(length=0.45, bending_stiffness=7.3e-3, **masses, **held)
+    motion = pp.simulate(pp.Galerkin(pipe, 4), 1.0, 5.0, lambda s: 0.05 * np.sin(np.pi * s))
+    place = f"at $s/L={pipe.tip_place:.3g}$"
+    assert plot.time_history(motion, ax=axes()).get_ylabel() == f"$x/L$ {place}"
+    ax = plot.phase_portrait(motion, units="si", ax=axes())
+    assert ax.get_xlabel() == f"$x$ {place} (m)"
+    assert ax.get_ylabel() == f"velocity $\\dot{{x}}$ {place} (m/s)"
+    ax = plot.poincare_section(motion, ax=axes())
+    assert ax.get_title().endswith(f"at maxima of the point {place}")
+    ax = plot.snapshots(motion, ax=axes())
+    ends = [line.get_ydata() for line in by_gid(ax, "support")]
+    (shapes,) = ax.collections
+    tips = np.array(shapes.get_segments())[:, -1, 1]
+    assert len(ends) == 4
+    assert min(ends[2]) < tips.min() < tips.max() < max(ends[3])
+    assert not by_gid(plot.snapshots(run("rest"), ax=axes()), "support")
 
 
 def test_the_arrow_of_an_inclined_nozzle_is_its_jet():

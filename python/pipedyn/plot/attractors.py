@@ -227,7 +227,7 @@ def poincare_section(
         ax.margins(0.08)
         widen(ax, "xy")
         ax.locator_params(axis="x", nbins=SIGNED_TICKS)
-    where = {True: "once a period of the drive", False: "at maxima of the free end"}
+    where = {True: "once a period of the drive", False: f"at maxima of {given.view.end}"}
     lines = dict.fromkeys(where[period > 0.0] for period in periods) if handles else ()
     given.explain(ax, handles, *lines, legend=legend)
     return ax
@@ -449,7 +449,8 @@ class _Given:
     def explain(self, ax: Axes, handles: Any, *lines: str, legend: bool) -> None:
         """Adds a legend, a title with some lines, and words where nothing moves."""
         if not handles:
-            words = "all are at rest" if self.shown else "no attractor was found"
+            words = "all are at rest" if self.shown[1:] else "at rest"
+            words = words if self.shown else "no attractor was found"
             ax.text(0.5, 0.5, words, transform=ax.transAxes, ha="center", va="center")
         alone = len(self.shown) == 1 and self.basins[0] is None
         if legend and not alone and len(handles) <= 12:

@@ -74,7 +74,7 @@ def time_history(
     legend: bool = True,
     ax: Axes | None = None,
 ) -> Axes:
-    """Transverse displacement of the free end over time.
+    """Transverse displacement of the free end over time; of `Pipe.tip_place` if the end is held.
 
     Samples too far apart for a curve are shown as dots. The title says where a mean cycle has fewer
     than ten samples.
@@ -127,8 +127,8 @@ def phase_portrait(
     Args:
         motions: one or several motions, limit cycles or basins, or an ensemble, whose failed
             members are left out.
-        coordinate: "tip" for the transverse displacement of the end, or the index of a coordinate,
-            counted from 0, which shows how a pipe moves whose end is held.
+        coordinate: "tip" for the transverse displacement of the free end, or of `Pipe.tip_place` if
+            the end is held; or the index of a coordinate, counted from 0.
         start: time from which motions are shown, in T, or in s with units="si", to leave out a
             transient; all if not given.
         units: "nondimensional", or "si" if the pipe has scales.
@@ -175,8 +175,8 @@ def _rest(ax: Axes, shown: Sequence[Signal], names: str) -> list[str]:
     if not (resting := sum(not one.moves for one in shown)):
         return []
     if resting == len(shown):
-        widen(ax, names, LEAST_MOTION)
-    words = f"the {'end' if shown[0].index is None else 'coordinate'} is at rest"
+        widen(ax, names, 1.0)
+    words = f"{shown[0].view.end if shown[0].index is None else 'the coordinate'} is at rest"
     return [words if len(shown) == 1 else f"{words}: {resting} of {len(shown)} motions"]
 
 
@@ -185,11 +185,11 @@ SMALLEST_VIEW = 0.05
 Without it the few points of a cycle would be magnified until rounding shows."""
 
 
-def widen(ax: Axes, names: str, least: float = 0.0) -> None:
-    """Widens axes, "x", "y" or "xy", of less than `SMALLEST_VIEW` or of a least half-width."""
+def widen(ax: Axes, names: str, largest: float = 0.0) -> None:
+    """Widens axes, "x", "y" or "xy", to `SMALLEST_VIEW` of the largest value seen or given."""
     for name in names:
         seen = getattr(ax.dataLim, f"interval{name}")
-        half = max(SMALLEST_VIEW * float(np.abs(seen).max()), least)
+        half = SMALLEST_VIEW * max(float(np.abs(seen).max()), largest)
         if np.ptp(seen) < half:
             ax.set(**{f"{name}lim": (seen.mean() - half, seen.mean() + half)})
 
@@ -337,8 +337,9 @@ def snapshots(
 ) -> Axes:
     """Shapes of the pipe at equal time steps in one picture, the latest darkest.
 
-    The arrow at the free end of the latest shape shows the flow, out of the pipe or into it. The
-    arrow next to the clamp shows gravity, if there is any.
+    The arrow at the end of the latest shape shows the flow, out of the pipe or into it. The arrow
+    next to the clamp shows gravity, if there is any. A pair of lines along the axis shows a support
+    in which the pipe slides.
 
     Args:
         motion: a motion, a limit cycle, or a basin, whose attracting motion is shown.
@@ -667,12 +668,17 @@ def _shapes_at(motion: Sampled, times: Array) -> Array:
 def _surroundings(
     ax: Axes, motion: Sampled, shapes: Array, shape: Array, view: View
 ) -> FancyArrowPatch | None:
-    """Draws clamp, gravity and flow, and sets axes of equal scale with room for all shapes.
+    """Draws supports, gravity and flow, and sets axes of equal scale with room for all shapes.
 
     Returns the arrow of the flow at the free end of `shape`; None if there is no flow.
     """
     pipe, one = motion.model.pipe, view.one(TRANSVERSE)
     clamp_and_gravity(ax, pipe.gamma, shapes, view)
+    for s in (*pipe.supports, *(1.0,) * pipe.end_held):  # as long as the way on which it slides
+        y = shapes[:, round(s * (shapes.shape[1] - 1)), 1]
+        ends, look = (y.min() - 0.03 * one, y.max() + 0.03 * one), {"color": common.BLACK}
+        for x in (-0.04 * one, 0.04 * one):
+            ax.plot([x, x], ends, linewidth=1.4, zorder=1.6, gid="support", **look)
     if motion.u == 0.0:
         return None
     return _arrow(ax, common.VERMILION, "flow", flow_ends(pipe, shape, one))
