@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from canvas import axes, legend_of
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 import pipedyn as pp
 from pipedyn import plot
@@ -44,6 +45,8 @@ def test_equilibria_in_the_plane_are_marked():
     marked = [line.get_xydata()[0] for line in ax.lines]
     ends = [basin.motion.q[-1] for basin in wide.basins if basin.ending == "rest"]
     np.testing.assert_allclose(marked, ends)
+    markers = [line.get_marker() for line in ax.get_legend().findobj(Line2D)]
+    assert markers == [line.get_marker() for line in ax.lines]
 
 
 def test_what_did_not_settle_or_failed_is_in_the_legend():

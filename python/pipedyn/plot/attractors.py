@@ -77,8 +77,8 @@ def basins(
 ) -> Axes:
     """Basins of attraction: the attractor on which the motion from each start of a plane ends.
 
-    Each attractor has a colour, and the legend gives its share of the starts. A white marker shows
-    an equilibrium that lies in the plane. Starts whose motions end on an unstable equilibrium or
+    Each attractor has a colour, and the legend gives its share of the starts. A white marker, also
+    in the legend, shows an equilibrium that lies in the plane. Starts whose motions end on an unstable equilibrium or
     cycle belong to no basin: crosses show them, over the colour of the nearest start of a basin.
     Starts whose motions did not settle are grey, and those whose motions failed are white.
     Coordinates are those of the model, counted from 0.
@@ -149,7 +149,9 @@ def basins(
             inside = x[0] <= end[0] <= x[-1] and y[0] <= end[1] <= y[-1]
             if inside:
                 look = common.open_marker(6.0, marker=SHAPES[k % len(SHAPES)], zorder=3.0)
-                ax.plot(*end, gid=f"rest {k}", **look)
+                (mark,) = ax.plot(*end, gid=f"rest {k}", **look)
+                entry = f"{_name(found, k, view)}, {_percent(basin.share)}"
+                named[entry] = (named[entry], mark)  # one over the other
     if legend:
         common.legend_below(ax, named)
     ax.set_title(f"{view.speed(found.u, 6)}, {found.model.pipe.flow}")
