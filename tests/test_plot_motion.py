@@ -425,6 +425,15 @@ def test_histories_and_portraits_show_every_motion_under_its_speed():
     assert legend_of(ax) == ["0: $u = 6$, Chain, 6 d.o.f.", "1: $u = 6$, Chain, 6 d.o.f."]
 
 
+def test_a_dozen_motions_differ_in_grey_and_more_are_counted():
+    many = [run("rest")] * 12
+    ax = plot.time_history(many, ax=axes())
+    looks = [(str(line._dash_pattern), line.get_linewidth()) for line in ax.lines[1:]]
+    assert len(set(looks)) == len(legend_of(ax)) == 12
+    ax = plot.time_history([*many, run("decay")], ax=axes())
+    assert ax.get_title().startswith("13 motions")
+
+
 def test_members_that_failed_are_left_out_of_a_picture_and_told():
     found = pp.simulate_many(
         pp.Chain(pp.Pipe(0.2, 10.0), 4), [5.0, 6.0, 9999.0], 5.0, lambda s: 0.1 * s, most=20_000

@@ -78,9 +78,10 @@ def basins(
     """Basins of attraction: the attractor on which the motion from each start of a plane ends.
 
     Each attractor has a colour, and the legend gives its share of the starts. A white marker, also
-    in the legend, shows an equilibrium that lies in the plane. Starts whose motions end on an unstable equilibrium or
-    cycle belong to no basin: crosses show them, over the colour of the nearest start of a basin.
-    Starts whose motions did not settle are grey, and those whose motions failed are white.
+    in the legend, shows an equilibrium that lies in the plane. Starts whose motions end on an
+    unstable equilibrium or cycle belong to no basin: crosses show them, over the colour of the
+    nearest start of a basin. Starts whose motions did not settle are grey, and those whose motions
+    failed are white.
     Coordinates are those of the model, counted from 0.
 
     Args:

@@ -273,7 +273,8 @@ def signals(
     shown = [Signal(one, index, units, rates_shown) for one in motions]
     alike, widths = len({one.label for one in shown}) < len(shown), (1.6, 1.0, 2.2)
     for i, (one, look) in enumerate(zip(shown, cycle(common.CURVE_STYLES), strict=False)):
-        one.look, model = look, one.motion.model
+        again = {"linewidth": 2.0} if i >= len(common.CURVE_STYLES) else {}
+        one.look, model = look | again, one.motion.model
         if alike:
             one.label = f"{i}: {one.label}, {type(model).__name__}, {model.dof} d.o.f."
         if word := _steadiness(one.motion):
@@ -288,13 +289,16 @@ def explain(
     """Adds a legend for several motions, if wanted, and a title.
 
     The title has the speed of a single motion, lines of `more`, and notes of members left out and
-    of too few samples. More than 12 motions get no legend, as it would be as high as the Axes.
+    of too few samples. More than 12 motions get no legend, as it would be as high as the Axes, but
+    their number in the title.
     """
     title = []
     if len(shown) == 1:
         title.append(_title(shown[0].motion, shown[0].view))
     elif legend and len(shown) <= 12:
         common.legend_below(ax)
+    elif legend:
+        title.append(f"{len(shown)} motions")
     title += more
     if failed:
         which = ", ".join(map(str, failed[:6])) + (", ..." if len(failed) > 6 else "")
@@ -707,7 +711,7 @@ def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array, view: View) -> None
     ax.plot([-0.1 * one, 0.1 * one], [0.0, 0.0], color=common.BLACK, linewidth=1.4, zorder=1.6)
     ax.axvline(0.0, color="0.6", linewidth=0.6, linestyle=(0, (6, 4)), zorder=0.5)
     if gamma != 0.0:
-        at, length = -0.26 * one, math.copysign(0.16, gamma) * one
+        at, length = -min(wide - 0.1 * one, 0.34 * one), math.copysign(0.16, gamma) * one
         start = (-0.06 if gamma > 0.0 else 0.1) * one
         _arrow(ax, common.BLACK, "gravity", ((at, start), (at, start + length)))
         ax.text(at + 0.03 * one, start + 0.5 * length, "$g$", va="center")
