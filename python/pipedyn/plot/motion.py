@@ -680,9 +680,9 @@ def _surroundings(
     clamp_and_gravity(ax, pipe.gamma, shapes, view)
     for s in (*pipe.supports, *(1.0,) * pipe.end_held):  # as long as the way on which it slides
         y = shapes[:, round(s * (shapes.shape[1] - 1)), 1]
-        ends, look = (y.min() - 0.03 * one, y.max() + 0.03 * one), {"color": common.BLACK}
+        ends = y.min() - 0.03 * one, y.max() + 0.03 * one
         for x in (-0.04 * one, 0.04 * one):
-            ax.plot([x, x], ends, linewidth=1.4, zorder=1.6, gid="support", **look)
+            ax.plot([x, x], ends, color=common.BLACK, linewidth=1.4, zorder=1.6, gid="support")
     if motion.u == 0.0:
         return None
     return _arrow(ax, common.VERMILION, "flow", flow_ends(pipe, shape, one))

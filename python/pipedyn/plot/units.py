@@ -129,8 +129,9 @@ class View:
 
     def __init__(self, units: Any, pipe: Pipe | None) -> None:
         self.si = check.choice("units", units, ("nondimensional", "si")) == "si"
-        is_free = pipe is None or pipe.end == "free"
-        self._place = "" if is_free else f" at $s/L={pipe.tip_place:.3g}$"
+        self._place = ""
+        if pipe is not None and pipe.end != "free":
+            self._place = f" at $s/L={pipe.tip_place:.3g}$"
         self.end = f"the point{self._place}" if self._place else "the free end"
         self.scales = pipe.scales if self.si and pipe is not None else None
         if self.si and self.scales is None:
@@ -147,13 +148,13 @@ class View:
 
     def label(self, quantity: Measure) -> str:
         """Label of an axis that shows a quantity."""
-        in_si = self.si and quantity.unit is not None
-        label = quantity.words if in_si else quantity.label
+        unit = quantity.unit if self.si else None
+        label = quantity.label if unit is None else quantity.words
         if self._place and "free end" in label:
             label = re.sub("^free end | of the free end", "", label) + self._place
-        if not in_si:
+        if unit is None:
             return label
-        powers = re.sub(r"\^(-?\d+)", r"$^{\1}$", quantity.unit.name)
+        powers = re.sub(r"\^(-?\d+)", r"$^{\1}$", unit.name)
         return f"{label} ({powers})"
 
     def axes(self, ax: Axes | None, size: tuple[float, float], x: Measure, y: Measure) -> Axes:
