@@ -347,6 +347,11 @@ def test_a_held_end_is_shown_held_and_is_not_called_free():
     assert len(ends) == 4
     assert min(ends[2]) < tips.min() < tips.max() < max(ends[3])
     assert not by_gid(plot.snapshots(run("rest"), ax=axes()), "support")
+    ax = plot.snapshots(motion, (0.1234, 1.234), units="si", ax=axes(figsize=(2.2, 4.0)))
+    ax.figure.draw_without_rendering()
+    lines = ax.title._get_wrapped_text().split("\n")
+    assert len(lines) > 2
+    assert all(line.count("$") % 2 == 0 and line != "s" for line in lines)
 
 
 def test_the_arrow_of_an_inclined_nozzle_is_its_jet():

@@ -385,9 +385,10 @@ def snapshots(
     ax.add_collection(lines)
     _surroundings(ax, motion, shapes, shapes[-1], view)
     start, end = view.one(ELAPSED) * start, view.one(ELAPSED) * end
-    name, unit = ("t", " s") if view.si else (r"\tau", "")
+    # Long titles break at spaces.
+    name, unit = ("t", "\N{NO-BREAK SPACE}s") if view.si else (r"\tau", "")
     ends = f"{end - start:.4g}$" if kind else f"{start:.4g}$ to {end:.4g}"
-    what = f"a {kind} of ${name} = {ends}" if kind else f"${name} = {ends}"
+    what = f"a {kind} of ${name}={ends}" if kind else f"${name}={ends}"
     ax.set_title(f"{_title(motion, view)}\n{count} shapes, {what}{unit}")
     return ax
 
