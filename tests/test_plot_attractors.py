@@ -7,6 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 from canvas import axes, legend_of
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 import pipedyn as pp
 from pipedyn import plot
@@ -43,6 +45,8 @@ def test_equilibria_in_the_plane_are_marked():
     marked = [line.get_xydata()[0] for line in ax.lines]
     ends = [basin.motion.q[-1] for basin in wide.basins if basin.ending == "rest"]
     np.testing.assert_allclose(marked, ends)
+    markers = [line.get_marker() for line in ax.get_legend().findobj(Line2D)]
+    assert markers == [line.get_marker() for line in ax.lines]
 
 
 def test_what_did_not_settle_or_failed_is_in_the_legend():
@@ -78,7 +82,7 @@ def test_pictures_of_what_rests_say_so():
     rest = next(basin for basin in found().basins if basin.ending == "rest")
     for picture in (plot.poincare_section, plot.spectrum):
         (text,) = picture(rest, ax=axes()).texts
-        assert text.get_text() == "all are at rest"
+        assert text.get_text() == "at rest"
 
 
 def test_pictures_refuse_what_they_cannot_show():
@@ -89,6 +93,8 @@ def test_pictures_refuse_what_they_cannot_show():
             picture(found(), start=1.0, ax=axes())
         with pytest.raises(TypeError, match="found must be Attractors, a Basin, a Motion, several"):
             picture(3, ax=axes())
+        with pytest.raises(TypeError, match="found must be Attractors, a Basin, a Motion or sev"):
+            picture(pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 2), 4.0), ax=axes())
         with pytest.raises(ValueError, match="start must leave at least 3 samples of found"):
             picture(flutter(), start=29.99, ax=axes())
 
@@ -167,9 +173,10 @@ def test_decibels_are_ten_logarithms_of_the_density():
 def test_a_measured_pipe_has_its_density_over_hertz():
     model = pp.Chain(MEASURED, 2)
     motion = replace(flutter(), model=model)
+    second = MEASURED.scales.time
     plain, hertz = (
-        plot.spectrum(motion, start=15.0, units=units, ax=axes())
-        for units in ("nondimensional", "si")
+        plot.spectrum(motion, start=start, units=units, ax=axes())
+        for start, units in ((15.0, "nondimensional"), (15.0 * second, "si"))
     )
     (omega, density), (f, density_si) = map(curve_of, (plain, hertz))
     np.testing.assert_allclose(f, omega / (2.0 * np.pi * MEASURED.scales.time))
@@ -179,7 +186,7 @@ def test_a_measured_pipe_has_its_density_over_hertz():
         "frequency (Hz)",
         "spectral density of $x$ (m$^{2}$/Hz)",
     )
-    ax = plot.spectrum(motion, start=15.0, units="si", decibels=True, ax=axes())
+    ax = plot.spectrum(motion, units="si", decibels=True, ax=axes())
     assert ax.get_ylabel() == "spectral density of $x$ (dB re 1 m$^{2}$/Hz)"
 
 
@@ -192,6 +199,18 @@ def test_the_section_of_a_settled_motion_is_that_of_its_attractor(coordinate):
     expected = np.broadcast_to(of_attractor.lines[0].get_xydata()[0], points.shape)
     np.testing.assert_allclose(points, expected, rtol=2e-4)
     assert of_motion.get_title() == "$u = 4$, ejecting\nat maxima of the free end"
+
+
+@pytest.mark.parametrize(
+    "picture", [plot.time_history, plot.phase_portrait, plot.poincare_section, plot.spectrum]
+)
+def test_a_start_is_in_the_units_shown(picture):
+    motion, second = replace(flutter(), model=pp.Chain(MEASURED, 2)), MEASURED.scales.time
+    shown = picture(motion, start=15.0 * second, units="si", ax=axes()).lines[-1].get_xydata()
+    early = picture(motion, start=15.0, ax=axes()).lines[-1].get_xydata()
+    assert shown.shape == early.shape
+    with pytest.raises(ValueError, match=f"third last is at {29.98 * second:g} s, got 1000"):
+        picture(motion, start=1000.0, units="si", ax=axes())
 
 
 def test_the_section_of_a_driven_motion_is_taken_once_a_period():
@@ -224,12 +243,14 @@ def test_several_motions_have_a_legend_unless_none_is_wanted():
 def test_motions_of_several_pipes_have_each_its_own_units():
     """The second pipe is twice as long, so that its free end is seen to move twice as far."""
     long = pp.Pipe.from_si(length=1.0, bending_stiffness=0.01, pipe_mass=0.1, fluid_mass=0.02)
-    two = [replace(flutter(), model=pp.Chain(pipe, 2)) for pipe in (MEASURED, long)]
-    ax = plot.poincare_section(two, start=20.0, units="si", ax=axes())
+    names = ("t", "q", "qdot", "tip", "energy", "flow_speed")
+    late = replace(flutter(), **{name: getattr(flutter(), name)[2000:] for name in names})
+    two = [replace(late, model=pp.Chain(pipe, 2)) for pipe in (MEASURED, long)]
+    ax = plot.poincare_section(two, units="si", ax=axes())
     short, far = (line.get_xdata().mean() for line in ax.lines)
     assert ax.get_ylabel() == "rate $\\dot{q}_{1}$ (1/s)"
     assert far == pytest.approx(2.0 * short)
-    ax = plot.spectrum(two, start=15.0, units="si", ax=axes())
+    ax = plot.spectrum(two, units="si", ax=axes())
     drawn = [line.get_xydata().T for line in ax.lines]
     energies = [np.sum(np.gradient(f) * density) for f, density in drawn]
     assert energies[1] == pytest.approx(4.0 * energies[0])
@@ -258,3 +279,29 @@ def test_a_section_of_a_measured_pipe_has_axes_in_si_units():
     assert section.get_title().endswith("at maxima of the free end")
     assert section.get_xlim()[1] == pytest.approx(0.5 * plain.get_xlim()[1])
     assert section.get_ylim()[1] == pytest.approx(plain.get_ylim()[1] / MEASURED.scales.time)
+
+
+@pytest.mark.parametrize("picture", [plot.poincare_section, plot.spectrum])
+def test_no_section_or_spectrum_is_drawn_of_samples_twice_a_cycle(picture):
+    """The spectrum would have its peak at an alias, and the section would look like a torus."""
+    seldom = flutter(samples=round(2.1 * 30.0 / settled().period))
+    with pytest.raises(ValueError, match="found must be sampled at least six times a cycle"):
+        picture([flutter(), seldom], start=10.0, ax=axes())
+
+
+def test_a_periodic_motion_has_no_peak_below_its_frequency():
+    """The mean left in a segment that is no whole number of periods is no slow motion."""
+    for segments in (2, 4):
+        ax = plot.spectrum(flutter(), start=15.0, segments=segments, ax=axes())
+        _, density = curve_of(ax)
+        assert density[0] < 2.0 * density[1]
+
+
+def test_the_label_of_decibels_is_not_cut_off():
+    motion = replace(flutter(), model=pp.Chain(MEASURED, 2))
+    four = Figure(figsize=(7.0, 5.0), layout="constrained").subplots(2, 2)
+    for ax in four.flat:
+        plot.spectrum(motion, decibels=True, units="si", ax=ax)
+    ax.figure.draw_without_rendering()
+    for ax in four.flat:
+        assert ax.yaxis.label.get_window_extent().height < ax.get_window_extent().height

@@ -137,6 +137,7 @@ def test_multipliers_outside_the_unit_circle_are_crosses():
     inside, outside = ax.collections
     np.testing.assert_allclose(sorted(inside.get_offsets()[:, 1]), [-0.5, 0.5])
     np.testing.assert_allclose(outside.get_offsets(), [[-1.4, 0.0]])
+    assert ax.lines[-1].get_zorder() > outside.get_zorder()  # the ring at 1 is not covered
     assert ax.get_aspect() == 1.0
     assert legend_of(ax) == ["inside the circle", "outside: unstable", "trivial, 1"]
     assert plot.multipliers(circle(), legend=False, ax=axes()).get_legend() is None

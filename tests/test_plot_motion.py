@@ -7,6 +7,7 @@ import io
 import math
 import re
 from functools import cache, partial
+from itertools import pairwise
 
 import matplotlib
 import numpy as np
@@ -163,6 +164,29 @@ def test_a_motion_with_fewer_than_ten_samples_a_cycle_has_a_note(draw):
     assert ax.get_title().startswith("fewer than ten samples a cycle: 1 of 2 motions")
 
 
+def test_a_slow_drift_does_not_hide_a_swing_of_few_samples():
+    """The pipe falls to one side, and swings with six samples a cycle."""
+    model = pp.Galerkin(pp.Pipe(0.2, -12.0, damping=0.0005), 6)
+    fall = pp.simulate(model, 0.5, 60.0, lambda s: 0.01 * s + 0.02 * np.sin(12.6 * s), samples=301)
+    assert "fewer than ten samples a cycle" in plot.time_history(fall, ax=axes()).get_title()
+    slow = every_one(run("decay"), 5)
+    assert "fewer" not in plot.time_history(slow, ax=axes()).get_title()
+
+
+def test_rounding_is_not_drawn_as_a_motion():
+    motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 3), 2.0, 60.0, bend, samples=3001)
+    ax = plot.time_history(motion, start=40.0, ax=axes())
+    assert ax.get_title() == "$u = 2$, ejecting\nthe free end is at rest"
+    assert np.ptp(ax.get_ylim()) > 1e3 * np.ptp(ax.lines[-1].get_ydata())
+    ax = plot.phase_portrait(motion, 1, start=40.0, ax=axes())
+    assert ax.get_title() == "$u = 2$, ejecting\nthe coordinate is at rest"
+    drawn = np.ptp([line.get_xydata()[0] for line in ax.lines], axis=0)
+    assert min(np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim())) > 1e3 * drawn.max()
+    both = plot.time_history([run("rest"), run("decay")], ax=axes())
+    assert both.get_title() == "the free end is at rest: 1 of 2 motions"
+    assert both.get_ylim()[1] > 1e-3
+
+
 def every_one(motion, step):
     """A motion as it would be with fewer samples."""
     names = ("t", "q", "qdot", "tip", "energy", "flow_speed")
@@ -193,6 +217,26 @@ def test_a_chaotic_motion_has_no_last_cycle():
         for one in (chaos, cycle)
     ]
     assert max(widths[0]) < 1.0 < max(widths[1])
+    for one, words in ((chaos, "a swing of"), (cycle, "a cycle of")):
+        assert words in plot.snapshots(one, ax=axes()).get_title()
+    repeats = [plot.animate(one, fps=4, ax=small_axes()) for one in (chaos, cycle)]
+    assert [film.repeats for film in repeats] == [False, True]
+    for film in repeats:
+        film._init_draw()
+
+
+def test_a_portrait_of_many_seldom_samples_has_no_corners():
+    cycle = pp.limit_cycle(CHAIN, 6.0)
+    q, qdot = cycle.q[0], cycle.qdot[0]
+    long = pp.simulate(CHAIN, 6.0, 520 * cycle.period, q, qdot, samples=8 * 520 + 1)
+    ax = plot.phase_portrait(long, ax=axes())
+    points = ax.lines[1].get_xydata()[: 4 * 64] / [
+        np.ptp(cycle.tip[:, 0]),
+        np.ptp(cycle.tip_velocity[:, 0]),
+    ]
+    steps = np.diff(points, axis=0)
+    turn = np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))
+    assert np.abs(turn).max() < 0.3
 
 
 def test_the_tip_moves_as_its_velocity_says():
@@ -284,6 +328,32 @@ def test_gravity_points_down_the_page_and_the_arrow_along_the_flow(name):
     assert np.linalg.norm(farther - motion.tip[-1]) > 0.1
 
 
+def test_a_held_end_is_shown_held_and_is_not_called_free():
+    held = {"root": "pinned", "end": "pinned", "supports": (0.3,), "damping_time": 2e-3}
+    masses = {"pipe_mass": 0.08, "fluid_mass": 0.05}
+    pipe = pp.Pipe.from_si(length=0.45, bending_stiffness=7.3e-3, **masses, **held)
+    motion = pp.simulate(pp.Galerkin(pipe, 4), 1.0, 5.0, lambda s: 0.05 * np.sin(np.pi * s))
+    place = f"at $s/L={pipe.tip_place:.3g}$"
+    assert plot.time_history(motion, ax=axes()).get_ylabel() == f"$x/L$ {place}"
+    ax = plot.phase_portrait(motion, units="si", ax=axes())
+    assert ax.get_xlabel() == f"$x$ {place} (m)"
+    assert ax.get_ylabel() == f"velocity $\\dot{{x}}$ {place} (m/s)"
+    ax = plot.poincare_section(motion, ax=axes())
+    assert ax.get_title().endswith(f"at maxima of the point {place}")
+    ax = plot.snapshots(motion, ax=axes())
+    ends = [line.get_ydata() for line in by_gid(ax, "support")]
+    (shapes,) = ax.collections
+    tips = np.array(shapes.get_segments())[:, -1, 1]
+    assert len(ends) == 4
+    assert min(ends[2]) < tips.min() < tips.max() < max(ends[3])
+    assert not by_gid(plot.snapshots(run("rest"), ax=axes()), "support")
+    ax = plot.snapshots(motion, (0.1234, 1.234), units="si", ax=axes(figsize=(2.2, 4.0)))
+    ax.figure.draw_without_rendering()
+    lines = ax.title._get_wrapped_text().split("\n")
+    assert len(lines) > 2
+    assert all(line.count("$") % 2 == 0 and line != "s" for line in lines)
+
+
 def test_the_arrow_of_an_inclined_nozzle_is_its_jet():
     model = pp.Chain(pp.Pipe(0.2, jet_angle=1.2), 6)
     motion = pp.simulate(model, 1.0, 1.0, bend, samples=201)
@@ -328,6 +398,26 @@ def test_nothing_of_a_picture_of_motion_is_cut_off(draw, name):
         assert inside.y0 <= box.y0 <= box.y1 <= inside.y1
 
 
+def test_labels_of_ticks_do_not_meet_in_a_figure_of_four():
+    four = Figure(figsize=(7.0, 5.0), layout="constrained").subplots(2, 2)
+    swing = pp.simulate(CHAIN, 6.0, 0.3, lambda s: 0.01 * s, samples=301)
+    pictures = [
+        partial(plot.snapshots, swing),
+        partial(plot.snapshots, run("rest")),
+        partial(plot.phase_portrait, swing, 0),
+        partial(plot.phase_portrait, run("decay"), 2, start=0.3),
+    ]
+    for draw, ax in zip(pictures, four.flat, strict=True):
+        draw(ax=ax)
+    ax.figure.draw_without_rendering()
+    for ax in four.flat:
+        low, high = ax.get_xlim()
+        shown = [one for one in ax.xaxis.get_major_ticks() if low <= one.get_loc() <= high]
+        boxes = [one.label1.get_window_extent() for one in shown]
+        assert len(boxes) > 1
+        assert all(one.x1 < two.x0 for one, two in pairwise(boxes))
+
+
 def test_histories_and_portraits_show_every_motion_under_its_speed():
     ax = plot.time_history(run("many"), ax=axes())
     assert legend_of(ax) == ["$u = 5.5$", "$u = 6$"]
@@ -338,6 +428,15 @@ def test_histories_and_portraits_show_every_motion_under_its_speed():
     assert curves[0].get_linestyle() != curves[1].get_linestyle()
     ax = plot.time_history([run("cycle"), run("fine")], ax=axes())
     assert legend_of(ax) == ["0: $u = 6$, Chain, 6 d.o.f.", "1: $u = 6$, Chain, 6 d.o.f."]
+
+
+def test_a_dozen_motions_differ_in_grey_and_more_are_counted():
+    many = [run("rest")] * 12
+    ax = plot.time_history(many, ax=axes())
+    looks = [(str(line._dash_pattern), line.get_linewidth()) for line in ax.lines[1:]]
+    assert len(set(looks)) == len(legend_of(ax)) == 12
+    ax = plot.time_history([*many, run("decay")], ax=axes())
+    assert ax.get_title().startswith("13 motions")
 
 
 def test_members_that_failed_are_left_out_of_a_picture_and_told():

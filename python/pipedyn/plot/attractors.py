@@ -27,7 +27,9 @@ from pipedyn.plot.motion import (
     animate,
     checked_motions,
     explain,
+    refuse_coarse,
     signals,
+    widen,
 )
 from pipedyn.plot.units import (
     AMPLITUDE,
@@ -50,10 +52,6 @@ UNSETTLED, FAILED = "0.75", "#FFFFFF"
 
 SHAPES = ("o", "s", "^", "D", "v", "P", "X", "h")
 """Markers of attractors at rest, and of points in Poincare sections."""
-
-SMALLEST_VIEW = 0.05
-"""Least half-width of the axes of a section, as a share of the largest value. Without it the few
-points of a cycle would be magnified until rounding shows."""
 
 FILMED = 10.0
 """Duration of the motion in a film of an irregular motion, in T: some twenty swings of flutter."""
@@ -79,10 +77,11 @@ def basins(
 ) -> Axes:
     """Basins of attraction: the attractor on which the motion from each start of a plane ends.
 
-    Each attractor has a colour, and the legend gives its share of the starts. A white marker shows
-    an equilibrium that lies in the plane. Starts whose motions end on an unstable equilibrium or
-    cycle belong to no basin: crosses show them, over the colour of the nearest start of a basin.
-    Starts whose motions did not settle are grey, and those whose motions failed are white.
+    Each attractor has a colour, and the legend gives its share of the starts. A white marker, also
+    in the legend, shows an equilibrium that lies in the plane. Starts whose motions end on an
+    unstable equilibrium or cycle belong to no basin: crosses show them, over the colour of the
+    nearest start of a basin. Starts whose motions did not settle are grey, and those whose motions
+    failed are white.
     Coordinates are those of the model, counted from 0.
 
     Args:
@@ -151,7 +150,9 @@ def basins(
             inside = x[0] <= end[0] <= x[-1] and y[0] <= end[1] <= y[-1]
             if inside:
                 look = common.open_marker(6.0, marker=SHAPES[k % len(SHAPES)], zorder=3.0)
-                ax.plot(*end, gid=f"rest {k}", **look)
+                (mark,) = ax.plot(*end, gid=f"rest {k}", **look)
+                entry = f"{_name(found, k, view)}, {_percent(basin.share)}"
+                named[entry] = (named[entry], mark)  # one over the other
     if legend:
         common.legend_below(ax, named)
     ax.set_title(f"{view.speed(found.u, 6)}, {found.model.pipe.flow}")
@@ -185,8 +186,8 @@ def poincare_section(
             members are left out. What rests has no section.
         coordinate: "tip" for the transverse position of the free end, or the index of a coordinate,
             counted from 0.
-        start: time in T from which motions are shown, to leave out a transient; all if not given.
-            Attractors have none.
+        start: time from which motions are shown, in T, or in s with units="si", to leave out a
+            transient; all if not given. Attractors have none.
         units: "nondimensional", or "si" if the pipe has scales.
         legend: whether attractors or several motions have a legend.
         ax: Axes to draw on; new ones if not given.
@@ -198,8 +199,8 @@ def poincare_section(
         >>> ax = plot.poincare_section(motion, start=20.0)
 
     Raises:
-        ValueError: for fewer than 3 samples from `start` on; for an index that a model does not
-            have; for a `start` of attractors.
+        ValueError: for motions of fewer than 3 samples from `start` on, or samples too far apart to
+            interpolate; for an index that a model does not have; for a `start` of attractors.
         TypeError: for bad arguments.
     """
     given = _Given(found, start, units)
@@ -227,15 +228,9 @@ def poincare_section(
         handles[one.label] = Line2D([], [], markersize=5.0, **look)
     if handles:
         ax.margins(0.08)
-        for seen, limits in (
-            (ax.dataLim.intervalx, ax.set_xlim),
-            (ax.dataLim.intervaly, ax.set_ylim),
-        ):
-            least = SMALLEST_VIEW * float(np.abs(seen).max())
-            if np.ptp(seen) < least:
-                limits(seen.mean() - least, seen.mean() + least)
-        ax.locator_params(nbins=SIGNED_TICKS)
-    where = {True: "once a period of the drive", False: "at maxima of the free end"}
+        widen(ax, "xy")
+        ax.locator_params(axis="x", nbins=SIGNED_TICKS)
+    where = {True: "once a period of the drive", False: f"at maxima of {given.view.end}"}
     lines = dict.fromkeys(where[period > 0.0] for period in periods) if handles else ()
     given.explain(ax, handles, *lines, legend=legend)
     return ax
@@ -255,7 +250,8 @@ def spectrum(
 
     The spectrum of an attractor is the amplitude over the frequency; that of a cycle is drawn as
     stems at its harmonics. The spectrum of a motion is its power spectral density by Welch's
-    method: the mean over half-overlapping segments, each without its mean and with Hann's window.
+    method: the mean over half-overlapping segments, each with Hann's window and without its mean,
+    weighted by that window.
     The integral of the density over the frequencies shown is the mean square of the motion about
     its mean. Uneven samples are interpolated by cubics, at steps of the least distance between two.
     The title says where a mean cycle has fewer than ten samples.
@@ -265,8 +261,8 @@ def spectrum(
     Args:
         found: attractors; one of the basins; one or several motions; or an ensemble, whose failed
             members are left out. What rests has no spectrum.
-        start: time in T from which motions are shown, to leave out a transient; all if not given.
-            Attractors have none.
+        start: time from which motions are shown, in T, or in s with units="si", to leave out a
+            transient; all if not given. Attractors have none.
         segments: number of segments, for motions; fewer if a segment would have less than 16
             samples. More segments make a smoother curve, fewer a finer resolution.
         decibels: whether the ordinate is linear in decibels, 10 log10 of the density or 20 log10 of
@@ -282,7 +278,8 @@ def spectrum(
         >>> ax = plot.spectrum(motion, start=10.0, decibels=True)
 
     Raises:
-        ValueError: for fewer than 3 samples from `start` on; for a `start` of attractors.
+        ValueError: for motions of fewer than 3 samples from `start` on, or samples too far apart to
+            interpolate; for a `start` of attractors.
         TypeError: for bad arguments.
 
     Source: Welch (1967), The use of fast Fourier transform for the estimation of power spectra,
@@ -327,7 +324,8 @@ def spectrum(
         ax.set(xlim=(0.0, 1.05 * last), ylim=ends)
     if decibels:
         label = given.view.label(quantity)
-        ax.set_ylabel(label.replace("(", "(dB re 1 ") if given.view.si else f"{label} (dB)")
+        label = label.replace("(", "(dB re 1 ") if given.view.si else f"{label} (dB)"
+        common.set_labels(ax, ylabel=label)
     handles = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
     given.explain(ax, handles, legend=legend)
     return ax
@@ -408,7 +406,13 @@ def _density(one: Signal, segments: int) -> tuple[Any, Any]:
     t = np.linspace(t[0], t[-1], size)
     length = min(max(2 * size // (segments + 1), FEWEST_IN_SEGMENT), size)
     x = one.curve(t) * one.moves
-    hertz, density = scipy.signal.welch(x, 1.0 / float(t[1] - t[0]), nperseg=length)
+    hann = scipy.signal.get_window("hann", length)
+
+    def centred(parts: Any) -> Any:  # of the plain mean, the window would spread the rest
+        return parts - np.average(parts, axis=-1, weights=hann)[..., None]
+
+    rate = 1.0 / float(t[1] - t[0])
+    hertz, density = scipy.signal.welch(x, rate, hann, detrend=centred)
     return 2.0 * math.pi * hertz[1:], density[1:] / (2.0 * math.pi)
 
 
@@ -431,13 +435,16 @@ class _Given:
                 raise ValueError(f"{rule}, got {check.shown(start)}")
             motions: list[Any] = [basin.motion for basin in basins]
         else:
-            motions, self.failed = checked_motions(found, start, "found", "Attractors, a Basin, ")
+            others = "Attractors, a Basin, "
+            motions, self.failed = checked_motions(found, start, units, "found", others)
             for motion in motions:
-                check.instance("found", motion, Motion)
+                check.instance("found", motion, Motion, f"{others}a Motion or several")
         self.basins: list[Basin | None] = [*basins] or [None] * len(motions)
         self.models = [one.model for one in motions] or [found.model]
         self.view = View(units, self.models[0].pipe)
         self.shown = signals(motions, None, units, rates_shown=False)
+        for one in self.shown[len(basins) :]:  # attractors bring their sections and spectra
+            refuse_coarse("found", one.motion.t, one.dotted)
         for k, (one, basin) in enumerate(zip(self.shown, basins, strict=False)):
             named = isinstance(found, Attractors)
             one.label = _name(found, k, self.view) if named else _kind(basin, self.view)
@@ -445,7 +452,8 @@ class _Given:
     def explain(self, ax: Axes, handles: Any, *lines: str, legend: bool) -> None:
         """Adds a legend, a title with some lines, and words where nothing moves."""
         if not handles:
-            words = "all are at rest" if self.shown else "no attractor was found"
+            words = "all are at rest" if self.shown[1:] else "at rest"
+            words = words if self.shown else "no attractor was found"
             ax.text(0.5, 0.5, words, transform=ax.transAxes, ha="center", va="center")
         alone = len(self.shown) == 1 and self.basins[0] is None
         if legend and not alone and len(handles) <= 12:

@@ -258,7 +258,7 @@ def multipliers(
         named[words] = Line2D([], [], **entry)
     if speeds is not None:
         common.colour_bar(view.label(FLOW_SPEED), ax=ax)
-    ring = {"markerfacecolor": "none", "markeredgewidth": 1.4, "zorder": 2.5}
+    ring = {"markerfacecolor": "none", "markeredgewidth": 1.4, "zorder": 3.5}
     look = common.open_marker(7.0, common.SKY, **ring)
     (named["trivial, 1"],) = ax.plot([1.0], [0.0], **look)
     ax.margins(0.08)

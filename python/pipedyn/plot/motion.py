@@ -74,7 +74,7 @@ def time_history(
     legend: bool = True,
     ax: Axes | None = None,
 ) -> Axes:
-    """Transverse displacement of the free end over time.
+    """Transverse displacement of the free end over time; of `Pipe.tip_place` if the end is held.
 
     Samples too far apart for a curve are shown as dots. The title says where a mean cycle has fewer
     than ten samples.
@@ -83,7 +83,8 @@ def time_history(
         motions: one or several motions, limit cycles or basins, or an ensemble, whose failed
             members are left out. Between samples, cubics through positions and velocities are
             shown.
-        start: time in T from which motions are shown, to leave out a transient; all if not given.
+        start: time from which motions are shown, in T, or in s with units="si", to leave out a
+            transient; all if not given.
         units: "nondimensional", or "si" if the pipe has scales.
         legend: whether several motions have a legend.
         ax: Axes to draw on; new ones if not given.
@@ -96,7 +97,7 @@ def time_history(
         ValueError: for fewer than 3 samples from `start` on.
         TypeError: for bad arguments.
     """
-    chosen, failed = checked_motions(motions, start)
+    chosen, failed = checked_motions(motions, start, units)
     legend = check.flag("legend", legend)
     shown = signals(chosen, None, units, rates_shown=False)
     ax = shown[0].view.axes(ax, (6.4, 3.2), ELAPSED, TIP)
@@ -105,7 +106,7 @@ def time_history(
         t = one.times()
         ax.plot(one.view.one(ELAPSED) * t, one.values(t), **{"linewidth": 1.0} | one.drawn())
     ax.margins(x=0.0)
-    explain(ax, shown, failed, legend=legend)
+    explain(ax, shown, failed, *_rest(ax, shown, "y"), legend=legend)
     return ax
 
 
@@ -126,9 +127,10 @@ def phase_portrait(
     Args:
         motions: one or several motions, limit cycles or basins, or an ensemble, whose failed
             members are left out.
-        coordinate: "tip" for the transverse displacement of the end, or the index of a coordinate,
-            counted from 0, which shows how a pipe moves whose end is held.
-        start: time in T from which motions are shown, to leave out a transient; all if not given.
+        coordinate: "tip" for the transverse displacement of the free end, or of `Pipe.tip_place` if
+            the end is held; or the index of a coordinate, counted from 0.
+        start: time from which motions are shown, in T, or in s with units="si", to leave out a
+            transient; all if not given.
         units: "nondimensional", or "si" if the pipe has scales.
         legend: whether several motions have a legend.
         ax: Axes to draw on; new ones if not given.
@@ -142,7 +144,7 @@ def phase_portrait(
             have.
         TypeError: for bad arguments.
     """
-    chosen, failed = checked_motions(motions, start)
+    chosen, failed = checked_motions(motions, start, units)
     legend = check.flag("legend", legend)
     least = min(motion.model.coordinates for motion in chosen)
     index, across = of_coordinate(coordinate, least)
@@ -160,21 +162,49 @@ def phase_portrait(
             thin["alpha"] = 0.5
         for part in (t,) if ends is None else (t[t <= ends[0]], t[t >= ends[1]]):
             ax.plot(one.values(part), one.values(part, 1), **look | thin)
-        if start is None and not one.dotted:
+        if (start is None or not one.moves) and not one.dotted:
             ring = common.open_marker(4.5, look["color"], zorder=3.0)
             ax.plot(one.values(t[0]), one.values(t[0], 1), **ring)
-    ax.locator_params(nbins=SIGNED_TICKS)
-    explain(ax, shown, failed, legend=legend)
+    ax.locator_params(axis="x", nbins=SIGNED_TICKS)
+    explain(ax, shown, failed, *_rest(ax, shown, "xy"), legend=legend)
     return ax
+
+
+def _rest(ax: Axes, shown: Sequence[Signal], names: str) -> list[str]:
+    """Lines of a title about what rests; widens the axes of these names if nothing moves."""
+    if not (resting := sum(not one.moves for one in shown)):
+        return []
+    if resting == len(shown):
+        widen(ax, names, 1.0)
+    words = f"{shown[0].view.end if shown[0].index is None else 'the coordinate'} is at rest"
+    return [words if len(shown) == 1 else f"{words}: {resting} of {len(shown)} motions"]
+
+
+SMALLEST_VIEW = 0.05
+"""Least half-width of axes on which something rests or recurs, as a share of the largest value.
+Without it the few points of a cycle would be magnified until rounding shows."""
+
+
+def widen(ax: Axes, names: str, largest: float = 0.0) -> None:
+    """Widens axes, "x", "y" or "xy", to `SMALLEST_VIEW` of the largest value seen or given."""
+    for name in names:
+        seen = getattr(ax.dataLim, f"interval{name}")
+        half = SMALLEST_VIEW * max(float(np.abs(seen).max()), largest)
+        if np.ptp(seen) < half:
+            ax.set(**{f"{name}lim": (seen.mean() - half, seen.mean() + half)})
 
 
 Cubics: TypeAlias = "scipy.interpolate.CubicHermiteSpline"
 
-SIGNED_TICKS = 6
-"""Largest number of intervals between ticks: labels with signs then do not meet in one column."""
+SIGNED_TICKS = 4
+"""Largest number of intervals between ticks of an x axis: labels with signs then do not meet in a
+panel of two columns."""
 
 ENOUGH_A_CYCLE = 10.0
 """Number of samples in a mean cycle below which a picture has a note."""
+
+SMALLEST_SWING = 0.02
+"""Share of the range below which a motion between two turning points is hardly seen."""
 
 
 class Signal:
@@ -188,7 +218,9 @@ class Signal:
 
     Attributes:
         dotted: whether samples are too far apart for a curve, so that dots show them.
-        few: whether there are fewer than `ENOUGH_A_CYCLE` samples in a mean cycle.
+        a_cycle: number of samples in a mean cycle, which is twice the mean time between turning
+            points; infinite where nothing swings.
+        few: whether that number is below `ENOUGH_A_CYCLE`.
     """
 
     def __init__(self, motion: Sampled, index: int | None, units: Units, rates_shown: bool) -> None:
@@ -196,18 +228,26 @@ class Signal:
         shown = (motion.tip, motion.tip_velocity) if index is None else (motion.q, motion.qdot)
         at, velocity = (values[:, index or 0] for values in shown)
         self.curve = scipy.interpolate.CubicHermiteSpline(motion.t, at, velocity)
-        self.moves = bool(np.ptp(at) > LEAST_MOTION)
-        self.dotted = is_coarse(self.curve, rates_shown=rates_shown)
-        # A sine has this angular frequency, however seldom it is sampled.
-        frequency = math.sqrt(np.mean(velocity**2)) / max(float(np.std(at)), LEAST_MOTION)
         interval = float(np.diff(motion.t).max())
-        self.few = self.moves and 2.0 * math.pi < ENOUGH_A_CYCLE * frequency * interval
+        # Samples once a cycle are all at the same position.
+        self.moves = bool(max(np.ptp(at), interval * np.abs(velocity).max()) > LEAST_MOTION)
+        self.dotted = is_coarse(self.curve, rates_shown=rates_shown)
+        turns = self.curve.derivative().roots(extrapolate=False)
+        turns = turns[np.isfinite(turns)]  # NaN is given for pieces at rest
+        seen = np.abs(np.diff(self.curve(turns))) > SMALLEST_SWING * np.ptp(at)
+        swings = np.diff(turns)[seen] if self.moves else turns[:0]
+        self.a_cycle = 2.0 * float(swings.mean()) / interval if swings.size else math.inf
+        self.few = self.a_cycle < ENOUGH_A_CYCLE
         self.label = self.view.speed(motion.u, 6)
         self.look: dict[str, Any] = {}
 
     def times(self) -> Array:
         """Times at which straight lines look like the motion; those of the samples for dots."""
-        return self.curve.x if self.dotted else finer_times(self.curve.x)
+        if self.dotted:
+            return self.curve.x
+        t = self.curve.x
+        parts = min(8, math.ceil(max(DRAWN_POINTS / t.size, DRAWN_A_CYCLE / self.a_cycle)))
+        return np.interp(np.arange((t.size - 1) * parts + 1) / parts, np.arange(t.size), t)
 
     def drawn(self) -> dict[str, Any]:
         """Label and look of its curve or dots."""
@@ -233,7 +273,8 @@ def signals(
     shown = [Signal(one, index, units, rates_shown) for one in motions]
     alike, widths = len({one.label for one in shown}) < len(shown), (1.6, 1.0, 2.2)
     for i, (one, look) in enumerate(zip(shown, cycle(common.CURVE_STYLES), strict=False)):
-        one.look, model = look, one.motion.model
+        again = {"linewidth": 2.0} if i >= len(common.CURVE_STYLES) else {}
+        one.look, model = look | again, one.motion.model
         if alike:
             one.label = f"{i}: {one.label}, {type(model).__name__}, {model.dof} d.o.f."
         if word := _steadiness(one.motion):
@@ -248,13 +289,16 @@ def explain(
     """Adds a legend for several motions, if wanted, and a title.
 
     The title has the speed of a single motion, lines of `more`, and notes of members left out and
-    of too few samples. More than 12 motions get no legend, as it would be as high as the Axes.
+    of too few samples. More than 12 motions get no legend, as it would be as high as the Axes, but
+    their number in the title.
     """
     title = []
     if len(shown) == 1:
         title.append(_title(shown[0].motion, shown[0].view))
     elif legend and len(shown) <= 12:
         common.legend_below(ax)
+    elif legend:
+        title.append(f"{len(shown)} motions")
     title += more
     if failed:
         which = ", ".join(map(str, failed[:6])) + (", ..." if len(failed) > 6 else "")
@@ -297,14 +341,15 @@ def snapshots(
 ) -> Axes:
     """Shapes of the pipe at equal time steps in one picture, the latest darkest.
 
-    The arrow at the free end of the latest shape shows the flow, out of the pipe or into it. The
-    arrow next to the clamp shows gravity, if there is any.
+    The arrow at the end of the latest shape shows the flow, out of the pipe or into it. The arrow
+    next to the clamp shows gravity, if there is any. A pair of lines along the axis shows a support
+    in which the pipe slides.
 
     Args:
         motion: a motion, a limit cycle, or a basin, whose attracting motion is shown.
-        span: start and end in T; if not given, the last cycle, or all of a motion without cycles. A
-            cycle lasts from one upward crossing of the middle position by the free end to the next
-            one in the same state.
+        span: start and end in T; if not given, the last cycle or swing, or all of a motion without
+            any. Both last from one upward crossing of the middle position by the free end to
+            another; that of a cycle is in the same state, and the cycle before was the same.
         count: number of shapes, from 2 to 1000. The shapes include both ends of a span, but only
             the end of a cycle, whose start looks the same.
         units: "nondimensional", or "si" if the pipe has scales.
@@ -320,11 +365,12 @@ def snapshots(
             samples, or samples too far apart to interpolate.
         TypeError: for bad arguments.
     """
-    motion, start, end, cycle = shown_part(motion, span)
+    motion, start, end, kind = shown_part(motion, span)
     count = check.count("count", count, low=2, high=1000)  # more than can be distinguished
     view = View(units, motion.model.pipe)
     ax = common.axes(ax, (4.4, 5.0))
-    times = np.linspace(start, end, count + 1)[1:] if cycle else np.linspace(start, end, count)
+    cycle = kind == "cycle"
+    times = np.linspace(start, end, count + cycle)[int(cycle) :]
     shapes = view.one(TRANSVERSE) * _shapes_at(motion, times)
     darkness = np.linspace(0.22, 1.0, 256)  # no shape is as light as the page
     lines = LineCollection(
@@ -339,9 +385,10 @@ def snapshots(
     ax.add_collection(lines)
     _surroundings(ax, motion, shapes, shapes[-1], view)
     start, end = view.one(ELAPSED) * start, view.one(ELAPSED) * end
-    name, unit = ("t", " s") if view.si else (r"\tau", "")
-    ends = f"{end - start:.4g}$" if cycle else f"{start:.4g}$ to {end:.4g}"
-    what = f"{'a cycle of ' * cycle}${name} = {ends}"
+    # Long titles break at spaces.
+    name, unit = ("t", "\N{NO-BREAK SPACE}s") if view.si else (r"\tau", "")
+    ends = f"{end - start:.4g}$" if kind else f"{start:.4g}$ to {end:.4g}"
+    what = f"a {kind} of ${name}={ends}" if kind else f"${name}={ends}"
     ax.set_title(f"{_title(motion, view)}\n{count} shapes, {what}{unit}")
     return ax
 
@@ -483,9 +530,9 @@ def animate(
             page with a player); if not given, no file is written.
         fps: frames a second, from 1 to 50, the most that a GIF can show.
         speed: time of the motion, in T, that is shown in a second of the animation. If not given, a
-            cycle takes 2.5 seconds, and all of a motion without cycles 8 seconds.
-        span: start and end in T; if not given, the last cycle, which repeats without end, or all of
-            a motion without cycles.
+            cycle or swing takes 2.5 seconds, and all of a motion without swings 8 seconds.
+        span: start and end in T; if not given, the last cycle, which repeats without end; the last
+            swing of a motion that grows or is chaotic, once; or all of a motion without swings.
         dpi: dots an inch in the file, from 10 to 1000; those of the figure if not given.
         progress: whether to show on stderr how many frames of the file are drawn.
         units: "nondimensional", or "si" if the pipe has scales.
@@ -505,7 +552,7 @@ def animate(
             too far apart to interpolate.
         TypeError: for bad arguments.
     """
-    motion, start, end, cycle = shown_part(motion, span)
+    motion, start, end, kind = shown_part(motion, span)
     if path is not None:
         path = _checked_path(path)
     fps = check.real("fps", fps, low=1.0, high=50.0)
@@ -513,7 +560,8 @@ def animate(
     shown = check.flag("progress", progress)
     if speed is not None:
         speed = check.real("speed", speed, low=0.0, open_low=True)
-    begin, finish = (start, end) if cycle else last_cycle(motion) or (0.0, 0.0)
+    cycle, swing = kind == "cycle", last_swing(motion)
+    begin, finish = (start, end) if kind else swing[:2] if swing else (0.0, 0.0)
     frames = _frames(end - start, finish - begin, fps, speed)
     own = ax is None
     if ax is None:
@@ -625,12 +673,17 @@ def _shapes_at(motion: Sampled, times: Array) -> Array:
 def _surroundings(
     ax: Axes, motion: Sampled, shapes: Array, shape: Array, view: View
 ) -> FancyArrowPatch | None:
-    """Draws clamp, gravity and flow, and sets axes of equal scale with room for all shapes.
+    """Draws supports, gravity and flow, and sets axes of equal scale with room for all shapes.
 
     Returns the arrow of the flow at the free end of `shape`; None if there is no flow.
     """
     pipe, one = motion.model.pipe, view.one(TRANSVERSE)
     clamp_and_gravity(ax, pipe.gamma, shapes, view)
+    for s in (*pipe.supports, *(1.0,) * pipe.end_held):  # as long as the way on which it slides
+        y = shapes[:, round(s * (shapes.shape[1] - 1)), 1]
+        ends = y.min() - 0.03 * one, y.max() + 0.03 * one
+        for x in (-0.04 * one, 0.04 * one):
+            ax.plot([x, x], ends, color=common.BLACK, linewidth=1.4, zorder=1.6, gid="support")
     if motion.u == 0.0:
         return None
     return _arrow(ax, common.VERMILION, "flow", flow_ends(pipe, shape, one))
@@ -644,9 +697,13 @@ def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array, view: View) -> None
     one = view.one(TRANSVERSE)
     common.set_labels(ax, xlabel=view.label(TRANSVERSE), ylabel=view.label(AXIAL))
     room = (ARROW + 0.06) * one
-    wide = max(0.36 * one, float(np.abs(shapes[..., 0]).max()) + room)
     low = min(-0.12 * one, float(shapes[..., 1].min()) - room)
     high = float(shapes[..., 1].max()) + room
+    # In narrow axes labels of ticks would lie on one another.
+    place = ax.get_position(original=True).transformed(ax.figure.transSubfigure)
+    wide = 0.5 * (high - low) * place.width / place.height
+    wide = max(0.36 * one, wide, float(np.abs(shapes[..., 0]).max()) + room)
+    ax.locator_params(axis="x", nbins=SIGNED_TICKS)
     ax.set_aspect("equal", adjustable="box")
     ax.set(xlim=(-wide, wide), ylim=(low, high) if gamma < 0.0 else (high, low))
     hatched: dict[str, Any] = {"facecolor": "0.92", "edgecolor": "0.35", "hatch": "////"}
@@ -655,7 +712,7 @@ def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array, view: View) -> None
     ax.plot([-0.1 * one, 0.1 * one], [0.0, 0.0], color=common.BLACK, linewidth=1.4, zorder=1.6)
     ax.axvline(0.0, color="0.6", linewidth=0.6, linestyle=(0, (6, 4)), zorder=0.5)
     if gamma != 0.0:
-        at, length = -wide + 0.1 * one, math.copysign(0.16, gamma) * one
+        at, length = -min(wide - 0.1 * one, 0.34 * one), math.copysign(0.16, gamma) * one
         start = (-0.06 if gamma > 0.0 else 0.1) * one
         _arrow(ax, common.BLACK, "gravity", ((at, start), (at, start + length)))
         ax.text(at + 0.03 * one, start + 0.5 * length, "$g$", va="center")
@@ -685,9 +742,14 @@ def flow_ends(pipe: Pipe, shape: Array, one: float) -> tuple[Any, Any]:
 DRAWN_POINTS = 4000
 """Desired number of points of a curve: two for each pixel of a picture 2000 pixels wide."""
 
+DRAWN_A_CYCLE = 64.0
+"""Desired number of points in a mean cycle, which then shows no corners in a phase portrait."""
 
-def checked_motion(motion: Any, name: str = "motion", start: Any = None) -> Sampled:
-    """The motion to draw, from a time on, for a motion, a limit cycle or a basin."""
+
+def checked_motion(
+    motion: Any, name: str = "motion", start: Any = None, units: Any = "nondimensional"
+) -> Sampled:
+    """The motion to draw, from a time in some units on, for a motion, a limit cycle or a basin."""
     if isinstance(motion, Basin):
         motion = motion.motion
     if not isinstance(motion, LimitCycle):
@@ -700,11 +762,13 @@ def checked_motion(motion: Any, name: str = "motion", start: Any = None) -> Samp
         )
     if start is None:
         return checked
-    first = int(np.searchsorted(checked.t, check.real("start", start)))
+    view = View(units, checked.model.pipe)
+    t = view.one(ELAPSED) * checked.t
+    first = int(np.searchsorted(t, check.real("start", start)))
     if checked.t.size - first < 3:
         raise ValueError(
             f"start must leave at least 3 samples of {name}, whose third last is at "
-            f"{checked.t[-3]:g} T, got {start:g}"
+            f"{t[-3]:g} {'s' if view.si else 'T'}, got {start:g}"
         )
     return _part(checked, slice(first, None))
 
@@ -716,15 +780,15 @@ def _part(motion: Sampled, held: slice) -> Sampled:
 
 
 def checked_motions(
-    motions: Any, start: Any = None, name: str = "motions", others: str = ""
+    motions: Any, start: Any, units: Any, name: str = "motions", others: str = ""
 ) -> tuple[list[Sampled], list[int]]:
-    """Motions of the argument `name`, from the time `start` on.
+    """Motions of the argument `name`, from the time `start` on, which is in some units.
 
     The second value holds the indices of members of an ensemble that failed and are left out.
     `others` names what else the argument may be.
     """
     if isinstance(motions, Motion | LimitCycle | Basin):
-        return [checked_motion(motions, name, start)], []
+        return [checked_motion(motions, name, start, units)], []
     several: Any = motions
     failures = {}
     if isinstance(motions, Ensemble):
@@ -738,7 +802,7 @@ def checked_motions(
         first = next(iter(failures.values()))
         raise ValueError(f"{name} must have a member that did not fail, the first: {first}")
     chosen = [
-        checked_motion(one, f"{name}[{i}]", start)
+        checked_motion(one, f"{name}[{i}]", start, units)
         for i, one in enumerate(several)
         if i not in failures
     ]
@@ -762,23 +826,23 @@ def is_coarse(
     return coarse(curve.x, curve(curve.x), curve(curve.x, 1), invisible, rates_shown=rates_shown)
 
 
-def refuse_coarse(motion: Sampled) -> None:
-    """Raises ValueError if samples are too far apart for the path of the free end."""
-    if is_coarse(tip_path_of(motion), invisible=INVISIBLE):
+def refuse_coarse(name: str, t: Array, found: bool) -> None:
+    """Raises ValueError if the samples of a motion were found too far apart for a curve."""
+    if found:
         raise ValueError(
-            "motion must be sampled at least six times a cycle of the fastest visible motion, got "
-            f"samples {np.diff(motion.t).max():.3g} T apart: compute it with more `samples=`"
+            f"{name} must be sampled at least six times a cycle of the fastest visible motion, got "
+            f"samples {np.diff(t).max():.3g} T apart: compute it with more `samples=`"
         )
 
 
-def last_cycle(motion: Sampled) -> tuple[float, float] | None:
-    """Start and end of the last whole cycle; None if there is none.
+def last_swing(motion: Sampled) -> tuple[float, float, bool] | None:
+    """Start and end of the last cycle or swing, and whether it is a cycle; None if there is none.
 
-    The cycle ends at the last crossing, at which the position of the free end rises through its
-    median over the last quarter of the time. The cycle starts at the latest earlier crossing with
-    the same state to 3 %, since the curve between both looks closed. If there is none, as in a
-    growing motion, it starts at the crossing before the last one. If the free end is held by a
-    support, the coordinate that moves most is taken instead.
+    It ends at the last crossing, at which the position of the free end rises through its median
+    over the last quarter of the time. A cycle starts at the latest earlier crossing with the same
+    state to 3 %, and the cycle before is the same: a chaotic motion comes near an earlier state by
+    chance. If there is none, as in a growing motion too, a swing starts at the crossing before the
+    last one. If the free end is held by a support, the coordinate that moves most is taken instead.
     """
     curve = tip_path_of(motion)
     if np.ptp(motion.tip[:, 0]) <= LEAST_MOTION:
@@ -801,34 +865,34 @@ def last_cycle(motion: Sampled) -> tuple[float, float] | None:
     rates = curve(crossings, 1) / np.abs(curve(late, 1)).max()
     states = np.column_stack([curve(crossings)[:, 1:], rates])
     same = np.flatnonzero(np.abs(states[:-1] - states[-1]).max(axis=1) < 0.03)
-    return float(crossings[same[-1] if same.size else -2]), float(crossings[-1])
+    end = float(crossings[-1])
+    for start in crossings[same[-1:]]:
+        if 2.0 * start - end >= motion.t[0]:
+            times = np.linspace(start, end, 201)
+            now, before = (coordinates_at(motion, times - past) for past in (0.0, end - start))
+            if np.abs(now - before).max() < 0.03 * np.ptp(now):
+                return float(start), end, True
+    return float(crossings[-2]), end, False
 
 
 def repeated_cycle(motion: Sampled) -> tuple[float, float] | None:
-    """Start and end of a limit cycle, or of the last cycle if the one before is the same to 3 %.
-
-    It is None where there is none: a chaotic motion comes near an earlier state by chance.
-    """
+    """Start and end of a limit cycle, or of the last cycle; None where there is none."""
     if isinstance(motion, LimitCycle):
         return float(motion.t[0]), float(motion.t[-1])
-    ends = last_cycle(motion)
-    if ends is None or 2.0 * ends[0] - ends[1] < motion.t[0]:
-        return None
-    now, before = (
-        coordinates_at(motion, np.linspace(*ends, 201) - past) for past in (0.0, ends[1] - ends[0])
-    )
-    return ends if np.abs(now - before).max() < 0.03 * np.ptp(now) else None
+    found = last_swing(motion)
+    return found[:2] if found and found[2] else None
 
 
-def shown_part(motion: Any, span: Any) -> tuple[Sampled, float, float, bool]:
-    """Samples around the part to show, its start and end, and whether it is the last cycle."""
+def shown_part(motion: Any, span: Any) -> tuple[Sampled, float, float, str]:
+    """Samples around the part to show, its start and end, and "cycle" or "swing" if it is one."""
     closed = isinstance(motion, LimitCycle)
     motion = checked_motion(motion)
     begin, finish = float(motion.t[0]), float(motion.t[-1])
-    cycle = None
+    found = None
     if span is None:
-        cycle = (begin, finish) if closed else last_cycle(motion)
-    start, end = cycle or (begin, finish)
+        found = (begin, finish, True) if closed else last_swing(motion)
+    start, end, cycle = found or (begin, finish, False)
+    kind = ("cycle" if cycle else "swing") if found else ""
     if span is not None:
         start, end = map(float, check.array("span", span, size=2))
     if not begin <= start < end <= finish:
@@ -840,11 +904,5 @@ def shown_part(motion: Any, span: Any) -> tuple[Sampled, float, float, bool]:
     first = max(int(np.searchsorted(motion.t, start, side="right")) - 3, 0)
     held = slice(first, int(np.searchsorted(motion.t, end, side="left")) + 3)
     shown = _part(motion, held)
-    refuse_coarse(shown)
-    return shown, start, end, cycle is not None
-
-
-def finer_times(t: Array) -> Array:
-    """Times of the samples and between them, at which straight lines look like a smooth curve."""
-    parts = min(8, -(-DRAWN_POINTS // t.size))
-    return np.interp(np.arange((t.size - 1) * parts + 1) / parts, np.arange(t.size), t)
+    refuse_coarse("motion", shown.t, is_coarse(tip_path_of(shown), invisible=INVISIBLE))
+    return shown, start, end, kind

@@ -119,13 +119,20 @@ def of_coordinate(coordinate: Any, coordinates: int) -> tuple[int | None, Measur
 
 
 class View:
-    """Units in which a picture shows the quantities of a pipe.
+    """Units in which a picture shows the quantities of a pipe, and the words for its end.
 
     Raises ValueError for units="si" if the pipe has no scales.
+
+    Attributes:
+        end: what is shown of the pipe's end, in words: a point of the pipe if the end is held.
     """
 
     def __init__(self, units: Any, pipe: Pipe | None) -> None:
         self.si = check.choice("units", units, ("nondimensional", "si")) == "si"
+        self._place = ""
+        if pipe is not None and pipe.end != "free":
+            self._place = f" at $s/L={pipe.tip_place:.3g}$"
+        self.end = f"the point{self._place}" if self._place else "the free end"
         self.scales = pipe.scales if self.si and pipe is not None else None
         if self.si and self.scales is None:
             raise ValueError(
@@ -141,10 +148,14 @@ class View:
 
     def label(self, quantity: Measure) -> str:
         """Label of an axis that shows a quantity."""
-        if not self.si or quantity.unit is None:
-            return quantity.label
-        powers = re.sub(r"\^(-?\d+)", r"$^{\1}$", quantity.unit.name)
-        return f"{quantity.words} ({powers})"
+        unit = quantity.unit if self.si else None
+        label = quantity.label if unit is None else quantity.words
+        if self._place and "free end" in label:
+            label = re.sub("^free end | of the free end", "", label) + self._place
+        if unit is None:
+            return label
+        powers = re.sub(r"\^(-?\d+)", r"$^{\1}$", unit.name)
+        return f"{label} ({powers})"
 
     def axes(self, ax: Axes | None, size: tuple[float, float], x: Measure, y: Measure) -> Axes:
         """The given Axes, or new ones of a size in inches, with the labels of two quantities."""
