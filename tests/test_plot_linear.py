@@ -157,3 +157,13 @@ def test_a_picture_without_growth_says_if_higher_modes_may_grow(draw):
     assert note(replace(LOCI, complete=False)) == "other modes may be unstable"
     assert note(LOCI) == ""
     assert note(replace(HOSE_LOCI, complete=False)) == ""
+
+
+def test_few_samples_of_a_stable_branch_show_no_onset():
+    """Splines through three samples swing over the axis."""
+    hose = pp.root_loci(pp.Continuum(pp.Pipe(0.225, 998.0)), [0.0, 11.0, 22.0])
+    assert hose.eigenvalues.real.max() <= 0.0
+    for picture in (plot.root_loci, plot.frequencies):
+        ax = picture(hose, ax=axes())
+        (diamonds,) = [line for line in ax.lines if line.get_marker() == "D"]
+        assert diamonds.get_xdata().size == 0

@@ -262,6 +262,11 @@ def _smooth_branches(loci: RootLoci) -> RootLoci:
                 first, second = first + apart, first - apart
             values[inside, k], partners[inside, k] = first, second
             values[inside, k][::parts], partners[inside, k][::parts] = some, rest
+    # Between two samples that do not grow, a curve that swings over the axis is no onset.
+    for curves, samples in ((values, one), (partners, other)):
+        stays = np.zeros(shape, dtype=bool)
+        stays[:-1] = np.repeat((np.maximum(samples[:-1].real, samples[1:].real) <= 0.0), parts, 0)
+        np.minimum(curves.real, 0.0, out=curves.real, where=stays)
     found = {"eigenvalues": values, "partners": partners, "converged": np.isfinite(values)}
     return replace(loci, speeds=speeds, errors=np.zeros(shape), **found)
 
