@@ -697,6 +697,13 @@ def test_every_picture_with_a_legend_is_drawn_without_on_request():
             assert name in ("animate", "frequencies", "root_loci", "snapshots"), name
 
 
+def test_a_label_whose_words_each_have_a_line_is_broken_no_further():
+    """A label that no break makes short enough ended in an endless loop."""
+    low = plot.Figure(figsize=(6.4, 4.8)).subplots(8, 1)[0]
+    plot.boundary(plain(), ax=low)
+    assert low.get_ylabel().count("\n") == 2  # the formula has no spaces
+
+
 def test_the_style_of_one_column_sets_the_size_of_figures_and_letters():
     try:
         with plot.style(column="single"):

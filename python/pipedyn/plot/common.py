@@ -202,7 +202,7 @@ def _wrap(label: Text, room: float) -> None:
         return found
 
     found = shorter = lines(room)
-    while len(found) == len(shorter) > 1:
+    while 1 < len(found) == len(shorter) < len(words):
         found, room = shorter, 0.9 * room
         shorter = lines(room)
     label.set_text("\n".join(found))
