@@ -160,29 +160,31 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
     """Whether no root is unstable, in rows by increasing y, (COLUMNS, COLUMNS).
 
     Neighbouring columns that cross the same curves in the same order cross the same regions between
-    these; a region ends where two curves come closer than a row. Eigenvalues are counted once in
-    each region, in the column in which it is highest.
+    these; a curve counts as several, one for each arc on which x only grows or only falls, since it
+    may cross itself. A region ends where two curves come closer than a row. Eigenvalues are counted
+    once in each region, in the column in which it is highest.
     """
     (left, right), (low, high) = found.ranges
     middles = (np.arange(COLUMNS) + 0.5) / COLUMNS
     columns, rows = left + (right - left) * middles, low + (high - low) * middles
-    crossed: list[list[tuple[float, int]]] = [[] for _ in columns]
+    crossed: list[list[tuple[float, int, int]]] = [[] for _ in columns]
     walls = np.zeros(COLUMNS + 1, dtype=np.int_)  # curves between each column and the one before
     for number, curve in enumerate(found.curves):
         places, *_ = _dense(curve, found)
         begins = np.searchsorted(columns, places[:, 0])
         walls[begins[0]] += begins.min() == begins.max()
-        ends = zip(*places.T, begins, strict=True)
-        for (x, y, begin), (to_x, to_y, end) in pairwise(ends):
+        arcs = np.cumsum(np.diff(np.sign(np.diff(places[:, 0])), prepend=0.0) != 0.0).tolist()
+        ends = pairwise(zip(*places.T, begins, strict=True))
+        for arc, ((x, y, begin), (to_x, to_y, end)) in zip(arcs, ends, strict=True):
             for k in range(*sorted((begin, end))):
                 height = y + (columns[k] - x) / (to_x - x) * (to_y - y)
-                crossed[k].append((float(np.clip(height, low, high)), number))
+                crossed[k].append((float(np.clip(height, low, high)), number, arc))
     walls = np.cumsum(walls)
     stable = np.zeros((COLUMNS, COLUMNS), dtype=np.bool_)
-    orders = [(walls[k], *(number for _, number in sorted(one))) for k, one in enumerate(crossed)]
+    orders = [(walls[k], *(of for _, *of in sorted(one))) for k, one in enumerate(crossed)]
     for _, group in groupby(range(COLUMNS), key=orders.__getitem__):
         alike = list(group)
-        heights = np.array([[low, *sorted(at for at, _ in crossed[k]), high] for k in alike]).T
+        heights = np.array([[low, *sorted(at for at, *_ in crossed[k]), high] for k in alike]).T
         for bottom, top in pairwise(heights):
             seen = top - bottom > (high - low) / COLUMNS
             for first, last in common.runs(seen):
