@@ -156,20 +156,17 @@ def test_large_multipliers_do_not_hide_the_unit_circle():
     assert ax.get_title() == "not all are shown: up to 4e+06"
 
 
+def drawn(speeds, highest):
+    """Curve through points of a branch of cycles."""
+    every = {"amplitudes": 0.0 * speeds, "highest": highest, "stable": np.full(speeds.size, True)}
+    branch = replace(BRANCH, speeds=speeds, events=(), **every)
+    ax = plot.bifurcation_diagram(replace(diagram(), cycles=(branch,)), ax=axes())
+    curve, _ = (line.get_xydata() for line in ax.lines if line.get_color() == plot.BLUE)
+    return curve
+
+
 def test_branches_are_drawn_without_corners_through_their_points():
     """Of a circle with 16 points, whose chords turn by 22.5 degrees."""
-
-    def drawn(speeds, highest):
-        every = {
-            "amplitudes": 0.0 * speeds,
-            "highest": highest,
-            "stable": np.full(speeds.size, True),
-        }
-        branch = replace(BRANCH, speeds=speeds, events=(), **every)
-        ax = plot.bifurcation_diagram(replace(diagram(), cycles=(branch,)), ax=axes())
-        curve, _ = (line.get_xydata() for line in ax.lines if line.get_color() == plot.BLUE)
-        return curve
-
     turn = np.linspace(0.0, 1.5 * np.pi, 13)
     points = np.stack([5.0 + np.cos(turn), np.sin(turn)], axis=1)
     curve = drawn(*points.T)
@@ -181,3 +178,16 @@ def test_branches_are_drawn_without_corners_through_their_points():
     straight = drawn(np.array([1.0, 2.0]), np.zeros(2))
     assert straight[[0, -1], 0].tolist() == [1.0, 2.0]
     assert not straight[:, 1].any()
+
+
+def test_a_curve_stays_close_to_a_branch_where_short_steps_follow_long_ones():
+    turn = np.sort(np.append(np.linspace(0.0, 1.5 * np.pi, 13), 2.0))  # steps of 22.5 and 2 degrees
+    curve = drawn(5.0 + np.cos(turn), np.sin(turn))
+    assert np.abs(np.hypot(curve[:, 0] - 5.0, curve[:, 1]) - 1.0).max() < 1e-3
+
+
+def test_no_curve_runs_past_the_points_of_a_branch_that_leaves_another_at_an_angle():
+    """Points of a straight pinned pipe that becomes bent: speed and height grow from each one."""
+    speeds = np.append(np.linspace(1.0, 3.1365, 40), [3.1604, 3.1851, 3.2099, 6.0])
+    curve = drawn(speeds, np.append(np.zeros(40), [0.0409, 0.0618, 0.0769, 0.8]))
+    assert (np.diff(curve, axis=0) > -1e-3 * np.ptp(curve, axis=0)).all()

@@ -173,8 +173,11 @@ def mark_event(ax: Axes, kind: str, place: Any) -> None:
 def smooth(*columns: Array) -> Array:
     """A smooth curve through k points of a branch, with `A_STEP` pieces a step.
 
-    The curve consists of Akima's cubics over the chord lengths between points, which are scaled by
-    their ranges. If one point moves, the cubics change only near it, and they do not oscillate.
+    The curve consists of cubics between points, which are scaled by their ranges. At each point its
+    tangent is that of the parabola over the chord lengths through this point and its neighbours. In
+    Bezier's form, a cubic's inner points lie on the tangents at its ends, a third of its chord away
+    or, if that is less, half of the chord projected on the tangent. Hence no cubic runs past
+    its ends where a branch leaves another at an angle.
 
     Args:
         columns: numbers of the points, each of shape (k,): coordinates in the plane, and any other
@@ -187,14 +190,20 @@ def smooth(*columns: Array) -> Array:
     if not points.size:
         return points
     ranges = np.ptp(points, axis=0) + 1e-12 * np.abs(points).max(axis=0) + 1e-300
-    chords = np.linalg.norm(np.diff(points / ranges, axis=0), axis=1)
-    places = np.append(0.0, np.cumsum(np.maximum(chords, 1e-12)))
+    steps = np.diff(points / ranges, axis=0)
+    places = np.append(0.0, np.cumsum(np.maximum(np.linalg.norm(steps, axis=1), 1e-12)))
     if places.size < 3 or not places[-1] > 1e-9:
         return np.repeat(points, A_STEP, axis=0)[: (len(points) - 1) * A_STEP + 1]
-    at = np.interp(
-        np.arange((places.size - 1) * A_STEP + 1) / A_STEP, np.arange(places.size), places
+    tangents = np.gradient(points / ranges, places, axis=0, edge_order=2)
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True) + 1e-300
+    chords = np.diff(places)[:, None]
+    begin, end = (
+        ranges * along * np.clip(1.5 * (along * steps).sum(axis=1)[:, None], 0.0, chords) / 3.0
+        for along in (tangents[:-1], tangents[1:])
     )
-    found: Array = scipy.interpolate.Akima1DInterpolator(places, points)(at)
+    corners = np.stack([points[:-1], points[:-1] + begin, points[1:] - end, points[1:]])
+    at = np.arange((places.size - 1) * A_STEP + 1) / A_STEP
+    found: Array = scipy.interpolate.BPoly(corners, np.arange(places.size))(at)
     found[::A_STEP] = points  # removes rounding errors at the points
     return found
 
