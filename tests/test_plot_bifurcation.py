@@ -187,7 +187,8 @@ def test_a_curve_stays_close_to_a_branch_where_short_steps_follow_long_ones():
 
 
 def test_no_curve_runs_past_the_points_of_a_branch_that_leaves_another_at_an_angle():
-    """Points of a straight pinned pipe that becomes bent: speed and height grow from each one."""
-    speeds = np.append(np.linspace(1.0, 3.1365, 40), [3.1604, 3.1851, 3.2099, 6.0])
-    curve = drawn(speeds, np.append(np.zeros(40), [0.0409, 0.0618, 0.0769, 0.8]))
+    """Points of a straight pinned pipe that buckles: speed and height grow from each to the next."""
+    speeds, bent = np.linspace(1.0115, 3.1365, 86), 3.1604 + 0.025 * np.arange(115)
+    heights = np.append(np.zeros(86), 0.3 * np.sqrt(bent - np.pi))
+    curve = drawn(np.append(speeds, bent), heights)
     assert (np.diff(curve, axis=0) > -1e-3 * np.ptp(curve, axis=0)).all()
