@@ -18,6 +18,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 import pipedyn as pp
 from pipedyn import plot
+from pipedyn.plot import common
 from pipedyn.plot.units import View, of_number
 
 PIPE = pp.Pipe(0.2)
@@ -715,6 +716,59 @@ def test_a_label_whose_words_each_have_a_line_is_broken_no_further():
     low = plot.Figure(figsize=(6.4, 4.8)).subplots(8, 1)[0]
     plot.boundary(plain(), ax=low)
     assert low.get_ylabel().count("\n") == 2  # the formula has no spaces
+
+
+def test_labels_and_sentences_stay_within_their_part_of_a_figure():
+    pipe = pp.Pipe(0.2, terms=[pp.RotationalDamper(1.0, 0.1), pp.RotationalDamper(0.5, 0.1)])
+    window = {"terms[0].coefficient": (0.0, 1.0), "u": (0.0, 0.5)}
+    found = pp.boundary(pp.Chain(pipe, 2), *window, window, criticality=False)
+    figure = plot.Figure(figsize=(7.0, 5.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    several = list(figure.subplots(2, 3).flat)
+    for ax in several:
+        plot.boundary(found, ax=ax)
+    figure.canvas.draw()
+    for ax in several:
+        (sentence,), frame = ax.texts, ax.get_window_extent()
+        for one in (sentence, ax.xaxis.label):
+            box = one.get_window_extent()
+            assert "\n" in one.get_text()
+            assert box.width < figure.bbox.width / 3
+            assert (one is not sentence) or frame.x0 < box.x0 < box.x1 < frame.x1
+
+
+def test_a_legend_inside_covers_no_curve_when_other_panels_are_drawn():
+    figure = plot.Figure(figsize=(7.0, 5.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    first, *others = figure.subplots(2, 2).flat
+    curves = [
+        first.plot([0.0, 0.8], [0.3, 1.0], label=f"the straight pipe becomes unstable {i}")[0]
+        for i in range(5)
+    ]
+    first.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
+    common.legend_below(first)
+    for ax in others:
+        plot.boundary(standing(), ax=ax)
+    figure.canvas.draw()
+    place = first.get_legend().get_window_extent()
+    assert place.y0 > first.get_window_extent().y0
+    drawn = curves[0].get_transform().transform_path(curves[0].get_path())
+    assert not drawn.intersects_bbox(place, filled=False)
+
+
+@pytest.mark.parametrize("entries", [7, 9])
+def test_legends_in_one_column_have_letters_of_at_least_six_points(entries):
+    with plot.style(column="single"):
+        ax = axes(figsize=(3.4, 2.6))
+        for i in range(entries):
+            ax.plot(
+                [0.0, 1.0, 0.0, 1.0], [0.0, 1.0, 1.0, i], label=f"turning points of motions {i}"
+            )
+        common.axes(ax, (3.4, 2.6))
+        common.legend_below(ax)
+    ax.figure.canvas.draw()
+    assert ax.get_legend().get_texts()[0].get_size() >= 6.0
+    assert ax.get_window_extent().height > 0.5 * ax.figure.bbox.height
 
 
 def test_the_style_of_one_column_sets_the_size_of_figures_and_letters():

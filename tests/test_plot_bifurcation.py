@@ -187,7 +187,7 @@ def test_a_curve_stays_close_to_a_branch_where_short_steps_follow_long_ones():
 
 
 def test_no_curve_runs_past_the_points_of_a_branch_that_leaves_another_at_an_angle():
-    """Points of a straight pinned pipe that buckles: speed and height grow from each to the next."""
+    """Points of a straight pinned pipe that buckles: speeds and heights never fall."""
     speeds, bent = np.linspace(1.0115, 3.1365, 86), 3.1604 + 0.025 * np.arange(115)
     heights = np.append(np.zeros(86), 0.3 * np.sqrt(bent - np.pi))
     curve = drawn(np.append(speeds, bent), heights)

@@ -104,8 +104,7 @@ def boundary(
         ax.plot([], [], " ", label=f"{check.how_many(len(found.failures), 'curve')} with failures")
     ax.set(xlim=(left, right), ylim=(low, high))
     if not found.curves:
-        sentence = _why_nothing({_stability(found)})
-        ax.text(0.5, 0.5, sentence, transform=ax.transAxes, ha="center", wrap=True)
+        common.write(ax, _why_nothing({_stability(found)}))
     if check.flag("legend", legend):
         common.legend_below(ax)
     return ax
@@ -291,7 +290,7 @@ def stability_map(
         ticks = withTickedStroke(angle=-90.0, **TICKS)
         ax.plot([], [], color="0.3", path_effects=[ticks], label="ticks: unstable side")
     else:
-        ax.text(0.5, 0.5, _why_nothing({*states}), transform=ax.transAxes, ha="center", wrap=True)
+        common.write(ax, _why_nothing({*states}))
     if check.flag("legend", legend):
         common.legend_below(ax)
     return ax
