@@ -771,6 +771,34 @@ def test_legends_in_one_column_have_letters_of_at_least_six_points(entries):
     assert ax.get_window_extent().height > 0.5 * ax.figure.bbox.height
 
 
+def test_words_of_a_map_cover_neither_curves_nor_each_other():
+    with plot.style(column="single"):
+        ax = plot.stability_map(
+            {f"{k}": buckled() for k in range(6)},
+            ax=axes(figsize=(3.4, 2.6), layout="constrained"),
+        )
+        ax.figure.canvas.draw()
+    boxes = [text.get_window_extent() for text in ax.texts]
+    assert boxes
+    for i, box in enumerate(boxes):
+        assert not box.count_overlaps(boxes[:i])
+        for line in shown(ax):
+            curve = line.get_transform().transform_path(line.get_path())
+            assert not curve.intersects_bbox(box, filled=False)
+
+
+def test_a_map_ends_where_the_search_does_and_tells_what_lies_beyond():
+    short = dataclasses.replace(plain(), ranges=(plain().ranges[0], (0.0, 4.8)))
+    assert plot.stability_map({"a": short}, ax=axes()).get_ylim() == (0.0, 4.8)
+    ax = plot.stability_map({"a": plain(), "b": buckled()}, 2.0, ax=axes())
+    assert "a: no boundary up to $u = 2$" in legend_of(ax)
+    assert "not searched" in legend_of(plot.stability_map({"a": plain()}, 9.0, ax=axes()))
+
+
+def test_a_boundary_names_its_shading():
+    assert "stable" in legend_of(plot.boundary(standing(), ax=axes()))
+
+
 def test_the_style_of_one_column_sets_the_size_of_figures_and_letters():
     try:
         with plot.style(column="single"):

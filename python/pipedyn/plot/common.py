@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from itertools import pairwise, product
 from typing import Any, Literal, cast
@@ -232,7 +232,8 @@ def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
     middle = blended_transform_factory(
         figure.transSubfigure if alone else ax.transAxes, ax.transAxes
     )
-    breaks = ax.get_xlabel().count("\n") * ax.xaxis.label.get_fontsize() * LINE_HEIGHT
+    letters = ax.xaxis.label.get_fontproperties().get_size_in_points()
+    breaks = ax.get_xlabel().count("\n") * letters * LINE_HEIGHT
     below = ScaledTranslation(0.0, -0.42 - breaks, figure.dpi_scale_trans)  # for ticks and label
     look: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "frameon": False}
     look |= {"bbox_transform": middle + below, "columnspacing": 1.2}
@@ -260,10 +261,7 @@ def _fits_inside(ax: Axes, named: Mapping[str, Any], sizes: Sequence[float]) -> 
     ax.legend([], [])
     ax.figure.figure.draw_without_rendering()  # gives the Axes their place
     frame: Any = ax.get_window_extent()
-    curves = [line.get_transform().transform_path(line.get_path()) for line in ax.lines]
-    others = [one.get_window_extent() for one in (*ax.patches, *ax.collections, *ax.texts)]
-    single = len(ax.figure.figure.axes) == 1
-    smaller = 1.0 if single else np.minimum(_room(ax) / frame.size, 1.0)
+    smaller, covers = shrinks(ax), obstacles(ax)
     for size, columns in product(sizes, (1, 2)):
         legend = ax.legend(named.values(), named, fontsize=size, ncols=columns, loc="lower left")
         box = frame.min + (legend.get_window_extent().get_points() - frame.min) / smaller
@@ -272,11 +270,29 @@ def _fits_inside(ax: Axes, named: Mapping[str, Any], sizes: Sequence[float]) -> 
             continue
         for place, shares in INSIDE.items():
             there = Bbox(box + room * shares)
-            covers = any(curve.intersects_bbox(there, filled=False) for curve in curves)
-            if not covers and not there.count_overlaps(others):
+            if not covers(there):
                 legend.set_loc(place)
                 return True
     return False
+
+
+def shrinks(ax: Axes) -> Any:
+    """Shares of their width and height to which Axes may shrink, by others in the figure."""
+    if len(ax.figure.figure.axes) == 1:
+        return np.ones(2)
+    return np.minimum(_room(ax) / np.array(ax.get_window_extent().size), 1.0)
+
+
+def obstacles(ax: Axes) -> Callable[[Bbox], bool]:
+    """A function that tells whether anything drawn on Axes lies in a box, in pixels."""
+    curves = [line.get_transform().transform_path(line.get_path()) for line in ax.lines]
+    others = [one.get_window_extent() for one in (*ax.patches, *ax.collections, *ax.texts)]
+
+    def covers(box: Bbox) -> bool:
+        crossed = any(curve.intersects_bbox(box, filled=False) for curve in curves)
+        return crossed or bool(box.count_overlaps(others))
+
+    return covers
 
 
 INSIDE: dict[Any, tuple[float, float]] = {"upper right": (1.0, 1.0), "upper left": (0.0, 1.0)}

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from itertools import cycle, groupby, pairwise
+from itertools import cycle, groupby, pairwise, product
 from typing import Any
 
 import numpy as np
@@ -80,6 +80,8 @@ def boundary(
     (x, y), row, column, searched = _pixels(found, plane)
     shade = np.zeros((COLUMNS, COLUMNS, 4))
     shade[stable[row, column] & searched] = to_rgba(STABLE)
+    if (stable[row, column] & searched).any():
+        ax.fill([], [], facecolor=STABLE, label="stable")
     within = (left, right, low, high)
     ax.imshow(shade, origin="lower", extent=within, aspect="auto", zorder=0.2, label="_shade")
     for curve in found.curves:
@@ -210,9 +212,10 @@ def stability_map(
     """Speeds at which several pipes lose or regain stability, against a number.
 
     Ticks on boundaries point to the unstable side. Words at a curve of divergence tell whether the
-    flow buckles the pipe above it or the weight does below it. Parts of boundaries on which other
-    roots are unstable are left out; if no part is left, the legend says whether the pipe is stable
-    at the speeds searched. Pipes are in the order of gamma. The x axis shows the range searched.
+    flow buckles the pipe above it or the weight does below it, where they cover nothing. Parts of
+    boundaries on which other roots are unstable are left out; if no part is left, the legend says
+    whether the pipe is stable at the speeds searched. Pipes are in the order of gamma. The x axis
+    shows the range searched.
 
     Args:
         boundaries: boundaries by their labels, with the same number for x and "u" for y.
@@ -246,7 +249,7 @@ def stability_map(
     view = View(units, pipe)
     shown = OF_A_NUMBER[name] if pipe is None else of_number(name, pipe)
     ax = view.axes(ax, (6.4, 4.8), shown, FLOW_SPEED)
-    divergences = list[tuple[Array, bool, bool, Any]]()
+    divergences = list[tuple[Array, bool, bool, Any]]()  # points where words may be, and their look
     states, searched, reach = list[str](), list[float](), 0.0  # states: of pipes without a boundary
     for (label, found), look in zip(every, cycle(common.CURVE_STYLES), strict=False):
         plane = PlaneView(units, found.model.pipe, found.names)
@@ -260,6 +263,8 @@ def stability_map(
             said = View("nondimensional", None) if name == "beta" else plane
             low, high = (said.speed(float(end)) for end in found.ranges[1])
             note = f": {states[-1]} from {low} to {high}"
+        elif highest is not None and min(part[0][:, 1].min() for part in parts) >= highest:
+            note = f": no boundary up to {plane.speed(highest)}"
         if found.failures:
             note += f" ({check.how_many(len(found.failures), 'curve')} with failures)"
         ax.plot([], [], linewidth=1.5, label=f"{label}{note}", **look)
@@ -269,23 +274,21 @@ def stability_map(
             at = plane.at(*line.T).T
             ax.plot(*at.T, linewidth=1.3, path_effects=[ticks], **look)
             middle = line.shape[0] // 2
-            above = bool(at[middle, 0] > at[middle - 1, 0]) == left
+            upper = (np.diff(at[:, 0]) > 0.0) == left  # where the unstable side is above
+            above = bool(upper[middle - 1])
             if kind == "divergence" and above not in written:
                 written.add(above)
                 gamma = line[middle, 0] if name == "gamma" else found.model.pipe.gamma
-                divergences.append((at[middle], above, gamma < 0.0, look["color"]))
+                divergences.append((at[1:][upper == above], above, gamma < 0.0, look["color"]))
     drawn = len(states) < len(every)
-    end = 1.1 * ax.dataLim.y1 if drawn else reach
+    end = min(1.1 * ax.dataLim.y1, reach) if drawn else reach
     if highest is not None:
         end = view.one(FLOW_SPEED) * highest
     ax.set_ylim(0.0, end if end > 0.0 else None)
     if searched:
         ax.set_xlim(min(searched), max(searched))
-    heights = np.array([place[0][1] for place in divergences]) / ax.get_ylim()[1]
-    for i, place in enumerate(divergences):
-        _divergence(ax, *place, int((np.abs(heights[:i] - heights[i]) < 0.08).sum()))
-    if name == "beta" and view.si and boundaries:
-        _unsearched(ax, list(boundaries.values()))
+    if boundaries:
+        _unsearched(ax, units, list(boundaries.values()))
     if drawn:
         ticks = withTickedStroke(angle=-90.0, **TICKS)
         ax.plot([], [], color="0.3", path_effects=[ticks], label="ticks: unstable side")
@@ -293,6 +296,10 @@ def stability_map(
         common.write(ax, _why_nothing({*states}))
     if check.flag("legend", legend):
         common.legend_below(ax)
+    if divergences:
+        ax.figure.figure.draw_without_rendering()  # gives the Axes their place
+    for place in divergences:
+        _divergence(ax, *place)
     return ax
 
 
@@ -312,16 +319,16 @@ def _why_nothing(states: set[str]) -> str:
     return f"No boundary lies in the window{all_is}."
 
 
-def _unsearched(ax: Axes, found: list[Boundary]) -> None:
-    """Hatches SI speeds above the searched ones; their limit depends on beta, as the unit does."""
+def _unsearched(ax: Axes, units: Units, found: list[Boundary]) -> None:
+    """Hatches speeds above the searched ones; in SI their limit depends on beta, as the unit."""
     highest = ax.get_ylim()[1]
     ends = list[Array]()
     for one in found:
         (left, right), (_, end) = one.ranges
-        plane = PlaneView("si", one.model.pipe, one.names)
+        plane = PlaneView(units, one.model.pipe, one.names)
         ends.append(plane.at(np.linspace(left, right, 200), np.full(200, end)))
     beta, lowest = ends[0][0], np.min([end for _, end in ends], axis=0)
-    if (lowest < highest).any():
+    if (lowest < (1.0 - 1e-9) * highest).any():
         ax.fill_between(beta, lowest, highest, lowest < highest, interpolate=True, **UNSEARCHED)
         ax.set_ylim(0.0, highest)
 
@@ -340,23 +347,27 @@ def _number_swept(label: Any, one: Any) -> str:
     return found.names[0]
 
 
-def _divergence(ax: Axes, at: Array, above: bool, standing: bool, colour: str, others: int) -> None:
-    """Writes words at a point of a curve of divergence, which say on which side the pipe buckles.
+def _divergence(ax: Axes, at: Array, above: bool, standing: bool, colour: str) -> None:
+    """Writes words at one of k points of a curve of divergence, which say where the pipe buckles.
 
-    The words are on that side, or on the other side if the end of the axis is near. They do not
-    overlap the words of `others` curves at the same height.
+    The words are on that side, or on the other side if there is room only there. They are left out
+    if they would cover something or leave the Axes at each of some points.
     """
-    below = "buckled by its weight below" if standing else "divergence below"
-    share = at[1] / ax.get_ylim()[1]
-    over = share < 0.8 if above else share < 0.3
-    place: dict[str, Any] = {"va": "bottom" if over else "top", "fontsize": 7.0}
-    across = (at[0] - ax.get_xlim()[0]) / np.ptp(ax.get_xlim())
-    place["ha"] = "left" if across < 0.3 else "right" if across > 0.7 else "center"
-    white = {"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.85}
-    place |= {"textcoords": "offset points", "color": colour, "bbox": white}
-    words = "divergence above" if above else below
-    away = 7 + 10 * others
-    ax.annotate(words, (at[0], at[1]), (0, away if over else -away), **place)
+    words = "buckled by its weight below" if standing else "divergence below"
+    words = "divergence above" if above else words
+    look: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 7.0}
+    covers, frame, legend = common.obstacles(ax), ax.get_window_extent(), ax.get_legend()
+    shares = sorted(np.linspace(0.05, 0.95, 13), key=lambda share: abs(share - 0.5))
+    for over, share in product((above, not above), shares):
+        place = at[int(share * len(at))]
+        look["va"] = "bottom" if over else "top"
+        text = ax.annotate(words, place, (0, 7 if over else -7), color=colour, **look)
+        box = text.get_window_extent().expanded(*(1.0 / common.shrinks(ax)))
+        box = box.padded(2.0, ax.figure.dpi / 18.0)  # ticks are 4 points long
+        inside = frame.x0 < box.x0 < box.x1 < frame.x1 and frame.y0 < box.y0 < box.y1 < frame.y1
+        if inside and not covers(box) and not (legend and box.overlaps(legend.get_window_extent())):
+            return
+        text.remove()
 
 
 def parts_of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[Array, str, bool]]:
