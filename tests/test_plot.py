@@ -442,6 +442,7 @@ def test_subcritical_parts_of_a_boundary_differ_in_more_than_colour():
     assert (above.get_linestyle(), below.get_linestyle()) == ("-", "--")
     beside, alone = lines["divergence, other roots unstable"], lines["flutter"]
     assert beside.get_alpha() < alone.get_alpha()
+    assert (beside.get_linestyle(), alone.get_linestyle()) == ("--", "-")  # dots are short dashes
 
 
 def test_a_window_without_boundaries_says_what_it_is():
@@ -862,6 +863,19 @@ def test_a_colour_bar_stands_beside_all_axes_that_share_it():
     bar = plot.colour_bar(plot.SPEED_LABEL, ax=several)
     assert bar.get_ylabel() == plot.SPEED_LABEL
     assert figure.axes == [*several.flat, bar]
+    several[0, 1].clear()
+    plot.root_loci(pp.root_loci(CHAIN, [0.0, 1.0, 3.0], 2), ax=several[0, 1])
+    with pytest.raises(ValueError, match=r"ax must hold collections .* got 0 to 2 and 0 to 3"):
+        plot.colour_bar(plot.SPEED_LABEL, ax=several)
+
+
+def test_axes_at_a_place_of_their_own_are_left_there():
+    figure = plot.Figure(figsize=(4.0, 3.0))
+    FigureCanvasAgg(figure)
+    ax = figure.add_axes((0.2, 0.3, 0.7, 0.6))
+    plot.boundary(plain(), ax=ax)
+    figure.canvas.draw()  # without a warning
+    assert ax.get_position().bounds == pytest.approx((0.2, 0.3, 0.7, 0.6))
 
 
 def test_pictures_leave_the_settings_of_matplotlib_alone():

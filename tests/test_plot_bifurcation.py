@@ -75,6 +75,7 @@ def test_stable_branches_are_solid_and_unstable_ones_dashed():
     solid = [line for line in lines if line.get_linestyle() == "-"]
     dashed = [line for line in lines if line.get_linestyle() == "--"]
     assert len(solid) + len(dashed) == len(lines)
+    assert max(line.get_linewidth() for line in lines) < 1.0  # thinner than cycles, also in grey
     # Two mirror images are stable up to their fold; the straight pipe never is.
     assert len(solid) == 2
     for line in solid:
@@ -93,11 +94,13 @@ def test_a_coordinate_may_be_shown_in_place_of_the_free_end():
     shown = np.concatenate([line.get_ydata() for line in ax.lines if line.get_marker() == "None"])
     assert shown.max() == pytest.approx(diagram().equilibria[1].q[:, 1].max())
     assert not [line for line in ax.lines if line.get_gid() == "motions"]
+    assert "cycles and motions are not shown" in legend_of(ax)
 
 
 def test_late_motions_are_dots():
     ax = plot.bifurcation_diagram(diagram(), ax=axes())
     (dots,) = [line for line in ax.lines if line.get_gid() == "motions"]
+    assert ax.get_xlim()[0] < dots.get_xdata().min() < dots.get_xdata().max() < ax.get_xlim()[1]
     assert len(dots.get_xdata()) == sum(one.turnings.size for one in diagram().motions)
     assert set(dots.get_xdata()) <= {0.5, 3.5}
 

@@ -59,9 +59,9 @@ def bifurcation_diagram(
 ) -> Axes:
     """Transverse position of the free end against flow speed.
 
-    Equilibria are black. Cycles are blue; curves show the highest and lowest positions of cycles
-    and of their mirror images. Stable branches are solid, unstable ones dashed. Grey dots are the
-    turning points of motions from many initial states, and markers are bifurcations.
+    Equilibria are black and thin. Cycles are blue; curves show the highest and lowest positions of
+    cycles and of their mirror images. Stable branches are solid, unstable ones dashed. Grey dots
+    are the turning points of motions from many initial states, and markers are bifurcations.
 
     Args:
         diagram: the diagram to show.
@@ -107,7 +107,11 @@ def bifurcation_diagram(
         look |= {"linestyle": "none", "markeredgewidth": 0.0, "zorder": 1.0}
         look["rasterized"] = x.size > 20_000  # keeps vector files small
         ax.plot(one[0] * x, one[1] * y, label="turning points of motions", **look)
-    ax.set_xlim(one[0] * diagram.speeds[0], one[0] * diagram.speeds[-1])
+    if index is not None and (diagram.cycles or diagram.motions):
+        ax.plot([], [], " ", label="cycles and motions are not shown")
+    seen = diagram.motions and index is None
+    rim = 0.01 * np.ptp(diagram.speeds) if seen else 0.0  # shows whole dots at the ends
+    ax.set_xlim(one[0] * (diagram.speeds[0] - rim), one[0] * (diagram.speeds[-1] + rim))
     if check.flag("legend", legend):
         common.legend_below(ax)
     return ax
@@ -138,6 +142,7 @@ def _draw_branch(
         stable,
         colour,
         {w: f"{name}, {w}" for w in STABILITY_STYLES},
+        width=1.0 if name == "cycle" else 0.6,
     )
     for event, height in zip(events, at, strict=True):
         if (name, event.kind) != ("cycle", "hopf"):
@@ -145,7 +150,7 @@ def _draw_branch(
 
 
 def draw_pieces(
-    ax: Axes, curve: Array, stable: Any, colour: str, labels: Mapping[str, str]
+    ax: Axes, curve: Array, stable: Any, colour: str, labels: Mapping[str, str], width: float = 1.0
 ) -> None:
     """Draws a curve on finer steps; stable parts are solid and unstable parts dashed.
 
@@ -155,12 +160,13 @@ def draw_pieces(
         stable: whether each step is stable, shape (steps,).
         colour: colour of the curve.
         labels: entries of the legend for "stable" and "unstable" pieces.
+        width: factor of the width of the curve.
     """
     for start, stop in common.runs(np.asarray(stable)):
         word = "stable" if stable[start] else "unstable"
         part = curve[start * A_STEP : stop * A_STEP + 1]
         look = {"color": colour, "label": labels[word], **STABILITY_STYLES[word]}
-        ax.plot(part[:, 0], part[:, 1], **look)
+        ax.plot(*part.T, **look | {"linewidth": width * look["linewidth"]})
 
 
 def mark_event(ax: Axes, kind: str, place: Any) -> None:

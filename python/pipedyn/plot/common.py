@@ -91,7 +91,7 @@ def style(column: Literal["single"] | None = None) -> AbstractContextManager[Non
 def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | None:
     """A colour bar next to one or several Axes, for the first collection that they show.
 
-    It replaces the bars that these Axes have.
+    It replaces the bars that these Axes have, which must show the same range of values.
 
     Args:
         label: label of the bar.
@@ -105,7 +105,7 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
         >>> bar = plot.colour_bar(plot.SPEED_LABEL, ax=ax)
 
     Raises:
-        TypeError: for bad arguments.
+        ValueError, TypeError: for bad arguments.
     """
     check.instance("label", label, str)
     if ax is None:
@@ -118,6 +118,14 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
     shown = [one.collections[0] for one in every if one.collections]
     if not shown:
         return None
+    norms: list[Any] = [one.norm for one in shown if one.norm.scaled()]
+    ranges = [(norm.vmin, norm.vmax) for norm in norms]
+    for one in ranges:
+        if not np.allclose(one, ranges[0], rtol=1e-9, atol=0.0):
+            raise ValueError(
+                "ax must hold collections whose colours have one range of values, got "
+                f"{ranges[0][0]:g} to {ranges[0][1]:g} and {one[0]:g} to {one[1]:g}"
+            )
     for one in shown:
         if one.colorbar is not None:  # of a picture that brought its own
             one.colorbar.remove()
@@ -157,7 +165,8 @@ def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
         )
         ax = plt.subplots(figsize=size if given == usual else given, layout="constrained")[1]
     chosen: Axes = check.instance("ax", ax, Axes)
-    if isinstance(chosen.figure, Figure) and chosen.figure.get_layout_engine() is None:
+    placed = chosen.get_subplotspec() is not None  # layout engines leave other Axes alone
+    if placed and isinstance(chosen.figure, Figure) and chosen.figure.get_layout_engine() is None:
         with suppress(RuntimeError):  # a colour bar was placed without a layout engine
             chosen.figure.set_layout_engine("constrained")
     set_labels(chosen, **labels)

@@ -55,7 +55,7 @@ def boundary(
     """Boundaries of stability in the plane of two numbers; the stable region is shaded.
 
     Curves are solid if the bifurcation is supercritical, dashed if it is subcritical, thin if the
-    criticality was not computed, and thin and pale if other roots are unstable. The legend names
+    criticality was not computed, and dotted and pale if other roots are unstable. The legend names
     organising points.
 
     Args:
@@ -92,7 +92,8 @@ def boundary(
             beside = OTHERS_UNSTABLE if others[first] and not kind else ""
             label = ", ".join(word for word in (curve.kind, kind, beside) if word)
             look: dict[str, Any] = {"color": KIND_COLOURS[curve.kind][subcritical], "label": label}
-            look |= {"linestyle": (0, (1.6, 0.8)) if subcritical else "-"}
+            dotted = (0, (1.0, 1.5)) if beside else "-"
+            look |= {"linestyle": (0, (1.6, 0.8)) if subcritical else dotted}
             look |= {"linewidth": 1.6 if kind else 0.7, "alpha": 0.5 if others[first] else 1.0}
             ax.plot(*plane.at(*places[first : last + 1].T), **look)
     for point in found.points:
