@@ -19,6 +19,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 import pipedyn as pp
 from pipedyn import plot
 from pipedyn.accuracy.quantities import LimitCycleAt
+from pipedyn.plot import common
 from pipedyn.plot.units import View, of_number
 
 PIPE = pp.Pipe(0.2)
@@ -286,6 +287,19 @@ def test_shading_and_lines_say_what_eigenvalues_say_next_to_organising_points():
     assert compared > 40
 
 
+def test_what_lies_behind_the_crossing_of_a_curve_with_itself_is_not_shaded():
+    """Two pairs grow in the loop behind this double Hopf point, and none before it."""
+    pipe = pp.Pipe(0.3846, 15.92, damping=0.00234, terms=[pp.PointMass(1.0, 0.2, 0.05)])
+    window = {"PointMass.inertia": (0.0, 0.2), "u": (0.0, 14.0)}
+    found = pp.boundary(pp.Galerkin(pipe, 6), *window, window, criticality=False)
+    assert [point.kind for point in found.points] == ["double Hopf"]
+    stable, inertias, speeds = shade(plot.boundary(found, ax=axes()))
+    assert found.unstable(0.01, 6.8) == 4
+    assert not stable[np.ix_((speeds > 6.3) & (speeds < 7.5), inertias > 0.006)].any()
+    assert found.unstable(0.001, 6.8) == 0
+    assert stable[np.ix_(abs(speeds - 6.8) < 0.1, inertias < 0.001)].all()
+
+
 def test_an_upright_boundary_between_two_columns_parts_what_is_shaded():
     """Without momentum of the jet the flow leaves the buckling load alone: gamma = -7.837."""
     model = pp.Galerkin(pp.Pipe(0.3, alpha=0.0, damping=0.001), 6, basis="legendre")
@@ -429,6 +443,7 @@ def test_subcritical_parts_of_a_boundary_differ_in_more_than_colour():
     assert (above.get_linestyle(), below.get_linestyle()) == ("-", "--")
     beside, alone = lines["divergence, other roots unstable"], lines["flutter"]
     assert beside.get_alpha() < alone.get_alpha()
+    assert (beside.get_linestyle(), alone.get_linestyle()) == ("--", "-")  # dots are short dashes
 
 
 def test_a_window_without_boundaries_says_what_it_is():
@@ -743,6 +758,94 @@ def test_every_picture_with_a_legend_is_drawn_without_on_request():
             assert name in ("animate", "frequencies", "root_loci", "snapshots"), name
 
 
+def test_a_label_whose_words_each_have_a_line_is_broken_no_further():
+    """A label that no break makes short enough ended in an endless loop."""
+    low = plot.Figure(figsize=(6.4, 4.8)).subplots(8, 1)[0]
+    plot.boundary(plain(), ax=low)
+    assert low.get_ylabel().count("\n") == 2  # the formula has no spaces
+
+
+def test_labels_and_sentences_stay_within_their_part_of_a_figure():
+    pipe = pp.Pipe(0.2, terms=[pp.RotationalDamper(1.0, 0.1), pp.RotationalDamper(0.5, 0.1)])
+    window = {"terms[0].coefficient": (0.0, 1.0), "u": (0.0, 0.5)}
+    found = pp.boundary(pp.Chain(pipe, 2), *window, window, criticality=False)
+    figure = plot.Figure(figsize=(7.0, 5.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    several = list(figure.subplots(2, 3).flat)
+    for ax in several:
+        plot.boundary(found, ax=ax)
+    figure.canvas.draw()
+    for ax in several:
+        (sentence,), frame = ax.texts, ax.get_window_extent()
+        for one in (sentence, ax.xaxis.label):
+            box = one.get_window_extent()
+            assert "\n" in one.get_text()
+            assert box.width < figure.bbox.width / 3
+            assert (one is not sentence) or frame.x0 < box.x0 < box.x1 < frame.x1
+
+
+def test_a_legend_inside_covers_no_curve_when_other_panels_are_drawn():
+    figure = plot.Figure(figsize=(7.0, 5.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    first, *others = figure.subplots(2, 2).flat
+    curves = [
+        first.plot([0.0, 0.8], [0.3, 1.0], label=f"the straight pipe becomes unstable {i}")[0]
+        for i in range(5)
+    ]
+    first.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
+    common.legend_below(first)
+    for ax in others:
+        plot.boundary(standing(), ax=ax)
+    figure.canvas.draw()
+    place = first.get_legend().get_window_extent()
+    assert place.y0 > first.get_window_extent().y0
+    drawn = curves[0].get_transform().transform_path(curves[0].get_path())
+    assert not drawn.intersects_bbox(place, filled=False)
+
+
+@pytest.mark.parametrize("entries", [7, 9])
+def test_legends_in_one_column_have_letters_of_at_least_six_points(entries):
+    with plot.style(column="single"):
+        ax = axes(figsize=(3.4, 2.6))
+        for i in range(entries):
+            ax.plot(
+                [0.0, 1.0, 0.0, 1.0], [0.0, 1.0, 1.0, i], label=f"turning points of motions {i}"
+            )
+        common.axes(ax, (3.4, 2.6))
+        common.legend_below(ax)
+    ax.figure.canvas.draw()
+    assert ax.get_legend().get_texts()[0].get_size() >= 6.0
+    assert ax.get_window_extent().height > 0.5 * ax.figure.bbox.height
+
+
+def test_words_of_a_map_cover_neither_curves_nor_each_other():
+    with plot.style(column="single"):
+        ax = plot.stability_map(
+            {f"{k}": buckled() for k in range(6)},
+            ax=axes(figsize=(3.4, 2.6), layout="constrained"),
+        )
+        ax.figure.canvas.draw()
+    boxes = [text.get_window_extent() for text in ax.texts]
+    assert boxes
+    for i, box in enumerate(boxes):
+        assert not box.count_overlaps(boxes[:i])
+        for line in shown(ax):
+            curve = line.get_transform().transform_path(line.get_path())
+            assert not curve.intersects_bbox(box, filled=False)
+
+
+def test_a_map_ends_where_the_search_does_and_tells_what_lies_beyond():
+    short = dataclasses.replace(plain(), ranges=(plain().ranges[0], (0.0, 4.8)))
+    assert plot.stability_map({"a": short}, ax=axes()).get_ylim() == (0.0, 4.8)
+    ax = plot.stability_map({"a": plain(), "b": buckled()}, 2.0, ax=axes())
+    assert "a: no boundary up to $u = 2$" in legend_of(ax)
+    assert "not searched" in legend_of(plot.stability_map({"a": plain()}, 9.0, ax=axes()))
+
+
+def test_a_boundary_names_its_shading():
+    assert "stable" in legend_of(plot.boundary(standing(), ax=axes()))
+
+
 def test_the_style_of_one_column_sets_the_size_of_figures_and_letters():
     try:
         with plot.style(column="single"):
@@ -806,6 +909,19 @@ def test_a_colour_bar_stands_beside_all_axes_that_share_it():
     bar = plot.colour_bar(plot.SPEED_LABEL, ax=several)
     assert bar.get_ylabel() == plot.SPEED_LABEL
     assert figure.axes == [*several.flat, bar]
+    several[0, 1].clear()
+    plot.root_loci(pp.root_loci(CHAIN, [0.0, 1.0, 3.0], 2), ax=several[0, 1])
+    with pytest.raises(ValueError, match=r"ax must hold collections .* got 0 to 2 and 0 to 3"):
+        plot.colour_bar(plot.SPEED_LABEL, ax=several)
+
+
+def test_axes_at_a_place_of_their_own_are_left_there():
+    figure = plot.Figure(figsize=(4.0, 3.0))
+    FigureCanvasAgg(figure)
+    ax = figure.add_axes((0.2, 0.3, 0.7, 0.6))
+    plot.boundary(plain(), ax=ax)
+    figure.canvas.draw()  # without a warning
+    assert ax.get_position().bounds == pytest.approx((0.2, 0.3, 0.7, 0.6))
 
 
 def test_pictures_leave_the_settings_of_matplotlib_alone():

@@ -75,6 +75,7 @@ def test_stable_branches_are_solid_and_unstable_ones_dashed():
     solid = [line for line in lines if line.get_linestyle() == "-"]
     dashed = [line for line in lines if line.get_linestyle() == "--"]
     assert len(solid) + len(dashed) == len(lines)
+    assert max(line.get_linewidth() for line in lines) < 1.0  # thinner than cycles, also in grey
     # Two mirror images are stable up to their fold; the straight pipe never is.
     assert len(solid) == 2
     for line in solid:
@@ -93,11 +94,13 @@ def test_a_coordinate_may_be_shown_in_place_of_the_free_end():
     shown = np.concatenate([line.get_ydata() for line in ax.lines if line.get_marker() == "None"])
     assert shown.max() == pytest.approx(diagram().equilibria[1].q[:, 1].max())
     assert not [line for line in ax.lines if line.get_gid() == "motions"]
+    assert "cycles and motions are not shown" in legend_of(ax)
 
 
 def test_late_motions_are_dots():
     ax = plot.bifurcation_diagram(diagram(), ax=axes())
     (dots,) = [line for line in ax.lines if line.get_gid() == "motions"]
+    assert ax.get_xlim()[0] < dots.get_xdata().min() < dots.get_xdata().max() < ax.get_xlim()[1]
     assert len(dots.get_xdata()) == sum(one.turnings.size for one in diagram().motions)
     assert set(dots.get_xdata()) <= {0.5, 3.5}
 
@@ -157,20 +160,17 @@ def test_large_multipliers_do_not_hide_the_unit_circle():
     assert ax.get_title() == "not all are shown: up to 4e+06"
 
 
+def drawn(speeds, highest):
+    """Curve through points of a branch of cycles."""
+    every = {"amplitudes": 0.0 * speeds, "highest": highest, "stable": np.full(speeds.size, True)}
+    branch = replace(BRANCH, speeds=speeds, events=(), **every)
+    ax = plot.bifurcation_diagram(replace(diagram(), cycles=(branch,)), ax=axes())
+    curve, _ = (line.get_xydata() for line in ax.lines if line.get_color() == plot.BLUE)
+    return curve
+
+
 def test_branches_are_drawn_without_corners_through_their_points():
     """Of a circle with 16 points, whose chords turn by 22.5 degrees."""
-
-    def drawn(speeds, highest):
-        every = {
-            "amplitudes": 0.0 * speeds,
-            "highest": highest,
-            "stable": np.full(speeds.size, True),
-        }
-        branch = replace(BRANCH, speeds=speeds, events=(), **every)
-        ax = plot.bifurcation_diagram(replace(diagram(), cycles=(branch,)), ax=axes())
-        curve, _ = (line.get_xydata() for line in ax.lines if line.get_color() == plot.BLUE)
-        return curve
-
     turn = np.linspace(0.0, 1.5 * np.pi, 13)
     points = np.stack([5.0 + np.cos(turn), np.sin(turn)], axis=1)
     curve = drawn(*points.T)
@@ -182,3 +182,17 @@ def test_branches_are_drawn_without_corners_through_their_points():
     straight = drawn(np.array([1.0, 2.0]), np.zeros(2))
     assert straight[[0, -1], 0].tolist() == [1.0, 2.0]
     assert not straight[:, 1].any()
+
+
+def test_a_curve_stays_close_to_a_branch_where_short_steps_follow_long_ones():
+    turn = np.sort(np.append(np.linspace(0.0, 1.5 * np.pi, 13), 2.0))  # steps of 22.5 and 2 degrees
+    curve = drawn(5.0 + np.cos(turn), np.sin(turn))
+    assert np.abs(np.hypot(curve[:, 0] - 5.0, curve[:, 1]) - 1.0).max() < 1e-3
+
+
+def test_no_curve_runs_past_the_points_of_a_branch_that_leaves_another_at_an_angle():
+    """Points of a straight pinned pipe that buckles: speeds and heights never fall."""
+    speeds, bent = np.linspace(1.0115, 3.1365, 86), 3.1604 + 0.025 * np.arange(115)
+    heights = np.append(np.zeros(86), 0.3 * np.sqrt(bent - np.pi))
+    curve = drawn(np.append(speeds, bent), heights)
+    assert (np.diff(curve, axis=0) > -1e-3 * np.ptp(curve, axis=0)).all()

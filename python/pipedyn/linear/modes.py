@@ -48,7 +48,7 @@ eigenvalues need dense problems of 816 rows, which take a second each."""
 FEW_MODES = 64
 """Number of modes up to which all roots of a model are computed anyway."""
 
-BEFORE_CLUSTER = 0.5
+CLUSTER_APART = 0.5
 """Largest square of the last wave number that the flow reaches, times the damping, at which growing
 roots lie before the cluster at -1 / damping."""
 
@@ -273,7 +273,7 @@ def _looked_at(model: AnyModel, u: float) -> tuple[float, int]:
         few = model.dof
     else:
         few = min(reach.modes_within(u), LARGEST_VECTORS // (2 * model.dof))
-    damped = delta * (math.pi * reach.modes_reached(u)) ** 2 > BEFORE_CLUSTER
+    damped = delta * (math.pi * reach.modes_reached(u)) ** 2 > CLUSTER_APART
     every = isinstance(model, Continuum) or 2 * model.dof**2 <= LARGEST_VECTORS
     return (math.inf if damped and every else 2 * few), few
 

@@ -232,10 +232,10 @@ def _add_legend(ax: Axes) -> None:
     legend, label, inch = ax.get_legend(), ax.yaxis.label, ax.figure.dpi
     if legend is None or (box := legend.get_window_extent()).y1 > ax.bbox.y0:  # none, or inside
         return
-    room = common._cell(ax)[1] - box.height - 0.7 * inch  # for ticks, label and pads
+    room = common.cell_size(ax)[1] - box.height - 0.7 * inch  # for ticks, label and pads
     if label.get_window_extent().height > room:
         label.set_text(label.get_text().replace("\n", " "))
-        common._wrap(label, room)
+        common.wrap(label, np.array([math.inf, room]))
 
 
 def _law(family: str, fitted: ConvergenceLaw, sign: str = "+") -> str:

@@ -59,9 +59,9 @@ def bifurcation_diagram(
 ) -> Axes:
     """Transverse position of the free end against flow speed.
 
-    Equilibria are black. Cycles are blue; curves show the highest and lowest positions of cycles
-    and of their mirror images. Stable branches are solid, unstable ones dashed. Grey dots are the
-    turning points of motions from many initial states, and markers are bifurcations.
+    Equilibria are black and thin. Cycles are blue; curves show the highest and lowest positions of
+    cycles and of their mirror images. Stable branches are solid, unstable ones dashed. Grey dots
+    are the turning points of motions from many initial states, and markers are bifurcations.
 
     Args:
         diagram: the diagram to show.
@@ -107,7 +107,11 @@ def bifurcation_diagram(
         look |= {"linestyle": "none", "markeredgewidth": 0.0, "zorder": 1.0}
         look["rasterized"] = x.size > 20_000  # keeps vector files small
         ax.plot(one[0] * x, one[1] * y, label="turning points of motions", **look)
-    ax.set_xlim(one[0] * diagram.speeds[0], one[0] * diagram.speeds[-1])
+    if index is not None and (diagram.cycles or diagram.motions):
+        ax.plot([], [], " ", label="cycles and motions are not shown")
+    seen = diagram.motions and index is None
+    rim = 0.01 * np.ptp(diagram.speeds) if seen else 0.0  # shows whole dots at the ends
+    ax.set_xlim(one[0] * (diagram.speeds[0] - rim), one[0] * (diagram.speeds[-1] + rim))
     if check.flag("legend", legend):
         common.legend_below(ax)
     return ax
@@ -138,6 +142,7 @@ def _draw_branch(
         stable,
         colour,
         {w: f"{name}, {w}" for w in STABILITY_STYLES},
+        width=1.0 if name == "cycle" else 0.6,
     )
     for event, height in zip(events, at, strict=True):
         if (name, event.kind) != ("cycle", "hopf"):
@@ -145,7 +150,7 @@ def _draw_branch(
 
 
 def draw_pieces(
-    ax: Axes, curve: Array, stable: Any, colour: str, labels: Mapping[str, str]
+    ax: Axes, curve: Array, stable: Any, colour: str, labels: Mapping[str, str], width: float = 1.0
 ) -> None:
     """Draws a curve on finer steps; stable parts are solid and unstable parts dashed.
 
@@ -155,12 +160,13 @@ def draw_pieces(
         stable: whether each step is stable, shape (steps,).
         colour: colour of the curve.
         labels: entries of the legend for "stable" and "unstable" pieces.
+        width: factor of the width of the curve.
     """
     for start, stop in common.runs(np.asarray(stable)):
         word = "stable" if stable[start] else "unstable"
         part = curve[start * A_STEP : stop * A_STEP + 1]
         look = {"color": colour, "label": labels[word], **STABILITY_STYLES[word]}
-        ax.plot(part[:, 0], part[:, 1], **look)
+        ax.plot(*part.T, **look | {"linewidth": width * look["linewidth"]})
 
 
 def mark_event(ax: Axes, kind: str, place: Any) -> None:
@@ -173,8 +179,11 @@ def mark_event(ax: Axes, kind: str, place: Any) -> None:
 def smooth(*columns: Array) -> Array:
     """A smooth curve through k points of a branch, with `A_STEP` pieces a step.
 
-    The curve consists of Akima's cubics over the chord lengths between points, which are scaled by
-    their ranges. If one point moves, the cubics change only near it, and they do not oscillate.
+    The curve consists of cubics between points, which are scaled by their ranges. At each point its
+    tangent is that of the parabola over the chord lengths through this point and its neighbours. In
+    Bezier's form, a cubic's inner points lie on the tangents at its ends, a third of its chord away
+    or, if that is less, half of the chord projected on the tangent. Hence no cubic runs past
+    its ends where a branch leaves another at an angle.
 
     Args:
         columns: numbers of the points, each of shape (k,): coordinates in the plane, and any other
@@ -187,14 +196,20 @@ def smooth(*columns: Array) -> Array:
     if not points.size:
         return points
     ranges = np.ptp(points, axis=0) + 1e-12 * np.abs(points).max(axis=0) + 1e-300
-    chords = np.linalg.norm(np.diff(points / ranges, axis=0), axis=1)
-    places = np.append(0.0, np.cumsum(np.maximum(chords, 1e-12)))
+    steps = np.diff(points / ranges, axis=0)
+    places = np.append(0.0, np.cumsum(np.maximum(np.linalg.norm(steps, axis=1), 1e-12)))
     if places.size < 3 or not places[-1] > 1e-9:
         return np.repeat(points, A_STEP, axis=0)[: (len(points) - 1) * A_STEP + 1]
-    at = np.interp(
-        np.arange((places.size - 1) * A_STEP + 1) / A_STEP, np.arange(places.size), places
+    tangents = np.gradient(points / ranges, places, axis=0, edge_order=2)
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True) + 1e-300
+    chords = np.diff(places)[:, None]
+    begin, end = (
+        ranges * along * np.clip(1.5 * (along * steps).sum(axis=1)[:, None], 0.0, chords) / 3.0
+        for along in (tangents[:-1], tangents[1:])
     )
-    found: Array = scipy.interpolate.Akima1DInterpolator(places, points)(at)
+    corners = np.stack([points[:-1], points[:-1] + begin, points[1:] - end, points[1:]])
+    at = np.arange((places.size - 1) * A_STEP + 1) / A_STEP
+    found: Array = scipy.interpolate.BPoly(corners, np.arange(places.size))(at)
     found[::A_STEP] = points  # removes rounding errors at the points
     return found
 

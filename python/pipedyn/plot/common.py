@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from itertools import pairwise, product
 from typing import Any, Literal, cast
@@ -91,7 +91,7 @@ def style(column: Literal["single"] | None = None) -> AbstractContextManager[Non
 def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | None:
     """A colour bar next to one or several Axes, for the first collection that they show.
 
-    It replaces the bars that these Axes have.
+    It replaces the bars that these Axes have, which must show the same range of values.
 
     Args:
         label: label of the bar.
@@ -105,7 +105,7 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
         >>> bar = plot.colour_bar(plot.SPEED_LABEL, ax=ax)
 
     Raises:
-        TypeError: for bad arguments.
+        ValueError, TypeError: for bad arguments.
     """
     check.instance("label", label, str)
     if ax is None:
@@ -118,6 +118,14 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
     shown = [one.collections[0] for one in every if one.collections]
     if not shown:
         return None
+    norms: list[Any] = [one.norm for one in shown if one.norm.scaled()]
+    ranges = [(norm.vmin, norm.vmax) for norm in norms]
+    for one in ranges:
+        if not np.allclose(one, ranges[0], rtol=1e-9, atol=0.0):
+            raise ValueError(
+                "ax must hold collections whose colours have one range of values, got "
+                f"{ranges[0][0]:g} to {ranges[0][1]:g} and {one[0]:g} to {one[1]:g}"
+            )
     for one in shown:
         if one.colorbar is not None:  # of a picture that brought its own
             one.colorbar.remove()
@@ -129,12 +137,15 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
     bar = every[0].figure.colorbar(shown[0], ax=beside, label=label, **look)
     bar.minorticks_off()
     if len(every) == 1:
-        _wrap(bar.ax.yaxis.label, _room(every[0]))
+        wrap(bar.ax.yaxis.label, _room(every[0]))
     return cast("Axes", bar.ax)
 
 
 BESIDE, BELOW = 0.6, 1.0
 """Width beside Axes for ticks and label, and height below for these and a legend, in inches."""
+
+LINE_HEIGHT = 1.2 / 72.0
+"""Height of a line of letters, in inches for a point of their size."""
 
 POINTS_AN_INCH = 3.2
 """Largest size of a legend's letters, in points for an inch of height of the part of the figure."""
@@ -154,7 +165,8 @@ def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
         )
         ax = plt.subplots(figsize=size if given == usual else given, layout="constrained")[1]
     chosen: Axes = check.instance("ax", ax, Axes)
-    if isinstance(chosen.figure, Figure) and chosen.figure.get_layout_engine() is None:
+    placed = chosen.get_subplotspec() is not None  # layout engines leave other Axes alone
+    if placed and isinstance(chosen.figure, Figure) and chosen.figure.get_layout_engine() is None:
         with suppress(RuntimeError):  # a colour bar was placed without a layout engine
             chosen.figure.set_layout_engine("constrained")
     set_labels(chosen, **labels)
@@ -166,18 +178,19 @@ def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
 
 
 def set_labels(ax: Axes, **labels: str) -> None:
-    """Sets labels of Axes; that of the y axis has as many lines as its height requires."""
+    """Sets labels of Axes, in as many lines as their width and height require."""
     ax.set(**labels)
-    _wrap(ax.yaxis.label, _room(ax))
+    for axis in (ax.xaxis, ax.yaxis):
+        wrap(axis.label, _room(ax))
 
 
-def _room(ax: Axes) -> float:
-    """Height, in pixels, that Axes are likely to have with ticks, labels and legend below them."""
-    high = _cell(ax)[1]
-    return max(high - BELOW * ax.figure.dpi, 0.5 * high)
+def _room(ax: Axes) -> NDArray[Any]:
+    """Width and height, in pixels, that Axes are likely to have with ticks, labels and legend."""
+    cell = np.array(cell_size(ax))
+    return np.maximum(cell - np.array([BESIDE, BELOW]) * ax.figure.dpi, 0.5 * cell)
 
 
-def _cell(ax: Axes) -> tuple[float, float]:
+def cell_size(ax: Axes) -> tuple[float, float]:
     """Width and height, in pixels, of the part of the figure for the Axes and what is beside it."""
     wide, high = ax.figure.bbox.size
     if (spec := ax.get_subplotspec()) is not None:
@@ -189,22 +202,22 @@ def _cell(ax: Axes) -> tuple[float, float]:
     return wide, high
 
 
-def _wrap(label: Text, room: float) -> None:
-    """Breaks an upright label at spaces into lines of similar length, at most `room` in pixels."""
-    words = label.get_text().split(" ")
+def wrap(label: Text, room: NDArray[Any]) -> None:
+    """Breaks a label at spaces into lines of similar length, within width and height in pixels."""
+    words, upright = label.get_text().split(" "), int(label.get_rotation() == 90.0)
 
     def lines(room: float) -> list[str]:
         found = words[:1]
         for word in words[1:]:
             label.set_text(f"{found[-1]} {word}")
-            fits = label.get_window_extent().height <= room
+            fits = label.get_window_extent().size[upright] <= room
             found[-1:] = [label.get_text()] if fits else [found[-1], word]
         return found
 
-    found = shorter = lines(room)
-    while len(found) == len(shorter) > 1:
-        found, room = shorter, 0.9 * room
-        shorter = lines(room)
+    found = shorter = lines(length := room[upright])
+    while 1 < len(found) == len(shorter) < len(words):
+        found, length = shorter, 0.9 * length
+        shorter = lines(length)
     label.set_text("\n".join(found))
 
 
@@ -214,7 +227,8 @@ def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
     Without such artists there is no legend. It stands below if it takes at most a fifth of the
     height that the figure has for these Axes; its letters get smaller for that, down to six points.
     A larger legend stands inside, where it covers nothing. If there is no such place, it stands
-    below, with letters of five points. It has as many columns, up to four, as fit the width.
+    below, too, with letters of five points if it takes more than 0.3 of the height with those of
+    six. It has as many columns, up to four, as fit the width.
     """
     if named is None:
         named = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
@@ -222,12 +236,14 @@ def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
         return
     figure, spec = ax.figure, ax.get_subplotspec()
     alone = spec is not None and spec.get_gridspec().ncols == 1
-    wide, high = _cell(ax)
+    wide, high = cell_size(ax)
     wide = 0.95 * wide if alone else wide - BESIDE * figure.dpi
     middle = blended_transform_factory(
         figure.transSubfigure if alone else ax.transAxes, ax.transAxes
     )
-    below = ScaledTranslation(0.0, -0.42, figure.dpi_scale_trans)  # inches, for ticks and label
+    letters = ax.xaxis.label.get_fontproperties().get_size_in_points()
+    breaks = ax.get_xlabel().count("\n") * letters * LINE_HEIGHT
+    below = ScaledTranslation(0.0, -0.42 - breaks, figure.dpi_scale_trans)  # for ticks and label
     look: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "frameon": False}
     look |= {"bbox_transform": middle + below, "columnspacing": 1.2}
     usual = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
@@ -243,29 +259,49 @@ def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
         return False
 
     if not fits_below(sizes, 0.2) and not _fits_inside(ax, named, sizes):
-        fits_below([5.0], math.inf)
+        fits_below(sizes, 0.3) or fits_below([5.0], math.inf)
 
 
 def _fits_inside(ax: Axes, named: Mapping[str, Any], sizes: Sequence[float]) -> bool:
-    """Adds a legend inside the Axes, and returns whether it covers nothing there."""
+    """Adds a legend inside the Axes, and returns whether it covers nothing there.
+
+    Other Axes in the figure may later get labels and legends that make these Axes smaller.
+    """
     ax.legend([], [])
     ax.figure.figure.draw_without_rendering()  # gives the Axes their place
     frame: Any = ax.get_window_extent()
-    curves = [line.get_transform().transform_path(line.get_path()) for line in ax.lines]
-    others = [one.get_window_extent() for one in (*ax.patches, *ax.collections, *ax.texts)]
+    smaller, covers = shrinks(ax), obstacles(ax)
     for size, columns in product(sizes, (1, 2)):
         legend = ax.legend(named.values(), named, fontsize=size, ncols=columns, loc="lower left")
-        box = legend.get_window_extent()
-        room = frame.size - box.size - 2.0 * (box.min - frame.min)  # between two opposite corners
+        box = frame.min + (legend.get_window_extent().get_points() - frame.min) / smaller
+        room = frame.min + frame.max - box.sum(axis=0)  # between two opposite corners
         if (room < 0.0).any():
             continue
         for place, shares in INSIDE.items():
-            there = Bbox(box.get_points() + room * shares)
-            covers = any(curve.intersects_bbox(there, filled=False) for curve in curves)
-            if not covers and not there.count_overlaps(others):
+            there = Bbox(box + room * shares)
+            if not covers(there):
                 legend.set_loc(place)
                 return True
     return False
+
+
+def shrinks(ax: Axes) -> Any:
+    """Shares of their width and height to which Axes may shrink, by others in the figure."""
+    if len(ax.figure.figure.axes) == 1:
+        return np.ones(2)
+    return np.minimum(_room(ax) / np.array(ax.get_window_extent().size), 1.0)
+
+
+def obstacles(ax: Axes) -> Callable[[Bbox], bool]:
+    """A function that tells whether anything drawn on Axes lies in a box, in pixels."""
+    curves = [line.get_transform().transform_path(line.get_path()) for line in ax.lines]
+    others = [one.get_window_extent() for one in (*ax.patches, *ax.collections, *ax.texts)]
+
+    def covers(box: Bbox) -> bool:
+        crossed = any(curve.intersects_bbox(box, filled=False) for curve in curves)
+        return crossed or bool(box.count_overlaps(others))
+
+    return covers
 
 
 INSIDE: dict[Any, tuple[float, float]] = {"upper right": (1.0, 1.0), "upper left": (0.0, 1.0)}
@@ -298,8 +334,14 @@ def notice(text: str, *, ax: Axes | None = None) -> Axes:
     check.instance("text", text, str)
     ax = axes(ax, (6.4, 4.8))
     ax.set(xticks=[], yticks=[])
-    ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", wrap=True)
+    write(ax, text)
     return ax
+
+
+def write(ax: Axes, text: str) -> None:
+    """Writes a sentence in the middle of Axes, in as many lines as their width requires."""
+    place: dict[str, Any] = {"transform": ax.transAxes, "ha": "center", "va": "center"}
+    wrap(ax.text(0.5, 0.5, text, **place), 0.8 * _room(ax))
 
 
 def open_marker(size: float, edge: str = BLACK, **more: Any) -> dict[str, Any]:

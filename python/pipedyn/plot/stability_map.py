@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from itertools import cycle, groupby, pairwise
+from itertools import cycle, groupby, pairwise, product
 from typing import Any
 
 import numpy as np
@@ -55,7 +55,7 @@ def boundary(
     """Boundaries of stability in the plane of two numbers; the stable region is shaded.
 
     Curves are solid if the bifurcation is supercritical, dashed if it is subcritical, thin if the
-    criticality was not computed, and thin and pale if other roots are unstable. The legend names
+    criticality was not computed, and dotted and pale if other roots are unstable. The legend names
     organising points.
 
     Args:
@@ -80,6 +80,8 @@ def boundary(
     (x, y), row, column, searched = _pixels(found, plane)
     shade = np.zeros((COLUMNS, COLUMNS, 4))
     shade[stable[row, column] & searched] = to_rgba(STABLE)
+    if (stable[row, column] & searched).any():
+        ax.fill([], [], facecolor=STABLE, label="stable")
     within = (left, right, low, high)
     ax.imshow(shade, origin="lower", extent=within, aspect="auto", zorder=0.2, label="_shade")
     for curve in found.curves:
@@ -90,7 +92,8 @@ def boundary(
             beside = OTHERS_UNSTABLE if others[first] and not kind else ""
             label = ", ".join(word for word in (curve.kind, kind, beside) if word)
             look: dict[str, Any] = {"color": KIND_COLOURS[curve.kind][subcritical], "label": label}
-            look |= {"linestyle": (0, (1.6, 0.8)) if subcritical else "-"}
+            dotted = (0, (1.0, 1.5)) if beside else "-"
+            look |= {"linestyle": (0, (1.6, 0.8)) if subcritical else dotted}
             look |= {"linewidth": 1.6 if kind else 0.7, "alpha": 0.5 if others[first] else 1.0}
             ax.plot(*plane.at(*places[first : last + 1].T), **look)
     for point in found.points:
@@ -104,8 +107,7 @@ def boundary(
         ax.plot([], [], " ", label=f"{check.how_many(len(found.failures), 'curve')} with failures")
     ax.set(xlim=(left, right), ylim=(low, high))
     if not found.curves:
-        sentence = _why_nothing({_stability(found)})
-        ax.text(0.5, 0.5, sentence, transform=ax.transAxes, ha="center", wrap=True)
+        common.write(ax, _why_nothing({_stability(found)}))
     if check.flag("legend", legend):
         common.legend_below(ax)
     return ax
@@ -160,29 +162,31 @@ def _stable(found: Boundary) -> NDArray[np.bool_]:
     """Whether no root is unstable, in rows by increasing y, (COLUMNS, COLUMNS).
 
     Neighbouring columns that cross the same curves in the same order cross the same regions between
-    these; a region ends where two curves come closer than a row. Eigenvalues are counted once in
-    each region, in the column in which it is highest.
+    these; a curve counts as several, one for each arc on which x only grows or only falls, since it
+    may cross itself. A region ends where two curves come closer than a row. Eigenvalues are counted
+    once in each region, in the column in which it is highest.
     """
     (left, right), (low, high) = found.ranges
     middles = (np.arange(COLUMNS) + 0.5) / COLUMNS
     columns, rows = left + (right - left) * middles, low + (high - low) * middles
-    crossed: list[list[tuple[float, int]]] = [[] for _ in columns]
+    crossed: list[list[tuple[float, int, int]]] = [[] for _ in columns]
     walls = np.zeros(COLUMNS + 1, dtype=np.int_)  # curves between each column and the one before
     for number, curve in enumerate(found.curves):
         places, *_ = _dense(curve, found)
         begins = np.searchsorted(columns, places[:, 0])
         walls[begins[0]] += begins.min() == begins.max()
-        ends = zip(*places.T, begins, strict=True)
-        for (x, y, begin), (to_x, to_y, end) in pairwise(ends):
+        arcs = np.cumsum(np.diff(np.sign(np.diff(places[:, 0])), prepend=0.0) != 0.0).tolist()
+        ends = pairwise(zip(*places.T, begins, strict=True))
+        for arc, ((x, y, begin), (to_x, to_y, end)) in zip(arcs, ends, strict=True):
             for k in range(*sorted((begin, end))):
                 height = y + (columns[k] - x) / (to_x - x) * (to_y - y)
-                crossed[k].append((float(np.clip(height, low, high)), number))
+                crossed[k].append((float(np.clip(height, low, high)), number, arc))
     walls = np.cumsum(walls)
     stable = np.zeros((COLUMNS, COLUMNS), dtype=np.bool_)
-    orders = [(walls[k], *(number for _, number in sorted(one))) for k, one in enumerate(crossed)]
+    orders = [(walls[k], *(of for _, *of in sorted(one))) for k, one in enumerate(crossed)]
     for _, group in groupby(range(COLUMNS), key=orders.__getitem__):
         alike = list(group)
-        heights = np.array([[low, *sorted(at for at, _ in crossed[k]), high] for k in alike]).T
+        heights = np.array([[low, *sorted(at for at, *_ in crossed[k]), high] for k in alike]).T
         for bottom, top in pairwise(heights):
             seen = top - bottom > (high - low) / COLUMNS
             for first, last in common.runs(seen):
@@ -209,9 +213,10 @@ def stability_map(
     """Speeds at which several pipes lose or regain stability, against a number.
 
     Ticks on boundaries point to the unstable side. Words at a curve of divergence tell whether the
-    flow buckles the pipe above it or the weight does below it. Parts of boundaries on which other
-    roots are unstable are left out; if no part is left, the legend says whether the pipe is stable
-    at the speeds searched. Pipes are in the order of gamma. The x axis shows the range searched.
+    flow buckles the pipe above it or the weight does below it, where they cover nothing. Parts of
+    boundaries on which other roots are unstable are left out; if no part is left, the legend says
+    whether the pipe is stable at the speeds searched. Pipes are in the order of gamma. The x axis
+    shows the range searched.
 
     Args:
         boundaries: boundaries by their labels, with the same number for x and "u" for y.
@@ -245,7 +250,7 @@ def stability_map(
     view = View(units, pipe)
     shown = OF_A_NUMBER[name] if pipe is None else of_number(name, pipe)
     ax = view.axes(ax, (6.4, 4.8), shown, FLOW_SPEED)
-    divergences = list[tuple[Array, bool, bool, Any]]()
+    divergences = list[tuple[Array, bool, bool, Any]]()  # points where words may be, and their look
     states, searched, reach = list[str](), list[float](), 0.0  # states: of pipes without a boundary
     for (label, found), look in zip(every, cycle(common.CURVE_STYLES), strict=False):
         plane = PlaneView(units, found.model.pipe, found.names)
@@ -259,6 +264,8 @@ def stability_map(
             said = View("nondimensional", None) if name == "beta" else plane
             low, high = (said.speed(float(end)) for end in found.ranges[1])
             note = f": {states[-1]} from {low} to {high}"
+        elif highest is not None and min(part[0][:, 1].min() for part in parts) >= highest:
+            note = f": no boundary up to {plane.speed(highest)}"
         if found.failures:
             note += f" ({check.how_many(len(found.failures), 'curve')} with failures)"
         ax.plot([], [], linewidth=1.5, label=f"{label}{note}", **look)
@@ -268,30 +275,32 @@ def stability_map(
             at = plane.at(*line.T).T
             ax.plot(*at.T, linewidth=1.3, path_effects=[ticks], **look)
             middle = line.shape[0] // 2
-            above = bool(at[middle, 0] > at[middle - 1, 0]) == left
+            upper = (np.diff(at[:, 0]) > 0.0) == left  # where the unstable side is above
+            above = bool(upper[middle - 1])
             if kind == "divergence" and above not in written:
                 written.add(above)
                 gamma = line[middle, 0] if name == "gamma" else found.model.pipe.gamma
-                divergences.append((at[middle], above, gamma < 0.0, look["color"]))
+                divergences.append((at[1:][upper == above], above, gamma < 0.0, look["color"]))
     drawn = len(states) < len(every)
-    end = 1.1 * ax.dataLim.y1 if drawn else reach
+    end = min(1.1 * ax.dataLim.y1, reach) if drawn else reach
     if highest is not None:
         end = view.one(FLOW_SPEED) * highest
     ax.set_ylim(0.0, end if end > 0.0 else None)
     if searched:
         ax.set_xlim(min(searched), max(searched))
-    heights = np.array([place[0][1] for place in divergences]) / ax.get_ylim()[1]
-    for i, place in enumerate(divergences):
-        _divergence(ax, *place, int((np.abs(heights[:i] - heights[i]) < 0.08).sum()))
-    if name == "beta" and view.si and boundaries:
-        _unsearched(ax, list(boundaries.values()))
+    if boundaries:
+        _unsearched(ax, units, list(boundaries.values()))
     if drawn:
         ticks = withTickedStroke(angle=-90.0, **TICKS)
         ax.plot([], [], color="0.3", path_effects=[ticks], label="ticks: unstable side")
     else:
-        ax.text(0.5, 0.5, _why_nothing({*states}), transform=ax.transAxes, ha="center", wrap=True)
+        common.write(ax, _why_nothing({*states}))
     if check.flag("legend", legend):
         common.legend_below(ax)
+    if divergences:
+        ax.figure.figure.draw_without_rendering()  # gives the Axes their place
+    for place in divergences:
+        _divergence(ax, *place)
     return ax
 
 
@@ -311,16 +320,16 @@ def _why_nothing(states: set[str]) -> str:
     return f"No boundary lies in the window{all_is}."
 
 
-def _unsearched(ax: Axes, found: list[Boundary]) -> None:
-    """Hatches SI speeds above the searched ones; their limit depends on beta, as the unit does."""
+def _unsearched(ax: Axes, units: Units, found: list[Boundary]) -> None:
+    """Hatches speeds above the searched ones; in SI their limit depends on beta, as the unit."""
     highest = ax.get_ylim()[1]
     ends = list[Array]()
     for one in found:
         (left, right), (_, end) = one.ranges
-        plane = PlaneView("si", one.model.pipe, one.names)
+        plane = PlaneView(units, one.model.pipe, one.names)
         ends.append(plane.at(np.linspace(left, right, 200), np.full(200, end)))
     beta, lowest = ends[0][0], np.min([end for _, end in ends], axis=0)
-    if (lowest < highest).any():
+    if (lowest < (1.0 - 1e-9) * highest).any():
         ax.fill_between(beta, lowest, highest, lowest < highest, interpolate=True, **UNSEARCHED)
         ax.set_ylim(0.0, highest)
 
@@ -339,23 +348,27 @@ def _number_swept(label: Any, one: Any) -> str:
     return found.names[0]
 
 
-def _divergence(ax: Axes, at: Array, above: bool, standing: bool, colour: str, others: int) -> None:
-    """Writes words at a point of a curve of divergence, which say on which side the pipe buckles.
+def _divergence(ax: Axes, at: Array, above: bool, standing: bool, colour: str) -> None:
+    """Writes words at one of k points of a curve of divergence, which say where the pipe buckles.
 
-    The words are on that side, or on the other side if the end of the axis is near. They do not
-    overlap the words of `others` curves at the same height.
+    The words are on that side, or on the other side if there is room only there. They are left out
+    if they would cover something or leave the Axes at each of some points.
     """
-    below = "buckled by its weight below" if standing else "divergence below"
-    share = at[1] / ax.get_ylim()[1]
-    over = share < 0.8 if above else share < 0.3
-    place: dict[str, Any] = {"va": "bottom" if over else "top", "fontsize": 7.0}
-    across = (at[0] - ax.get_xlim()[0]) / np.ptp(ax.get_xlim())
-    place["ha"] = "left" if across < 0.3 else "right" if across > 0.7 else "center"
-    white = {"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.85}
-    place |= {"textcoords": "offset points", "color": colour, "bbox": white}
-    words = "divergence above" if above else below
-    away = 7 + 10 * others
-    ax.annotate(words, (at[0], at[1]), (0, away if over else -away), **place)
+    words = "buckled by its weight below" if standing else "divergence below"
+    words = "divergence above" if above else words
+    look: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 7.0}
+    covers, frame, legend = common.obstacles(ax), ax.get_window_extent(), ax.get_legend()
+    shares = sorted(np.linspace(0.05, 0.95, 13), key=lambda share: abs(share - 0.5))
+    for over, share in product((above, not above), shares):
+        place = at[int(share * len(at))]
+        look["va"] = "bottom" if over else "top"
+        text = ax.annotate(words, place, (0, 7 if over else -7), color=colour, **look)
+        box = text.get_window_extent().expanded(*(1.0 / common.shrinks(ax)))
+        box = box.padded(2.0, ax.figure.dpi / 18.0)  # ticks are 4 points long
+        inside = frame.x0 < box.x0 < box.x1 < frame.x1 and frame.y0 < box.y0 < box.y1 < frame.y1
+        if inside and not covers(box) and not (legend and box.overlaps(legend.get_window_extent())):
+            return
+        text.remove()
 
 
 def parts_of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[Array, str, bool]]:
