@@ -60,6 +60,10 @@ SAME_ROOT = 1e-5
 """Distance of two roots, over 1 + |lambda|, within which they are one root computed twice: near a
 meeting, rounding moves both by its square root."""
 
+NEUTRAL = 1e-6
+"""Real part over 1 or |lambda| above which a root grows whatever the bound on its error, and
+largest change of a growing root from one basis to the next."""
+
 BESIDE_CROSSING = 1e-3
 """Distance from a crossing, over 1 + its speed, within which growing roots are not counted: there
 the bound on the error of a root may be larger than its real part."""
@@ -75,8 +79,9 @@ class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
             the real axis with the greater root of a pair.
         partners: the other root of each pair, shape (S, B): the conjugate while the pair is
             complex, the other real root while it is not.
-            With hysteresis, branches follow oscillating roots, and are NaN where strong damping
-            leaves a mode without such a root.
+            With hysteresis, branches follow oscillating roots and the real roots that grow, which
+            are those without it. They are NaN where strong damping leaves a mode without such a
+            root.
         converged: whether the residual of each eigenvalue is small enough, shape (S, B).
         errors: bounds, to first order, on the absolute error of each eigenvalue or its partner,
             shape (S, B): residual and rounding times the condition number, so that they are
@@ -148,9 +153,8 @@ def root_loci(
     Returns:
         RootLoci at the speeds asked for only. Its `modes` says which mode each branch is, and its
         `complete` is False if modes may grow that have no branch: for the reasons above, beyond
-        2,000 degrees of freedom, if the search for crossings fails, and in some pipes so damped
-        that modes do not oscillate or whose hysteresis leaves a mode that grows without oscillating
-        out of its branch; `crossings` and `eigenvalues` know these.
+        2,000 degrees of freedom, if the search for crossings fails, and in some chains of more than
+        64 segments so damped that modes do not oscillate.
 
     Example:
         >>> loci = pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), np.linspace(0.0, 8.0, 41), count=3)
@@ -184,22 +188,29 @@ def root_loci(
     elif (isinstance(model, Continuum) or model.dof <= LARGEST_FULL) and not fed:
         growing = _growing_modes(model, at, count)
         highest = min(max([count, *growing.added]), most)
-    # If damping is so strong that modes do not oscillate, their numbers are a convention. The modes
-    # that the flow reaches are followed then, unless those asked for have all growing roots.
+    # If damping is so strong that modes do not oscillate, their numbers are a convention. Unless
+    # the modes asked for have all growing roots, more modes are followed then.
     overdamped = pipe.damping * (math.pi * highest) ** 2 > 2.0
+    by_basis = overdamped and isinstance(model, Continuum) and not pipe.hysteresis
     reached = most if most <= FEW_MODES else min(math.ceil(reach.modes_reached(end)) + 2, most)
     sizes = [count, max(count, reached)] if overdamped else [highest, max(highest, reached)]
     loci, complete, missed = None, growing.complete, True
-    for followed in sorted({*sizes}):
+    for followed in sorted({*sizes[: 1 if by_basis else 2]}):
         try:
             loci = branches_followed(model, at, followed, shown)
         except NotConverged:
-            if followed == count:
+            if followed == count and not by_basis:
                 raise
             complete = False
             break
+        if pipe.hysteresis and growing.complete:
+            loci = _with_static_roots(loci, model, at)
         if not (missed := bool(np.any(np.sum(_growing_roots(loci), axis=1) < growing.roots))):
             break
+    if missed and by_basis and isinstance(model, Continuum):
+        loci = _of_one_basis(model, at, count, shown)
+        missed = bool(np.any(np.sum(_growing_roots(loci), axis=1) < growing.roots))
+        complete = growing.complete
     if loci is None:
         loci = branches_followed(model, at, count, shown)
     complete &= not missed
@@ -217,9 +228,51 @@ def root_loci(
 
 
 def _growing_roots(loci: RootLoci) -> NDArray[np.int64]:
-    """Number of roots of each branch that grow at each speed, 0 to 2, shape (S, B)."""
+    """Number of roots of each branch that grow at each speed, 0 to 2, shape (S, B).
+
+    The bound on the errors is one for both roots, of which one may be in the cluster.
+    """
     both = (loci.eigenvalues, loci.partners)
-    return np.sum([root.real > loci.errors for root in both], axis=0)
+    least = [np.minimum(loci.errors, NEUTRAL * np.maximum(np.abs(root), 1.0)) for root in both]
+    return np.sum([root.real > by for root, by in zip(both, least, strict=True)], axis=0)
+
+
+def _with_static_roots(loci: RootLoci, model: AnyModel, at: Array) -> RootLoci:
+    """Branches of a pipe with hysteresis, with the real roots that grow, on which it does not act.
+
+    They are those of the pipe without hysteresis, on the branches of its modes.
+    """
+    still = model.with_pipe(replace(model.pipe, hysteresis=0.0))
+    static = branches_followed(still, at, loci.modes.size)
+    grows = (static.eigenvalues.imag == 0.0) & (static.eigenvalues.real > static.errors)
+    taken = {
+        name: np.where(grows, getattr(static, name), getattr(loci, name))
+        for name in ("eigenvalues", "converged", "errors")
+    }
+    # The oscillating root of the mode stays, as the other root.
+    return replace(loci, **taken, partners=np.where(grows, loci.eigenvalues, loci.partners))
+
+
+def _of_one_basis(model: Continuum, at: Array, count: int, shown: bool) -> RootLoci:
+    """Branches of all modes of a basis that is so large that all growing roots have converged.
+
+    Under strong damping a growing root may be the continuation of any overdamped one, whose number
+    depends on the basis. Errors are distances from the nearest roots of a larger basis.
+    """
+    size = max(16, 3 * count, math.ceil(at[-1]))
+    for functions in (size, size + 16, size + 32):
+        loci = branches_followed(model.frozen(functions), at, functions, shown)
+        problem = eigenproblem(model.frozen(functions + 8))
+        moved = np.full(loci.errors.shape, math.inf)
+        for row, u in enumerate(at.tolist()):
+            values = problem.lowest(u, 2 * problem.dof).values
+            moved[row] = np.abs(loci.eigenvalues[row, :, None] - values).min(axis=1)
+        growing = loci.eigenvalues.real > NEUTRAL * np.maximum(np.abs(loci.eigenvalues), 1.0)
+        if (moved[growing] <= NEUTRAL * np.abs(loci.eigenvalues[growing])).all():
+            break
+    moved[_overdamped(loci, model.pipe.damping)] = math.inf
+    converged = loci.converged & ~(growing & (moved > NEUTRAL * np.abs(loci.eigenvalues)))
+    return replace(loci, errors=loci.errors + moved, converged=converged)
 
 
 def _rests_without_flow(model: AnyModel) -> bool:
