@@ -18,7 +18,7 @@ LIMITS = {
     "modules in a folder": 16,
     "names with more than one meaning": 9,
     "docstrings that begin with a leaning word": 0,
-    "lines of Python": 23413,
+    "lines of Python": 23418,
     "lines of C++": 14056,
 }
 

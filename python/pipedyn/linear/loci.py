@@ -153,8 +153,8 @@ def root_loci(
     Returns:
         RootLoci at the speeds asked for only. Its `modes` says which mode each branch is, and its
         `complete` is False if modes may grow that have no branch: for the reasons above, beyond
-        2,000 degrees of freedom, if the search for crossings fails, and in some chains of more than
-        64 segments so damped that modes do not oscillate.
+        2,000 degrees of freedom, if the search for crossings fails, and in some pipes so damped
+        that modes do not oscillate: chains of more than 64 segments, or with hysteresis as well.
 
     Example:
         >>> loci = pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), np.linspace(0.0, 8.0, 41), count=3)
@@ -244,13 +244,18 @@ def _with_static_roots(loci: RootLoci, model: AnyModel, at: Array) -> RootLoci:
     """
     still = model.with_pipe(replace(model.pipe, hysteresis=0.0))
     static = branches_followed(still, at, loci.modes.size)
-    grows = (static.eigenvalues.imag == 0.0) & (static.eigenvalues.real > static.errors)
+    grows, both = (
+        (root.imag == 0.0) & (root.real > NEUTRAL * np.maximum(root.real, 1.0))
+        for root in (static.eigenvalues, static.partners)
+    )
     taken = {
         name: np.where(grows, getattr(static, name), getattr(loci, name))
         for name in ("eigenvalues", "converged", "errors")
     }
-    # The oscillating root of the mode stays, as the other root.
-    return replace(loci, **taken, partners=np.where(grows, loci.eigenvalues, loci.partners))
+    # The oscillating root of the mode stays as the other root, unless it is the growing motion.
+    other = np.where(loci.eigenvalues.real < 0.0, loci.eigenvalues, complex(math.nan, math.nan))
+    partners = np.where(both, static.partners, np.where(grows, other, loci.partners))
+    return replace(loci, **taken, partners=partners)
 
 
 def _of_one_basis(model: Continuum, at: Array, count: int, shown: bool) -> RootLoci:
