@@ -60,6 +60,9 @@ SAME_ROOT = 1e-5
 """Distance of two roots, over 1 + |lambda|, within which they are one root computed twice: near a
 meeting, rounding moves both by its square root."""
 
+OF_BRANCHES = ("eigenvalues", "partners", "converged", "errors")
+"""Fields of `RootLoci` with a row for each speed and a column for each branch."""
+
 NEUTRAL = 1e-6
 """Real part over 1 or |lambda| above which a root grows whatever the bound on its error, and
 largest change of a growing root from one basis to the next."""
@@ -191,40 +194,42 @@ def root_loci(
     # If damping is so strong that modes do not oscillate, their numbers are a convention. Unless
     # the modes asked for have all growing roots, more modes are followed then.
     overdamped = pipe.damping * (math.pi * highest) ** 2 > 2.0
-    by_basis = overdamped and isinstance(model, Continuum) and not pipe.hysteresis
+    exact = model if isinstance(model, Continuum) and overdamped and not pipe.hysteresis else None
     reached = most if most <= FEW_MODES else min(math.ceil(reach.modes_reached(end)) + 2, most)
     sizes = [count, max(count, reached)] if overdamped else [highest, max(highest, reached)]
-    loci, complete, missed = None, growing.complete, True
-    for followed in sorted({*sizes[: 1 if by_basis else 2]}):
+    loci, complete = None, growing.complete
+    for followed in sorted({*sizes[: 1 if exact else 2]}):
         try:
             loci = branches_followed(model, at, followed, shown)
         except NotConverged:
-            if followed == count and not by_basis:
+            if followed == count and not exact:
                 raise
             complete = False
             break
         if pipe.hysteresis and growing.complete:
             loci = _with_static_roots(loci, model, at)
-        if not (missed := bool(np.any(np.sum(_growing_roots(loci), axis=1) < growing.roots))):
+        if not growing.are_missing_in(loci):
             break
-    if missed and by_basis and isinstance(model, Continuum):
-        loci = _of_one_basis(model, at, count, shown)
-        missed = bool(np.any(np.sum(_growing_roots(loci), axis=1) < growing.roots))
-        complete = growing.complete
+    if exact and (loci is None or growing.are_missing_in(loci)):
+        loci, complete = _of_one_basis(exact, at, count, shown), growing.complete
     if loci is None:
         loci = branches_followed(model, at, count, shown)
-    complete &= not missed
+    complete &= not growing.are_missing_in(loci)
     # Nothing is left out where all modes of a model have a branch.
     complete |= isinstance(model, Model) and loci.modes.size == model.dof and not pipe.hysteresis
     wanted = (loci.modes <= count) | np.isin(loci.modes, growing.added)
     kept = np.flatnonzero(wanted | _growing_roots(loci).any(axis=0))
-    every = ("eigenvalues", "partners", "converged", "errors")
     return replace(
         loci,
-        **{name: getattr(loci, name)[:, kept] for name in every},
+        **{name: getattr(loci, name)[:, kept] for name in OF_BRANCHES},
         modes=loci.modes[kept],
         complete=complete,
     )
+
+
+def _clearly_grow(roots: Complex) -> NDArray[np.bool_]:
+    """Which roots grow whatever the bounds on their errors."""
+    return roots.real > NEUTRAL * np.maximum(np.abs(roots), 1.0)
 
 
 def _growing_roots(loci: RootLoci) -> NDArray[np.int64]:
@@ -233,20 +238,19 @@ def _growing_roots(loci: RootLoci) -> NDArray[np.int64]:
     The bound on the errors is one for both roots, of which one may be in the cluster.
     """
     both = (loci.eigenvalues, loci.partners)
-    least = [np.minimum(loci.errors, NEUTRAL * np.maximum(np.abs(root), 1.0)) for root in both]
-    return np.sum([root.real > by for root, by in zip(both, least, strict=True)], axis=0)
+    return np.sum([(root.real > loci.errors) | _clearly_grow(root) for root in both], axis=0)
 
 
 def _with_static_roots(loci: RootLoci, model: AnyModel, at: Array) -> RootLoci:
-    """Branches of a pipe with hysteresis, with the real roots that grow, on which it does not act.
+    """Branches of a pipe with hysteresis, on which its growing real roots replace other roots.
 
-    They are those of the pipe without hysteresis, on the branches of its modes.
+    Hysteresis does not act on static motions, so that its growing real roots are those of the pipe
+    without hysteresis.
     """
-    still = model.with_pipe(replace(model.pipe, hysteresis=0.0))
-    static = branches_followed(still, at, loci.modes.size)
+    lossless = model.with_pipe(replace(model.pipe, hysteresis=0.0))
+    static = branches_followed(lossless, at, loci.modes.size)
     grows, both = (
-        (root.imag == 0.0) & (root.real > NEUTRAL * np.maximum(root.real, 1.0))
-        for root in (static.eigenvalues, static.partners)
+        (root.imag == 0.0) & _clearly_grow(root) for root in (static.eigenvalues, static.partners)
     )
     taken = {
         name: np.where(grows, getattr(static, name), getattr(loci, name))
@@ -272,12 +276,12 @@ def _of_one_basis(model: Continuum, at: Array, count: int, shown: bool) -> RootL
         for row, u in enumerate(at.tolist()):
             values = problem.lowest(u, 2 * problem.dof).values
             moved[row] = np.abs(loci.eigenvalues[row, :, None] - values).min(axis=1)
-        growing = loci.eigenvalues.real > NEUTRAL * np.maximum(np.abs(loci.eigenvalues), 1.0)
-        if (moved[growing] <= NEUTRAL * np.abs(loci.eigenvalues[growing])).all():
+        growing = _clearly_grow(loci.eigenvalues)
+        moves = moved > NEUTRAL * np.abs(loci.eigenvalues)
+        if not (moves & growing).any():
             break
     moved[_overdamped(loci, model.pipe.damping)] = math.inf
-    converged = loci.converged & ~(growing & (moved > NEUTRAL * np.abs(loci.eigenvalues)))
-    return replace(loci, errors=loci.errors + moved, converged=converged)
+    return replace(loci, errors=loci.errors + moved, converged=loci.converged & ~(growing & moves))
 
 
 def _rests_without_flow(model: AnyModel) -> bool:
@@ -304,6 +308,10 @@ class _GrowingModes:
     added: list[int]
     roots: Array
     complete: bool
+
+    def are_missing_in(self, loci: RootLoci) -> bool:
+        """Whether the branches have fewer growing roots than the model at one of the speeds."""
+        return bool(np.any(np.sum(_growing_roots(loci), axis=1) < self.roots))
 
 
 def _growing_modes(model: AnyModel, at: Array, count: int) -> _GrowingModes:
@@ -375,7 +383,7 @@ def branches_followed(model: AnyModel, speeds: Array, count: int, shown: bool = 
         unknown = _overdamped(found, model.pipe.damping) | np.isnan(scale)
         moved = np.where(unknown, np.inf, answer.error * scale)
         found = replace(found, errors=found.errors + moved)
-    every = ("speeds", "eigenvalues", "partners", "converged", "errors")
+    every = ("speeds", *OF_BRANCHES)
     return replace(found, **{name: getattr(found, name)[ahead:] for name in every})
 
 

@@ -81,8 +81,7 @@ def basins(
     in the legend, shows an equilibrium that lies in the plane. Starts whose motions end on an
     unstable equilibrium or cycle belong to no basin: crosses show them, over the colour of the
     nearest start of a basin. Starts whose motions did not settle are grey, and those whose motions
-    failed are white.
-    Coordinates are those of the model, counted from 0.
+    failed are white. Coordinates are those of the model, counted from 0.
 
     Args:
         found: attractors from a `StartPlane` of at least 2 values along both axes.
@@ -251,10 +250,9 @@ def spectrum(
     The spectrum of an attractor is the amplitude over the frequency; that of a cycle is drawn as
     stems at its harmonics. The spectrum of a motion is its power spectral density by Welch's
     method: the mean over half-overlapping segments, each with Hann's window and without its mean,
-    weighted by that window.
-    The integral of the density over the frequencies shown is the mean square of the motion about
-    its mean. Uneven samples are interpolated by cubics, at steps of the least distance between two.
-    The title says where a mean cycle has fewer than ten samples.
+    weighted by that window. The integral of the density over the frequencies shown is the mean
+    square of the motion about its mean. Uneven samples are interpolated by cubics, at steps of the
+    least distance between two. The title says where a mean cycle has fewer than ten samples.
 
     Frequencies are in Hz with units="si", and angular (omega T) otherwise.
 
