@@ -89,15 +89,17 @@ class Eigenproblem:
     def spectrum(self) -> _core.Eigenproblem:
         """The core's form of the problem, made anew at each call, since nothing is kept here."""
         pipe, damped = self.pipe, self.is_damped
-        traits = _core.Traits(
-            dof=self.dof,
-            delta=pipe.damping,
-            zero=self.zero_tolerance,
-            damped=damped,
-            conservative=not (damped or self.pencil.end_moves) and self.is_conservative,
-            squared=not damped and pipe.beta == 0.0,
-            free_at_rest=not damped,
-            loss=pipe.hysteresis,
+        conservative = not (damped or self.pencil.end_moves) and self.is_conservative
+        squared, free_at_rest = not damped and pipe.beta == 0.0, not damped
+        traits = _core.Traits(  # positional arguments: keywords would double the time
+            self.dof,
+            pipe.damping,
+            self.zero_tolerance,
+            damped,
+            conservative,
+            squared,
+            free_at_rest,
+            pipe.hysteresis,
         )
         # The norm of the stiffness at rest; the elastic part has norm 1.
         size = 1.0 + abs(pipe.gamma) + self.model.varied_stiffness

@@ -37,6 +37,12 @@ NOT_HELD = np.zeros(0, dtype=np.intp)
 LARGEST_CHAIN = 1_000_000
 """Largest number of segments: each array takes 8 MB, a right-hand side some 0.03 s."""
 
+LARGEST_KEPT, MOST_KEPT = 300, 32
+"""Largest number of segments of chains that are kept in `_KEPT`, 20 kB each, and of the chains."""
+
+_KEPT: dict[tuple[Any, ...], dict[str, Any]] = {}
+"""Attributes of chains whose segments follow from a few numbers, for other chains with these."""
+
 SHORTEST_SEGMENT = 1e-7
 """Shortest segment: shorter ones, or a last one with less inertia, are lost in rounding."""
 
@@ -132,6 +138,14 @@ class Chain(SegmentModel):
         if n is None:
             n = _segments_in(arrays | {"springs": None if rule else springs}, pipe.end_guided)
         n = check.count("n", n, high=LARGEST_CHAIN)
+        # Segments that follow from these numbers alone are made once.
+        plain = rule is not None and all(one is None for one in arrays.values())
+        plain = plain and pipe.stiffness is None and pipe.mass is None
+        key = (n, rule, base, pipe.supports, pipe.end_guided)
+        if plain and key in _KEPT:
+            vars(self).update(_KEPT[key])
+            self._check_pipe()
+            return
         cells = _cells(n, base, pipe.supports)
         if rule == "midpoint":
             if lengths is not None or base != 0.0:
@@ -176,6 +190,12 @@ class Chain(SegmentModel):
             self._joints = _read_only(self._springs_by_rule(rule))
         self._check_pipe()
         self._approximates = rule is not None and not own
+        if plain and n <= LARGEST_KEPT:
+            if len(_KEPT) == MOST_KEPT:
+                _KEPT.clear()
+            names = ("_base", "_rule", "_joints", "_approximates", *(f"_{name}" for name in ARRAYS))
+            _KEPT[key] = {name: vars(self)[name] for name in names}
+            _KEPT[key]["_segments"] = self._segments
 
     def archived(self) -> dict[str, Any]:
         return {
@@ -298,6 +318,21 @@ class Chain(SegmentModel):
     @property
     def _own_joints(self) -> Array:
         return self._joints[: self.coordinates + self._pipe.end_guided]
+
+    @cached_property
+    def _segments(self) -> _core.Segments:
+        """The segments in the core's form, with their joints."""
+        return core_segments(self, spring=self._own_joints)
+
+    def with_pipe(self, pipe: Pipe) -> Self:
+        other = super().with_pipe(pipe)
+        if pipe.end_guided == self._pipe.end_guided:
+            vars(other)["_segments"] = self._segments
+        return other
+
+    @cached_property
+    def _chain(self) -> _core.Chain:
+        return _core.Chain(core_pipe(self._pipe), self._segments)
 
     @cached_property
     def core(self) -> _core.Scene:

@@ -40,8 +40,11 @@ class PipeNumber:
         if self.name == "root.stiffness":
             return replace(pipe, root=RootSpring(value))
         if self.term is None:
-            own: dict[str, Any] = {self.attribute: value}
-            return replace(pipe, **own)
+            changed = object.__new__(Pipe)  # a third of the time of `replace`
+            vars(changed).update(vars(pipe))
+            vars(changed)[self.attribute] = value
+            changed.__post_init__()
+            return changed
         terms = list(pipe.terms)
         terms[self.term] = replace(terms[self.term], **{self.attribute: value})
         return replace(pipe, terms=tuple(terms))
