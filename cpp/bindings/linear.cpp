@@ -152,7 +152,6 @@ void define_linear(py::module_& m) {
       .def_readonly("gyroscopic", &AxisCrossing::gyroscopic)
       .def_readonly("mode", &AxisCrossing::mode)
       .def_readonly("error", &AxisCrossing::error)
-      .def_readonly("forms", &AxisCrossing::forms)
       .def_property_readonly("slope",
                              [](const AxisCrossing& crossing) { return crossing.pair.slope; })
       .def_property_readonly(
@@ -198,6 +197,10 @@ void define_linear(py::module_& m) {
             return found;
           },
           "speeds"_a, "count"_a, "roots"_a, "count_work"_a, "row_done"_a = py::none())
+      .def(
+          "forms",
+          [](const Spectrum& spectrum, const AxisCrossing& of) { return spectrum.forms(of.pair); },
+          "crossing"_a)
       .def("set_without_loss", &Spectrum::set_without_loss, "other"_a)
       .def("factorisations", &Spectrum::factorisations);
 

@@ -87,14 +87,14 @@ class Search {
       for (Index i = 0; i < first->size(); ++i) every[i] = i;
       rest_ = first->values;
       modes_ = rest_modes_ = ranked(*first);
-      unstable_ = states(*first, every, Flags(every.size(), 0));
+      states(*first, every, Flags(every.size(), 0), unstable_);
       static_count_ = static_count(*first);
       sweep_.unstable_at_rest = unstable_count_ = count_unstable(*first) + static_count_;
       every.resize(std::min(first->size(), (traits_.squared ? 1 : 2) * range_.certain));
       const auto good = [this](const Step& step) {
         const bool last = step.shortest() || encloses(step);
         if (!last && !step.unambiguous) return false;
-        scanned_ = scan(step);
+        scan(step, scanned_);
         return last || scanned_.clear;
       };
       track({[this](double u) { return take(u); },
@@ -253,11 +253,11 @@ class Search {
            (std::abs(value.real()) > at.noise[i] && magnitude(value) >= traits_.zero);
   }
 
-  /// Which of some roots of a sample are unstable: by the sign of Re lambda, or as before if it has
-  /// no sign.
-  Flags states(const Sample& at, const Roots& onto, const Flags& before) const {
+  /// Finds which of some roots of a sample are unstable: by the sign of Re lambda, or as before if
+  /// it has no sign.
+  void states(const Sample& at, const Roots& onto, const Flags& before, Flags& result) const {
     const Index size = static_cast<Index>(onto.size());
-    Flags result = before;
+    result = before;
     for (Index i = 0; i < size; ++i) {
       const Complex value = at.values[onto[i]];
       if (has_sign(at, onto[i])) {
@@ -270,23 +270,22 @@ class Search {
         if (value.imag() != 0.0 && same) result[i] |= before[k];
       }
     }
-    return result;
   }
 
-  /// States, at the right end of a step, of the left sample's roots. A root that passes zero at a
-  /// divergence shows by the sign of a real root; otherwise it is the slowest root without a sign,
-  /// whose state follows from K.
-  Flags states_after(const Step& step) const {
-    Flags after = states(*step.right, step.onto, unstable_);
+  /// Finds the states, at the right end of a step, of the left sample's roots. A root that passes
+  /// zero at a divergence shows by the sign of a real root; otherwise it is the slowest root
+  /// without a sign, whose state follows from K.
+  void states_after(const Step& step, Flags& after) const {
+    states(*step.right, step.onto, unstable_, after);
     const Divergence* const zero = passed(step);
-    if (zero == nullptr || traits_.is_hysteretic() || zero->change() == 0) return after;
+    if (zero == nullptr || traits_.is_hysteretic() || zero->change() == 0) return;
     const bool grows = zero->change() > 0;
     Index slowest = -1;
     for (Index i = 0; i < step.left->size(); ++i) {
       const Index j = step.onto[i];
       if (step.end(i).imag() != 0.0) continue;
       if (has_sign(*step.right, j)) {
-        if (after[i] != unstable_[i] && (after[i] != 0) == grows) return after;
+        if (after[i] != unstable_[i] && (after[i] != 0) == grows) return;
         continue;
       }
       const double size = magnitude(step.end(i));
@@ -294,7 +293,6 @@ class Search {
       if (slowest < 0 || size < magnitude(step.end(slowest))) slowest = i;
     }
     if (slowest >= 0) after[slowest] = grows;
-    return after;
   }
 
   /// Number of unstable roots among the resolved modes of a sample.
@@ -334,14 +332,17 @@ class Search {
     return count;
   }
 
-  /// Modes of the roots of a step's right sample, and whether they are unstable. Sees whether a
-  /// root that is not tracked became unstable, or one that is tracked was lost.
-  std::pair<Roots, Flags> moved(const Step& step) {
+  /// Finds the modes of the roots of a step's right sample, and whether they are unstable. Sees
+  /// whether a root that is not tracked became unstable, or one that is tracked was lost.
+  void move(const Step& step) {
     const Flags& after = scanned_.after;
     const bool partly = range_.count < 2 * traits_.dof;
     const Index size = step.right->size();
-    Roots modes(size, 0), every(size);
-    Flags before(size, 0);
+    Roots &modes = next_modes_, &every = every_;
+    Flags &before = before_, &unstable = next_unstable_;
+    modes.assign(size, 0);
+    before.assign(size, 0);
+    every.resize(size);
     for (Index i = 0; i < step.left->size(); ++i) {
       modes[step.onto[i]] = modes_[i];
       before[step.onto[i]] = after[i];
@@ -349,20 +350,20 @@ class Search {
           partly && modes_[i] <= range_.tracked && traits_.counts(step.start(i)) && step.lost(i);
     }
     for (Index i = 0; i < size; ++i) every[i] = i;
-    Flags unstable = states(*step.right, every, before);
+    states(*step.right, every, before, unstable);
     for (Index i = 0; partly && i < size; ++i) {
       sweep_.untracked |= unstable[i] && traits_.counts(step.right->values[i]) &&
                           (modes[i] == 0 || modes[i] > range_.tracked);
     }
-    return {std::move(modes), std::move(unstable)};
   }
 
   /// Adds the crossings of a step; returns whether the search goes on.
   bool visit(const Step& step) {
-    auto next = moved(step);
+    move(step);
     if (sweep_.untracked) return false;
     std::vector<AxisCrossing> found = crossings(step);
-    std::tie(modes_, unstable_) = std::move(next);
+    modes_.swap(next_modes_);
+    unstable_.swap(next_unstable_);
     static_count_ = scanned_.static_count;
     int expected = unstable_count_;
     for (const AxisCrossing& crossing : found) expected += crossing.change;
@@ -418,14 +419,16 @@ class Search {
     return true;
   }
 
-  Scan scan(const Step& step) const {
+  void scan(const Step& step, Scan& found) const {
     const Sample &left = *step.left, &right = *step.right;
     const Divergence* const zero = passed(step);
-    Scan found;
-    found.after = states_after(step);
+    states_after(step, found.after);
     found.leaving.assign(left.size(), 0);
-    found.roots.reserve(left.size());
-    if (traits_.conservative && most_unstable(right.u) == 0) return found;  // no root can grow
+    found.roots.clear();
+    found.predicted.clear();
+    found.clear = true;
+    found.static_count = 0;
+    if (traits_.conservative && most_unstable(right.u) == 0) return;  // no root can grow
     int turned = 0;
     for (Index i = 0; i < left.size(); ++i) {
       const Index j = step.onto[i];
@@ -464,7 +467,6 @@ class Search {
     found.static_count = static_count(right);
     if (found.static_count != static_count_ && zero == nullptr) found.clear = false;
     if (turned > (zero == nullptr ? 0 : zero->multiplicity)) found.clear = false;
-    return found;
   }
 
   /// Finds where the cubic of a root's real part passes zero, and whether that shows all crossings
@@ -781,6 +783,9 @@ class Search {
   Roots rest_modes_;  // modes of these roots
   Roots modes_;       // modes of the left sample's roots, from 1; 0 for other roots
   Flags unstable_;    // whether roots of the left sample are unstable
+  // Those of the right sample, and memory in which they are found.
+  Roots next_modes_, every_;
+  Flags next_unstable_, before_;
   int unstable_count_ = 0, static_count_ = 0;
   Scan scanned_;  // what the step looked at last shows
 };
@@ -790,11 +795,7 @@ class Search {
 Sweep crossings(Spectrum& spectrum, const Range& range, const std::function<void()>& report) {
   std::optional<Sweep> ended;
   if (range.until_unstable) ended = Search(spectrum, range, report).run(true);
-  Sweep found = ended ? *std::move(ended) : *Search(spectrum, range, report).run(false);
-  for (AxisCrossing& crossing : found.crossings) {
-    if (crossing.pair.right.size() > 0) crossing.forms = spectrum.forms(crossing.pair);
-  }
-  return found;
+  return ended ? *std::move(ended) : *Search(spectrum, range, report).run(false);
 }
 
 }  // namespace pipedyn

@@ -47,8 +47,7 @@ struct AxisCrossing {
   Index mode;      // mode of the root at rest, in the order of frequency, from 1
   double error;    // absolute error of the speed
   Pair pair = {};  // without vectors where two roots meet on the axis or at u = 0+
-  std::optional<Forms> forms = {};  // forms of the pair's vectors, where they are known
-  int before = 0;                   // number of unstable roots below this speed
+  int before = 0;  // number of unstable roots below this speed
   // Whether K is indefinite on that side of the crossing on which no root grows: there only
   // gyroscopic forces hold a conservative system, and any damping makes it unstable.
   bool gyroscopic = false;

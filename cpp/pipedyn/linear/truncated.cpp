@@ -77,11 +77,9 @@ std::optional<AxisCrossing> Truncated::of_larger(const AxisCrossing& crossing) {
     there.speed = nearest->speed;
     there.error = nearest->error;
     there.pair = nearest->pair;
-    there.forms = more_->forms(there.pair);
     return there;
   }
   std::tie(there.speed, there.pair) = newton(*more_, u, Pair{crossing.pair.value}, low, high);
-  there.forms = more_->forms(there.pair);
   there.error = error_of(there.pair);
   const double off = std::abs(there.pair.value.imag() - crossing.pair.value.imag());
   const bool good = there.pair.converged() && off <= near_by * (1.0 + std::abs(crossing.value)) &&

@@ -411,7 +411,7 @@ def _point(
     else:
         return None, all_found
     before = [speed for speed in before if speed < first.speed] if before else []
-    critical = CriticalSpeed(
+    critical = CriticalSpeed._made(
         **vars(first),
         stable_at_rest=all_found[0].unstable_before == 0,
         stable_from=None if first.unstable_before else max(before, default=0.0),
@@ -635,14 +635,16 @@ class _Search:
 
     def range(self) -> _core.Range:
         """The request to the core: range of speeds, modes to track and the end of the search."""
-        return _core.Range(
-            max_speed=self.max_speed,
-            scale=self.reach.speed_scale(),
-            count=self.count,
-            tracked=self.tracked,
-            resolved=self.tracked if self.resolved is None else self.resolved,
-            certain=min(self.tracked, self.model.resolved_modes),
-            until_unstable=self.until_unstable,
+        resolved = self.tracked if self.resolved is None else self.resolved
+        certain = min(self.tracked, self.model.resolved_modes)
+        return _core.Range(  # positional arguments: keywords would double the time
+            self.max_speed,
+            self.reach.speed_scale(),
+            self.count,
+            self.tracked,
+            resolved,
+            certain,
+            self.until_unstable,
         )
 
     def __call__(self, sensitive: bool = True) -> Found:

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import field, replace
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -24,11 +25,12 @@ import numpy as np
 from pipedyn import _core
 from pipedyn.linear.eigenproblem import Eigenproblem
 from pipedyn.models.continuum import AnyModel
+from pipedyn.models.pencil import DensePencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged
-from pipedyn.util.result import FREQUENCY, SPEED, Result, ResultSequence, Unit
+from pipedyn.util.result import FREQUENCY, SPEED, Deferred, Result, ResultSequence, Unit
 
 CrossingKind = Literal["flutter", "divergence"]
 
@@ -133,6 +135,9 @@ class Crossing(Result, units={"error": SPEED}):
         return self.unstable_after > self.unstable_before
 
 
+Crossing.sensitivity = Deferred("sensitivity")  # type: ignore[assignment]
+
+
 @saved_as("Crossings", added=("unstable_at_rest",))
 class Crossings(ResultSequence[Crossing], units={"error": SPEED, "max_speed": SPEED}):
     """All crossings of a model up to a flow speed, in order of speed, as a tuple and as a table.
@@ -191,10 +196,18 @@ def of_each(results: Iterable[Any], name: str) -> Array:
 def crossings_of(
     problem: Eigenproblem, swept: _core.Sweep, vouched: int | None = None, sensitive: bool = True
 ) -> tuple[Crossing, ...]:
-    """The crossings of a sweep of the core, with sensitivities if `sensitive`."""
+    """The crossings of a sweep of the core, with sensitivities if `sensitive`.
+
+    Sensitivities are computed when they are first read, unless the pencil keeps matrices till then.
+    """
+
+    def sensitivity(crossing: _core.AxisCrossing) -> Any:
+        later = partial(_sensitivity, problem, crossing)
+        return later() if isinstance(problem.pencil, DensePencil) else later
+
     found = []
     for crossing in swept.crossings:
-        one = Crossing(
+        one = Crossing._made(
             speed=crossing.speed,
             frequency=crossing.frequency,
             kind="flutter" if crossing.change % 2 == 0 else "divergence",
@@ -202,7 +215,7 @@ def crossings_of(
             unstable_after=crossing.before + crossing.change,
             error=crossing.error,
             mode=crossing.mode,
-            sensitivity=_sensitivity(problem, crossing) if sensitive else None,
+            sensitivity=sensitivity(crossing) if sensitive else None,
             gyroscopic=crossing.gyroscopic,
             vouched=vouched,
         )
@@ -219,13 +232,9 @@ def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensiti
     -y^H P_p x / y^H P_u x. The result is None where a derivative does not exist.
     """
     model, pencil, pipe = problem.model, problem.pencil, problem.pipe
-    forms = crossing.forms
-    if forms is None:
-        if crossing.vectors is None:
-            return None
-        forms = pencil.forms(*crossing.vectors)
-    if model.rests_bent:
+    if crossing.vectors is None or model.rests_bent:
         return None
+    forms = problem.spectrum().forms(crossing) or pencil.forms(*crossing.vectors)
     u, value = crossing.speed, crossing.value
     if value:
         down = 2.0 * value * forms.mass + u * forms.velocity + forms.damping
