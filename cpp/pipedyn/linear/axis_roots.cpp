@@ -51,9 +51,10 @@ std::pair<double, Pair> newton(Spectrum& spectrum, double u, Pair guess, double 
     guess = std::move(pair);
     guess.value += guess.slope * change;
     // Either the iteration has converged, or its steps do not shrink any more and what is left is
-    // rounding. The next step would be shorter than this one at least in the ratio of this one to
-    // the last.
-    const double next = last == infinite ? size : size * std::min(size / last, 1.0);
+    // rounding. Convergence is quadratic: the next step would be shorter than this one in the
+    // square of the ratio of this one to the last.
+    const double ratio = last == infinite ? 1.0 : std::min(size / last, 1.0);
+    const double next = size * ratio * ratio;
     const double rate = std::abs(guess.slope.real());
     const bool within = next * rate <= 0.1 * guess.uncertain || next <= 4e-16 * u;
     last = within || size >= last ? 0.0 : size;

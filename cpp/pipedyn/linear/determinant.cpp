@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <tuple>
 
 #include "pipedyn/terms/dual.hpp"
 
@@ -42,24 +43,32 @@ Values from_parts(const double* parts, Index count) {
 
 }  // namespace
 
-Values Determinant::log_derivatives(double u, const ValuesRef& at, const ValuesRef& known) const {
+/// Room for so many numbers, until the next call.
+double* Determinant::room(Index count) const {
+  if (room_.size() < static_cast<std::size_t>(count)) room_.resize(count);
+  return room_.data();
+}
+
+void Determinant::log_derivatives(double u, const ValuesRef& at, const ValuesRef& known,
+                                  Eigen::Ref<Values> found) const {
   const Index count = at.size();
-  Reals numbers(4 * count + 2 * known.size());
-  double *const parts = numbers.data(), *const roots = split(at, parts),
+  double *const parts = room(4 * count + 2 * known.size()), *const roots = split(at, parts),
                 *const out = split(known, roots);
   evaluate(Points{u, count, parts, parts + count, known.size(), roots, roots + known.size()}, out);
-  return from_parts(out, count);
+  for (Index i = 0; i < count; ++i) found[i] = {out[i], out[count + i]};
 }
 
 Pairs Determinant::pairs(double u, const Values& values, bool vectors, bool own,
                          bool loaded) const {
   const Index count = values.size(), n = vectors ? size() : 0;
-  const Reals parts = parts_of((values == 0.0).select(Complex(beside_zero), values));
-  Eigen::ArrayXXd out(count, 11);
-  std::vector<double> columns(4 * n * count);
-  const auto part = [&](Index k) { return out.col(k).data(); };
-  double *const right = vectors ? columns.data() : nullptr, *const left = right + 2 * n * count;
-  evaluate(Points{u, count, parts.data(), parts.data() + count},
+  double *const parts = room((13 + 4 * n) * count), *const numbers = split(values, parts),
+                *const columns = numbers + 11 * count;
+  for (Index i = 0; i < count; ++i) {
+    if (values[i] == 0.0) parts[i] = beside_zero;
+  }
+  const auto part = [&](Index k) { return numbers + k * count; };
+  double *const right = vectors ? columns : nullptr, *const left = columns + 2 * n * count;
+  evaluate(Points{u, count, parts, parts + count},
            PairsAsked{part(0), part(2), part(4), own ? part(6) : nullptr, part(8), part(9),
                       part(10), right, vectors ? left : nullptr, loaded});
   Pairs found{values,        ComplexTable(n, count), ComplexTable(n, count),
@@ -82,14 +91,15 @@ Pairs Determinant::pairs(double u, const Values& values, bool vectors, bool own,
     const double dual = vectors ? found.left.col(i).norm() : 1.0, both = length * dual;
     found.right.col(i) /= length;
     found.left.col(i) /= dual;
-    const auto number = [&](Index k) { return Complex(out(i, k), out(i, k + 1)); };
+    const auto out = [&](Index k) { return part(k)[i]; };
+    const auto number = [&](Index k) { return Complex(out(k), out(k + 1)); };
     const auto known = [](double x) { return std::isfinite(x) ? x : infinite; };
     // by_lambda is exactly 0 where two roots are zero. divergence_at multiplies by it again what is
     // divided by it here.
     const Complex by_lambda = number(0) == 0.0 ? beside_zero : number(0) / both;
     const Complex value = number(2) / both;
-    const double rest = out(i, 8) / both, size = (out(i, 9) + out(i, 10)) / both;
-    const double rounding = (entry_rounding * out(i, 9) + eps * out(i, 10)) / both;
+    const double rest = out(8) / both, size = (out(9) + out(10)) / both;
+    const double rounding = (entry_rounding * out(9) + eps * out(10)) / both;
     found.residual[i] = known(rest / size);
     found.uncertain[i] = known((rest + rounding) / magnitude(by_lambda));
     found.slopes[i] = -number(4) / both / by_lambda;
@@ -98,6 +108,18 @@ Pairs Determinant::pairs(double u, const Values& values, bool vectors, bool own,
     found.corrections[i] = magnitude(value) > rounding ? -value / by_lambda : 0.0;
   }
   return found;
+}
+
+Pencil Determinant::matrices(double stiffness_size) const {
+  const LinearPart parts[] = {{.mass = 1.0},      {.velocity = 1.0}, {.damping = 1.0},
+                              {.stiffness = 1.0}, {.flux = 1.0},     {.by_damping = hysteresis()}};
+  DenseOperator::Matrices made;
+  std::array<double, 6> lost{};
+  for (std::size_t k = 0; k < (hysteresis() > 0.0 ? 6 : 5); ++k) {
+    std::tie(made[k], lost[k]) = matrix(parts[k]);
+    lost[k] *= 4.0 * eps * static_cast<double>(held());
+  }
+  return {lapack, std::move(made), thrust(), stiffness_size, lost, entries_lost()};
 }
 
 ComplexTable Determinant::lifted(const ComplexTable& x) const {
@@ -190,26 +212,12 @@ std::unique_ptr<Determinant> ChainDeterminant::coarser(Index size) const {
   return std::make_unique<ChainDeterminant>(std::move(coarse), std::move(free), lapack);
 }
 
-Pencil ChainDeterminant::matrices(double stiffness_size) const {
-  Operators ops = chain_->joint_operators(scale_);
-  const double sign = chain_->pipe().direction();
-  DenseOperator::Matrices made{std::move(ops.mass), sign * (ops.gyroscopic + ops.end_flux),
-                               std::move(ops.damping), std::move(ops.stiffness),
-                               std::move(ops.flux)};
-  if (chain_->pipe().hysteresis > 0.0) {
-    const Matrix columns = scale_.asDiagonal();
-    made[5] =
-        chain_->pipe().hysteresis * (columns * chain_->joint_times(columns, {.by_damping = 1.0}));
-  }
-  std::array<double, 6> lost{};
-  for (std::size_t k = 0; held() > 0 && k < made.size(); ++k) {
-    Matrix& of = made[k];
-    if (of.size() == 0) continue;
-    lost[k] = 4.0 * eps * static_cast<double>(held()) * of.norm();
-    const Matrix columns = complement_.projected(of).transpose();
-    of = complement_.projected(columns).transpose();
-  }
-  return {lapack, std::move(made), chain_->pipe().end_coefficient, stiffness_size, lost};
+std::pair<Matrix, double> ChainDeterminant::matrix(const LinearPart& part) const {
+  const Matrix columns = scale_.asDiagonal();
+  const Matrix every = columns * times(columns, part);
+  if (held() == 0) return {every, 0.0};
+  return {complement_.projected(complement_.projected(every).transpose()).transpose(),
+          every.norm()};
 }
 
 StaticDeterminants ChainDeterminant::static_determinants(const Values& u) const {
@@ -255,23 +263,17 @@ const PanelPencil::At& PanelDeterminant::at(double u) const {
   return latest_;
 }
 
-Pencil PanelDeterminant::matrices(double stiffness_size) const {
-  const auto part = [&](const LinearPart& of) -> Matrix {
-    return lift_.transpose() * times(Matrix(lift_), of);
-  };
-  DenseOperator::Matrices made{part({.mass = 1.0}), part({.velocity = 1.0}), part({.damping = 1.0}),
-                               part({.stiffness = 1.0}), part({.flux = 1.0})};
-  const double loss = pencil_->pipe().hysteresis;
-  if (loss > 0.0) made[5] = loss * part({.by_damping = 1.0});
-  std::array<double, 6> lost{};
-  for (std::size_t k = 0; held() > 0 && k < made.size(); ++k) {
-    lost[k] = 4.0 * eps * static_cast<double>(held()) * made[k].norm();
-  }
+std::pair<Matrix, double> PanelDeterminant::matrix(const LinearPart& part) const {
+  Matrix of = lift_.transpose() * times(Matrix(lift_), part);
+  const double norm = of.norm();
+  return {std::move(of), norm};
+}
+
+double PanelDeterminant::entries_lost() const {
   // Each entry is a sum over the nonzero entries of a column of `lift`.
   std::vector<Index> entries(lift_.cols(), 0);
   for (Index k = 0; k < lift_.nonZeros(); ++k) ++entries[lift_.innerIndexPtr()[k]];
-  const double summed = static_cast<double>(*std::ranges::max_element(entries));
-  return {lapack, std::move(made), thrust(), stiffness_size, lost, summed * eps};
+  return static_cast<double>(*std::ranges::max_element(entries)) * eps;
 }
 
 std::optional<Rayleigh> PanelDeterminant::rayleigh(double u, const Reals& frequencies,
@@ -297,7 +299,7 @@ StaticDeterminants PanelDeterminant::static_determinants(const Values& u) const 
 }
 
 int PanelDeterminant::negative_at_rest() const {
-  return negative_eigenvalues(lapack, lift_.transpose() * times(Matrix(lift_), {.stiffness = 1.0}));
+  return negative_eigenvalues(lapack, matrix({.stiffness = 1.0}).first);
 }
 
 }  // namespace pipedyn

@@ -44,13 +44,26 @@ class Determinant {
   virtual std::unique_ptr<Determinant> coarser(Index size) const = 0;
 
   /// d log det P / dlambda - sum_k 1 / (lambda - lambda_k) over the known roots, without known
-  /// roots at lambda itself.
-  Values log_derivatives(double u, const ValuesRef& at, const ValuesRef& known) const;
+  /// roots at lambda itself. The second form writes them to `found`.
+  Values log_derivatives(double u, const ValuesRef& at, const ValuesRef& known) const {
+    Values found(at.size());
+    log_derivatives(u, at, known, found);
+    return found;
+  }
+  void log_derivatives(double u, const ValuesRef& at, const ValuesRef& known,
+                       Eigen::Ref<Values> found) const;
   /// Errors, slopes and corrections of roots from their vectors, and unit vectors if they are asked
   /// for. own: whether by_right is needed; loaded: see `PairsAsked`.
   Pairs pairs(double u, const Values& values, bool vectors, bool own, bool loaded) const;
+  /// A sum of parts of P as a matrix in elastic coordinates, (dof, dof), and the norm of the
+  /// numbers whose rounding it has.
+  virtual std::pair<Matrix, double> matrix(const LinearPart& part) const = 0;
   /// The matrices of P in elastic coordinates. stiffness_size: size of K at rest.
-  virtual Pencil matrices(double stiffness_size) const = 0;
+  Pencil matrices(double stiffness_size) const;
+  /// P at rest of a pipe without damping: M and K alone.
+  DenseOperator free_at_rest() const {
+    return {lapack, {matrix({.mass = 1.0}).first, {}, matrix({.stiffness = 1.0}).first}, 1.0, {}};
+  }
   /// Whether elimination pivots: vectors are then as accurate where a part of the pipe is singular
   /// by itself.
   virtual bool is_pivoted() const = 0;
@@ -88,13 +101,19 @@ class Determinant {
   /// products.
   virtual Matrix lifted(const Matrix& x) const = 0;
   virtual Matrix times(const Matrix& x, const LinearPart& part) const = 0;
+  virtual double hysteresis() const = 0;
+  /// Error of every entry of a matrix by rounding, relative to the entry.
+  virtual double entries_lost() const { return eps; }
   /// Whether the coordinates of `times` are joint angles, where each joint has a spring of its own.
   virtual bool has_joints() const = 0;
 
  private:
+  double* room(Index count) const;
   ComplexTable lifted(const ComplexTable& x) const;
   /// y^H A x of each column of y and of x, in the coordinates of `times`.
   Values inner(const ComplexTable& y, const ComplexTable& x, const LinearPart& part) const;
+
+  mutable std::vector<double> room_;  // numbers that kernels read and write
 };
 
 class ChainDeterminant : public Determinant {
@@ -110,7 +129,7 @@ class ChainDeterminant : public Determinant {
   Index held() const override { return chain_->dof() - complement_.dof(); }
   Index enough_for(Index roots) const override;
   std::unique_ptr<Determinant> coarser(Index size) const override;
-  Pencil matrices(double stiffness_size) const override;
+  std::pair<Matrix, double> matrix(const LinearPart& part) const override;
   bool is_pivoted() const override { return false; }
   bool turns_freely() const override { return chain_->turns_freely(); }
   double thrust() const override { return chain_->model().thrust[0]; }
@@ -133,6 +152,7 @@ class ChainDeterminant : public Determinant {
   Matrix times(const Matrix& x, const LinearPart& part) const override {
     return chain_->joint_times(x, part);
   }
+  double hysteresis() const override { return chain_->pipe().hysteresis; }
   bool has_joints() const override { return true; }
 
  private:
@@ -156,7 +176,7 @@ class PanelDeterminant : public Determinant {
   Index held() const override { return pencil_->conditions(); }
   Index enough_for(Index roots) const override;
   std::unique_ptr<Determinant> coarser(Index size) const override;
-  Pencil matrices(double stiffness_size) const override;
+  std::pair<Matrix, double> matrix(const LinearPart& part) const override;
   bool is_pivoted() const override { return true; }
   bool turns_freely() const override { return pencil_->pipe().root == 0.0; }
   double thrust() const override { return pencil_->pipe().end_coefficient; }
@@ -177,6 +197,8 @@ class PanelDeterminant : public Determinant {
   Matrix times(const Matrix& x, const LinearPart& part) const override {
     return pencil_->times(x, part);
   }
+  double hysteresis() const override { return pencil_->pipe().hysteresis; }
+  double entries_lost() const override;
   bool has_joints() const override { return false; }
 
  private:

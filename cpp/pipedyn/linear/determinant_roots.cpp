@@ -36,15 +36,25 @@ constexpr Index circle_points = 16;
 
 }  // namespace
 
-Values log_derivatives(const Determinant& of, double u, const ValuesRef& at,
-                       const Approximations& roots) {
-  Values known(2 * roots.size());
+namespace {
+
+/// Writes the values of roots and the conjugates that are implied to `known`; returns their number.
+Index write_values(const Approximations& roots, Values& known) {
   Index k = 0;
   for (const Approximation& one : roots) {
     known[k++] = one.value;
     if (!one.alone) known[k++] = std::conj(one.value);
   }
-  return of.log_derivatives(u, at, known.head(k));
+  return k;
+}
+
+}  // namespace
+
+Values log_derivatives(const Determinant& of, double u, const ValuesRef& at,
+                       const Approximations& roots) {
+  Values known(2 * roots.size());
+  const Index count = write_values(roots, known);
+  return of.log_derivatives(u, at, known.head(count));
 }
 
 Index roots_in(const Approximations& all) {
@@ -85,13 +95,14 @@ Approximations dense_roots(const DenseOperator& p, bool squared) {
 }
 
 Approximations modal_roots(const DenseOperator& p, const Modes& modes, double loss) {
-  const Eigen::MatrixXd damped = p.velocity() * modes.vectors;
-  Eigen::MatrixXd lost;
+  const bool is_damped = modes.vectors.size() > 0;
+  Eigen::MatrixXd damped, lost;
+  if (is_damped) damped = p.velocity() * modes.vectors;
   if (loss > 0.0) lost = p.hysteretic() * modes.vectors;
   Approximations roots;
   for (Index i = 0; i < modes.squares.size(); ++i) {
     const double square = modes.squares[i], share = modes.masses[i];
-    const double rate = modes.vectors.col(i).dot(damped.col(i)) / share;
+    const double rate = is_damped ? modes.vectors.col(i).dot(damped.col(i)) / share : 0.0;
     if (loss > 0.0) {
       const Complex whole(square, modes.vectors.col(i).dot(lost.col(i)) / share);
       const Complex apart = std::sqrt(0.25 * rate * rate - whole);
@@ -259,12 +270,13 @@ void break_symmetry(const Starts& starts, Approximations& roots, std::vector<std
 /// rounding lets them be. Returns whether corrections are finite.
 bool correct_active(const Determinant& of, double u, Approximations& roots,
                     std::vector<std::size_t>& active, int most) {
-  Values at(active.size());
+  Values at(active.size()), found(active.size()), known(2 * roots.size());
   std::vector<double> last(roots.size(), infinite);  // relative corrections
   std::vector<char> shifted(roots.size(), 0);
   for (int step = 0; step < most && !active.empty(); ++step) {
     for (std::size_t i = 0; i < active.size(); ++i) at[i] = roots[active[i]].value;
-    const Values found = log_derivatives(of, u, at.head(active.size()), roots);
+    const Index count = write_values(roots, known);
+    of.log_derivatives(u, at.head(active.size()), known.head(count), found.head(active.size()));
     std::size_t moving = 0;  // number of roots that go on, the first ones of `active`
     for (std::size_t i = 0; i < active.size(); ++i) {
       const std::size_t k = active[i];

@@ -196,17 +196,18 @@ Inverse DenseOperator::inverse(double shift, bool velocity_free, char left, char
                          : inverse_of<double>(shift, velocity_free, left, right);
 }
 
-std::optional<Modes> DenseOperator::undamped_modes() const {
+std::optional<Modes> DenseOperator::undamped_modes(bool vectors) const {
   // With K + s M, which is definite for a large s, high modes are not lost in the rounding of M.
   for (double shift = 0.0; shift <= 1e12; shift = shift == 0.0 ? 1.0 : 10.0 * shift) {
-    const auto found = symmetric_pairs(lapack, mass(), stiffness() + shift * mass(), true, 1e-7);
+    const auto found = symmetric_pairs(lapack, mass(), stiffness() + shift * mass(), vectors, 1e-7);
     if (!found) continue;
     // These are x^T M x where x^T (K + s M) x = 1, the largest first. Modes for which rounding
     // makes it zero or negative are left out.
     const Index count = (found->values > 0.0).count();
     const Reals masses = found->values.tail(count).reverse();
-    return Modes{found->vectors.rightCols(count).rowwise().reverse(), masses.inverse() - shift,
-                 masses};
+    Modes modes{{}, masses.inverse() - shift, masses};
+    if (vectors) modes.vectors = found->vectors.rightCols(count).rowwise().reverse();
+    return modes;
   }
   return {};
 }

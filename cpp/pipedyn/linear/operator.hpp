@@ -65,7 +65,8 @@ ComplexTable mapped(const Map& map, const ComplexTable& x) {
   return result;
 }
 
-/// Undamped modes in the order of rising squares of their frequencies; vectors (dof, count).
+/// Undamped modes in the order of rising squares of their frequencies; vectors (dof, count), or
+/// none.
 struct Modes {
   Eigen::MatrixXd vectors;
   Reals squares, masses;  // omega^2 and x^T M x of each mode
@@ -117,8 +118,9 @@ class DenseOperator {
   Values roots(double shift, bool velocity_free) const {
     return std::get<0>(inverse(shift, velocity_free, 'N', 'N'));
   }
-  /// Undamped modes of M and K, for a symmetric K; none where K + s M is definite for no s.
-  std::optional<Modes> undamped_modes() const;
+  /// Undamped modes of M and K, for a symmetric K, with vectors or without; none where K + s M is
+  /// definite for no s.
+  std::optional<Modes> undamped_modes(bool vectors = true) const;
   bool is_hysteretic() const { return matrices_[5].size() > 0; }
   const Matrix& mass() const { return matrices_[0]; }
   const Matrix& velocity() const { return matrices_[1]; }

@@ -251,6 +251,10 @@ std::optional<Pairs> Structured::by_recursion(double u, Index count, bool vector
     if (!own) {
       const auto coarse = of_->coarser(size)->matrices(1.0)(u);
       starts = starts_of(*coarse, u, u == 0.0 ? coarse->undamped_modes() : std::nullopt);
+    } else if (u == 0.0 && every && is_squared(u)) {  // no vectors are needed
+      const DenseOperator p = of_->free_at_rest();
+      const std::optional<Modes> modes = p.undamped_modes(false);
+      starts = modes ? modal_roots(p, *modes, 0.0) : dense_roots(Eigenproblem::at(u), true);
     } else if (u == 0.0) {
       starts = starts_of(Eigenproblem::at(u), u, modes_at_rest());
     } else {

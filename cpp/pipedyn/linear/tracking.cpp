@@ -123,19 +123,41 @@ Index mirrored(const Sample& at, Index i) {
   return k == i || at.slopes[k] == std::conj(at.slopes[i]) ? k : -1;
 }
 
+/// Curve of a root of the left sample.
+struct Curve {
+  Complex start, end, tangent, end_tangent;  // the tangents times the length of the step
+  double error = 0.0, extent = 0.0;          // others within this extent of its start may be near
+  int signature = 0;                         // of both ends; 0 where either has none
+  bool resting = false, zero = false, clustered = false;
+  double size = 0.0;    // |start|
+  double lowest = 0.0;  // least size - extent of this curve and of all later ones
+};
+
+/// Memory in which `match` works, the same for all steps.
+struct Work {
+  Eigen::ArrayX4d there;
+  Reals squares;
+  Flags taken, is_image;
+  std::vector<Curve> curves;
+  std::vector<std::pair<Index, Index>> near;
+};
+
 /// Root of the right sample that continues each root of the left one, so that the sum of distances
 /// is least. Throws NotConverged unless both have as many roots.
-Roots matched(const Sample& left, const Sample& right, double h) {
+void find_nearest(const Sample& left, const Sample& right, double h, Work& work, Roots& nearest) {
   const Index size = left.size();
   if (right.size() != size) {
     throw not_converged("the number of eigenvalues near u = %.6g depends on rounding", right.u);
   }
-  Eigen::ArrayX4d there(size, 4);  // real and imaginary parts of values, and as slopes lead back
+  Eigen::ArrayX4d& there = work.there;
+  Reals& squares = work.squares;
+  Flags& taken = work.taken;
+  there.resize(size, 4);  // real and imaginary parts of values, and as slopes lead back
   for (Index j = 0; j < size; ++j) {
     const Complex value = right.values[j], behind = value - 0.5 * h * right.slopes[j];
     there.row(j) << value.real(), value.imag(), behind.real(), behind.imag();
   }
-  Reals squares(size);
+  squares.resize(size);
   const auto find_squares = [&](Index i) {  // of the distances of a root of the left sample
     const Complex now = left.values[i], ahead = now + 0.5 * h * left.slopes[i];
     // Values within the reach of the step decide where slopes near a meeting cannot.
@@ -143,8 +165,8 @@ Roots matched(const Sample& left, const Sample& right, double h) {
         ((there.col(0) - now.real()).square() + (there.col(1) - now.imag()).square())
             .min((there.col(2) - ahead.real()).square() + (there.col(3) - ahead.imag()).square());
   };
-  Roots nearest(size, 0);
-  Flags taken(size, 0);
+  nearest.assign(size, 0);
+  taken.assign(size, 0);
   bool conflict = false;  // whether one root is the nearest to two
   for (Index i = 0; i < size; ++i) {
     const bool is_lower = left.values[i].imag() < 0.0 && mirrored(left, i) >= 0;
@@ -156,13 +178,13 @@ Roots matched(const Sample& left, const Sample& right, double h) {
     }
     conflict |= std::exchange(taken[nearest[i]], 1) != 0;
   }
-  if (!conflict) return nearest;
+  if (!conflict) return;
   std::vector<double> cost(size * size);
   for (Index i = 0; i < size; ++i) {
     find_squares(i);
     Eigen::Map<Reals>(&cost[i * size], size) = squares.sqrt();
   }
-  return assignment(cost, size);
+  nearest = assignment(cost, size);
 }
 
 /// Value at t in [0, 1] of the cubic that has two values and changes by its tangents at the ends.
@@ -172,15 +194,16 @@ Complex cubic(Complex start, Complex tangent, Complex end, Complex end_tangent, 
          (tangent * (t * s * s) - end_tangent * (t * t * s));
 }
 
-/// Curve of a root of the left sample.
-struct Curve {
-  Complex start, end, tangent, end_tangent;  // the tangents times the length of the step
-  double error = 0.0, extent = 0.0;          // others within this extent of its start may be near
-  int signature = 0;                         // of both ends; 0 where either has none
-  bool resting = false, zero = false, clustered = false;
-  double size = 0.0;    // |start|
-  double lowest = 0.0;  // least size - extent of this curve and of all later ones
-};
+/// The curve of the conjugate of a root.
+Curve image_of(const Curve& one) {
+  Curve image = one;
+  for (Complex Curve::* const of :
+       {&Curve::start, &Curve::end, &Curve::tangent, &Curve::end_tangent}) {
+    image.*of = std::conj(one.*of);
+  }
+  image.signature = -one.signature;
+  return image;
+}
 
 /// Whether two curves need not be told apart.
 bool is_exempt(const Curve& one, const Curve& other) {
@@ -210,6 +233,11 @@ bool is_near(const Curve& one, const Curve& other) {
   const Complex tangent = one.tangent - other.tangent;
   const Complex end_tangent = one.end_tangent - other.end_tangent;
   const double reach = errors_apart * (one.error + other.error);
+  // A cubic lies within the hull of its control points.
+  const auto along = [=](Complex z) { return z.real() * start.real() + z.imag() * start.imag(); };
+  const double least = std::min(
+      {along(start), along(start + tangent / 3.0), along(end), along(end - end_tangent / 3.0)});
+  if (least > 0.0 && least * least > reach * reach * std::norm(start)) return false;
   constexpr int points = 9;
   for (int p = one.resting && other.resting ? 1 : 0; p < points; ++p) {
     const Complex apart = cubic(start, tangent, end, end_tangent, p / (points - 1.0));
@@ -257,27 +285,45 @@ Curve curve_of(Step& step, Index i, const Cluster& cluster) {
   return curve;
 }
 
-/// Matches the two samples of a step. is_tracked: of each root of the left sample; curves: memory
-/// for its curves.
-void match(Step& step, const Flags& is_tracked, const Cluster& cluster,
-           std::vector<Curve>& curves) {
+/// Matches the two samples of a step. is_tracked: of each root of the left sample.
+void match(Step& step, const Flags& is_tracked, const Cluster& cluster, Work& work) {
   const Index size = step.left->size();
-  step.onto = matched(*step.left, *step.right, step.length());
+  find_nearest(*step.left, *step.right, step.length(), work, step.onto);
+  Flags& is_image = work.is_image;
+  std::vector<Curve>& curves = work.curves;
+  auto& near = work.near;
   step.meets.assign(size, -1);
   step.error.resize(size);
   step.slopes = step.left->slopes;
   curves.resize(size);
+  // Of two conjugates that stay conjugate, the lower one's curve is the image of the upper one's.
+  is_image.assign(size + 1, 0);
+  for (Index i = 0; i < size; ++i) {
+    if (i > 0 && step.start(i).imag() < 0.0 && mirrored(*step.left, i) == i - 1 &&
+        mirrored(*step.right, step.onto[i - 1]) == step.onto[i] &&
+        is_tracked[i] == is_tracked[i - 1]) {
+      is_image[i] = 1;
+      curves[i] = image_of(curves[i - 1]);
+      step.error[i] = step.error[i - 1];
+    } else {
+      curves[i] = curve_of(step, i, cluster);
+    }
+  }
   double lowest = infinite;
   for (Index i = size - 1; i >= 0; --i) {
-    curves[i] = curve_of(step, i, cluster);
     lowest = std::min(lowest, curves[i].size - curves[i].extent);
     curves[i].lowest = lowest;
   }
-  std::vector<std::pair<Index, Index>> near;
+  const auto has_image = [&](Index i) {
+    const bool is_real = step.start(i).imag() == 0.0 && step.end(i).imag() == 0.0;
+    return is_real || is_image[i] || is_image[i + 1];
+  };
+  near.clear();
   for (Index i = 0; i < size; ++i) {
     // As roots are sorted, no later root is near if its |lambda| cannot fall that far.
     const double highest = (1.0 + 4.0 * eps) * (curves[i].size + curves[i].extent);
     for (Index k = i + 1; k < size && curves[k].lowest <= highest; ++k) {
+      if (is_image[i] && has_image(k)) continue;  // as far apart as their images
       const double room = curves[i].extent + curves[k].extent;
       if (std::norm(curves[i].start - curves[k].start) > room * room) continue;
       if ((is_tracked[i] || is_tracked[k]) && is_near(curves[i], curves[k])) near.push_back({i, k});
@@ -341,7 +387,7 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
   Flags is_tracked(left->size(), 0), followed;
   for (const Index i : tracked) is_tracked[i] = 1;
   Step step{left, left};
-  std::vector<Curve> curves;
+  Work work;
   for (const double speed : speeds) {
     while (left->u < speed) {
       if (ahead.empty()) {
@@ -355,7 +401,7 @@ void track(const Tracking& tracking, SharedSample first, const std::vector<doubl
       if (--trials < 0.0) {
         throw not_converged("eigenvalues near u = %.6g are too close to be tracked", left->u);
       }
-      match(step, is_tracked, tracking.cluster, curves);
+      match(step, is_tracked, tracking.cluster, work);
       if (!tracking.good(step) && !step.shortest()) {
         most = std::max(std::min(most, 0.5 * step.length()), least_share * tracking.longest);
         ahead.push_back(tracking.take(middle));
