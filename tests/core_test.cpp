@@ -161,15 +161,14 @@ void check_log_derivative(const Chain& chain, double u, Dice& dice) {
   const Matrix basis = complement.lifted(Matrix::Identity(complement.dof(), complement.dof()));
   check_close(complement.projected(basis), Matrix::Identity(basis.cols(), basis.cols()), 1e-14,
               "the basis is orthonormal");
-  const Operators ops = chain.joint_operators(scale);
-  const auto reduced = [&](const Matrix& of) -> ComplexTable {
-    return (basis.transpose() * of * basis).cast<Complex>();
+  const Matrix motions = scale.asDiagonal() * basis;
+  const auto reduced = [&](const pipedyn::LinearPart& of) -> ComplexTable {
+    return (motions.transpose() * chain.joint_times(motions, of)).cast<Complex>();
   };
-  const Matrix velocity = ops.gyroscopic + ops.end_flux;
-  const ComplexTable mass = reduced(ops.mass);
-  const ComplexTable rate = reduced((model.coriolis < 0.0 ? -u : u) * velocity + ops.damping);
-  const double end_coefficient = chain.pipe().end_coefficient;
-  const ComplexTable still = reduced(ops.stiffness + end_coefficient * u * u * ops.flux);
+  const double thrust = chain.pipe().end_coefficient * u * u;
+  const ComplexTable mass = reduced({.mass = 1.0});
+  const ComplexTable rate = reduced({.damping = 1.0, .velocity = u});
+  const ComplexTable still = reduced({.stiffness = 1.0, .flux = thrust});
   const double re[] = {0.3, -2.0, 0.1}, im[] = {1.5, 7.0, 90.0};
   double found[6];
   pipedyn::motion_kernel().dynamic_stiffness->log_derivative(model, {u, 3, re, im}, found);
@@ -639,9 +638,7 @@ void check_wild_chain(Wild& wild) {
   check_wild_motion(Chain(pipe, segments), wild);
   const Matrix x = wild.dice.matrix(n, wild.size({0, 1, 5}));
   check(chain.joint_times(x, {1.0, 1.0, 1.0, 1.0, 1.0}).allFinite(), "products are finite");
-  const Vector scale = wild.dice.vector(n, 1e-3, 1e3);
   check(chain.operators(wild.states(n, 1).col(0).head(n)).mass.allFinite(), "mass is finite");
-  check(chain.joint_operators(scale).stiffness.allFinite(), "joint stiffness is finite");
 }
 
 void check_wild_reduced(Wild& wild) {

@@ -235,6 +235,20 @@ def test_another_pipe_may_take_the_same_chain():
     assert chain.pipe == pp.Pipe(0.2)
 
 
+def test_chains_with_equal_segments_share_them_and_no_others():
+    bare, damped = pp.Chain(pp.Pipe(0.2), 7), pp.Chain(pp.Pipe(0.4, damping=0.1), 7)
+    assert damped.lengths is bare.lengths
+    clamped = pp.Chain(pp.Pipe(0.2, end="clamped"), 7)
+    np.testing.assert_allclose((clamped.end_spring, clamped.springs[0]), 14.0)
+    buckles = 14.0 * math.sin(math.pi / 7.0)  # as a chain of seven segments between clamps
+    assert pp.critical_speed(clamped).speed == pytest.approx(buckles)
+    stiff = pp.Chain(pp.Pipe(0.2), 7, springs=2.0 * bare.springs)
+    np.testing.assert_array_equal(pp.Chain(pp.Pipe(0.2), 7).springs, 0.5 * stiff.springs)
+    assert pp.Chain(pp.Pipe(0.2), 7, base=0.1).lengths.sum() == pytest.approx(0.9)
+    pinned = clamped.with_pipe(pp.Pipe(0.2, end="pinned"))
+    assert pp.critical_speed(pinned).speed < pp.critical_speed(clamped).speed
+
+
 def test_another_pipe_must_be_one_that_the_chain_takes():
     """Its fluid is a part of the segments' masses, and its supports hold them where they rest."""
     light = pp.Chain(pp.Pipe(0.2), masses=[0.2, 0.8])

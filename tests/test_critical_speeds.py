@@ -3,6 +3,7 @@
 
 import logging
 import os
+import pickle
 import signal
 import sys
 import time
@@ -248,3 +249,12 @@ def test_a_critical_speed_takes_few_calls_of_python(model):
     finally:
         sys.setprofile(None)
     assert len(calls) <= 60, calls
+
+
+def test_a_sensitivity_is_computed_when_it_is_first_read_and_kept():
+    found, same = pp.critical_speed(CHAIN), pp.critical_speed(CHAIN)
+    assert callable(vars(found)["sensitivity"])
+    kept = pickle.loads(pickle.dumps(found)).sensitivity
+    assert kept == found.sensitivity is found.sensitivity
+    assert kept.speed.gamma == pytest.approx(pp.critical_speed(CHAIN).sensitivity.speed.gamma)
+    assert replace(same, mode=3).sensitivity == kept

@@ -104,22 +104,6 @@ struct SegmentSlopes {
   }
 };
 
-/// The seven operators from part(LinearPart), the matrix of a sum of their parts. direction: the
-/// sign of the flow.
-template <class Part>
-Operators operators_by(const Part& part, Index dof, double direction) {
-  Operators ops(dof);
-  ops.mass = part({.mass = 1.0});
-  ops.damping = part({.damping = 1.0});
-  ops.stiffness = part({.stiffness = 1.0});
-  ops.flux = part({.flux = 1.0});
-  ops.unsteady = direction * part({.unsteady = 1.0});
-  const Matrix velocity = direction * part({.velocity = 1.0});
-  ops.gyroscopic = 0.5 * (velocity - velocity.transpose());
-  ops.end_flux = velocity - ops.gyroscopic;
-  return ops;
-}
-
 }  // namespace
 
 Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::move(segments)) {
@@ -360,16 +344,16 @@ Operators Chain::operators(const Vector& angles, bool joints) const {
     found.diagonal(-1) -= beyond;
     return found;
   };
-  return operators_by(part, n, pipe_.direction());
-}
-
-Operators Chain::joint_operators(const Vector& scale) const {
-  require_rows(scale.size(), dof());
-  const Matrix columns = scale.asDiagonal();
-  const auto part = [&](const LinearPart& of) -> Matrix {
-    return scale.asDiagonal() * joint_times(columns, of);
-  };
-  return operators_by(part, dof(), pipe_.direction());
+  Operators ops(n);
+  ops.mass = part({.mass = 1.0});
+  ops.damping = part({.damping = 1.0});
+  ops.stiffness = part({.stiffness = 1.0});
+  ops.flux = part({.flux = 1.0});
+  ops.unsteady = pipe_.direction() * part({.unsteady = 1.0});
+  const Matrix velocity = pipe_.direction() * part({.velocity = 1.0});
+  ops.gyroscopic = 0.5 * (velocity - velocity.transpose());
+  ops.end_flux = velocity - ops.gyroscopic;
+  return ops;
 }
 
 Matrix Chain::joint_times(const Matrix& x, const LinearPart& part) const {

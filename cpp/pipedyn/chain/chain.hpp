@@ -104,10 +104,6 @@ class Chain {
   /// std::invalid_argument unless there is one angle a segment.
   Operators operators(const Vector& angles = Vector(), bool joints = true) const;
 
-  /// Operators in the joint angles divided by scale, z with phi = scale * z, in O(n^2). Throws
-  /// std::invalid_argument unless scale has one entry a segment.
-  Operators joint_operators(const Vector& scale) const;
-
   /// Product of x with a sum of the operators in the joint angles, whose factors part gives, in
   /// O(n) a column; x and the result have shape (n, k). Throws std::invalid_argument unless x has
   /// one row a segment.

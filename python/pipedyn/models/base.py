@@ -196,8 +196,8 @@ class OfPipe(Saved):
 
     def __getstate__(self) -> dict[str, Any]:
         """All attributes but the cached properties, as compiled objects do not pickle."""
-        kept = {name for name in self.__dict__ if hasattr(type(self), name)}
-        return {name: value for name, value in self.__dict__.items() if name not in kept}
+        kind = type(self)
+        return {name: value for name, value in self.__dict__.items() if not hasattr(kind, name)}
 
     def archived(self) -> dict[str, Any]:
         """Fields that a file stores: the constructor's arguments by name, and some others."""

@@ -37,10 +37,10 @@ NOT_HELD = np.zeros(0, dtype=np.intp)
 LARGEST_CHAIN = 1_000_000
 """Largest number of segments: each array takes 8 MB, a right-hand side some 0.03 s."""
 
-LARGEST_KEPT, MOST_KEPT = 300, 32
-"""Largest number of segments of chains that are kept in `_KEPT`, 20 kB each, and of the chains."""
+LARGEST_SHARED, MOST_SHARED = 300, 32
+"""Largest number of segments of chains that are kept in `_SHARED`, 20 kB each, and of chains."""
 
-_KEPT: dict[tuple[Any, ...], dict[str, Any]] = {}
+_SHARED: dict[tuple[Any, ...], dict[str, Any]] = {}
 """Attributes of chains whose segments follow from a few numbers, for other chains with these."""
 
 SHORTEST_SEGMENT = 1e-7
@@ -142,8 +142,8 @@ class Chain(SegmentModel):
         plain = rule is not None and all(one is None for one in arrays.values())
         plain = plain and pipe.stiffness is None and pipe.mass is None
         key = (n, rule, base, pipe.supports, pipe.end_guided)
-        if plain and key in _KEPT:
-            vars(self).update(_KEPT[key])
+        if plain and key in _SHARED:
+            vars(self).update(_SHARED[key])
             self._check_pipe()
             return
         cells = _cells(n, base, pipe.supports)
@@ -190,12 +190,12 @@ class Chain(SegmentModel):
             self._joints = _read_only(self._springs_by_rule(rule))
         self._check_pipe()
         self._approximates = rule is not None and not own
-        if plain and n <= LARGEST_KEPT:
-            if len(_KEPT) == MOST_KEPT:
-                _KEPT.clear()
+        if plain and n <= LARGEST_SHARED:
+            if len(_SHARED) == MOST_SHARED:
+                _SHARED.clear()
             names = ("_base", "_rule", "_joints", "_approximates", *(f"_{name}" for name in ARRAYS))
-            _KEPT[key] = {name: vars(self)[name] for name in names}
-            _KEPT[key]["_segments"] = self._segments
+            _SHARED[key] = {name: vars(self)[name] for name in names}
+            _SHARED[key]["_segments"] = self._segments
 
     def archived(self) -> dict[str, Any]:
         return {
