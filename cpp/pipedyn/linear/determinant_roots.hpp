@@ -47,7 +47,7 @@ Approximations dense_roots(const DenseOperator& p, bool squared);
 
 /// Approximate roots at rest, which neglect that damping couples modes: with eigenvectors x of K
 /// x = omega^2 M x and loss factor mu they solve lambda^2 + lambda x^T D x + omega^2 + i mu x^T
-/// K_el x = 0.
+/// K_el x = 0. Modes without vectors give the roots of the pipe without damping.
 Approximations modal_roots(const DenseOperator& at_rest, const Modes& modes, double loss);
 
 /// Number of roots that are zero: near zero det P goes like lambda to this power.

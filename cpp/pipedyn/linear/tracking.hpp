@@ -10,6 +10,10 @@
 //
 //     |lambda_0 + lambda_0' h/2 - (lambda_1 - lambda_1' h/2)| = O(h^3).
 //
+// It is large for smooth curves, and has to be: with errors of O(h^4), by a quintic through the
+// sample before, and a tenth of it at least, searches of 5,000 random pipes gave other crossings
+// for 32, most of which had lost two within one step; a change of beta by 1e-14 gives others for 5.
+//
 // A pair that meets on the real axis has no slope there, but its sum and product are smooth through
 // the meeting and are compared instead: a step in which roots turn real or complex is matched only
 // if their sums and products agree. The cost is O(r^2) for r eigenvalues, and O(r^3) where their
