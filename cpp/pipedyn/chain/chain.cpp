@@ -7,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include "pipedyn/chain/spatial_chain.hpp"
 #include "pipedyn/chain/stations.hpp"
 #include "pipedyn/vector/levels.hpp"
 
@@ -528,6 +529,20 @@ Matrix ends(const StateRows& angles, const StateRows& rates, const Vector& lengt
     for (Index i = 0; i < 4; ++i) found(i, k) = sums[i];
   }
   return found;
+}
+
+SpatialChain::SpatialChain(const Pipe& pipe, const Segments& segments) : chain_(pipe, segments) {
+  const auto refuse = [](const std::string& what) {
+    throw std::invalid_argument("a pipe " + what + " has no equations in three dimensions here");
+  };
+  if (pipe.end != End::free || !pipe.supports.empty()) refuse("that is held beyond its root");
+  if (pipe.jet_angle != 0.0) refuse("with a jet at an angle");
+  if (chain_.model().bent) refuse("with joints that are bent at rest");
+  for (const Term& term : pipe.terms) {
+    Laws::with(term, [&](const auto& law) {
+      if (!law.exists_in_space) refuse(std::string("with ") + law.name);
+    });
+  }
 }
 
 }  // namespace pipedyn
