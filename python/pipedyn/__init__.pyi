@@ -95,6 +95,7 @@ from pipedyn.models.pipe import Pipe as Pipe
 from pipedyn.models.profile import Profile as Profile
 from pipedyn.models.scales import Scales as Scales
 from pipedyn.models.supports import RootSpring as RootSpring
+from pipedyn.models.space import SpatialChain as SpatialChain
 from pipedyn.models.terms import AddedMass as AddedMass
 from pipedyn.models.terms import CubicSpring as CubicSpring
 from pipedyn.models.terms import Damper as Damper

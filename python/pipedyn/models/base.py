@@ -30,9 +30,9 @@ five models Newton's method left 6e-16 at most."""
 DENSE_LIMIT = 4000
 """Largest dof for which dense operators are computed: seven matrices take 128 MB each."""
 
-ROWS = 7
-"""Number of rows of a drive: u', then position, velocity and acceleration of the base, (x, y)
-each."""
+ROWS = 10
+"""Number of rows of a drive: u', then position, velocity and acceleration of the base, (x, y) each,
+then z of each."""
 
 COMPLEX_STEP = 1e-30
 """Size of a complex step: no difference cancels, and its square is lost beside any number."""
@@ -266,6 +266,16 @@ class Model(OfPipe, ABC):
         return self.dof
 
     @property
+    def dimensions(self) -> int:
+        """Number of dimensions in which the pipe moves, 2 or 3."""
+        return 2
+
+    @property
+    def planar(self) -> Model:
+        """The model of the same pipe that moves in the plane z = 0: of a planar model itself."""
+        return self
+
+    @property
     def coordinate_kind(self) -> str:
         """Name of the kind of coordinates p; models of one kind can share states."""
         return f"angles of {self.integrated} segments"
@@ -482,7 +492,7 @@ class Model(OfPipe, ABC):
             u_dot: rate of change of u, which accelerates the fluid along the pipe; a number, or for
                 k states also (k,). Default: steady flow.
             base: position, velocity and acceleration of a moving base, each (x, y): shape (3, 2),
-                or (3, 2, k) for k states. The base carries the clamp, all rigid supports and the
+                or (3, 2, k) for k states; in three dimensions each (x, y, z). The base carries the clamp, all rigid supports and the
                 axial support of the end (`Stretching`); q is measured from it. Drag and other terms
                 belong to the ground, so that they depend on the base's motion. Default: at rest.
 
@@ -519,8 +529,8 @@ class Model(OfPipe, ABC):
             return None
         columns = check.numbers("y", y, "an array of real numbers", longest=check.LONGEST).shape[1:]
         drive = np.zeros((ROWS, *columns))
-        arguments = (("u_dot", u_dot, (), drive[:1]), ("base", base, (3, 2), drive[1:]))
-        for name, given, shape, rows in arguments:
+        arguments = (("u_dot", u_dot, ()), ("base", base, (3, self.dimensions)))
+        for name, given, shape in arguments:
             if given is None:
                 continue
             values = check.doubles(name, given, "a real number or an array of them")
@@ -530,7 +540,13 @@ class Model(OfPipe, ABC):
                 raise ValueError(f"{name} must {rule}, got {values.shape}")
             each = np.atleast_1d(values)
             check.entries(name, each, np.isfinite(each), "be finite")
-            rows.reshape(len(rows), -1)[:] = values.reshape(len(rows), -1)
+            if name == "u_dot":
+                drive[0] = values
+                continue
+            values = values.reshape(*shape, *columns if values.ndim > 2 else (1,) * len(columns))
+            drive[1:7].reshape(3, 2, *columns)[:] = values[:, :2]
+            if self.dimensions == 3:
+                drive[7:] = values[:, 2]
         return drive
 
     def require_base(self) -> None:
@@ -699,7 +715,8 @@ class Model(OfPipe, ABC):
             s: arc lengths from the clamp in L, each in [0, 1], shape (p,), or one number.
 
         Returns:
-            Shape (p, 2), or (2,) for one arc length.
+            Shape (p, 2), or (2,) for one arc length; in three dimensions (x, y, z), with one number
+            more.
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
@@ -709,11 +726,11 @@ class Model(OfPipe, ABC):
                    [0.5, 0.5]])
         """
         at, asked = arc_lengths(s)
-        return self._centreline(q, at).reshape((*asked, 2))
+        return self._centreline(q, at).reshape((*asked, self.dimensions))
 
     @abstractmethod
     def _centreline(self, q: ArrayLike, s: Array) -> Array:
-        """The centreline of `shape` at arc lengths (p,), shape (p, 2)."""
+        """The centreline of `shape` at arc lengths (p,), shape (p, dimensions)."""
 
     def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
         """Transverse displacement to first order in q, about the configuration of linearisation.
@@ -762,7 +779,7 @@ class Model(OfPipe, ABC):
     def tips(self, q: ArrayLike) -> Array:
         """Positions (x, y) of the free end, (k, 2), for k configurations, (coordinates, k).
 
-        If the end is held across, they are positions of the pipe's point `Pipe.tip_place`.
+        In three dimensions they are (x, y, z), (k, 3). If the end is held across, they are positions of the pipe's point `Pipe.tip_place`.
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
@@ -771,7 +788,9 @@ class Model(OfPipe, ABC):
                    [0.1  , 0.995]])
         """
         columns = self._configurations("q", q)
-        return resolved("tips", lambda: self._free_ends(columns, columns)[:2], batch=True).T
+        return resolved("tips", lambda: self._free_ends(columns, columns), batch=True)[
+            : self.dimensions
+        ].T
 
     def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
         """Velocities (x', y') of the points of `tips`, in L / T, exact, (k, 2), for k states.
@@ -781,7 +800,9 @@ class Model(OfPipe, ABC):
         columns, rates = self._configurations("q", q), self._configurations("qdot", qdot)
         if columns.shape != rates.shape:
             raise ValueError(f"qdot must have the shape of q, {columns.shape}, got {rates.shape}")
-        return resolved("tip_velocities", lambda: self._free_ends(columns, rates)[2:], batch=True).T
+        return resolved("tip_velocities", lambda: self._free_ends(columns, rates), batch=True)[
+            self.dimensions :
+        ].T
 
     def curvatures(self, q: ArrayLike) -> Array:
         """Largest curvature |theta'(s)| along the pipe in 1 / L, (k,), for k configurations.
@@ -809,7 +830,9 @@ class Model(OfPipe, ABC):
         """Curvatures at places along the pipe, (places, k), for k configurations."""
 
     def end_motion(self, y: Array) -> Array:
-        """Positions and velocities for `tips` and `tip_velocities`, (4, k), at k states [p, p'].
+        """Positions and velocities for `tips` and `tip_velocities` at k states [p, p'].
+
+        The shape is (2 dimensions, k).
 
         Raises NotResolved for states that the model does not resolve.
         """
@@ -818,7 +841,7 @@ class Model(OfPipe, ABC):
 
     @abstractmethod
     def _free_ends(self, q: Array, qdot: Array) -> Array:
-        """Positions and velocities for `tips` and `tip_velocities`, shape (4, k).
+        """Positions and velocities for `tips` and `tip_velocities`, shape (2 dimensions, k).
 
         The arguments are not checked; they have shape (coordinates, k).
         """

@@ -17,6 +17,7 @@ from pipedyn.models.base import Model, Operators, core_pipe, stored
 from pipedyn.models.galerkin import Galerkin, basis_joints
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments
+from pipedyn.models.space import SpatialChain
 from pipedyn.models.segments import MET, SegmentModel, core_segments, held_ends, position_along
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
@@ -90,6 +91,7 @@ class Chain(SegmentModel):
         masses: masses of the segments in units of the pipe's mass, shape (n,), each > 0. Default:
             their lengths, or integrals of the pipe's mass if it varies; then masses, centres and
             gyration_radii must be given together or not at all.
+        dimensions: 2 for motions in a plane; 3 makes a `SpatialChain`, which moves in space.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), n=3)
@@ -111,6 +113,13 @@ class Chain(SegmentModel):
     and Deksnis (1970).
     """
 
+    def __new__(cls, *args: Any, dimensions: Literal[2, 3] = 2, **options: Any) -> Any:
+        """A planar chain, or with dimensions=3 the `SpatialChain` of its segments."""
+        if dimensions == 2:
+            return super().__new__(cls)
+        check.count("dimensions", dimensions, low=2, high=3)
+        return SpatialChain(cls(*args, **options))
+
     def __init__(
         self,
         pipe: Pipe,
@@ -123,6 +132,7 @@ class Chain(SegmentModel):
         drag_points: ArrayLike | None = None,
         base: float = 0.0,
         masses: ArrayLike | None = None,
+        dimensions: Literal[2, 3] = 2,  # read by __new__
     ) -> None:
         super().__init__(pipe)
         rule = check.choice("springs", springs, SPRING_RULES) if isinstance(springs, str) else None

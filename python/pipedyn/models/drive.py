@@ -379,20 +379,22 @@ class DriveFailed(Exception):
 class Drive:
     """Flow speed and base motion as functions of time, over a range of times.
 
-    A call with a time returns u, u', X, Y, X', Y', X'', Y'', or raises `DriveFailed`.
+    A call with a time returns u, u', X, Y, X', Y', X'', Y'', Z, Z', Z'', or raises `DriveFailed`.
 
     Args:
         u: the flow speed, of type `Speed`.
         base: the base's motion, of type `Base`; at rest if None.
         low: the first time at which functions are called.
         high: the last time at which functions are called.
+        dimensions: number of coordinates of the base's place; of two, Z is 0.
 
     Raises:
         ValueError: for speeds below 0, numbers that are not finite, or results of wrong shape.
         TypeError: for an argument that is no function as described.
     """
 
-    def __init__(self, u: Any, base: Any, low: float, high: float) -> None:
+    def __init__(self, u: Any, base: Any, low: float, high: float, dimensions: int = 2) -> None:
+        self.dimensions = dimensions
         self.low, self.step = low, min(STEP, (high - low) / 16.0)
         self.last = high - 4.0 * self.step
         self._speed = _with_derivatives("u", u, 1)
@@ -401,7 +403,7 @@ class Drive:
             self._at(t)
 
     def __call__(self, t: float) -> tuple[float, ...]:
-        """Values of u, u', X, Y, X', Y', X'', Y'' at a time."""
+        """Values of u, u', X, Y, X', Y', X'', Y'', Z, Z', Z'' at a time."""
         try:
             return self._at(t)
         except (ValueError, TypeError) as error:
@@ -412,9 +414,11 @@ class Drive:
         if not 0.0 <= u[0] <= LARGEST_SPEED:
             check.real(f"u({t:g})", u[0], low=0.0, high=LARGEST_SPEED)
         if self._base is None:
-            return (*u, *rate, *(0.0,) * 6)
-        place, velocity, acceleration = self._evaluated("base", self._base, t, 2)
-        return (*u, *rate, *place, *velocity, *acceleration)
+            return (*u, *rate, *(0.0,) * 9)
+        planar = self.dimensions == 2 or isinstance(self._base[0], Harmonic)
+        moves = self._evaluated("base", self._base, t, 2 if planar else 3)
+        across = (0.0, 0.0, 0.0) if planar else (one[2] for one in moves)
+        return (*u, *rate, *(x for one in moves for x in one[:2]), *across)
 
     @cached_property
     def numbers(self) -> tuple[float, ...] | None:
