@@ -42,9 +42,12 @@ from pipedyn.equilibrium.equilibria import equilibria as equilibria
 from pipedyn.equilibrium.equilibria import equilibrium_branch as equilibrium_branch
 from pipedyn.equilibrium.hopf import CriticalityCurve as CriticalityCurve
 from pipedyn.equilibrium.hopf import Hopf as Hopf
-from pipedyn.equilibrium.hopf import NoHopf as NoHopf
+from pipedyn.equilibrium.hopf import SpatialHopf as SpatialHopf
 from pipedyn.equilibrium.hopf import criticality_curve as criticality_curve
 from pipedyn.equilibrium.hopf import hopf as hopf
+from pipedyn.equilibrium.normal_form import NoHopf as NoHopf
+from pipedyn.equilibrium.rotating_motion import RotatingMotion as RotatingMotion
+from pipedyn.equilibrium.rotating_motion import rotating_motion as rotating_motion
 from pipedyn.forced.forced_response import ForcedBranch as ForcedBranch
 from pipedyn.forced.forced_response import ForcedEvent as ForcedEvent
 from pipedyn.forced.forced_response import ForcedMotion as ForcedMotion

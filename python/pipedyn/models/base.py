@@ -640,6 +640,17 @@ class Model(OfPipe, ABC):
         """Basis of the changes of [p, p'] that constraints allow, shape (2 integrated, 2 dof)."""
         return np.eye(2 * self.dof)
 
+    def quarter_turn(self, p: Array) -> Array:
+        """Coordinates, (integrated, ...), turned about the axis by a right angle, from x to z.
+
+        Raises:
+            ValueError: for a model that moves in a plane.
+        """
+        if self.dimensions == 2:
+            raise ValueError(f"model must move in three dimensions, got {self!r}")
+        x, z = np.split(p, 2)
+        return np.concatenate([-z, x])
+
     def largest_angle(self, p: NDArray[Any]) -> float:
         """Largest angle of the pipe to first order in p, shape (integrated,), real or complex.
 
