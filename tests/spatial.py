@@ -36,7 +36,8 @@ def second(a, rates):
 
 def product(a, b):
     """Vector product along the last axis, also of complex vectors."""
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    turns = (1, 2), (2, 0), (0, 1)
+    return np.stack([a[i] * b[j] - a[j] * b[i] for i, j in turns])
 
 
 def moments(a, springs):
@@ -48,7 +49,8 @@ def moments(a, springs):
     frame, before, found = np.eye(3, dtype=a.dtype), np.array([0.0, 1.0, 0.0], dtype=a.dtype), []
     for t, spring in zip(tangents(a), springs, strict=True):
         v, cosine = product(before, t), before @ t
-        angle = np.arctan(np.sqrt((t - before) @ (t - before)) / np.sqrt((t + before) @ (t + before)))
+        apart, beside = t - before, t + before
+        angle = np.arctan(np.sqrt(apart @ apart) / np.sqrt(beside @ beside))
         size = np.sqrt(v @ v)
         found.append(spring * (2.0 * angle / size if size != 0.0 else 1.0) * (frame @ v))
         turned = [row * cosine + product(v, row) + v * (v @ row) / (1.0 + cosine) for row in frame]
@@ -71,13 +73,15 @@ def accelerations(chain, a, rates, u, u_dot=0.0, base=None, loads=None):
     base: position, velocity and acceleration of the base, (3, 3). loads: function of the positions
     and velocities of the ends of the segments, (n, 3) each, that returns forces on them, (n, 3).
     """
-    pipe, n, l = chain.pipe, len(a), chain.lengths
+    pipe, n, lengths = chain.pipe, len(a), chain.lengths
     base = np.zeros((3, 3)) if base is None else base
     by_a, t, bend = jacobian(a), tangents(a), second(a, rates)
     rate = np.einsum("jkc,jc->jk", by_a, rates)
+
     # Position of a place at the share x of segment j: sum of l_i t_i before it, and x l_j t_j.
     def place(share):
-        return np.tril(np.ones((n, n)), -1) * l + np.diag(share * l)
+        return np.tril(np.ones((n, n)), -1) * lengths + np.diag(share * lengths)
+
     mass, force = np.zeros((n, 2, n, 2)), np.zeros((n, 2))
 
     def add(weights, of):
@@ -94,7 +98,7 @@ def accelerations(chain, a, rates, u, u_dot=0.0, base=None, loads=None):
             add(heavy, np.zeros((n, 3)) - base[2])
     points, shares = np.polynomial.legendre.leggauss(2)
     for point, share in zip(0.5 * (points + 1.0), 0.5 * shares, strict=True):
-        moved = share * l[:, None] * np.sqrt(pipe.beta) * pipe.direction
+        moved = share * lengths[:, None] * np.sqrt(pipe.beta) * pipe.direction
         add(place(np.full(n, point)), -moved * (2.0 * u * rate + u_dot * t))
     ends = place(np.ones(n))
     end = np.zeros((n, 3))
@@ -107,7 +111,7 @@ def accelerations(chain, a, rates, u, u_dot=0.0, base=None, loads=None):
     at = place(chain.drag_points)
     moving = base[1] + at @ rate
     normal = moving - (moving * t).sum(axis=1)[:, None] * t
-    add(at, -pipe.drag * l[:, None] * np.linalg.norm(normal, axis=1)[:, None] * normal)
+    add(at, -pipe.drag * lengths[:, None] * np.linalg.norm(normal, axis=1)[:, None] * normal)
     damped = pipe.damping * chain.springs
     slopes = np.zeros((n, 3, n, 2))
     for k in range(n):

@@ -196,7 +196,9 @@ def bifurcation_diagram(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="bifurcation_diagram")
+    model = checked_model_in_motion(
+        model, largest=EQUILIBRIA_DOF, purpose="bifurcation_diagram", planar=True
+    )
     require_steady("speeds", speeds)
     given_in = InputUnits(units, model.pipe)
     transient, duration = given_in.times(

@@ -221,7 +221,9 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
     soft pipe in a fast flow has dozens of equilibria wound up by many turns, which no motion
     reaches.
     """
-    model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="equilibria")
+    model = checked_model_in_motion(
+        model, largest=EQUILIBRIA_DOF, purpose="equilibria", planar=True
+    )
     statics = Statics(model)
     u = steady_speed("u", u)
     if isinstance(starts, str) or not isinstance(starts, Sequence):
@@ -835,7 +837,9 @@ def equilibrium_branch(
 
     Source: Keller (1977) for the continuation.
     """
-    model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="equilibria")
+    model = checked_model_in_motion(
+        model, largest=EQUILIBRIA_DOF, purpose="equilibria", planar=True
+    )
     statics = Statics(model)
     require_steady("speeds", speeds)
     low, high = map(float, check.array("speeds", speeds, size=2, low=0.0, high=LARGEST_SPEED))

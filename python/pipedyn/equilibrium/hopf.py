@@ -35,9 +35,9 @@ flutter, Re(d) > 0.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from concurrent import futures
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from typing import Any, Literal
 
@@ -71,7 +71,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import count_factorisations
-from pipedyn.util.errors import NotConverged, PipedynError
+from pipedyn.util.errors import NotConverged
 from pipedyn.util.parallel import one_thread, outcome_of
 from pipedyn.util.result import LENGTH, SPEED, Result
 
@@ -328,9 +328,10 @@ class SpatialHopf(Result):
 
 
 def _in_space(model: Model, plane: Hopf) -> SpatialHopf:
-    """Both coefficients of an onset in three dimensions, with E+- = (q, +-i q) and P+ = (p, i p) / 2.
+    """Both coefficients of an onset in three dimensions.
 
-    A = <P+, C(E+, E+, E+*)> / 2 and B = <P+, C(E+, E-, E-*)>.
+    A = <P, C(E, E, E*)> / 2 and B = <P, C(E, F, F*)> with the states E = (q, i q) and F = (q, -i q)
+    in both planes, and P = (p, i p) / 2.
 
     Raises:
         ValueError: for a pipe to which this does not apply.

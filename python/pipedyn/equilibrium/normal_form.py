@@ -76,7 +76,8 @@ def normal_form(
     q, p = vectors(a, frequency, scale)
     steps = np.ldexp(FIRST_STEP / reach(q), -np.arange(LEVELS))
     totals = [
-        _cubic_term(a, q, frequency, *both) for both in second_and_third(jacobians, rest, a, q, steps)
+        _cubic_term(a, q, frequency, *both)
+        for both in second_and_third(jacobians, rest, a, q, steps)
     ]
     value, error = projected_limit(a, p, q, totals, steps)
     value, error = 0.5 * value, 0.5 * error
@@ -86,7 +87,9 @@ def normal_form(
 def projected_limit(
     a: Array, p: Complex, q: Complex, vectors: list[Complex], steps: Array
 ) -> tuple[complex, float]:
-    """Limit of <p, v> for vectors v by differences with these steps at the Jacobian a, and its error.
+    """Limit of <p, v> for vectors v by differences with these steps, and its error.
+
+    a: Jacobian at rest, from which rounding is estimated.
 
     Raises:
         NotConverged: if the differences do not converge.

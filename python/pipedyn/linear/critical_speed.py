@@ -181,7 +181,7 @@ def crossings(model: AnyModel, max_speed: float) -> Crossings:
             holds the crossings below that speed.
         ValueError, TypeError: for arguments out of range or of a wrong type.
     """
-    checked_model(model)
+    model = checked_model(model)
     end = checked_end(max_speed, model)
     _, found = only_answer(stability_losses([model], end))
     return Crossings(found, end, model, unstable_at_rest(model, found))
@@ -208,7 +208,7 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
         NotConverged: for the reasons that `crossings` lists.
         ValueError, TypeError: for arguments out of range or of a wrong type.
     """
-    checked_model(model)
+    model = checked_model(model)
     critical, _ = only_answer(critical_points([model], checked_end(max_speed, model)))
     return critical
 

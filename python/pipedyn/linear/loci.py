@@ -171,7 +171,7 @@ def root_loci(
         NotConverged: if the continuous pipe's branches do not converge as the basis grows.
         ValueError, TypeError: for arguments out of range or of a wrong type.
     """
-    checked_model(model)
+    model = checked_model(model)
     require_steady("speeds", speeds)
     at = check.array("speeds", speeds, low=0.0, high=largest_speed(model), longest=100_000)
     if np.any(np.diff(at) <= 0.0):

@@ -359,7 +359,7 @@ def _checked_question(
     model: AnyModel, u: Any, count: Any, roots: int = 1
 ) -> tuple[float, int | None]:
     """The flow speed and the count, checked, where each answer has this number of roots."""
-    checked_model(model)
+    model = checked_model(model)
     u = steady_speed("u", u)
     if count is None:
         if isinstance(model, Continuum):

@@ -189,6 +189,11 @@ class OfPipe(Saved):
         """Whether the model converges to the continuous pipe as its number of coordinates grows."""
         return True
 
+    @property
+    def planar(self) -> Any:
+        """The model of the same pipe that moves in the plane z = 0: of a planar model itself."""
+        return self
+
     @cached_property
     def resisted(self) -> bool:
         """Whether linear forces but the flow's and Kelvin-Voigt damping depend on velocities."""
@@ -269,11 +274,6 @@ class Model(OfPipe, ABC):
     def dimensions(self) -> int:
         """Number of dimensions in which the pipe moves, 2 or 3."""
         return 2
-
-    @property
-    def planar(self) -> Model:
-        """The model of the same pipe that moves in the plane z = 0: of a planar model itself."""
-        return self
 
     @property
     def coordinate_kind(self) -> str:
@@ -492,9 +492,10 @@ class Model(OfPipe, ABC):
             u_dot: rate of change of u, which accelerates the fluid along the pipe; a number, or for
                 k states also (k,). Default: steady flow.
             base: position, velocity and acceleration of a moving base, each (x, y): shape (3, 2),
-                or (3, 2, k) for k states; in three dimensions each (x, y, z). The base carries the clamp, all rigid supports and the
-                axial support of the end (`Stretching`); q is measured from it. Drag and other terms
-                belong to the ground, so that they depend on the base's motion. Default: at rest.
+                or (3, 2, k) for k states; in three dimensions each (x, y, z). The base carries the
+                clamp, all rigid supports and the axial support of the end (`Stretching`); q is
+                measured from it. Drag and other terms belong to the ground, so that they depend on
+                the base's motion. Default: at rest.
 
         Returns:
             dy/dt = [q', q''], of the same shape as y.
@@ -790,7 +791,8 @@ class Model(OfPipe, ABC):
     def tips(self, q: ArrayLike) -> Array:
         """Positions (x, y) of the free end, (k, 2), for k configurations, (coordinates, k).
 
-        In three dimensions they are (x, y, z), (k, 3). If the end is held across, they are positions of the pipe's point `Pipe.tip_place`.
+        In three dimensions they are (x, y, z), (k, 3). If the end is held across, they are
+        positions of the pipe's point `Pipe.tip_place`.
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)

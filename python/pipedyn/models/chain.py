@@ -17,8 +17,8 @@ from pipedyn.models.base import Model, Operators, core_pipe, stored
 from pipedyn.models.galerkin import Galerkin, basis_joints
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments
-from pipedyn.models.space import SpatialChain
 from pipedyn.models.segments import MET, SegmentModel, core_segments, held_ends, position_along
+from pipedyn.models.space import SpatialChain
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array

@@ -71,7 +71,7 @@ class SpatialChain(Model):
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), n=10, dimensions=3)
-        >>> motion = pp.simulate(chain, 6.0, 10.0, chain.bent(lambda s: 0.1 * s, lambda s: 0.1 * s**2))
+        >>> motion = pp.simulate(chain, 6.0, 10.0)
         >>> motion.tip.shape
         (501, 3)
 
@@ -137,8 +137,10 @@ class SpatialChain(Model):
     def _twice(self, planar: Operators) -> Operators:
         """Operators of both planes, which are uncoupled."""
         both = {name: np.kron(np.eye(2), getattr(planar, name)) for name in CORE_MATRICES}
-        loss = None if planar.loss is None else np.kron(np.eye(2), planar.loss)
-        return Operators(**both, direction=planar.direction, centrifugal=planar.centrifugal, loss=loss)
+        loss = None if planar.loss is None else np.asarray(np.kron(np.eye(2), planar.loss))
+        return Operators(
+            **both, direction=planar.direction, centrifugal=planar.centrifugal, loss=loss
+        )
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
         """Operators of small motions of the straight pipe, of which `planar` has one half."""
@@ -167,16 +169,16 @@ class SpatialChain(Model):
     def largest_angle(self, p: NDArray[Any]) -> float:
         return float(np.hypot(*np.abs(np.split(p, 2))).max())
 
-    def _segments_to(self, q: NDArray[Any], tangents: Array, s: Array) -> Array:
+    def _segments_to(self, tangents: Array, s: Array) -> Array:
         """Sums of the segments' vectors up to arc lengths s, (p, 3, k)."""
         planar = self._planar
-        steps = planar.lengths[:, None, None] * tangents.transpose(1, 0, 2)
-        return position_along(steps, planar.base, planar.lengths, s)
+        steps = planar._lengths[:, None, None] * tangents.transpose(1, 0, 2)
+        return position_along(steps, planar._base, planar._lengths, s)
 
     def _centreline(self, q: ArrayLike, s: Array) -> Array:
         tangents, _ = rotations(self._coordinates(q)[:, None])
-        line = self._segments_to(q, tangents, s)[..., 0]
-        line[:, 1] += np.minimum(s, self._planar.base)
+        line = self._segments_to(tangents, s)[..., 0]
+        line[:, 1] += np.minimum(s, self._planar._base)
         return line
 
     def _deflected(self, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
@@ -185,12 +187,12 @@ class SpatialChain(Model):
         )
 
     def _free_ends(self, q: Array, qdot: Array) -> Array:
-        lengths = self._planar.lengths
+        lengths = self._planar._lengths
         tangents, _ = rotations(q)
         found = np.concatenate(
             [np.einsum("j,cjk->ck", lengths, of) for of in (tangents, turning(q, qdot))]
         )
-        found[1] += self._planar.base
+        found[1] += self._planar._base
         return found
 
     def _bending(self, q: Array) -> Array:
@@ -214,7 +216,7 @@ class SpatialChain(Model):
         if not met:
             return np.empty((0, p.shape[1]))
         places, gaps = np.array(met).T
-        at = self._segments_to(p, rotations(p)[0], places)[:, [0, 2]]
+        at = self._segments_to(rotations(p)[0], places)[:, [0, 2]]
         if drive is not None:
             at = at + drive[[1, 7]]
         return np.linalg.norm(at, axis=1) - gaps[:, None]

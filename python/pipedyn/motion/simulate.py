@@ -291,8 +291,9 @@ def simulate(
         q0: initial coordinates, shape (dof,), or for an assembly angles (n,) or redundant
             coordinates (3 n,); or the angle theta(s) of the bent pipe, a function of arc lengths
             (p,) to (p,), so that different models start alike. If not given, the pipe is slightly
-            bent, theta(s) = 0.05 s^2. To continue a motion, give `motion.q[-1]` and
-            `motion.qdot[-1]`; to start on a cycle, give `cycle.q[0]` and `cycle.qdot[0]`.
+            bent, theta(s) = 0.05 s^2, and in three dimensions also across that plane. To continue a
+            motion, give `motion.q[-1]` and `motion.qdot[-1]`; to start on a cycle, give
+            `cycle.q[0]` and `cycle.qdot[0]`.
         qdot0: initial rates, of the shape of q0; 0 if not given.
         samples: number of evenly spaced samples, both ends included, at least 2. If not given, 40
             in a unit of time, which is about two cycles of flutter, but at least 501. Methods of
@@ -720,8 +721,8 @@ def finely_sampled(task: Task) -> Task:
 def _with_drive(task: Task, outcome: Outcome) -> tuple[Array, int, str | None, Array]:
     """The outcome, cut before the first sample at which a function of time fails, and its drive.
 
-    The drive has a row of u and of the drive's rows (`ROWS`) for the start and each sample, shape (1
-    + S, 1 + ROWS).
+    The drive has a row of u and of the drive's rows (`ROWS`) for the start and each sample, shape
+    (1 + S, 1 + ROWS).
     """
     rows, calls, why = outcome
     if task.drive is None:
@@ -820,6 +821,14 @@ def slight_bend(s: Array) -> Array:
     return 0.05 * s**2
 
 
+def slight_bend_across(s: Array) -> Array:
+    """The angle a_z(s) that motions in three dimensions have besides `slight_bend` at the start.
+
+    The pipe then does not lie in a plane, so that no motion is missed that leaves it.
+    """
+    return 0.02 * s * (1.0 - s)
+
+
 def modal_bend(parts: ArrayLike) -> Callable[[Array], Array]:
     """The angle theta(s) = sum of parts[k] sin((k + 1/2) pi s), with m amplitudes (m,) in rad."""
 
@@ -848,13 +857,27 @@ def initial_bends(model: Model, count: int, seed: int) -> list[Array]:
 
 
 def checked_model_in_motion(
-    model: Any, name: str = "model", largest: float = math.inf, purpose: str = ""
+    model: Any,
+    name: str = "model",
+    largest: float = math.inf,
+    purpose: str = "",
+    *,
+    planar: bool = False,
 ) -> Model:
-    """The argument, refused unless it has equations of motion and at most `largest` dof."""
+    """The argument, refused unless it has equations of motion and at most `largest` dof.
+
+    `planar`: whether models in three dimensions are refused, where their symmetry about the axis
+    makes each answer one of a circle of answers.
+    """
     if not isinstance(model, Model):
         raise TypeError(
             f"{name} must be a Chain, a Galerkin model or an Assembly (of a Continuum, take "
             f"Continuum.frozen(m)), got {check.shown(model)}"
+        )
+    if planar and model.dimensions == 3:
+        raise ValueError(
+            f"{name} must move in a plane for {purpose}, got {check.shown(model)}: take "
+            "its .planar; in three dimensions ask simulate, hopf, limit_cycle and rotating_motion"
         )
     if model.dof > largest:
         many = f"{largest} degrees of freedom for {purpose}"
@@ -953,7 +976,10 @@ def _drive_of(task: Task, u: Any) -> Drive:
 
 def checked_start(model: Model, q0: Any, qdot0: Any) -> Array:
     """The state [p, p', 0], shape (2 integrated + 1,), from the arguments `q0` and `qdot0`."""
-    q0 = slight_bend if q0 is None else q0
+    if q0 is None:
+        q0 = slight_bend
+        if model.dimensions == 3:
+            q0 = model.bent(slight_bend) + model.quarter_turn(model.bent(slight_bend_across))
     if not callable(q0):
         check.numbers("q0", q0, "an angle theta(s) or coordinates")
         return np.append(model.initial_state(q0, qdot0), 0.0)
