@@ -88,6 +88,7 @@ from pipedyn.models.base import Model as Model
 from pipedyn.models.base import Operators as Operators
 from pipedyn.models.base import Power as Power
 from pipedyn.models.chain import Chain as Chain
+from pipedyn.models.chain import SpatialChain as SpatialChain
 from pipedyn.models.continuum import Continuum as Continuum
 from pipedyn.models.drive import Harmonic as Harmonic
 from pipedyn.models.drive import Pulsation as Pulsation
@@ -98,7 +99,6 @@ from pipedyn.models.pipe import Pipe as Pipe
 from pipedyn.models.profile import Profile as Profile
 from pipedyn.models.scales import Scales as Scales
 from pipedyn.models.supports import RootSpring as RootSpring
-from pipedyn.models.space import SpatialChain as SpatialChain
 from pipedyn.models.terms import AddedMass as AddedMass
 from pipedyn.models.terms import CubicSpring as CubicSpring
 from pipedyn.models.terms import Damper as Damper

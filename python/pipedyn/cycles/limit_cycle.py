@@ -244,7 +244,7 @@ def limit_cycle(
     samples = check.count("samples", samples, low=9, high=100_000)
     motion = VectorField(model)
     if model.dimensions == 3:
-        return _in_space(motion, limit_cycle(model.planar, u, start, rtol=rtol, samples=samples))
+        return _embedded(motion, limit_cycle(model.planar, u, start, rtol=rtol, samples=samples))
     with one_thread(motion.size):
         orbit, how = cycle_from(motion, u, start)
         found = converged_cycle(motion, orbit, rtol, samples, how)
@@ -252,7 +252,7 @@ def limit_cycle(
         return found if once is found.orbit else converged_cycle(motion, once, rtol, samples, how)
 
 
-def _in_space(motion: VectorField, plane: LimitCycle) -> LimitCycle:
+def _embedded(motion: VectorField, plane: LimitCycle) -> LimitCycle:
     """The cycle of the planar model as one in three dimensions, with its multipliers there."""
     orbit = plane.orbit
     p, rates = np.split(orbit.starts, 2, axis=1)

@@ -276,7 +276,7 @@ class SpatialHopf(Result):
     Example:
         >>> found = pp.hopf(pp.Chain(pp.Pipe(0.2), n=10, dimensions=3))
         >>> found.stable, round(found.own.real, 2), round(found.other.real, 2)
-        ('planar', -73.77, -75.84)
+        ('rotating', -84.39, -87.23)
 
     Source: Golubitsky, Stewart and Schaeffer, Singularities and Groups in Bifurcation Theory II,
     ch. XVII; for this pipe Bajaj and Sethna (1984).
@@ -328,7 +328,7 @@ class SpatialHopf(Result):
 
 
 def _in_space(model: Model, plane: Hopf) -> SpatialHopf:
-    """Both coefficients of an onset in three dimensions.
+    """The onset in three dimensions, with both coefficients.
 
     A = <P, C(E, E, E*)> / 2 and B = <P, C(E, F, F*)> with the states E = (q, i q) and F = (q, -i q)
     in both planes, and P = (p, i p) / 2.

@@ -40,7 +40,7 @@ FIRST_RADIUS = 1e-3
 """Largest angle of the first motion that is solved for, in rad: terms of higher degree change its
 speed by a millionth."""
 
-MOST_STEPS = 400
+LONGEST_BRANCH = 400
 """Largest number of steps along the branch of circular motions."""
 
 
@@ -153,13 +153,13 @@ def _reached(model: Model, u: float) -> Array:
         outward = np.zeros(size + 2)
         outward[last] = 1.0
         start, step = problem.point(small, outward), FIRST_RADIUS
-        for _ in range(MOST_STEPS):
+        for _ in range(LONGEST_BRANCH):
             segment: Segment[DenseProblem]
             segment, step = problem.next(start, step)
             if (segment.begin.p - u) * (segment.end.p - u) <= 0.0:
                 return segment.where(u)
             start = segment.end
-        reason = f"it takes more than {MOST_STEPS} steps"
+        reason = f"it takes more than {LONGEST_BRANCH} steps"
     except NewtonFailed as failed:
         reason = str(failed)
     raise NotConverged(
