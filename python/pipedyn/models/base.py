@@ -759,7 +759,8 @@ class Model(OfPipe, ABC):
                 uniform.
 
         Returns:
-            Shape (p,) or (p, k); for one number s, () or (k,).
+            Shape (p,) or (p, k); for one number s, () or (k,). In three dimensions with an axis
+            before these, of length 2, for x and z.
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
@@ -778,11 +779,15 @@ class Model(OfPipe, ABC):
                 f"q and s must ask for at most {check.LONGEST} numbers, got {columns.shape[1]} "
                 f"columns of q at {at.size} points"
             )
-        return self._deflected(self._moved(columns), at, order).reshape((*asked, *given.shape[1:]))
+        found = self._deflected(self._moved(columns), at, order)
+        return found.reshape((*found.shape[:-2], *asked, *given.shape[1:]))
 
     @abstractmethod
     def _deflected(self, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
-        """The result of `deflection` for changes of p, (integrated, k), at arc lengths (p,)."""
+        """The result of `deflection` for changes of p, (integrated, k), at arc lengths (p,).
+
+        The shape is (p, k), or (2, p, k) in three dimensions.
+        """
 
     def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
         """Changes of p, (integrated, k), from columns in any coordinates of `deflection`."""
@@ -911,9 +916,9 @@ class Model(OfPipe, ABC):
         """
 
     @staticmethod
-    def _angles(angle: Callable[[Array], ArrayLike], s: Array) -> Array:
-        check.instance("angle", angle, Callable, "a function of arc length")
-        return check.array("angle(s)", values_along("angle", angle, s), size=s.size, **ANGLES)
+    def _angles(angle: Callable[[Array], ArrayLike], s: Array, name: str = "angle") -> Array:
+        check.instance(name, angle, Callable, "a function of arc length")
+        return check.array(f"{name}(s)", values_along(name, angle, s), size=s.size, **ANGLES)
 
     def tip(self, q: ArrayLike) -> Array:
         """Position (x, y), shape (2,), of the free end; of `Pipe.tip_place` if that is held across.

@@ -493,7 +493,15 @@ class SpatialChain(Model):
         return type(self)(self._planar.with_pipe(pipe))
 
     def about(self, q: ArrayLike) -> Self:
-        raise ValueError("a chain in three dimensions is linearised about the straight pipe only")
+        self._require_straight(q)
+        return self
+
+    def _require_straight(self, q: ArrayLike) -> None:
+        if self._coordinates(q).any():
+            raise ValueError(
+                "q must be 0: in three dimensions models are linearised about the straight pipe, "
+                f"got {check.shown(q)}"
+            )
 
     def __repr__(self) -> str:
         return f"{self._planar!r}"[:-1] + ", dimensions=3)"
@@ -534,8 +542,8 @@ class SpatialChain(Model):
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
         """Operators of small motions of the straight pipe, of which `planar` has one half."""
-        if q is not None and self._coordinates(q).any():
-            raise ValueError(f"q must be 0, the straight pipe, in three dimensions, got {q!r}")
+        if q is not None:
+            self._require_straight(q)
         return self._twice(self._planar.operators())
 
     def elastic_operators(self) -> Operators:
@@ -572,9 +580,8 @@ class SpatialChain(Model):
         return line
 
     def _deflected(self, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
-        raise ValueError(
-            "deflection is that of a plane: ask planar.deflection for one half of q, a_x or a_z"
-        )
+        halves = np.split(p, 2)
+        return np.stack([self._planar._deflected(half, s, derivative) for half in halves])
 
     def _free_ends(self, q: Array, qdot: Array) -> Array:
         lengths = self._planar._lengths
@@ -642,8 +649,9 @@ class SpatialChain(Model):
         angle: Callable[[Array], ArrayLike],
         across: Callable[[Array], ArrayLike] | None = None,
     ) -> Array:
-        along = self._planar.sampled(angle)
-        other = np.zeros_like(along) if across is None else self._planar.sampled(across)
+        middles = self._planar._middles
+        along = self._angles(angle, middles)
+        other = np.zeros_like(along) if across is None else self._angles(across, middles, "across")
         return np.concatenate([along, other])
 
     def turned(self, y: ArrayLike, angle: float) -> Array:
@@ -666,6 +674,7 @@ class SpatialChain(Model):
             raise ValueError(
                 f"y must have {self.dof} or {2 * self.dof} rows, got shape {states.shape}"
             )
+        check.entries("y", states, np.isfinite(states), "be finite")
         turn = check.real("angle", angle, **ANGLES)
         cosine, sine = np.cos(turn), np.sin(turn)
         halves = states.reshape(len(states) // self.dof, 2, -1, *states.shape[1:])
