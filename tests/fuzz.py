@@ -344,6 +344,7 @@ MODELS |= {
     "drawn": pp.Galerkin(DRAWN, 3),
     "tapered": pp.Chain(TAPERED, 3),
     "space": pp.Chain(DRAGGED, 3, dimensions=3),
+    "reduced space": pp.Galerkin(PIPE, 2, "legendre", dimensions=3),
 }
 EVERY = {**MODELS, "held": HELD}
 
@@ -1199,6 +1200,9 @@ def _motions() -> Iterator[Target]:
     yield target(pp.rotating_motion, slow=True, model=whirling, u=beyond)
     yield target(space.bent, angle=FUNCTION, across=optional(FUNCTION))
     yield target(space.turned, y=array(12, any_size=True), angle=NUMBER)
+    reduced = pp.Galerkin(PIPE, 2, dimensions=3)
+    yield target(reduced.bent, angle=FUNCTION, across=optional(FUNCTION))
+    yield target(reduced.turned, y=array(8, any_size=True), angle=NUMBER)
     lossy = {"model": Kind(one_of(OVERHANG), one_of(LOST, EXACT, 3, NAN, None))}
     refused = {"model": "model|hysteresis"}
     yield target(pp.hopf, "[supported]", slow=True, called=refused, **lossy)

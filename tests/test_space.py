@@ -2,6 +2,7 @@
 """Chains in three dimensions: against virtual work, plane motions, energy and known numbers."""
 
 import pickle
+from functools import partial
 
 import numpy as np
 import pytest
@@ -370,3 +371,145 @@ def test_questions_that_need_a_plane_name_the_planar_chain():
         pp.rotating_motion(chain.planar, 6.0)
     with pytest.raises(pp.NotConverged, match="no circular motion was found at u = 3"):
         pp.rotating_motion(chain, 3.0)
+
+
+# ------------------------------------------------------------------------------- reduced models
+
+REDUCED = {
+    "legendre": (5, 0.5),
+    "beam": (4, 0.1),
+}
+LOADED = pp.Pipe(
+    0.3,
+    gamma=-5.0,
+    damping=0.2,
+    terms=[
+        pp.PointMass(0.6, 0.2, inertia=0.01),
+        *CONSERVATIVE.values(),
+        *DISSIPATIVE.values(),
+    ],
+)
+CONTINUOUS = {
+    **PIPES,
+    "loaded": LOADED,
+    "on a spring": pp.Pipe(0.3, root=pp.RootSpring(4.0), damping=0.02),
+    "tapered": pp.Pipe(
+        0.3, stiffness=lambda s: 1.0 - 0.4 * s, mass=pp.Profile([0.5], [1.0, 1.4]), damping=0.01
+    ),
+    "thick": pp.Pipe(0.3, rotary_inertia=1e-3),
+}
+
+
+def reduced_state(m, size, planes, seed=4):
+    random = np.random.default_rng(seed)
+    sizes = np.tile(size / np.arange(1.0, m + 1.0) ** 2, planes)
+    return np.concatenate([random.normal(size=sizes.size) * sizes * rate for rate in (1.0, 5.0)])
+
+
+@pytest.mark.parametrize("pipe", CONTINUOUS.values(), ids=CONTINUOUS)
+@pytest.mark.parametrize("basis", REDUCED)
+def test_a_reduced_motion_in_any_plane_is_the_planar_one(pipe, basis):
+    m, size = REDUCED[basis]
+    m = 16 if basis == "legendre" and pipe is LOADED else m
+    model = pp.Galerkin(pipe, m, basis, dimensions=3)
+    y, none = reduced_state(m, size, 1), np.zeros(m)
+    embedded = model.turned(np.concatenate([y[:m], none, y[m:], none]), 0.8)
+    found = model.turned(model.rhs(0.0, embedded, 4.0), -0.8)[2 * m :]
+    expected = model.planar.rhs(0.0, y, 4.0)[m:]
+    # The planar quadrature ends integrals of drag at the zeros of the velocity across the pipe.
+    error = (1e-4 if pipe.drag else 1e-12) * np.abs(expected).max()
+    assert found[:m] == pytest.approx(expected, abs=error)
+    assert found[m:] == pytest.approx(none, abs=error)
+    assert model.energy(embedded) == pytest.approx(model.planar.energy(y), rel=1e-13)
+    assert model.tip(embedded[: 2 * m])[1] == pytest.approx(model.planar.tip(y[:m])[1], rel=1e-14)
+
+
+@pytest.mark.parametrize("pipe", CONTINUOUS.values(), ids=CONTINUOUS)
+def test_reduced_rates_have_their_power_and_their_derivatives(pipe):
+    m = 16 if pipe is LOADED else 5
+    model, h = pp.Galerkin(pipe, m, "legendre", dimensions=3), 1e-6
+    y = reduced_state(m, 0.5, 2)
+    rates = model.rhs(0.0, y, 4.0)
+    change = (model.energy(y + h * rates) - model.energy(y - h * rates)) / (2.0 * h)
+    assert change == pytest.approx(model.power(y, 4.0).total, rel=1e-6)
+    differences = np.stack(
+        [
+            (model.rhs(0.0, y + h * one, 4.0) - model.rhs(0.0, y - h * one, 4.0)) / (2.0 * h)
+            for one in np.eye(4 * m)
+        ],
+        axis=1,
+    )
+    found = model.jacobian(0.0, y, 4.0)
+    assert found == pytest.approx(differences, abs=1e-7 * np.abs(found).max())
+    states = np.stack([y, 0.5 * y, 0.1 * y], axis=1)
+    alone = np.stack([model.rhs(0.0, one, 4.0) for one in states.T.copy()], axis=1)
+    size = np.abs(alone).max()
+    assert model.rhs(0.0, states, 4.0) == pytest.approx(alone, abs=1e-12 * size)
+
+
+def test_chains_tend_to_the_reduced_model_in_space():
+    pipe = pp.Pipe(0.3, gamma=5.0, damping=0.02)
+    # The curvature is 0 at the free end, as that of every smooth motion.
+    bends = (lambda s: 0.6 * s - 0.3 * s**2), (lambda s: 0.2667 * s**3 - 0.4 * s**2)
+
+    def tip(make):
+        model = make(dimensions=3)
+        return pp.simulate(model, 5.0, 0.2, model.bent(*bends), samples=2, rtol=1e-9).tip[-1]
+
+    expected = tip(partial(pp.Galerkin, pipe, 10, "legendre"))
+    few, many = (tip(partial(pp.Chain, pipe, n)) - expected for n in (12, 24))
+    assert np.abs(many).max() < 3e-4
+    assert np.linalg.norm(few) / np.linalg.norm(many) == pytest.approx(4.0, abs=0.2)
+
+
+def test_circular_motions_of_the_continuous_pipe_have_the_numbers_of_a_boundary_value_problem():
+    found = pp.rotating_motion(pp.Galerkin(pp.Pipe(0.2), 10, "legendre", dimensions=3), 6.0)
+    numbers = found.radius, found.frequency, found.height
+    assert numbers == pytest.approx((0.19683612, 14.3689601, 0.9598544), abs=1e-6)
+    assert found.exponents[0] == pytest.approx(-0.09509 + 27.61212j, abs=1e-5)
+    assert found.stable
+    other = pp.rotating_motion(pp.Galerkin(pp.Pipe(0.5), 12, "legendre", dimensions=3), 9.8)
+    assert (other.radius, other.frequency) == pytest.approx((0.1424226, 27.992926), rel=2e-5)
+    assert not other.stable
+
+
+@pytest.mark.parametrize(
+    ("numbers", "own", "other"),
+    [
+        ({"beta": 0.1}, -116.157 + 162.434j, -18.603 - 136.692j),
+        ({"beta": 0.2}, -85.899 + 84.678j, -89.929 - 50.232j),
+        ({"beta": 0.5}, -653.02 + 29.43j, -498.11 - 280.56j),
+        ({"beta": 0.2, "gamma": 10.0}, -82.279, -100.146),
+        ({"beta": 0.4, "gamma": 10.0}, -924.81, -591.03),
+        ({"beta": 0.6, "gamma": 10.0}, -338.10, -406.24),
+        ({"beta": 0.2, "damping": 0.005}, -86.328, -87.870),
+        ({"beta": 0.4, "damping": 0.005}, -312.29, -305.06),
+        ({"beta": 0.6, "damping": 0.005}, -277.41, -276.57),
+        ({"beta": 0.2, "gamma": 10.0, "damping": 0.005}, -87.488, -99.505),
+        ({"beta": 0.5, "gamma": 10.0, "damping": 0.005}, -403.41, -371.01),
+    ],
+)
+def test_coefficients_of_the_continuous_pipe_are_those_of_another_program(numbers, own, other):
+    # Where no imaginary parts stand, only real parts were handed over.
+    found = pp.hopf(pp.Galerkin(pp.Pipe(**numbers), 12, "legendre", dimensions=3))
+    for value, known in ((found.own, own), (found.other, other)):
+        assert value.real == pytest.approx(np.real(known), abs=0.02)
+        if isinstance(known, complex):
+            assert value.imag == pytest.approx(known.imag, abs=0.02)
+
+
+def test_the_planar_cycle_of_the_continuous_pipe_has_its_multiplier_across():
+    cycle = pp.limit_cycle(pp.Galerkin(pp.Pipe(0.2), 8, "legendre", dimensions=3), 6.0)
+    assert (cycle.amplitude, cycle.frequency) == pytest.approx((0.2766139, 13.791497), rel=2e-5)
+    assert abs(cycle.across[0]) == pytest.approx(1.04878, abs=1e-5)
+    assert np.abs(cycle.multipliers - 0.47873).min() < 1e-5
+
+
+def test_a_reduced_model_stops_where_its_coordinates_end():
+    model = pp.Galerkin(pp.Pipe(0.2), 4, "legendre", dimensions=3)
+    q = model.bent(lambda s: 3.3 * s, lambda s: 0.2 * s)
+    with pytest.raises(pp.NotResolved, match="coordinates of a reduced model in three dimensions"):
+        model.rhs(0.0, np.concatenate([q, 0.0 * q]), 1.0)
+    start = model.bent(lambda s: 3.0 * s, lambda s: 0.2 * s)
+    with pytest.raises(pp.MotionStopped):
+        pp.simulate(model, 1.0, 1.0, start, 10.0 * start)

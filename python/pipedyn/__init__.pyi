@@ -95,6 +95,7 @@ from pipedyn.models.drive import Pulsation as Pulsation
 from pipedyn.models.drive import Supply as Supply
 from pipedyn.models.end_coefficient import end_coefficient as end_coefficient
 from pipedyn.models.galerkin import Galerkin as Galerkin
+from pipedyn.models.galerkin import SpatialGalerkin as SpatialGalerkin
 from pipedyn.models.pipe import Pipe as Pipe
 from pipedyn.models.profile import Profile as Profile
 from pipedyn.models.scales import Scales as Scales

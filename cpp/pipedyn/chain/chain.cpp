@@ -532,16 +532,9 @@ Matrix ends(const StateRows& angles, const StateRows& rates, const Vector& lengt
 }
 
 SpatialChain::SpatialChain(const Pipe& pipe, const Segments& segments) : chain_(pipe, segments) {
-  const auto refuse = [](const std::string& what) {
-    throw std::invalid_argument("a pipe " + what + " has no equations in three dimensions here");
-  };
-  if (pipe.end != End::free || !pipe.supports.empty()) refuse("that is held beyond its root");
-  if (pipe.jet_angle != 0.0) refuse("with a jet at an angle");
-  if (chain_.model().bent) refuse("with joints that are bent at rest");
-  for (const Term& term : pipe.terms) {
-    Laws::with(term, [&](const auto& law) {
-      if (!law.exists_in_space) refuse(std::string("with ") + law.name);
-    });
+  require_space(pipe);
+  if (chain_.model().bent) {
+    throw std::invalid_argument("joints that are bent at rest have no equations in space here");
   }
 }
 

@@ -186,13 +186,49 @@ struct SpatialDrive {
   }
 };
 
-/// A segment in space: its direction and motion, then its loads, then what the recursion keeps.
+/// A direction of the pipe in space and how it turns.
 template <class Number>
-struct SpatialSegment {
+struct Direction {
   Space<Number> t, nx, nz, rate;  // t, n_x, n_z, t'
   Across<Number> a, w, bias;      // bias: what N^T t'' has besides the terms in a''
-  Number share, square, turn;     // E / S, |t'|^2, C
-  Space<Number> force, lever;     // sums of the loads, and of the loads times their arms
+  Number c, e, e2, s, square;     // C, E, E2, S, |t'|^2
+
+  Space<Number> lifted(const Across<Number>& x) const { return x.x * nx + x.z * nz; }
+  Across<Number> across(const Space<Number>& x) const { return {dot(nx, x), dot(nz, x)}; }
+  /// Components across the tangent of its change, if a changes by x: R x, R = I - E a~ a~^T.
+  Across<Number> across_by(const Across<Number>& x) const {
+    const Across<Number> aside = a.turned();
+    return x - (e * dot(aside, x)) * aside;
+  }
+
+  void set(const Across<Number>& vector, const Across<Number>& da) {
+    a = vector;
+    const Rotation<Number> by(dot(a, a));
+    c = by.c;
+    e = by.e;
+    e2 = by.e2;
+    s = by.s;
+    const Number cx = c * a.x;
+    t = {s * a.x, by.cosine, s * a.z};
+    nx = {1.0 - cx * a.x, -t.x, -(cx * a.z)};
+    nz = {nx.z, -t.z, 1.0 - c * (a.z * a.z)};
+    const Across<Number> aside = a.turned();
+    const Number m = dot(aside, da);
+    w = across_by(da);
+    square = dot(w, w);
+    bias = -1.0 * ((c * m) * w.turned() + (e2 * (dot(a, da) * m)) * aside + (e * m) * da.turned());
+    rate = lifted(w);
+  }
+
+  /// 1 - cos rho.
+  Number drop() const { return c * dot(a, a); }
+};
+
+/// A segment in space: its direction and motion, then its loads, then what the recursion keeps.
+template <class Number>
+struct SpatialSegment : Direction<Number> {
+  using Direction<Number>::a, Direction<Number>::t, Direction<Number>::rate;
+  Space<Number> force, lever;  // sums of the loads, and of the loads times their arms
   Across<Number> couple;
   // Of the segment's joint: sin^2 (phi / 2), F, v, F v, c D and, with the sign of a resistance,
   // factors of the forces on both tangents.
@@ -201,36 +237,16 @@ struct SpatialSegment {
   Symmetric2<Number> inverse, turned;  // 1 / H, and (l N^T A N + m chi l) / H
   Across<Number> free, along;          // acceleration without that of the joint; l N^T A t / H
 
-  Space<Number> lifted(const Across<Number>& x) const { return x.x * nx + x.z * nz; }
-  Across<Number> across(const Space<Number>& x) const { return {dot(nx, x), dot(nz, x)}; }
-
   /// Sets direction and motion from row j of a state of n segments.
   template <class Rows>
   void move(const Rows& rows, Count n, Count j) {
-    a = {rows.row(j), rows.row(n + j)};
-    const Across<Number> da{rows.row(2 * n + j), rows.row(3 * n + j)};
-    const Rotation<Number> by(dot(a, a));
-    const Number cx = by.c * a.x;
-    turn = by.c;
-    t = {by.s * a.x, by.cosine, by.s * a.z};
-    nx = {1.0 - cx * a.x, -t.x, -(cx * a.z)};
-    nz = {nx.z, -t.z, 1.0 - by.c * (a.z * a.z)};
-    const Across<Number> aside = a.turned();
-    const Number m = dot(aside, da), em = by.e * m;
-    w = da - em * aside;
-    square = dot(w, w);
-    share = by.e * inverse_of(by.s);
-    bias = -1.0 * ((by.c * m) * w.turned() + (by.e2 * (dot(a, da) * m)) * aside + em * da.turned());
-    rate = lifted(w);
+    this->set({rows.row(j), rows.row(n + j)}, {rows.row(2 * n + j), rows.row(3 * n + j)});
   }
 
-  /// 1 - cos rho.
-  Number drop() const { return turn * dot(a, a); }
-
-  /// a'' from the components of t'' across the segment.
+  /// a'' from the components of t'' across the segment, by the inverse of R.
   Across<Number> acceleration(const Across<Number>& found) const {
-    const Across<Number> own = found - bias, aside = a.turned();
-    return own + (share * dot(aside, own)) * aside;
+    const Across<Number> own = found - this->bias, aside = a.turned();
+    return own + (this->e * inverse_of(this->s) * dot(aside, own)) * aside;
   }
 
   /// Sets the joint with the tangent t0 before it; `resists`: also for its damping.
