@@ -68,7 +68,7 @@ meshes that follow. A last step of the size of the tolerance leaves an error of 
 
 NEAR = 0.05
 """Largest distance of an orbit from its prediction, relative to its size, if the tangent does not
-show that they lie on one branch: orbits of 89 cycles were 0.04 from it at most."""
+show that they lie on one branch: those of 109 of 111 cycles were at most 0.04 from it."""
 
 PAST_STOP, GRAZING, MOST_CONTACTS, MOST_GRAZES = 3e-4, 3e-2, 3, 8
 """Distance beyond a grazed stop at which a branch goes on, relative to its parameter; distance from
@@ -295,9 +295,9 @@ def breaking_part(orbit: PeriodicOrbit, kind: str) -> Array:
     ("pitchfork") or of orbits with half the period ("period doubling").
     """
     p = orbit.states(PROBES)[: orbit.half].T
-    later = np.roll(p, -PROBES.size // 2, axis=0)
     if kind == "hopf":
         return p if orbit.symmetric else p - p.mean(axis=0)
+    later = np.roll(p, -PROBES.size // 2, axis=0)
     return 0.5 * (p + later if kind == "pitchfork" else p - later)
 
 
@@ -478,8 +478,8 @@ def _on_mesh(
     either way.
     """
     z, beside = problem.origin, 1e-4
-    here, moved = (problem.about(x, edges) for x in (z, z + beside * tangent))
-    return here, (moved.origin - here.origin) / beside
+    here, moved = problem.about(z, edges), problem.transferred(z + beside * tangent, edges)
+    return here, (moved - here.origin) / beside
 
 
 def _parabola(z: Array, slope: Array, change: Array, length: float) -> Callable[[float], Array]:
@@ -495,18 +495,17 @@ def _on_mesh_to(
 
     there: the guess at an arc length on the old mesh.
     """
-    there = problem.about(there, edges).origin
-    finer, tangent = _on_mesh(problem, tangent, edges)
-    z = finer.origin
-    return (finer, tangent), _parabola(z, tangent, there - z, length)
+    finer, slope = _on_mesh(problem, tangent, edges)
+    z, there = finer.origin, problem.transferred(there, edges)
+    return (finer, slope), _parabola(z, slope, there - z, length)
 
 
 def _soon_beyond(step: Step, ahead: Callable[[float], Array], u: float) -> PeriodicOrbit | None:
-    """The orbit at a speed that the predictor `ahead` reaches within the next step.
+    """The orbit at a speed that the predictor `ahead` reaches within the longest next step.
 
     None is returned if it does not, or if it is not near enough to be sure of the branch.
     """
-    longest = min(1.5 * step.length, 0.5 * COARSE.longest)
+    longest = min(1.5 * step.length, COARSE.longest)
     if (step.end.p - u) * (ahead(longest)[-1] - u) > 0.0:
         return None
     s = zero_between(lambda s: float(ahead(s)[-1]) - u, 0.0, longest)
