@@ -555,6 +555,8 @@ def static_cubic(model: Model, u: float) -> float:
 
 def with_drag(model: Model, drag: float) -> VectorField:
     """Equations of motion of a model in which the pipe's drag has another value."""
+    if model.pipe.drag == drag:
+        return VectorField(model)
     return VectorField(model.with_pipe(replace(model.pipe, drag=drag)))
 
 

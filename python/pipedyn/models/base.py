@@ -653,9 +653,10 @@ class Model(OfPipe, ABC):
         return np.concatenate([-z, x])
 
     def largest_angle(self, p: NDArray[Any]) -> float:
-        """Largest angle of the pipe to first order in p, shape (integrated,), real or complex.
+        """Largest angle of the pipe to first order in p, real or complex, of one or k states.
 
-        The base class takes coordinates as angles.
+        The shape of p is (integrated,) or (integrated, k). The base class takes coordinates as
+        angles.
         """
         return float(np.abs(p).max())
 

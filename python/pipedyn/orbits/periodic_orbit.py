@@ -179,8 +179,7 @@ class PeriodicOrbit:
 
     def defects(self) -> Array:
         """Last two Legendre terms of each interval's rates, as a share of the velocity, (M,)."""
-        rates = self.rates.transpose(0, 2, 1).reshape(-1, ORBIT_STAGES)
-        last = np.abs(rates @ TO_LEGENDRE[-2:].T).sum(axis=1).reshape(-1, self.half)
+        last = np.abs(TO_LEGENDRE[-2:] @ self.rates).sum(axis=1)
         velocity = np.abs(self.starts[:, self.half :]).max()
         return self.durations * last.max(axis=1) / velocity
 
@@ -254,7 +253,7 @@ def interpolated(
         rates = motion.along(phases, frequency)(at, u)[motion.half :].T.reshape(shape)
     else:
         speeds = at[motion.half :].T.reshape(shape) - starts[:, None, motion.half :]
-        rates = SLOPES @ speeds / (np.diff(edges)[:, None, None] / frequency)
+        rates = SLOPES @ speeds / ((edges[1:] - edges[:-1])[:, None, None] / frequency)
     return PeriodicOrbit(edges, starts, np.ascontiguousarray(rates), frequency, u, motion.forced)
 
 
