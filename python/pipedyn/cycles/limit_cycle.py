@@ -51,12 +51,17 @@ from pipedyn.orbits.floquet import (
 )
 from pipedyn.orbits.orbit_continuation import (
     COARSE,
-    MOST_CYCLE_INTERVALS,
     breaking_part,
     orbit_at_speed,
     solved_anew,
 )
-from pipedyn.orbits.periodic_orbit import PROBES, PeriodicOrbit, joined_in_pairs, refined
+from pipedyn.orbits.periodic_orbit import (
+    MOST_CYCLE_INTERVALS,
+    PROBES,
+    PeriodicOrbit,
+    joined_in_pairs,
+    refined,
+)
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
