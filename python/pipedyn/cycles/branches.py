@@ -257,7 +257,7 @@ def hopf_points(
             points += [c for c in crossings(model, highest) if c.kind == "flutter"]
         except PipedynError as error:
             failed.append((highest, error))
-    points += [p for b in branches if not b.straight for p in b.points if p.kind == "hopf"]
+    points += [p for b in branches if b.q.any() for p in b.points if p.kind == "hopf"]
     found: list[HopfPoint] = []
     for new in points:
         same = (np.isclose((p.speed, p.frequency), (new.speed, new.frequency), 1e-6) for p in found)
