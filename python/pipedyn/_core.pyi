@@ -19,6 +19,7 @@ __all__: list[str] = [
     "Integrator",
     "LinearisedOrbit",
     "Member",
+    "NearestPoint",
     "Operators",
     "Pairs",
     "PanelPencil",
@@ -42,6 +43,7 @@ __all__: list[str] = [
     "ends",
     "exponentials",
     "gauss_nodes",
+    "general_values",
     "interval_maps",
     "is_felt_by_small_motions",
     "orbit_states",
@@ -660,6 +662,16 @@ class LinearisedOrbit:
     @property
     def unit(self) -> float: ...
 
+class NearestPoint:
+    def __call__(
+        self,
+        states: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        most: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> numpy.typing.NDArray[numpy.int64]: ...
+    def __init__(
+        self, points: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> None: ...
+
 def assignment(
     cost: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
 ) -> list[int]: ...
@@ -682,6 +694,10 @@ def gauss_nodes(
     typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
     typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
 ]: ...
+def general_values(
+    a: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+    b: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]: ...
 def interval_maps(
     rows: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     durations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],

@@ -467,7 +467,7 @@ class Statics:
         return float(np.linalg.norm(x)) / math.sqrt(self.size)
 
     def straightened(self, x: Array) -> Array:
-        """The nearest to x of the pipe at rest and, on a hinge, of those that half turns make of it.
+        """The configuration nearest to x among the rest and, on a hinge, its half turns.
 
         If the pipe at rest is straight, each of them is its own mirror image.
         """
