@@ -733,9 +733,8 @@ def _balanced(statics: Statics, u: float, starts: list[Array], longest: float) -
 
 Change = Literal["fold", "pitchfork", "branch point", "hopf"]
 
-BESIDE = -1e-6, 1e-6
-"""Relative distances from the speed of a pitchfork at which the stability beside it is evaluated:
-the speed errs by far less."""
+BESIDE = 1e-6
+"""Largest relative distance in speed from a pitchfork of a change that is that of the pitchfork."""
 
 MOST_POINTS = 4000
 """Most points of one branch: at the default step they reach 200 rad, three times `TEN_TURNS`."""
@@ -953,19 +952,22 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
         found = special_points(step, 1e-12 if meeting is None else 0.0, [growth], until)
         turns = [s for name, _, s in found if name == "fold"]
         for name, before, s in found:
-            if name in ("fold", "hopf") or all(abs(s - turn) > 1e-3 * ds for turn in turns):
-                point = self._point(cast(Change, name), step.at(s))
-                self.changes.append(point)
-                if 1e-6 * ds < s < (1.0 - 1e-6) * ds:  # otherwise the end of the step is there
-                    z = np.append(step.at(s).x, point.speed)
-                    self._add(Point(z, step.at(s).tangent), growth.at(before), growth.at(s))
+            # Right beside a pitchfork its own eigenvalue counts as neutral.
+            same = meeting is not None and abs(step.at(s).p / meeting - 1.0) < BESIDE
+            same |= any(abs(s - turn) <= 1e-3 * ds for turn in turns)
+            if name not in ("fold", "hopf") and same:
+                continue
+            point = self._point(cast(Change, name), step.at(s))
+            self.changes.append(point)
+            if 1e-6 * ds < s < (1.0 - 1e-6) * ds:  # otherwise the end of the step is there
+                z = np.append(step.at(s).x, point.speed)
+                self._add(Point(z, step.at(s).tangent), growth.at(before), growth.at(s))
         if meeting is None:
             self._add(b, growth.at(until))
             return "far" if float(np.abs(b.x).max()) > TEN_TURNS else None
         fork = Point(np.append(rest, meeting), a.tangent)
         self.changes.append(self._point("pitchfork", fork))
-        sides = (Point(np.append(rest, meeting * (1.0 + share)), a.tangent) for share in BESIDE)
-        self._add(fork, *map(self._growth, sides))
+        self._add(fork, self._growth(fork))
         return "pitchfork"
 
     def _add(self, point: Point, *growth: Array) -> None:
