@@ -153,7 +153,10 @@ def test_cycles_about_a_bent_pipe_follow_the_law_of_its_hopf_point(buckled_branc
     assert (cycles.speeds[0], cycles.amplitudes[0]) == (cycles.onset, 0.0)
     assert cycles.highest[0] == pytest.approx(point.tip[0], abs=1e-9)
     assert cycles.cycles[0].residual == 0.0
-    assert cycles.at(cycles.onset) == ()  # nothing moves there
+    assert not cycles.cycles[0].moves
+    assert cycles.at(cycles.onset) == ()
+    with pytest.raises(ValueError, match=re.escape("start must move, got a cycle without")):
+        pp.limit_cycle(TWO, 1.63, cycles.cycles[0])
     law = cycles.amplitudes[1:4] ** 2 / (cycles.speeds[1:4] - cycles.onset)
     assert law == pytest.approx(onset.amplitude_law, rel=3e-3)
 

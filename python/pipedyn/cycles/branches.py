@@ -187,7 +187,7 @@ class CycleBranch(TableResult):
         """The cycles at one of the speeds given that are not at rest, in order along the branch."""
         u = check.real("u", u, low=0.0)
         near = (one for one in self.cycles if math.isclose(one.u, u, rel_tol=1e-12))
-        return tuple(one for one in near if one.amplitude > 0.0)
+        return tuple(one for one in near if one.moves)
 
     def _columns(self) -> dict[str, Any]:
         return {
@@ -517,11 +517,11 @@ class _Follower(Tracer[OrbitProblem]):
         The multiplier that passes the unit circle there does not count as unstable.
         """
         given = self.motion, orbit, FINE.defect, SAMPLES_A_CYCLE, self.how, ON_BRANCH
-        with np.errstate(invalid="ignore"):  # the residual at rest is no share of anything
+        with np.errstate(divide="ignore", invalid="ignore"):  # of the residual at rest
             cycle = cycle_on_mesh(*given)
         beyond = beyond_circle(cycle.others, cycle.multiplier_error)
         others = np.delete(beyond, np.argmin(np.abs(beyond)))
-        residual = cycle.residual if cycle.amplitude > 0.0 else 0.0
+        residual = cycle.residual if cycle.moves else 0.0
         return replace(cycle, stable=not (others > 0.0).any(), residual=residual)
 
     def _grazes(self, grazing: Grazing) -> None:

@@ -175,6 +175,11 @@ class LimitCycle(PeriodicMotion):
         """Multipliers without the trivial one, shape (2 dof - 1,)."""
         return nontrivial(self.multipliers)
 
+    @property
+    def moves(self) -> bool:
+        """Whether anything moves: a branch of cycles may begin or end at rest, at a Hopf point."""
+        return bool(np.ptp(self.q, axis=0).any())
+
 
 @saved_as("NoCycle")
 class NoCycle(PipedynError):
@@ -254,6 +259,8 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
     reasons, quiet = list[str](), ""
     if isinstance(start, LimitCycle | Motion):
         check_coordinates(model, "start", start)
+        if isinstance(start, LimitCycle) and not start.moves:
+            raise ValueError("start must move, got a cycle without amplitude, at a Hopf point")
         try:
             return _near(motion, u, start)
         except NewtonFailed as reason:
