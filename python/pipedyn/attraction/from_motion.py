@@ -22,7 +22,9 @@ WHILE_NEAR = 5, 0.05
 """Number of Newton steps from a motion's last period after which no cycle is taken to be near: the
 search took one to three steps for the cycles of seven pipes. Second, size of a slow step, relative
 to the cycle, beyond which none is: on the way to 486 cycles of random pipes slow steps were at most
-0.024, and of 146 searches in vain, mostly from chaotic motions, this ends most in two steps."""
+0.024, and of 146 searches in vain, mostly from chaotic motions, this ends most in two steps. At
+a first step beyond four times this size `newton` ends at once, as 9 of 31 such searches do; the
+first step towards each of 43 cycles was at most 0.046."""
 
 REST_EXTENT = 1e-5
 """Peak-to-peak value of an orbit, in rad or in coordinates of a reduced model, below which it is at

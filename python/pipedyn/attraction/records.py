@@ -169,8 +169,8 @@ class Stretch:
             [self.states, np.sin(p), p**2, self.states[:, half:] ** 2], axis=1
         )
         spread = observed.std(axis=0)
-        observed = observed[:, spread > 1e-6 * spread.max()]
-        observed = observed / observed.std(axis=0)
+        moving = spread > 1e-6 * spread.max()
+        observed = observed[:, moving] / spread[moving]
 
         def apart(parts: int) -> float:
             """Largest difference between averages over parts of equal length."""

@@ -596,7 +596,10 @@ class _Follower(Tracer[OrbitProblem]):
                 return self._growth(step.problem.orbit(point.z))
 
             def roots(s: float) -> Complex:
-                return nontrivial(orbit_multipliers(self.motion, cycle_at(s).orbit)[1])
+                cycle = cycle_at(s)
+                if not cycle.symmetric:
+                    return cycle.others
+                return nontrivial(orbit_multipliers(self.motion, cycle.orbit)[1])
 
             test = CircleTest(step, 3e-5 * length, values, "", ends, NEAR_FOLD, roots=roots)
             # The error of a fold's speed is the square of that of its location in arc length.

@@ -733,7 +733,7 @@ def _balanced(statics: Statics, u: float, starts: list[Array], longest: float) -
 
 Change = Literal["fold", "pitchfork", "branch point", "hopf"]
 
-BESIDE = 1e-6
+SAME_FORK = 1e-6
 """Largest relative distance in speed from a pitchfork of a change that is that of the pitchfork."""
 
 MOST_POINTS = 4000
@@ -953,7 +953,7 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
         turns = [s for name, _, s in found if name == "fold"]
         for name, before, s in found:
             # Right beside a pitchfork its own eigenvalue counts as neutral.
-            same = meeting is not None and abs(step.at(s).p / meeting - 1.0) < BESIDE
+            same = meeting is not None and abs(step.at(s).p / meeting - 1.0) < SAME_FORK
             same |= any(abs(s - turn) <= 1e-3 * ds for turn in turns)
             if name not in ("fold", "hopf") and same:
                 continue
