@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, Literal, cast
@@ -147,6 +148,10 @@ class CycleEvent(Result, units={"error": SPEED}):
 @saved_as("CycleBranch")
 class CycleBranch(TableResult):
     """Cycles along a branch, which may turn in the flow speed, in order from its beginning.
+
+    The first row is the bifurcation at which it begins, if that lies within the speeds, and the
+    last one a Hopf point if it ends there. At a bifurcation the multiplier that passes the unit
+    circle does not count as unstable.
 
     Attributes:
         speeds: u, shape (S,).
@@ -423,7 +428,8 @@ class _Follower(Tracer[OrbitProblem]):
             if self.last is not None:
                 self._take(self._at_speeds(meets.last, meets.last))
                 if kind == "hopf":
-                    self._take([(0.0, self._bifurcating(self._still(meets)), None)])
+                    with suppress(NewtonFailed):  # where no equilibrium is found
+                        self._take([(0.0, self._bifurcating(self._still(meets)), None)])
             self._ends(kind, replace(here, u=meets.last.end.p), meets.error)
             return kind
         return self._is_left()

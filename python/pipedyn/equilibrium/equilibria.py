@@ -326,7 +326,7 @@ class Statics:
         derivative = np.column_stack([self.jacobian(x, p), 2.0 * p * by_square])
         return at_zero + p**2 * by_square, derivative
 
-    def remaining(self, rest: Array, x: Array, p: float) -> tuple[Array, Array]:
+    def at_rest(self, rest: Array, x: Array, p: float) -> tuple[Array, Array]:
         """Equations x = rest of a straight pipe, regular also where other branches leave it."""
         return x - rest, np.eye(self.size, self.size + 1)
 
@@ -875,7 +875,7 @@ def equilibrium_branch(
         equations = statics.equations
         rest = statics.straightened(x)
         if statics.always_rests and statics.rms(x - rest) < 1e-9:
-            x, equations = rest, partial(statics.remaining, rest)
+            x, equations = rest, partial(statics.at_rest, rest)
         branch = DenseProblem(equations, statics.size, 0.1 * (high - low), Control(longest=step))
         try:
             down = branch.point(np.append(x, u0), np.append(np.zeros_like(x), -1.0))
