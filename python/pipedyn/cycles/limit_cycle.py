@@ -52,12 +52,17 @@ from pipedyn.orbits.floquet import (
 )
 from pipedyn.orbits.orbit_continuation import (
     COARSE,
-    MOST_CYCLE_INTERVALS,
     breaking_part,
     orbit_at_speed,
     solved_anew,
 )
-from pipedyn.orbits.periodic_orbit import PROBES, PeriodicOrbit, joined_in_pairs, refined
+from pipedyn.orbits.periodic_orbit import (
+    MOST_CYCLE_INTERVALS,
+    PROBES,
+    PeriodicOrbit,
+    joined_in_pairs,
+    refined,
+)
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
@@ -177,6 +182,11 @@ class LimitCycle(PeriodicMotion):
         left = nontrivial(self.multipliers)
         return left if self.across is None else nontrivial(left)
 
+    @property
+    def moves(self) -> bool:
+        """Whether anything moves: a branch of cycles may begin or end at rest, at a Hopf point."""
+        return bool(np.ptp(self.q, axis=0).any())
+
 
 @saved_as("NoCycle")
 class NoCycle(PipedynError):
@@ -287,6 +297,8 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
     reasons, quiet = list[str](), ""
     if isinstance(start, LimitCycle | Motion):
         check_coordinates(model, "start", start)
+        if isinstance(start, LimitCycle) and not start.moves:
+            raise ValueError("start must move, got a cycle without amplitude, at a Hopf point")
         try:
             return _near(motion, u, start)
         except NewtonFailed as reason:

@@ -24,6 +24,7 @@ from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import OrbitControl, OrbitProblem, solved
 from pipedyn.orbits.periodic_orbit import (
     COARSEST,
+    MOST_CYCLE_INTERVALS,
     PROBES,
     PeriodicOrbit,
     coarsest_mesh,
@@ -44,10 +45,6 @@ tenth at the largest, and rounding is far below the least."""
 MOST_ON_BRANCH = 250
 """Largest number of mesh intervals of an orbit on a branch: 2,000 stages, with which each orbit
 takes seconds."""
-
-MOST_CYCLE_INTERVALS = 2000
-"""Largest number of intervals of a mesh: with more, one Newton step of a chain of 20 segments takes
-some seconds."""
 
 MOST_EVALUATIONS = 100_000
 """Number of right-hand sides and Jacobians after which no more steps are taken on the way to a

@@ -134,7 +134,9 @@ def _draw_branch(
     events: Any = branch.events if isinstance(branch, CycleBranch) else branch.points
     speeds, stable = branch.speeds, branch.stable
     if speeds.size > 1:
-        special = np.isin(speeds.round(6), np.round([event.speed for event in events], 6))
+        near = [1e-6 + getattr(event, "error", 0.0) for event in events]
+        apart = np.abs(speeds[:, None] - [event.speed for event in events])
+        special = (apart <= near).any(axis=1)
         stable = np.where(special[:-1], stable[1:], stable[:-1])
     draw_pieces(
         ax,

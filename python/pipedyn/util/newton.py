@@ -50,13 +50,13 @@ def newton(
     iteration ends with a step whose size is at most `tolerance`. A step is slow if it is longer
     than half the one before; a slow step of at most `stagnation` ends the iteration, too, since it
     is due to rounding only. After `patience` slow steps in a row, one slow step of more than
-    `hopeless`, or `iterations` steps in all, the method fails.
+    `hopeless`, a first step of four times that, or `iterations` steps in all, the method fails.
 
     Raises:
         NewtonFailed: if a step is not finite, a matrix is singular, `check` raises it for an
             iterate, or steps do not converge.
     """
-    state, last, slow = start, math.inf, 0
+    state, last, slow = start, 8.0 * hopeless, 0  # a first step may be slow, too
     for _ in range(iterations):
         with np.errstate(over="raise", invalid="raise"):
             try:
