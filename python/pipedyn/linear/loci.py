@@ -28,7 +28,7 @@ from pipedyn.linear.modes import (
     feeds_every_mode,
     largest_speed,
 )
-from pipedyn.linear.reach import Reach
+from pipedyn.linear.reach import Reach, is_overdamped
 from pipedyn.linear.sensitivity import Crossing, of_each
 from pipedyn.models.base import Model
 from pipedyn.models.continuum import (
@@ -81,10 +81,10 @@ class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
         eigenvalues: lambda, complex, shape (S, B); a branch starts in the upper half plane, or on
             the real axis with the greater root of a pair.
         partners: the other root of each pair, shape (S, B): the conjugate while the pair is
-            complex, the other real root while it is not.
-            With hysteresis, branches follow oscillating roots and the real roots that grow, which
-            are those without it. They are NaN where strong damping leaves a mode without such a
-            root.
+            complex, the other real root while it is not, NaN where that is not known. With
+            hysteresis, branches follow oscillating roots and the real roots that grow, which are
+            those without it. Eigenvalues are NaN where strong damping leaves a branch without such
+            a root, or where it is not known which overdamped root a growing one continues.
         converged: whether the residual of each eigenvalue is small enough, shape (S, B).
         errors: bounds, to first order, on the absolute error of each eigenvalue or its partner,
             shape (S, B): residual and rounding times the condition number, so that they are
@@ -94,7 +94,9 @@ class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
         pipe: the pipe of the model.
         modes: number of the mode of each branch, from 1, shape (B,), increasing. Modes are counted
             from the lowest at rest, as in `Crossing.mode`; for a model that does not rest without
-            flow where it is linearised, at the first speed.
+            flow where it is linearised, at the first speed. It is 0 for the last branches, if these
+            grow but have no number, since damping is so strong that they come from roots that do
+            not oscillate.
         complete: whether every mode that grows at a speed in the range has a branch, as far as
             `crossings` finds these modes; False in files of versions that did not look for them.
 
@@ -156,8 +158,8 @@ def root_loci(
     Returns:
         RootLoci at the speeds asked for only. Its `modes` says which mode each branch is, and its
         `complete` is False if modes may grow that have no branch: for the reasons above, beyond
-        2,000 degrees of freedom, if the search for crossings fails, and in some pipes so damped
-        that modes do not oscillate: chains of more than 64 segments, or with hysteresis as well.
+        2,000 degrees of freedom, if growing roots of the continuous pipe do not converge, or if
+        the search for crossings fails, so that roots may grow between two speeds only.
 
     Example:
         >>> loci = pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), np.linspace(0.0, 8.0, 41), count=3)
@@ -168,7 +170,8 @@ def root_loci(
         array([1, 2, 5])
 
     Raises:
-        NotConverged: if the continuous pipe's branches do not converge as the basis grows.
+        NotConverged: if branches cannot be followed, in models of which not all roots are computed:
+            beyond 2,000 degrees of freedom, and if the smallest flow makes all modes grow.
         ValueError, TypeError: for arguments out of range or of a wrong type.
     """
     checked_model(model)
@@ -190,9 +193,7 @@ def root_loci(
     if dense and rests:
         growing = _growing_modes(model, at, count)
         added = min(max([count, *growing.added]), most)
-        # If damping is so strong that modes do not oscillate, their numbers are a convention.
-        if model.pipe.damping * (math.pi * added) ** 2 <= 2.0:
-            highest = added
+        highest = count if is_overdamped(model.pipe, added) else added
     try:
         loci = branches_followed(model, growing.speeds, highest, shown)
         if model.pipe.hysteresis and growing.complete:
@@ -499,7 +500,7 @@ def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci
     """Root loci of one model, computed with more roots until no branch is lost."""
     # If the requested modes are overdamped, half of their roots lie beyond the cluster at -1 /
     # delta, and only a computation of all roots finds them.
-    overdamped = model.pipe.damping * (math.pi * count) ** 2 > 2.0
+    overdamped = is_overdamped(model.pipe, count)
     problem = eigenproblem(model)
     spectrum, every = problem.spectrum(), 2 * problem.dof
     size = every if overdamped else 2 * count + 16

@@ -271,8 +271,16 @@ def _smooth_branches(loci: RootLoci) -> RootLoci:
         stays = np.zeros(shape, dtype=bool)
         stays[:-1] = np.repeat((np.maximum(samples[:-1].real, samples[1:].real) <= 0.0), parts, 0)
         np.minimum(curves.real, 0.0, out=curves.real, where=stays)
+    if steps > 0:  # a decaying partner at one sample only is no curve
+        partners[_without_neighbours(np.isfinite(partners)) & (partners.real <= 0.0)] = math.nan
     found = {"eigenvalues": values, "partners": partners, "converged": np.isfinite(values)}
     return replace(loci, speeds=speeds, errors=np.zeros(shape), **found)
+
+
+def _without_neighbours(known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which known entries of each column have no known entry before and behind them."""
+    around = np.pad(known, ((1, 1), (0, 0)))
+    return np.asarray(known & ~around[:-2] & ~around[2:])
 
 
 def _draw_dots(ax: Axes, places: NDArray[np.complex128]) -> None:
@@ -363,8 +371,7 @@ def _coloured(
     """
     segments, means = pieces(x, y, values)
     points = np.stack(np.broadcast_arrays(x, y, values), axis=-1)
-    known = np.pad(np.isfinite(points).all(axis=-1), ((1, 1), (0, 0)))
-    alone = points[known[1:-1] & ~known[:-2] & ~known[2:]]
+    alone = points[_without_neighbours(np.isfinite(points).all(axis=-1))]
     order = np.argsort(means, kind="stable")
     ends, means = list(segments[order]), means[order]
     outline = np.where(means > outlined, "black", "0.35").tolist()
