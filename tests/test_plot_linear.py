@@ -150,13 +150,13 @@ def test_a_bar_of_its_own_leaves_a_picture_its_place_in_a_figure_of_four(layout)
 
 
 @pytest.mark.parametrize("draw", [plot.root_loci, plot.frequencies])
-def test_a_picture_without_growth_says_if_higher_modes_may_grow(draw):
+def test_a_picture_says_if_modes_without_a_branch_may_grow(draw):
     def note(loci):
         return draw(loci, ax=axes()).get_title(loc="right")
 
     assert note(replace(LOCI, complete=False)) == "other modes may be unstable"
     assert note(LOCI) == ""
-    assert note(replace(HOSE_LOCI, complete=False)) == ""
+    assert note(replace(HOSE_LOCI, complete=False)) == "other modes may be unstable"
 
 
 def test_few_samples_of_a_stable_branch_show_no_onset():

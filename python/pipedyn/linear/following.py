@@ -19,17 +19,17 @@ from pipedyn.linear.eigenproblem import eigenproblem, select_pairs
 from pipedyn.models.base import Model
 from pipedyn.util.check import Array, Complex
 
-APART = 0.25
+ROOTS_APART = 0.25
 """Largest distance of a continuation from where slopes lead, over that of the next best one."""
 
-JUMP = 0.1
+ROOT_JUMP = 0.1
 """Largest change of a root in a step, beyond what slopes lead to, over 1 + |lambda|: as in the
 core."""
 
 HALVINGS = 18
 """Number of times that a step is halved: roots that meet are then 1e-3 apart."""
 
-MOST_SAMPLES = 600
+MOST_INSERTED = 600
 """Largest number of speeds added between those asked for, with all roots at each."""
 
 
@@ -50,7 +50,7 @@ class Roots:
         return int(np.abs(self.values - value).argmin()) if self.values.size else -1
 
 
-class Follower:
+class RootFollower:
     """Roots of one model, followed from one speed to another.
 
     Args:
@@ -60,7 +60,7 @@ class Follower:
     def __init__(self, model: Model) -> None:
         self._problem = eigenproblem(model)
         self._known: dict[float, Roots] = {}
-        self._left = MOST_SAMPLES
+        self._left = MOST_INSERTED
 
     def at(self, u: float) -> Roots:
         """All roots at a flow speed."""
@@ -91,7 +91,9 @@ class Follower:
         apart = np.abs(behind - ahead[root])
         best = int(apart.argmin())
         others = np.append(np.delete(apart, best), np.delete(np.abs(ahead - behind[best]), root))
-        if apart[best] < min(APART * others.min(initial=np.inf), JUMP * (1.0 + abs(value))):
+        if apart[best] < min(
+            ROOTS_APART * others.min(initial=np.inf), ROOT_JUMP * (1.0 + abs(value))
+        ):
             return best
         if halvings > 0:
             if middle not in self._known:
@@ -101,7 +103,7 @@ class Follower:
             root = self.next(u, root, middle, upper, halvings - 1)
             return root if root < 0 else self.next(middle, root, to, upper, halvings - 1)
         moves = np.abs(there.values - value)
-        if moves.min() > JUMP * (1.0 + abs(value)):
+        if moves.min() > ROOT_JUMP * (1.0 + abs(value)):
             return -1
         sign = 1.0 if upper else -1.0
         of = there.values

@@ -19,7 +19,7 @@ from pipedyn.linear.critical_speed import (
     unstable_at_rest,
 )
 from pipedyn.linear.eigenproblem import Eigenproblem, eigenproblem, select_pairs
-from pipedyn.linear.following import Follower
+from pipedyn.linear.following import RootFollower
 from pipedyn.linear.modes import (
     CONTINUUM_COUNT,
     LARGEST_FULL,
@@ -278,7 +278,7 @@ def _with_growing_roots(
             (solved, _), complete = error.result, False
     else:
         solved = model
-    follower, delta, loss = Follower(solved), model.pipe.damping, model.pipe.hysteresis
+    follower, delta, loss = RootFollower(solved), model.pipe.damping, model.pipe.hysteresis
 
     def ends(root: Complex) -> NDArray[np.bool_]:
         return _overdamped(root, delta) | ((root.imag == 0.0) & (root.real < 0.0) & (loss > 0.0))
@@ -339,7 +339,7 @@ def _growing_move(a: tuple[Model, list[Complex]], b: tuple[Model, list[Complex]]
     return moved
 
 
-def _with_pairs_only(loci: RootLoci, follower: Follower) -> RootLoci:
+def _with_pairs_only(loci: RootLoci, follower: RootFollower) -> RootLoci:
     """Root loci without growing roots that are none of the pipe or no pair with the other root.
 
     With hysteresis each growing real root, on which it does not act, has a twin that oscillates.

@@ -134,7 +134,9 @@ def _panel_figure(
             ax.text(0.5, 0.5, "not computed", transform=ax.transAxes, ha="center")
         else:
             picture(loci, bar=False, units=_units_of(case.pipe), ax=ax)
-            _write_in_free_corner(ax, _note_range(ax, across, top))
+            notes = ax.get_title(loc="right"), _note_range(ax, across, top)
+            ax.set_title("", loc="right")  # the title of the panel takes its place
+            _write_in_free_corner(ax, "\n".join(filter(None, notes)))
         ax.label_outer()
     named = "" if _view(case.pipe).si else "; all quantities nondimensional"
     figure.suptitle(f"{_pipe_title(case.pipe)}{named}", fontsize=9.0)
