@@ -203,7 +203,9 @@ def root_loci(
             raise
     complete = growing.complete
     if loci is None or growing.are_missing_in(loci):
-        loci, every = _with_growing_roots(model, loci, growing.speeds, count)
+        from_rest = [0.0] if loci is None and rests else []
+        speeds = np.union1d(from_rest, growing.speeds)
+        loci, every = _with_growing_roots(model, loci, speeds, count)
         complete &= every
     numbered = loci.modes[loci.modes > 0]
     # Nothing is left out where all modes of a model have a branch.
@@ -266,18 +268,15 @@ def _with_growing_roots(
     of a mode is needed. If no branches are given, the lowest roots are followed from the first
     speed on.
     """
-    at, complete = speeds.tolist(), True
+    at, complete, solved = speeds.tolist(), True, model
     if isinstance(model, Continuum):
-        smallest = max(16, 3 * count, math.ceil(at[-1]))
-        limits: dict[str, Any] = {"smallest": smallest, "largest": smallest + 48}
+        asked, smallest = partial(_all_roots, speeds=at), max(16, 3 * count, math.ceil(at[-1]))
         try:
-            solved, _ = model.converge(
-                partial(_all_roots, speeds=at), _growing_move, NEUTRAL, **limits
-            ).value
+            found = model.converge(asked, _growing_move, NEUTRAL, smallest, smallest + 48).value
         except NotConverged as error:
-            (solved, _), complete = error.result, False
-    else:
-        solved = model
+            found, complete = error.result, False
+        solved = found[0]
+    assert isinstance(solved, Model)
     follower, delta, loss = RootFollower(solved), model.pipe.damping, model.pipe.hysteresis
 
     def ends(root: Complex) -> NDArray[np.bool_]:
@@ -286,31 +285,31 @@ def _with_growing_roots(
     if loci is None:
         none = np.empty((2, speeds.size, 0))
         values, partners = none.astype(np.complex128)
-        found = values, partners, none[0] > 0.0, none[0]
-        loci = RootLoci(speeds, *found, size=solved.dof, pipe=model.pipe)
+        columns = values, partners, none[0] > 0.0, none[0]
+        loci = RootLoci(speeds, *columns, size=solved.dof, pipe=model.pipe)
         first = follower.at(at[0]).values.imag
         lowest = np.flatnonzero((first > 0.0) | ((first == 0.0) & (loss == 0.0)))[:count]
-        starts = [(0, root, mode) for mode, root in enumerate(lowest.tolist(), 1)]
+        starts = [(root, mode) for mode, root in enumerate(lowest.tolist(), 1)]
     else:
         loci, starts = _with_pairs_only(loci, follower), []
     known = loci.modes.size
     for row, u in enumerate(at):
         roots = follower.at(u)
         grow = _clearly_grow(roots.values) & (roots.values.imag >= 0.0)
-        for start, root, mode in starts + [
-            (row, root, 0) for root in np.flatnonzero(grow).tolist()
-        ]:
+        starts += [(root, 0) for root in np.flatnonzero(grow).tolist()]
+        for root, mode in starts:
             value = roots.values[root]
             both = np.concatenate([loci.eigenvalues[row], loci.partners[row]])
             if (np.abs(both - value) < SAME_ROOT * (1.0 + abs(value))).any():
                 continue
             if np.count_nonzero(loci.modes == 0) >= MOST_ADDED:
-                return loci, False
-            branch = follower.branch(at, start, root, ends)
-            columns: dict[str, Any] = {}
+                complete = False
+                continue
+            branch = follower.branch(at, row, root, ends)
+            more: dict[str, Any] = {}
             for name, new in zip(OF_BRANCHES, (*branch, np.isfinite(branch[0])), strict=True):
-                columns[name] = np.column_stack([getattr(loci, name), new])
-            loci = replace(loci, **columns, modes=np.append(loci.modes, mode))
+                more[name] = np.column_stack([getattr(loci, name), new])
+            loci = replace(loci, **more, modes=np.append(loci.modes, mode))
         starts = []
     if isinstance(model, Continuum):
         larger = eigenproblem(model.frozen(solved.dof + 8))
