@@ -110,6 +110,18 @@ class RootFollower:
         close = np.flatnonzero(moves <= 2.0 * moves.min()).tolist()
         return max(close, key=lambda j: (sign * of[j].imag, sign * of[j].real))
 
+    def between(self, u: float, v: float, halvings: int = 4) -> list[float]:
+        """Speeds between two, at which roots that decay at both may grow, as their slopes tell."""
+        step = v - u
+        here, there = self.at(u), self.at(v)
+        rises = (here.values.real <= 0.0) & (here.values.real + step * here.slopes.real > 0.0)
+        falls = (there.values.real <= 0.0) & (there.values.real - step * there.slopes.real > 0.0)
+        if halvings == 0 or not (rises.any() and falls.any()):
+            return []
+        middle = 0.5 * (u + v)
+        parts = self.between(u, middle, halvings - 1), self.between(middle, v, halvings - 1)
+        return [*parts[0], middle, *parts[1]]
+
     def branch(
         self, speeds: list[float], row: int, root: int, ends: Callable[[Complex], NDArray[np.bool_]]
     ) -> tuple[Complex, Complex, Array]:

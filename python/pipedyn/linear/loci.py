@@ -98,7 +98,8 @@ class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
             grow but have no number, since damping is so strong that they come from roots that do
             not oscillate.
         complete: whether every mode that grows at a speed in the range has a branch, as far as
-            `crossings` finds these modes; False in files of versions that did not look for them.
+            `crossings` finds these modes or, if this search fails, the roots at the speeds and
+            their slopes tell; False in files of versions that did not look for them.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), n=5)
@@ -158,8 +159,7 @@ def root_loci(
     Returns:
         RootLoci at the speeds asked for only. Its `modes` says which mode each branch is, and its
         `complete` is False if modes may grow that have no branch: for the reasons above, beyond
-        2,000 degrees of freedom, if growing roots of the continuous pipe do not converge, or if
-        the search for crossings fails, so that roots may grow between two speeds only.
+        2,000 degrees of freedom, or if growing roots of the continuous pipe do not converge.
 
     Example:
         >>> loci = pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), np.linspace(0.0, 8.0, 41), count=3)
@@ -375,7 +375,8 @@ class _GrowingModes:
     Attributes:
         added: numbers of modes beyond the lowest `count` that grow and get a branch, in the order
             in which they lose stability.
-        speeds: the speeds asked for and one between any two neighbouring crossings, shape (S,).
+        speeds: the speeds asked for and one between any two neighbouring crossings, shape (S,). If
+            the search for crossings fails, there are more where slopes tell that roots may grow.
         roots: number of growing roots at each speed, shape (S,); 0 close to a crossing, and
             infinite where it is not known.
         complete: whether all modes that grow are known and have a branch.
@@ -401,7 +402,7 @@ def _growing_modes(model: AnyModel, at: Array, count: int) -> _GrowingModes:
     ):
         # Any mode may grow, for instance with a mass at the free end, so that ever larger bases
         # have ever more crossings: one basis gives those of the modes that it resolves.
-        searched = model.frozen(RESOLVING + math.ceil(Reach(pipe).wave_number(at[-1])))
+        searched = model.frozen(_resolving(model, at))
         resolved = count_resolved(searched, eigenproblem(searched).spectrum())
     try:
         if at[-1] > 0.0:
@@ -423,17 +424,25 @@ def _growing_modes(model: AnyModel, at: Array, count: int) -> _GrowingModes:
     more = [mode for mode in every if mode > count and (mode not in leaving or mode == lowest)]
     added = more[:MOST_ADDED]
     known = max(every, default=0) < resolved and {*every} <= {*range(1, count + 1), *added}
+    if failed:
+        solved = model.frozen(_resolving(model, at)) if isinstance(model, Continuum) else model
+        follower = RootFollower(solved)
+        between = [u for pair in itertools.pairwise(at.tolist()) for u in follower.between(*pair)]
+        at = np.union1d(at, between)
+        return _GrowingModes(added, at, np.full(at.size, math.inf), known)
     speeds = of_each(found, "speed")
     ends = np.concatenate([at[:1], speeds[(speeds > at[0]) & (speeds < at[-1])], at[-1:]])
     asked = np.histogram(at, ends)[0] if at.size > 1 else np.ones(ends.size - 1)
-    between = 0.5 * (ends[1:] + ends[:-1])[asked == 0]
-    at = np.union1d(at, between)
+    at = np.union1d(at, 0.5 * (ends[1:] + ends[:-1])[asked == 0])
     roots = np.array([at_rest, *(one.unstable_after for one in found)])
     near = (np.abs(at[:, None] - speeds) <= BESIDE_CROSSING * (1.0 + speeds)).any(axis=1)
     numbers = np.where(near, 0.0, roots[np.searchsorted(speeds, at, side="right")])
-    if failed:
-        numbers = np.full(at.size, math.inf)
-    return _GrowingModes(added, at, numbers, known and not failed)
+    return _GrowingModes(added, at, numbers, known)
+
+
+def _resolving(model: Continuum, at: Array) -> int:
+    """Size of a basis that is searched for growing modes."""
+    return RESOLVING + math.ceil(Reach(model.pipe).wave_number(float(at[-1])))
 
 
 def branches_followed(model: AnyModel, speeds: Array, count: int, shown: bool = False) -> RootLoci:
