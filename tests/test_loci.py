@@ -484,8 +484,8 @@ def growing_roots(model, u):
     lossless = model.with_pipe(replace(model.pipe, hysteresis=0.0))
     static = eigenvalues_of(*lossless.operators().at(u))
     static = static[(static.real > 1e-5 * (1.0 + np.abs(static))) & (static.imag == 0.0)]
-    for value in static[: every.size]:
-        every = np.delete(every, np.abs(every - value).argmin())
+    twins = np.abs(every[:, None] - static).argmin(axis=0) if every.size else []
+    every = np.delete(every, twins)
     return np.concatenate([static, every[every.imag > 0.0]])
 
 
@@ -528,11 +528,8 @@ def damped_pipe(rng):
 
 @pytest.mark.parametrize("seed", range(10))
 def test_no_growing_root_of_strongly_damped_random_pipes_is_missed(seed):
-    """A loss factor has no sound meaning beyond the first loss of stability, so that the search
-    for crossings may end there: then branches are not complete, and have all roots all the same.
-    """
+    """In some the search for crossings ends where a growing motion ceases to oscillate."""
     rng = np.random.default_rng(seed)
-    complete = 0
     for _ in range(10):
         pipe, end = damped_pipe(rng), rng.choice([6.0, 10.0, 16.0])
         if rng.random() < 0.5:
@@ -540,9 +537,8 @@ def test_no_growing_root_of_strongly_damped_random_pipes_is_missed(seed):
         else:
             model = pp.Galerkin(pipe, int(rng.integers(4, 20)), "legendre")
         loci = pp.root_loci(model, np.linspace(rng.choice([0.0, end / 2.0]), end, 11), 2)
+        assert loci.complete, model
         assert without_branch(model, loci) == [], model
-        complete += loci.complete
-    assert complete >= 9
 
 
 @pytest.mark.parametrize(
@@ -565,23 +561,21 @@ def test_roots_that_grow_out_of_the_cluster_with_a_loss_factor_or_many_segments_
     assert without_branch(solved, loci) == []
 
 
-def test_branches_that_cannot_be_told_apart_from_rest_are_followed_as_far_as_they_can():
-    """Overdamped roots with a loss factor, which the core refuses to follow at u = 7.5."""
-    damper = pp.Damper(at=0.442693641211, coefficient=21.2828440836)
-    pipe = pp.Pipe(
-        *(0.196997224155, 100.0, "aspirating"),
-        damping=0.308792269173,
-        hysteresis=0.1,
-        terms=[damper],
-    )
-    speeds = np.linspace(0.0, 10.0, 21)
-    with pytest.raises(pp.NotConverged, match="too close to be tracked"):
-        branches_followed(pp.Continuum(pipe), speeds, 4)
-    loci = pp.root_loci(pp.Continuum(pipe), speeds, 4)
+def test_branches_that_do_not_converge_from_rest_are_followed_all_the_same():
+    """Two modes of one frequency flutter together, and which is which depends on the basis."""
+    pipe = pp.Continuum(pp.Pipe(0.65, 10.0, rotary_inertia=0.006, end="clamped"))
+    speeds = np.linspace(8.0, 16.0, 9)
+    with pytest.raises(pp.NotConverged, match="still moves by"):
+        branches_followed(pipe, np.concatenate([[0.0], speeds]), 1)
+    loci = pp.root_loci(pipe, speeds, 1)
     assert loci.complete
-    assert loci.modes[:4].tolist() == [1, 2, 3, 4]
+    assert loci.modes[0] == 1
+    assert loci.speeds.tolist() == speeds.tolist()
+    assert without_branch(pipe.frozen(40), loci) == []
     np.testing.assert_array_equal(loci.converged, np.isfinite(loci.eigenvalues))
-    assert without_branch(pp.Galerkin(pipe, 48, "legendre"), loci) == []
+    for row in loci.eigenvalues:
+        known = row[np.isfinite(row)]
+        assert np.unique(known.round(6)).size == known.size
 
 
 def test_a_branch_without_a_number_is_one_curve_and_ends_in_the_cluster():

@@ -205,7 +205,7 @@ def root_loci(
     if loci is None or growing.are_missing_in(loci):
         from_rest = [0.0] if loci is None and rests else []
         speeds = np.union1d(from_rest, growing.speeds)
-        loci, every = _with_growing_roots(model, loci, speeds, count)
+        loci, every = _with_growing_roots(model, loci, speeds, highest)
         complete &= every
     numbered = loci.modes[loci.modes > 0]
     # Nothing is left out where all modes of a model have a branch.
@@ -278,6 +278,7 @@ def _with_growing_roots(
         solved = found[0]
     assert isinstance(solved, Model)
     follower, delta, loss = RootFollower(solved), model.pipe.damping, model.pipe.hysteresis
+    nothing = complex(math.nan, math.nan)
 
     def ends(root: Complex) -> NDArray[np.bool_]:
         return _overdamped(root, delta) | ((root.imag == 0.0) & (root.real < 0.0) & (loss > 0.0))
@@ -306,6 +307,10 @@ def _with_growing_roots(
                 complete = False
                 continue
             branch = follower.branch(at, row, root, ends)
+            apart = np.abs(loci.eigenvalues - branch[0][:, None])
+            taken = (apart < SAME_ROOT * (1.0 + np.abs(branch[0][:, None]))).any(axis=1)
+            for one, unknown in zip(branch, (nothing, nothing, math.inf), strict=True):
+                one[taken] = unknown
             more: dict[str, Any] = {}
             for name, new in zip(OF_BRANCHES, (*branch, np.isfinite(branch[0])), strict=True):
                 more[name] = np.column_stack([getattr(loci, name), new])
