@@ -196,7 +196,8 @@ def root_loci(
         highest = count if is_overdamped(model.pipe, added) else added
     try:
         loci = branches_followed(model, growing.speeds, highest, shown)
-        if model.pipe.hysteresis and growing.complete:
+        known = np.isfinite(growing.roots).all() and not is_overdamped(model.pipe, highest)
+        if model.pipe.hysteresis and known:
             loci = _with_static_roots(loci, model)
     except NotConverged:
         if not dense:

@@ -271,6 +271,7 @@ def _smooth_branches(loci: RootLoci) -> RootLoci:
         stays = np.zeros(shape, dtype=bool)
         stays[:-1] = np.repeat((np.maximum(samples[:-1].real, samples[1:].real) <= 0.0), parts, 0)
         np.minimum(curves.real, 0.0, out=curves.real, where=stays)
+    partners[partners == values] = math.nan  # where the partner is not known
     if steps > 0:  # a decaying partner at one sample only is no curve
         partners[_without_neighbours(np.isfinite(partners)) & (partners.real <= 0.0)] = math.nan
     found = {"eigenvalues": values, "partners": partners, "converged": np.isfinite(values)}
