@@ -10,6 +10,7 @@ from saved_things import path_of
 from scipy.optimize import linear_sum_assignment
 
 import pipedyn as pp
+from pipedyn.linear.following import RootFollower
 from pipedyn.linear.loci import branches_followed
 from pipedyn.linear.neutral import eigenvalues_of
 
@@ -282,6 +283,16 @@ def test_a_branch_that_grows_only_between_two_speeds_is_followed():
     loci = pp.root_loci(pp.Continuum(HOSE), [0.0, 29.0, 30.5], count=2)
     assert loci.modes.tolist() == [1, 2, 5, 6]
     assert (loci.eigenvalues[1:, 3].real < 0.0).all()
+
+
+def test_slopes_tell_that_a_root_grows_between_two_speeds_only():
+    """As known from its crossings, for pipes of which these are not known."""
+    follower = RootFollower(pp.Galerkin(HOSE, 40, "legendre"))
+    sixth = [one.speed for one in pp.crossings(pp.Continuum(HOSE), 31.0) if one.mode == 6]
+    assert sixth == pytest.approx([29.365, 30.375], abs=1e-3)
+    between = follower.between(29.0, 30.5)
+    assert any(sixth[0] < u < sixth[1] for u in between)
+    assert follower.between(10.0, 10.5) == []
 
 
 def test_modes_are_counted_from_rest_wherever_the_speeds_begin():
