@@ -45,10 +45,6 @@ class Roots:
     slopes: Complex
     errors: Array
 
-    def nearest(self, value: complex) -> int:
-        """Index of the root next to a value, or -1 if there is no root."""
-        return int(np.abs(self.values - value).argmin()) if self.values.size else -1
-
 
 class RootFollower:
     """Roots of one model, followed from one speed to another.
@@ -159,7 +155,7 @@ class RootFollower:
         if not self._problem.pipe.hysteresis:
             for k in pairs.tolist():  # where the pair becomes real
                 for step in (1, -1):
-                    other = self.at(speeds[k]).nearest(partners[k])
+                    other = int(np.abs(self.at(speeds[k]).values - partners[k]).argmin())
                     if 0 <= k + step < len(speeds) and values[k + step].imag == 0.0:
                         walk(partners, k, other, step, False)
         return values, partners, np.where(np.isfinite(values), errors, np.inf)

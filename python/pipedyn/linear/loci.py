@@ -208,11 +208,9 @@ def root_loci(
         speeds = np.union1d(from_rest, growing.speeds)
         loci, every = _with_growing_roots(model, loci, speeds, highest)
         complete &= every
-    numbered = loci.modes[loci.modes > 0]
-    # Nothing is left out where all modes of a model have a branch.
-    complete |= (
-        isinstance(model, Model) and numbered.size == model.dof and not model.pipe.hysteresis
-    )
+    if isinstance(model, Model) and not model.pipe.hysteresis:
+        # Nothing is left out where all modes of a model have a branch.
+        complete |= np.count_nonzero(loci.modes) == model.dof
     wanted = np.isin(loci.modes, [*range(1, count + 1), *growing.added])
     kept = np.flatnonzero(wanted | _growing_roots(loci).any(axis=0))
     rows = np.isin(loci.speeds, at)
