@@ -560,6 +560,20 @@ def test_no_growing_root_of_strongly_damped_random_pipes_is_missed(seed):
         (pp.Continuum(pp.Pipe(0.72, 10.0, damping=0.3, hysteresis=0.1, end="clamped")), 10.0),
         (pp.Continuum(pp.Pipe(0.21, 10.0, damping=0.05, hysteresis=0.01)), 16.0),
         (pp.Galerkin(pp.Pipe(0.88, damping=0.04, hysteresis=0.01), 12), 16.0),
+        (
+            pp.Chain(
+                pp.Pipe(
+                    *(0.866, 100.0),
+                    alpha=1.452,
+                    damping=4e-4,
+                    hysteresis=0.5,
+                    terms=[pp.PointMass(at=1.0, mass=0.741)],
+                    supports=[0.308],
+                ),
+                20,
+            ),
+            16.0,
+        ),
     ],
 )
 def test_roots_that_grow_out_of_the_cluster_with_a_loss_factor_or_many_segments_are_followed(

@@ -203,7 +203,9 @@ def root_loci(
         if not dense:
             raise
     complete = growing.complete
-    if loci is None or growing.are_missing_in(loci):
+    # With hysteresis, a twin of a growing real root may be counted in place of another root.
+    unsure = dense and model.pipe.hysteresis > 0.0
+    if loci is None or unsure or growing.are_missing_in(loci):
         from_rest = [0.0] if loci is None and rests else []
         speeds = np.union1d(from_rest, growing.speeds)
         loci, every = _with_growing_roots(model, loci, speeds, highest)
@@ -245,8 +247,10 @@ def _with_static_roots(loci: RootLoci, model: AnyModel) -> RootLoci:
     """
     lossless = model.with_pipe(replace(model.pipe, hysteresis=0.0))
     static = branches_followed(lossless, loci.speeds, loci.modes.size)
+    flutters = _clearly_grow(loci.eigenvalues) & (loci.eigenvalues.imag > loci.eigenvalues.real)
     grows, both = (
-        (root.imag == 0.0) & _clearly_grow(root) for root in (static.eigenvalues, static.partners)
+        (root.imag == 0.0) & _clearly_grow(root) & ~flutters
+        for root in (static.eigenvalues, static.partners)
     )
     taken = {
         name: np.where(grows, getattr(static, name), getattr(loci, name))
