@@ -205,7 +205,7 @@ def _checked_axes(
     check.instance("benchmark", benchmark, RootLoci | None, "of type RootLoci")
     view = View(units, loci.pipe)
     ax = view.axes(ax, (4.8, 4.2), x, y)
-    if not loci.complete and not (growth(loci.eigenvalues) > 0.0).any():
+    if not loci.complete:
         ax.set_title("other modes may be unstable", loc="right", size="small")
     return ax, view
 
@@ -214,18 +214,22 @@ def _smooth_branches(loci: RootLoci) -> RootLoci:
     """Branches at so many speeds that their polygons look smooth, by modified Akima splines.
 
     A pair meets on the real axis with vertical tangents, where neither root has a slope. The sum
-    and the product of the pair do, so that these are interpolated. A root that has met one of
-    another pair, so that it is not the conjugate of its partner, is interpolated itself. Where a
-    pair changes into one of which it has one root only, a straight line leads from this root.
+    and the product of the pair do, so that these are interpolated. A root whose partner is not
+    known, or is not its conjugate since it has met one of another pair, is interpolated itself, and
+    so is one with hysteresis, which meets no conjugate. Where a pair changes into one of which it
+    has one root only, a straight line leads from this root.
     """
     steps = loci.speeds.size - 1
     parts = math.ceil(FINE_POINTS / steps) if steps > 0 else 1
     speeds = np.interp(np.arange(steps * parts + 1) / parts, np.arange(steps + 1), loci.speeds)
     one, other = loci.eigenvalues, loci.partners
+    single = np.isnan(other)
+    other = np.where(single, one, other)
     shape = speeds.size, one.shape[1]
     values, partners = np.full((2, *shape), complex(math.nan, math.nan))
-    known = loci.converged & np.isfinite(one) & np.isfinite(other)
+    known = loci.converged & np.isfinite(one)
     paired = (other == one.conj()) | ((one.imag == 0.0) & (other.imag == 0.0))
+    paired &= ~single & (loci.pipe.hysteresis == 0.0)
     # The real roots of a pair that meet are at equal distances from where they do.
     mean, gap = 0.5 * (one + other).real, 0.5 * np.abs((one - other).real)
     changed = np.zeros(one.shape, dtype=bool)
@@ -267,8 +271,17 @@ def _smooth_branches(loci: RootLoci) -> RootLoci:
         stays = np.zeros(shape, dtype=bool)
         stays[:-1] = np.repeat((np.maximum(samples[:-1].real, samples[1:].real) <= 0.0), parts, 0)
         np.minimum(curves.real, 0.0, out=curves.real, where=stays)
+    partners[partners == values] = math.nan  # where the partner is not known
+    if steps > 0:  # a decaying partner at one sample only is no curve
+        partners[_without_neighbours(np.isfinite(partners)) & (partners.real <= 0.0)] = math.nan
     found = {"eigenvalues": values, "partners": partners, "converged": np.isfinite(values)}
     return replace(loci, speeds=speeds, errors=np.zeros(shape), **found)
+
+
+def _without_neighbours(known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which known entries of each column have no known entry before and behind them."""
+    around = np.pad(known, ((1, 1), (0, 0)))
+    return np.asarray(known & ~around[:-2] & ~around[2:])
 
 
 def _draw_dots(ax: Axes, places: NDArray[np.complex128]) -> None:
@@ -307,7 +320,7 @@ class _Labels:
         """Writes the number of each curve, a column of places, as close to its start as it fits."""
         for curve, number in zip(curves.T, numbers.tolist(), strict=True):
             points = curve[np.isfinite(curve)]
-            if points.size:
+            if points.size and number:
                 chosen = np.linspace(0, points.size - 1, 24).astype(int)
                 self.add(str(number), points[chosen], weight="bold")
 
@@ -354,9 +367,12 @@ def _coloured(
     """Draws branches, the columns of x and y, in segments coloured by the mean of their values.
 
     Segments with the largest values are on top: of two roots with the same frequency the less
-    stable one is visible. Values above `outlined` get a black outline, others a thin grey one.
+    stable one is visible. Values above `outlined` get a black outline, others a thin grey one. A
+    point without neighbours on its branch, as at the only speed, is a disc.
     """
     segments, means = pieces(x, y, values)
+    points = np.stack(np.broadcast_arrays(x, y, values), axis=-1)
+    alone = points[_without_neighbours(np.isfinite(points).all(axis=-1))]
     order = np.argsort(means, kind="stable")
     ends, means = list(segments[order]), means[order]
     outline = np.where(means > outlined, "black", "0.35").tolist()
@@ -367,6 +383,10 @@ def _coloured(
     ax.add_collection(lines)
     outlines = PathCollection(lines.get_paths(), capstyle="round", zorder=2.1, **below)
     ax.add_collection(outlines, autolim=False)
+    if alone.size:
+        edges = np.where(alone[:, 2] > outlined, "black", "0.35").tolist()
+        disc: dict[str, Any] = {"cmap": colours, "norm": norm, "edgecolors": edges, "zorder": 2.3}
+        ax.scatter(alone[:, 0], alone[:, 1], s=20.0, c=alone[:, 2], linewidths=0.9, **disc)
 
 
 def _mark_onsets(ax: Axes, real: Array, places: NDArray[np.complex128]) -> None:
