@@ -454,7 +454,7 @@ def _unknown(pipe: Pipe, name: Any, bounds: Any) -> tuple[_Unknown, float]:
     return one, begin
 
 
-class _FoundBefore(Exception):  # noqa: N818
+class _FoundBefore(Exception):
     """A search has come to an optimum that is known."""
 
 

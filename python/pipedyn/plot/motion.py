@@ -658,8 +658,8 @@ def _frames(duration: float, period: float, fps: float, speed: float | None, uni
         )
     if 0.0 < period / speed * fps < 8.0 * (1.0 - 1e-9):  # rounding
         raise ValueError(
-            f"speed must leave at least 8 frames to a cycle of {period:.4g} {unit}: at {fps:g} frames "
-            f"a second at most {period * fps / 8.0:.4g}, got {speed:.4g}"
+            f"speed must leave at least 8 frames to a cycle of {period:.4g} {unit}: at {fps:g} "
+            f"frames a second at most {period * fps / 8.0:.4g}, got {speed:.4g}"
         )
     if round(wanted) < 2:
         raise ValueError(
