@@ -67,8 +67,8 @@ search."""
 
 MOST_SEARCHES, REPEATS, MOST_LINES = 12, 8, 4
 """Largest number of searches from a scan of all ranges, which end when so many of them have come to
-an optimum once more; and largest number of optima from which lines lead on. All optima of NUMBER
-random problems are then found; with 16, 8, 4 and 4, four of 12 of them lacked one."""
+an optimum once more; and largest number of optima from which lines lead on. All optima of 24 random
+problems are then found; with 16 values, 8 searches and 4 repeats, four of 12 of them lacked one."""
 
 NARROWED = 4
 """Number of times that an interval of a line is narrowed before a search begins in it: three lead
@@ -256,10 +256,10 @@ def identify(
         explain the measurements. Searches therefore begin at the given pipe, where a scan of 24
         values of each unknown points to a small misfit, and where one unknown at a time takes the
         values of its range. All pipes found that the measurements do not rule out are told. That
-        all are found is likely and not certain: they were in NUMBER random problems with one to
-        three unknowns that have two or three such pipes by grids of 100 times as many points. One
-        may be missed if its misfit is small only in less than about 1/24 of the ranges' logarithms.
-        Pipes of which all unknowns agree to 2 % are told as one; where measurements hardly
+        all are found is likely and not certain: they were in 24 random problems with one to
+        three unknowns that have two or three such pipes by grids of 200 to 1600 points with
+        searches. One may be missed if its misfit is small only within less than about 1/24 of the
+        ranges of the logarithms. Pipes of which all unknowns agree to 2 % are told as one; where measurements hardly
         determine a combination of unknowns, several pipes of one curved valley may be told.
 
     Example:
@@ -526,7 +526,7 @@ class _Problem:
         """The x of least misfit where one unknown at a time takes all values, but x itself.
 
         Residuals are taken to be linear between values, so that one which changes its sign vanishes
-        there. As they may have a kink, where a mode ceases to oscillate, the interval is narrowed.
+        there. They may have a kink, where a mode ceases to oscillate: intervals are narrowed, too.
         """
         found = list[Array]()
         for i, (low, high) in enumerate(self.bounds.T):
@@ -539,14 +539,15 @@ class _Problem:
             best &= np.abs(line[:-1, i] + part * step - x[i]) > 0.6 * step
             for k in np.flatnonzero(best):
                 (a, b), (of_a, of_b) = line[k : k + 2], every[k : k + 2]
-                for _ in range(NARROWED):
+                for turn in range(NARROWED):
                     middle = a + _least_between(of_a, of_b)[0] * (b - a)
                     new = self.residuals(middle, size)
+                    if turn in (0, NARROWED - 1):
+                        found.append(middle)
                     if _least_between(of_a, new)[1] < _least_between(new, of_b)[1]:
                         b, of_b = middle, new
                     else:
                         a, of_a = middle, new
-                found.append(middle)
         return found
 
     def residuals(self, x: Array, size: int) -> Array:
