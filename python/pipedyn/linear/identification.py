@@ -259,8 +259,9 @@ def identify(
         all are found is likely and not certain: they were in 24 random problems with one to
         three unknowns that have two or three such pipes by grids of 200 to 1600 points with
         searches. One may be missed if its misfit is small only within less than about 1/24 of the
-        ranges of the logarithms. Pipes of which all unknowns agree to 2 % are told as one; where measurements hardly
-        determine a combination of unknowns, several pipes of one curved valley may be told.
+        ranges of the logarithms. Pipes of which all unknowns agree to 2 % are told as one. Where
+        measurements hardly determine a combination of unknowns, several pipes of one curved valley
+        may be told.
 
     Example:
         >>> pipe = pp.Pipe.from_si(
