@@ -343,7 +343,7 @@ def films(
 
     Args:
         found: attractors, or a diagram.
-        speed: flow speed, one of the diagram's; not used for attractors.
+        speed: flow speed u, one of the diagram's; not used for attractors.
         fps: frames a second, as for `animate`.
         units: "nondimensional", or "si" if the pipe has scales.
 
@@ -370,7 +370,8 @@ def films(
         if one.ending not in ("rest", "periodic", "failed"):
             q, qdot = np.split(one.end, 2)
             motion = simulate(diagram.model, speed, FILMED, q, qdot)
-            made[f"motion from start {one.start}"] = animate(motion, span=(0.0, FILMED), **how)
+            span = View(units, motion.model.pipe).one(ELAPSED) * motion.t[[0, -1]]
+            made[f"motion from start {one.start}"] = animate(motion, span=span, **how)
     return made
 
 
