@@ -737,6 +737,43 @@ def test_no_picture_collapses_in_a_figure_of_four(name, layout):
             assert not legend.get_window_extent().count_overlaps(others)
 
 
+def overlaps(figure):
+    """What covers curves, or other texts, in a figure that was drawn; and letters that are small.
+
+    Curves are lines, and outlines of areas and collections, as they are on the page.
+    """
+    found, boxes, several = [], [], []
+    for ax in figure.axes:
+        several = [ax.title, ax.xaxis.label, ax.yaxis.label, *ax.texts]
+        for axis in (ax.xaxis, ax.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            for tick in axis.get_major_ticks():
+                labels = (tick.label1, tick.label2) if low <= tick.get_loc() <= high else ()
+                several += [one for one in labels if one.get_visible()]
+        several = [one for one in several if one.get_visible() and one.get_text().strip()]
+        inside = [one for one in several if one in ax.texts]
+        letters = [*several]
+        if (legend := ax.get_legend()) is not None:
+            several, inside = [*several, legend], [*inside, legend]
+            letters += legend.get_texts()
+        boxes += [(one, one.get_window_extent()) for one in several]
+        found += [f"{one} is small" for one in letters if one.get_size() < 6.0]
+        curves = [line.get_transform().transform_path(line.get_path()) for line in ax.lines]
+        for one in ax.collections:
+            offsets, paths = one.get_offset_transform().transform(one.get_offsets()), []
+            if not len(one.get_offsets()) or not np.any(one.get_offsets()):
+                paths = [one.get_transform().transform_path(path) for path in one.get_paths()]
+            curves += [*paths, matplotlib.path.Path(offsets)]
+        for one, box in boxes[len(boxes) - len(several) :]:
+            if one in inside and any(curve.intersects_bbox(box, filled=False) for curve in curves):
+                found.append(f"{one} covers a curve")
+    for (one, box), (other, beside) in itertools.combinations(boxes, 2):
+        line_kept_free = getattr(one, "get_text", str)().endswith("\n ")  # of the title of a film
+        if box.padded(-0.5).overlaps(beside.padded(-0.5)) and not line_kept_free:
+            found.append(f"{one} covers {other}")
+    return found
+
+
 SHARE_OF_HEIGHT, SHARE_OF_WIDTH = 0.45, 0.5
 """Least parts of a quarter of the figure that remain for the curves in each direction."""
 

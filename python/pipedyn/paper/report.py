@@ -19,6 +19,7 @@ from pipedyn.linear.critical_speed import CriticalSpeed, stable_speeds
 from pipedyn.models.continuum import Continuum
 from pipedyn.models.pipe import Pipe
 from pipedyn.paper.analysis import CHAIN_SIZES, REDUCED_SIZES, Findings, Options, Row, map_top
+from pipedyn.plot.arrange import CORNERS, write_beside
 from pipedyn.plot.common import open_marker
 from pipedyn.plot.linear import DOT, ONSET
 from pipedyn.plot.units import FLOW_SPEED, GROWTH, ROOT_FREQUENCY, Units, View
@@ -132,30 +133,14 @@ def _panel_figure(
             ax.text(0.5, 0.5, "not computed", transform=ax.transAxes, ha="center")
         else:
             picture(loci, bar=False, units=_units_of(case.pipe), ax=ax)
-            _write_in_free_corner(ax, _note_range(ax, across, top))
+            if note := _note_range(ax, across, top):
+                shares = np.array(list(CORNERS.values()))
+                look: dict[str, Any] = {"xycoords": "axes fraction", "size": 6.5}
+                write_beside(ax, note, shares, 1 - 2 * shares, **look)
         ax.label_outer()
     named = "" if _view(case.pipe).si else "; all quantities nondimensional"
     figure.suptitle(f"{_pipe_title(case.pipe)}{named}", fontsize=9.0)
     return figure, plot.colour_bar(bar, ax=axes)
-
-
-def _write_in_free_corner(ax: Any, text: str) -> None:
-    """Writes a note in that corner of the Axes in which the fewest curves and numbers lie."""
-    if not text:
-        return
-    places = np.concatenate(
-        [*ax.collections[0].get_segments(), *([number.xy] for number in ax.texts)]
-    )
-    x, y = ax.transAxes.inverted().transform(ax.transData.transform(places)).T
-    inside = (x >= 0.0) & (x <= 1.0) & (y >= 0.0) & (y <= 1.0)
-
-    def crossed(corner: tuple[float, float]) -> int:
-        near = (np.abs(x - corner[0]) < 0.5) & (np.abs(y - corner[1]) < 0.25)
-        return int(np.sum(near & inside))
-
-    right, up = min(((1.0, 1.0), (0.0, 1.0), (1.0, 0.0), (0.0, 0.0)), key=crossed)
-    look = {"ha": "right" if right else "left", "va": "top" if up else "bottom", "size": 6.5}
-    ax.text(0.03 + 0.94 * right, 0.04 + 0.92 * up, text, transform=ax.transAxes, **look)
 
 
 def _note_range(ax: Any, across: tuple[float, float], top: float) -> str:
