@@ -13,13 +13,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from canvas import axes, legend_of
+from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 import pipedyn as pp
 from pipedyn import plot
 from pipedyn.accuracy.quantities import LimitCycleAt
-from pipedyn.plot import common
+from pipedyn.plot import arrange, common
 from pipedyn.plot.units import View, of_number
 
 PIPE = pp.Pipe(0.2)
@@ -211,7 +212,7 @@ def test_a_map_shows_all_that_was_searched_and_words_stay_within_it():
         assert min(line.get_xdata().min() for line in shown(ax)) > 0.7
         ax.figure.canvas.draw()
         frame = ax.get_window_extent()
-        for text in ax.texts:
+        for text in filter(Artist.get_visible, ax.texts):
             assert frame.x0 <= text.get_window_extent().x0
             assert text.get_window_extent().x1 <= frame.x1
 
@@ -570,7 +571,7 @@ def test_at_one_column_nothing_is_cut_off_and_the_curves_have_room(name, within)
         figure = ax.figure
         getattr(plot, name)(shows.get(name, motion), ax=ax, **units)
         figure.canvas.draw()
-        texts = [ax.xaxis.label, ax.yaxis.label, *ax.texts]
+        texts = [ax.xaxis.label, ax.yaxis.label, *filter(Artist.get_visible, ax.texts)]
         texts += [] if ax.get_legend() is None else [ax.get_legend()]
         boxes = [text.get_window_extent() for text in texts]
         for box in boxes:
@@ -799,6 +800,7 @@ def test_a_label_whose_words_each_have_a_line_is_broken_no_further():
     """A label that no break makes short enough ended in an endless loop."""
     low = plot.Figure(figsize=(6.4, 4.8)).subplots(8, 1)[0]
     plot.boundary(plain(), ax=low)
+    low.figure.draw_without_rendering()
     assert low.get_ylabel().count("\n") == 2  # the formula has no spaces
 
 
@@ -830,7 +832,7 @@ def test_a_legend_inside_covers_no_curve_when_other_panels_are_drawn():
         for i in range(5)
     ]
     first.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
-    common.legend_below(first)
+    arrange.legend_below(first)
     for ax in others:
         plot.boundary(standing(), ax=ax)
     figure.canvas.draw()
@@ -849,7 +851,7 @@ def test_legends_in_one_column_have_letters_of_at_least_six_points(entries):
                 [0.0, 1.0, 0.0, 1.0], [0.0, 1.0, 1.0, i], label=f"turning points of motions {i}"
             )
         common.axes(ax, (3.4, 2.6))
-        common.legend_below(ax)
+        arrange.legend_below(ax)
     ax.figure.canvas.draw()
     assert ax.get_legend().get_texts()[0].get_size() >= 6.0
     assert ax.get_window_extent().height > 0.5 * ax.figure.bbox.height
@@ -862,7 +864,7 @@ def test_words_of_a_map_cover_neither_curves_nor_each_other():
             ax=axes(figsize=(3.4, 2.6), layout="constrained"),
         )
         ax.figure.canvas.draw()
-    boxes = [text.get_window_extent() for text in ax.texts]
+    boxes = [text.get_window_extent() for text in ax.texts if text.get_visible()]
     assert boxes
     for i, box in enumerate(boxes):
         assert not box.count_overlaps(boxes[:i])

@@ -110,8 +110,7 @@ def convergence(
         shown = np.maximum(np.abs(errors), floor)
         fitted = convergence_law(found, exact)
         kind = "reduced" if name in BASES else "chain"
-        named = "rayleigh (paper)" if name == "rayleigh" else name
-        label = f"{kind}, {named}: {_law(name, fitted)}"
+        label = f"{kind}, {name}: {_law(name, fitted)}"
         colour = _draw(ax, name, sizes, shown, same_kind, label)
         if fitted.law == "flat":
             limit, place = abs(fitted.limit), ax.get_yaxis_transform()

@@ -37,9 +37,11 @@ LOW = 0.2
 """Share of the height of the part of the figure up to which a legend stands below the Axes even if
 there is a free place inside."""
 
-COMPACT: dict[str, Any] = {"handlelength": 2.2, "handletextpad": 0.5, "columnspacing": 1.0}
-COMPACT |= {"labelspacing": 0.3, "borderaxespad": 0.4}
-"""Distances in legends, in sizes of letters; the longest dashes are still seen whole."""
+COMPACT: dict[str, Any] = {"handletextpad": 0.5, "columnspacing": 1.0, "labelspacing": 0.3}
+"""Distances in legends, in sizes of letters."""
+
+HANDLE = 14.0
+"""Length of lines in legends, in points, in which the longest dash and its gap are seen."""
 
 CORNERS: dict[Any, tuple[float, float]] = {"upper right": (1.0, 1.0), "upper left": (0.0, 1.0)}
 CORNERS |= {"lower right": (1.0, 0.0), "lower left": (0.0, 0.0)}
@@ -58,7 +60,9 @@ def keep_within(ax: Axes, *sentences: Text) -> None:
     """Breaks labels, title and some sentences of Axes to their size, when the figure is drawn."""
     of = _arranger(ax)
     of.labelled.append(ax)
-    of.sentences += [(ax, text) for text in sentences]
+    for text in sentences:
+        text.set_in_layout(False)  # one in a single line would leave no room for the Axes
+        of.sentences.append((ax, text))
 
 
 def write_beside(
@@ -84,6 +88,7 @@ def write_beside(
     """
     at = np.asarray(places, dtype=float)
     look = {"ha": "center", "va": "center", "textcoords": "offset points", **look}
+    look["in_layout"] = False
     text = ax.annotate(words, at[0].tolist(), (0, 0), **look)
     _arranger(ax).words.append(_Words(ax, text, at, np.asarray(sides), gap, needed))
 
@@ -117,9 +122,10 @@ def _add(
 ) -> Legend:
     """Adds a legend, with the texts and the title of one before it if these were changed."""
     look: dict[str, Any] = {"fontsize": size, "ncols": columns, "frameon": False, **COMPACT}
+    look["handlelength"] = HANDLE / size
     texts = list(named)
     if before is not None:
-        texts = [text.get_text() for text in before.get_texts()]
+        texts = [text.get_text().replace("\n", " ") for text in before.get_texts()]
         look["title"] = before.get_title().get_text() or None
     return ax.legend(named.values(), texts, loc="upper center", **look)
 
@@ -169,6 +175,7 @@ class _Legend:
             below, and None before the figure is drawn.
         below: size of letters and number of columns below the Axes.
         place: place below, from the middle of the lower edge of the Axes, in inches.
+        room: width below, in pixels.
     """
 
     ax: Axes
@@ -178,6 +185,7 @@ class _Legend:
     inside: list[tuple[float, int]] | None = None
     below: tuple[float, int] = (0.0, 0)
     place: tuple[float, float] | None = None
+    room: float = 0.0
 
     def change(self, look: tuple[float, int], *, inside: bool) -> None:
         """Replaces the legend by one of another size, which takes no room in the layout yet."""
@@ -199,27 +207,25 @@ class _Legend:
                 return False
         self.inside = []
         self.change(self.below, inside=False)
+        self._break(self.below[1])
         return True
 
     def hang(self, renderer: Any) -> bool:
         """Moves the legend to below the labels unless it is inside; returns whether it moved.
 
         It is in the middle of the Axes, or reaches under the labels of the y axis if it is wider.
-        It takes room in the layout only then, as else it would make the Axes narrower.
+        It takes room in the layout only from then on, as it would make the Axes narrower before.
         """
         ax, dpi = self.ax, self.ax.figure.dpi
         frame = ax.get_position(original=True).transformed(ax.figure.transSubfigure)
         under, beside = (axis.get_tightbbox(renderer) for axis in (ax.xaxis, ax.yaxis))
         room = frame.x1 - (frame.x0 if beside is None else beside.x0)
-        if self.inside is None:
-            self._choose(room)
+        room += 0.05 * dpi  # at other dots an inch letters have other widths
+        if self.inside is None or self.legend.get_window_extent().width > room:
+            self.room = 0.98 * room
+            self._choose()
         if self.inside:
             return False
-        over = self.legend.get_window_extent().width - room
-        if over > 0.05 * dpi:  # more than rounding: entries of one column are too long
-            longest = max(text.get_window_extent().width for text in self.legend.get_texts())
-            for text in self.legend.get_texts():
-                wrap(text, longest - over)
         aside = min(0.0, 0.5 * (frame.width - self.legend.get_window_extent().width))
         below = 0.0 if under is None else min(0.0, under.y0 - ax.bbox.y0)
         place = round(aside / dpi, 2), round(below / dpi, 2)
@@ -231,18 +237,35 @@ class _Legend:
         self.legend.set_in_layout(True)
         return True
 
-    def _choose(self, room: float) -> None:
-        """Chooses letters and columns for a width below in pixels, and whether to stay there."""
-        inside, every = product(self.sizes, (1, 2, 3)), product(self.sizes, (4, 3, 2, 1))
-        for look in every:
-            self.change(look, inside=False)
+    def _choose(self) -> None:
+        """Chooses letters and columns for the width below, and whether to stay there.
+
+        Of the smallest letters the lowest legend is chosen, in which long entries are broken.
+        """
+        found = dict[tuple[float, int], float]()
+        for size, columns in product(self.sizes, (4, 3, 2, 1)):
+            self.change((size, columns), inside=False)
+            if size == self.sizes[-1]:
+                self._break(columns)
             box = self.legend.get_window_extent()
-            low = box.height <= LOW * cell_size(self.ax)[1]
-            if box.width <= room and (low or look[0] == self.sizes[-1]):
-                break
-        self.below, self.inside = look, [] if low and box.width <= room else list(inside)
-        if self.inside:
-            self.change(self.inside[0], inside=True)
+            if box.width <= self.room or (size, columns) == (self.sizes[-1], 1):
+                found[size, columns] = box.height
+            if box.width <= self.room and box.height <= LOW * cell_size(self.ax)[1]:
+                self.inside = []
+                return
+        smallest = [look for look in found if look[0] == self.sizes[-1]]
+        self.below = min(smallest, key=found.__getitem__)
+        self.inside = list(product(self.sizes, (1, 2, 3)))
+        self.change(self.inside[0], inside=True)
+
+    def _break(self, columns: int) -> None:
+        """Breaks entries of a legend that is too wide."""
+        texts = self.legend.get_texts()
+        for _ in range(3):  # the width is the sum of all columns
+            if (over := self.legend.get_window_extent().width - self.room) > 0.0:
+                longest = max(text.get_window_extent().width for text in texts)
+                for text in texts:
+                    wrap(text, longest - over / columns)
 
 
 class _Covered:

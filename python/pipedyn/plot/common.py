@@ -38,7 +38,7 @@ CURVE_STYLES: tuple[dict[str, Any], ...] = (
     {"color": GREEN, "linestyle": (0, (6, 1.5, 1, 1.5))},
     {"color": VERMILION, "linestyle": (0, (1, 1.2))},
     {"color": PURPLE, "linestyle": (0, (3, 1, 1, 1, 1, 1))},
-    {"color": ORANGE, "linestyle": (0, (8, 3))},
+    {"color": ORANGE, "linestyle": (0, (7, 2))},
 )
 
 
