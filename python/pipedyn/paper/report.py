@@ -7,6 +7,7 @@ import string
 import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import product
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -134,9 +135,11 @@ def _panel_figure(
         else:
             picture(loci, bar=False, units=_units_of(case.pipe), ax=ax)
             if note := _note_range(ax, across, top):
-                shares = np.array(list(CORNERS.values()))
+                corners = np.array(list(CORNERS.values()))
+                within = np.array([*product(np.linspace(0.05, 0.95, 19), repeat=2)])
+                places, sides = np.vstack([corners, within]), np.zeros((len(within), 2))
                 look: dict[str, Any] = {"xycoords": "axes fraction", "size": 6.5}
-                write_beside(ax, note, shares, 1 - 2 * shares, **look)
+                write_beside(ax, note, places, np.vstack([1 - 2 * corners, sides]), **look)
         ax.label_outer()
     named = "" if _view(case.pipe).si else "; all quantities nondimensional"
     figure.suptitle(f"{_pipe_title(case.pipe)}{named}", fontsize=9.0)
