@@ -149,7 +149,7 @@ def _panel_figure(
 def _note_range(ax: Any, across: tuple[float, float], top: float) -> str:
     """A note on how far branches extend beyond the axes, which are those of the continuous pipe."""
     (left, right), (_, high) = ax.dataLim.intervalx, ax.dataLim.intervaly
-    name = ax.get_xlabel()
+    name = ax.get_xlabel().split("=")[0] + "$" * ("=" in ax.get_xlabel())  # without a definition
     ends = [f"{name} to {end:.3g}" for end in (left, right) if not across[0] <= end <= across[1]]
     if high > 1.04 * top:
         ends.append(f"{ax.get_ylabel()} to {high:.3g}")

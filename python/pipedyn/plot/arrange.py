@@ -346,11 +346,11 @@ class _Arranger(Artist):
 
     def _break(self) -> bool:
         """Breaks what is too long; returns whether anything was."""
-        broken = [
-            wrap(text, ax.bbox.size[upright] + 0.08 * ax.figure.dpi)
-            for ax in self.labelled
-            for text, upright in ((ax.xaxis.label, 0), (ax.yaxis.label, 1), (ax.title, 0))
-        ]
+        broken = list[bool]()
+        for ax in self.labelled:
+            wide = ax.get_position(original=True).width * ax.figure.bbox.width  # at any aspect
+            rooms = {ax.xaxis.label: wide, ax.yaxis.label: ax.bbox.height, ax.title: wide}
+            broken += [wrap(text, room + 0.08 * ax.figure.dpi) for text, room in rooms.items()]
         broken += [wrap(text, 0.8 * ax.bbox.width) for ax, text in self.sentences]
         return any(broken)
 
