@@ -30,7 +30,7 @@ from pipedyn.util.check import Array
 POINTS_AN_INCH = 3.2
 """Largest size of a legend's letters, in points for an inch of height of the part of the figure."""
 
-SMALLEST = 6.0
+SMALLEST_LETTERS = 6.0
 """Smallest size of a legend's letters in points, if the settings of matplotlib are not smaller."""
 
 LOW = 0.2
@@ -80,7 +80,7 @@ def write_beside(
     Args:
         ax: the Axes.
         words: what to write.
-        places: places in the data, or in `xycoords`, shape (k, 2).
+        places: places in the data, or in shares of the Axes with `xycoords="axes fraction"`, (k, 2).
         sides: sides of the places on which the words stand, of -1, 0 or 1 in x and y, shape (k, 2).
         gap: distance of the words from the place, in points.
         needed: whether words that have no free place stand where they cover the least.
@@ -105,16 +105,16 @@ def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
         named = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
     if named:
         usual = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
-        usual = min(usual, max(SMALLEST, POINTS_AN_INCH * cell_size(ax)[1] / ax.figure.dpi))
-        sizes = [*np.arange(usual, SMALLEST, -1.0), min(usual, SMALLEST)]
+        usual = min(usual, max(SMALLEST_LETTERS, POINTS_AN_INCH * cell_size(ax)[1] / ax.figure.dpi))
+        sizes = [*np.arange(usual, SMALLEST_LETTERS, -1.0), min(usual, SMALLEST_LETTERS)]
         legend = _add(ax, named, usual, 1)
         legend.set_in_layout(False)
         _arranger(ax).legends.append(_Legend(ax, legend, named, sizes))
 
 
 def small_letters() -> float:
-    """Size of small letters in points, at least `SMALLEST`."""
-    return max(SMALLEST, FontProperties(size="small").get_size_in_points())
+    """Size of small letters in points, at least `SMALLEST_LETTERS`."""
+    return max(SMALLEST_LETTERS, FontProperties(size="small").get_size_in_points())
 
 
 def _add(
@@ -144,6 +144,8 @@ def cell_size(ax: Axes) -> tuple[float, float]:
 
 @dataclass
 class _Words:
+    """Words, with the arguments of `write_beside`."""
+
     ax: Axes
     text: Annotation
     places: Array
@@ -155,8 +157,8 @@ class _Words:
         """Moves the words to a free place, or hides them."""
         self.text.set_visible(True)
         size = np.array(self.text.get_window_extent().size)
-        coordinates = self.text.xycoords
-        to_pixels = self.ax.transAxes if coordinates == "axes fraction" else self.ax.transData
+        in_data = self.text.xycoords == "data"
+        to_pixels = self.ax.transData if in_data else self.ax.transAxes
         anchors = to_pixels.transform(self.places)
         k, centre = covered.place(size, anchors, self.sides, self.gap, self.needed)
         self.text.set_visible(k is not None)
@@ -295,11 +297,9 @@ class _Covered:
         """
         centres = anchors + sides * (0.5 * size + gap * self._point)
         lows, highs = centres - 0.5 * size, centres + 0.5 * size
-        inside = ((lows >= self.low) & (highs <= self.high)).all(axis=1)
-        near = 2.0 * self._point
-        seen = (anchors > self.low - near) & (anchors < self.high + near)
-        inside &= seen.all(axis=1)
         pad = self._point
+        seen = (anchors > self.low - 2.0 * pad) & (anchors < self.high + 2.0 * pad)
+        inside = (seen & (lows >= self.low) & (highs <= self.high)).all(axis=1)
         limits = np.array(self._drawn.shape)[::-1]
         x0, y0 = np.clip(np.floor(lows - pad), 0, limits).astype(int).T
         x1, y1 = np.clip(np.ceil(highs + pad), 0, limits).astype(int).T
@@ -327,6 +327,7 @@ class _Arranger(Artist):
         if not self.get_visible():
             return
         self._forget()
+        redraws, figure.stale_callback = figure.stale_callback, None  # what moves is drawn now
         for _ in range(6):
             for ax in figure.axes:
                 locator = ax.get_axes_locator()
@@ -335,6 +336,7 @@ class _Arranger(Artist):
                 break
             if (engine := figure.get_layout_engine()) is not None:
                 engine.execute(figure)
+        figure.stale_callback = redraws
 
     def _forget(self) -> None:
         """Forgets what was removed from the figure."""

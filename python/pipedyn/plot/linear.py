@@ -117,7 +117,7 @@ def root_loci(
         _draw_dots(ax, exact)
     upper = turn * rate * smooth.eigenvalues
     if numbers:
-        _number(ax, upper, loci.modes)
+        _number_modes(ax, upper, loci.modes)
     if speeds:
         for value in MaxNLocator(5).tick_values(0.0, unit * loci.speeds[-1]):
             i = int(np.abs(unit * smooth.speeds - value).argmin())
@@ -125,7 +125,7 @@ def root_loci(
                 continue
             ax.plot(upper[i].real, upper[i].imag, **MARK)
             for place in upper[i][np.isfinite(upper[i])]:
-                _write(ax, f"{value:g}", place[None], color="0.25", needed=False)
+                _write_number(ax, f"{value:g}", place[None], color="0.25", needed=False)
     if bar:
         common.colour_bar(view.label(FLOW_SPEED), ax=ax)
     return ax
@@ -185,7 +185,7 @@ def frequencies(
         _draw_dots(ax, exact)
     upper = speeds + 1j * height * np.abs(smooth.eigenvalues.imag)
     if numbers:
-        _number(ax, upper.astype(np.complex128), loci.modes)
+        _number_modes(ax, upper.astype(np.complex128), loci.modes)
     if bar:
         common.colour_bar(view.label(GROWTH), ax=ax)
     return ax
@@ -282,16 +282,16 @@ def _on_paper(ax: Axes, places: NDArray[np.complex128]) -> NDArray[np.complex128
     return np.asarray(found.reshape(places.shape))
 
 
-def _number(ax: Axes, curves: NDArray[np.complex128], numbers: NDArray[np.int64]) -> None:
+def _number_modes(ax: Axes, curves: NDArray[np.complex128], numbers: NDArray[np.int64]) -> None:
     """Writes the number of each curve, a column of places, as close to its start as it fits."""
     for curve, number in zip(curves.T, numbers.tolist(), strict=True):
         points = curve[np.isfinite(curve)]
         if points.size:
             chosen = np.linspace(0, points.size - 1, 24).astype(int)
-            _write(ax, str(number), points[chosen], weight="bold")
+            _write_number(ax, str(number), points[chosen], weight="bold")
 
 
-def _write(ax: Axes, text: str, places: NDArray[np.complex128], **look: Any) -> None:
+def _write_number(ax: Axes, text: str, places: NDArray[np.complex128], **look: Any) -> None:
     """Writes a text beside one of some places, x + i y in the data."""
     at = np.column_stack([places.real, places.imag]).repeat(len(FULL_TURN), axis=0)
     sides = np.tile(FULL_TURN, (places.size, 1))

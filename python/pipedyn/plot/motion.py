@@ -716,7 +716,7 @@ def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array, view: View) -> None
         at, length = -min(wide - 0.1 * one, 0.34 * one), math.copysign(0.16, gamma) * one
         start = (-0.06 if gamma > 0.0 else 0.1) * one
         _arrow(ax, common.BLACK, "gravity", ((at, start), (at, start + length)))
-        beside = {"xytext": (6, 0), "textcoords": "offset points", "va": "center"}
+        beside: dict[str, Any] = {"xytext": (6, 0), "textcoords": "offset points", "va": "center"}
         ax.annotate("$g$", (at, start + 0.5 * length), **beside)
 
 
