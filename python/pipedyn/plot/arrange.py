@@ -80,7 +80,8 @@ def write_beside(
     Args:
         ax: the Axes.
         words: what to write.
-        places: places in the data, or in shares of the Axes with `xycoords="axes fraction"`, (k, 2).
+        places: places in the data, or in shares of the Axes with `xycoords="axes fraction"`, shape
+            (k, 2).
         sides: sides of the places on which the words stand, of -1, 0 or 1 in x and y, shape (k, 2).
         gap: distance of the words from the place, in points.
         needed: whether words that have no free place stand where they cover the least.
