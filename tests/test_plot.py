@@ -804,7 +804,7 @@ def test_a_legend_inside_covers_no_curve_when_other_panels_are_drawn(layout):
     FigureCanvasAgg(figure)
     first, *others = figure.subplots(2, 2).flat
     curves = [
-        first.plot([0.0, 0.8], [0.3, 1.0], label=f"the straight pipe becomes unstable {i}")[0]
+        first.plot([0.0, 0.5], [0.6, 1.0], label=f"the straight pipe becomes unstable {i}")[0]
         for i in range(5)
     ]
     first.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
@@ -849,6 +849,21 @@ def test_words_of_a_map_are_written_where_they_cover_nothing(setting):
             figure.canvas.draw()
         assert any(text.get_visible() for text in ax.texts)
         assert overlaps(figure) == []
+
+
+def test_a_legend_keeps_below_panels_that_share_labels_at_other_dots_an_inch():
+    """Letters are then a little wider or narrower, so that other columns fit."""
+    figure = plot.Figure(figsize=(7.0, 5.0), layout="constrained")
+    several = list(figure.subplots(2, 2, sharex=True).flat)
+    for ax in several:
+        plot.boundary(standing(), ax=ax)
+        ax.label_outer()
+    for dpi in (100.0, 110.0, 72.0):
+        figure.set_dpi(dpi)
+        FigureCanvasAgg(figure).draw()
+        assert overlaps(figure) == []
+        for ax in several:
+            assert ax.get_legend().get_window_extent().y1 < ax.get_window_extent().y0 + 1.0
 
 
 def test_a_text_that_a_user_gave_a_legend_remains_when_it_finds_its_place():

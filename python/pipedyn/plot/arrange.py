@@ -194,6 +194,7 @@ class _Legend:
         """Replaces the legend by one of another size, which takes no room in the layout yet."""
         self.legend = _add(self.ax, self.named, *look, self.legend)
         self.legend.set(frame_on=inside, in_layout=False)
+        self.place = None
 
     def find(self, covered: _Covered) -> bool:
         """Moves the legend to a free place inside; returns whether it has to stand below."""
