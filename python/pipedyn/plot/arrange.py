@@ -41,7 +41,7 @@ COMPACT: dict[str, Any] = {"handletextpad": 0.5, "columnspacing": 1.0, "labelspa
 """Distances in legends, in sizes of letters."""
 
 HANDLE = 14.0
-"""Length of lines in legends, in points, in which the longest dash and its gap are seen."""
+"""Least length of lines in legends, in points, in which the longest dash and its gap are seen."""
 
 CORNERS: dict[Any, tuple[float, float]] = {"upper right": (1.0, 1.0), "upper left": (0.0, 1.0)}
 CORNERS |= {"lower right": (1.0, 0.0), "lower left": (0.0, 0.0)}
@@ -123,7 +123,7 @@ def _add(
 ) -> Legend:
     """Adds a legend, with the texts and the title of one before it if these were changed."""
     look: dict[str, Any] = {"fontsize": size, "ncols": columns, "frameon": False, **COMPACT}
-    look["handlelength"] = HANDLE / size
+    look["handlelength"] = max(2.0, HANDLE / size)
     texts = list(named)
     if before is not None:
         texts = [text.get_text().replace("\n", " ") for text in before.get_texts()]
