@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from canvas import overlaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import pipedyn as pp
@@ -102,6 +103,16 @@ def test_axes_are_those_of_the_continuous_pipe_and_tell_what_is_outside(draw):
         notes = [text.get_text() for text in coarse.texts]
         assert any(f"Re $\\lambda$ to {model.real.max():.3g}" in note for note in notes)
         assert not any("outside" in text.get_text() for text in fine.texts)
+
+
+@FIGURES
+def test_notes_of_what_is_outside_cover_neither_curves_nor_numbers(draw):
+    with plot.style():
+        figure = draw(CASE, replace(findings(), highest=6.0))
+        FigureCanvasAgg(figure)
+        figure.canvas.draw()
+    assert any("outside" in text.get_text() for ax in figure.axes for text in ax.texts)
+    assert overlaps(figure) == []
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import string
 import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import product
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -21,6 +22,7 @@ from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.continuum import Continuum
 from pipedyn.models.pipe import Pipe
 from pipedyn.paper.analysis import CHAIN_SIZES, REDUCED_SIZES, Findings, Options, Row, map_top
+from pipedyn.plot.arrange import CORNERS, write_beside
 from pipedyn.plot.common import open_marker
 from pipedyn.plot.linear import DOT, ONSET
 from pipedyn.plot.units import FLOW_SPEED, GROWTH, ROOT_FREQUENCY, Units, View
@@ -136,36 +138,22 @@ def _panel_figure(
             picture(loci, bar=False, units=_units_of(case.pipe), ax=ax)
             notes = ax.get_title(loc="right"), _note_range(ax, across, top)
             ax.set_title("", loc="right")  # the title of the panel takes its place
-            _write_in_free_corner(ax, "\n".join(filter(None, notes)))
+            if note := "\n".join(filter(None, notes)):
+                corners = np.array(list(CORNERS.values()))
+                within = np.array([*product(np.linspace(0.05, 0.95, 19), repeat=2)])
+                places, sides = np.vstack([corners, within]), np.zeros((len(within), 2))
+                look: dict[str, Any] = {"xycoords": "axes fraction", "size": 6.5}
+                write_beside(ax, note, places, np.vstack([1 - 2 * corners, sides]), **look)
         ax.label_outer()
     named = "" if _view(case.pipe).si else "; all quantities nondimensional"
     figure.suptitle(f"{_pipe_title(case.pipe)}{named}", fontsize=9.0)
     return figure, plot.colour_bar(bar, ax=axes)
 
 
-def _write_in_free_corner(ax: Any, text: str) -> None:
-    """Writes a note in that corner of the Axes in which the fewest curves and numbers lie."""
-    if not text:
-        return
-    places = np.concatenate(
-        [*ax.collections[0].get_segments(), *([number.xy] for number in ax.texts)]
-    )
-    x, y = ax.transAxes.inverted().transform(ax.transData.transform(places)).T
-    inside = (x >= 0.0) & (x <= 1.0) & (y >= 0.0) & (y <= 1.0)
-
-    def crossed(corner: tuple[float, float]) -> int:
-        near = (np.abs(x - corner[0]) < 0.5) & (np.abs(y - corner[1]) < 0.25)
-        return int(np.sum(near & inside))
-
-    right, up = min(((1.0, 1.0), (0.0, 1.0), (1.0, 0.0), (0.0, 0.0)), key=crossed)
-    look = {"ha": "right" if right else "left", "va": "top" if up else "bottom", "size": 6.5}
-    ax.text(0.03 + 0.94 * right, 0.04 + 0.92 * up, text, transform=ax.transAxes, **look)
-
-
 def _note_range(ax: Any, across: tuple[float, float], top: float) -> str:
     """A note on how far branches extend beyond the axes, which are those of the continuous pipe."""
     (left, right), (_, high) = ax.dataLim.intervalx, ax.dataLim.intervaly
-    name = ax.get_xlabel()
+    name = ax.get_xlabel().split("=")[0] + "$" * ("=" in ax.get_xlabel())  # without a definition
     ends = [f"{name} to {end:.3g}" for end in (left, right) if not across[0] <= end <= across[1]]
     if high > 1.04 * top:
         ends.append(f"{ax.get_ylabel()} to {high:.3g}")

@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import Normalize, SymLogNorm
-from matplotlib.font_manager import FontProperties
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator
@@ -20,6 +19,7 @@ from pipedyn.linear.loci import RootLoci
 from pipedyn.linear.modes import Modes
 from pipedyn.linear.neutral import grows, growth
 from pipedyn.plot import common
+from pipedyn.plot.arrange import FULL_TURN, legend_below, small_letters, write_beside
 from pipedyn.plot.units import (
     ARC,
     FLOW_SPEED,
@@ -112,24 +112,20 @@ def root_loci(
     _mark_onsets(ax, growth(branches), places)
     (ax.axvline if plane == "lambda" else ax.axhline)(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     ax.autoscale_view()
-    exact = np.empty(0, dtype=np.complex128)
     if benchmark is not None:
         exact = turn * rate * branches_of(benchmark)[:: dot_stride(benchmark)]
         _draw_dots(ax, exact)
-    axis = np.linspace(*(ax.get_ylim() if plane == "lambda" else ax.get_xlim()), FINE_POINTS)
-    line = axis * (1.0j if plane == "lambda" else 1.0)
-    labels = _Labels(ax, np.concatenate([places.ravel(), exact.ravel(), line]))
     upper = turn * rate * smooth.eigenvalues
     if numbers:
-        labels.number(upper, loci.modes)
+        _number_modes(ax, upper, loci.modes)
     if speeds:
         for value in MaxNLocator(5).tick_values(0.0, unit * loci.speeds[-1]):
             i = int(np.abs(unit * smooth.speeds - value).argmin())
             if not unit * loci.speeds[0] < value <= unit * loci.speeds[-1]:
                 continue
             ax.plot(upper[i].real, upper[i].imag, **MARK)
-            for place in upper[i]:
-                labels.add(f"{value:g}", np.array([place]), color="0.25", needed=False)
+            for place in upper[i][np.isfinite(upper[i])]:
+                _write_number(ax, f"{value:g}", place[None], color="0.25", needed=False)
     if bar:
         common.colour_bar(view.label(FLOW_SPEED), ax=ax)
     return ax
@@ -182,16 +178,14 @@ def frequencies(
     _coloured(ax, speeds, heights, rate * real, "RdBu_r", norm, outlined=0.0)
     _mark_onsets(ax, real, speeds + 1j * heights)
     ax.autoscale_view()
-    taken = (speeds + 1j * heights).ravel()
     if benchmark is not None:
         stride = dot_stride(benchmark)
         places = view.one(FLOW_SPEED) * benchmark.speeds[::stride, None]
         exact = places + 1j * height * branches_of(benchmark).imag[::stride]
         _draw_dots(ax, exact)
-        taken = np.append(taken, exact)
     upper = speeds + 1j * height * np.abs(smooth.eigenvalues.imag)
     if numbers:
-        _Labels(ax, taken).number(upper.astype(np.complex128), loci.modes)
+        _number_modes(ax, upper.astype(np.complex128), loci.modes)
     if bar:
         common.colour_bar(view.label(GROWTH), ax=ax)
     return ax
@@ -206,7 +200,7 @@ def _checked_axes(
     view = View(units, loci.pipe)
     ax = view.axes(ax, (4.8, 4.2), x, y)
     if not loci.complete:
-        ax.set_title("other modes may be unstable", loc="right", size="small")
+        ax.set_title("other modes may be unstable", loc="right", size=small_letters())
     return ax, view
 
 
@@ -301,58 +295,21 @@ def _on_paper(ax: Axes, places: NDArray[np.complex128]) -> NDArray[np.complex128
     return np.asarray(found.reshape(places.shape))
 
 
-class _Labels:
-    """Numbers next to curves, at places where they cover neither curves nor each other.
+def _number_modes(ax: Axes, curves: NDArray[np.complex128], numbers: NDArray[np.int64]) -> None:
+    """Writes the number of each curve, a column of places, as close to its start as it fits."""
+    for curve, number in zip(curves.T, numbers.tolist(), strict=True):
+        points = curve[np.isfinite(curve)]
+        if points.size and number:
+            chosen = np.linspace(0, points.size - 1, 24).astype(int)
+            _write_number(ax, str(number), points[chosen], weight="bold")
 
-    Args:
-        ax: the Axes, with the limits that they keep.
-        curves: points of all curves in data, x + i y.
-    """
 
-    def __init__(self, ax: Axes, curves: NDArray[np.complex128]) -> None:
-        self._ax = ax
-        shown = _on_paper(ax, curves.ravel())
-        self._taken = shown[np.isfinite(shown)]
-        box = ax.get_window_extent()
-        self._low, self._high = (np.array(at) * 72.0 / ax.figure.dpi for at in (box.min, box.max))
-
-    def number(self, curves: NDArray[np.complex128], numbers: NDArray[np.int64]) -> None:
-        """Writes the number of each curve, a column of places, as close to its start as it fits."""
-        for curve, number in zip(curves.T, numbers.tolist(), strict=True):
-            points = curve[np.isfinite(curve)]
-            if points.size and number:
-                chosen = np.linspace(0, points.size - 1, 24).astype(int)
-                self.add(str(number), points[chosen], weight="bold")
-
-    def add(
-        self, text: str, places: NDArray[np.complex128], needed: bool = True, **look: Any
-    ) -> None:
-        """Writes a text next to the first of some places at which there is room.
-
-        If there is none, it goes where there is most, or is left out if it is not `needed`.
-        """
-        size = FontProperties(size="small").get_size_in_points()
-        # A circle about the text and a gap.
-        reach = math.hypot(0.3 * size * len(text), 0.4 * size) + 1.5
-        turns = np.exp(0.25j * np.pi * np.array([0, 1, 7, 4, 3, 5, 2, 6]))
-        shown = (_on_paper(self._ax, places)[:, None] + (reach + 1.0) * turns).ravel()
-        which = np.repeat(np.arange(places.size), turns.size)
-        inside = (shown.real > self._low[0] + reach) & (shown.real < self._high[0] - reach)
-        inside &= (shown.imag > self._low[1] + reach) & (shown.imag < self._high[1] - reach)
-        shown, which = shown[inside], which[inside]
-        if not shown.size:
-            return
-        room = np.abs(shown[:, None] - self._taken).min(axis=1, initial=math.inf)
-        best = int(np.argmax(room >= reach)) if (room >= reach).any() else int(np.argmax(room))
-        if room[best] < reach and not needed:
-            return
-        place = places[which[best]]
-        apart = shown[best] - complex(_on_paper(self._ax, np.array([place]))[0])
-        around = np.exp(0.25j * np.pi * np.arange(8)) * 0.5 * reach
-        self._taken = np.concatenate([self._taken, [shown[best]], shown[best] + around])
-        look |= {"ha": "center", "va": "center", "size": "small", "zorder": 5.0}
-        look |= {"xytext": (apart.real, apart.imag), "textcoords": "offset points"}
-        self._ax.annotate(text, (place.real, place.imag), annotation_clip=True, **look)
+def _write_number(ax: Axes, text: str, places: NDArray[np.complex128], **look: Any) -> None:
+    """Writes a text beside one of some places, x + i y in the data."""
+    at = np.column_stack([places.real, places.imag]).repeat(len(FULL_TURN), axis=0)
+    sides = np.tile(FULL_TURN, (places.size, 1))
+    look |= {"size": small_letters(), "zorder": 5.0, "annotation_clip": True}
+    write_beside(ax, text, at, sides, **look)
 
 
 def _coloured(
@@ -479,5 +436,5 @@ def mode_shapes(
     if modes.shapes and legend:
         for word, line in (("real part", "-"), ("imaginary part", "--")):
             ax.plot([], [], color="0.4", linestyle=line, label=word)
-        common.legend_below(ax)
+        legend_below(ax)
     return ax

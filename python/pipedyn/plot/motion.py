@@ -44,6 +44,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.motion.sampling import INVISIBLE, LEAST_MOTION, coarse
 from pipedyn.motion.simulate import Ensemble, Motion
 from pipedyn.plot import common
+from pipedyn.plot.arrange import legend_below
 from pipedyn.plot.bifurcation import STABILITY_STYLES
 from pipedyn.plot.units import (
     AXIAL,
@@ -296,7 +297,7 @@ def explain(
     if len(shown) == 1:
         title.append(_title(shown[0].motion, shown[0].view))
     elif legend and len(shown) <= 12:
-        common.legend_below(ax)
+        legend_below(ax)
     elif legend:
         title.append(f"{len(shown)} motions")
     title += more
@@ -700,7 +701,7 @@ def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array, view: View) -> None
     The shapes, of shape (..., 2), are in the units shown.
     """
     one = view.one(TRANSVERSE)
-    common.set_labels(ax, xlabel=view.label(TRANSVERSE), ylabel=view.label(AXIAL))
+    ax.set(xlabel=view.label(TRANSVERSE), ylabel=view.label(AXIAL))
     room = (ARROW + 0.06) * one
     low = min(-0.12 * one, float(shapes[..., 1].min()) - room)
     high = float(shapes[..., 1].max()) + room
@@ -720,7 +721,8 @@ def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array, view: View) -> None
         at, length = -min(wide - 0.1 * one, 0.34 * one), math.copysign(0.16, gamma) * one
         start = (-0.06 if gamma > 0.0 else 0.1) * one
         _arrow(ax, common.BLACK, "gravity", ((at, start), (at, start + length)))
-        ax.text(at + 0.03 * one, start + 0.5 * length, "$g$", va="center")
+        beside: dict[str, Any] = {"xytext": (6, 0), "textcoords": "offset points", "va": "center"}
+        ax.annotate("$g$", (at, start + 0.5 * length), **beside)
 
 
 def _arrow(ax: Axes, colour: str, gid: str, ends: tuple[Any, Any]) -> FancyArrowPatch:
