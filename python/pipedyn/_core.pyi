@@ -31,6 +31,8 @@ __all__: list[str] = [
     "Scene",
     "Segments",
     "SpanRelation",
+    "SpatialChain",
+    "SpatialGalerkin",
     "Spectrum",
     "Structured",
     "Supply",
@@ -211,6 +213,86 @@ class Galerkin:
     def tips(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
     def supports(self) -> int: ...
+
+class SpatialGalerkin:
+    def __init__(
+        self,
+        pipe: Pipe,
+        legendre: bool,
+        size: typing.SupportsInt | typing.SupportsIndex,
+        joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+        more: typing.SupportsInt | typing.SupportsIndex = 0,
+    ) -> None: ...
+    def energy(
+        self, y: typing.Any, drive: typing.Any = None, refuses: bool = True
+    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def jacobian(
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        drive: typing.Any = None,
+        refuses: bool = True,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def linearised(
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def power(
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+    ]: ...
+    def rhs(
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        drive: typing.Any = None,
+        refuses: bool = True,
+        works: bool = False,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def tips(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
+
+class SpatialChain:
+    def __init__(self, pipe: Pipe, segments: Segments) -> None: ...
+    def energy(
+        self, y: typing.Any, drive: typing.Any = None, refuses: bool = True
+    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def jacobian(
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        drive: typing.Any = None,
+        refuses: bool = True,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def linearised(
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def power(
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+    ]: ...
+    def rhs(
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        drive: typing.Any = None,
+        refuses: bool = True,
+        works: bool = False,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def chain(self) -> Chain: ...
 
 class Pairs:
     def __init__(
