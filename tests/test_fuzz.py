@@ -21,7 +21,7 @@ MADE_BY_USERS -= {modular.Module, modular.Constraint}
 
 CALLED_WITH_CHECKED = {"acceleration", "admissible", "along", "basis", "end_motion"}
 CALLED_WITH_CHECKED |= {"free_directions", "free_states", "from_user", "initial_state", "kinks"}
-CALLED_WITH_CHECKED |= {"largest_angle"}
+CALLED_WITH_CHECKED |= {"as_of_si", "largest_angle"}
 CALLED_WITH_CHECKED |= {
     "law_numbers",
     "quarter_turn",

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -187,6 +188,8 @@ class Chain(SegmentModel):
             self._joints = _read_only(self._springs_by_rule(rule))
         self._check_pipe()
         self._approximates = rule is not None and not own
+
+    setattr(__new__, "__signature__", inspect.signature(__init__))  # noqa: B010
 
     def archived(self) -> dict[str, Any]:
         return {

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import bisect
+import inspect
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -147,6 +148,8 @@ class Galerkin(Model):
         self._basis = check.choice("basis", basis, BASES)
         self._more = 0
         self._check_pipe()
+
+    setattr(__new__, "__signature__", inspect.signature(__init__))  # noqa: B010
 
     def archived(self) -> dict[str, Any]:
         return {**super().archived(), "m": self._size, "basis": self._basis, "more": self._more}
