@@ -408,6 +408,10 @@ TERMS = Kind(
         *map(listed, ([pp.Spring(1.5, 1.0)], [pp.Tension(-1e7)], [pp.PointMass(0.5, 1e12)])),
     ),
 )
+PHASES = Kind(
+    one_of([pp.Phase(998.0, 1e-4)], (pp.Phase(998.0, 1e-4), pp.Phase(1.2, 3e-4, slip=1.5))),
+    any_of(*NOTHINGS, *WORDS, listed(3, NAN, pp.Phase(1.0, 1.0), [None], [998.0], [PIPE])),
+)
 ROOT = either(
     ["clamped", "pinned", pp.RootSpring(3.0), pp.RootSpring(0.0)],
     "free",
@@ -584,6 +588,8 @@ def _pipes() -> Iterator[Target]:
             **own,
         )
     places, values = array(1, (0.2, 0.8), (-0.1, 1.0)), array(2, (0.5, 2.0), (-1.0, 0.0, 1e7))
+    size = real((0.1, 2.0), 0.0)
+    yield target(pp.Phase, density=real((1.0, 1e3), 0.0), flow_rate=size, slip=size)
     yield target(pp.Profile, at=places, values=values)
     yield target(pp.Profile, values=UPWARD)
     yield target(pp.Profile([0.5], [1.0, 0.5]))
@@ -608,6 +614,16 @@ def _pipes() -> Iterator[Target]:
                 stiffness_profile=ALONG,
                 **own,
             )
+    dry = {k: v for k, v in beam.items() if k != "fluid_mass"}
+    yield target(
+        pp.Pipe.from_si,
+        "Pipe.from_si[phases]",
+        **dry,
+        phases=PHASES,
+        inner_diameter=real((0.01, 0.2), 0.0),
+    )
+    dry = {k: v for k, v in tube.items() if k != "fluid_density"}
+    yield target(pp.Pipe.from_tube, "Pipe.from_tube[phases]", **dry, phases=PHASES)
     from_si = partial(pp.Pipe.from_si, **SI)
     yield target(from_si, "Pipe.from_si[mass_profile]", mass_profile=ALONG)
     ratio = Kind(positive.good, _not(None, positive.bad))
@@ -619,9 +635,9 @@ def _pipes() -> Iterator[Target]:
     for quantity in ("speed", "flow_rate", "time", "frequency", "length"):
         for way in ("si", "from_si"):
             converted = getattr(HOSE, f"{quantity}_{way}")
-            (name,) = inspect.signature(converted).parameters
-            yield target(converted, **{name: Kind(any_of(rows.good, NUMBER.good), odd)})
-    size = real((0.1, 2.0), 0.0)
+            name, *index = inspect.signature(converted).parameters
+            of_phase = dict.fromkeys(index, optional(count(0, 0, 1)))
+            yield target(converted, **{name: Kind(any_of(rows.good, NUMBER.good), odd)}, **of_phase)
     yield target(MEASURED.equivalent_damping, frequency=size)
     yield target(
         pp.end_coefficient,

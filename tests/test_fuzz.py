@@ -14,7 +14,7 @@ import pipedyn as pp
 from pipedyn import modular, plot
 
 MADE_BY_USERS = {pp.Pipe, pp.Profile, pp.Chain, pp.Galerkin, pp.Continuum, pp.RootSpring}
-MADE_BY_USERS |= {pp.StartPlane, pp.Pulsation, pp.Harmonic, pp.Supply}
+MADE_BY_USERS |= {pp.StartPlane, pp.Pulsation, pp.Harmonic, pp.Supply, pp.Phase}
 MADE_BY_USERS |= set(pp.Term.__subclasses__())
 MADE_BY_USERS |= {getattr(modular, name) for name in modular.__all__}
 MADE_BY_USERS -= {modular.Module, modular.Constraint}

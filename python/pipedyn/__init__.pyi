@@ -93,6 +93,7 @@ from pipedyn.models.end_coefficient import end_coefficient as end_coefficient
 from pipedyn.models.galerkin import Galerkin as Galerkin
 from pipedyn.models.pipe import Pipe as Pipe
 from pipedyn.models.profile import Profile as Profile
+from pipedyn.models.scales import Phase as Phase
 from pipedyn.models.scales import Scales as Scales
 from pipedyn.models.supports import RootSpring as RootSpring
 from pipedyn.models.terms import AddedMass as AddedMass
