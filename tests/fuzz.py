@@ -378,6 +378,7 @@ PLANE = pp.StartPlane(np.array([-0.1, 0.2]), np.array([-0.2, 0.1]))
 ENDS = pp.attractors(FLUTTER, SPEED, PLANE)
 PUMP, SHAKER = pp.Pulsation(2.0, 0.3, 25.0), pp.Harmonic(0.01, 25.0)
 SHAKES = pp.forced_response(SHAKEN, 1.0, base=SHAKER, frequencies=(20.0, 30.0))
+PUSH = pp.Force(at=0.7, frequency=25.0, amplitude=0.1)
 RESPONSE = pp.frequency_response(SHAKEN, 1.0, (1.0, 30.0))
 KEPT = Path(tempfile.mkdtemp()) / "kept.npz"
 CRITICAL.save(KEPT)
@@ -485,6 +486,29 @@ SHAKERS = Kind(
         *map(listed, (lambda t: "ab", lambda t: None, lambda t: (1j, 0), lambda t: "12")),
         *map(listed, (lambda t: (0, INF if t > 0.09 else 0), lambda t: ((0, 0), (0, 0)))),
     ),
+)
+WAVES = one_of(
+    None, lambda s, t: np.sin(s - t), lambda s, t: 0.1, lambda s, t: np.ones((len(s), 2))
+)
+NO_FORCE = any_of(
+    *(*NOTHINGS, *WORDS, *LOGICAL, *NOT_FINITE),
+    listed(1.0, [1.0], [None], [PUSH] * 21, SHAKER, PUMP, lambda t: 1.0, pp.Force),
+    *map(listed, (pp.Force(lambda t: NAN, 1.0), pp.Force(lambda t: "a", 1.0), [PUSH, "a"])),
+    *map(listed, (pp.Force(lambda t: (1.0, 2.0, 3.0), 1.0), pp.Force(lambda s, t: [s]))),
+    *map(listed, (pp.Force(lambda s, t: np.sign(s - 0.4)), pp.Force(lambda t: None, 1.0))),
+)
+FORCES = Kind(
+    one_of(None, PUSH, [PUSH, pp.Force(lambda s, t: s * t)], (pp.Force(lambda t: (t, 1), 0.5),)),
+    NO_FORCE,
+)
+IN_SI = pp.Force.from_si(HOSE, lambda x, t: 0.01 * x * t)
+FORCES_IN_SI = Kind(
+    one_of(
+        None,
+        pp.Force.from_si(HOSE, lambda x, t: 0.01 * x * t),
+        [pp.Force.from_si(HOSE, at=0.2, frequency=3.0)],
+    ),
+    any_of(NO_FORCE, one_of(PUSH, [PUSH])),
 )
 
 
@@ -1165,10 +1189,10 @@ def _motions() -> Iterator[Target]:
         **in_si,
     )
     still = partial(pp.simulate, pp.Chain(HOSE, 3), duration=0.1, q0=bend, samples=3, units="si")
-    yield target(still, "simulate[si, driven]", u=FLOWS, base=SHAKERS)
+    yield target(still, "simulate[si, driven]", u=FLOWS, base=SHAKERS, force=FORCES_IN_SI)
     for tag, model in (("chain", CHAIN), ("supported", pp.Galerkin(HINGED, 3))):
         driven = partial(pp.simulate, model, duration=0.1, q0=bend, samples=3)
-        yield target(driven, f"simulate[{tag}, driven]", u=FLOWS, base=SHAKERS)
+        yield target(driven, f"simulate[{tag}, driven]", u=FLOWS, base=SHAKERS, force=FORCES)
     speeds = array(2, (0.0, 3.0), (-1.0, 1e9), any_size=True)
     yield target(
         lambda **given: pp.simulate_many(
@@ -1192,6 +1216,7 @@ def _motions() -> Iterator[Target]:
         called={"speeds": r"speeds|\bu\b"},
         speeds=Kind(many, few),
         base=SHAKERS,
+        force=FORCES,
     )
     state = Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of([0.1], [NAN] * 3, PIPE, EXACT)))
     flutter = Kind(one_of(FLUTTER), MOVING.bad)
@@ -1427,6 +1452,11 @@ def _driven() -> Iterator[Target]:
     si = {"pipe": of(MEASURED), "frequency": positive}
     yield target(pp.Pulsation.from_si, **si, mean=real((0.0, 3.0), -0.1, 1e300), amplitude=size)
     yield target(pp.Harmonic.from_si, **si, amplitude=size)
+    no_function = any_of(*WORDS, *LOGICAL, *NOT_FINITE, listed(1.0, [], PUSH))
+    own = {"function": Kind(WAVES, no_function), "amplitude": real((-1.0, 1.0), -1e10, 1e10)}
+    at = optional(real((0.1, 1.0), 0.0, 1.5))
+    yield target(pp.Force, **own, at=at, frequency=frequency)
+    yield target(pp.Force.from_si, **si, **own, at=at)
     supply = {"friction": real((0.5, 9.0), 0.0), "weight": optional(real((-1.0, 1.0)))}
     supply["start"] = optional(SLOW)
     yield target(pp.Supply, head=real((5.0, 50.0)), **supply)
@@ -1479,6 +1509,17 @@ def _driven() -> Iterator[Target]:
         model=Kind(one_of(SHAKEN, HINGES), lossless.bad),
         u=real((1.0, 2.0), -0.1, 1e300),
         base=of(SHAKER),
+        frequencies=frequencies,
+    )
+    never = listed(pp.Force(lambda t: 1.0, 1.0), pp.Force(None, 0.7, 25.0, 0.0), [PUSH])
+    yield target(
+        pp.forced_response,
+        "[force]",
+        slow=True,
+        called={"force": "force|base", **refused},
+        model=Kind(one_of(SHAKEN), lossless.bad),
+        u=real((1.0, 2.0), -0.1, 1e300),
+        force=Kind(one_of(PUSH), any_of(NO_FORCE, never)),
         frequencies=frequencies,
     )
     still = pp.Pulsation(2.0, 0.0, 25.0)

@@ -86,6 +86,7 @@ from pipedyn.models.base import Operators as Operators
 from pipedyn.models.base import Power as Power
 from pipedyn.models.chain import Chain as Chain
 from pipedyn.models.continuum import Continuum as Continuum
+from pipedyn.models.drive import Force as Force
 from pipedyn.models.drive import Harmonic as Harmonic
 from pipedyn.models.drive import Pulsation as Pulsation
 from pipedyn.models.drive import Supply as Supply

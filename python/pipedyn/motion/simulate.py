@@ -30,6 +30,7 @@ from pipedyn.models.drive import (
     Base,
     Drive,
     DriveFailed,
+    Force,
     InputUnits,
     Speed,
     Supply,
@@ -265,6 +266,7 @@ def simulate(
     times: ArrayLike | None = None,
     t0: float = 0.0,
     base: Base | None = None,
+    force: Force | Sequence[Force] | None = None,
     rtol: float = 1e-6,
     atol: float | None = None,
     method: Method = "auto",
@@ -305,6 +307,7 @@ def simulate(
             supports: guides, pins and an end fixed axially (`Stretching`). The base does not turn,
             and coordinates are relative to it. Springs, dampers and the fluid around the pipe
             belong to the ground. If not given, the base is at rest.
+        force: a `Force` of your own, at one place or all along the pipe, or a list of them.
         rtol: relative tolerance of the error of each step, in [1e-13, 0.1].
         atol: absolute tolerance, > 0; rtol / 100 if not given.
         method: "auto" chooses by measured cost, see `choose_method`; "radau" (implicit, eight
@@ -374,6 +377,7 @@ def simulate(
             t0=t0,
             max_step=max_step,
             base=given.base(base),
+            forces=given.force(force),
         )
     looked_for, kept = checked_events(events), check.flag("dense", dense)
     recorder = None
@@ -411,6 +415,7 @@ def simulate_many(
     samples: int | None = None,
     times: ArrayLike | None = None,
     base: Base | None = None,
+    force: Force | Sequence[Force] | None = None,
     rtol: float = 1e-6,
     atol: float | None = None,
     method: Method = "auto",
@@ -437,14 +442,16 @@ def simulate_many(
         samples: number of evenly spaced samples, as for `simulate`.
         times: times of the samples, if `samples` is not given.
         base: the motion of the base, common to all members, as for `simulate`.
+        force: a `Force` or a list of them, common to all members, as for `simulate`.
         rtol: relative tolerance of the error of each member's steps.
         atol: absolute tolerance; rtol / 100 if not given.
         method: as for `simulate`.
         most: largest number of right-hand sides of each member, as for `simulate`.
         executor: a `concurrent.futures.Executor` that takes the batches, instead of the threads of
             this process. Members for which the executor returns nothing fail, because a worker died
-            or the executor is broken or shut down. With a pool of processes, `speeds` and `base`
-            must not be lambdas, as the workers call them; `q0` is called in this process.
+            or the executor is broken or shut down. With a pool of processes, `speeds`, `base` and
+            functions of `force` must not be lambdas, as the workers call them; `q0` is called in
+            this process.
         units: as for `simulate`: with "si" speeds, duration and times are in SI for the pipe of
             each member.
         progress: whether to show progress on stderr.
@@ -500,6 +507,7 @@ def simulate_many(
                     task = checked_task(
                         *(model, u, lasting, q, qdot, *options),
                         base=own.base(base),
+                        forces=own.force(force),
                         members=len(same),
                     )
         except (ValueError, TypeError) as error:
@@ -713,7 +721,7 @@ def _with_drive(task: Task, outcome: Outcome) -> tuple[Array, int, str | None, A
     """The outcome, cut before the first sample at which a function of time fails, and its drive.
 
     The drive has a row of u, u' and the base's place, velocity and acceleration for the start and
-    each sample, shape (1 + S, 8).
+    each sample, shape (1 + S, 8); numbers of forces may follow in each row.
     """
     rows, calls, why = outcome
     if task.drive is None:
@@ -741,7 +749,9 @@ def assembled(
     q, qdot = model.to_user(rows[:, :size], rows[:, size : 2 * size])
     moves = None
     if tasks[0].base is not None:
-        moves = np.concatenate([values[:, 2:].T.reshape(3, 2, -1) for *_, values in driven], axis=2)
+        moves = np.concatenate(
+            [values[:, 2:8].T.reshape(3, 2, -1) for *_, values in driven], axis=2
+        )
     energy, kinetic = _energies(model, q, qdot, moves)
     supplied = rows[:, 2 * size] if rows.shape[1] > 2 * size else np.full(len(rows), math.nan)
     motions, start = [], 0
@@ -761,7 +771,7 @@ def assembled(
             flow_speed=own[1:, -1] if task.constant_head else values[1:, 0],
             method=task.method,
             evaluations=evaluations,
-            model=model,
+            model=model.with_applied(()),
             base=task.base,
         )
         motions.append((motion, why))
@@ -876,6 +886,7 @@ def checked_task(
     t0: Any = 0.0,
     max_step: Any = math.inf,
     base: Any = None,
+    forces: tuple[Force, ...] = (),
     members: int = 1,
 ) -> Task:
     """The task for arguments of `simulate`; "auto" is replaced by a method for all members."""
@@ -916,22 +927,26 @@ def checked_task(
     if method == "auto":
         method = choose_method(model, members, dense=isinstance(u, Supply))
     steady = Task(*(model, 0.0, at, start, rtol, atol, method, t0, end, most, max_step), base=base)
-    return with_speed(steady, u)
+    return with_speed(replace(steady, forces=forces) if forces else steady, u)
 
 
 def with_speed(task: Task, u: Any) -> Task:
     """The task at another flow speed, which may vary and is checked."""
-    if task.base is None and not _varies(u):
+    rest = task.base is None and not task.forces
+    if rest and not _varies(u):
         u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
         return replace(task, u=u, drive=None, constant_head=None)
     if not isinstance(u, Supply):
         if task.drive is not None and task.u is u:
             return task
-        return replace(task, u=u, drive=Drive(u, task.base, task.t0, task.end), constant_head=None)
-    head, rest = ConstantHead(task.model, u), task.base is None
-    start = np.append(task.start[: 2 * task.model.integrated + 1], head.start)
-    drive = None if rest else Drive(0.0, task.base, task.t0, task.end)
-    return replace(task, u=u, start=start, drive=drive, constant_head=head)
+        drive = Drive(u, task.base, task.t0, task.end, task.forces)
+        model = task.model.with_applied(drive.forces.laws)
+        return replace(task, u=u, model=model, drive=drive, constant_head=None)
+    driven = None if rest else Drive(0.0, task.base, task.t0, task.end, task.forces)
+    model = task.model if driven is None else task.model.with_applied(driven.forces.laws)
+    head = ConstantHead(model, u)
+    start = np.append(task.start[: 2 * model.integrated + 1], head.start)
+    return replace(task, u=u, model=model, start=start, drive=driven, constant_head=head)
 
 
 def checked_start(model: Model, q0: Any, qdot0: Any) -> Array:
