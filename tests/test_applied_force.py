@@ -233,6 +233,32 @@ def test_forces_act_with_a_moving_base_a_varying_flow_and_a_supply():
     assert np.abs(fed[0].flow_speed - alone.flow_speed).max() > 1e-3
 
 
+@pytest.mark.parametrize("method", ["radau", "dop853"])
+def test_a_force_may_begin_suddenly_and_a_short_one_is_not_passed_over(method):
+    model, start = pp.Chain(pp.Pipe(0.2, damping=0.01), 6), np.zeros(6)
+    at_once = pp.simulate(
+        model, 3.0, 2.0, start, force=pp.Force(lambda t: 1.0, at=1.0), times=[1.0, 2.0], rtol=1e-11
+    )
+    late = pp.Force(lambda t: float(t >= 1.0), at=1.0)
+    found = pp.simulate(model, 3.0, 3.0, start, force=late, times=[2.0, 3.0], method=method)
+    np.testing.assert_allclose(found.tip, at_once.tip, atol=1e-8)
+    blow = pp.Force(lambda t: 20.0 * (2.0 <= t < 2.05), at=1.0)  # in a motion of 4
+    struck = pp.simulate(model, 3.0, 4.0, start, force=blow, method=method)
+    fine = pp.simulate(model, 3.0, 4.0, start, force=blow, method=method, max_step=1e-3)
+    assert np.abs(fine.tip[:, 0]).max() > 0.02
+    np.testing.assert_allclose(struck.tip, fine.tip, atol=1e-6)
+
+
+def test_members_of_an_ensemble_feel_the_same_force():
+    model = pp.Chain(PIPE, 4)
+    force = [FORCES["along"], FORCES["inside"]]
+    speeds = [1.0, 2.0, 2.0]
+    many = pp.simulate_many(model, speeds, 1.0, np.zeros(4), force=force, samples=5)
+    for u, one in zip(speeds, many.motions, strict=True):
+        alone = pp.simulate(model, u, 1.0, np.zeros(4), force=force, samples=5)
+        np.testing.assert_allclose(one.tip, alone.tip, atol=1e-9)
+
+
 def test_models_agree_on_a_force_along_the_pipe():
     pipe = pp.Pipe(0.2, 5.0, damping=0.02)
     exact, *others = (
@@ -382,6 +408,11 @@ CHAIN = pp.Chain(pp.Pipe(0.2, damping=0.01), 3)
             ValueError,
             r"^force must be smooth along the pipe, so that a polynomial of degree 48 represents",
         ),
+        (
+            pp.Force(lambda s, t: np.exp(-(((s - 0.3137) / 0.003) ** 2))),
+            ValueError,
+            r"^force must be smooth along the pipe, .* misses by 8\.5e-01 of its size",
+        ),
         (pp.Force(lambda t: math.nan, at=1.0), ValueError, r"^force\(0\) must give finite numbers"),
         (pp.Force(lambda t: "x", at=1.0), ValueError, r"^force\(0\) must give finite numbers, one"),
         (pp.Force(lambda t: (1.0, 2.0, 3.0), at=1.0), ValueError, r"^force\(0\) must give finite"),
@@ -393,7 +424,6 @@ CHAIN = pp.Chain(pp.Pipe(0.2, damping=0.01), 3)
         ),
         (pp.Force(lambda t: 1.0), ValueError, r"^force\(0\) must be numbers, it raised TypeError"),
     ],
-    ids=str,
 )
 def test_simulate_refuses_what_is_no_force(force, kind, message):
     with pytest.raises(kind, match=message):

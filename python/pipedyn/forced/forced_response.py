@@ -434,8 +434,8 @@ def _from_base(
     if len(failed) == 2:
         raise NotConverged(
             f"no periodic motion was found to begin with: {'; '.join(failed)}. Give other "
-            f"frequencies, that begin or end far from resonances, or a smaller amplitude of {kind}; "
-            "simulate shows whether motions repeat at all"
+            "frequencies, that begin or end far from resonances, or a smaller amplitude of "
+            f"{kind}; simulate shows whether motions repeat at all"
         )
 
 

@@ -46,13 +46,13 @@ derivative of cos(100 t) are then exact to 4e-9, and rounding adds 1e-9 of the v
 TRIED = 101
 """Number of times at which functions are checked beforehand."""
 
-TRIED_PLACES = 65
-"""Number of places at which a force along the pipe is checked beforehand."""
+TRIED_PLACES = 500
+"""Number of places at which a force along the pipe is compared with its polynomial beforehand."""
 
 HIGHEST_DEGREE = 48
-"""Largest degree of the polynomial for a force along the pipe: 25 waves of a sine have it."""
+"""Largest degree of the polynomial for a force along the pipe: nine waves of a sine have it."""
 
-MISSED = 1e-9
+MISSED = 1e-6
 """Largest share of a force along the pipe that its polynomial may miss, at the times checked."""
 
 Place: TypeAlias = tuple[float, float]
@@ -219,10 +219,12 @@ class Force:
     Attributes:
         function: for a force at one place, a function of the time t to the component x or to a
             pair (x, y); for a force along the pipe, a function of arc lengths s, shape (p,), and of
-            t to components x, shape (p,) or one number, or to pairs (p, 2). It must be smooth in t,
-            and also in s: a polynomial of degree 48 must represent it. If a frequency is given, the
-            function's argument is the phase frequency * t in place of t. If no function is given,
-            the force is amplitude * cos(frequency * t) along x.
+            t to components x, shape (p,) or one number, or to pairs (p, 2). It must be smooth in s:
+            a polynomial of degree 48 must represent it to 1e-6. It may jump in time, but `simulate`
+            may pass over what lasts less than a hundredth of a motion, unless `max_step` is
+            shorter. If a frequency is given, the function's argument is the phase frequency * t in
+            place of t. If no function is given, the force is amplitude * cos(frequency * t) along
+            x.
         at: arc length of the place in L, 0 < at <= 1; None for a force along the pipe. In a chain
             with a fixed part at its clamp, a force on that part moves nothing.
         frequency: angular, in 1 / T, > 0, of a function that repeats as its phase grows by 2 pi.
@@ -413,22 +415,24 @@ def _to_chebyshev(count: int) -> tuple[Array, Array]:
 
 def _degree_along(force: Force, times: Array) -> int:
     """Degree of the polynomial of the arc length that represents a force at some times."""
-    places, to = _to_chebyshev(TRIED_PLACES)
+    places, to = _to_chebyshev(HIGHEST_DEGREE + 1)
     series = np.array([to @ force.components(places, t) for t in times.tolist()])
-    sizes = np.abs(series).max(axis=(0, 2), initial=0.0)
-    present = np.flatnonzero(sizes > 0.01 * MISSED * sizes.max())
-    degree = int(present[-1]) if present.size else 0
-    if degree > HIGHEST_DEGREE:
-        missed = float(sizes[HIGHEST_DEGREE + 1 :].sum() / sizes.max())
-        if missed > MISSED:
-            raise ValueError(
-                "force must be smooth along the pipe, so that a polynomial of degree "
-                f"{HIGHEST_DEGREE} represents it, got one that such a polynomial misses by "
-                f"{missed:.1e} of its size; where it has jumps or corners, round them off, or put "
-                "forces at several places in a list"
-            )
-        degree = HIGHEST_DEGREE
-    return degree
+    sizes = np.abs(series).max(axis=(0, 2))
+    seen = np.linspace(0.0, 1.0, TRIED_PLACES)
+    powers = np.polynomial.chebyshev.chebvander(2.0 * seen - 1.0, HIGHEST_DEGREE)
+    missed, size = 0.0, float(sizes.max())
+    for k in range(0, len(times), 10):
+        values = force.components(seen, float(times[k]))
+        size = max(size, float(np.abs(values).max()))
+        missed = max(missed, float(np.abs(values - powers @ series[k]).max()))
+    if missed > MISSED * size:
+        raise ValueError(
+            f"force must be smooth along the pipe, so that a polynomial of degree {HIGHEST_DEGREE} "
+            f"represents it, got one that such a polynomial misses by {missed / size:.1e} of its "
+            "size; where it has jumps or corners, round them off, or put forces at several places "
+            "in a list"
+        )
+    return int(np.flatnonzero(sizes > 1e-11 * sizes.max()).max(initial=0))
 
 
 @saved_as("Supply")

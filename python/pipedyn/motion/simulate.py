@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike
 from pipedyn.models.base import Configurations, Model
 from pipedyn.models.drive import (
     LARGEST_SPEED,
+    TRIED,
     Base,
     Drive,
     DriveFailed,
@@ -904,6 +905,8 @@ def checked_task(
             raise ValueError(
                 f"max_step must be at least {least:g}, 1e-9 of the duration, got {max_step:g}"
             )
+    if forces:  # so that no step passes over a hundredth of the motion, as checks do not
+        max_step = min(max_step, duration / TRIED)
     longest = LARGEST_SAMPLES // model.coordinates
     if samples is not None and times is not None:
         raise ValueError(
