@@ -182,7 +182,7 @@ class Galerkin(Model):
     def core(self) -> _core.Galerkin:
         """The compiled model."""
         return _core.Galerkin(
-            pipe=core_pipe(self._pipe),
+            pipe=core_pipe(self._pipe, self._applied),
             legendre=self._basis == "legendre",
             size=self.coordinates,
             joints=self._joints,
