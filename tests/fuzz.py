@@ -343,6 +343,8 @@ MODELS |= {
     "jet": pp.Chain(JET, 3),
     "drawn": pp.Galerkin(DRAWN, 3),
     "tapered": pp.Chain(TAPERED, 3),
+    "space": pp.Chain(DRAGGED, 3, dimensions=3),
+    "reduced space": pp.Galerkin(PIPE, 2, "legendre", dimensions=3),
 }
 EVERY = {**MODELS, "held": HELD}
 
@@ -378,6 +380,7 @@ PLANE = pp.StartPlane(np.array([-0.1, 0.2]), np.array([-0.2, 0.1]))
 ENDS = pp.attractors(FLUTTER, SPEED, PLANE)
 PUMP, SHAKER = pp.Pulsation(2.0, 0.3, 25.0), pp.Harmonic(0.01, 25.0)
 SHAKES = pp.forced_response(SHAKEN, 1.0, base=SHAKER, frequencies=(20.0, 30.0))
+PUSH = pp.Force(at=0.7, frequency=25.0, amplitude=0.1)
 RESPONSE = pp.frequency_response(SHAKEN, 1.0, (1.0, 30.0))
 KEPT = Path(tempfile.mkdtemp()) / "kept.npz"
 CRITICAL.save(KEPT)
@@ -407,6 +410,10 @@ TERMS = Kind(
         listed(3, NAN, MASS, [None], ["mass"], [PIPE], [MASS] * 401, [Mine()]),
         *map(listed, ([pp.Spring(1.5, 1.0)], [pp.Tension(-1e7)], [pp.PointMass(0.5, 1e12)])),
     ),
+)
+PHASES = Kind(
+    one_of([pp.Phase(998.0, 1e-4)], (pp.Phase(998.0, 1e-4), pp.Phase(1.2, 3e-4, slip=1.5))),
+    any_of(*NOTHINGS, *WORDS, listed(3, NAN, pp.Phase(1.0, 1.0), [None], [998.0], [PIPE])),
 )
 ROOT = either(
     ["clamped", "pinned", pp.RootSpring(3.0), pp.RootSpring(0.0)],
@@ -481,6 +488,29 @@ SHAKERS = Kind(
         *map(listed, (lambda t: "ab", lambda t: None, lambda t: (1j, 0), lambda t: "12")),
         *map(listed, (lambda t: (0, INF if t > 0.09 else 0), lambda t: ((0, 0), (0, 0)))),
     ),
+)
+WAVES = one_of(
+    None, lambda s, t: np.sin(s - t), lambda s, t: 0.1, lambda s, t: np.ones((len(s), 2))
+)
+NO_FORCE = any_of(
+    *(*NOTHINGS, *WORDS, *LOGICAL, *NOT_FINITE),
+    listed(1.0, [1.0], [None], [PUSH] * 21, SHAKER, PUMP, lambda t: 1.0, pp.Force),
+    *map(listed, (pp.Force(lambda t: NAN, 1.0), pp.Force(lambda t: "a", 1.0), [PUSH, "a"])),
+    *map(listed, (pp.Force(lambda t: (1.0, 2.0, 3.0), 1.0), pp.Force(lambda s, t: [s]))),
+    *map(listed, (pp.Force(lambda s, t: np.sign(s - 0.4)), pp.Force(lambda t: None, 1.0))),
+)
+FORCES = Kind(
+    one_of(None, PUSH, [PUSH, pp.Force(lambda s, t: s * t)], (pp.Force(lambda t: (t, 1), 0.5),)),
+    NO_FORCE,
+)
+IN_SI = pp.Force.from_si(HOSE, lambda x, t: 0.01 * x * t)
+FORCES_IN_SI = Kind(
+    one_of(
+        None,
+        pp.Force.from_si(HOSE, lambda x, t: 0.01 * x * t),
+        [pp.Force.from_si(HOSE, at=0.2, frequency=3.0)],
+    ),
+    any_of(NO_FORCE, one_of(PUSH, [PUSH])),
 )
 
 
@@ -584,6 +614,8 @@ def _pipes() -> Iterator[Target]:
             **own,
         )
     places, values = array(1, (0.2, 0.8), (-0.1, 1.0)), array(2, (0.5, 2.0), (-1.0, 0.0, 1e7))
+    size = real((0.1, 2.0), 0.0)
+    yield target(pp.Phase, density=real((1.0, 1e3), 0.0), flow_rate=size, slip=size)
     yield target(pp.Profile, at=places, values=values)
     yield target(pp.Profile, values=UPWARD)
     yield target(pp.Profile([0.5], [1.0, 0.5]))
@@ -608,6 +640,16 @@ def _pipes() -> Iterator[Target]:
                 stiffness_profile=ALONG,
                 **own,
             )
+    dry = {k: v for k, v in beam.items() if k != "fluid_mass"}
+    yield target(
+        pp.Pipe.from_si,
+        "Pipe.from_si[phases]",
+        **dry,
+        phases=PHASES,
+        inner_diameter=real((0.01, 0.2), 0.0),
+    )
+    dry = {k: v for k, v in tube.items() if k != "fluid_density"}
+    yield target(pp.Pipe.from_tube, "Pipe.from_tube[phases]", **dry, phases=PHASES)
     from_si = partial(pp.Pipe.from_si, **SI)
     yield target(from_si, "Pipe.from_si[mass_profile]", mass_profile=ALONG)
     ratio = Kind(positive.good, _not(None, positive.bad))
@@ -619,9 +661,9 @@ def _pipes() -> Iterator[Target]:
     for quantity in ("speed", "flow_rate", "time", "frequency", "length"):
         for way in ("si", "from_si"):
             converted = getattr(HOSE, f"{quantity}_{way}")
-            (name,) = inspect.signature(converted).parameters
-            yield target(converted, **{name: Kind(any_of(rows.good, NUMBER.good), odd)})
-    size = real((0.1, 2.0), 0.0)
+            name, *index = inspect.signature(converted).parameters
+            of_phase = dict.fromkeys(index, optional(count(0, 0, 1)))
+            yield target(converted, **{name: Kind(any_of(rows.good, NUMBER.good), odd)}, **of_phase)
     yield target(MEASURED.equivalent_damping, frequency=size)
     yield target(
         pp.end_coefficient,
@@ -727,7 +769,7 @@ def _models() -> Iterator[Target]:
         complexes = Kind(small.good, _no_complex(small.bad))
         driven = {
             **{"y": rates, "u": U, "u_dot": optional(real((-9.0, 9.0)))},
-            "base": optional(array((3, 2))),
+            "base": optional(array((3, model.dimensions))),
         }
         for ask, states_of in ((model.rhs, y), (model.jacobian, rates)):
             asked, title = partial(ask, 0.0), f"{cls}.{ask.__name__}{tag}"
@@ -748,8 +790,10 @@ def _models() -> Iterator[Target]:
         yield target(model.with_pipe, tag, pipe=others)
         yield target(model.deflection, tag, q=complexes)
         yield target(model.from_elastic, tag, z=complexes)
-        yield target(model.operators, tag, q=optional(q))
-        yield target(model.about, tag, q=q)
+        straight = model.dimensions == 3  # linearised there alone
+        at = Kind(one_of(np.zeros(n), [0.0] * n), q.bad) if straight else q
+        yield target(model.operators, tag, q=optional(at))
+        yield target(model.about, tag, q=at)
         shape = pp.modes(model, 0.0).shapes[0]
         yield target(shape, tag)
     yield target(LEGENDRE.functions, derivative=count(0, 2, 3))
@@ -1149,10 +1193,10 @@ def _motions() -> Iterator[Target]:
         **in_si,
     )
     still = partial(pp.simulate, pp.Chain(HOSE, 3), duration=0.1, q0=bend, samples=3, units="si")
-    yield target(still, "simulate[si, driven]", u=FLOWS, base=SHAKERS)
+    yield target(still, "simulate[si, driven]", u=FLOWS, base=SHAKERS, force=FORCES_IN_SI)
     for tag, model in (("chain", CHAIN), ("supported", pp.Galerkin(HINGED, 3))):
         driven = partial(pp.simulate, model, duration=0.1, q0=bend, samples=3)
-        yield target(driven, f"simulate[{tag}, driven]", u=FLOWS, base=SHAKERS)
+        yield target(driven, f"simulate[{tag}, driven]", u=FLOWS, base=SHAKERS, force=FORCES)
     speeds = array(2, (0.0, 3.0), (-1.0, 1e9), any_size=True)
     yield target(
         lambda **given: pp.simulate_many(
@@ -1176,6 +1220,7 @@ def _motions() -> Iterator[Target]:
         called={"speeds": r"speeds|\bu\b"},
         speeds=Kind(many, few),
         base=SHAKERS,
+        force=FORCES,
     )
     state = Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of([0.1], [NAN] * 3, PIPE, EXACT)))
     flutter = Kind(one_of(FLUTTER), MOVING.bad)
@@ -1191,6 +1236,14 @@ def _motions() -> Iterator[Target]:
     )
     onset = {"crossing": optional(of(CROSSING)), "friction": optional(real((0.5, 9.0), 0.0))}
     yield target(pp.hopf, slow=True, model=flutter, **onset)
+    space = pp.Chain(pp.Pipe(0.2), 3, dimensions=3)
+    whirling = Kind(one_of(space), any_of(MOVING.bad, one_of(FLUTTER)))
+    yield target(pp.rotating_motion, slow=True, model=whirling, u=beyond)
+    yield target(space.bent, angle=FUNCTION, across=optional(FUNCTION))
+    yield target(space.turned, y=array(12, any_size=True), angle=NUMBER)
+    reduced = pp.Galerkin(PIPE, 2, dimensions=3)
+    yield target(reduced.bent, angle=FUNCTION, across=optional(FUNCTION))
+    yield target(reduced.turned, y=array(8, any_size=True), angle=NUMBER)
     lossy = {"model": Kind(one_of(OVERHANG), one_of(LOST, EXACT, 3, NAN, None))}
     refused = {"model": "model|hysteresis"}
     yield target(pp.hopf, "[supported]", slow=True, called=refused, **lossy)
@@ -1411,6 +1464,11 @@ def _driven() -> Iterator[Target]:
     si = {"pipe": of(MEASURED), "frequency": positive}
     yield target(pp.Pulsation.from_si, **si, mean=real((0.0, 3.0), -0.1, 1e300), amplitude=size)
     yield target(pp.Harmonic.from_si, **si, amplitude=size)
+    no_function = any_of(*WORDS, *LOGICAL, *NOT_FINITE, listed(1.0, [], PUSH))
+    own = {"function": Kind(WAVES, no_function), "amplitude": real((-1.0, 1.0), -1e10, 1e10)}
+    at = optional(real((0.1, 1.0), 0.0, 1.5))
+    yield target(pp.Force, **own, at=at, frequency=frequency)
+    yield target(pp.Force.from_si, **si, **own, at=at)
     supply = {"friction": real((0.5, 9.0), 0.0), "weight": optional(real((-1.0, 1.0)))}
     supply["start"] = optional(SLOW)
     yield target(pp.Supply, head=real((5.0, 50.0)), **supply)
@@ -1463,6 +1521,17 @@ def _driven() -> Iterator[Target]:
         model=Kind(one_of(SHAKEN, HINGES), lossless.bad),
         u=real((1.0, 2.0), -0.1, 1e300),
         base=of(SHAKER),
+        frequencies=frequencies,
+    )
+    never = listed(pp.Force(lambda t: 1.0, 1.0), pp.Force(None, 0.7, 25.0, 0.0), [PUSH])
+    yield target(
+        pp.forced_response,
+        "[force]",
+        slow=True,
+        called={"force": "force|base", **refused},
+        model=Kind(one_of(SHAKEN), lossless.bad),
+        u=real((1.0, 2.0), -0.1, 1e300),
+        force=Kind(one_of(PUSH), any_of(NO_FORCE, never)),
         frequencies=frequencies,
     )
     still = pp.Pulsation(2.0, 0.0, 25.0)

@@ -27,12 +27,25 @@ THINGS = sorted(json.loads(FACTS.read_text("utf-8")))
 """Names of the things that have a file, by which `path_of` finds it."""
 
 NEW: dict[str, Callable[[], Any]] = {
+    "RotatingMotion": lambda: pp.rotating_motion(pp.Chain(pp.Pipe(0.2), 3, dimensions=3), 6.0),
+    "SpatialGalerkin": lambda: pp.Galerkin(pp.Pipe(0.2, 3.0), 3, "legendre", dimensions=3),
+    "SpatialHopf": lambda: pp.hopf(pp.Chain(pp.Pipe(0.3), 3, dimensions=3)),
     "CriticalSpeeds": lambda: pp.critical_speeds(
         pp.Chain(pp.Pipe(0.2), 3), {"beta": [[0.1], [0.3]], "gamma": [0.0, 2.0]}
     ),
     "pipe of a tube": lambda: pp.Pipe.from_tube(
         **{"length": 0.5, "outer_diameter": 12e-3, "inner_diameter": 8e-3},
         **{"youngs_modulus": 3e6, "density": 1150.0, "fluid_density": 998.0},
+    ),
+    "ForcedResponse of a force": lambda: pp.forced_response(
+        pp.Chain(pp.Pipe(0.2, 3.0, damping=0.02), 2),
+        1.0,
+        force=pp.Force(at=0.7, frequency=5.0, amplitude=0.1),
+    ),
+    "pipe with phases": lambda: pp.Pipe.from_tube(
+        **{"length": 0.5, "outer_diameter": 12e-3, "inner_diameter": 8e-3},
+        **{"youngs_modulus": 3e6, "density": 1150.0},
+        phases=[pp.Phase(998.0, 2e-4), pp.Phase(1.2, 1e-4, slip=1.5)],
     ),
 }
 """How a thing without a file is made, by its name; an exception is put into a `Failure`."""

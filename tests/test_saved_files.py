@@ -17,6 +17,7 @@ from pipedyn.util.archive import FORMER_NAMES, Saved
 
 BASES = {
     *("Saved", "Result", "TableResult", "ResultSequence", "InPlane", "OfPipe", "Model"),
+    "SpatialModel",
     *("SegmentModel", "SweptResult", "PeriodicMotion", "Term", "Quantity", "Unit"),
 }
 """Classes from which saved ones inherit, but of which no object is in a file, and an SI unit."""

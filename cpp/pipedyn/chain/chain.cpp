@@ -7,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include "pipedyn/chain/spatial_chain.hpp"
 #include "pipedyn/chain/stations.hpp"
 #include "pipedyn/vector/levels.hpp"
 
@@ -29,7 +30,8 @@ void require_rows(Index rows, Index dof) {
 /// counted from 0. The weight is 1, or the length that a Gauss point represents: a law per length
 /// acts at two Gauss points of each segment, which is exact if it is linear in position and
 /// velocity. A term at a place of the fixed base moves nothing and is left out; a term where two
-/// segments meet acts on the segment that ends there. base: length of the fixed base.
+/// segments meet acts on the segment that ends there. base: length of the fixed base. The term has
+/// the arc length of its place, also if it acts all along.
 template <class Body>
 void for_each_place(const Terms& terms, const Vector& length, double base, const Body& body) {
   const Index n = length.size();
@@ -37,10 +39,14 @@ void for_each_place(const Terms& terms, const Vector& length, double base, const
     Laws::with(term, [&](const auto& law) {
       if (law.along) {
         const double gauss = 0.5 / std::sqrt(3.0);
+        Term placed = term;
+        double before = base;
         for (Index j = 0; j < n; ++j) {
           for (const double point : {0.5 - gauss, 0.5 + gauss}) {
-            body(law, term, j, point * length[j], 0.5 * length[j]);
+            placed.at = before + point * length[j];
+            body(law, placed, j, point * length[j], 0.5 * length[j]);
           }
+          before += length[j];
         }
         return;
       }
@@ -512,6 +518,13 @@ Matrix ends(const StateRows& angles, const StateRows& rates, const Vector& lengt
     for (Index i = 0; i < 4; ++i) found(i, k) = sums[i];
   }
   return found;
+}
+
+SpatialChain::SpatialChain(const Pipe& pipe, const Segments& segments) : chain_(pipe, segments) {
+  require_space(pipe);
+  if (chain_.model().bent) {
+    throw std::invalid_argument("joints that are bent at rest have no equations in space here");
+  }
 }
 
 }  // namespace pipedyn

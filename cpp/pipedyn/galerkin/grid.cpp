@@ -104,7 +104,7 @@ Matrix to_orthonormal(const Basis& basis) {
 }  // namespace
 
 Panels::Panels(const Basis& basis, const Pipe& pipe)
-    : pipe_mass(pipe.mass), rotary_inertia(pipe.rotary_inertia) {
+    : pipe_mass(pipe.mass), pipe_stiffness(pipe.stiffness), rotary_inertia(pipe.rotary_inertia) {
   std::vector<double> places(basis.ends().begin(), basis.ends().end());
   places.insert(places.end(), pipe.supports.begin(), pipe.supports.end());
   std::sort(places.begin(), places.end());
@@ -135,6 +135,7 @@ Panels::Panels(const Basis& basis, const Pipe& pipe)
       normal_mass += law.normal_mass();
       if (!Law::along) inertia[panel] += law.inertia();
       if (has_load<Law>) loads.push_back({term, Law::along ? -1 : panel});
+      if constexpr (Law::applied) applied_degree = std::max(applied_degree, law.count - 1);
     });
   }
   for (const double support : pipe.supports) {
@@ -197,6 +198,12 @@ Grid::Grid(const Basis& basis, const Matrix& from_basis, const Panels& panels, I
     const Vector up_to = before * (rule.expansion * density);
     beyond.segment(first, nodes) = carried - length[panel] * up_to.array();
   }
+  Vector bending = Vector::Zero(points);
+  Matrix curvature = Matrix::Zero(points + 1, padded), turned_curvature = curvature;
+  curvature.topLeftCorner(points, m) = basis.evaluate(places, 2);
+  for (Index p = 0; p < points; ++p) {
+    if (weight[p] != 0.0) bending[p] = weight[p] * panels.pipe_stiffness(places[p]);
+  }
   slope = Matrix::Zero(points + 1, padded);
   slope.topLeftCorner(points, m) = basis.evaluate(places, 1);
   Matrix slope_by_function = Matrix::Zero(m, stride), to_basis = Matrix::Identity(m, m);
@@ -206,6 +213,7 @@ Grid::Grid(const Basis& basis, const Matrix& from_basis, const Panels& panels, I
   add_inner(orthonormal.topLeftCorner(points, m), 1.0, slope_by_function.leftCols(points),
             to_basis);
   from.topLeftCorner(m, m) = from_basis;
+  turned_curvature.topLeftCorner(points, m) = curvature.topLeftCorner(points, m) * to_basis;
   // The integral up to the mirror image of a node is the whole integral minus the part beyond it.
   const Matrix integral = rule.integral_to(rule.node.head(half));
   Matrix from_sums(half, half), from_differences(half, half);
@@ -231,12 +239,16 @@ Grid::Grid(const Basis& basis, const Matrix& from_basis, const Panels& panels, I
             .from_sums = keep(std::move(from_sums)),
             .from_differences = keep(std::move(from_differences)),
             .length = keep(length),
+            .curvature = keep(std::move(curvature)),
+            .orthonormal_curvature = keep(std::move(turned_curvature)),
             .weight = keep(weight),
+            .bending = keep(bending),
             .mass = keep(mass),
             .turning = static_cast<Index>(inertia_.size()),
             .turning_at = turning_at_.data(),
             .inertia = inertia_.data(),
             .beyond = keep(beyond),
+            .place = places.data(),
             .arc = keep(arc),
             .expansion = keep(rule.expansion),
             .elastic = panels.elastic.data(),
@@ -251,7 +263,7 @@ Grids::Grids(Basis basis, const Pipe& pipe, Index least_nodes)
       from_basis_(to_orthonormal(basis_)),
       drag_(pipe.drag != 0.0) {
   const Index m = basis_.size(), count = panels_.count();
-  const Index more = (pipe.mass.degree(1e-12) + 1) / 2;
+  const Index more = (std::max(pipe.mass.degree(1e-12), panels_.applied_degree) + 1) / 2;
   more_nodes_ = static_cast<double>(more);
   for (Index panel = 0; panel < count; ++panel) {
     ellipses_.push_back(

@@ -5,6 +5,7 @@
 #pragma once
 
 #include "pipedyn/terms/added_mass.hpp"
+#include "pipedyn/terms/applied_force.hpp"
 #include "pipedyn/terms/cubic_spring.hpp"
 #include "pipedyn/terms/damper.hpp"
 #include "pipedyn/terms/foundation.hpp"
@@ -42,6 +43,8 @@ using Laws = LawTable<PointMass,         //
                       Tension,           //
                       Stretching,        //
                       RotationalSpring,  //
-                      RotationalDamper>;
+                      RotationalDamper,  //
+                      AppliedForce,      //
+                      AppliedLoad>;
 
 }  // namespace

@@ -21,6 +21,7 @@
 #include <utility>
 
 #include "pipedyn/terms/dual.hpp"
+#include "pipedyn/terms/space.hpp"
 #include "pipedyn/vector/pack.hpp"
 
 namespace {
@@ -65,6 +66,8 @@ struct NoLaw {
   // The law acts between the pipe and its base, not the ground: where the base moves, the station
   // is relative to the base.
   static constexpr bool on_base = false;
+  // The load is that of an AppliedNow, which models make from the law and the drive of a batch.
+  static constexpr bool applied = false;
 
   double mass() const { return 0.0; }     // mass, or mass per length
   double inertia() const { return 0.0; }  // rotary inertia, at one place
@@ -84,6 +87,21 @@ struct NoLaw {
   template <class Real>
   Real power(const Station<Real>&) const {
     return Real{};
+  }
+
+  // Load, energy and power of a pipe that moves in three dimensions.
+  static constexpr bool exists_in_space = true;
+  template <class Number>
+  SpatialLoad<Number> load_in_space(const SpatialStation<Number>&) const {
+    return {};
+  }
+  template <class Number>
+  Number energy_in_space(const SpatialStation<Number>&) const {
+    return Number{};
+  }
+  template <class Number>
+  Number power_in_space(const SpatialStation<Number>&) const {
+    return Number{};
   }
 };
 

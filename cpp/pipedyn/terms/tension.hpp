@@ -19,6 +19,14 @@ struct Tension : NoLaw {
   Real energy(const Station<Real>& at) const {
     return force * (1.0 - at.y);
   }
+  template <class Number>
+  SpatialLoad<Number> load_in_space(const SpatialStation<Number>&) const {
+    return {{Number{}, constant<Number>(force), Number{}}};
+  }
+  template <class Number>
+  Number energy_in_space(const SpatialStation<Number>& at) const {
+    return force * (1.0 - at.r.y);
+  }
 };
 
 }  // namespace

@@ -240,7 +240,7 @@ def boundary(
     organising points Kuznetsov, Elements of Applied Bifurcation Theory, ch. 8. The criticality of
     flutter is computed as in `hopf`.
     """
-    checked_model(model)
+    model = checked_model(model)
     if not isinstance(model, Continuum):
         if model.dof > LARGEST_MODEL:
             raise ValueError(

@@ -24,12 +24,14 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.models.base import Configurations, Model
+from pipedyn.models.base import ROWS, Configurations, Model
 from pipedyn.models.drive import (
     LARGEST_SPEED,
+    TRIED,
     Base,
     Drive,
     DriveFailed,
+    Force,
     InputUnits,
     Speed,
     Supply,
@@ -114,9 +116,9 @@ class Trajectory(Configurations):
 
     @property
     def tip_velocity(self) -> Array:
-        """Velocity (x', y') of the free end at the times, in L / T, shape (S, 2)."""
+        """Velocity (x', y') of the free end in L / T, shape (S, 2); or (x', y', z'), (S, 3)."""
         if not self.t.size:
-            return np.empty((0, 2))
+            return np.empty((0, self.model.dimensions))
         return self.model.tip_velocities(self.q.T, self.qdot.T)
 
     def _unit(self, name: str) -> Unit | None:
@@ -126,7 +128,7 @@ class Trajectory(Configurations):
         return of_results._unit(name)
 
     def _columns(self) -> dict[str, Any]:
-        tips = self.model.tips(self.q.T) if self.t.size else np.empty((0, 2))
+        tips = self.model.tips(self.q.T) if self.t.size else np.empty((0, self.model.dimensions))
         return states_over_time(self.t, self.q, self.qdot, tips, self.curvature)
 
 
@@ -137,7 +139,8 @@ class Motion(Trajectory, TableResult):
     Attributes:
         t: times in T, shape (S,).
         q, qdot: coordinates and their rates, shape (S, coordinates).
-        tip: position (x, y) of the free end from the base in L, shape (S, 2).
+        tip: position (x, y) of the free end from the base in L, shape (S, 2); in three dimensions
+            (x, y, z), shape (S, 3).
         energy: energy in the frame of the base, in EI / L, shape (S,).
         audit: largest |E(t) - E(0) - work of flow, joints, drag and base|, relative to the largest
             of |E| and the kinetic energy: 0 up to errors of the integrator. It is NaN for motions
@@ -265,6 +268,7 @@ def simulate(
     times: ArrayLike | None = None,
     t0: float = 0.0,
     base: Base | None = None,
+    force: Force | Sequence[Force] | None = None,
     rtol: float = 1e-6,
     atol: float | None = None,
     method: Method = "auto",
@@ -290,8 +294,9 @@ def simulate(
         q0: initial coordinates, shape (dof,), or for an assembly angles (n,) or redundant
             coordinates (3 n,); or the angle theta(s) of the bent pipe, a function of arc lengths
             (p,) to (p,), so that different models start alike. If not given, the pipe is slightly
-            bent, theta(s) = 0.05 s^2. To continue a motion, give `motion.q[-1]` and
-            `motion.qdot[-1]`; to start on a cycle, give `cycle.q[0]` and `cycle.qdot[0]`.
+            bent, theta(s) = 0.05 s^2, and in three dimensions also across that plane. To continue a
+            motion, give `motion.q[-1]` and `motion.qdot[-1]`; to start on a cycle, give
+            `cycle.q[0]` and `cycle.qdot[0]`.
         qdot0: initial rates, of the shape of q0; 0 if not given.
         samples: number of evenly spaced samples, both ends included, at least 2. If not given, 40
             in a unit of time, which is about two cycles of flutter, but at least 501. Methods of
@@ -301,10 +306,12 @@ def simulate(
         t0: time at the start, in [-1e9, 1e9].
         base: the motion of the base: a `Harmonic`; a smooth function of the time to its place (X,
             Y) in L, whose two derivatives are computed as the derivative of u is; or a triple of
-            functions to place, velocity and acceleration. The base carries the clamp and all rigid
+            functions to place, velocity and acceleration. In three dimensions places are (X, Y, Z).
+            The base carries the clamp and all rigid
             supports: guides, pins and an end fixed axially (`Stretching`). The base does not turn,
             and coordinates are relative to it. Springs, dampers and the fluid around the pipe
             belong to the ground. If not given, the base is at rest.
+        force: a `Force` of your own, at one place or all along the pipe, or a list of them.
         rtol: relative tolerance of the error of each step, in [1e-13, 0.1].
         atol: absolute tolerance, > 0; rtol / 100 if not given.
         method: "auto" chooses by measured cost, see `choose_method`; "radau" (implicit, eight
@@ -374,6 +381,7 @@ def simulate(
             t0=t0,
             max_step=max_step,
             base=given.base(base),
+            forces=given.force(force),
         )
     looked_for, kept = checked_events(events), check.flag("dense", dense)
     recorder = None
@@ -411,6 +419,7 @@ def simulate_many(
     samples: int | None = None,
     times: ArrayLike | None = None,
     base: Base | None = None,
+    force: Force | Sequence[Force] | None = None,
     rtol: float = 1e-6,
     atol: float | None = None,
     method: Method = "auto",
@@ -437,14 +446,16 @@ def simulate_many(
         samples: number of evenly spaced samples, as for `simulate`.
         times: times of the samples, if `samples` is not given.
         base: the motion of the base, common to all members, as for `simulate`.
+        force: a `Force` or a list of them, common to all members, as for `simulate`.
         rtol: relative tolerance of the error of each member's steps.
         atol: absolute tolerance; rtol / 100 if not given.
         method: as for `simulate`.
         most: largest number of right-hand sides of each member, as for `simulate`.
         executor: a `concurrent.futures.Executor` that takes the batches, instead of the threads of
             this process. Members for which the executor returns nothing fail, because a worker died
-            or the executor is broken or shut down. With a pool of processes, `speeds` and `base`
-            must not be lambdas, as the workers call them; `q0` is called in this process.
+            or the executor is broken or shut down. With a pool of processes, `speeds`, `base` and
+            functions of `force` must not be lambdas, as the workers call them; `q0` is called in
+            this process.
         units: as for `simulate`: with "si" speeds, duration and times are in SI for the pipe of
             each member.
         progress: whether to show progress on stderr.
@@ -500,6 +511,7 @@ def simulate_many(
                     task = checked_task(
                         *(model, u, lasting, q, qdot, *options),
                         base=own.base(base),
+                        forces=own.force(force),
                         members=len(same),
                     )
         except (ValueError, TypeError) as error:
@@ -628,7 +640,8 @@ class _UntilCoarse(Observer):
 
     def __init__(self, task: Task) -> None:
         super().__init__()
-        self.task, self.coarse, self.ends = task, False, np.empty((4, 0))
+        self.task, self.coarse = task, False
+        self.ends = np.empty((2 * task.model.dimensions, 0))
         self.next_look = task.times.size // LOOKS
 
     def look(self, rows: Array) -> bool:
@@ -670,21 +683,26 @@ def integrated_as_shown(task: Task, shown: bool, observer: Observer) -> tuple[Ta
 
 
 def _ends_of(model: Model, rows: Array) -> Array:
-    """Positions and velocities of the free end, (4, S), in states of rows (S, size of a state)."""
+    """Positions and velocities of the free end, (2 dimensions, S), in states of rows (S, ...)."""
     size = model.integrated
     q, qdot = model.to_user(rows[:, :size], rows[:, size : 2 * size])
     return model._free_ends(q.T, qdot.T)
 
 
 def _too_coarse(t: Array, ends: Array) -> bool:
-    """Whether samples at times (S,) of positions and velocities (4, S) of the free end miss it."""
+    """Whether samples at times (S,) of positions and velocities of the free end miss it.
+
+    Positions and velocities have the shape (2 dimensions, S).
+    """
     if len(t) < 3:
         return True
     late = len(t) - len(t) // 4
-    at, velocity = ends[:2].T, ends[2:].T
+    at, velocity = (half.T for half in np.split(ends, 2))
     return (
         coarse(t, at, velocity, rates_shown=True)
-        or coarse(t, at[:, 0], velocity[:, 0], rates_shown=True)
+        or any(
+            coarse(t, at[:, i], velocity[:, i], rates_shown=True) for i in (0, 2)[: at.shape[1] - 1]
+        )
         or coarse(t[late:], at[late:], velocity[late:], INVISIBLE)
     )
 
@@ -712,12 +730,12 @@ def finely_sampled(task: Task) -> Task:
 def _with_drive(task: Task, outcome: Outcome) -> tuple[Array, int, str | None, Array]:
     """The outcome, cut before the first sample at which a function of time fails, and its drive.
 
-    The drive has a row of u, u' and the base's place, velocity and acceleration for the start and
-    each sample, shape (1 + S, 8).
+    The drive has a row of u and of the drive's rows (`ROWS`) for the start and each sample, shape
+    (1 + S, 1 + ROWS); numbers of forces may follow in each row.
     """
     rows, calls, why = outcome
     if task.drive is None:
-        return rows, calls, why, np.tile([task.flow(0.0)[0], *(0.0,) * 7], (len(rows), 1))
+        return rows, calls, why, np.tile([task.flow(0.0)[0], *(0.0,) * ROWS], (len(rows), 1))
     values = [task.drive(task.t0)]
     for t in task.times[: len(rows) - 1].tolist():
         try:
@@ -741,7 +759,9 @@ def assembled(
     q, qdot = model.to_user(rows[:, :size], rows[:, size : 2 * size])
     moves = None
     if tasks[0].base is not None:
-        moves = np.concatenate([values[:, 2:].T.reshape(3, 2, -1) for *_, values in driven], axis=2)
+        every = np.concatenate([values[:, 2 : 1 + ROWS].T for *_, values in driven], axis=1)
+        moves = np.concatenate([every[:6].reshape(3, 2, -1), every[6:, None]], axis=1)
+        moves = moves[:, : model.dimensions]
     energy, kinetic = _energies(model, q, qdot, moves)
     supplied = rows[:, 2 * size] if rows.shape[1] > 2 * size else np.full(len(rows), math.nan)
     motions, start = [], 0
@@ -754,14 +774,16 @@ def assembled(
             q=q[of],
             qdot=qdot[of],
             # Positions exclude the start, which may be too bent for the model to compute.
-            tip=resolved("tips", partial(model._free_ends, q[of].T, qdot[of].T), True)[:2].T,
+            tip=resolved("tips", partial(model._free_ends, q[of].T, qdot[of].T), True)[
+                : model.dimensions
+            ].T,
             energy=energy[of],
             audit=float(np.abs(missed).max(initial=0.0)) / scale if scale else 0.0,
             u=task.u,
             flow_speed=own[1:, -1] if task.constant_head else values[1:, 0],
             method=task.method,
             evaluations=evaluations,
-            model=model,
+            model=model.with_applied(()),
             base=task.base,
         )
         motions.append((motion, why))
@@ -773,7 +795,7 @@ def _energies(model: Model, q: Array, qdot: Array, moves: Array | None) -> Array
     """Energies of states, and their kinetic energies, shape (2, S).
 
     q and qdot have the shape (S, coordinates). moves: place, velocity and acceleration of the base,
-    (3, 2, S), if it moves.
+    (3, dimensions, S), if it moves.
     """
     found, few = [np.empty((2, 0))], math.ceil(COORDINATES_AT_ONCE / model.coordinates)
     for first in range(0, len(q), few):
@@ -791,7 +813,8 @@ def _energies(model: Model, q: Array, qdot: Array, moves: Array | None) -> Array
 def _without_samples(task: Task) -> Motion:
     """A motion without samples, for a task that was not computed; it calls no law of the model."""
     none = np.zeros(0)
-    coordinates, ends = np.zeros((0, task.model.coordinates)), np.zeros((0, 2))
+    coordinates = np.zeros((0, task.model.coordinates))
+    ends = np.zeros((0, task.model.dimensions))
     return Motion(
         *(none, coordinates, coordinates, ends, none, math.nan, task.u, none, task.method, 0),
         model=task.model,
@@ -805,6 +828,14 @@ def _without_samples(task: Task) -> Motion:
 def slight_bend(s: Array) -> Array:
     """The angle theta(s) from which motions start if no start is given."""
     return 0.05 * s**2
+
+
+def slight_bend_across(s: Array) -> Array:
+    """The angle a_z(s) that motions in three dimensions have besides `slight_bend` at the start.
+
+    The pipe then does not lie in a plane, so that no motion is missed that leaves it.
+    """
+    return 0.02 * s * (1.0 - s)
 
 
 def modal_bend(parts: ArrayLike) -> Callable[[Array], Array]:
@@ -835,13 +866,27 @@ def initial_bends(model: Model, count: int, seed: int) -> list[Array]:
 
 
 def checked_model_in_motion(
-    model: Any, name: str = "model", largest: float = math.inf, purpose: str = ""
+    model: Any,
+    name: str = "model",
+    largest: float = math.inf,
+    purpose: str = "",
+    *,
+    planar: bool = False,
 ) -> Model:
-    """The argument, refused unless it has equations of motion and at most `largest` dof."""
+    """The argument, refused unless it has equations of motion and at most `largest` dof.
+
+    `planar`: whether models in three dimensions are refused, where their symmetry about the axis
+    makes each answer one of a circle of answers.
+    """
     if not isinstance(model, Model):
         raise TypeError(
             f"{name} must be a Chain, a Galerkin model or an Assembly (of a Continuum, take "
             f"Continuum.frozen(m)), got {check.shown(model)}"
+        )
+    if planar and model.dimensions == 3:
+        raise ValueError(
+            f"{name} must move in a plane for {purpose}, got {check.shown(model)}: take "
+            "its .planar; in three dimensions ask simulate, hopf, limit_cycle and rotating_motion"
         )
     if model.dof > largest:
         many = f"{largest} degrees of freedom for {purpose}"
@@ -876,6 +921,7 @@ def checked_task(
     t0: Any = 0.0,
     max_step: Any = math.inf,
     base: Any = None,
+    forces: tuple[Force, ...] = (),
     members: int = 1,
 ) -> Task:
     """The task for arguments of `simulate`; "auto" is replaced by a method for all members."""
@@ -893,6 +939,8 @@ def checked_task(
             raise ValueError(
                 f"max_step must be at least {least:g}, 1e-9 of the duration, got {max_step:g}"
             )
+    if forces:  # so that no step passes over a hundredth of the motion, as checks do not
+        max_step = min(max_step, duration / TRIED)
     longest = LARGEST_SAMPLES // model.coordinates
     if samples is not None and times is not None:
         raise ValueError(
@@ -916,27 +964,38 @@ def checked_task(
     if method == "auto":
         method = choose_method(model, members, dense=isinstance(u, Supply))
     steady = Task(*(model, 0.0, at, start, rtol, atol, method, t0, end, most, max_step), base=base)
-    return with_speed(steady, u)
+    return with_speed(replace(steady, forces=forces) if forces else steady, u)
 
 
 def with_speed(task: Task, u: Any) -> Task:
     """The task at another flow speed, which may vary and is checked."""
-    if task.base is None and not _varies(u):
+    rest = task.base is None and not task.forces
+    if rest and not _varies(u):
         u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
         return replace(task, u=u, drive=None, constant_head=None)
     if not isinstance(u, Supply):
         if task.drive is not None and task.u is u:
             return task
-        return replace(task, u=u, drive=Drive(u, task.base, task.t0, task.end), constant_head=None)
-    head, rest = ConstantHead(task.model, u), task.base is None
-    start = np.append(task.start[: 2 * task.model.integrated + 1], head.start)
-    drive = None if rest else Drive(0.0, task.base, task.t0, task.end)
-    return replace(task, u=u, start=start, drive=drive, constant_head=head)
+        drive = _drive_of(task, u)
+        model = task.model.with_applied(drive.forces.laws)
+        return replace(task, u=u, model=model, drive=drive, constant_head=None)
+    driven = None if rest else _drive_of(task, 0.0)
+    model = task.model if driven is None else task.model.with_applied(driven.forces.laws)
+    head = ConstantHead(model, u)
+    start = np.append(task.start[: 2 * model.integrated + 1], head.start)
+    return replace(task, u=u, model=model, start=start, drive=driven, constant_head=head)
+
+
+def _drive_of(task: Task, u: Any) -> Drive:
+    return Drive(u, task.base, task.t0, task.end, task.forces, task.model.dimensions)
 
 
 def checked_start(model: Model, q0: Any, qdot0: Any) -> Array:
     """The state [p, p', 0], shape (2 integrated + 1,), from the arguments `q0` and `qdot0`."""
-    q0 = slight_bend if q0 is None else q0
+    if q0 is None:
+        q0 = slight_bend
+        if model.dimensions == 3:
+            q0 = model.bent(slight_bend) + model.quarter_turn(model.bent(slight_bend_across))
     if not callable(q0):
         check.numbers("q0", q0, "an angle theta(s) or coordinates")
         return np.append(model.initial_state(q0, qdot0), 0.0)
