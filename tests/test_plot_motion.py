@@ -716,6 +716,8 @@ def test_films_are_of_each_attractor_that_moves(tmp_path):
     film._init_draw()
     with pytest.raises(ValueError, match="speed must be one of the diagram's speeds"):
         plot.films(diagram, 3.5)
+    with pytest.raises(ValueError, match="view must be 'side' for a model that moves in a plane"):
+        plot.films(diagram, 4.0, view="above")
     with pytest.raises(TypeError, match="found must be of type BifurcationDiagram, got 3"):
         plot.films(3)
 
@@ -801,6 +803,7 @@ def test_a_turn_from_x_towards_z_has_its_sense_in_every_view_from_above(gamma):
         assert not ax.xaxis_inverted()
     assert space.zaxis_inverted() == (gamma > 0.0)
     assert above.get_aspect() == path.get_aspect() == 1.0
+    np.testing.assert_allclose(np.abs(path.axis()), 1.08 * found.radius, rtol=1e-3)
     ends = [np.ptp(one) for one in (space.get_xlim(), space.get_ylim(), space.get_zlim())]
     np.testing.assert_allclose(space._box_aspect / space._box_aspect[0], ends / ends[0])
 

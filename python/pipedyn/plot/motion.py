@@ -180,10 +180,11 @@ def phase_portrait(
     ax.locator_params(axis="x", nbins=SIGNED_TICKS)
     explain(ax, shown, failed, *_rest(ax, shown, "xy"), legend=legend)
     if path:
-        widen(ax, "xy", 0.02)
-        ax.set_aspect("equal", adjustable="datalim")
-        if shown[0].motion.model.pipe.gamma < 0.0:  # y points up
-            ax.invert_yaxis()
+        half = 1.08 * max(
+            float(np.abs(ax.dataLim.extents).max()), SMALLEST_VIEW * shown[0].view.one(TIP)
+        )
+        up = (half, -half) if shown[0].motion.model.pipe.gamma < 0.0 else (-half, half)
+        ax.set(xlim=(-half, half), ylim=up, aspect="equal")
     return ax
 
 
