@@ -1566,6 +1566,7 @@ def _pictures() -> Iterator[Target]:
     place = Kind(
         one_of("tip", 0, 2), any_of(NONE, *NOTHINGS, *WORDS, *LOGICAL, one_of(3, -1, NAN, 1.0))
     )
+    side = Kind(one_of("side"), any_of(NONE, *NOTHINGS, *WORDS, one_of("above", "space", 3)))
     cycles = Kind(one_of(CYCLE, BRANCH), any_of(*NOTHINGS, *WORDS, NONE, one_of(3, [], MOTION)))
     words = Kind(one_of("a", ""), any_of(NONE, *NOTHINGS, one_of(3, NAN, [])))
 
@@ -1597,7 +1598,7 @@ def _pictures() -> Iterator[Target]:
         "style": {"column": optional(word("single"))},
         "time_history": {"motions": several, "start": start},
         "phase_portrait": {"motions": several, "coordinate": place, "start": start},
-        "snapshots": {"motion": motion, "span": span, "count": count(2, 5, 10_001)},
+        "snapshots": {"motion": motion, "span": span, "count": count(2, 5, 10_001), "view": side},
         "animate": {
             "motion": motion,
             "path": Kind(
@@ -1607,6 +1608,7 @@ def _pictures() -> Iterator[Target]:
             "speed": optional(real((0.1, 0.4), 0.0)),
             "ax": AXIS,
             "span": span,
+            "view": side,
         },
         "bifurcation_diagram": {"diagram": of(DIAGRAM), "coordinate": place},
         "basins": {"found": of(ENDS)},
@@ -1628,7 +1630,7 @@ def _pictures() -> Iterator[Target]:
     explored = {"pipe": of(PIPE), "n": count(1, 4, 1001), "against": word("beta", "gamma")}
     explored["units"] = word("nondimensional")
     yield target(plot.Exploration, "plot.explore", **explored)  # without its widgets
-    ends = {"found": of(ENDS), "fps": real((4.0, 5.0), 0.0, 1e3)}
+    ends = {"found": of(ENDS), "fps": real((4.0, 5.0), 0.0, 1e3), "view": side}
     yield target(_films, "plot.films", slow=True, **ends)
     for name, kinds in calls.items():
         call = _filmed if name == "animate" else getattr(plot, name)

@@ -10,11 +10,13 @@ from functools import cache, partial
 from itertools import pairwise
 
 import matplotlib
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from canvas import axes as of_layout
 from canvas import legend_of
 from matplotlib.animation import FuncAnimation
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import PlaceHolderLayoutEngine
@@ -67,6 +69,28 @@ def small_axes():
     return Figure(figsize=(2.0, 2.3), dpi=50, layout=none).subplots()
 
 
+SPACE = pp.Chain(pp.Pipe(0.2, 10.0), 6, dimensions=3)
+
+
+@cache
+def whirl(gamma=10.0):
+    """A circular motion, whose free end turns from x towards z, with its samples over 3 T."""
+    model = pp.Chain(pp.Pipe(0.2, gamma), 6, dimensions=3)
+    found = pp.rotating_motion(model, 1.08 * pp.critical_speed(model).speed)
+    q0 = model.turned(found.q, 0.3)
+    motion = pp.simulate(model, found.u, 3.0, q0, found.frequency * model.quarter_turn(q0))
+    return found, motion
+
+
+COLUMNS = {"side": [0, 1], "front": [2, 1], "above": [0, 2], "space": [0, 2, 1]}
+
+
+def axes_for(view, **options):
+    figure = Figure(layout="constrained", **options)
+    FigureCanvasAgg(figure)
+    return figure.add_subplot(projection="3d" if view == "space" else None)
+
+
 def images_of(page):
     """The frames of a player."""
     text = page.read_text(encoding="utf-8")
@@ -115,6 +139,27 @@ NO_FILM = "path must end with .gif, .mp4 or .html and lie in a folder"
         ),
         (plot.phase_portrait, "cycle", {"start": "late"}, "start must be a real number"),
         (plot.phase_portrait, "cycle", {"coordinate": 6}, "coordinate must be from 0 to 5, got 6"),
+        (
+            *(plot.phase_portrait, "cycle", {"coordinate": "path"}),
+            "coordinate must not be 'path' for a model that moves in a plane",
+        ),
+        (
+            plot.phase_portrait,
+            "cycle",
+            {"coordinate": "pth"},
+            "coordinate must be one of 'tip', 'p",
+        ),
+        (
+            *(plot.snapshots, "cycle", {"view": "above"}),
+            "view must be 'side' for a model that moves in a plane",
+        ),
+        (plot.animate, "cycle", {"view": "front"}, "view must be 'side' for a model that moves in"),
+        (
+            plot.snapshots,
+            "cycle",
+            {"view": "below"},
+            "view must be one of 'side', 'front', 'above'",
+        ),
         (plot.animate, "coarse", {}, f"motion {COARSE}"),
         (plot.animate, "cycle", {"path": "pipe.avi"}, NO_FILM),
         (plot.animate, "cycle", {"path": "none/pipe.gif"}, NO_FILM),
@@ -671,6 +716,8 @@ def test_films_are_of_each_attractor_that_moves(tmp_path):
     film._init_draw()
     with pytest.raises(ValueError, match="speed must be one of the diagram's speeds"):
         plot.films(diagram, 3.5)
+    with pytest.raises(ValueError, match="view must be 'side' for a model that moves in a plane"):
+        plot.films(diagram, 4.0, view="above")
     with pytest.raises(TypeError, match="found must be of type BifurcationDiagram, got 3"):
         plot.films(3)
 
@@ -714,3 +761,139 @@ def test_a_coordinate_that_moves_too_fast_for_a_curve_is_shown_by_its_samples():
     # The last sample is the end of a cubic, which may miss it by rounding.
     np.testing.assert_allclose(line.get_xdata(), motion.q[:, 4], rtol=1e-15)
     np.testing.assert_allclose(line.get_ydata(), motion.qdot[:, 4], rtol=1e-14)
+
+
+@pytest.mark.parametrize("gamma", [10.0, -5.0], ids=["hanging", "standing"])
+@pytest.mark.parametrize("view", COLUMNS)
+def test_each_view_shows_the_pipe_projected_on_its_axes(view, gamma):
+    _, motion = whirl(gamma)
+    ax = plot.snapshots(motion, (1.0, 2.0), 5, view=view, ax=axes_for(view))
+    ax.figure.canvas.draw()
+    lines = ax.collections[0]
+    shown = lines._segments3d if view == "space" else lines.get_segments()
+    s = np.linspace(0.0, 1.0, len(shown[0]))
+    for t, line in zip(np.linspace(1.0, 2.0, 5), shown, strict=True):
+        q = motion.q[np.flatnonzero(np.abs(motion.t - t) < 1e-9)]
+        assert len(q) <= 1
+        if len(q):
+            shape = motion.model.shape(q[0], s)
+            np.testing.assert_allclose(line, shape[:, COLUMNS[view]], atol=1e-12)
+    last = motion.model.shape(motion.q[np.argmin(np.abs(motion.t - 2.0))], [0.999, 1.0])
+    along = (np.diff(last, axis=0)[0] / 0.001)[COLUMNS[view]]
+    (flow,) = by_gid(ax, "flow")
+    tail, head = flow._ends
+    np.testing.assert_allclose(head - tail, 0.12 * along, atol=2e-3)
+    # Gravity is along y: into the page from above, where it is not drawn.
+    assert len(by_gid(ax, "gravity")) == (view != "above")
+    names = [getattr(ax, f"get_{name}label")() for name in "xyz"[: len(COLUMNS[view])]]
+    for column, name in zip(COLUMNS[view], names, strict=True):
+        assert f"${'xyz'[column]}/L$" in name
+
+
+@pytest.mark.parametrize("gamma", [10.0, -5.0], ids=["hanging", "standing"])
+def test_a_turn_from_x_towards_z_has_its_sense_in_every_view_from_above(gamma):
+    """Of x, y and z, right-handed, y points down a hanging pipe and up a standing one."""
+    found, motion = whirl(gamma)
+    assert found.frequency > 0.0
+    above = plot.snapshots(motion, view="above", ax=axes_for("above"))
+    path = plot.phase_portrait(motion, "path", ax=axes())
+    space = plot.snapshots(motion, view="space", ax=axes_for("space"))
+    for ax in (above, path, space):
+        assert ax.yaxis_inverted() == (gamma < 0.0)
+        assert not ax.xaxis_inverted()
+    assert space.zaxis_inverted() == (gamma > 0.0)
+    assert above.get_aspect() == path.get_aspect() == 1.0
+    np.testing.assert_allclose(np.abs(path.axis()), 1.08 * found.radius, rtol=1e-3)
+    ends = [np.ptp(one) for one in (space.get_xlim(), space.get_ylim(), space.get_zlim())]
+    np.testing.assert_allclose(space._box_aspect / space._box_aspect[0], ends / ends[0])
+
+
+def test_the_path_of_a_whirling_free_end_is_a_circle_and_of_a_planar_one_a_line():
+    found, motion = whirl()
+    ax = plot.phase_portrait(motion, "path", ax=axes())
+    for line in ax.lines[:3]:
+        np.testing.assert_allclose(np.hypot(*line.get_data()), found.radius, rtol=2e-4)
+    assert "free end $x/L$" in ax.get_xlabel()
+    assert "free end $z/L$" in ax.get_ylabel()
+    q0 = SPACE.turned(SPACE.bent(lambda s: 0.3 * s), 0.5)
+    planar = pp.simulate(SPACE, 4.0, 2.0, q0)
+    ax = plot.phase_portrait(planar, "path", start=0.5, ax=axes())
+    for line in ax.lines:
+        x, z = line.get_data()
+        np.testing.assert_allclose(z, np.tan(0.5) * x, atol=1e-9)
+
+
+def test_a_motion_across_x_is_not_called_at_rest():
+    q0 = SPACE.turned(SPACE.bent(lambda s: 0.3 * s), np.pi / 2.0)
+    across = pp.simulate(SPACE, 4.0, 2.0, q0)
+    ax = plot.time_history(across, ax=axes())
+    assert ax.get_title().endswith("the free end is at rest along $x$")
+    ax = plot.phase_portrait(across, "path", ax=axes())
+    assert "at rest" not in ax.get_title()
+    assert "samples" not in ax.get_title()
+    ax.figure.canvas.draw()
+    assert np.ptp(ax.get_ylim()) > 0.1
+
+
+def test_a_section_in_space_has_x_and_the_rate_of_the_last_a_x():
+    found, motion = whirl()
+    ax = plot.poincare_section(motion, ax=axes())
+    assert ax.get_title().endswith("at maxima of the free end along $x$")
+    assert ax.get_ylabel().endswith(r"$\dot{q}_{5}$")
+    x, rates = ax.lines[0].get_data()
+    np.testing.assert_allclose(x, found.radius, rtol=1e-3)
+    tip = found.model.tips(found.q[:, None])[0]
+    at = found.model.turned(found.q, -np.arctan2(tip[2], tip[0]))
+    expected = found.frequency * found.model.quarter_turn(at)[5]
+    np.testing.assert_allclose(rates, expected, rtol=5e-3)
+
+
+@pytest.mark.parametrize("view", ["above", "space"])
+def test_a_film_in_space_shows_what_a_figure_of_its_own_would(view, tmp_path):
+    _, motion = whirl()
+    none = PlaceHolderLayoutEngine(adjust_compatible=True, colorbar_gridspec=True)
+    figure = Figure(figsize=(3.0, 3.03), layout=none)
+    ax = figure.add_subplot(projection="3d" if view == "space" else None)
+    film = plot.animate(motion, span=(1.0, 1.5), fps=10.0, speed=0.5, view=view, ax=ax)
+    film._draw_frame(4)
+    pipe, trace = (by_gid(ax, gid)[0] for gid in ("pipe", "trace"))
+    data = [one.get_data_3d() if view == "space" else one.get_data() for one in (pipe, trace)]
+    t = np.linspace(1.0, 1.5, film.frames)[4]
+    q = CubicSpline(motion.t, motion.q)(t)
+    shape = motion.model.shape(q, np.linspace(0.0, 1.0, len(data[0][0])))[:, COLUMNS[view]]
+    np.testing.assert_allclose(np.transpose(data[0]), shape, atol=1e-4)
+    np.testing.assert_allclose(np.transpose(data[1])[-1], shape[-1], atol=1e-4)
+    film.save(tmp_path / "pipe.html")
+    shown = np.asarray(images_of(tmp_path / "pipe.html")[4].convert("RGB")).astype(float)
+    film._draw_frame(4)
+    whole = io.BytesIO()
+    figure.set_size_inches(3.0, 3.02)
+    figure.savefig(whole, format="png", dpi="figure")
+    with Image.open(whole) as image:
+        drawn = np.asarray(image.convert("RGB")).astype(float)
+    assert shown.shape == drawn.shape
+    assert (np.abs(shown - drawn).max(axis=-1) > 60.0).mean() < 2e-3
+    assert np.median(np.abs(shown - drawn)) == 0.0
+
+
+def test_nothing_of_a_picture_in_space_is_cut_off():
+    with plot.style(column="single"):
+        ax = plot.snapshots(whirl()[1], view="space")
+        ax.figure.canvas.draw()
+    whole = ax.figure.bbox
+    labels = [axis.label for axis in (ax.xaxis, ax.yaxis, ax.zaxis)]
+    boxes = [text.get_window_extent() for text in (ax.title, *labels)]
+    for box in boxes:
+        assert whole.x0 <= box.x0 < box.x1 <= whole.x1
+        assert whole.y0 <= box.y0 < box.y1 <= whole.y1
+    assert not any(one.overlaps(two) for one, two in pairwise(boxes))
+    plt.close(ax.figure)
+
+
+def test_axes_in_space_are_for_the_view_in_space_alone():
+    _, motion = whirl()
+    with pytest.raises(ValueError, match="ax must have projection='3d' for this picture, got <Axe"):
+        plot.snapshots(motion, view="space", ax=axes())
+    for draw in (plot.snapshots, plot.animate, plot.time_history):
+        with pytest.raises(ValueError, match="ax must not have projection='3d' for this picture"):
+            draw(motion, ax=axes_for("space"))

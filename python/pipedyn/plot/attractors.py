@@ -24,6 +24,7 @@ from pipedyn.plot.arrange import legend_below
 from pipedyn.plot.motion import (
     SIGNED_TICKS,
     Film,
+    Side,
     Signal,
     animate,
     checked_motions,
@@ -176,10 +177,11 @@ def poincare_section(
 
     A cycle shows as many points as it has maxima in a period, a torus lines, and chaos a cloud. The
     picture shows a coordinate against its rate; for "tip" it shows the position of the free end
-    against the rate of the last coordinate. If a `Pulsation` of the flow or a `Harmonic` motion of
-    the base drives the pipe, sections are stroboscopic: they hold the states at the beginnings of
-    the periods of the drive. The title says which. Between samples of motions, states are those of
-    quintic splines; the title says where a mean cycle has fewer than ten samples.
+    against the rate of the last coordinate, and in three dimensions x against that of the last a_x.
+    If a `Pulsation` of the flow or a `Harmonic` motion of the base drives the pipe, sections are
+    stroboscopic: they hold the states at the beginnings of the periods of the drive. The title says
+    which. Between samples of motions, states are those of quintic splines; the title says where a
+    mean cycle has fewer than ten samples.
 
     Args:
         found: attractors; one of the basins; one or several motions; or an ensemble, whose failed
@@ -206,19 +208,20 @@ def poincare_section(
     given = _Given(found, start, units)
     legend = check.flag("legend", legend)
     index, across = of_coordinate(coordinate, min(model.coordinates for model in given.models))
-    last = {model.coordinates - 1 if index is None else index for model in given.models}
+    lasts = [model.coordinates // (model.dimensions - 1) - 1 for model in given.models]
+    last = set(lasts) if index is None else {index}
     upward = rate(last.pop() if len(last) == 1 else r"\mathrm{last}")
     ax = given.view.axes(ax, (4.8, 4.2), across, upward)
     handles, periods = {}, [_drive_period(one.motion) for one in given.shown]
-    for one, basin, period, marker in zip(
-        given.shown, given.basins, periods, cycle(SHAPES), strict=False
+    for one, basin, period, final, marker in zip(
+        given.shown, given.basins, periods, lasts, cycle(SHAPES), strict=False
     ):
         points = _section_points(one, period) if basin is None else basin.section
         if not len(points):
             continue
         q, qdot = np.split(points, 2, axis=1)
         x = one.motion.model.tips(q.T)[:, 0] if index is None else q[:, index]
-        rates = qdot[:, -1 if index is None else index]
+        rates = qdot[:, final if index is None else index]
         few = len(points) <= FEW_POINTS or (basin is not None and basin.ending == "periodic")
         look: dict[str, Any] = {"linestyle": "none", "marker": marker, "markeredgewidth": 0.0}
         look |= {"color": one.look["color"], "label": one.label}
@@ -230,7 +233,8 @@ def poincare_section(
         ax.margins(0.08)
         widen(ax, "xy")
         ax.locator_params(axis="x", nbins=SIGNED_TICKS)
-    where = {True: "once a period of the drive", False: f"at maxima of {given.view.end}"}
+    along = " along $x$" if any(model.dimensions == 3 for model in given.models) else ""
+    where = {True: "once a period of the drive", False: f"at maxima of {given.view.end}{along}"}
     lines = dict.fromkeys(where[period > 0.0] for period in periods) if handles else ()
     given.explain(ax, handles, *lines, legend=legend)
     return ax
@@ -247,6 +251,8 @@ def spectrum(
     ax: Axes | None = None,
 ) -> Axes:
     """Spectra of the transverse motion of the free end, of attractors or of motions.
+
+    In three dimensions they are those of the displacement along x.
 
     The spectrum of an attractor is the amplitude over the frequency; that of a cycle is drawn as
     stems at its harmonics. The spectrum of a motion is its power spectral density by Welch's
@@ -335,6 +341,7 @@ def films(
     speed: float | None = None,
     *,
     fps: float = 25.0,
+    view: Side = "side",
     units: Units = "nondimensional",
 ) -> dict[str, Film]:
     """Films, by name, of the attractors that are not at rest, each on a figure of its own.
@@ -346,6 +353,7 @@ def films(
         found: attractors, or a diagram.
         speed: flow speed u, one of the diagram's; not used for attractors.
         fps: frames a second, as for `animate`.
+        view: from where the pipe is seen, as for `animate`.
         units: "nondimensional", or "si" if the pipe has scales.
 
     Example:
@@ -357,10 +365,11 @@ def films(
         ValueError, TypeError: for bad arguments, and for motions that `animate` refuses.
     """
     how: dict[str, Any] = {"fps": check.real("fps", fps, low=1.0, high=50.0), "units": units}
+    how["view"] = view
     if isinstance(found, Attractors):
         moving = [k for k, basin in enumerate(found.basins) if basin.ending != "rest"]
-        view = View(units, found.model.pipe)
-        return {_name(found, k, view): animate(found.basins[k], **how) for k in moving}
+        scale = View(units, found.model.pipe)
+        return {_name(found, k, scale): animate(found.basins[k], **how) for k in moving}
     diagram: BifurcationDiagram = check.instance("found", found, BifurcationDiagram)
     speed = check.real("speed", speed, low=0.0)
     if not np.isclose(diagram.speeds, speed, rtol=1e-12, atol=0.0).any():

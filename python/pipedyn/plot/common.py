@@ -136,11 +136,12 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
     return cast("Axes", bar.ax)
 
 
-def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
+def axes(ax: Any, size: tuple[float, float], *, in_space: bool = False, **labels: str) -> Axes:
     """The given Axes, or those of a new figure of pyplot with a size in inches, with labels set.
 
     The new figure has the size in the settings of matplotlib if `style` or the user set one there.
     A figure without a layout engine gets one, since artists beside the Axes would be cut off.
+    Raises ValueError for Axes in a plane for a picture in space, or the other way round.
     """
     if ax is None:
         import matplotlib.pyplot as plt  # selects how figures are shown, so only if needed
@@ -148,8 +149,12 @@ def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
         usual, given = (
             one["figure.figsize"] for one in (matplotlib.rcParamsDefault, matplotlib.rcParams)
         )
-        ax = plt.subplots(figsize=size if given == usual else given, layout="constrained")[1]
+        figure = plt.figure(figsize=size if given == usual else given, layout="constrained")
+        ax = figure.add_subplot(projection="3d" if in_space else None)
     chosen: Axes = check.instance("ax", ax, Axes)
+    if (chosen.name == "3d") != in_space:
+        rule = "have" if in_space else "not have"
+        raise ValueError(f"ax must {rule} projection='3d' for this picture, got {check.shown(ax)}")
     placed = chosen.get_subplotspec() is not None  # layout engines leave other Axes alone
     if placed and isinstance(chosen.figure, Figure) and chosen.figure.get_layout_engine() is None:
         with suppress(RuntimeError):  # a colour bar was placed without a layout engine

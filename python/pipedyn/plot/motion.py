@@ -36,6 +36,8 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.image import imread
 from matplotlib.patches import FancyArrowPatch, Rectangle
+from mpl_toolkits.mplot3d import proj3d
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from numpy.typing import ArrayLike
 
 from pipedyn.attraction.attractors import Basin
@@ -47,9 +49,11 @@ from pipedyn.plot import common
 from pipedyn.plot.arrange import legend_below
 from pipedyn.plot.bifurcation import STABILITY_STYLES
 from pipedyn.plot.units import (
+    ACROSS,
     AXIAL,
     ELAPSED,
     TIP,
+    TIP_ACROSS,
     TIP_RATE,
     TRANSVERSE,
     Units,
@@ -77,8 +81,8 @@ def time_history(
 ) -> Axes:
     """Transverse displacement of the free end over time; of `Pipe.tip_place` if the end is held.
 
-    Samples too far apart for a curve are shown as dots. The title says where a mean cycle has fewer
-    than ten samples.
+    In three dimensions this is the displacement along x. Samples too far apart for a curve are
+    shown as dots. The title says where a mean cycle has fewer than ten samples.
 
     Args:
         motions: one or several motions, limit cycles or basins, or an ensemble, whose failed
@@ -113,7 +117,7 @@ def time_history(
 
 def phase_portrait(
     motions: Shown | Sequence[Shown] | Ensemble,
-    coordinate: Literal["tip"] | int = "tip",
+    coordinate: Literal["tip", "path"] | int = "tip",
     *,
     start: float | None = None,
     units: Units = "nondimensional",
@@ -122,14 +126,17 @@ def phase_portrait(
 ) -> Axes:
     """Displacement against velocity; a ring marks the start, and a closed last cycle is thicker.
 
+    With coordinate="path" it shows the path of the free end of pipes that move in three dimensions,
+    seen from above: z against x. A planar motion is a line there, and a whirling one a circle.
+
     Unstable limit cycles are dashed. Samples too far apart for a curve are shown as dots. The title
     says where a mean cycle has fewer than ten samples.
 
     Args:
         motions: one or several motions, limit cycles or basins, or an ensemble, whose failed
             members are left out.
-        coordinate: "tip" for the transverse displacement of the free end, or of `Pipe.tip_place` if
-            the end is held; or the index of a coordinate, counted from 0.
+        coordinate: "tip" for the transverse displacement x of the free end, or of `Pipe.tip_place`
+            if the end is held; "path"; or the index of a coordinate, counted from 0.
         start: time from which motions are shown, in T, or in s with units="si", to leave out a
             transient; all if not given.
         units: "nondimensional", or "si" if the pipe has scales.
@@ -141,16 +148,20 @@ def phase_portrait(
         >>> ax = plot.phase_portrait(motion)
 
     Raises:
-        ValueError: for fewer than 3 samples from `start` on, or for an index that a model does not
-            have.
+        ValueError: for fewer than 3 samples from `start` on, for an index that a model does not
+            have, or for the path of a model that moves in a plane.
         TypeError: for bad arguments.
     """
     chosen, failed = checked_motions(motions, start, units)
     legend = check.flag("legend", legend)
     least = min(motion.model.coordinates for motion in chosen)
-    index, across = of_coordinate(coordinate, least)
-    shown = signals(chosen, index, units, rates_shown=True)
-    upward = TIP_RATE if index is None else rate(index, "its ")
+    index, across = of_coordinate(coordinate, least, ("tip", "path"))
+    path = isinstance(coordinate, str) and coordinate == "path"
+    if path and any(motion.model.dimensions == 2 for motion in chosen):
+        rule = "coordinate must not be 'path' for a model that moves in a plane"
+        raise ValueError(f"{rule}, as one without dimensions=3 does")
+    shown = signals(chosen, index, units, rates_shown=not path, path=path)
+    upward = TIP_ACROSS if path else TIP_RATE if index is None else rate(index, "its ")
     ax = shown[0].view.axes(ax, (4.8, 4.2), across, upward)
     for one in shown:
         t, look = one.times(), one.drawn()
@@ -158,16 +169,22 @@ def phase_portrait(
         thin = {"linewidth": 0.5, "zorder": 2.0}
         if ends is not None:
             last = np.linspace(*ends, 401)
-            ax.plot(one.values(last), one.values(last, 1), **{"linewidth": 1.6} | look)
+            ax.plot(*one.point(last), **{"linewidth": 1.6} | look)
             look = {"color": look["color"]}
             thin["alpha"] = 0.5
         for part in (t,) if ends is None else (t[t <= ends[0]], t[t >= ends[1]]):
-            ax.plot(one.values(part), one.values(part, 1), **look | thin)
+            ax.plot(*one.point(part), **look | thin)
         if (start is None or not one.moves) and not one.dotted:
             ring = common.open_marker(4.5, look["color"], zorder=3.0)
-            ax.plot(one.values(t[0]), one.values(t[0], 1), **ring)
+            ax.plot(*one.point(t[0]), **ring)
     ax.locator_params(axis="x", nbins=SIGNED_TICKS)
     explain(ax, shown, failed, *_rest(ax, shown, "xy"), legend=legend)
+    if path:
+        half = 1.08 * max(
+            float(np.abs(ax.dataLim.extents).max()), SMALLEST_VIEW * shown[0].view.one(TIP)
+        )
+        up = (half, -half) if shown[0].motion.model.pipe.gamma < 0.0 else (-half, half)
+        ax.set(xlim=(-half, half), ylim=up, aspect="equal")
     return ax
 
 
@@ -177,7 +194,10 @@ def _rest(ax: Axes, shown: Sequence[Signal], names: str) -> list[str]:
         return []
     if resting == len(shown):
         widen(ax, names, 1.0)
-    words = f"{shown[0].view.end if shown[0].index is None else 'the coordinate'} is at rest"
+    end = shown[0].view.end if shown[0].index is None else "the coordinate"
+    spatial = shown[0].index is None and any(one.motion.model.dimensions == 3 for one in shown)
+    along = " along $x$" if spatial and shown[0].across is None else ""
+    words = f"{end} is at rest{along}"
     return [words if len(shown) == 1 else f"{words}: {resting} of {len(shown)} motions"]
 
 
@@ -216,6 +236,7 @@ class Signal:
         index: index of the coordinate; None for the transverse displacement of the free end.
         units: units of the picture.
         rates_shown: whether velocities are shown.
+        path: whether the path of the free end, z against x, is shown.
 
     Attributes:
         dotted: whether samples are too far apart for a curve, so that dots show them.
@@ -224,19 +245,27 @@ class Signal:
         few: whether that number is below `ENOUGH_A_CYCLE`.
     """
 
-    def __init__(self, motion: Sampled, index: int | None, units: Units, rates_shown: bool) -> None:
+    def __init__(
+        self, motion: Sampled, index: int | None, units: Units, rates_shown: bool, path: bool
+    ) -> None:
         self.motion, self.index, self.view = motion, index, View(units, motion.model.pipe)
         shown = (motion.tip, motion.tip_velocity) if index is None else (motion.q, motion.qdot)
-        at, velocity = (values[:, index or 0] for values in shown)
-        self.curve = scipy.interpolate.CubicHermiteSpline(motion.t, at, velocity)
-        interval = float(np.diff(motion.t).max())
+        columns = [0, 2] if path else [index or 0]
+        at, velocity = (values[:, columns] for values in shown)
+        curves = [
+            scipy.interpolate.CubicHermiteSpline(motion.t, *one)
+            for one in zip(at.T, velocity.T, strict=True)
+        ]
+        self.curve, self.across = curves[0], curves[1] if path else None
+        interval, widths = float(np.diff(motion.t).max()), np.ptp(at, axis=0)
         # Samples once a cycle are all at the same position.
-        self.moves = bool(max(np.ptp(at), interval * np.abs(velocity).max()) > LEAST_MOTION)
-        self.dotted = is_coarse(self.curve, rates_shown=rates_shown)
-        turns = self.curve.derivative().roots(extrapolate=False)
+        self.moves = bool(max(widths.max(), interval * np.abs(velocity).max()) > LEAST_MOTION)
+        self.dotted = any(is_coarse(one, rates_shown=rates_shown) for one in curves)
+        widest = curves[int(np.argmax(widths))]
+        turns = widest.derivative().roots(extrapolate=False)
         turns = turns[np.isfinite(turns)]  # NaN is given for pieces at rest
-        seen = np.abs(np.diff(self.curve(turns))) > SMALLEST_SWING * np.ptp(at)
-        swings = np.diff(turns)[seen] if self.moves else turns[:0]
+        large = np.abs(np.diff(widest(turns))) > SMALLEST_SWING * widths.max()
+        swings = np.diff(turns)[large] if self.moves else turns[:0]
         self.a_cycle = 2.0 * float(swings.mean()) / interval if swings.size else math.inf
         self.few = self.a_cycle < ENOUGH_A_CYCLE
         self.label = self.view.speed(motion.u, 6)
@@ -262,16 +291,26 @@ class Signal:
         unit = self.view.one(TIP) if self.index is None else 1.0
         return np.asarray(unit / self.view.one(ELAPSED) ** derivative * self.curve(t, derivative))
 
+    def point(self, t: Array) -> tuple[Array, Array]:
+        """Coordinates in a phase portrait at times t (in T), in the units shown."""
+        across = self.across and np.asarray(self.view.one(TIP) * self.across(t))
+        return self.values(t), self.values(t, 1) if across is None else across
+
 
 def signals(
-    motions: Sequence[Sampled], index: int | None, units: Units, *, rates_shown: bool
+    motions: Sequence[Sampled],
+    index: int | None,
+    units: Units,
+    *,
+    rates_shown: bool,
+    path: bool = False,
 ) -> list[Signal]:
     """The curve to draw for each motion.
 
     Labels give the flow speed, and also the model if several motions have the same speed. Those of
     limit cycles say whether they are stable; unstable ones are dashed.
     """
-    shown = [Signal(one, index, units, rates_shown) for one in motions]
+    shown = [Signal(one, index, units, rates_shown, path) for one in motions]
     alike, widths = len({one.label for one in shown}) < len(shown), (1.6, 1.0, 2.2)
     for i, (one, look) in enumerate(zip(shown, cycle(common.CURVE_STYLES), strict=False)):
         again = {"linewidth": 2.0} if i >= len(common.CURVE_STYLES) else {}
@@ -328,6 +367,30 @@ def _steadiness(motion: Sampled) -> str:
 # ------------------------------------------------------------------------------- shapes of the pipe
 
 
+Side: TypeAlias = Literal["side", "front", "above", "space"]
+"""From where a pipe is seen."""
+
+SIDES: dict[Side, tuple[int, ...]] = {"side": (0, 1), "front": (2, 1), "above": (0, 2)}
+SIDES["space"] = 0, 2, 1
+"""Coordinates, of (x, y, z), along the axes of a picture."""
+
+OF_SHAPES = TRANSVERSE, AXIAL, ACROSS
+"""What axes of a picture show of shapes, for x, y and z."""
+
+
+def seen(points: Array, view: Side) -> Array:
+    """Points in a plane or in space, shape (..., 2 or 3), as coordinates on the axes of a view."""
+    return points[..., list(SIDES[view])]
+
+
+def _checked_side(view: Any, motion: Sampled) -> Side:
+    side: Side = check.choice("view", view, tuple(SIDES))
+    if side != "side" and motion.model.dimensions == 2:
+        rule = "view must be 'side' for a model that moves in a plane; dimensions=3 makes others"
+        raise ValueError(f"{rule}, got {check.shown(view)}")
+    return side
+
+
 ARROW = 0.14
 """Length of the arrow of the flow in L; the arrow widens the picture by at most a seventh."""
 
@@ -337,6 +400,7 @@ def snapshots(
     span: ArrayLike | None = None,
     count: int = 16,
     *,
+    view: Side = "side",
     units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> Axes:
@@ -354,9 +418,11 @@ def snapshots(
             before was the same.
         count: number of shapes, from 2 to 1000. The shapes include both ends of a span, but only
             the end of a cycle, whose start looks the same.
+        view: "side" (x, y), or for a model in three dimensions "front" (z, y), "above" (x, z) or
+            "space", a picture in perspective.
         units: "nondimensional", or "si" if the pipe has scales.
-        ax: Axes to draw on; new ones if not given. The first collection, the shapes, serves
-            `colour_bar`.
+        ax: Axes to draw on, three-dimensional ones for "space"; new ones if not given. The first
+            collection, the shapes, serves `colour_bar`.
 
     Example:
         >>> motion = pp.simulate(pp.Chain(pp.Pipe(0.2), 5), 6.0, 5.0, lambda s: 0.1 * s)
@@ -364,33 +430,35 @@ def snapshots(
 
     Raises:
         ValueError: for a span outside the times of the motion, a count out of range, fewer than 3
-            samples, or samples too far apart to interpolate.
+            samples, samples too far apart to interpolate, or another view than "side" of a model
+            that moves in a plane.
         TypeError: for bad arguments.
     """
-    motion, start, end, kind, view = shown_part(motion, span, units)
+    motion, start, end, kind, scale = shown_part(motion, span, units)
+    view = _checked_side(view, motion)
     count = check.count("count", count, low=2, high=1000)  # more than can be distinguished
-    ax = common.axes(ax, (4.4, 5.0))
+    ax = common.axes(ax, (4.4, 5.0), in_space=view == "space")
     cycle = kind == "cycle"
     times = np.linspace(start, end, count + cycle)[int(cycle) :]
-    shapes = view.one(TRANSVERSE) * _shapes_at(motion, times)
+    shapes = scale.one(TRANSVERSE) * _shapes_at(motion, times)
     darkness = np.linspace(0.22, 1.0, 256)  # no shape is as light as the page
-    lines = LineCollection(
-        list(shapes),
+    lines = (Line3DCollection if view == "space" else LineCollection)(
+        list(seen(shapes, view)),
         cmap=ListedColormap(1.0 - darkness[:, None] * [1.0, 0.9, 0.75]),
         linewidths=[1.1] * (count - 1) + [2.4],
-        array=view.one(ELAPSED) * times,
+        array=scale.one(ELAPSED) * times,
         capstyle="round",
         zorder=2.0,
         gid="shapes",
     )
-    ax.add_collection(lines)
-    _surroundings(ax, motion, shapes, shapes[-1], view)
-    start, end = view.one(ELAPSED) * start, view.one(ELAPSED) * end
+    ax.add_collection(lines, autolim=False)
+    _surroundings(ax, motion, shapes, shapes[-1], scale, view)
+    start, end = scale.one(ELAPSED) * start, scale.one(ELAPSED) * end
     # Long titles break at spaces.
-    name, unit = ("t", "\N{NO-BREAK SPACE}s") if view.si else (r"\tau", "")
+    name, unit = ("t", "\N{NO-BREAK SPACE}s") if scale.si else (r"\tau", "")
     ends = f"{end - start:.4g}$" if kind else f"{start:.4g}$ to {end:.4g}"
     what = f"a {kind} of ${name}={ends}" if kind else f"${name}={ends}"
-    ax.set_title(f"{_title(motion, view)}\n{count} shapes, {what}{unit}")
+    ax.set_title(f"{_title(motion, scale)}\n{count} shapes, {what}{unit}")
     return ax
 
 
@@ -474,6 +542,7 @@ class Film(FuncAnimation):
         figure: Figure = self._fig  # type: ignore[attr-defined]
         raw = io.BytesIO()
         still = [one for one in _not_holding(self.moving, figure) if one.get_visible()]
+        spaces: list[Any] = [ax for ax in figure.axes if getattr(ax, "_axis3don", False)]
         layout, picture = figure.get_layout_engine(), None
         size: Any = figure.get_size_inches()
         dots = rcParams["savefig.dpi"] if dpi is None else dpi
@@ -491,6 +560,8 @@ class Film(FuncAnimation):
                 one.set_visible(True)
             for one in still:
                 one.set_visible(False)
+            for ax in spaces:
+                ax.set_axis_off()
             raw.seek(0)
             picture = figure.figimage(imread(raw), zorder=-1.0)
             _end_layout(figure)
@@ -502,6 +573,8 @@ class Film(FuncAnimation):
             figure.set_layout_engine(layout)
             for one in (*still, *self.moving):
                 one.set_visible(True)
+            for ax in spaces:
+                ax.set_axis_on()
 
     def _repr_html_(self) -> str:
         return self.to_jshtml()
@@ -516,6 +589,7 @@ def animate(
     span: ArrayLike | None = None,
     dpi: float | None = None,
     progress: bool = False,
+    view: Side = "side",
     units: Units = "nondimensional",
     ax: Axes | None = None,
 ) -> Film:
@@ -538,8 +612,11 @@ def animate(
             of a motion without swings.
         dpi: dots an inch in the file, from 10 to 1000; those of the figure if not given.
         progress: whether to show on stderr how many frames of the file are drawn.
+        view: "side" (x, y), or for a model in three dimensions "front" (z, y), "above" (x, z) or
+            "space", a picture in perspective.
         units: "nondimensional", or "si" if the pipe has scales.
-        ax: Axes to draw on; if not given, those of a new figure without a window.
+        ax: Axes to draw on, three-dimensional ones for "space"; if not given, those of a new figure
+            without a window.
 
     Returns:
         The animation. Keep a reference to the animation as long as it is shown.
@@ -552,10 +629,12 @@ def animate(
         ValueError: for a span outside the times of the motion; for fewer than 2 or more than 2000
             frames, or fewer than 8 in a cycle; for a path with another ending, in a folder that
             does not exist, or to .mp4 if ffmpeg is not found; for fewer than 3 samples, or samples
-            too far apart to interpolate.
+            too far apart to interpolate; for another view than "side" of a model that moves in a
+            plane.
         TypeError: for bad arguments.
     """
-    motion, start, end, kind, view = shown_part(motion, span, units)
+    motion, start, end, kind, scale = shown_part(motion, span, units)
+    view = _checked_side(view, motion)
     if path is not None:
         path = _checked_path(path)
     fps = check.real("fps", fps, low=1.0, high=50.0)
@@ -565,38 +644,45 @@ def animate(
         speed = check.real("speed", speed, low=0.0, open_low=True)
     cycle, swing = kind == "cycle", last_swing(motion)
     begin, finish = (start, end) if kind else swing[:2] if swing else (0.0, 0.0)
-    unit = view.one(ELAPSED)
-    frames = _frames(unit * (end - start), unit * (finish - begin), fps, speed, view.time_unit)
+    unit = scale.one(ELAPSED)
+    frames = _frames(unit * (end - start), unit * (finish - begin), fps, speed, scale.time_unit)
     own = ax is None
     if ax is None:
-        ax = Figure(figsize=(4.0, 4.6), layout="constrained").subplots()
-    figure = common.axes(ax, (4.0, 4.6)).figure.figure
+        ax = Figure(figsize=(4.0, 4.6), layout="constrained").add_subplot(
+            projection="3d" if view == "space" else None
+        )
+    figure = common.axes(ax, (4.0, 4.6), in_space=view == "space").figure.figure
 
-    one = view.one(TRANSVERSE)
+    one = scale.one(TRANSVERSE)
     times = np.linspace(start, end, frames, endpoint=not cycle)
     shapes = one * _shapes_at(motion, times)
     dots = max(1, math.ceil(400 / frames))
     fine = np.linspace(start, end, dots * (frames - (not cycle)) + 1)
-    path_of_tip = one * motion.model.tips(coordinates_at(motion, fine).T)
-    (trace,) = ax.plot([], [], color=common.BLUE, linewidth=0.9, zorder=1.8, gid="trace")
-    (pipe,) = ax.plot([], [], color=common.BLACK, linewidth=2.6, zorder=2.0, gid="pipe")
-    flow = _surroundings(ax, motion, shapes, shapes[0], view)
+    path_of_tip = seen(one * motion.model.tips(coordinates_at(motion, fine).T), view)
+    nothing = path_of_tip[:0].T
+    (trace,) = ax.plot(*nothing, color=common.BLUE, linewidth=0.9, zorder=1.8, gid="trace")
+    (pipe,) = ax.plot(*nothing, color=common.BLACK, linewidth=2.6, zorder=2.0, gid="pipe")
+    flow = _surroundings(ax, motion, shapes, shapes[0], scale, view)
+
+    def move(line: Any, points: Array) -> None:
+        (line.set_data_3d if view == "space" else line.set_data)(*points.T)
+
     times *= unit
     digits = max(0, -math.floor(math.log10(times[1] - times[0])))  # neighbouring times differ
 
     def show(frame: int) -> Sequence[Any]:
-        pipe.set_data(*shapes[frame].T)
+        move(pipe, seen(shapes[frame], view))
         # A cycle repeats, so its whole path is shown from the start.
-        trace.set_data(*path_of_tip[: None if cycle else dots * frame + 1].T)
+        move(trace, path_of_tip[: None if cycle else dots * frame + 1])
         if flow is not None:
-            flow.set_positions(*flow_ends(motion.model.pipe, shapes[frame], one))
+            flow.set_positions(*seen(flow_ends(motion.model.pipe, shapes[frame], one), view))
         now = f"{times[frame]:.{digits}f}"
-        text.set_text(f"$t = {now}$ s" if view.si else rf"$\tau = {now}$")
+        text.set_text(f"$t = {now}$ s" if scale.si else rf"$\tau = {now}$")
         return [pipe, trace, text]
 
-    title = ax.set_title(f"{_title(motion, view)}\n ")
+    title = ax.set_title(f"{_title(motion, scale)}\n ")
     place: dict[str, Any] = {"transform": title.get_transform(), "ha": "center", "va": "baseline"}
-    text = ax.text(0.5, 1.0, "", **place, fontsize=title.get_fontsize(), gid="time")
+    text = Axes.text(ax, 0.5, 1.0, "", **place, fontsize=title.get_fontsize(), gid="time")
     show(0)
     figure.draw_without_rendering()
     text.set_position(title.get_position())
@@ -671,20 +757,24 @@ def _frames(duration: float, period: float, fps: float, speed: float | None, uni
 
 
 def _shapes_at(motion: Sampled, times: Array) -> Array:
-    """Shapes of the pipe at some times, shape (len(times), points, 2)."""
+    """Shapes of the pipe at some times, shape (len(times), points, dimensions)."""
     s = np.linspace(0.0, 1.0, 241)  # contains the joints of chains of 1 to 6, 8, 10 ... segments
     return np.stack([motion.model.shape(q, s) for q in coordinates_at(motion, times)])
 
 
 def _surroundings(
-    ax: Axes, motion: Sampled, shapes: Array, shape: Array, view: View
+    ax: Axes, motion: Sampled, shapes: Array, shape: Array, scale: View, view: Side
 ) -> FancyArrowPatch | None:
     """Draws supports, gravity and flow, and sets axes of equal scale with room for all shapes.
 
     Returns the arrow of the flow at the free end of `shape`; None if there is no flow.
     """
-    pipe, one = motion.model.pipe, view.one(TRANSVERSE)
-    clamp_and_gravity(ax, pipe.gamma, shapes, view)
+    pipe, one = motion.model.pipe, scale.one(TRANSVERSE)
+    if view in ("above", "space"):
+        _around_the_axis(ax, pipe.gamma, shapes, scale, view)
+    else:
+        clamp_and_gravity(ax, pipe.gamma, seen(shapes, view), scale)
+        ax.set_xlabel(scale.label(OF_SHAPES[SIDES[view][0]]))
     for s in (*pipe.supports, *(1.0,) * pipe.end_held):  # as long as the way on which it slides
         y = shapes[:, round(s * (shapes.shape[1] - 1)), 1]
         ends = y.min() - 0.03 * one, y.max() + 0.03 * one
@@ -692,7 +782,47 @@ def _surroundings(
             ax.plot([x, x], ends, color=common.BLACK, linewidth=1.4, zorder=1.6, gid="support")
     if motion.u == 0.0:
         return None
-    return _arrow(ax, common.VERMILION, "flow", flow_ends(pipe, shape, one))
+    return _arrow(ax, common.VERMILION, "flow", seen(flow_ends(pipe, shape, one), view))
+
+
+def _around_the_axis(ax: Any, gamma: float, shapes: Array, scale: View, view: Side) -> None:
+    """Draws what a view from above or in space shows besides shapes (..., 3), with equal scales."""
+    one = scale.one(TRANSVERSE)
+    columns = SIDES[view]
+    room = (ARROW + 0.06) * one
+    wide = max(0.36 * one, float(np.abs(shapes[..., ::2]).max()) + room)
+    low, high = min(-0.12 * one, float(shapes[..., 1].min())), float(shapes[..., 1].max()) + room
+    ends = {0: (-wide, wide), 1: (low, high), 2: (-wide, wide)}
+    # So x, y and z stay right-handed, with gravity into the page or down it.
+    inverted = 2 if gamma < 0.0 else 1
+    ends[inverted] = ends[inverted][::-1]
+    for name, column in zip("xyz", columns, strict=False):
+        label = scale.label(OF_SHAPES[column])
+        short = label[label.index("$") :]  # long ones have no room in space
+        shown = {"lim": ends[column], "label": label if view == "above" else short}
+        ax.set(**{f"{name}{key}": value for key, value in shown.items()})
+    ax.locator_params(nbins=SIGNED_TICKS)
+    point: dict[str, Any] = {"color": common.BLACK, "marker": "s", "markersize": 5.0}
+    ax.plot(*np.zeros((len(columns), 1)), **point, linestyle="none", zorder=2.5, gid="clamp")
+    dashed: dict[str, Any] = {"color": "0.6", "linewidth": 0.6, "linestyle": (0, (6, 4))}
+    if view == "above":
+        ax.set_aspect("equal", adjustable="box")
+        ax.axhline(0.0, **dashed, zorder=0.5)
+        ax.axvline(0.0, **dashed, zorder=0.5)
+        return
+    ax.set_box_aspect((2.0 * wide, 2.0 * wide, high - low), zoom=0.82)
+    far = float(f"{0.7 * wide:.1g}")
+    ax.set(xticks=(-far, far), yticks=(-far, far))
+    ax.tick_params(pad=-2.0, labelsize="small")
+    ax.tick_params(axis="z", pad=2.0)
+    for axis, pad in ((ax.xaxis, -7.0), (ax.yaxis, -3.0), (ax.zaxis, 2.0)):
+        axis.labelpad = pad
+    ax.plot([0.0, 0.0], [0.0, 0.0], [0.0, high], **dashed)
+    if gamma != 0.0:
+        tail = np.array([-0.8 * wide, 0.8 * ends[2][0], 0.0])
+        head = tail + np.array([0.0, 0.0, math.copysign(0.3, gamma) * one])
+        _arrow(ax, common.BLACK, "gravity", (tail, head))
+        ax.text(*(0.5 * (tail + head)), "  $g$", va="center")
 
 
 def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array, view: View) -> None:
@@ -725,22 +855,39 @@ def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array, view: View) -> None
         ax.annotate("$g$", (at, start + 0.5 * length), **beside)
 
 
-def _arrow(ax: Axes, colour: str, gid: str, ends: tuple[Any, Any]) -> FancyArrowPatch:
+class _Arrow(FancyArrowPatch):
+    """An arrow between two points in a plane or, on three-dimensional axes, in space."""
+
+    def set_positions(self, tail: Any, head: Any) -> None:
+        self._ends = np.array([tail, head])
+        if len(tail) == 2:
+            super().set_positions(tail, head)
+
+    def do_3d_projection(self) -> float:
+        """Places the arrow on the page; returns how near it is, by which matplotlib sorts."""
+        axes: Any = self.axes
+        x, y, depth = proj3d.proj_transform(*self._ends.T, axes.M)
+        super().set_positions((x[0], y[0]), (x[1], y[1]))
+        return float(np.min(depth))
+
+
+def _arrow(ax: Axes, colour: str, gid: str, ends: Any) -> FancyArrowPatch:
     look: dict[str, Any] = {"arrowstyle": "-|>", "mutation_scale": 11.0, "linewidth": 1.8}
-    arrow = FancyArrowPatch(*ends, color=colour, shrinkA=0, shrinkB=0, zorder=3, gid=gid, **look)
+    look |= {"color": colour, "shrinkA": 0, "shrinkB": 0, "zorder": 3, "gid": gid}
+    arrow = _Arrow(tuple(ends[0][:2]), tuple(ends[1][:2]), **look)
+    arrow.set_positions(*ends)
     ax.add_patch(arrow)
     return arrow
 
 
-def flow_ends(pipe: Pipe, shape: Array, one: float) -> tuple[Any, Any]:
+def flow_ends(pipe: Pipe, shape: Array, one: float) -> Array:
     """Tail and head of the arrow of the flow at the free end; `one` is the length of the pipe."""
     step = shape[-1] - shape[-2]
     along = step / np.linalg.norm(step)
     cos, sin = math.cos(angle := pipe.jet_angle), math.sin(angle)
-    along = np.array([cos * along[0] + sin * along[1], cos * along[1] - sin * along[0]])  # (x, y)
-    lengths = 0.02 * one, ARROW * one
-    near, far = (tuple(map(float, shape[-1] + length * along)) for length in lengths)
-    return (near, far) if pipe.flow == "ejecting" else (far, near)
+    along[:2] = cos * along[0] + sin * along[1], cos * along[1] - sin * along[0]
+    near, far = (shape[-1] + length * along for length in (0.02 * one, ARROW * one))
+    return np.array([near, far] if pipe.flow == "ejecting" else [far, near])
 
 
 # ---------------------------------------------------------------------------------- between samples

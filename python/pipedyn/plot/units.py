@@ -40,6 +40,7 @@ class Measure:
 FLOW_SPEED = Measure(common.SPEED_LABEL, "flow speed", SPEED)
 ELAPSED = Measure(common.TIME_LABEL, "time", TIME)
 TIP = Measure(common.TIP_LABEL, "free end $x$", LENGTH)
+TIP_ACROSS = Measure("free end $z/L$", "free end $z$", LENGTH)
 TIP_RATE = Measure(common.TIP_RATE_LABEL, r"velocity of the free end $\dot{x}$", VELOCITY)
 AMPLITUDE = Measure("amplitude of the free end / $L$", "amplitude of the free end", LENGTH)
 DENSITY = Measure(
@@ -48,6 +49,7 @@ DENSITY = Measure(
     Unit("m^2/Hz", lambda scales: 2.0 * math.pi * scales.length**2 * scales.time),
 )
 TRANSVERSE = Measure("transverse $x/L$", "transverse $x$", LENGTH)
+ACROSS = Measure("transverse $z/L$", "transverse $z$", LENGTH)
 AXIAL = Measure("along the straight pipe $y/L$", "along the straight pipe $y$", LENGTH)
 ARC = Measure("arc length $s/L$ from the clamp", "arc length $s$ from the clamp", LENGTH)
 GROWTH = Measure(common.REAL_LABEL, common.REAL_LABEL, RATE)
@@ -109,10 +111,12 @@ def rate(coordinate: int | str, before: str = "", after: str = "") -> Measure:
     return Measure(words, words, RATE)
 
 
-def of_coordinate(coordinate: Any, coordinates: int) -> tuple[int | None, Measure]:
-    """Index of a coordinate, or None for "tip", the free end; and what its axis shows."""
+def of_coordinate(
+    coordinate: Any, coordinates: int, words: tuple[str, ...] = ("tip",)
+) -> tuple[int | None, Measure]:
+    """Index of a coordinate, or None for a word, the free end; and what its axis shows."""
     if isinstance(coordinate, str):
-        check.choice("coordinate", coordinate, ("tip",))
+        check.choice("coordinate", coordinate, words)
         return None, TIP
     index = check.count("coordinate", coordinate, low=0, high=coordinates - 1)
     return index, Measure(f"coordinate $q_{{{index}}}$, counted from 0")
