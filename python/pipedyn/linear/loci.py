@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipedyn.continuation.arclength import DenseProblem, Segment
+from pipedyn.linear.bent_crossings import RootsFollowed
 from pipedyn.linear.critical_speed import (
     count_resolved,
     only_answer,
@@ -29,6 +31,7 @@ from pipedyn.linear.modes import (
     largest_speed,
 )
 from pipedyn.linear.reach import Reach
+from pipedyn.linear.rest import BranchOfRest, at_rest, lost_rest, rest_follows
 from pipedyn.linear.sensitivity import Crossing, of_each
 from pipedyn.models.base import Model
 from pipedyn.models.continuum import (
@@ -141,7 +144,8 @@ def root_loci(
 
     Every mode that grows at a speed in the range has a branch, whatever the count, so that no
     instability is missed. Additional speeds are inserted where it is not clear which root continues
-    which branch.
+    which branch. The pipe is at rest, straight or bent, as for `eigenvalues`; about a bent rest,
+    which is followed with the speed, a root goes on as the nearest one at the next rest.
 
     Args:
         model: chain, reduced model or `Continuum`.
@@ -180,7 +184,8 @@ def root_loci(
     count = checked_count(min(4, most) if count is None else count, model, most)
     shown = check.flag("progress", progress)
     if isinstance(model, Model):
-        model.require_equilibrium(float(at[0]), float(at[-1]))
+        if not rest_follows(model):
+            model.require_equilibrium(float(at[0]), float(at[-1]))
         most = min(most, LARGEST_VECTORS // model.dof)
     reach, end, pipe = Reach(model.pipe), float(at[-1]), model.pipe
     fed = feeds_every_mode(model)
@@ -194,7 +199,8 @@ def root_loci(
     # If damping is so strong that modes do not oscillate, their numbers are a convention. Unless
     # the modes asked for have all growing roots, more modes are followed then.
     overdamped = pipe.damping * (math.pi * highest) ** 2 > 2.0
-    exact = model if isinstance(model, Continuum) and overdamped and not pipe.hysteresis else None
+    one_basis = isinstance(model, Continuum) and not (pipe.hysteresis or rest_follows(model))
+    exact = model if isinstance(model, Continuum) and overdamped and one_basis else None
     reached = most if most <= FEW_MODES else min(math.ceil(reach.modes_reached(end)) + 2, most)
     sizes = [count, max(count, reached)] if overdamped else [highest, max(highest, reached)]
     loci, complete = None, growing.complete
@@ -288,7 +294,7 @@ def _rests_without_flow(model: AnyModel) -> bool:
     """Whether the configuration about which a model is linearised is an equilibrium at rest."""
     try:
         if isinstance(model, Model):
-            model.require_equilibrium(0.0)
+            at_rest(model, 0.0).require_equilibrium(0.0)
     except ValueError:
         return False
     return True
@@ -367,7 +373,7 @@ def branches_followed(model: AnyModel, speeds: Array, count: int, shown: bool = 
     smallest = max(16, 3 * count, math.ceil(speeds[-1]))
     answer: Converged[RootLoci] = converged_answer(
         model,
-        (float(speeds[0]), float(speeds[-1])),
+        () if rest_follows(model) else (float(speeds[0]), float(speeds[-1])),
         lambda one: _root_loci(one, asked, count, shown),
         partial(_loci_change, pipe=model.pipe),
         tolerance=1e-8,
@@ -375,7 +381,7 @@ def branches_followed(model: AnyModel, speeds: Array, count: int, shown: bool = 
         largest=smallest + 32,
     )
     found = answer.value
-    if not model.pipe.hysteresis:
+    if not (model.pipe.hysteresis or rest_follows(model)):
         solved = model.frozen(answer.size) if isinstance(model, Continuum) else model
         found = _told_apart(eigenproblem(solved), found)
     if isinstance(model, Continuum):
@@ -413,6 +419,8 @@ def _overdamped(loci: RootLoci, delta: float) -> NDArray[np.bool_]:
 
 def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci:
     """Root loci of one model, computed with more roots until no branch is lost."""
+    if rest_follows(model):
+        return _loci_of_rest(model, speeds, count)
     # If the requested modes are overdamped, half of their roots lie beyond the cluster at -1 /
     # delta, and only a computation of all roots finds them.
     overdamped = model.pipe.damping * (math.pi * count) ** 2 > 2.0
@@ -437,6 +445,43 @@ def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci
                 checks = loci.converged, loci.errors
                 return RootLoci(speeds, values, partners, *checks, problem.dof, model.pipe)
             size *= 2
+
+
+def _loci_of_rest(model: Model, speeds: Array, count: int) -> RootLoci:
+    """Root loci of a bent pipe, whose rest is followed from u = 0 with all of its roots.
+
+    Each root continues as the nearest one from one rest to the next.
+    """
+    rests, rows = BranchOfRest(model), list[tuple[NDArray[Any], ...]]()
+    followed: list[RootsFollowed] = []
+
+    def record(x: Array, u: float) -> None:
+        problem = eigenproblem(rests.about(x))
+        pairs = problem.lowest(u, 2 * problem.dof, left=True)
+        own = followed[0].matched(pairs.values)[: 2 * count].reshape(count, 2)
+        # The upper root of a pair comes first, and the greater one of a real pair.
+        order = np.lexsort((-pairs.values[own].real, -pairs.values[own].imag), axis=1)
+        own = np.take_along_axis(own, order, axis=1)
+        values, errors = pairs.values[own], problem.errors(u, pairs)[own].max(axis=1)
+        good = (pairs.converged[own] & (own >= 0)).all(axis=1)
+        rows.append((*values.T, np.asarray(good), errors))
+
+    def note(step: Segment[DenseProblem]) -> str | None:
+        if not followed:
+            followed.append(RootsFollowed(rests.eigenvalues(step.begin.x, step.begin.p)))
+            if speeds[0] == 0.0:
+                record(step.begin.x, 0.0)
+        followed[0].move(rests.eigenvalues(step.end.x, step.end.p))
+        if len(rows) < speeds.size and step.end.p == speeds[len(rows)]:
+            record(step.end.x, step.end.p)
+        return "fold" if step.end.tangent[-1] <= 0.0 else None
+
+    with one_thread(model.dof):
+        reason = rests.following(max(float(speeds[-1]), 1e-3), note, speeds[speeds > 0.0].tolist())
+    if len(rows) < speeds.size:
+        raise NotConverged(lost_rest(reason, float(speeds[len(rows) - 1]), float(speeds[-1])))
+    values, partners, converged, errors = map(np.array, zip(*rows, strict=True))
+    return RootLoci(speeds, values, partners, converged, errors, model.dof, model.pipe)
 
 
 def _told_apart(problem: Eigenproblem, loci: RootLoci) -> RootLoci:

@@ -51,7 +51,8 @@ class Converged(Generic[Reply]):
 class Continuum(OfPipe):
     """The continuous pipe (the partial differential equation), for linear questions.
 
-    Legendre reduced models of growing size compute the answers. `pipedyn.eigenvalues`, `modes`,
+    Legendre reduced models of growing size compute the answers, each about its own rest if a load
+    bends the pipe. `pipedyn.eigenvalues`, `modes`,
     `root_loci`, `crossings`, `critical_speed` and `stability_curve` accept it like any other model
     and report size and error if their results have fields for them.
 
@@ -67,20 +68,9 @@ class Continuum(OfPipe):
 
     Raises:
         TypeError: for an argument that is not a pipe.
-        ValueError: for a pipe that an inclined jet bends at rest.
 
     Source: Gregory and Paidoussis (1966).
     """
-
-    def __init__(self, pipe: Pipe) -> None:
-        super().__init__(pipe)
-        if pipe.thrust_across:
-            raise ValueError(
-                "Continuum answers linear questions about the straight pipe, which is no "
-                f"equilibrium with jet_angle = {pipe.jet_angle:.6g}: ask equilibria, or "
-                "equilibrium_branch for its onset, of a Chain or a Galerkin model; relevant, trade "
-                "and choose of a motion or a limit cycle"
-            )
 
     def with_pipe(self, pipe: Pipe) -> Continuum:
         """A `Continuum` with another pipe; raises the errors of `Continuum`."""

@@ -678,7 +678,8 @@ def _surroundings(
     Returns the arrow of the flow at the free end of `shape`; None if there is no flow.
     """
     pipe, one = motion.model.pipe, view.one(TRANSVERSE)
-    clamp_and_gravity(ax, pipe.gamma, shapes, view)
+    across, along = pipe.down
+    clamp_and_gravity(ax, (pipe.gamma * across, pipe.gamma * along), shapes, view)
     for s in (*pipe.supports, *(1.0,) * pipe.end_held):  # as long as the way on which it slides
         y = shapes[:, round(s * (shapes.shape[1] - 1)), 1]
         ends = y.min() - 0.03 * one, y.max() + 0.03 * one
@@ -689,10 +690,10 @@ def _surroundings(
     return _arrow(ax, common.VERMILION, "flow", flow_ends(pipe, shape, one))
 
 
-def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array, view: View) -> None:
+def clamp_and_gravity(ax: Axes, weight: tuple[float, float], shapes: Array, view: View) -> None:
     """Draws clamp and gravity, and sets axes of equal scale with room for shapes and an arrow.
 
-    The shapes, of shape (..., 2), are in the units shown.
+    The weight has components (x, y); the shapes, of shape (..., 2), are in the units shown.
     """
     one = view.one(TRANSVERSE)
     common.set_labels(ax, xlabel=view.label(TRANSVERSE), ylabel=view.label(AXIAL))
@@ -705,17 +706,23 @@ def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array, view: View) -> None
     wide = max(0.36 * one, wide, float(np.abs(shapes[..., 0]).max()) + room)
     ax.locator_params(axis="x", nbins=SIGNED_TICKS)
     ax.set_aspect("equal", adjustable="box")
-    ax.set(xlim=(-wide, wide), ylim=(low, high) if gamma < 0.0 else (high, low))
+    ax.set(xlim=(-wide, wide), ylim=(low, high) if weight[1] < 0.0 else (high, low))
     hatched: dict[str, Any] = {"facecolor": "0.92", "edgecolor": "0.35", "hatch": "////"}
     corner, width, height = (-0.1 * one, -0.06 * one), 0.2 * one, 0.06 * one
     ax.add_patch(Rectangle(corner, width, height, zorder=1.5, gid="clamp", **hatched))
     ax.plot([-0.1 * one, 0.1 * one], [0.0, 0.0], color=common.BLACK, linewidth=1.4, zorder=1.6)
     ax.axvline(0.0, color="0.6", linewidth=0.6, linestyle=(0, (6, 4)), zorder=0.5)
-    if gamma != 0.0:
-        at, length = -min(wide - 0.1 * one, 0.34 * one), math.copysign(0.16, gamma) * one
-        start = (-0.06 if gamma > 0.0 else 0.1) * one
-        _arrow(ax, common.BLACK, "gravity", ((at, start), (at, start + length)))
-        ax.text(at + 0.03 * one, start + 0.5 * length, "$g$", va="center")
+    if any(weight):
+        across, down = (0.16 * one * part / math.hypot(*weight) for part in weight)
+        at = -min(wide - 0.1 * one - 0.4 * abs(across), 0.34 * one)  # middle of the arrow
+        start = (-0.06 if weight[1] >= 0.0 else 0.1) * one
+        ends = (at - 0.5 * across, start), (at + 0.5 * across, start + down)
+        _arrow(ax, common.BLACK, "gravity", ends)
+        # To the right of a vertical arrow, and on the other side of one that points at the clamp.
+        turned = math.copysign(0.45, across * down or 1.0)
+        aside = (0.06 * one, 0.0) if not across else (-0.45 * abs(down), turned * abs(across))
+        x, y = at + aside[0], start + 0.5 * down + aside[1]
+        ax.text(x, y, "$g$", va="center", ha="center")
 
 
 def _arrow(ax: Axes, colour: str, gid: str, ends: tuple[Any, Any]) -> FancyArrowPatch:
