@@ -524,7 +524,7 @@ class Load(Term):
 
     @property
     def force(self) -> tuple[float, float]:
-        """Both components, (force_x, force_y)."""
+        """Components (force_x, force_y) of the force."""
         return self.force_x, self.force_y
 
     @property
@@ -575,7 +575,7 @@ class DistributedLoad(Term):
 
     @property
     def force(self) -> tuple[float, float]:
-        """Both components, (force_x, force_y)."""
+        """Components (force_x, force_y) of the force."""
         return self.force_x, self.force_y
 
     @property
