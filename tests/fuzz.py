@@ -345,6 +345,8 @@ MODELS |= {
     "sagging": pp.Chain(SAGGING, 3),
     "drawn": pp.Galerkin(DRAWN, 3),
     "tapered": pp.Chain(TAPERED, 3),
+    "space": pp.Chain(DRAGGED, 3, dimensions=3),
+    "reduced space": pp.Galerkin(PIPE, 2, "legendre", dimensions=3),
 }
 EVERY = {**MODELS, "held": HELD}
 
@@ -737,7 +739,7 @@ def _models() -> Iterator[Target]:
         complexes = Kind(small.good, _no_complex(small.bad))
         driven = {
             **{"y": rates, "u": U, "u_dot": optional(real((-9.0, 9.0)))},
-            "base": optional(array((3, 2))),
+            "base": optional(array((3, model.dimensions))),
         }
         for ask, states_of in ((model.rhs, y), (model.jacobian, rates)):
             asked, title = partial(ask, 0.0), f"{cls}.{ask.__name__}{tag}"
@@ -758,8 +760,10 @@ def _models() -> Iterator[Target]:
         yield target(model.with_pipe, tag, pipe=others)
         yield target(model.deflection, tag, q=complexes)
         yield target(model.from_elastic, tag, z=complexes)
-        yield target(model.operators, tag, q=optional(q))
-        yield target(model.about, tag, q=q)
+        straight = model.dimensions == 3  # linearised there alone
+        at = Kind(one_of(np.zeros(n), [0.0] * n), q.bad) if straight else q
+        yield target(model.operators, tag, q=optional(at))
+        yield target(model.about, tag, q=at)
         shape = pp.modes(model, 0.0).shapes[0]
         yield target(shape, tag)
     yield target(LEGENDRE.functions, derivative=count(0, 2, 3))
@@ -1201,6 +1205,14 @@ def _motions() -> Iterator[Target]:
     )
     onset = {"crossing": optional(of(CROSSING)), "friction": optional(real((0.5, 9.0), 0.0))}
     yield target(pp.hopf, slow=True, model=flutter, **onset)
+    space = pp.Chain(pp.Pipe(0.2), 3, dimensions=3)
+    whirling = Kind(one_of(space), any_of(MOVING.bad, one_of(FLUTTER)))
+    yield target(pp.rotating_motion, slow=True, model=whirling, u=beyond)
+    yield target(space.bent, angle=FUNCTION, across=optional(FUNCTION))
+    yield target(space.turned, y=array(12, any_size=True), angle=NUMBER)
+    reduced = pp.Galerkin(PIPE, 2, dimensions=3)
+    yield target(reduced.bent, angle=FUNCTION, across=optional(FUNCTION))
+    yield target(reduced.turned, y=array(8, any_size=True), angle=NUMBER)
     lossy = {"model": Kind(one_of(OVERHANG), one_of(LOST, EXACT, 3, NAN, None))}
     refused = {"model": "model|hysteresis"}
     yield target(pp.hopf, "[supported]", slow=True, called=refused, **lossy)

@@ -27,6 +27,9 @@ THINGS = sorted(json.loads(FACTS.read_text("utf-8")))
 """Names of the things that have a file, by which `path_of` finds it."""
 
 NEW: dict[str, Callable[[], Any]] = {
+    "RotatingMotion": lambda: pp.rotating_motion(pp.Chain(pp.Pipe(0.2), 3, dimensions=3), 6.0),
+    "SpatialGalerkin": lambda: pp.Galerkin(pp.Pipe(0.2, 3.0), 3, "legendre", dimensions=3),
+    "SpatialHopf": lambda: pp.hopf(pp.Chain(pp.Pipe(0.3), 3, dimensions=3)),
     "CriticalSpeeds": lambda: pp.critical_speeds(
         pp.Chain(pp.Pipe(0.2), 3), {"beta": [[0.1], [0.3]], "gamma": [0.0, 2.0]}
     ),

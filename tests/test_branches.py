@@ -55,7 +55,9 @@ def test_cycles_over_the_onset_are_those_of_limit_cycle(model):
         assert cycle.symmetric
         assert cycle.multiplier_error < 1e-6
     assert branch.stable.all()
-    assert branch.amplitudes[0] == pytest.approx(onset.amplitude(branch.speeds[0]), rel=5e-2)
+    assert (branch.speeds[0], branch.amplitudes[0]) == (branch.onset, 0.0)
+    assert branch.frequencies[0] == pytest.approx(onset.frequency, rel=1e-9)
+    assert branch.amplitudes[1] == pytest.approx(onset.amplitude(branch.speeds[1]), rel=5e-2)
     assert events(branch) == ["hopf"]
 
 
@@ -128,7 +130,8 @@ def test_a_fold_of_cycles_is_where_the_two_meet(subcritical):
 def test_a_cycle_that_appears_and_vanishes_is_one_branch():
     """None is lost where it comes back to rest: there amplitudes are like a square root."""
     model = pp.Galerkin(pp.Pipe(0.295), 7, "legendre")
-    onsets = [c.speed for c in pp.crossings(model, 8.0)]
+    found = pp.crossings(model, 8.0)
+    onsets, frequencies = [c.speed for c in found], [c.frequency for c in found]
     before = np.array([1e-2, 1e-3, 1e-4, 1e-5])
     found = pp.bifurcation_diagram(model, [7.2, 7.6, *(onsets[-1] - before), 8.0])
     (branch,) = found.cycles
@@ -136,6 +139,13 @@ def test_a_cycle_that_appears_and_vanishes_is_one_branch():
     assert events(branch) == ["hopf", "hopf"]
     assert [event.speed for event in branch.events] == pytest.approx(onsets, rel=1e-9)
     assert (branch.amplitudes < 0.1).all()
+    ends = [0, -1]  # at rest, where a pair of multipliers is 1
+    assert branch.amplitudes[ends].tolist() == branch.highest[ends].tolist() == [0.0, 0.0]
+    assert (branch.amplitudes[1:-1] > 0.0).all()
+    np.testing.assert_allclose(branch.speeds[ends], onsets, rtol=1e-9)
+    np.testing.assert_allclose(branch.frequencies[ends], frequencies, rtol=1e-9)
+    np.testing.assert_allclose(branch.multipliers[ends, :2], 1.0, atol=1e-6)
+    assert branch.stable[ends].all()
     law = [branch.at(onsets[-1] - apart)[0].amplitude / np.sqrt(apart) for apart in before]
     np.testing.assert_allclose(law, law[-1], rtol=4e-3)
 
@@ -338,7 +348,10 @@ def test_mirror_images_leave_a_cycle_at_a_pitchfork_and_motions_end_on_one(leavi
     (leant,) = child.at(1.72)
     assert leant.stable
     assert not leant.symmetric
-    uneven = (child.highest - child.amplitudes)[:3] ** 2 / (child.speeds[:3] - fork.speed)
+    assert child.speeds[0] == pytest.approx(fork.speed, abs=2.0 * fork.error)
+    assert child.amplitudes[0] == child.highest[0] == pytest.approx(fork.amplitude, rel=1e-5)
+    assert child.stable[0]  # the multiplier that passes does not count
+    uneven = (child.highest - child.amplitudes)[1:4] ** 2 / (child.speeds[1:4] - fork.speed)
     assert uneven == pytest.approx(uneven[0], rel=0.1)
     ended = [one for one in leaving.at(1.72) if one.ending == "periodic"]
     assert ended

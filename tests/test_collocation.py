@@ -334,3 +334,42 @@ def test_exponentials_are_those_of_scipy(size, each_level):
 def test_exponentials_that_overflow_are_not_finite():
     with np.errstate(over="ignore", invalid="ignore"):
         assert not np.isfinite(magnus.exponentials(np.full((1, 2, 2), 1e200))).any()
+
+
+@pytest.mark.parametrize("singular", [False, True])
+def test_general_eigenvalues_are_scipys_infinite_ones_too(singular):
+    random = np.random.default_rng(0)
+    a, b = random.normal(size=(2, 7, 7))
+    if singular:
+        b[:, 2] = b[:, 5]
+    found = _core.general_values(a, b)
+    expected = scipy.linalg.eigvals(a, b)
+    largest = np.abs(expected) > 1e12
+    assert np.count_nonzero(largest) == singular
+    assert np.count_nonzero(~(np.abs(found) < 1e12)) == singular
+    inner = found[np.abs(found) < 1e12]
+    np.testing.assert_allclose(
+        np.sort_complex(inner.round(9)), np.sort_complex(expected[~largest].round(9)), atol=2e-9
+    )
+    for wrong in (a[:6], np.full((7, 7), np.nan)):
+        with pytest.raises(ValueError, match="must be finite, square and of the same size"):
+            _core.general_values(wrong, b)
+
+
+@pytest.mark.parametrize(("count", "n"), [(1, 4), (12, 2), (13, 3), (500, 6), (3000, 4)])
+def test_the_nearest_of_many_points_is_scipys(count, n):
+    random = np.random.default_rng(count)
+    points, states = random.normal(size=(count, n)), 1.5 * random.normal(size=(200, n))
+    points[count // 2] = points[0]  # two at one place
+    nearest, tree = _core.NearestPoint(points), scipy.spatial.cKDTree(points)
+    for most in (0.5, 1.5, np.inf):
+        distances, _ = tree.query(states, distance_upper_bound=most)
+        found = nearest(states, most)
+        assert np.array_equal(found < 0, ~np.isfinite(distances))
+        at = np.flatnonzero(found >= 0)
+        apart = np.linalg.norm(states[at] - points[found[at]], axis=1)
+        np.testing.assert_allclose(apart, distances[at], rtol=1e-14)
+    assert nearest(points, np.inf).shape == (count,)
+    assert nearest(np.full((1, n), np.nan), np.inf).tolist() == [-1]
+    with pytest.raises(ValueError, match=f"states must have shape \\(k, {n}\\), got \\(3, 1\\)"):
+        nearest(np.zeros((3, 1)), 1.0)

@@ -382,6 +382,16 @@ def test_a_search_may_start_from_an_onset():
         pp.limit_cycle(THREE, 8.3, third)
 
 
+def test_the_search_ends_at_the_speed_and_takes_no_step_beyond_it():
+    assert limit_cycle(ROM, 7.0).evaluations < 1500  # 1853 with a step beyond and one back
+
+
+def test_a_prediction_far_from_the_branch_is_not_taken_for_the_cycle():
+    # Newton's method ends from there, but on no orbit of a finer mesh.
+    cycle = pp.limit_cycle(pp.Chain(pp.Pipe(0.05), 4), 5.93416)
+    assert cycle.amplitude == pytest.approx(0.637488, abs=1e-6)
+
+
 def test_a_search_may_start_from_a_bent_pipe():
     model = THREE
     expected = limit_cycle(model, 5.0)

@@ -10,6 +10,7 @@ import scipy.stats
 
 import pipedyn as pp
 from pipedyn import diagram as module
+from pipedyn.attraction.from_motion import last_period
 from pipedyn.attraction.records import Stretch
 from pipedyn.motion.sampling import turning_points
 from pipedyn.util.counters import count_work
@@ -273,6 +274,25 @@ def test_a_period_is_found_however_many_maxima_it_holds(times):
     found = stretch(signals, 60.0)
     assert found.period == pytest.approx(times * 2.0 * np.pi / 9.0, rel=1e-4)
     assert stretch(TORUS, 60.0).period == 0.0
+
+
+@pytest.mark.parametrize("even", [True, False])
+def test_states_between_the_samples_of_a_period_are_interpolated(even):
+    t = np.linspace(0.0, 20.0, 2001)
+    t = t if even else t + 2e-3 * np.sin(3.0 * t)
+
+    def states(t):
+        p = np.cos(23.0 * t) + 0.2 * np.cos(69.0 * t)
+        return np.stack([p, -23.0 * np.sin(23.0 * t) - 13.8 * np.sin(69.0 * t)], axis=1)
+
+    y = states(t)
+    record = Stretch(t, y, y[:, 0], y[:, 1], 1e-6)
+    between, frequency = last_period(record, 0.1)
+    _, first, _, _ = record.recurrence
+    assert frequency == pytest.approx(23.0, rel=1e-4)
+    phases = np.linspace(0.0, 2.0 * np.pi, 1001)
+    missed = np.abs(between(phases) - states(first + phases / frequency).T).max(axis=1)
+    assert (missed < 2e-5 * np.ptp(y, axis=0)).all()
 
 
 def test_starts_of_guided_scenes_meet_the_guide():

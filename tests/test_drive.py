@@ -219,8 +219,8 @@ def test_a_held_scene_that_is_driven_moves_as_its_redundant_form_says(holds):
     for_rates, _ = scene.onto_constraints(*np.split(start[:, None], 2))
     omega = scene.onto_constraints(for_rates, start[4:, None])[1]
     state = scene.state(for_rates[:, 0], omega[:, 0])
-    y, drive = np.append(for_rates, omega), np.concatenate([[RATE], BASE.ravel()])
-    expected = redundant.accelerations(scene, state, SPEED, drive)
+    y, drive = np.append(for_rates, omega), np.concatenate([[RATE], BASE.ravel(), np.zeros(3)])
+    expected = redundant.accelerations(scene, state, SPEED, drive[:7])
     found = scene.rhs(0.0, state, SPEED, **DRIVE)[12:]
     assert np.abs(found - expected).max() < 1e-10 * np.abs(expected).max()
     exact = scene.motion_jacobian(y, SPEED, drive)
@@ -236,7 +236,7 @@ def test_unsteady_operator_of_a_held_scene_is_the_jacobian_at_rest(holds):
     operators, still = scene.operators(), np.zeros(8)
     basis = scene.free_directions(np.zeros(4))
     steady, pushed = (
-        scene.motion_jacobian(still, SPEED, np.append(rate, np.zeros(6)))[4:, :4]
+        scene.motion_jacobian(still, SPEED, np.append(rate, np.zeros(9)))[4:, :4]
         for rate in (0.0, RATE)
     )
     force = operators.mass @ basis.T @ (pushed - steady) @ basis

@@ -150,7 +150,14 @@ def test_cycles_about_a_bent_pipe_follow_the_law_of_its_hopf_point(buckled_branc
     assert (onset.growth < 0.0) == (onset.amplitude_law > 0.0)
     found = pp.bifurcation_diagram(TWO, [1.6, point.speed + 2e-3], cycles=5)
     cycles = next(b for b in found.cycles if b.onset == pytest.approx(point.speed, rel=1e-9))
-    law = cycles.amplitudes[:3] ** 2 / (cycles.speeds[:3] - cycles.onset)
+    assert (cycles.speeds[0], cycles.amplitudes[0]) == (cycles.onset, 0.0)
+    assert cycles.highest[0] == pytest.approx(point.tip[0], abs=1e-9)
+    assert cycles.cycles[0].residual == 0.0
+    assert not cycles.cycles[0].moves
+    assert cycles.at(cycles.onset) == ()
+    with pytest.raises(ValueError, match=re.escape("start must move, got a cycle without")):
+        pp.limit_cycle(TWO, 1.63, cycles.cycles[0])
+    law = cycles.amplitudes[1:4] ** 2 / (cycles.speeds[1:4] - cycles.onset)
     assert law == pytest.approx(onset.amplitude_law, rel=3e-3)
 
 
@@ -413,6 +420,44 @@ def test_an_axially_fixed_pipe_rests_straight_or_in_half_waves_and_no_coil_is_co
     assert found.valid.all()
     others = found.discarded
     assert others is None or not (others.resolved & others.valid).any()
+
+
+@pytest.mark.parametrize("turned", [0.0, math.pi])
+def test_a_pinned_pipe_becomes_unstable_and_bends_at_u_of_pi_turned_on_its_hinge_or_not(turned):
+    """Its half wave, with the angle a at the pin, is that of `half_waves`: u^2 cos a = 4 K^2."""
+    model = pp.Galerkin(pinned(), 6, "legendre")
+    straight, bent = (
+        pp.equilibrium_branch(model, lambda s, a=a: turned + a * np.cos(np.pi * s), u, (2.5, 3.5))
+        for a, u in ((0.0, 2.5), (1.0, 3.4))
+    )
+    assert straight.straight
+    assert bent.ends == ("pitchfork", "range")
+    for branch in (straight, bent):
+        (fork,) = branch.points
+        assert fork.kind == "pitchfork"
+        assert fork.speed == pytest.approx(math.pi, abs=1e-6)
+        assert fork.speed in branch.speeds.tolist()
+    # At the pitchfork nothing grows yet, and the bent pipe begins there.
+    assert straight.stable.tolist() == (straight.speeds <= straight.points[0].speed).tolist()
+    assert bent.stable.all()
+    assert np.array_equal(bent.q[0], straight.q[0])
+    angles = np.abs(model.deflection(bent.q.T, 0.0, 1) - turned)
+    assert angles[0] == pytest.approx(0.0, abs=1e-14)
+    speeds = 2.0 * ellipk(np.sin(0.5 * angles) ** 2) / np.sqrt(np.cos(angles))
+    np.testing.assert_allclose(bent.speeds, speeds, rtol=1e-5)
+    # The amplitude grows as the square root of the distance from the onset.
+    near = (angles > 1e-3) & (angles < 0.1)
+    law = angles[near] ** 2 / (bent.speeds[near] - bent.speeds[0])
+    np.testing.assert_allclose(law, 16.0 / (5.0 * math.pi), rtol=5e-3)
+
+
+def test_no_branch_point_is_listed_beside_the_pitchfork_where_a_branch_ends():
+    """There an eigenvalue falls below what counts as neutral before it is 0."""
+    (bent,) = (one for one in pp.equilibria(TWO, 1.7).q if one[1] > 1e-3 and abs(one[1]) < 0.6)
+    branch = pp.equilibrium_branch(TWO, bent, 1.7, (1.0, 4.0))
+    assert [point.kind for point in branch.points] == ["pitchfork", "hopf", "fold"]
+    assert branch.unstable[0] == 2  # the pair of the flutter of the straight pipe
+    assert branch.unstable[1] == 3
 
 
 def test_a_coil_that_larger_bases_keep_is_resolved_but_not_valid():

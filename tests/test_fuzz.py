@@ -22,7 +22,13 @@ MADE_BY_USERS -= {modular.Module, modular.Constraint}
 CALLED_WITH_CHECKED = {"acceleration", "admissible", "along", "basis", "end_motion"}
 CALLED_WITH_CHECKED |= {"free_directions", "free_states", "from_user", "initial_state", "kinks"}
 CALLED_WITH_CHECKED |= {"largest_angle"}
-CALLED_WITH_CHECKED |= {"law_numbers", "motion_jacobian", "motion_linearised", "motion_rates"}
+CALLED_WITH_CHECKED |= {
+    "law_numbers",
+    "quarter_turn",
+    "motion_jacobian",
+    "motion_linearised",
+    "motion_rates",
+}
 CALLED_WITH_CHECKED |= {"onto_constraints", "rate", "require_equilibrium", "sampled", "to_user"}
 CALLED_WITH_CHECKED |= {"unbalanced", "velocity", "weight_in"}
 """Methods that integrators and searches call, with what they have checked."""

@@ -15,7 +15,7 @@ import pytest
 
 LIMITS = {
     "longest chain of imports in a folder": 7,
-    "modules in a folder": 16,
+    "modules in a folder": 17,
     "names with more than one meaning": 9,
     "docstrings that begin with a leaning word": 0,
     "lines of Python": 23418,

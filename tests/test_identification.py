@@ -330,6 +330,30 @@ def test_all_pipes_that_explain_the_measurements_are_told_from_any_start(given):
     assert 0.01 < alone.uncertainties[0] / alone.values[0] < 0.03
 
 
+def test_a_mode_that_ceases_to_oscillate_within_the_ranges_ends_no_search():
+    """A loss factor above 0.01 leaves the first mode of this pipe without a root at u = 6."""
+    pipe = pp.Pipe(
+        *(0.31471500154, 2.06247622854), alpha=1.12919664616, damping=0.0257576851125,
+        hysteresis=0.02, terms=[pp.Spring(1.0, 92.6767580485)],
+    )  # fmt: skip
+    slow = pp.Measurement("decay_rate", -4.14, 0.04, speed=6.0)
+    with pytest.raises(pp.NotIdentifiable, match=r"^mode 1 has no oscillation at u = 6 to tell$"):
+        pp.identify(pipe, [slow], {"hysteresis": (0.01, 0.3)})
+    pipe = pp.Pipe(
+        *(0.8, 1.716), alpha=1.06256, damping=0.0075, hysteresis=0.03,
+        terms=[pp.Spring(0.5, 1.242)],
+    )  # fmt: skip
+    measured = [
+        pp.Measurement("decay_rate", 8.9, 0.089, speed=4.0),
+        pp.Measurement("frequency", 6.54, 0.065, speed=6.0),
+    ]
+    found = pp.identify(pipe, measured, {"hysteresis": (1e-3, 0.3), "beta": (0.02, 0.98)})
+    assert found.pipe.hysteresis == pytest.approx(0.04, rel=0.03)
+    for one in measured:
+        value = predicted(found.pipe, one.quantity, one.speed)
+        assert value == pytest.approx(one.value, abs=0.05 * one.uncertainty)
+
+
 def test_uncertainties_that_are_too_small_rule_no_pipe_out():
     """Two decay rates do not fit any gamma: the one at 42.9 is only a little better than at 1.5."""
     rate, sigma = decay_at_six(1.5), 1e-4
@@ -355,7 +379,9 @@ KINDS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("seed", "others"), [(0, 0), (17, 0), (35, 0), (25, 1), (30, 1), (34, 1)])
+@pytest.mark.parametrize(
+    ("seed", "others"), [(0, 0), (17, 0), (35, 0), (25, 1), (30, 1), (34, 1), (32, 1), (48, 1)]
+)
 def test_random_pipes_come_back_within_their_uncertainties_or_among_those_told(seed, others):
     """The search begins far from them, at a pipe in the middle of all ranges."""
     random = np.random.default_rng(seed)

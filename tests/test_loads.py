@@ -281,6 +281,34 @@ def test_a_hose_clamped_level_at_a_table_is_given_in_si():
     )
 
 
+@pytest.mark.parametrize("kind", ["chain", "Legendre functions"])
+def test_a_loaded_pipe_in_space_moves_in_its_plane_as_the_planar_one(kind):
+    """And its energy changes as the power says where it leaves that plane."""
+    terms = [*TWO_LOADS["terms"], pp.DistributedLoad((1.0, 2.0)), pp.PointMass(0.7, 0.2)]
+    pipe = pp.Pipe(0.3, damping=0.01, drag=0.3, **{**TWO_LOADS, "terms": terms})
+    planar = MODELS[kind](pipe)
+    n = planar.coordinates
+    model = (
+        pp.Chain(pipe, 5, dimensions=3)
+        if kind == "chain"
+        else pp.Galerkin(pipe, 10, "legendre", dimensions=3)
+    )
+    y = state_of(planar)
+    both = np.concatenate([y[:n], np.zeros(n), y[n:], np.zeros(n)])
+    found = np.split(model.rhs(0.0, both, 2.0), 4)
+    expected = planar.rhs(0.0, y, 2.0)
+    assert found[2] == pytest.approx(expected[n:], rel=1e-9, abs=1e-9 * np.abs(expected).max())
+    assert np.abs(found[3]).max() == 0.0
+    assert model.energy(both) == pytest.approx(planar.energy(y), rel=1e-10)
+    leaving = (
+        0.6 * np.random.default_rng(5).standard_normal(4 * n) / np.tile(np.arange(1, n + 1), 4)
+    )
+    change = derivative_along(model.energy, leaving, model.rhs(0.0, leaving, 2.0), step=1e-4)
+    assert model.power(leaving, 2.0).total == pytest.approx(change, rel=1e-7)
+    with pytest.raises(ValueError, match=r"^model must be planar, as model\.planar, in linear"):
+        pp.eigenvalues(model, 1.0)
+
+
 def test_loads_take_quantities():
     pint = pytest.importorskip("pint").UnitRegistry()
     pair = (0.1 * pint.N, 20.0 * pint.mN)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Root loci: branches that are followed, not sorted."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from independent import chain_newton_step, companion_eigenvalues, distances, series_newton_step
@@ -8,6 +10,8 @@ from saved_things import path_of
 from scipy.optimize import linear_sum_assignment
 
 import pipedyn as pp
+from pipedyn.linear.following import RootFollower
+from pipedyn.linear.loci import branches_followed
 from pipedyn.linear.neutral import eigenvalues_of
 
 PIPE = pp.Pipe(0.2)
@@ -281,6 +285,16 @@ def test_a_branch_that_grows_only_between_two_speeds_is_followed():
     assert (loci.eigenvalues[1:, 3].real < 0.0).all()
 
 
+def test_slopes_tell_that_a_root_grows_between_two_speeds_only():
+    """As known from its crossings, for pipes of which these are not known."""
+    follower = RootFollower(pp.Galerkin(HOSE, 40, "legendre"))
+    sixth = [one.speed for one in pp.crossings(pp.Continuum(HOSE), 31.0) if one.mode == 6]
+    assert sixth == pytest.approx([29.365, 30.375], abs=1e-3)
+    between = follower.between(29.0, 30.5)
+    assert any(sixth[0] < u < sixth[1] for u in between)
+    assert follower.between(10.0, 10.5) == []
+
+
 def test_modes_are_counted_from_rest_wherever_the_speeds_begin():
     for model in (pp.Continuum(HOSE), pp.Chain(HOSE, 20)):
         from_rest = pp.root_loci(model, [0.0, 26.0, 28.0], count=6)
@@ -462,10 +476,153 @@ def test_growing_roots_of_strongly_damped_pipes_have_branches(pipe, end):
     every = eigenvalues_of(*pp.Galerkin(pipe, 48, "legendre").operators().at(end))
     growing = every[(every.real > 1e-6) & (every.imag >= 0.0)]
     roots = np.concatenate([loci.eigenvalues[-1], loci.partners[-1]])
-    apart = np.abs(roots[:, None] - growing).min(axis=0) / np.abs(growing)
+    apart = np.nanmin(np.abs(roots[:, None] - growing), axis=0) / np.abs(growing)
     assert loci.complete
     assert growing.size
     assert apart.max() < 1e-6
+
+
+def growing_roots(model, u):
+    """Growing roots at or above the real axis by dense matrices, with the complex stiffness.
+
+    Hysteresis does not act on static motions: a growing real root of the pipe without it replaces
+    the nearest growing root of the complex matrices.
+    """
+    every = eigenvalues_of(*model.operators().at(u))
+    every = every[every.real > 1e-5 * (1.0 + np.abs(every))]
+    if not model.pipe.hysteresis:
+        return every[every.imag >= 0.0]
+    lossless = model.with_pipe(replace(model.pipe, hysteresis=0.0))
+    static = eigenvalues_of(*lossless.operators().at(u))
+    static = static[(static.real > 1e-5 * (1.0 + np.abs(static))) & (static.imag == 0.0)]
+    twins = np.abs(every[:, None] - static).argmin(axis=0) if every.size else []
+    every = np.delete(every, twins)
+    return np.concatenate([static, every[every.imag > 0.0]])
+
+
+def without_branch(solved, loci):
+    """Growing roots of a model that no branch has, and growing roots of branches that it has not.
+
+    They are those at or above the real axis at the speeds of the branches.
+    """
+    found = []
+    for u, *both in zip(loci.speeds, loci.eigenvalues, loci.partners, strict=True):
+        exact, roots = growing_roots(solved, u), np.concatenate(both)
+        roots = roots[np.isfinite(roots) & (roots.imag >= 0.0)]
+        apart = np.abs(exact[:, None] - roots) / (1.0 + np.abs(exact[:, None]))
+        found += exact[apart.min(axis=1, initial=1.0) > 1e-5].tolist()
+        grows = roots.real > 1e-4 * (1.0 + np.abs(roots))
+        found += roots[(apart.min(axis=0, initial=1.0) > 1e-5) & grows].tolist()
+    return found
+
+
+def damped_pipe(rng):
+    """A pipe with strong damping, in most cases with hysteresis too, held and loaded in any way."""
+    terms = []
+    if rng.random() < 0.3:
+        terms.append(pp.Spring(rng.uniform(0.2, 0.95), 10.0 ** rng.uniform(0.0, 3.0)))
+    if rng.random() < 0.3:
+        terms.append(pp.PointMass(rng.choice([1.0, 0.6]), 10.0 ** rng.uniform(-2.0, 0.5)))
+    if rng.random() < 0.2:
+        terms.append(pp.Damper(rng.uniform(0.2, 0.95), 10.0 ** rng.uniform(-1.0, 1.5)))
+    at_end = any(one.at == 1.0 for one in terms)
+    return pp.Pipe(
+        rng.uniform(0.01, 0.95),
+        gamma=rng.choice([0.0, 10.0, -5.0, 100.0, 200.0]),
+        damping=10.0 ** rng.uniform(-4.0, -0.3),
+        hysteresis=rng.choice([0.0, 0.01, 0.1, 0.5]),
+        flow="ejecting" if at_end else str(rng.choice(["ejecting", "ejecting", "aspirating"])),
+        end="free" if at_end else str(rng.choice(["free", "pinned", "clamped", "guided"])),
+        terms=terms,
+    )
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_no_growing_root_of_strongly_damped_random_pipes_is_missed(seed):
+    """In some the search for crossings ends where a growing motion ceases to oscillate."""
+    rng = np.random.default_rng(seed)
+    for _ in range(10):
+        pipe, end = damped_pipe(rng), rng.choice([6.0, 10.0, 16.0])
+        if rng.random() < 0.5:
+            model = pp.Chain(pipe, int(rng.integers(3, 20)))
+        else:
+            model = pp.Galerkin(pipe, int(rng.integers(4, 20)), "legendre")
+        loci = pp.root_loci(model, np.linspace(rng.choice([0.0, end / 2.0]), end, 11), 2)
+        assert loci.complete, model
+        assert without_branch(model, loci) == [], model
+
+
+@pytest.mark.parametrize(
+    ("model", "end"),
+    [
+        (pp.Chain(pp.Pipe(0.16, 10.0, damping=0.05, hysteresis=0.01, end="guided"), 66), 8.0),
+        (pp.Chain(pp.Pipe(0.22, 100.0, damping=0.05), 66), 12.0),
+        (pp.Continuum(pp.Pipe(0.72, 10.0, damping=0.3, hysteresis=0.1, end="clamped")), 10.0),
+        (pp.Continuum(pp.Pipe(0.21, 10.0, damping=0.05, hysteresis=0.01)), 16.0),
+        (pp.Galerkin(pp.Pipe(0.88, damping=0.04, hysteresis=0.01), 12), 16.0),
+        (
+            pp.Chain(
+                pp.Pipe(
+                    *(0.866, 100.0),
+                    alpha=1.452,
+                    damping=4e-4,
+                    hysteresis=0.5,
+                    terms=[pp.PointMass(at=1.0, mass=0.741)],
+                    supports=[0.308],
+                ),
+                20,
+            ),
+            16.0,
+        ),
+    ],
+)
+def test_roots_that_grow_out_of_the_cluster_with_a_loss_factor_or_many_segments_are_followed(
+    model, end
+):
+    loci = pp.root_loci(model, np.linspace(0.5 * end, end, 7), 1)
+    solved = model.frozen(56) if isinstance(model, pp.Continuum) else model
+    assert growing_roots(solved, end).size > 0
+    assert loci.complete
+    assert without_branch(solved, loci) == []
+
+
+def test_branches_that_do_not_converge_from_rest_are_followed_all_the_same():
+    """Two modes of one frequency flutter together, and which is which depends on the basis."""
+    pipe = pp.Continuum(pp.Pipe(0.65, 10.0, rotary_inertia=0.006, end="clamped"))
+    speeds = np.linspace(8.0, 16.0, 9)
+    with pytest.raises(pp.NotConverged, match="still moves by"):
+        branches_followed(pipe, np.concatenate([[0.0], speeds]), 1)
+    loci = pp.root_loci(pipe, speeds, 1)
+    assert loci.complete
+    assert loci.modes[0] == 1
+    assert loci.speeds.tolist() == speeds.tolist()
+    assert without_branch(pipe.frozen(40), loci) == []
+    np.testing.assert_array_equal(loci.converged, np.isfinite(loci.eigenvalues))
+    for row in loci.eigenvalues:
+        known = row[np.isfinite(row)]
+        assert np.unique(known.round(6)).size == known.size
+
+
+def test_a_branch_without_a_number_is_one_curve_and_ends_in_the_cluster():
+    """Each of its roots is the nearest to the one before at steps of 1e-3 in u."""
+    chain = pp.Chain(pp.Pipe(0.225, 998.0, damping=0.01), 16)
+    loci = pp.root_loci(chain, np.linspace(0.0, 35.0, 71), 4)
+    assert loci.complete
+    assert loci.modes.tolist() == [1, 2, 3, 4, 0]
+    assert [int(line.split(",")[2]) for line in loci.to_csv().splitlines()[1:6]] == [1, 2, 3, 4, 0]
+    branch = loci.eigenvalues[:, 4]
+    rows = np.flatnonzero(np.isfinite(branch))
+    assert branch[-1].real > 0.0
+    assert rows[0] > 0
+    assert rows.tolist() == [*range(rows[0], 71)]
+    assert branch[rows[0]].real < 0.0
+    value, problem = branch[-1], chain.operators()
+    for u in np.linspace(35.0, loci.speeds[rows[0] + 1], 1 + round(500 * (70 - rows[0] - 1))):
+        roots = companion_eigenvalues(*problem.at(u))
+        value = roots[np.abs(roots - value).argmin()]
+        row = np.abs(loci.speeds - u).argmin()
+        if abs(loci.speeds[row] - u) < 1e-9:
+            assert abs(value - branch[row]) < 1e-6 * abs(value)
 
 
 def test_loci_are_complete_where_every_mode_has_a_branch():

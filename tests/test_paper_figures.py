@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from canvas import overlaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import pipedyn as pp
@@ -104,6 +105,16 @@ def test_axes_are_those_of_the_continuous_pipe_and_tell_what_is_outside(draw):
         assert not any("outside" in text.get_text() for text in fine.texts)
 
 
+@FIGURES
+def test_notes_of_what_is_outside_cover_neither_curves_nor_numbers(draw):
+    with plot.style():
+        figure = draw(CASE, replace(findings(), highest=6.0))
+        FigureCanvasAgg(figure)
+        figure.canvas.draw()
+    assert any("outside" in text.get_text() for ax in figure.axes for text in ax.texts)
+    assert overlaps(figure) == []
+
+
 @pytest.mark.parametrize(
     ("gamma", "said"),
     [
@@ -129,6 +140,32 @@ def test_speeds_at_which_the_pipe_is_stable_are_told(gamma, said):
     assert [line[10] for line in table(pipe, known)] == [never * "unstable below, too"] * 2
     assert ("no stability to lose" in second_mode(critical, known.rows)) == never
     assert "not computed" in instabilities(pipe, Findings(8.0, critical))
+
+
+def test_modes_that_damping_keeps_from_oscillating_have_no_number():
+    """The number differs from model to model: the sixth, the seventh, the seventeenth."""
+    pipe = pp.Pipe(0.225, 998.0, damping=0.01)
+    exact = pp.Continuum(pipe)
+    rows = [Row("chain", "consistent", 16, pp.critical_speed(pp.Chain(pipe, 16)))]
+    critical = pp.critical_speed(exact)
+    known = Findings(30.0, critical, crossings=pp.crossings(exact, 30.0), rows=rows)
+    assert "(flutter, begins), u = " in instabilities(pipe, known)
+    assert [line[6] for line in table(pipe, known)] == ["", ""]
+    assert "so damped that they do not oscillate" in second_mode(critical, rows)
+    light = replace(pipe, damping=0.001)
+    known = Findings(24.0, pp.critical_speed(pp.Continuum(light)))
+    known.crossings = pp.crossings(pp.Continuum(light), 24.0)
+    number = known.exact.mode
+    assert f"(flutter, mode {number}, begins)" in instabilities(light, known)
+    assert [line[6] for line in table(light, known)] == [str(number)]
+
+
+def test_panels_write_what_they_leave_out_below_their_title():
+    chain = pp.Chain(pp.Pipe(0.2, flow="aspirating"), 12)
+    loci = pp.root_loci(chain, np.linspace(0.0, 9.0, 21), 2)
+    figure = frequency_figure(CASE, replace(findings(), panels=[[("fed", loci)]]))
+    assert figure.axes[0].get_title(loc="right") == ""
+    assert "other modes may be unstable" in [text.get_text() for text in figure.axes[0].texts]
 
 
 def test_the_map_is_in_order_of_gravity_and_titles_are_no_sentences():

@@ -3,8 +3,10 @@
 
 import dataclasses
 import inspect
+import io
 import itertools
 import math
+import pickle
 from contextlib import nullcontext
 from functools import cache, partial
 
@@ -12,14 +14,15 @@ import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from canvas import axes, legend_of
+from canvas import axes, legend_of, overlaps, small_letters
+from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 import pipedyn as pp
 from pipedyn import plot
 from pipedyn.accuracy.quantities import LimitCycleAt
-from pipedyn.plot import common
+from pipedyn.plot import arrange, common
 from pipedyn.plot.units import View, of_number
 
 PIPE = pp.Pipe(0.2)
@@ -211,7 +214,7 @@ def test_a_map_shows_all_that_was_searched_and_words_stay_within_it():
         assert min(line.get_xdata().min() for line in shown(ax)) > 0.7
         ax.figure.canvas.draw()
         frame = ax.get_window_extent()
-        for text in ax.texts:
+        for text in filter(Artist.get_visible, ax.texts):
             assert frame.x0 <= text.get_window_extent().x0
             assert text.get_window_extent().x1 <= frame.x1
 
@@ -570,7 +573,7 @@ def test_at_one_column_nothing_is_cut_off_and_the_curves_have_room(name, within)
         figure = ax.figure
         getattr(plot, name)(shows.get(name, motion), ax=ax, **units)
         figure.canvas.draw()
-        texts = [ax.xaxis.label, ax.yaxis.label, *ax.texts]
+        texts = [ax.xaxis.label, ax.yaxis.label, *filter(Artist.get_visible, ax.texts)]
         texts += [] if ax.get_legend() is None else [ax.get_legend()]
         boxes = [text.get_window_extent() for text in texts]
         for box in boxes:
@@ -712,33 +715,43 @@ def crowded():
     }
 
 
-@pytest.mark.parametrize("layout", ["constrained", "tight"])
+SETTINGS = {
+    "four, constrained": (nullcontext, 2, {"figsize": (7.0, 5.0), "layout": "constrained"}),
+    "four, tight": (nullcontext, 2, {"figsize": (7.0, 5.0), "layout": "tight"}),
+    "one column": (partial(plot.style, column="single"), 1, {"figsize": (3.4, 2.6)}),
+    "default": (nullcontext, 1, {}),
+}
+"""Style, number of rows and columns, and figure in which pictures are seen."""
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
 @pytest.mark.parametrize("name", sorted(OF_RESULTS))
-def test_no_picture_collapses_in_a_figure_of_four(name, layout):
+def test_no_picture_collapses_and_no_text_covers_curves_or_texts(name, setting):
     draw = (of_the_hose() | crowded())[name]
-    figure = plot.Figure(figsize=(7.0, 5.0), layout=layout)
-    FigureCanvasAgg(figure)
-    several = list(figure.subplots(2, 2).flat)
-    for ax in several:
-        draw(ax=ax)
-    figure.canvas.draw()
+    within, count, options = SETTINGS[setting]
+    with within():
+        figure = plot.Figure(**options)
+        FigureCanvasAgg(figure)
+        several = list(figure.subplots(count, count, squeeze=False).flat)
+        for ax in several:
+            draw(ax=ax)
+        figure.canvas.draw()
     whole = figure.bbox
     for every in (ax.get_tightbbox() for ax in figure.axes):
         assert whole.x0 - 2.0 < every.x0 < every.x1 < whole.x1 + 2.0  # 0.02 inches
         assert whole.y0 - 2.0 < every.y0 < every.y1 < whole.y1 + 2.0
     for ax in several:
         place = ax.get_position(original=True)
-        assert place.height > SHARE_OF_HEIGHT * 0.5
-        assert place.width > SHARE_OF_WIDTH * 0.5
+        assert place.height > SHARE_OF_HEIGHT / count
+        assert place.width > SHARE_OF_WIDTH / count
         others = [other.get_window_extent() for other in figure.axes if other is not ax]
         assert not ax.get_window_extent().count_overlaps(others)
-        if (legend := ax.get_legend()) is not None:
-            others += [axis.get_tightbbox() for axis in (ax.xaxis, ax.yaxis)]
-            assert not legend.get_window_extent().count_overlaps(others)
+    assert overlaps(figure) == []
+    assert small_letters(figure) == []
 
 
 SHARE_OF_HEIGHT, SHARE_OF_WIDTH = 0.45, 0.5
-"""Least parts of a quarter of the figure that remain for the curves in each direction."""
+"""Least parts of a panel's share of the figure that remain for the curves in each direction."""
 
 
 def test_every_picture_gives_a_figure_without_layout_a_constrained_one():
@@ -762,6 +775,7 @@ def test_a_label_whose_words_each_have_a_line_is_broken_no_further():
     """A label that no break makes short enough ended in an endless loop."""
     low = plot.Figure(figsize=(6.4, 4.8)).subplots(8, 1)[0]
     plot.boundary(plain(), ax=low)
+    low.figure.draw_without_rendering()
     assert low.get_ylabel().count("\n") == 2  # the formula has no spaces
 
 
@@ -784,16 +798,17 @@ def test_labels_and_sentences_stay_within_their_part_of_a_figure():
             assert (one is not sentence) or frame.x0 < box.x0 < box.x1 < frame.x1
 
 
-def test_a_legend_inside_covers_no_curve_when_other_panels_are_drawn():
-    figure = plot.Figure(figsize=(7.0, 5.0), layout="constrained")
+@pytest.mark.parametrize("layout", ["constrained", "tight"])
+def test_a_legend_inside_covers_no_curve_when_other_panels_are_drawn(layout):
+    figure = plot.Figure(figsize=(7.0, 5.0), layout=layout)
     FigureCanvasAgg(figure)
     first, *others = figure.subplots(2, 2).flat
     curves = [
-        first.plot([0.0, 0.8], [0.3, 1.0], label=f"the straight pipe becomes unstable {i}")[0]
+        first.plot([0.0, 0.5], [0.6, 1.0], label=f"the straight pipe becomes unstable {i}")[0]
         for i in range(5)
     ]
     first.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
-    common.legend_below(first)
+    arrange.legend_below(first)
     for ax in others:
         plot.boundary(standing(), ax=ax)
     figure.canvas.draw()
@@ -812,26 +827,84 @@ def test_legends_in_one_column_have_letters_of_at_least_six_points(entries):
                 [0.0, 1.0, 0.0, 1.0], [0.0, 1.0, 1.0, i], label=f"turning points of motions {i}"
             )
         common.axes(ax, (3.4, 2.6))
-        common.legend_below(ax)
+        arrange.legend_below(ax)
     ax.figure.canvas.draw()
     assert ax.get_legend().get_texts()[0].get_size() >= 6.0
     assert ax.get_window_extent().height > 0.5 * ax.figure.bbox.height
 
 
-def test_words_of_a_map_cover_neither_curves_nor_each_other():
-    with plot.style(column="single"):
-        ax = plot.stability_map(
-            {f"{k}": buckled() for k in range(6)},
-            ax=axes(figsize=(3.4, 2.6), layout="constrained"),
-        )
-        ax.figure.canvas.draw()
-    boxes = [text.get_window_extent() for text in ax.texts]
-    assert boxes
-    for i, box in enumerate(boxes):
-        assert not box.count_overlaps(boxes[:i])
-        for line in shown(ax):
-            curve = line.get_transform().transform_path(line.get_path())
-            assert not curve.intersects_bbox(box, filled=False)
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_words_of_a_map_are_written_where_they_cover_nothing(setting):
+    """A pinned pipe has divergences close above each other."""
+    pipe = pp.Pipe(0.3, root="pinned", end="pinned", terms=(pp.Spring(0.5, 10.0),))
+    window = {"Spring.stiffness": (0.0, 400.0), "u": (0.0, 10.0)}
+    pinned = pp.boundary(pp.Galerkin(pipe, 6, "beam"), *window, window, criticality=False)
+    for found in ({str(k): buckled() for k in range(6)}, {"pinned": pinned}):
+        within, count, options = SETTINGS[setting]
+        with within():
+            figure = plot.Figure(**options)
+            FigureCanvasAgg(figure)
+            for ax in figure.subplots(count, count, squeeze=False).flat:
+                plot.stability_map(found, ax=ax)
+            figure.canvas.draw()
+        assert any(text.get_visible() for text in ax.texts)
+        assert overlaps(figure) == []
+
+
+def test_a_legend_keeps_below_panels_that_share_labels_at_other_dots_an_inch():
+    """Letters are then a little wider or narrower, so that other columns fit."""
+    figure = plot.Figure(figsize=(7.0, 5.0), layout="constrained")
+    several = list(figure.subplots(2, 2, sharex=True).flat)
+    for ax in several:
+        plot.boundary(standing(), ax=ax)
+        ax.label_outer()
+    for dpi in (100.0, 110.0, 72.0):
+        figure.set_dpi(dpi)
+        FigureCanvasAgg(figure).draw()
+        assert overlaps(figure) == []
+        for ax in several:
+            assert ax.get_legend().get_window_extent().y1 < ax.get_window_extent().y0 + 1.0
+
+
+def test_a_text_that_a_user_gave_a_legend_remains_when_it_finds_its_place():
+    ax = axes(figsize=(3.4, 2.6))
+    for i in range(6):
+        ax.plot([0.0, 1.0, 0.0, 1.0], [0.0, 1.0, 1.0, i], label=f"motion {i}, " + "of a kind " * 3)
+    arrange.legend_below(ax)
+    ax.get_legend().set_title("motions")
+    ax.get_legend().get_texts()[0].set_text("mine")
+    ax.figure.canvas.draw()
+    assert legend_of(ax)[0] == "mine"
+    assert ax.get_legend().get_title().get_text() == "motions"
+    ax.legend([], [])
+    ax.figure.canvas.draw()
+    assert legend_of(ax) == []
+
+
+def test_a_figure_whose_texts_find_their_places_can_be_copied():
+    ax = plot.stability_map({str(k): buckled() for k in range(6)}, ax=axes(figsize=(3.4, 2.6)))
+    copy = pickle.loads(pickle.dumps(ax.figure))
+    for figure in ax.figure, copy:
+        FigureCanvasAgg(figure).draw()
+    texts = [figure.axes[0].get_legend().get_window_extent().bounds for figure in (ax.figure, copy)]
+    assert texts[0] == pytest.approx(texts[1])
+
+
+@pytest.mark.parametrize("setting", ["one column", "four, tight"])
+def test_labels_of_basins_are_whole_in_the_first_file_that_is_saved(setting):
+    starts = np.linspace(-1.0, 1.0, 13)
+    ends = pp.attractors(pp.Chain(PIPE, 2), 3.0, pp.StartPlane(starts, starts))
+    within, count, options = SETTINGS[setting]
+    with within():
+        figure = plot.Figure(**options)
+        for ax in figure.subplots(count, count, squeeze=False).flat:
+            plot.basins(ends, ax=ax)
+        figure.savefig(io.BytesIO(), dpi="figure")
+        for ax in figure.axes:
+            for box in (ax.yaxis.label.get_window_extent(), ax.xaxis.label.get_window_extent()):
+                assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
+                assert figure.bbox.y0 <= box.y0 < box.y1 <= figure.bbox.y1
+        assert overlaps(figure) == []
 
 
 def test_a_map_ends_where_the_search_does_and_tells_what_lies_beyond():

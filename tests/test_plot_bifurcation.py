@@ -79,7 +79,7 @@ def test_stable_branches_are_solid_and_unstable_ones_dashed():
     # Two mirror images are stable up to their fold; the straight pipe never is.
     assert len(solid) == 2
     for line in solid:
-        assert line.get_xdata().max() == pytest.approx(fold, abs=0.02)
+        assert line.get_xdata().max() == pytest.approx(fold, abs=1e-9)
         assert np.abs(line.get_ydata()).min() > 0.5
     labels = legend_of(ax)
     assert {"equilibrium, stable", "equilibrium, unstable", "fold", "pitchfork", "Hopf"} <= set(
@@ -87,6 +87,25 @@ def test_stable_branches_are_solid_and_unstable_ones_dashed():
     )
     marks = {tuple(line.get_xydata()[0]) for line in ax.lines if line.get_marker() == "<"}
     assert marks == {(b.folds[0].speed, b.folds[0].tip[0]) for b in diagram().equilibria[1:]}
+
+
+def test_curves_begin_and_change_at_the_bifurcations():
+    pipe = pp.Pipe(0.2, damping=0.01, root="pinned", end="pinned")
+    found = pp.bifurcation_diagram(pp.Galerkin(pipe, 6, "legendre"), [2.5, 3.5], cycles=0)
+    near = [b for b in found.equilibria if np.abs(b.q).max() < 2.5]  # not turned, and no loop
+    ax = rendered(plot.bifurcation_diagram(replace(found, equilibria=tuple(near)), 1, ax=axes()))
+    fork = near[0].points[0].speed
+    lines = [line for line in ax.lines if line.get_color() == plot.BLACK]
+    ends = {(line.get_linestyle(), *line.get_xdata()[[0, -1]].tolist()) for line in lines}
+    assert ends == {("-", 2.5, fork), ("--", fork, 3.5), ("-", fork, 3.5)}
+    bent = [line.get_ydata() for line in lines if line.get_xdata()[0] == fork]
+    assert [y[0] for y in bent] == [0.0, 0.0, 0.0]
+    assert sorted(np.sign(y[-1]) for y in bent) == [-1.0, 0.0, 1.0]
+
+    (branch,) = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.2), 2), [3.0, 4.0]).cycles
+    ax = rendered(plot.bifurcation_diagram(replace(diagram(), cycles=(branch,)), ax=axes()))
+    blue = [line.get_xydata() for line in ax.lines if line.get_color() == plot.BLUE]
+    assert [points[0].tolist() for points in blue] == 2 * [[branch.onset, 0.0]]
 
 
 def test_a_coordinate_may_be_shown_in_place_of_the_free_end():

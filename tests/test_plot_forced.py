@@ -69,6 +69,7 @@ def test_the_label_of_a_response_breaks_in_no_formula():
     found = pp.frequency_response(pp.Galerkin(PIPE, 3), 2.0, (0.5, 40.0), output=0.7)
     for height in np.arange(1.8, 3.0, 0.1):
         ax = plot.frequency_response(found, ax=axes(figsize=(3.4, height)))
+        ax.figure.draw_without_rendering()
         lines = ax.get_ylabel().split("\n")
         assert len(lines) > 1
         assert all(line.count("$") % 2 == 0 for line in lines)

@@ -150,13 +150,60 @@ def test_a_bar_of_its_own_leaves_a_picture_its_place_in_a_figure_of_four(layout)
 
 
 @pytest.mark.parametrize("draw", [plot.root_loci, plot.frequencies])
-def test_a_picture_without_growth_says_if_higher_modes_may_grow(draw):
+def test_a_picture_says_if_modes_without_a_branch_may_grow(draw):
     def note(loci):
         return draw(loci, ax=axes()).get_title(loc="right")
 
     assert note(replace(LOCI, complete=False)) == "other modes may be unstable"
     assert note(LOCI) == ""
-    assert note(replace(HOSE_LOCI, complete=False)) == ""
+    assert note(replace(HOSE_LOCI, complete=False)) == "other modes may be unstable"
+
+
+@pytest.mark.parametrize("draw", [plot.root_loci, plot.frequencies])
+def test_roots_of_one_speed_are_discs_with_the_numbers_of_their_modes(draw):
+    loci = pp.root_loci(pp.Chain(pp.Pipe(0.225, gamma=998.0), 20), [26.0], 2)
+    assert loci.eigenvalues.imag.all()
+    ax = draw(loci, ax=axes())
+    (discs,) = [one for one in ax.collections if one.get_offsets().any()]
+    (roots,) = loci.eigenvalues
+    across = roots.real if draw is plot.root_loci else np.full(roots.size, 26.0)
+    np.testing.assert_allclose(discs.get_offsets(), np.column_stack([across, roots.imag]))
+    assert sorted(written(ax), key=int) == [str(number) for number in loci.modes]
+    edges = discs.get_edgecolors()[:, :3].sum(axis=1)
+    grows = (roots.real > 0.0) & (draw is plot.frequencies)
+    np.testing.assert_array_equal(edges == 0.0, grows)
+    low, high = np.sort([ax.get_xlim(), ax.get_ylim()])[:, :2].T
+    assert (discs.get_offsets() > low).all()
+    assert (discs.get_offsets() < high).all()
+
+
+def test_a_growing_root_without_a_known_partner_is_a_curve_without_a_number():
+    """A clamped pipe that buckles twice, with strong damping and hysteresis."""
+    pipe = pp.Pipe(0.72, 10.0, damping=0.3, hysteresis=0.1, end="clamped")
+    loci = pp.root_loci(pp.Continuum(pipe), np.linspace(5.0, 10.0, 21), 1)
+    assert loci.modes.tolist() == [1, 0, 0]
+    assert np.isnan(loci.partners[-1, 1:]).all()
+    ax = plot.frequencies(loci, ax=axes())
+    assert list(written(ax)) == ["1"]
+    ends = np.concatenate(ax.collections[0].get_segments())
+    static = ends[ends[:, 1] == 0.0]
+    assert static[:, 0].max() == 10.0
+    (onsets,) = [line for line in ax.lines if line.get_marker() == "D"]
+    lost = [one.speed for one in pp.crossings(pp.Continuum(pipe), 10.0)]
+    assert onsets.get_xdata() == pytest.approx(lost, abs=0.01)
+
+
+def test_hysteresis_leaves_branches_smooth_next_to_the_real_axis():
+    """Sum and product of a pair tell nothing of an imaginary part of a thousandth."""
+    pipe = pp.Pipe(0.21, 10.0, damping=0.05, hysteresis=0.01)
+    loci = pp.root_loci(pp.Continuum(pipe), np.linspace(0.0, 16.0, 21), 4)
+    third = {name: getattr(loci, name)[:, 2:3] for name in ("eigenvalues", "partners", "converged")}
+    picture = plot.frequencies(replace(loci, modes=loci.modes[2:3], **third), ax=axes())
+    heights = np.array(picture.collections[0].get_segments())[..., 1]
+    exact = loci.eigenvalues[:, 2].imag
+    assert 0.0 < exact.min() < exact.max() < 0.3
+    assert (heights >= 0.99 * exact.min()).all()
+    assert (heights <= 1.01 * exact.max()).all()
 
 
 def test_few_samples_of_a_stable_branch_show_no_onset():

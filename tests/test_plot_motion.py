@@ -354,6 +354,37 @@ def test_a_held_end_is_shown_held_and_is_not_called_free():
     assert all(line.count("$") % 2 == 0 and line != "s" for line in lines)
 
 
+def test_spans_and_the_speed_of_a_film_are_in_the_units_of_the_picture():
+    pipe = pp.Pipe.from_si(length=2.0, bending_stiffness=4.0, pipe_mass=0.75, fluid_mass=0.25)
+    assert pipe.scales.time == 2.0
+    motion = pp.simulate(pp.Chain(pipe, 6), 6.0, 30.0, bend, samples=1201, rtol=1e-8)
+    shapes, t = shapes_of(motion, span=(20.0, 22.0), count=5)
+    in_si, seconds = shapes_of(motion, span=(40.0, 44.0), count=5, units="si")
+    np.testing.assert_array_equal(in_si, 2.0 * shapes)
+    np.testing.assert_array_equal(seconds, 2.0 * t)
+    whole = motion.in_si().t[[0, -1]]
+    assert shapes_of(motion, span=whole, count=2, units="si")[1] == pytest.approx(whole)
+    with pytest.raises(ValueError, match=r"times, \[0, 60\] s, got \(58\.0, 61\.0\)$"):
+        plot.snapshots(motion, (58.0, 61.0), units="si")
+    with pytest.raises(ValueError, match=r"times, \[0, 30\] T, got \(58\.0, 61\.0\)$"):
+        plot.snapshots(motion, (58.0, 61.0))
+    seconds = {"units": "si", "fps": 10, "ax": small_axes()}
+    real_time = plot.animate(motion, span=(40.0, 42.0), speed=1.0, **seconds)
+    assert real_time.frames == 20
+    real_time._draw_frame(19)
+    assert real_time.moving[-1].get_text() == "$t = 42.0$ s"
+    films = [real_time, plot.animate(motion, **seconds), plot.animate(motion, fps=10)]
+    assert films[1].frames == films[2].frames
+    for film in films:
+        film._draw_was_started = True  # one that was never drawn warns
+    for change, message in (
+        ({"speed": 1e-9}, r"60 s at 1e-09 s a second"),
+        ({"speed": 60.0, "fps": 1}, r"2 frames to 60 s|8 frames to a cycle of [.\d]* s"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            plot.animate(motion, span=(0.0, 60.0), **seconds | change)
+
+
 def test_the_arrow_of_an_inclined_nozzle_is_its_jet():
     model = pp.Chain(pp.Pipe(0.2, jet_angle=1.2), 6)
     motion = pp.simulate(model, 1.0, 1.0, bend, samples=201)

@@ -95,6 +95,11 @@ def test_a_tube_of_no_wall_or_with_unknown_options_is_refused():
     ):
         with pytest.raises(TypeError, match=rf"from_tube\(\) has no argument '{name}': .*{hint}"):
             pp.Pipe.from_tube(**TUBE, **{name: 1.0})
+    with pytest.raises(TypeError) as of_tube:
+        pp.Pipe.from_tube(**TUBE, dampingtime=1.0)
+    with pytest.raises(TypeError) as of_beam:
+        pp.Pipe.from_si(**BEAM, dampingtime=1.0)
+    assert str(of_tube.value) == str(of_beam.value).replace("from_si", "from_tube")
 
 
 # ------------------------------------------------------------------------------- flow rates
@@ -492,9 +497,27 @@ def test_drives_with_numbers_of_their_own_are_refused_beside_si_units():
         with pytest.raises(ValueError, match=rf"^{name}.*\.from_si where units are 'si'"):
             call()
     known = pp.Pulsation.from_si(HOSE, mean=2.0, amplitude=0.1, frequency=3.0)
-    again = pickle.loads(pickle.dumps(known))
-    found = pp.simulate(CHAIN, again, 0.1, bend, samples=2, units="si", max_step=np.inf)
-    assert found.in_si().flow_speed[0] == pytest.approx(2.2)
+    mixed = dataclasses.replace(known, mean=6.0)  # in units of the pipe
+    with pytest.raises(ValueError, match="u must come from Pulsation"):
+        pp.simulate(CHAIN, mixed, 0.1, bend, units="si")
+
+
+def test_drives_in_si_stay_so_in_copies_and_files(tmp_path):
+    flow = pp.Pulsation.from_si(HOSE, mean=2.0, amplitude=0.1, frequency=3.0)
+    base = pp.Harmonic.from_si(HOSE, amplitude=1e-3, frequency=3.0)
+    supply = pp.Supply.from_si(HOSE, pressure=5e3, density=998.0, friction=2.0)
+    short = {"samples": 2, "units": "si", "max_step": np.inf}
+    for u in (flow, supply):
+        motion = pp.simulate(CHAIN, u, 0.1, bend, base=base, **short)
+        motion.save(tmp_path / "motion.npz")
+        for found in (pp.load(tmp_path / "motion.npz"), pickle.loads(pickle.dumps(motion))):
+            assert (found.u, found.base) == (u, base)
+            again = pp.simulate(CHAIN, found.u, 0.1, bend, base=found.base, **short)
+            np.testing.assert_array_equal(again.q, motion.q)
+    assert pp.simulate(CHAIN, flow, 0.1, bend, **short).in_si().flow_speed[0] == pytest.approx(2.2)
+    pp.simulate(CHAIN, pp.Pulsation(4.0, 0.1, 3.0), 0.1, bend, samples=2).save(tmp_path / "own.npz")
+    with pytest.raises(ValueError, match="u must come from Pulsation"):
+        pp.simulate(CHAIN, pp.load(tmp_path / "own.npz").u, 0.1, bend, units="si")
 
 
 def test_messages_about_converted_numbers_show_what_was_given():
@@ -655,6 +678,8 @@ UNUSUAL = [
         "outer_diameter and inner_diameter in m, not in mm",
     ),
     (TUBE | {"density": 1.15}, "density in kg/m3, not in g/cm3"),
+    *((TUBE | {"fluid_density": at}, "fluid_density in kg/m3, not in g/cm3") for at in (1.0, 0.96)),
+    (IN_WATER | {"external_density": 1.025}, "external_density in kg/m3, not in g/cm3"),
 ]
 
 
@@ -758,7 +783,9 @@ def answer(given):
 
 
 def test_sensible_pipes_bring_no_warning_and_most_slips_of_their_units_do():
-    """Of the rest, water in g/cm3 may be air, and a stiff short pipe in cm a longer or wide one."""
+    """Of the rest, liquids other than water in g/cm3 may be gases, a stiff short pipe in cm may be
+    a long or wide one, and masses of thin walls in g/m may be those of thick ones in kg/m.
+    """
     counts = {name: collections.Counter() for name in FACTORS}
     for *numbers, options in SENSIBLE:
         tube = dict(zip(TUBE, numbers, strict=True)) | options
@@ -775,11 +802,17 @@ def test_sensible_pipes_bring_no_warning_and_most_slips_of_their_units_do():
                     counts[name][answer(given | wrong)] += 1
     silent = {name: one["silent"] for name, one in counts.items() if one["silent"]}
     assert silent == {
-        **{"length": 1, "lengths in mm": 1, "lengths in cm": 11, "fluid_density": 32},
+        **{"length": 1, "lengths in mm": 1, "lengths in cm": 11, "fluid_density": 7},
         **{"masses": 2, "pipe_mass": 10, "fluid_mass": 5},
     }
     whole = sum(counts.values(), collections.Counter())
-    assert whole == {"refused": 136, "warned": 285, "silent": 62}
+    assert whole == {"refused": 136, "warned": 310, "silent": 37}
+
+
+def test_gases_bring_no_warning():
+    """Helium, methane, neon and natural gas, nitrogen and air, argon, butane, air at 10 bar."""
+    for density in (0.17, 0.67, 0.85, 0.9, 1.14, 1.2, 1.66, 2.4, 12.0):
+        assert answer(TUBE | {"fluid_density": density}) == "silent"
 
 
 # ------------------------------------------------------------------------------- the command

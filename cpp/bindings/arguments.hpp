@@ -326,14 +326,16 @@ void define_equations(py::class_<Model>& model) {
             return py::make_tuple(row_of(parts, 0), row_of(parts, 1), row_of(parts, 2),
                                   row_of(parts, 3), row_of(parts, 4));
           },
-          "y"_a, "u"_a, drive)
-      .def(
-          "axial",
-          [ask](const Model& of, const object& y, const object& driven) {
-            const py::ssize_t n = of.dof();
-            return ask(of, y, py::float_(0.0), driven, 3 * n, 2 + 4 * n, &Model::axial);
-          },
-          "y"_a, drive);
+          "y"_a, "u"_a, drive);
+  if constexpr (requires { &Model::axial; }) {
+    model.def(
+        "axial",
+        [ask](const Model& of, const object& y, const object& driven) {
+          const py::ssize_t n = of.dof();
+          return ask(of, y, py::float_(0.0), driven, 3 * n, 2 + 4 * n, &Model::axial);
+        },
+        "y"_a, drive);
+  }
   if constexpr (requires { &Model::linearise; }) {
     model.def(
         "linearised",

@@ -10,6 +10,7 @@
 
 #include "arguments.hpp"
 #include "pipedyn/chain/chain.hpp"
+#include "pipedyn/chain/spatial_chain.hpp"
 #include "pipedyn/galerkin/galerkin.hpp"
 #include "pipedyn/vector/levels.hpp"
 
@@ -34,6 +35,10 @@ pipedyn::End end_of(const std::string& name) {
 }
 
 py::ssize_t work_of(const Galerkin& motion) { return 4 * motion.dof() * motion.dof(); }
+py::ssize_t work_of_both(const pipedyn::SpatialGalerkin& motion) {
+  return 4 * motion.dof() * motion.dof();
+}
+py::ssize_t work_of_chain(const pipedyn::SpatialChain& motion) { return 2 * motion.dof(); }
 
 }  // namespace
 
@@ -163,6 +168,28 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
       .def("elastic_stiffness", [](const Galerkin& model) { return model.basis().stiffness(); })
       .def("elastic", &Galerkin::elastic, Unlocked());
   pipedyn::define_equations<Galerkin, work_of>(galerkin);
+
+  py::class_<pipedyn::SpatialGalerkin> both(m, "SpatialGalerkin");
+  both.def(py::init([](const Pipe& pipe, bool legendre, pipedyn::Index size,
+                       const pipedyn::Vector& joints, pipedyn::Index more) {
+             const Family family = legendre ? Family::legendre : Family::beam;
+             return std::make_unique<pipedyn::SpatialGalerkin>(
+                 pipe, Basis(family, size, joints, more, pipe));
+           }),
+           "pipe"_a, "legendre"_a, "size"_a, "joints"_a = pipedyn::Vector(), "more"_a = 0)
+      .def(
+          "tips",
+          [](const pipedyn::SpatialGalerkin& model, const py::object& y) {
+            const auto tips = [&](const Batch& batch, double* out) { model.tips(batch, out); };
+            return pipedyn::results_of(2 * model.dof(), 6, work_of_both(model), y, py::float_(0.0),
+                                       py::none(), tips);
+          },
+          "y"_a);
+  pipedyn::define_equations<pipedyn::SpatialGalerkin, work_of_both>(both);
+  py::class_<pipedyn::SpatialChain> spatial(m, "SpatialChain");
+  spatial.def(py::init<const Pipe&, const Segments&>(), "pipe"_a, "segments"_a)
+      .def_property_readonly("chain", &pipedyn::SpatialChain::chain);
+  pipedyn::define_equations<pipedyn::SpatialChain, work_of_chain>(spatial);
 
   m.def("ends", &pipedyn::ends, "angles"_a, "rates"_a, "lengths"_a, Unlocked());
   m.def(

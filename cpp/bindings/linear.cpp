@@ -45,6 +45,7 @@ Lapack found_lapack() {
   set("cython_lapack", "zgetrf", lapack.zgetrf);
   set("cython_lapack", "zgetrs", lapack.zgetrs);
   set("cython_lapack", "dgeev", lapack.dgeev);
+  set("cython_lapack", "dggev", lapack.dggev);
   set("cython_lapack", "zgeev", lapack.zgeev);
   set("cython_lapack", "dsygvd", lapack.dsygvd);
   return lapack;
@@ -242,6 +243,16 @@ void define_linear(py::module_& m) {
       },
       "spectra"_a, "ranges"_a, "count_work"_a);
 
+  m.def(
+      "general_values",
+      [](const Matrix& a, const Matrix& b) {
+        const bool alike = a.rows() == a.cols() && b.rows() == a.rows() && b.cols() == a.cols();
+        if (!alike || !a.allFinite() || !b.allFinite()) {
+          throw py::value_error("a and b must be finite, square and of the same size");
+        }
+        return general_values(scipy_lapack(), a, b);
+      },
+      "a"_a, "b"_a);
   py::class_<PanelPencil, std::shared_ptr<PanelPencil>>(m, "PanelPencil")
       .def(py::init([](const Galerkin& model) {
              return std::make_unique<PanelPencil>(model.pipe(), model.basis());

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "arguments.hpp"
+#include "pipedyn/chain/spatial_chain.hpp"
 #include "pipedyn/galerkin/galerkin.hpp"
 #include "pipedyn/modular/scene.hpp"
 
@@ -12,6 +13,8 @@ namespace pipedyn {
 template <class What>
 void with_compiled(const py::object& of, const What& what) {
   if (py::isinstance<Galerkin>(of)) return what(of.cast<const Galerkin&>());
+  if (py::isinstance<SpatialGalerkin>(of)) return what(of.cast<const SpatialGalerkin&>());
+  if (py::isinstance<SpatialChain>(of)) return what(of.cast<const SpatialChain&>());
   what(of.cast<const Scene&>());
 }
 

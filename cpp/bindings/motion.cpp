@@ -142,7 +142,11 @@ struct Supplied : Supply {
 
   Supplied(const py::object& core, const Supply& supply) : Supply(supply) {
     with_compiled(core, [&]<class Model>(const Model& model) {
-      axial = [&model](const Batch& batch, double* out) { model.axial(batch, out); };
+      if constexpr (requires { &Model::axial; }) {
+        axial = [&model](const Batch& batch, double* out) { model.axial(batch, out); };
+      } else {
+        throw py::value_error("a supply at constant head feeds pipes that move in a plane");
+      }
       dof = model.dof();
       steady = function_rates(model, &Model::rhs_and_power, 2 * dof + 1);
     });

@@ -11,6 +11,7 @@
 #include "arguments.hpp"
 #include "models.hpp"
 #include "pipedyn/motion/collocation.hpp"
+#include "pipedyn/util/nearest.hpp"
 
 namespace pipedyn {
 
@@ -205,6 +206,20 @@ Numbers states_of(const Numbers& edges, const Numbers& starts, const Numbers& ra
   return made;
 }
 
+py::array_t<Index> nearest_points(const NearestPoint& points, const Numbers& states, double most) {
+  if (states.ndim() != 2 || states.shape(1) != points.size()) {
+    throw py::value_error("states must have shape (k, " + std::to_string(points.size()) +
+                          "), got " + shape_of(states));
+  }
+  py::array_t<Index> made(states.shape(0));
+  Index* const to = made.mutable_data();
+  const py::gil_scoped_release unlocked;
+  for (Index k = 0; k < states.shape(0); ++k) {
+    to[k] = points(states.data() + k * points.size(), most);
+  }
+  return made;
+}
+
 }  // namespace
 
 void define_orbits(py::module_& m) {
@@ -257,6 +272,9 @@ void define_orbits(py::module_& m) {
             return *std::move(found);
           },
           "phase"_a, "shift"_a, "row"_a, "gap"_a, "share"_a);
+  py::class_<NearestPoint>(m, "NearestPoint")
+      .def(py::init<Matrix>(), "points"_a)
+      .def("__call__", &nearest_points, "states"_a, "most"_a);
   m.def("stage_states", &stage_states, "durations"_a, "starts"_a, "rates"_a, "method"_a);
   m.def("exponentials", &exponentials, "exponents"_a);
   m.def("interval_maps", &interval_maps, "rows"_a, "durations"_a, "parts"_a, "begins"_a, "unit"_a,

@@ -72,6 +72,10 @@ struct Pipe {
   double entry() const { return (1.0 - inflow_share) * direction() * sqrt_beta(); }
 };
 
+/// Throws std::invalid_argument for a pipe whose equations in three dimensions are not known here:
+/// held beyond its root, with a jet at an angle, or with a term that exists only in a plane.
+void require_space(const Pipe& pipe);
+
 /// The numbers of a pipe as Python gives them, in the order of OWN_NUMBERS in models/pipe.py.
 inline constexpr std::array own_numbers{
     &Pipe::beta,           &Pipe::gamma,      &Pipe::end_coefficient, &Pipe::drag,

@@ -19,6 +19,7 @@ __all__: list[str] = [
     "Integrator",
     "LinearisedOrbit",
     "Member",
+    "NearestPoint",
     "Operators",
     "Pairs",
     "PanelPencil",
@@ -30,6 +31,8 @@ __all__: list[str] = [
     "Scene",
     "Segments",
     "SpanRelation",
+    "SpatialChain",
+    "SpatialGalerkin",
     "Spectrum",
     "Structured",
     "Supply",
@@ -42,6 +45,7 @@ __all__: list[str] = [
     "ends",
     "exponentials",
     "gauss_nodes",
+    "general_values",
     "interval_maps",
     "is_felt_by_small_motions",
     "orbit_states",
@@ -209,6 +213,86 @@ class Galerkin:
     def tips(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
     def supports(self) -> int: ...
+
+class SpatialGalerkin:
+    def __init__(
+        self,
+        pipe: Pipe,
+        legendre: bool,
+        size: typing.SupportsInt | typing.SupportsIndex,
+        joints: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"] = ...,
+        more: typing.SupportsInt | typing.SupportsIndex = 0,
+    ) -> None: ...
+    def energy(
+        self, y: typing.Any, drive: typing.Any = None, refuses: bool = True
+    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def jacobian(
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        drive: typing.Any = None,
+        refuses: bool = True,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def linearised(
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def power(
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+    ]: ...
+    def rhs(
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        drive: typing.Any = None,
+        refuses: bool = True,
+        works: bool = False,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def tips(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
+
+class SpatialChain:
+    def __init__(self, pipe: Pipe, segments: Segments) -> None: ...
+    def energy(
+        self, y: typing.Any, drive: typing.Any = None, refuses: bool = True
+    ) -> float | numpy.typing.NDArray[numpy.float64]: ...
+    def jacobian(
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        drive: typing.Any = None,
+        refuses: bool = True,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def linearised(
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def power(
+        self, y: typing.Any, u: typing.Any, drive: typing.Any = None
+    ) -> tuple[
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+        float | numpy.typing.NDArray[numpy.float64],
+    ]: ...
+    def rhs(
+        self,
+        t: typing.Any,
+        y: typing.Any,
+        u: typing.Any,
+        drive: typing.Any = None,
+        refuses: bool = True,
+        works: bool = False,
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def chain(self) -> Chain: ...
 
 class Pairs:
     def __init__(
@@ -660,6 +744,16 @@ class LinearisedOrbit:
     @property
     def unit(self) -> float: ...
 
+class NearestPoint:
+    def __call__(
+        self,
+        states: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        most: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> numpy.typing.NDArray[numpy.int64]: ...
+    def __init__(
+        self, points: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"]
+    ) -> None: ...
+
 def assignment(
     cost: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
 ) -> list[int]: ...
@@ -682,6 +776,10 @@ def gauss_nodes(
     typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
     typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"],
 ]: ...
+def general_values(
+    a: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+    b: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"],
+) -> typing.Annotated[numpy.typing.NDArray[numpy.complex128], "[m, 1]"]: ...
 def interval_maps(
     rows: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     durations: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],

@@ -196,7 +196,9 @@ def bifurcation_diagram(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="bifurcation_diagram")
+    model = checked_model_in_motion(
+        model, largest=EQUILIBRIA_DOF, purpose="bifurcation_diagram", planar=True
+    )
     require_steady("speeds", speeds)
     given_in = InputUnits(units, model.pipe)
     transient, duration = given_in.times(
@@ -350,7 +352,8 @@ def _cases(
                 for one in branch.at(u):
                     found.append(cycle(model, drive, one.orbit, one.stable))
                     found += [found[-1].mirrored(False)] if branch.mirrored else []
-            nearest = (min(b.cycles, key=lambda one: abs(one.u - u)) for b in cycles)
+            moving = ([one for one in b.cycles if one.moves] for b in cycles)
+            nearest = (min(some, key=lambda one: abs(one.u - u)) for some in moving if some)
             near = (one for one in nearest if 0.0 < abs(one.u - u) <= NEAR_BRANCH * u)
             begins = dict(enumerate(states))
             begins |= {-1 - k: _start_near(model, one) for k, one in enumerate(near)}

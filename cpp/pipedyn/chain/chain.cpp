@@ -7,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include "pipedyn/chain/spatial_chain.hpp"
 #include "pipedyn/chain/stations.hpp"
 #include "pipedyn/vector/levels.hpp"
 
@@ -534,6 +535,13 @@ Matrix ends(const StateRows& angles, const StateRows& rates, const Vector& lengt
     for (Index i = 0; i < 4; ++i) found(i, k) = sums[i];
   }
   return found;
+}
+
+SpatialChain::SpatialChain(const Pipe& pipe, const Segments& segments) : chain_(pipe, segments) {
+  require_space(pipe);
+  if (chain_.model().bent) {
+    throw std::invalid_argument("joints that are bent at rest have no equations in space here");
+  }
 }
 
 }  // namespace pipedyn

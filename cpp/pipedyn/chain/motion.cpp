@@ -22,6 +22,7 @@
 #include "pipedyn/chain/derivative.hpp"
 #include "pipedyn/chain/dynamic_stiffness.hpp"
 #include "pipedyn/chain/shifted.hpp"
+#include "pipedyn/chain/space.hpp"
 #include "pipedyn/chain/sweeps.hpp"
 #include "pipedyn/galerkin/elimination.hpp"
 #include "pipedyn/galerkin/kernel.hpp"
@@ -193,6 +194,12 @@ const MotionKernel PIPEDYN_NAMED(motion) = {
     .eliminate_stages = ::eliminate_stages,
     .exponentials = ::exponentials,
     .interval_map = ::interval_map,
+    .spatial = {.rhs = spatial_rhs<false>,
+                .rhs_and_power = spatial_rhs<true>,
+                .jacobian = spatial_jacobian<false>,
+                .linearise = spatial_jacobian<true>,
+                .energy = ::spatial_energy,
+                .power = spatial_power},
     .galerkin = &PIPEDYN_NAMED(galerkin),
     .dynamic_stiffness = &PIPEDYN_NAMED(stiffness),
     .elimination = &PIPEDYN_NAMED(elimination),

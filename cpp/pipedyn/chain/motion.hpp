@@ -67,10 +67,12 @@ struct ChainModel {
 };
 
 /// Rows of the drive, which forces a member in time besides its flow speed: the rate u' of the
-/// speed, then position, velocity and acceleration of the base, x and y of each. The base carries
-/// the clamp and all rigid supports of the pipe, and does not turn; states are relative to it.
+/// speed, then position, velocity and acceleration of the base, x and y of each, and z of each,
+/// which only motions in space read. The base carries the clamp and all rigid supports of the pipe,
+/// and does not turn; states are relative to it.
 struct Drive {
-  static constexpr std::ptrdiff_t rate = 0, position = 1, velocity = 3, acceleration = 5, rows = 7;
+  static constexpr std::ptrdiff_t rate = 0, position = 1, velocity = 3, acceleration = 5;
+  static constexpr std::ptrdiff_t position_z = 7, velocity_z = 8, acceleration_z = 9, rows = 10;
 };
 
 /// States of several members, with their flow speeds and forcing. Member j has its state in column
@@ -199,6 +201,12 @@ struct MotionKernel {
   void (*exponentials)(const double* exponents, std::ptrdiff_t n, std::ptrdiff_t count,
                        double* out);
   void (*interval_map)(const MagnusInterval& along, double* out);
+
+  // Motion of chains in space (space.hpp), of states with 4 n rows: as above, and derivatives of
+  // the rates with these and their derivative by the speed before them, (members, 2 + 4 n, 4 n).
+  struct Spatial {
+    Function rhs, rhs_and_power, jacobian, linearise, energy, power;
+  } spatial;
 
   const GalerkinKernel* galerkin;            // motion of reduced models
   const StiffnessKernel* dynamic_stiffness;  // linear problem of chains

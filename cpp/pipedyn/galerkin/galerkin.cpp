@@ -39,17 +39,27 @@ MotionEffects effects_of(const Pipe& pipe, const Panels& panels) {
           .return_rate = Galerkin::return_rate};
 }
 
+/// Sums of the sizes of each function's amplitudes in all planes, (m, members) row-major, from
+/// states (rows, members).
+Vector bounds(const double* y, Index m, Index planes, Index members) {
+  const Eigen::Map<const Vector> first(y, m * members);
+  if (planes == 1) return first;
+  return first.cwiseAbs() + Eigen::Map<const Vector>(y + m * members, m * members).cwiseAbs();
+}
+
 /// Calls a function of the kernel for blocks of members that need the same grid, one member alone
 /// or as many as the vectors hold, and passes result i of each member k to write(k, i, result); the
 /// result is NaN for members that bend more than the largest grid resolves. If the batch allows
 /// errors, a finer grid than a member needs is accepted as well: blocks are then filled in falling
 /// order of the numbers of their grids. finer: number of grids by which the grid is finer than the
 /// motion needs; rows: number of entries of a member in batch.y, divided by the number of
-/// functions.
+/// functions; planes: number of planes whose amplitudes are the first of them, whose sum decides on
+/// the grid; most_members: largest number of members of a block.
 template <class Write>
 void evaluate(const GalerkinKernel::Function function, const Grids& grids, const Pipe& pipe,
               const Batch& batch, Index results, const Write& write, Index finer = 0,
-              Index rows = 2) {
+              Index rows = 2, Index planes = 1,
+              Index most_members = std::numeric_limits<Index>::max()) {
   static thread_local std::vector<Index> grid_of, chosen;
   const MotionEffects effects = effects_of(pipe, grids.panels());
   static thread_local std::vector<double> numbers;
@@ -57,9 +67,11 @@ void evaluate(const GalerkinKernel::Function function, const Grids& grids, const
   grid_of.resize(static_cast<std::size_t>(members));
   chosen.resize(static_cast<std::size_t>(members));
   std::iota(chosen.begin(), chosen.end(), Index{0});
+  const Vector amplitudes = bounds(batch.y, grids.basis().size(), planes, members);
+  const auto of = [&](Index k) { return amplitudes.data() + k; };
   for (Index k = 0; k < members; ++k) {
     const double error = batch.errors == nullptr ? 0.0 : batch.errors[k];
-    const Index needed = grids.choose(batch.y + k, members, error);
+    const Index needed = grids.choose(of(k), members, error);
     grid_of[static_cast<std::size_t>(k)] = std::min(needed + finer, grids.count() - 1);
   }
   const auto number = [](Index k) { return grid_of[static_cast<std::size_t>(k)]; };
@@ -71,7 +83,7 @@ void evaluate(const GalerkinKernel::Function function, const Grids& grids, const
     const auto fits = [&](Index k) {
       return batch.errors != nullptr || number(k) == number(*member);
     };
-    const Index most = std::min(motion_kernel().width, members - first);
+    const Index most = std::min({motion_kernel().width, members - first, most_members});
     const Index used = std::find_if_not(member, member + most, fits) - member;
     const Index width = used == 1 ? 1 : motion_kernel().width;
     numbers.resize(static_cast<std::size_t>((state + 1 + driven + results) * width));
@@ -90,7 +102,7 @@ void evaluate(const GalerkinKernel::Function function, const Grids& grids, const
     function(grids[number(*member)].tables, effects, block, out);
     for (Index b = 0; b < used; ++b) {
       const Index k = member[b];
-      const bool resolved = grids.resolves(number(k), batch.y + k, members);
+      const bool resolved = grids.resolves(number(k), of(k), members);
       for (Index i = 0; i < results; ++i) {
         write(k, i, resolved ? out[i * width + b] : not_a_number);
       }
@@ -275,22 +287,95 @@ void Galerkin::held(const Batch& batch, double* out) const {
   evaluate(kernel().held, grids(), pipe_, batch, results, to_columns(out, batch.members));
 }
 
-void Galerkin::differentiate(const Batch& batch, Index before, double* out) const {
-  const Index m = dof(), n = 2 * m, half = m * n, size = (before + n) * n;
+namespace {
+
+/// Writes the rows of derivatives (members, before + 2 m, 2 m) that are known for m coordinates,
+/// and makes a function that writes the results of a kernel's `jacobian` to the others.
+auto begin_differentiation(const Batch& batch, Index m, Index before, double* out) {
+  const Index n = 2 * m, half = m * n, size = (before + n) * n;
   for (Index k = 0; k < batch.members; ++k) {
     double* const own = out + k * size;
     std::fill_n(own, before * n + half, 0.0);
     for (Index i = 0; before > 0 && i < m; ++i) own[i] = batch.y[(m + i) * batch.members + k];
     for (Index i = 0; i < m; ++i) own[(before + i) * n + m + i] = 1.0;
   }
-  const auto write = [=](Index k, Index i, double result) {
+  return [=](Index k, Index i, double result) {
     if (i < half) {
       out[k * size + before * n + half + i] = result;
     } else if (before > 0) {  // q'', and its derivative by the speed in the next row
       out[k * size + m + i - half + (i < half + m ? 0 : m)] = result;
     }
   };
-  evaluate(kernel().jacobian, grids(), pipe_, batch, half + n, write);
+}
+
+}  // namespace
+
+void Galerkin::differentiate(const Batch& batch, Index before, double* out) const {
+  const auto write = begin_differentiation(batch, dof(), before, out);
+  evaluate(kernel().jacobian, grids(), pipe_, batch, dof() * (2 * dof() + 2), write);
+}
+
+SpatialGalerkin::SpatialGalerkin(const Pipe& pipe, Basis basis) : planar_(pipe, std::move(basis)) {
+  require_space(pipe);
+}
+
+std::string SpatialGalerkin::unresolved(const double* q, Index stride) const {
+  const Index m = planar_.dof();
+  Vector x(m), z(m);
+  for (Index i = 0; i < m; ++i) {
+    x[i] = q[i * stride];
+    z[i] = q[(m + i) * stride];
+  }
+  const Matrix slopes = planar_.basis_.evaluate(Vector::LinSpaced(401, 0.0, 1.0), 1);
+  const double turned =
+      std::sqrt(((slopes * x).array().square() + (slopes * z).array().square()).maxCoeff());
+  if (turned > 3.0) {
+    char text[160];
+    std::snprintf(text, sizeof text,
+                  "its tangent turns by %.3g rad, and the coordinates of a reduced model in three "
+                  "dimensions end at pi",
+                  turned);
+    return text;
+  }
+  const Vector both = x.cwiseAbs() + z.cwiseAbs();
+  return planar_.unresolved(both.data(), 1);
+}
+
+void SpatialGalerkin::rhs(const Batch& batch, double* rates) const {
+  const Index n = dof(), members = batch.members;
+  std::copy(batch.y + n * members, batch.y + 2 * n * members, rates);
+  evaluate(kernel().spatial.accelerations, planar_.grids(), planar_.pipe_, batch, n,
+           to_columns(rates + n * members, members), 0, 4, 2);
+}
+
+void SpatialGalerkin::rhs_and_power(const Batch& batch, double* rates) const {
+  rhs(batch, rates);
+  const Index members = batch.members;
+  Matrix parts(5, members);
+  power(batch, parts.data());
+  Eigen::Map<Eigen::RowVectorXd>(rates + 2 * dof() * members, members) = parts.colwise().sum();
+}
+
+void SpatialGalerkin::energy(const Batch& batch, double* out) const {
+  evaluate(kernel().spatial.energy, planar_.grids(), planar_.pipe_, batch, 1,
+           to_columns(out, batch.members), 0, 4, 2);
+}
+
+void SpatialGalerkin::power(const Batch& batch, double* out) const {
+  evaluate(kernel().spatial.power, planar_.grids(), planar_.pipe_, batch, 5,
+           to_columns(out, batch.members), 0, 4, 2);
+}
+
+void SpatialGalerkin::tips(const Batch& batch, double* out) const {
+  constexpr Index finer = 2;  // as for Galerkin::tips
+  evaluate(kernel().spatial.tips, planar_.grids(), planar_.pipe_, batch, 6,
+           to_columns(out, batch.members), finer, 4, 2);
+}
+
+void SpatialGalerkin::differentiate(const Batch& batch, Index before, double* out) const {
+  const auto write = begin_differentiation(batch, dof(), before, out);
+  evaluate(kernel().spatial.jacobian, planar_.grids(), planar_.pipe_, batch,
+           dof() * (2 * dof() + 2), write, 0, 4, 2, 1);
 }
 
 }  // namespace pipedyn

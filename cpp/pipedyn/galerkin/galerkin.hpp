@@ -146,6 +146,7 @@ class Galerkin {
   void tips(const Batch& batch, double* out) const;
 
  private:
+  friend class SpatialGalerkin;
   const Grids& grids() const;
   /// Writes the last rows of `linearise` of each member: 2 m rows and `before` rows that precede
   /// them.
@@ -156,6 +157,36 @@ class Galerkin {
   Index least_nodes_;
   mutable std::once_flag moved_;
   mutable std::unique_ptr<const Grids> grids_;  // made by the first call that needs them
+};
+
+/// The reduced model of a pipe that moves in three dimensions (galerkin/space.hpp), with the same
+/// functions in both planes. A state y = [q_x, q_z, q_x', q_z'] has 4 m entries.
+class SpatialGalerkin {
+ public:
+  /// Throws std::invalid_argument for pipes without equations in space, as `SpatialChain` does.
+  SpatialGalerkin(const Pipe& pipe, Basis basis);
+
+  const Galerkin& planar() const { return planar_; }
+  /// Number of coordinates, 2 m.
+  Index dof() const { return 2 * planar_.dof(); }
+  /// As for Galerkin, or that the tangent turns by more than half a turn, where the coordinates
+  /// end.
+  std::string unresolved(const double* q, Index stride) const;
+
+  // As for Galerkin, with 2 dof rows in a state.
+  void rhs(const Batch& batch, double* rates) const;
+  void rhs_and_power(const Batch& batch, double* rates) const;
+  void jacobian(const Batch& batch, double* out) const { differentiate(batch, 0, out); }
+  void linearise(const Batch& batch, double* out) const { differentiate(batch, 2, out); }
+  void energy(const Batch& batch, double* out) const;
+  void power(const Batch& batch, double* out) const;
+  /// Position (x, y, z) of the free end of each member, then its velocity, (6, members).
+  void tips(const Batch& batch, double* out) const;
+
+ private:
+  void differentiate(const Batch& batch, Index before, double* out) const;
+
+  Galerkin planar_;
 };
 
 }  // namespace pipedyn

@@ -104,7 +104,7 @@ Matrix to_orthonormal(const Basis& basis) {
 }  // namespace
 
 Panels::Panels(const Basis& basis, const Pipe& pipe)
-    : pipe_mass(pipe.mass), rotary_inertia(pipe.rotary_inertia) {
+    : pipe_mass(pipe.mass), pipe_stiffness(pipe.stiffness), rotary_inertia(pipe.rotary_inertia) {
   std::vector<double> places(basis.ends().begin(), basis.ends().end());
   places.insert(places.end(), pipe.supports.begin(), pipe.supports.end());
   std::sort(places.begin(), places.end());
@@ -197,6 +197,12 @@ Grid::Grid(const Basis& basis, const Matrix& from_basis, const Panels& panels, I
     const Vector up_to = before * (rule.expansion * density);
     beyond.segment(first, nodes) = carried - length[panel] * up_to.array();
   }
+  Vector bending = Vector::Zero(points);
+  Matrix curvature = Matrix::Zero(points + 1, padded), turned_curvature = curvature;
+  curvature.topLeftCorner(points, m) = basis.evaluate(places, 2);
+  for (Index p = 0; p < points; ++p) {
+    if (weight[p] != 0.0) bending[p] = weight[p] * panels.pipe_stiffness(places[p]);
+  }
   slope = Matrix::Zero(points + 1, padded);
   slope.topLeftCorner(points, m) = basis.evaluate(places, 1);
   Matrix slope_by_function = Matrix::Zero(m, stride), to_basis = Matrix::Identity(m, m);
@@ -206,6 +212,7 @@ Grid::Grid(const Basis& basis, const Matrix& from_basis, const Panels& panels, I
   add_inner(orthonormal.topLeftCorner(points, m), 1.0, slope_by_function.leftCols(points),
             to_basis);
   from.topLeftCorner(m, m) = from_basis;
+  turned_curvature.topLeftCorner(points, m) = curvature.topLeftCorner(points, m) * to_basis;
   // The integral up to the mirror image of a node is the whole integral minus the part beyond it.
   const Matrix integral = rule.integral_to(rule.node.head(half));
   Matrix from_sums(half, half), from_differences(half, half);
@@ -231,7 +238,10 @@ Grid::Grid(const Basis& basis, const Matrix& from_basis, const Panels& panels, I
             .from_sums = keep(std::move(from_sums)),
             .from_differences = keep(std::move(from_differences)),
             .length = keep(length),
+            .curvature = keep(std::move(curvature)),
+            .orthonormal_curvature = keep(std::move(turned_curvature)),
             .weight = keep(weight),
+            .bending = keep(bending),
             .mass = keep(mass),
             .turning = static_cast<Index>(inertia_.size()),
             .turning_at = turning_at_.data(),

@@ -57,6 +57,7 @@ struct Panels {
   std::vector<PanelTerm> loads;  // terms that have a load
   std::vector<Index> held;       // panels at whose ends the pipe is held across
   Profile pipe_mass;             // m(s), the mass per length
+  Profile pipe_stiffness;        // e(s), the bending stiffness
   double rotary_inertia;         // rotary inertia per length
   Matrix damped;                 // integrals of e w_i'' w_j'', (m, m)
   Matrix elastic;                // these and k_r w_i'(0) w_j'(0) of a spring at the root, (m, m)

@@ -7,6 +7,7 @@
 #include "pipedyn/galerkin/axial.hpp"
 #include "pipedyn/galerkin/block.hpp"
 #include "pipedyn/galerkin/linearisation.hpp"
+#include "pipedyn/galerkin/space.hpp"
 
 namespace {
 
@@ -48,6 +49,11 @@ const GalerkinKernel PIPEDYN_NAMED(galerkin) = {
     .tips = run<&Block<double>::tips, &Block<Pack>::tips>,
     .held = run<&Block<double>::held, &Block<Pack>::held>,
     .jacobian = run<&Linearisation<double>::jacobian, &Linearisation<Pack>::jacobian>,
+    .spatial = {.accelerations = spatial_accelerations_of,
+                .energy = spatial_energy_of,
+                .power = spatial_power_of,
+                .tips = spatial_tips_of,
+                .jacobian = spatial_jacobian_of},
     .operators = ::operators,
 };
 

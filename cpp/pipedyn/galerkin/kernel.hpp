@@ -27,32 +27,35 @@ struct GridTables {
   static constexpr std::ptrdiff_t multiple = 4;  // divides counts of points and padded functions
   static constexpr std::ptrdiff_t widest = 8;    // divides strides
 
-  std::ptrdiff_t functions;          // m
-  std::ptrdiff_t padded;             // number of functions after padding with zeros
-  std::ptrdiff_t panels;             // P
-  std::ptrdiff_t nodes;              // Q, on each panel
-  std::ptrdiff_t points;             // N = P (Q + 1)
-  std::ptrdiff_t stride;             // N or more: length of the rows that run over the points
-  const double* slope_by_function;   // Theta_i at the points, (m, stride)
-  const double* slope;               // Theta_i at the points, (N, padded), with room for a vector
-  const double* orthonormal;         // the same for the orthonormal functions, (N, padded)
-  const double* to_basis;            // orthonormal coordinates to amplitudes, (m, m)
-  const double* from_basis;          // inverse of the first, (m, padded), with room for a vector
-  const double* from_sums;           // matrix above, for a panel of length 1, (h, h)
-  const double* from_differences;    // matrix above, for a panel of length 1, (h, h)
-  const double* length;              // length of each panel, (P,)
-  const double* weight;              // weights of the quadrature, 0 at the ends of panels, (N,)
-  const double* mass;                // mass of the pipe and its terms at each point, (N,)
-  std::ptrdiff_t turning;            // number of points with rotary inertia
-  const std::ptrdiff_t* turning_at;  // these points, (turning,)
-  const double* inertia;             // their rotary inertia, (turning,)
-  const double* beyond;              // mass beyond each point, (N,)
-  const double* arc;                 // places of a panel's points, from 0 to 1, (Q + 1,)
-  const double* expansion;           // expansion of Quadrature, (Q, Q)
-  const double* elastic;             // k_ij, (m, m)
-  const double* damped;              // k_ij without the spring at the root, which has no damping
-  const double* elastic_forces;      // product of `elastic` and `to_basis`, (m, m)
-  const double* damped_forces;       // product of `damped` and `to_basis`, (m, m)
+  std::ptrdiff_t functions;         // m
+  std::ptrdiff_t padded;            // number of functions after padding with zeros
+  std::ptrdiff_t panels;            // P
+  std::ptrdiff_t nodes;             // Q, on each panel
+  std::ptrdiff_t points;            // N = P (Q + 1)
+  std::ptrdiff_t stride;            // N or more: length of the rows that run over the points
+  const double* slope_by_function;  // Theta_i at the points, (m, stride)
+  const double* slope;              // Theta_i at the points, (N, padded), with room for a vector
+  const double* orthonormal;        // the same for the orthonormal functions, (N, padded)
+  const double* to_basis;           // orthonormal coordinates to amplitudes, (m, m)
+  const double* from_basis;         // inverse of the first, (m, padded), with room for a vector
+  const double* from_sums;          // matrix above, for a panel of length 1, (h, h)
+  const double* from_differences;   // matrix above, for a panel of length 1, (h, h)
+  const double* length;             // length of each panel, (P,)
+  const double* curvature;          // Theta_i' at the points, (N, padded)
+  const double* orthonormal_curvature;  // the same for the orthonormal functions, (N, padded)
+  const double* weight;                 // weights of the quadrature, 0 at the ends of panels, (N,)
+  const double* bending;                // these times the bending stiffness, (N,)
+  const double* mass;                   // mass of the pipe and its terms at each point, (N,)
+  std::ptrdiff_t turning;               // number of points with rotary inertia
+  const std::ptrdiff_t* turning_at;     // these points, (turning,)
+  const double* inertia;                // their rotary inertia, (turning,)
+  const double* beyond;                 // mass beyond each point, (N,)
+  const double* arc;                    // places of a panel's points, from 0 to 1, (Q + 1,)
+  const double* expansion;              // expansion of Quadrature, (Q, Q)
+  const double* elastic;                // k_ij, (m, m)
+  const double* damped;                 // k_ij without the spring at the root, which has no damping
+  const double* elastic_forces;         // product of `elastic` and `to_basis`, (m, m)
+  const double* damped_forces;          // product of `damped` and `to_basis`, (m, m)
 };
 
 /// A term with a load: at the end of a panel or, if it acts all along, at every node.
@@ -99,6 +102,13 @@ struct GalerkinKernel {
   /// Derivatives of q'' by q, then by q', (m, 2 m, members), then q'' and its derivative by the
   /// speed, (m, members) each. The drag contributes 2 |v_n| dv_n.
   Function jacobian;
+
+  /// Motion in space (galerkin/space.hpp), of states with 4 m rows: as above with 2 m coordinates,
+  /// and the position (x, y, z) and velocity of the free end (6, members). jacobian is for one
+  /// member.
+  struct {
+    Function accelerations, energy, power, tips, jacobian;
+  } spatial;
 
   /// Linear operators about one state at rest, for the functions of the tables: the mass matrix (m,
   /// m); the derivatives of all forces except those of bending by q, then by q', (m, 2 m); the

@@ -2,6 +2,7 @@
 #include "pipedyn/linear/operator.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <type_traits>
 
 namespace pipedyn {
@@ -36,6 +37,18 @@ std::optional<SymmetricPairs> symmetric_pairs(const Lapack& lapack, Eigen::Matri
   const auto pivots = b.diagonal();
   if (info != 0 || !(pivots.minCoeff() > least_pivot * pivots.maxCoeff())) return {};
   return SymmetricPairs{std::move(values), std::move(a)};
+}
+
+Values general_values(const Lapack& lapack, Eigen::MatrixXd a, Eigen::MatrixXd b) {
+  int n = static_cast<int>(a.rows()), size = std::max(8 * n, 1), one = 1, info = 0;
+  char none = 'N';
+  Reals real(n), imag(n), below(n), work(size);
+  lapack.dggev(&none, &none, &n, a.data(), &n, b.data(), &n, real.data(), imag.data(), below.data(),
+               nullptr, &one, nullptr, &one, work.data(), &size, &info);
+  if (info != 0) below.setConstant(std::nan(""));
+  Values values(n);
+  for (Index i = 0; i < n; ++i) values[i] = {real[i] / below[i], imag[i] / below[i]};
+  return values;
 }
 
 int negative_eigenvalues(const Lapack& lapack, const Eigen::MatrixXd& of) {

@@ -29,6 +29,9 @@ struct Lapack {
                  int* ldb, int* info);
   void (*dgeev)(char* left, char* right, int* n, double* a, int* lda, double* real, double* imag,
                 double* vl, int* ldvl, double* vr, int* ldvr, double* work, int* size, int* info);
+  void (*dggev)(char* left, char* right, int* n, double* a, int* lda, double* b, int* ldb,
+                double* real, double* imag, double* below, double* vl, int* ldvl, double* vr,
+                int* ldvr, double* work, int* size, int* info);
   void (*zgeev)(char* left, char* right, int* n, Complex* a, int* lda, Complex* w, Complex* vl,
                 int* ldvl, Complex* vr, int* ldvr, Complex* work, int* size, double* more,
                 int* info);
@@ -48,6 +51,9 @@ struct SymmetricPairs {
 /// factor is greater than `least_pivot` times the greatest.
 std::optional<SymmetricPairs> symmetric_pairs(const Lapack& lapack, Eigen::MatrixXd a,
                                               Eigen::MatrixXd b, bool vectors, double least_pivot);
+
+/// Eigenvalues mu of A x = mu B x, not finite where B x = 0; not a number if they are not found.
+Values general_values(const Lapack& lapack, Eigen::MatrixXd a, Eigen::MatrixXd b);
 
 /// Number of eigenvalues of a symmetric matrix that are below zero by more than rounding.
 int negative_eigenvalues(const Lapack& lapack, const Eigen::MatrixXd& of);

@@ -15,6 +15,7 @@ namespace {
 
 struct AddedMass : NoLaw {
   static constexpr const char* name = "added_mass";
+  static constexpr bool exists_in_space = false;
   static constexpr bool along = true;
   double chi;
 

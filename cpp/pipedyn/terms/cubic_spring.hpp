@@ -20,6 +20,17 @@ struct CubicSpring : NoLaw {
     const Real square = at.x * at.x;
     return 0.25 * k * (square * square);
   }
+  template <class Number>
+  SpatialLoad<Number> load_in_space(const SpatialStation<Number>& at) const {
+    const Space<Number> apart = off_axis(at.r);
+    return {(-k * dot(apart, apart)) * apart};
+  }
+  template <class Number>
+  Number energy_in_space(const SpatialStation<Number>& at) const {
+    const Space<Number> apart = off_axis(at.r);
+    const Number square = dot(apart, apart);
+    return 0.25 * k * (square * square);
+  }
 };
 
 }  // namespace

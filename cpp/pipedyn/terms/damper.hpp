@@ -19,6 +19,15 @@ struct Damper : NoLaw {
   Real power(const Station<Real>& at) const {
     return -c * (at.vx * at.vx);
   }
+  template <class Number>
+  SpatialLoad<Number> load_in_space(const SpatialStation<Number>& at) const {
+    return {-c * off_axis(at.v)};
+  }
+  template <class Number>
+  Number power_in_space(const SpatialStation<Number>& at) const {
+    const Space<Number> across = off_axis(at.v);
+    return -c * dot(across, across);
+  }
 };
 
 }  // namespace

@@ -20,6 +20,14 @@ struct DeadLoad : NoLaw {
   Real energy(const Station<Real>& place) const {
     return down * (at - place.y) - across * place.x;
   }
+  template <class Number>
+  SpatialLoad<Number> load_in_space(const SpatialStation<Number>&) const {
+    return {in_plane<Number>({across, down})};
+  }
+  template <class Number>
+  Number energy_in_space(const SpatialStation<Number>& place) const {
+    return down * (at - place.r.y) - across * place.r.x;
+  }
 };
 
 /// A dead load per length, all along the pipe.

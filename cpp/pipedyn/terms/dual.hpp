@@ -8,6 +8,7 @@
 // Local to each translation unit, like vector/pack.hpp.
 #pragma once
 
+#include <cmath>
 #include <type_traits>
 #include <utility>
 
@@ -128,6 +129,94 @@ template <class Real, unsigned a>
 PIPEDYN_INLINE inline auto absolute(const Dual<Real, a>& x) {
   return dual<a>(Real(x.value > 0.0 ? x.value : -x.value),
                  [&](auto k) { return Real(x.value > 0.0 ? x.slope(k) : -x.slope(k)); });
+}
+
+// --------------------------------------------------- functions of numbers with one derivative or
+// none
+
+/// What numbers with and without a derivative need to be told apart by.
+template <class Real>
+struct NumberTraits {
+  using Plain = Real;
+  static const Plain& value(const Real& x) { return x; }
+  static Real of(const Plain& value) { return value; }
+  static Real with(const Plain& value, const Plain&, const Real&) { return value; }
+  /// Lane by lane one number where x is above a limit, elsewhere the other.
+  static Real where_above(const Real& x, double limit, const Real& one, const Real& other) {
+    return x > limit ? one : other;
+  }
+};
+template <class Real>
+struct NumberTraits<Dual<Real, 1u>> {
+  using Plain = Real;
+  static const Plain& value(const Dual<Real, 1u>& x) { return x.value; }
+  static Dual<Real, 1u> of(const Plain& value) { return {value, {Real{}}}; }
+  /// A function of x, with its value and its derivative at x.
+  static Dual<Real, 1u> with(const Plain& value, const Plain& slope, const Dual<Real, 1u>& x) {
+    return {value, {slope * x.slopes[0]}};
+  }
+  static Dual<Real, 1u> where_above(const Dual<Real, 1u>& x, double limit,
+                                    const Dual<Real, 1u>& one, const Dual<Real, 1u>& other) {
+    return {x.value > limit ? one.value : other.value,
+            {x.value > limit ? one.slopes[0] : other.slopes[0]}};
+  }
+};
+
+template <class Number>
+inline Number constant(double x) {
+  using Traits = NumberTraits<Number>;
+  return Traits::of(all<typename Traits::Plain>(x));
+}
+
+template <class Number>
+inline Number inverse_of(const Number& x) {
+  using Traits = NumberTraits<Number>;
+  const auto share = 1.0 / Traits::value(x);
+  return Traits::with(share, -(share * share), x);
+}
+
+/// Calls compute(lane) for each lane, where it sets the lanes of `count` packs.
+template <class Real, std::size_t count, class Compute>
+inline void lane_by_lane(Real (&packs)[count], const Compute& compute) {
+  double each[count][lanes<Real>];
+  for (std::size_t i = 0; i < count; ++i) store(each[i], packs[i]);
+  for (Count lane = 0; lane < lanes<Real>; ++lane) {
+    double one[count];
+    for (std::size_t i = 0; i < count; ++i) one[i] = each[i][lane];
+    compute(one);
+    for (std::size_t i = 0; i < count; ++i) each[i][lane] = one[i];
+  }
+  for (std::size_t i = 0; i < count; ++i) packs[i] = load<Real>(each[i]);
+}
+
+/// Whether any lane is above a limit, or is not a number.
+template <class Real>
+inline bool any_beyond(const Real& x, double limit) {
+  double each[lanes<Real>];
+  store(each, x);
+  bool beyond = false;
+  for (const double one : each) beyond = beyond || !(one <= limit);
+  return beyond;
+}
+
+/// sqrt(x); its derivative is 0 where x is 0.
+template <class Number>
+inline Number root_of(const Number& x) {
+  using Traits = NumberTraits<Number>;
+  typename Traits::Plain packs[2] = {Traits::value(x), {}};
+  lane_by_lane(packs, [](double (&of)[2]) {
+    of[0] = std::sqrt(of[0]);
+    of[1] = of[0] > 0.0 ? 0.5 / of[0] : 0.0;
+  });
+  return Traits::with(packs[0], packs[1], x);
+}
+
+/// Value of the polynomial with these coefficients, the constant first.
+template <class Number, std::size_t count>
+inline Number polynomial(const double (&coefficients)[count], const Number& x) {
+  Number sum = coefficients[count - 1] * x + coefficients[count - 2];
+  for (std::size_t i = count - 2; i-- > 0;) sum = sum * x + coefficients[i];
+  return sum;
 }
 
 }  // namespace

@@ -19,6 +19,14 @@ struct FollowerForce : NoLaw {
   Real power(const Station<Real>& at) const {
     return -force * (at.sine * at.vx + at.cosine * at.vy);
   }
+  template <class Number>
+  SpatialLoad<Number> load_in_space(const SpatialStation<Number>& at) const {
+    return {-force * at.t};
+  }
+  template <class Number>
+  Number power_in_space(const SpatialStation<Number>& at) const {
+    return -force * dot(at.t, at.v);
+  }
 };
 
 }  // namespace

@@ -19,6 +19,14 @@ struct RotationalDamper : NoLaw {
   Real power(const Station<Real>& at) const {
     return -c * (at.omega * at.omega);
   }
+  template <class Number>
+  SpatialLoad<Number> load_in_space(const SpatialStation<Number>& at) const {
+    return {Space<Number>{}, -c * at.w};
+  }
+  template <class Number>
+  Number power_in_space(const SpatialStation<Number>& at) const {
+    return -c * dot(at.w, at.w);
+  }
 };
 
 }  // namespace

@@ -20,6 +20,14 @@ struct RotationalSpring : NoLaw {
   Real energy(const Station<Real>& at) const {
     return 0.5 * k * (at.theta * at.theta);
   }
+  template <class Number>
+  SpatialLoad<Number> load_in_space(const SpatialStation<Number>& at) const {
+    return {Space<Number>{}, -k * at.a};
+  }
+  template <class Number>
+  Number energy_in_space(const SpatialStation<Number>& at) const {
+    return 0.5 * k * dot(at.a, at.a);
+  }
 };
 
 }  // namespace

@@ -19,6 +19,15 @@ struct Spring : NoLaw {
   Real energy(const Station<Real>& at) const {
     return 0.5 * k * (at.x * at.x);
   }
+  template <class Number>
+  SpatialLoad<Number> load_in_space(const SpatialStation<Number>& at) const {
+    return {-k * off_axis(at.r)};
+  }
+  template <class Number>
+  Number energy_in_space(const SpatialStation<Number>& at) const {
+    const Space<Number> apart = off_axis(at.r);
+    return 0.5 * k * dot(apart, apart);
+  }
 };
 
 }  // namespace

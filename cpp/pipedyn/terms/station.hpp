@@ -21,6 +21,7 @@
 #include <utility>
 
 #include "pipedyn/terms/dual.hpp"
+#include "pipedyn/terms/space.hpp"
 #include "pipedyn/vector/pack.hpp"
 
 namespace {
@@ -84,6 +85,21 @@ struct NoLaw {
   template <class Real>
   Real power(const Station<Real>&) const {
     return Real{};
+  }
+
+  // Load, energy and power of a pipe that moves in three dimensions.
+  static constexpr bool exists_in_space = true;
+  template <class Number>
+  SpatialLoad<Number> load_in_space(const SpatialStation<Number>&) const {
+    return {};
+  }
+  template <class Number>
+  Number energy_in_space(const SpatialStation<Number>&) const {
+    return Number{};
+  }
+  template <class Number>
+  Number power_in_space(const SpatialStation<Number>&) const {
+    return Number{};
   }
 };
 

@@ -30,6 +30,20 @@ struct Stop : NoLaw {
     const Real pressed = twice_overlap(absolute(at.x), gap);
     return 0.125 * k * (pressed * pressed);
   }
+  template <class Number>
+  SpatialLoad<Number> load_in_space(const SpatialStation<Number>& at) const {
+    const Space<Number> apart = off_axis(at.r);
+    const Number distance = root_of(dot(apart, apart));
+    // 1e-300 only avoids 0 / 0 on the axis, where the overlap is 0.
+    const Number share = inverse_of(Number(distance + 1e-300)) * twice_overlap(distance, gap);
+    return {(-0.5 * k * share) * apart};
+  }
+  template <class Number>
+  Number energy_in_space(const SpatialStation<Number>& at) const {
+    const Space<Number> apart = off_axis(at.r);
+    const Number pressed = twice_overlap(root_of(dot(apart, apart)), gap);
+    return 0.125 * k * (pressed * pressed);
+  }
 };
 
 }  // namespace

@@ -12,6 +12,7 @@ namespace {
 
 struct Stretching : NoLaw {
   static constexpr const char* name = "stretching";
+  static constexpr bool exists_in_space = false;
   static constexpr bool on_base = true;
   double k, c;
 

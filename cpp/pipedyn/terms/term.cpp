@@ -6,6 +6,7 @@
 #include <optional>
 #include <stdexcept>
 
+#include "pipedyn/pipe.hpp"
 #include "pipedyn/terms/laws.hpp"
 
 namespace pipedyn {
@@ -72,6 +73,19 @@ bool is_felt_by_small_motions(const std::string& law) {
   });
   return has_inertia || acting.load.y != 0.0 || any_slope(acting, small_still) ||
          any_slope(acting, small_moving);
+}
+
+void require_space(const Pipe& pipe) {
+  const auto refuse = [](const std::string& what) {
+    throw std::invalid_argument("a pipe " + what + " has no equations in three dimensions here");
+  };
+  if (pipe.end != End::free || !pipe.supports.empty()) refuse("that is held beyond its root");
+  if (pipe.jet_angle != 0.0) refuse("with a jet at an angle");
+  for (const Term& term : pipe.terms) {
+    Laws::with(term, [&](const auto& law) {
+      if (!law.exists_in_space) refuse(std::string("with ") + law.name);
+    });
+  }
 }
 
 }  // namespace pipedyn

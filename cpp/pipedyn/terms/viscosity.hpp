@@ -25,6 +25,15 @@ struct Viscosity : NoLaw {
     const Real speed = normal(at);
     return -c * (speed * speed);
   }
+  template <class Number>
+  SpatialLoad<Number> load_in_space(const SpatialStation<Number>& at) const {
+    return {-c * (at.v - dot(at.v, at.t) * at.t)};
+  }
+  template <class Number>
+  Number power_in_space(const SpatialStation<Number>& at) const {
+    const Number along = dot(at.v, at.t);
+    return -c * (dot(at.v, at.v) - along * along);
+  }
 };
 
 }  // namespace

@@ -283,9 +283,11 @@ class RootLociOver(_Eigenvalues):
         """Branches in the upper half plane, then their partners, shape (S, 2 B)."""
         count = min(self.count + 1, model.dof)  # one more, since models may order them differently
         loci = root_loci(model, self.speeds, count)
-        if not loci.converged.all():
+        if not (loci.converged | np.isnan(loci.eigenvalues)).all():
             raise NotConverged("eigenvalues on the branches failed their residual check", loci)
         pairs = np.stack([loci.eigenvalues, loci.partners], axis=1)  # (S, 2, count)
+        if model.pipe.damping:  # roots that are not known count to those in the cluster
+            pairs[np.isnan(pairs)] = -1.0 / model.pipe.damping
         grows = (loci.eigenvalues.real > loci.errors).any(axis=0)
         asked_for = pairs[..., (loci.modes != self.count + 1) | grows]
         every, asked = (part.reshape(len(part), -1) for part in (pairs, asked_for))

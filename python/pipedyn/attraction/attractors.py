@@ -299,7 +299,9 @@ def attractors(
         >>> found.basins[0].ending, found.basins[0].share.value
         ('periodic', 1.0)
     """
-    model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="attractors")
+    model = checked_model_in_motion(
+        model, largest=EQUILIBRIA_DOF, purpose="attractors", planar=True
+    )
     given_in = InputUnits(units, model.pipe)
     if isinstance(u, Pulsation) or not callable(u):
         u = given_in.speed("u", u)

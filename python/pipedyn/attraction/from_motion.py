@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-import scipy
 
 from pipedyn.attraction.records import Stretch
 from pipedyn.models.base import Model
@@ -23,7 +22,9 @@ WHILE_NEAR = 5, 0.05
 """Number of Newton steps from a motion's last period after which no cycle is taken to be near: the
 search took one to three steps for the cycles of seven pipes. Second, size of a slow step, relative
 to the cycle, beyond which none is: on the way to 486 cycles of random pipes slow steps were at most
-0.024, and of 146 searches in vain, mostly from chaotic motions, this ends most in two steps."""
+0.024, and of 146 searches in vain, mostly from chaotic motions, this ends most in two steps. At
+a first step beyond four times this size `newton` ends at once, as 9 of 31 such searches do; the
+first step towards each of 43 cycles was at most 0.046."""
 
 REST_EXTENT = 1e-5
 """Peak-to-peak value of an orbit, in rad or in coordinates of a reduced model, below which it is at
@@ -54,9 +55,22 @@ def last_period(stretch: Stretch, farthest: float) -> tuple[Callable[[Array], Ar
         raise NewtonFailed("the motion does not come back to an earlier state")
     begin, end = np.searchsorted(stretch.t, [first, last])
     some = slice(max(int(begin) - 8, 0), int(end) + 9)
-    spline = scipy.interpolate.make_interp_spline(stretch.t[some], stretch.states[some], 5)
+    times, samples = stretch.t[some], stretch.states[some]
+    # Polynomials through the eight samples around a place, in the barycentric form.
+    nodes = np.lib.stride_tricks.sliding_window_view(times, 8)
+    weights = 1.0 / (nodes[:, :, None] - nodes[:, None] + np.eye(8)).prod(axis=2)
     frequency = 2.0 * math.pi / (last - first)
-    return lambda phase: np.ascontiguousarray(spline(first + phase / frequency).T), frequency
+
+    def states(phase: Array) -> Array:
+        t = first + phase / frequency
+        at = np.clip(np.searchsorted(times, t) - 4, 0, len(nodes) - 1)
+        away = t[:, None] - nodes[at]
+        shares = weights[at] / np.where(away == 0.0, 1e-100, away)
+        shares /= shares.sum(axis=1, keepdims=True)
+        near = samples[at[:, None] + np.arange(8)]
+        return np.ascontiguousarray(np.matmul(shares[:, None], near)[:, 0].T)
+
+    return states, frequency
 
 
 def solved_cycle(

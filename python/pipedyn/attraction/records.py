@@ -115,7 +115,8 @@ class Stretch:
             return "rest"
         if self.period:
             return "periodic"
-        approaches = quarters[-1] < 0.8 * quarters[0] and all(b < a for a, b in pairwise(quarters))
+        if quarters[-1] < 0.8 * quarters[0] and all(b < a for a, b in pairwise(quarters)):
+            return "settling"
         _, passed = self._passages
         errors = ERROR_FACTOR * self.rtol
         for turns in range(1, (len(passed) - 1) // 5 + 1):
@@ -124,9 +125,11 @@ class Stretch:
             # factor of 2 in each quarter. Small changes may shrink more slowly.
             change = np.abs(passed[turns:] - passed[:-turns]).max(axis=1)
             share = 1.0 if change.max() < RECURRENCE else 0.5
-            parts = [max(float(part.max()), errors) for part in np.array_split(change, 4)]
-            approaches |= all(b <= max(share * a, errors) for a, b in pairwise(parts))
-        return "settling" if approaches else "irregular"
+            quarter = np.cumsum([0, *((change.size + 3 - np.arange(3)) // 4)])
+            parts = np.maximum(np.maximum.reduceat(change, quarter), errors)
+            if (parts[1:] <= np.maximum(share * parts[:-1], errors)).all():
+                return "settling"
+        return "irregular"
 
     @cached_property
     def _passages(self) -> tuple[Array, Array]:
@@ -169,8 +172,8 @@ class Stretch:
             [self.states, np.sin(p), p**2, self.states[:, half:] ** 2], axis=1
         )
         spread = observed.std(axis=0)
-        observed = observed[:, spread > 1e-6 * spread.max()]
-        observed = observed / observed.std(axis=0)
+        moving = spread > 1e-6 * spread.max()
+        observed = observed[:, moving] / spread[moving]
 
         def apart(parts: int) -> float:
             """Largest difference between averages over parts of equal length."""

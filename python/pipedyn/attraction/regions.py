@@ -19,11 +19,12 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
+from pipedyn import _core
 from pipedyn.models.base import Model
 from pipedyn.motion.integrator import Observer, Outcome, Task, integrate
 from pipedyn.orbits.floquet_coordinates import FloquetCoordinates
@@ -101,14 +102,22 @@ class Region:
         steps = np.diff(self.points * self.units, axis=0)
         return float(np.linalg.norm(steps, axis=1).max(initial=0.0))
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: one for name, one in vars(self).items() if name != "_nearest"}
+
     @cached_property
-    def _tree(self) -> scipy.spatial.cKDTree:
+    def _scaled(self) -> Array:
+        """Points in the units of distances, of which one is nearest to any state."""
         points = self._without_turns(self.points)
         if self.turn is not None:  # the point nearest to a state may be a turn away
             turn = np.zeros(points.shape[1])
             turn[: self.half] = self.turn
             points = np.concatenate([points, points + turn, points - turn])
-        return scipy.spatial.cKDTree(points * self.units)
+        return points * self.units
+
+    @cached_property
+    def _nearest(self) -> _core.NearestPoint:
+        return _core.NearestPoint(self._scaled)
 
     @property
     def half(self) -> int:
@@ -177,12 +186,12 @@ class Region:
         Second come the numbers of the points nearest to the states.
         """
         scaled = self._without_turns(states) * self.units
-        found, near = self._tree.query(scaled, distance_upper_bound=most + self._reach)
-        met = np.isfinite(found)
+        near = self._nearest(scaled, most + self._reach)
+        met = near >= 0
         differences, near = np.full(scaled.shape, math.inf), np.where(met, near, 0)
         if not met.any():
             return differences, near
-        away, points = scaled[met] - self._tree.data[near[met]], near[met] % len(self.points)
+        away, points = scaled[met] - self._scaled[near[met]], near[met] % len(self.points)
         if self.rates is not None:
             # The difference, to third order in the time by which the state is ahead of the point.
             once, twice = self.rates[:, points] * self.units

@@ -241,7 +241,7 @@ def boundary(
     organising points Kuznetsov, Elements of Applied Bifurcation Theory, ch. 8. The criticality of
     flutter is computed as in `hopf`.
     """
-    checked_model(model)
+    model = checked_model(model)
     if isinstance(model, Model) and model.dof > LARGEST_MODEL:
         raise ValueError(
             f"model must have at most {LARGEST_MODEL} degrees of freedom, got {model.dof}"

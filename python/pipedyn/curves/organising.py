@@ -26,7 +26,8 @@ from pipedyn.equilibrium.axis_problems import (
     DivergenceProblem,
     FlutterProblem,
 )
-from pipedyn.equilibrium.hopf import NoHopf, onset_coefficients, static_cubic
+from pipedyn.equilibrium.hopf import onset_coefficients, static_cubic
+from pipedyn.equilibrium.normal_form import NoHopf
 from pipedyn.linear.neutral import beyond_rounding
 from pipedyn.linear.plane import Plane
 from pipedyn.util.archive import saved_as

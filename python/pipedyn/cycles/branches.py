@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, Literal, cast
@@ -27,9 +28,10 @@ from pipedyn.cycles.limit_cycle import (
     NoCycle,
     amplitude_of,
     converged_cycle,
+    cycle_on_mesh,
     on_branch,
 )
-from pipedyn.equilibrium.equilibria import BranchPoint, EquilibriumBranch
+from pipedyn.equilibrium.equilibria import BranchPoint, EquilibriumBranch, Statics
 from pipedyn.equilibrium.hopf import HopfPoint, hopf_point
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.sensitivity import Crossing
@@ -59,7 +61,7 @@ from pipedyn.orbits.orbit_continuation import (
     orbit_at,
     steps_past_grazing,
 )
-from pipedyn.orbits.periodic_orbit import PeriodicOrbit
+from pipedyn.orbits.periodic_orbit import PROBES, PeriodicOrbit
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
@@ -147,6 +149,10 @@ class CycleEvent(Result, units={"error": SPEED}):
 class CycleBranch(TableResult):
     """Cycles along a branch, which may turn in the flow speed, in order from its beginning.
 
+    The first row is the bifurcation at which it begins, if that lies within the speeds, and the
+    last one a Hopf point if it ends there. At a bifurcation the multiplier that passes the unit
+    circle does not count as unstable.
+
     Attributes:
         speeds: u, shape (S,).
         amplitudes: half the peak-to-peak transverse motion of the free end in L, shape (S,).
@@ -158,7 +164,8 @@ class CycleBranch(TableResult):
             (S, n).
         events: events, in order along the branch.
         cycles: the cycles themselves; those at the speeds given meet the tolerance of
-            `limit_cycle` or are listed as failures, those between some 1e-5.
+            `limit_cycle` or are listed as failures, those between some 1e-5. At a Hopf point
+            the cycle has no amplitude, and multipliers as the pipe at rest after a period.
         mirrored: whether the mirror images of its cycles are other cycles; they are not listed.
         origin: beginning of the branch: "hopf" (at an equilibrium), "pitchfork" or "period
             doubling" (of a branch of cycles), or "motion" (a motion ended on one of its cycles, and
@@ -182,9 +189,10 @@ class CycleBranch(TableResult):
         return len(self.speeds)
 
     def at(self, u: float) -> tuple[LimitCycle, ...]:
-        """The cycles at one of the speeds given, in order along the branch."""
+        """The cycles at one of the speeds given that are not at rest, in order along the branch."""
         u = check.real("u", u, low=0.0)
-        return tuple(cycle for cycle in self.cycles if math.isclose(cycle.u, u, rel_tol=1e-12))
+        near = (one for one in self.cycles if math.isclose(one.u, u, rel_tol=1e-12))
+        return tuple(one for one in near if one.moves)
 
     def _columns(self) -> dict[str, Any]:
         return {
@@ -257,7 +265,7 @@ def hopf_points(
             points += [c for c in crossings(model, highest) if c.kind == "flutter"]
         except PipedynError as error:
             failed.append((highest, error))
-    points += [p for b in branches if not b.straight for p in b.points if p.kind == "hopf"]
+    points += [p for b in branches if b.q.any() for p in b.points if p.kind == "hopf"]
     found: list[HopfPoint] = []
     for new in points:
         same = (np.isclose((p.speed, p.frequency), (new.speed, new.frequency), 1e-6) for p in found)
@@ -324,7 +332,7 @@ def _as_one_branch(ways: list[_Follower]) -> Traced:
         events = ways[0].events[::-1] + events
         begin = ways[0].end
     cycles = [cycle for cycle in cycles if way.options.holds(cycle.u)]
-    if not cycles:
+    if all(cycle is way.first for cycle in cycles):
         return Traced(None, begin, way.end)
     branch = CycleBranch(
         speeds=np.array([cycle.u for cycle in cycles]),
@@ -374,6 +382,7 @@ class _Follower(Tracer[OrbitProblem]):
         self.repeats = False  # whether it goes on as a branch that is known
         self.here = start.orbit  # last orbit up to which it was followed
         self.last: LimitCycle | None = None  # the cycle there, if it is known and kept
+        self.first: LimitCycle | None = None  # the cycle at the event at which it begins
         self.passed, self.frequencies = list[float](), list[float]()
         self.beyond = self.unsure = 0  # steps in a row outside the speeds, and with unsure cycles
 
@@ -418,6 +427,9 @@ class _Follower(Tracer[OrbitProblem]):
             kind, meets = met
             if self.last is not None:
                 self._take(self._at_speeds(meets.last, meets.last))
+                if kind == "hopf":
+                    with suppress(NewtonFailed):  # where no equilibrium is found
+                        self._take([(0.0, self._bifurcating(self._still(meets)), None)])
             self._ends(kind, replace(here, u=meets.last.end.p), meets.error)
             return kind
         return self._is_left()
@@ -481,9 +493,42 @@ class _Follower(Tracer[OrbitProblem]):
             if self.last is not None:
                 self._take([(0.0, self.last, None)])
         else:
+            self.first = self._bifurcating(self.start.orbit)
+            self._take([(0.0, self.first, None)])
             first = next(steps)
             self._take(self._at_speeds(first, self._leaving(first)))
         yield from steps
+
+    def _still(self, meets: Meeting) -> PeriodicOrbit:
+        """The equilibrium at which the branch ends, as an orbit without amplitude."""
+        orbit, statics = orbit_at(meets.last, meets.last.length), Statics(self.motion.model)
+        rest = np.zeros(2 * orbit.half)
+        if not orbit.symmetric:
+            rest[: orbit.half] = statics.solved(
+                orbit.states(PROBES)[: orbit.half].mean(axis=1), orbit.u
+            )
+        values = statics.eigenvalues(rest[: orbit.half], orbit.u)
+        at = np.argmin(np.abs(values - 1j * orbit.frequency))
+        return PeriodicOrbit(
+            orbit.edges,
+            rest + np.zeros_like(orbit.starts),
+            np.zeros_like(orbit.rates),
+            float(values[at].imag),
+            orbit.u,
+        )
+
+    def _bifurcating(self, orbit: PeriodicOrbit) -> LimitCycle:
+        """The cycle at a bifurcation, at rest at a Hopf point.
+
+        The multiplier that passes the unit circle there does not count as unstable.
+        """
+        given = self.motion, orbit, FINE.defect, SAMPLES_A_CYCLE, self.how, ON_BRANCH
+        with np.errstate(divide="ignore", invalid="ignore"):  # of the residual at rest
+            cycle = cycle_on_mesh(*given)
+        beyond = beyond_circle(cycle.others, cycle.multiplier_error)
+        others = np.delete(beyond, np.argmin(np.abs(beyond)))
+        residual = cycle.residual if cycle.moves else 0.0
+        return replace(cycle, stable=not (others > 0.0).any(), residual=residual)
 
     def _grazes(self, grazing: Grazing) -> None:
         """Keeps the event at which cycles begin or cease to touch a stop.
@@ -557,7 +602,10 @@ class _Follower(Tracer[OrbitProblem]):
                 return self._growth(step.problem.orbit(point.z))
 
             def roots(s: float) -> Complex:
-                return nontrivial(orbit_multipliers(self.motion, cycle_at(s).orbit)[1])
+                cycle = cycle_at(s)
+                if not cycle.symmetric:
+                    return cycle.others
+                return nontrivial(orbit_multipliers(self.motion, cycle.orbit)[1])
 
             test = CircleTest(step, 3e-5 * length, values, "", ends, NEAR_FOLD, roots=roots)
             # The error of a fold's speed is the square of that of its location in arc length.

@@ -16,6 +16,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from pipedyn import _core
 from pipedyn.attraction.from_motion import (
     CLOSELY,
     LARGEST_CYCLE,
@@ -52,12 +53,17 @@ from pipedyn.orbits.floquet import (
 )
 from pipedyn.orbits.orbit_continuation import (
     COARSE,
-    MOST_CYCLE_INTERVALS,
     breaking_part,
     orbit_at_speed,
     solved_anew,
 )
-from pipedyn.orbits.periodic_orbit import PROBES, PeriodicOrbit, joined_in_pairs, refined
+from pipedyn.orbits.periodic_orbit import (
+    MOST_CYCLE_INTERVALS,
+    PROBES,
+    PeriodicOrbit,
+    joined_in_pairs,
+    refined,
+)
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
@@ -121,11 +127,11 @@ class PeriodicMotion(Trajectory, TableResult):
 
     @property
     def tip(self) -> Array:
-        """Position (x, y) of the free end relative to the base, shape (S, 2)."""
+        """Position (x, y) of the free end from the base, (S, 2); or (x, y, z), (S, 3)."""
         return self.model.tips(self.q.T)
 
 
-@saved_as("LimitCycle")
+@saved_as("LimitCycle", added=("across",))
 class LimitCycle(PeriodicMotion):
     """One period of a periodic motion.
 
@@ -134,7 +140,8 @@ class LimitCycle(PeriodicMotion):
         frequency: angular frequency, in 1 / T.
         period: period, in T.
         multipliers: Floquet multipliers, complex, shape (2 dof,), the largest modulus first, with
-            the trivial one, 1.
+            the trivial one, 1. In three dimensions one more is 1, that of the cycle turned about
+            the axis of the straight pipe.
         stable: whether no nontrivial multiplier's modulus exceeds 1 by more than 1e-6 or three
             times its error.
         t: times from 0, where the free end is farthest to positive x, to the period, shape (S,).
@@ -152,6 +159,8 @@ class LimitCycle(PeriodicMotion):
         evaluations: number of right-hand sides and Jacobians.
         method: how the cycle was found.
         orbit: solution of the collocation equations, from which other searches start.
+        across: in three dimensions those multipliers, shape (dof,), whose perturbations leave the
+            plane of the cycle; None for a model that moves in a plane.
 
     Example:
         >>> cycle = pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 4), 6.0)
@@ -166,10 +175,18 @@ class LimitCycle(PeriodicMotion):
     evaluations: int
     method: str
 
+    across: Complex | None = field(default=None, repr=False)
+
     @property
     def others(self) -> Complex:
-        """Multipliers without the trivial one, shape (2 dof - 1,)."""
-        return nontrivial(self.multipliers)
+        """Multipliers without the one that is 1 for every cycle; in space without both of these."""
+        left = nontrivial(self.multipliers)
+        return left if self.across is None else nontrivial(left)
+
+    @property
+    def moves(self) -> bool:
+        """Whether anything moves: a branch of cycles may begin or end at rest, at a Hopf point."""
+        return bool(np.ptp(self.q, axis=0).any())
 
 
 @saved_as("NoCycle")
@@ -194,6 +211,9 @@ def limit_cycle(
     samples: int = 257,
 ) -> LimitCycle:
     """A periodic motion at a constant flow speed, stable or unstable, with its Floquet multipliers.
+
+    In three dimensions it is a cycle in the plane z = 0, that of `model.planar`, for which starts
+    are given, with its multipliers also across the plane; `rotating_motion` finds circular motions.
 
     Args:
         model: chain, reduced model or scene, up to 100 degrees of freedom.
@@ -234,11 +254,39 @@ def limit_cycle(
     rtol = check.real("rtol", rtol, low=1e-10, high=1e-2)
     samples = check.count("samples", samples, low=9, high=100_000)
     motion = VectorField(model)
+    if model.dimensions == 3:
+        return _embedded(motion, limit_cycle(model.planar, u, start, rtol=rtol, samples=samples))
     with one_thread(motion.size):
         orbit, how = cycle_from(motion, u, start)
         found = converged_cycle(motion, orbit, rtol, samples, how)
         _, once = run_through_once(motion, found.orbit, CLOSELY)
         return found if once is found.orbit else converged_cycle(motion, once, rtol, samples, how)
+
+
+def _embedded(motion: VectorField, plane: LimitCycle) -> LimitCycle:
+    """The cycle of the planar model as one in three dimensions, with its multipliers there."""
+    orbit = plane.orbit
+    p, rates = np.split(orbit.starts, 2, axis=1)
+    none = np.zeros_like(p)
+    whole = replace(
+        orbit,
+        starts=np.concatenate([p, none, rates, none], axis=1),
+        rates=np.concatenate([orbit.rates, np.zeros_like(orbit.rates)], axis=2),
+    )
+    peak = plane.amplitude, amplitude_of(VectorField(plane.model), orbit)[1]
+    with one_thread(motion.size):
+        try:
+            found = cycle_on_mesh(
+                *(motion, whole, plane.error, plane.t.size, plane.method), peak=peak
+            )
+        except NewtonFailed as failure:
+            raise NotConverged(f"the cycle at u = {plane.u:g} fails its check: {failure}") from None
+    # The planar multipliers are among those in space; the others belong to motions across.
+    apart = np.abs(plane.multipliers[:, None] - found.multipliers)
+    apart = np.concatenate([apart, np.zeros_like(apart)])
+    across = found.multipliers[_core.assignment(apart)[len(plane.multipliers) :]]
+    across = across[np.argsort(-np.abs(across), kind="stable")]
+    return replace(found, across=across, evaluations=plane.evaluations + found.evaluations)
 
 
 # ---------------------------------------------------------------------------------- beginnings
@@ -250,6 +298,8 @@ def cycle_from(motion: VectorField, u: float, start: Any) -> tuple[PeriodicOrbit
     reasons, quiet = list[str](), ""
     if isinstance(start, LimitCycle | Motion):
         check_coordinates(model, "start", start)
+        if isinstance(start, LimitCycle) and not start.moves:
+            raise ValueError("start must move, got a cycle without amplitude, at a Hopf point")
         try:
             return _near(motion, u, start)
         except NewtonFailed as reason:
@@ -509,13 +559,14 @@ def refined_until(
 
 
 def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, float]:
-    """Half the free end's peak-to-peak motion, and the phase of its largest displacement."""
+    """Half the peak-to-peak motion of the free end along x, and the phase of its largest x."""
+    speed = motion.model.dimensions  # row of the velocity along x
     # Samples are as close as the mesh requires: a period may have a dozen peaks.
     phases, y = orbit.sampled(SAMPLES_A_STAGE * orbit.rates.shape[1])
-    across, _, velocity, _ = motion.end(y)
+    across, velocity = motion.end(y)[[0, speed]]
     before = np.flatnonzero((velocity[:-1] > 0.0) != (velocity[1:] > 0.0))
     peaks = zeros_between(
-        lambda phase: motion.end(orbit.states(phase))[2],
+        lambda phase: motion.end(orbit.states(phase))[speed],
         *(phases[before], phases[before + 1], velocity[before], velocity[before + 1]),
     )
     phases = np.append(phases, peaks)

@@ -10,14 +10,14 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import product
 from typing import Any, Literal, cast
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
+from pipedyn import _core
 from pipedyn.continuation.arclength import Control, DenseProblem, Point, Segment
 from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
 from pipedyn.linear.neutral import grows
@@ -220,7 +220,9 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
     soft pipe in a fast flow has dozens of equilibria wound up by many turns, which no motion
     reaches.
     """
-    model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="equilibria")
+    model = checked_model_in_motion(
+        model, largest=EQUILIBRIA_DOF, purpose="equilibria", planar=True
+    )
     statics = Statics(model)
     u = steady_speed("u", u)
     if isinstance(starts, str) or not isinstance(starts, Sequence):
@@ -296,9 +298,9 @@ class Statics(BranchOfRest):
             found = np.linalg.solve(shifted, -residuals[:, :, None])
         return np.asarray(found[:, :, 0])
 
-    def at_rest(self, x: Array, p: float) -> tuple[Array, Array]:
-        """Equations x = rest of the straight pipe, regular also where other branches leave it."""
-        return x - self.resting, np.eye(self.size, self.size + 1)
+    def at_rest(self, rest: Array, x: Array, p: float) -> tuple[Array, Array]:
+        """Equations x = rest of a straight pipe, regular also where other branches leave it."""
+        return x - rest, np.eye(self.size, self.size + 1)
 
     def solved(self, x: Array, u: float) -> Array:
         """The equilibrium near a configuration; raises `NewtonFailed` if none is found."""
@@ -397,9 +399,19 @@ class Statics(BranchOfRest):
         # A mean angle of pi or -pi becomes -pi, as rounding may not tell them apart.
         return x - turn * math.floor(float(x @ turn) / float(turn @ turn) + 0.5 + 1e-9)
 
+    def straightened(self, x: Array) -> Array:
+        """The configuration nearest to x among the rest and, on a hinge, its half turns.
+
+        If the pipe at rest is straight, each of them is its own mirror image.
+        """
+        if self.whole_turn is None:
+            return self.resting
+        half = 0.5 * self.whole_turn
+        return self.resting + half * round(float((x - self.resting) @ half) / float(half @ half))
+
     def straight(self, x: Array) -> bool:
-        """Whether a configuration is that of the straight pipe, which is its own mirror image."""
-        return not self.resting.any() and self.rms(x) < 1e-9
+        """Whether a configuration is that of a straight pipe, which is its own mirror image."""
+        return not self.resting.any() and self.rms(x - self.straightened(x)) < 1e-9
 
 
 def is_stable(eigenvalues: Complex) -> bool:
@@ -654,6 +666,9 @@ def _balanced(statics: Statics, u: float, starts: list[Array], longest: float) -
 
 Change = Literal["fold", "pitchfork", "branch point", "hopf"]
 
+SAME_FORK = 1e-6
+"""Largest relative distance in speed from a pitchfork of a change that is that of the pitchfork."""
+
 MOST_POINTS = 4000
 """Most points of one branch: at the default step they reach 200 rad, three times `TEN_TURNS`."""
 
@@ -682,6 +697,9 @@ class BranchPoint(Result):
 @saved_as("EquilibriumBranch")
 class EquilibriumBranch(Configurations, TableResult):
     """A branch of equilibria, point by point along its arc length.
+
+    Where the branch turns back or its stability changes, it has a point, with the stability that
+    the eigenvalues off the imaginary axis give.
 
     Attributes:
         speeds: flow speed u, shape (S,).
@@ -766,7 +784,9 @@ def equilibrium_branch(
 
     Source: Keller (1977) for the continuation.
     """
-    model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="equilibria")
+    model = checked_model_in_motion(
+        model, largest=EQUILIBRIA_DOF, purpose="equilibria", planar=True
+    )
     statics = Statics(model)
     require_steady("speeds", speeds)
     low, high = map(float, check.array("speeds", speeds, size=2, low=0.0, high=LARGEST_SPEED))
@@ -788,8 +808,9 @@ def equilibrium_branch(
                 f"that lies {away:.3g} rad away, more than {NEAR:g}"
             )
         equations = statics.equations
-        if statics.always_rests and statics.rms(x - statics.resting) < 1e-9:
-            x, equations = statics.resting, statics.at_rest
+        rest = statics.straightened(x)
+        if statics.always_rests and statics.rms(x - rest) < 1e-9:
+            x, equations = rest, partial(statics.at_rest, rest)
         branch = DenseProblem(equations, statics.size, 0.1 * (high - low), Control(longest=step))
         try:
             down = branch.point(np.append(x, u0), np.append(np.zeros_like(x), -1.0))
@@ -844,15 +865,15 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
         change, listed once.
         """
         statics, a, b, ds = self.statics, step.begin, step.end, step.length
-        sizes = statics.rms(a.x), statics.rms(b.x)
-        meeting, until = None, ds
+        rest, meeting, until = statics.straightened(a.x), None, ds
+        sizes = statics.rms(a.x - rest), statics.rms(b.x - rest)
         # At a pitchfork the next point lies on the branch's mirror image, or Newton's method leads
         # to the straight pipe.
         landed = statics.straight(b.x)
-        across = landed or float(a.x @ b.x) < 0.0
+        across = landed or float((a.x - rest) @ (b.x - rest)) < 0.0
         across = across and not (statics.resting.any() or statics.straight(a.x))
         if across and max(sizes) <= 2.0 * self.longest:
-            meeting = self._pitchfork(a.p)
+            meeting = self._pitchfork(rest, a.p)
         if meeting is not None:
             until = 0.0 if landed else 0.98 * ds * sizes[0] / sum(sizes)
         known = {0.0: self.growth[-1]}
@@ -865,32 +886,47 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
         growth = TestFunction(step, 1e-10 * (1.0 + until), self._growth, kind, known)
         found = special_points(step, 1e-12 if meeting is None else 0.0, [growth], until)
         turns = [s for name, _, s in found if name == "fold"]
-        for name, _, s in found:
-            if name in ("fold", "hopf") or all(abs(s - turn) > 1e-3 * ds for turn in turns):
-                self.changes.append(self._point(cast(Change, name), step.at(s)))
-        self.growth.append(growth.at(until))
-        if meeting is not None:
-            b = Point(np.append(statics.resting, meeting), a.tangent)
-            self.changes.append(self._point("pitchfork", b))
-        self.points.append(b)
-        if meeting is not None:
-            return "pitchfork"
-        return "far" if float(np.abs(b.x).max()) > TEN_TURNS else None
+        for name, before, s in found:
+            # Right beside a pitchfork its own eigenvalue counts as neutral.
+            same = meeting is not None and abs(step.at(s).p / meeting - 1.0) < SAME_FORK
+            same |= any(abs(s - turn) <= 1e-3 * ds for turn in turns)
+            if name not in ("fold", "hopf") and same:
+                continue
+            point = self._point(cast(Change, name), step.at(s))
+            self.changes.append(point)
+            if 1e-6 * ds < s < (1.0 - 1e-6) * ds:  # otherwise the end of the step is there
+                z = np.append(step.at(s).x, point.speed)
+                self._add(Point(z, step.at(s).tangent), growth.at(before), growth.at(s))
+        if meeting is None:
+            self._add(b, growth.at(until))
+            return "far" if float(np.abs(b.x).max()) > TEN_TURNS else None
+        fork = Point(np.append(rest, meeting), a.tangent)
+        self.changes.append(self._point("pitchfork", fork))
+        self._add(fork, self._growth(fork))
+        return "pitchfork"
+
+    def _add(self, point: Point, *growth: Array) -> None:
+        """Keeps a point with the growth of motions about it or, of a change, on both its sides.
+
+        An eigenvalue on the axis does not count as unstable.
+        """
+        self.points.append(point)
+        self.growth.append(min(growth, key=lambda one: np.count_nonzero(one > 0.0)))
 
     def _growth(self, point: Point) -> Array:
         """The growth of small motions about an equilibrium, as `Statics.growth` gives it."""
         return self.statics.growth(point.x, abs(point.p))
 
-    def _pitchfork(self, u: float) -> float | None:
-        """Speed of the pitchfork of the straight pipe nearest to u, or None if none is near.
+    def _pitchfork(self, rest: Array, u: float) -> float | None:
+        """Speed of the pitchfork of a straight pipe nearest to u, or None if none is near.
 
         Its square is an eigenvalue, as the Jacobian at rest is affine in the square of the speed.
         """
-        rest, jacobian = self.statics.resting, self.statics.jacobian
+        jacobian = self.statics.jacobian
         if not self.statics.always_rests:
             return None
         slope = jacobian(rest, 1.0) - jacobian(rest, 0.0)
-        squares = scipy.linalg.eigvals(jacobian(rest, 0.0), -slope)  # infinite without flux
+        squares = _core.general_values(jacobian(rest, 0.0), -slope)  # infinite without flux
         real = (squares.real > 0.0) & (np.abs(squares.imag) <= 1e-9 * np.abs(squares))
         found = np.sqrt(squares.real[real])
         near = found[np.abs(found - u) < 0.02 * (1.0 + u)]
@@ -905,6 +941,6 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
                 crossing = np.argmin(np.abs(oscillating.real))
                 frequency = float(abs(oscillating[crossing].imag))
         if kind == "pitchfork":  # roots of det K are more precise than changes of the count
-            speed = self._pitchfork(speed) or speed
+            speed = self._pitchfork(statics.straightened(point.x), speed) or speed
         q = statics.to_user(point.x[None])[0]
         return BranchPoint(kind, speed, frequency, q, statics.model.tips(q[:, None])[0])

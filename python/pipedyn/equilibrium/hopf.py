@@ -1,17 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Onset of flutter beyond linear theory: side on which cycles emerge, and growth of amplitude.
 
-On the centre manifold of a pair of eigenvalues +- i omega, whose right and left eigenvectors are q
-and p with <p, q> = 1,
-
-    z' = i omega z + c_1 z |z|^2 + ...,   y = rest + 2 Re(z q) + ...,
-
-    2 c_1 = <p, C(q, q, q*) - 2 B(q, A^-1 B(q, q*)) + B(q*, (2 i omega - A)^-1 B(q, q))>
-
-where A, B and C are the first three derivatives of f in y' = f(y) at rest, and the first Lyapunov
-coefficient is l_1 = Re c_1 / omega (Kuznetsov, Elements of Applied Bifurcation Theory, eq. (5.39)
-of the third edition). B and C act along two real directions only, so that they follow from the
-Jacobian on these two lines, by central differences with halved steps and extrapolation.
+The normal form z' = i omega z + c_1 z |z|^2 of a pair of eigenvalues, with right and left
+eigenvectors q and p, is that of normal_form.py, and l_1 = Re c_1 / omega.
 
 Let N be a force without a third derivative at rest that is odd and of second degree along each ray,
 N(r y) = r^2 N(y). To first order in r it adds, at y = rest + r Re(q exp(i phi)), the coefficient
@@ -44,9 +35,9 @@ flutter, Re(d) > 0.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from concurrent import futures
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from typing import Any, Literal
 
@@ -55,6 +46,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.equilibrium.axis_problems import gyroscopic_mass
 from pipedyn.equilibrium.equilibria import BranchPoint, Statics
+from pipedyn.equilibrium.normal_form import (
+    FIRST_STEP,
+    LEVELS,
+    NoHopf,
+    NormalForm,
+    neville_limit,
+    normal_form,
+    projected_limit,
+    second_and_third,
+    vectors,
+)
 from pipedyn.linear.critical_speed import critical_point
 from pipedyn.linear.neutral import grows
 from pipedyn.linear.rest import at_rest
@@ -70,161 +72,9 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import count_factorisations
-from pipedyn.util.errors import NotConverged, PipedynError
+from pipedyn.util.errors import NotConverged
 from pipedyn.util.parallel import one_thread, outcome_of
 from pipedyn.util.result import LENGTH, SPEED, Result
-
-LEVELS, FIRST_STEP = 6, 0.2
-"""Number of steps of the differences, each half of the last, and the largest angle, in rad, by
-which the first step displaces the pipe. With these values the error of the coefficient is 8e-8 at
-most in 28 smooth pipes; a seventh step gains nothing."""
-
-
-@saved_as("NoHopf")
-class NoHopf(PipedynError):
-    """Raised where no limit cycle emerges from a loss of stability as in Hopf's theorem."""
-
-
-@dataclass(frozen=True)
-class NormalForm:
-    """Normal form z' = i omega z + c_1 z |z|^2 of a Hopf point."""
-
-    frequency: float  # omega
-    right: Complex = field(repr=False)  # q, shape (N,)
-    left: Complex = field(repr=False)  # p, shape (N,), with <p, q> = sum conj(p) q = 1
-    cubic: complex  # c_1
-    error: float  # absolute error of c_1, from the last two extrapolations
-
-    @property
-    def lyapunov(self) -> float:
-        """First Lyapunov coefficient l_1 = Re c_1 / omega."""
-        return self.cubic.real / self.frequency
-
-
-def normal_form(
-    jacobians: Callable[[Array], Array],
-    rest: Array,
-    frequency: float,
-    scale: Callable[[Complex], complex],
-    reach: Callable[[Complex], float],
-) -> NormalForm:
-    """Cubic normal form at an equilibrium, shape (N,), of any smooth system y' = f(y).
-
-    `jacobians` gives df/dy at states, shape (N, k), as an array (k, N, N); `frequency` is omega, to
-    a relative accuracy of some 1e-6. The eigenvector q is divided by scale(q), a linear function.
-    Steps of differences are measured by `reach` of the displacement, such as its largest angle.
-
-    Raises:
-        ValueError: if i omega is no eigenvalue.
-        NoHopf: if it is a double eigenvalue, or scale(q) is 0.
-        NotConverged: if the differences do not converge.
-    """
-    a = jacobians(rest[:, None])[0]
-    q, p = vectors(a, frequency, scale)
-    steps = np.ldexp(FIRST_STEP / reach(q), -np.arange(LEVELS))
-    totals = _cubic_terms(jacobians, rest, a, q, frequency, steps)
-    values = [complex(0.5 * (p.conj() @ total)) for total in totals]
-    terms = float(np.abs(p) @ np.abs(a) @ np.abs(q))
-    rounding = np.finfo(float).eps * terms / steps**2
-    value, error = _neville_limit(values, rounding)
-    # If a force is not smooth, the error is some per cent.
-    if not error <= 1e-3 * abs(value) + rounding[-1]:
-        raise NotConverged(
-            "the third derivatives at the onset do not converge as the steps of their differences "
-            f"shrink: {value:.6g} with an error of {error:.1e}",
-        )
-    return NormalForm(frequency, q, p, value, error)
-
-
-def _cubic_terms(
-    jacobians: Callable[[Array], Array],
-    rest: Array,
-    a: Array,
-    q: Complex,
-    frequency: float,
-    steps: Array,
-) -> Iterable[Complex]:
-    """Vector whose product with p is 2 c_1 in Kuznetsov's formula, for each step h to O(h^2)."""
-    signs = np.array([1.0, -1.0])
-    moves = np.einsum("h,s,dn->nhsd", steps, signs, [q.real, q.imag])
-    states = (rest[:, None] + moves.reshape(rest.size, -1)).copy()
-    around = jacobians(states).reshape(*moves.shape[1:], *a.shape)
-    for h, (ahead, behind) in zip(steps, around, strict=True):
-        slopes = (ahead - behind) / (2.0 * h)
-        second = slopes[0] + 1j * slopes[1]  # B(q, .)
-        third = ((ahead + behind - 2.0 * a) / h**2).sum(axis=0)  # C(q, q*, .)
-        total = third @ q
-        mean, second_harmonic = (second @ q.conj()).real, second @ q  # B(q, q*) is real
-        if max(np.abs(mean).max(), np.abs(second_harmonic).max()) > 1e-13 * np.abs(total).max():
-            count_factorisations(2)
-            total = total - 2.0 * (second @ np.linalg.solve(a, mean))
-            outer = np.linalg.solve(2j * frequency * np.eye(q.size) - a, second_harmonic)
-            total = total + second.conj() @ outer
-        yield total
-
-
-def vectors(
-    a: Array, frequency: float, scale: Callable[[Complex], complex]
-) -> tuple[Complex, Complex]:
-    """Right and left eigenvectors q and p of the eigenvalue i omega, by inverse iteration.
-
-    They are scaled so that scale(q) = <p, q> = 1.
-
-    Raises:
-        ValueError: if i omega is no eigenvalue.
-        NoHopf: if it is a double eigenvalue, or scale(q) is 0.
-    """
-    # Rates are scaled by the frequency, so that in this mode they are as large as coordinates.
-    unit = np.ones(len(a))
-    unit[len(a) // 2 :] = frequency
-    scaled = a * unit / unit[:, None]
-    shift = 1j * frequency * (1.0 + 1e-12) + 1e-11 * frequency
-    count_factorisations()
-    inverse = np.linalg.inv(scaled - shift * np.eye(len(a)))
-    start = np.cos(np.arange(len(a))) + 1.5j
-    right, left = start, start.conj()
-    for _ in range(4):
-        right, left = inverse @ right, inverse.conj().T @ left
-        right, left = right / np.linalg.norm(right), left / np.linalg.norm(left)
-    value = complex(right.conj() @ (scaled @ right))
-    # Where two pairs meet, rounding puts two eigenvalues about i omega, and the iteration does not
-    # converge; or p and q are orthogonal up to the square root of rounding.
-    meets = abs(complex(left.conj() @ right)) < 3e-5
-    if abs(value - 1j * frequency) > 1e-5 * frequency:
-        away = np.linalg.eigvals(scaled) - 1j * frequency
-        nearest, second = away[np.argsort(np.abs(away))[:2]]
-        meets = abs(nearest + second) <= 0.2 * abs(nearest) <= 0.02 * frequency
-        if not meets:
-            raise ValueError(
-                f"crossing must be one of the model's: no eigenvalue lies at {frequency:g} i, "
-                f"the nearest at {nearest + 1j * frequency:g}"
-            )
-    if meets:
-        raise NoHopf("two pairs meet on the axis at the onset")
-    right, left = unit * right, left / unit
-    share = scale(right)
-    if abs(share) <= 1e-9 * float(np.abs(right).max()) / (1.0 + frequency):
-        raise NoHopf("the free end does not move in the mode that flutters")
-    right = right / share
-    return right, left / np.conj(left.conj() @ right)
-
-
-def _neville_limit(values: list[complex], rounding: Array) -> tuple[complex, float]:
-    """Limit, by Neville's scheme, of values whose error is a series in h^2, and its error.
-
-    The step h is halved from one value to the next. As the least error estimate of the scheme may
-    be small by chance, the rounding of the values is added to each.
-    """
-    best, error, row = values[-1], math.inf, np.array(values)
-    for order in range(1, len(values)):
-        above, row = row, (4.0**order * row[1:] - row[:-1]) / (4.0**order - 1.0)
-        estimates = np.maximum(np.abs(row - above[:-1]), np.abs(row - above[1:]))
-        estimates += rounding[order:]
-        i = int(np.argmin(estimates))
-        if estimates[i] < error:
-            best, error = complex(row[i]), float(estimates[i])
-    return best, error
-
 
 # --------------------------------------------------------------------------------- for the pipe
 
@@ -406,12 +256,123 @@ class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
         return self.frequency + self.detuning * (float(u) - self.speed) + turned
 
 
+@saved_as("SpatialHopf")
+class SpatialHopf(Result):
+    """A flutter onset in three dimensions, and the motions that emerge there.
+
+    The pair of eigenvalues is double, for motions in the planes of x and of z. With the complex
+    amplitudes z and w of the two circular motions, whose sum at z = w is planar,
+
+        z' = z (lambda + A |z|^2 + B |w|^2),   w' = w (lambda + A |w|^2 + B |z|^2),
+
+    where the free end is displaced by 2 |z| in circular and 4 |z| in planar motion. Either motion
+    exists at speeds at which its law is positive.
+
+    Attributes:
+        plane: the onset in a plane, a `Hopf`, with its speed, frequency, growth and laws.
+        own: A, in 1 / (L^2 T).
+        other: B, in 1 / (L^2 T).
+        error: largest absolute error of A and B, which comes from extrapolation.
+        model: the model.
+
+    Example:
+        >>> found = pp.hopf(pp.Chain(pp.Pipe(0.2), n=10, dimensions=3))
+        >>> found.stable, round(found.own.real, 2), round(found.other.real, 2)
+        ('rotating', -84.39, -87.23)
+
+    Source: Golubitsky, Stewart and Schaeffer, Singularities and Groups in Bifurcation Theory II,
+    ch. XVII; for this pipe Bajaj and Sethna (1984).
+    """
+
+    plane: Hopf
+    own: complex
+    other: complex
+    error: float
+    model: Model = field(repr=False)
+
+    @property
+    def speed(self) -> float:
+        """Critical speed u_c."""
+        return self.plane.speed
+
+    @property
+    def frequency(self) -> float:
+        """Critical frequency omega_c, in 1 / T."""
+        return self.plane.frequency
+
+    @property
+    def planar_law(self) -> float:
+        """Limit of amplitude^2 / (u - u_c) of planar motion."""
+        return -16.0 * self.plane.growth / (self.own + self.other).real
+
+    @property
+    def rotating_law(self) -> float:
+        """Limit of radius^2 / (u - u_c) of circular motion."""
+        return -4.0 * self.plane.growth / self.own.real
+
+    @property
+    def stable(self) -> Literal["planar", "rotating", "neither"]:
+        """The motion that attracts where it emerges, if no other mode grows there."""
+        if self.own.real < self.other.real and (self.own + self.other).real < 0.0:
+            return "planar"
+        return "rotating" if self.other.real < self.own.real < 0.0 else "neither"
+
+    @property
+    def planar_exponent(self) -> float:
+        """Growth rate, over u - u_c, of motion across the plane of a planar motion."""
+        parts = (self.own - self.other).real / (self.own + self.other).real
+        return -2.0 * self.plane.growth * parts
+
+    @property
+    def rotating_exponent(self) -> float:
+        """Growth rate, over u - u_c, of the opposite circular motion beside a circular one."""
+        return self.plane.growth * (1.0 - self.other.real / self.own.real)
+
+
+def _in_space(model: Model, plane: Hopf) -> SpatialHopf:
+    """The onset in three dimensions, with both coefficients.
+
+    A = <P, C(E, E, E*)> / 2 and B = <P, C(E, F, F*)> with the states E = (q, i q) and F = (q, -i q)
+    in both planes, and P = (p, i p) / 2.
+
+    Raises:
+        ValueError: for a pipe to which this does not apply.
+    """
+    if plane.quadratic or plane.friction is not None or plane.rest.any():
+        raise ValueError(
+            "an onset in three dimensions needs a pipe that rests straight, without drag and at "
+            f"constant speed, got {model!r}"
+        )
+    motion, planar = VectorField(model), model.planar
+    jacobian = VectorField(planar).jacobian(plane.rest, plane.speed)
+    q, p = vectors(jacobian, plane.frequency, lambda q: _tip_of(planar, plane.rest, q))
+
+    def both_planes(vector: Complex, turn: complex) -> Complex:
+        """The state (v, turn v), in the coordinates of both planes, shape (2 integrated,)."""
+        halves = np.split(vector, 2)
+        return np.concatenate([part for half in halves for part in (half, turn * half)])
+
+    rest = motion.resting()
+    a = motion.jacobian(rest, plane.speed)
+    one, left = both_planes(q, 1j), 0.5 * both_planes(p, 1j)
+    steps = np.ldexp(FIRST_STEP / planar.largest_angle(q[: planar.integrated]), -np.arange(LEVELS))
+
+    def coefficient(turn: complex) -> tuple[complex, float]:
+        about = both_planes(q, turn)
+        parts = second_and_third(partial(motion.jacobians, u=plane.speed), rest, a, about, steps)
+        return projected_limit(a, left, one, [third @ one for _, third in parts], steps)
+
+    own, error = coefficient(1j)
+    other, spread = coefficient(-1j)
+    return SpatialHopf(plane, 0.5 * own, other, 0.5 * error + spread, model)
+
+
 def hopf(
     model: Model,
     crossing: Crossing | BranchPoint | None = None,
     *,
     friction: float | None = None,
-) -> Hopf:
+) -> Any:
     """The limit cycle that emerges at a flutter onset: amplitude law, and side where it exists.
 
     Args:
@@ -424,7 +385,7 @@ def hopf(
             straight pipe.
 
     Returns:
-        Hopf.
+        Hopf; of a model in three dimensions SpatialHopf, which tells planar from circular motion.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.3), 6)
@@ -445,6 +406,8 @@ def hopf(
     """
     # With more degrees of freedom, dense eigenvectors lose digits that differences need.
     model = checked_model_in_motion(model, largest=500, purpose="hopf")
+    if model.dimensions == 3:
+        return _in_space(model, hopf(model.planar, crossing, friction=friction))
     if friction is not None:  # else its refusal would be taken for that of the onset
         Supply.at_speed(model.pipe, 1.0, friction=friction)
     own = crossing is None
@@ -583,7 +546,7 @@ def static_cubic(model: Model, u: float) -> float:
     terms = float(np.abs(weight) @ np.abs(a) @ np.abs(shape))
     size = float(np.abs(weight) @ np.abs(second[0]) @ np.abs(shape))
     rounding = np.finfo(float).eps * terms / steps**2
-    value, error = _neville_limit([complex(one) for one in values], rounding)
+    value, error = neville_limit([complex(one) for one in values], rounding)
     if not error <= 1e-3 * size:
         raise NotConverged(
             f"the third derivatives at the divergence at u = {u:g} do not converge: "
@@ -594,6 +557,8 @@ def static_cubic(model: Model, u: float) -> float:
 
 def with_drag(model: Model, drag: float) -> VectorField:
     """Equations of motion of a model in which the pipe's drag has another value."""
+    if model.pipe.drag == drag:
+        return VectorField(model)
     return VectorField(model.with_pipe(replace(model.pipe, drag=drag)))
 
 

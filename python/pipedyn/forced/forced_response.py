@@ -310,7 +310,9 @@ def forced_response(
     Source: Doedel, Keller and Kernevez (1991), as for `limit_cycle`; Nayfeh and Mook (1979),
     Nonlinear oscillations, for typical responses.
     """
-    model = checked_model_in_motion(model, largest=FORCED_DOF, purpose="forced_response")
+    model = checked_model_in_motion(
+        model, largest=FORCED_DOF, purpose="forced_response", planar=True
+    )
     forcing = _checked_forcing(u, base)
     mean = forcing.mean if isinstance(forcing, Pulsation) else u
     speed = steady_speed("u", mean, high=largest_speed(model))

@@ -152,7 +152,7 @@ def parametric_regions(
     Source: Paidoussis and Issid (1974); Bolotin (1964), The dynamic stability of elastic systems,
     for Hill's determinant.
     """
-    checked_model(model)
+    model = checked_model(model)
     require_motion(model)
     require_steady("mean", mean)
     mean = check.real("mean", mean, low=0.0, high=100.0, open_low=True)

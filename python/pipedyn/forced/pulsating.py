@@ -423,7 +423,7 @@ def floquet(model: AnyModel, pulsation: Pulsation) -> FloquetMultipliers:
         >>> print(f"{found.multipliers[0].real:.4f}", found.stable)
         -1.8440 False
     """
-    checked_model(model)
+    model = checked_model(model)
     if not isinstance(pulsation, Pulsation):
         raise TypeError(f"pulsation must be a Pulsation, got {check.shown(pulsation)}")
     require_motion(model)

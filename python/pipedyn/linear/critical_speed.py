@@ -17,7 +17,7 @@ from pipedyn.linear.bent_crossings import CrossingOfRest, SearchOfRest
 from pipedyn.linear.eigenproblem import Eigenproblem, eigenproblem
 from pipedyn.linear.modes import LARGEST_FULL, ModeShape, largest_speed, neutral_shape
 from pipedyn.linear.neutral import grows
-from pipedyn.linear.reach import LARGE_GRAVITY, LEAST_WITHIN, Reach
+from pipedyn.linear.reach import LARGE_GRAVITY, LEAST_WITHIN, Reach, is_overdamped
 from pipedyn.linear.rest import at_rest, rest_follows
 from pipedyn.linear.sensitivity import (
     Crossing,
@@ -187,7 +187,7 @@ def crossings(model: AnyModel, max_speed: float) -> Crossings:
             holds the crossings below that speed.
         ValueError, TypeError: for arguments out of range or of a wrong type.
     """
-    checked_model(model)
+    model = checked_model(model)
     end = checked_end(max_speed, model)
     _, found = only_answer(stability_losses([model], end))
     return Crossings(found, end, model, unstable_at_rest(model, found))
@@ -220,10 +220,10 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
         NotConverged: for the reasons that `crossings` lists.
         ValueError, TypeError: for arguments out of range or of a wrong type.
     """
-    end = checked_end(max_speed, checked_model(model))
-    if model.pipe.sags:
+    model = checked_model(model)
+    if model._pipe.sags:  # not by the property: small searches take few other calls
         warn_of_plane(__name__)
-    critical, _ = only_answer(critical_points([model], end))
+    critical, _ = only_answer(critical_points([model], checked_end(max_speed, model)))
     return critical
 
 
@@ -572,7 +572,7 @@ def count_resolved(model: Model, spectrum: _core.Eigenproblem) -> int:
     count = int(np.argmin([*good, False]))
     # If damping is so strong that the last resolved modes do not oscillate, the modes beyond are
     # overdamped as well. Roots do not distinguish these modes, so that all of them are tracked.
-    return count if model.pipe.damping * (math.pi * count) ** 2 <= 2.0 else model.dof
+    return model.dof if is_overdamped(model.pipe, count) else count
 
 
 class _Search:

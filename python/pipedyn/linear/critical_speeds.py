@@ -160,7 +160,7 @@ def critical_speeds(
         ValueError, TypeError: for arguments out of range or of a wrong type, or values that do not
             broadcast.
     """
-    checked_model(model)
+    model = checked_model(model)
     end = checked_end(max_speed, model)
     check.executor("executor", executor)
     check.flag("progress", progress)

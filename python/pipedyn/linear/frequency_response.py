@@ -177,7 +177,7 @@ def frequency_response(
         >>> complex(found.response[0].round(6))
         (0.435537-0.580465j)
     """
-    checked_model(model)
+    model = checked_model(model)
     u = steady_speed("u", u, high=largest_speed(model))
     tolerance = check.real("tolerance", tolerance, low=1e-6, high=0.1)
     driven, place = checked_input(input), checked_output(output, model.pipe.tip_place)

@@ -21,16 +21,16 @@ from pipedyn.linear.critical_speed import (
     unstable_at_rest,
 )
 from pipedyn.linear.eigenproblem import Eigenproblem, eigenproblem, select_pairs
+from pipedyn.linear.following import RootFollower
 from pipedyn.linear.modes import (
     CONTINUUM_COUNT,
-    FEW_MODES,
     LARGEST_FULL,
     LARGEST_VECTORS,
     checked_count,
     feeds_every_mode,
     largest_speed,
 )
-from pipedyn.linear.reach import Reach
+from pipedyn.linear.reach import Reach, is_overdamped
 from pipedyn.linear.rest import BranchOfRest, at_rest, lost_rest, rest_follows
 from pipedyn.linear.sensitivity import Crossing, of_each
 from pipedyn.models.base import Model
@@ -63,7 +63,7 @@ SAME_ROOT = 1e-5
 """Distance of two roots, over 1 + |lambda|, within which they are one root computed twice: near a
 meeting, rounding moves both by its square root."""
 
-OF_BRANCHES = ("eigenvalues", "partners", "converged", "errors")
+OF_BRANCHES = ("eigenvalues", "partners", "errors", "converged")
 """Fields of `RootLoci` with a row for each speed and a column for each branch."""
 
 NEUTRAL = 1e-6
@@ -84,10 +84,10 @@ class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
         eigenvalues: lambda, complex, shape (S, B); a branch starts in the upper half plane, or on
             the real axis with the greater root of a pair.
         partners: the other root of each pair, shape (S, B): the conjugate while the pair is
-            complex, the other real root while it is not.
-            With hysteresis, branches follow oscillating roots and the real roots that grow, which
-            are those without it. They are NaN where strong damping leaves a mode without such a
-            root.
+            complex, the other real root while it is not, NaN where that is not known. With
+            hysteresis, branches follow oscillating roots and the real roots that grow, which are
+            those without it. Eigenvalues are NaN where strong damping leaves a branch without such
+            a root, or where it is not known which overdamped root a growing one continues.
         converged: whether the residual of each eigenvalue is small enough, shape (S, B).
         errors: bounds, to first order, on the absolute error of each eigenvalue or its partner,
             shape (S, B): residual and rounding times the condition number, so that they are
@@ -97,9 +97,12 @@ class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
         pipe: the pipe of the model.
         modes: number of the mode of each branch, from 1, shape (B,), increasing. Modes are counted
             from the lowest at rest, as in `Crossing.mode`; for a model that does not rest without
-            flow where it is linearised, at the first speed.
+            flow where it is linearised, at the first speed. It is 0 for the last branches, if these
+            grow but have no number, since damping is so strong that they come from roots that do
+            not oscillate.
         complete: whether every mode that grows at a speed in the range has a branch, as far as
-            `crossings` finds these modes; False in files of versions that did not look for them.
+            `crossings` finds these modes or, if this search fails, the roots at the speeds and
+            their slopes tell; False in files of versions that did not look for them.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), n=5)
@@ -160,8 +163,7 @@ def root_loci(
     Returns:
         RootLoci at the speeds asked for only. Its `modes` says which mode each branch is, and its
         `complete` is False if modes may grow that have no branch: for the reasons above, beyond
-        2,000 degrees of freedom, if the search for crossings fails, and in some pipes so damped
-        that modes do not oscillate: chains of more than 64 segments, or with hysteresis as well.
+        2,000 degrees of freedom, or if growing roots of the continuous pipe do not converge.
 
     Example:
         >>> loci = pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), np.linspace(0.0, 8.0, 41), count=3)
@@ -172,10 +174,11 @@ def root_loci(
         array([1, 2, 5])
 
     Raises:
-        NotConverged: if the continuous pipe's branches do not converge as the basis grows.
+        NotConverged: if branches cannot be followed, in models of which not all roots are computed:
+            beyond 2,000 degrees of freedom, and if the smallest flow makes all modes grow.
         ValueError, TypeError: for arguments out of range or of a wrong type.
     """
-    checked_model(model)
+    model = checked_model(model)
     require_steady("speeds", speeds)
     at = check.array("speeds", speeds, low=0.0, high=largest_speed(model), longest=100_000)
     if np.any(np.diff(at) <= 0.0):
@@ -183,51 +186,47 @@ def root_loci(
     most = CONTINUUM_COUNT if isinstance(model, Continuum) else model.dof
     count = checked_count(min(4, most) if count is None else count, model, most)
     shown = check.flag("progress", progress)
+    rests, dense, bent = _rests_without_flow(model), True, rest_follows(model)
     if isinstance(model, Model):
-        if not rest_follows(model):
+        if not bent:
             model.require_equilibrium(float(at[0]), float(at[-1]))
-        most = min(most, LARGEST_VECTORS // model.dof)
-    reach, end, pipe = Reach(model.pipe), float(at[-1]), model.pipe
-    fed = feeds_every_mode(model)
-    growing, highest = _GrowingModes([], np.zeros(at.size), False), count
-    if not _rests_without_flow(model):  # a bent pipe rests at one speed, whose roots decide
-        highest = max(count, min(reach.modes_within(end), most))
-        growing = replace(growing, complete=highest == most)
-    elif (isinstance(model, Continuum) or model.dof <= LARGEST_FULL) and not fed:
+        most, dense = min(most, LARGEST_VECTORS // model.dof), model.dof <= LARGEST_FULL
+    dense &= not feeds_every_mode(model)
+    # A bent pipe rests at one speed, whose roots decide.
+    growing = _GrowingModes([], at, np.full(at.size, math.inf if dense else 0.0), dense)
+    highest, loci = count, None
+    if dense and rests:
         growing = _growing_modes(model, at, count)
-        highest = min(max([count, *growing.added]), most)
-    # If damping is so strong that modes do not oscillate, their numbers are a convention. Unless
-    # the modes asked for have all growing roots, more modes are followed then.
-    overdamped = pipe.damping * (math.pi * highest) ** 2 > 2.0
-    one_basis = isinstance(model, Continuum) and not (pipe.hysteresis or rest_follows(model))
-    exact = model if isinstance(model, Continuum) and overdamped and one_basis else None
-    reached = most if most <= FEW_MODES else min(math.ceil(reach.modes_reached(end)) + 2, most)
-    sizes = [count, max(count, reached)] if overdamped else [highest, max(highest, reached)]
-    loci, complete = None, growing.complete
-    for followed in sorted({*sizes[: 1 if exact else 2]}):
-        try:
-            loci = branches_followed(model, at, followed, shown)
-        except NotConverged:
-            if followed == count and not exact:
-                raise
-            complete = False
-            break
-        if pipe.hysteresis and growing.complete:
-            loci = _with_static_roots(loci, model, at)
-        if not growing.are_missing_in(loci):
-            break
-    if exact and (loci is None or growing.are_missing_in(loci)):
-        loci, complete = _of_one_basis(exact, at, count, shown), growing.complete
-    if loci is None:
-        loci = branches_followed(model, at, count, shown)
-    complete &= not growing.are_missing_in(loci)
-    # Nothing is left out where all modes of a model have a branch.
-    complete |= isinstance(model, Model) and loci.modes.size == model.dof and not pipe.hysteresis
-    wanted = (loci.modes <= count) | np.isin(loci.modes, growing.added)
+        added = min(max([count, *growing.added]), most)
+        highest = count if is_overdamped(model.pipe, added) else added
+    try:
+        loci = branches_followed(model, growing.speeds, highest, shown)
+        known = np.isfinite(growing.roots).all() and not is_overdamped(model.pipe, highest)
+        if model.pipe.hysteresis and known:
+            loci = _with_static_roots(loci, model)
+    except NotConverged:
+        if not dense or bent:
+            raise
+    complete = growing.complete
+    # With hysteresis, a twin of a growing real root may be counted in place of another root.
+    unsure = dense and model.pipe.hysteresis > 0.0
+    if bent and loci is not None:  # roots are followed along the rest, from u = 0 alone
+        complete &= not growing.are_missing_in(loci)
+    elif loci is None or unsure or growing.are_missing_in(loci):
+        from_rest = [0.0] if loci is None and rests else []
+        speeds = np.union1d(from_rest, growing.speeds)
+        loci, every = _with_growing_roots(model, loci, speeds, highest)
+        complete &= every
+    if isinstance(model, Model) and not model.pipe.hysteresis:
+        # Nothing is left out where all modes of a model have a branch.
+        complete |= np.count_nonzero(loci.modes) == model.dof
+    wanted = np.isin(loci.modes, [*range(1, count + 1), *growing.added])
     kept = np.flatnonzero(wanted | _growing_roots(loci).any(axis=0))
+    rows = np.isin(loci.speeds, at)
     return replace(
         loci,
-        **{name: getattr(loci, name)[:, kept] for name in OF_BRANCHES},
+        speeds=at,
+        **{name: getattr(loci, name)[rows][:, kept] for name in OF_BRANCHES},
         modes=loci.modes[kept],
         complete=complete,
     )
@@ -247,16 +246,18 @@ def _growing_roots(loci: RootLoci) -> NDArray[np.int64]:
     return np.sum([(root.real > loci.errors) | _clearly_grow(root) for root in both], axis=0)
 
 
-def _with_static_roots(loci: RootLoci, model: AnyModel, at: Array) -> RootLoci:
+def _with_static_roots(loci: RootLoci, model: AnyModel) -> RootLoci:
     """Branches of a pipe with hysteresis, on which its growing real roots replace other roots.
 
     Hysteresis does not act on static motions, so that its growing real roots are those of the pipe
     without hysteresis.
     """
     lossless = model.with_pipe(replace(model.pipe, hysteresis=0.0))
-    static = branches_followed(lossless, at, loci.modes.size)
+    static = branches_followed(lossless, loci.speeds, loci.modes.size)
+    flutters = _clearly_grow(loci.eigenvalues) & (loci.eigenvalues.imag > loci.eigenvalues.real)
     grows, both = (
-        (root.imag == 0.0) & _clearly_grow(root) for root in (static.eigenvalues, static.partners)
+        (root.imag == 0.0) & _clearly_grow(root) & ~flutters
+        for root in (static.eigenvalues, static.partners)
     )
     taken = {
         name: np.where(grows, getattr(static, name), getattr(loci, name))
@@ -268,26 +269,108 @@ def _with_static_roots(loci: RootLoci, model: AnyModel, at: Array) -> RootLoci:
     return replace(loci, **taken, partners=partners)
 
 
-def _of_one_basis(model: Continuum, at: Array, count: int, shown: bool) -> RootLoci:
-    """Branches of all modes of a basis that is so large that all growing roots have converged.
+def _with_growing_roots(
+    model: AnyModel, loci: RootLoci | None, speeds: Array, count: int
+) -> tuple[RootLoci, bool]:
+    """Root loci in which every growing root has a branch, and whether that is so.
 
-    Under strong damping a growing root may be the continuation of any overdamped one, whose number
-    depends on the basis. Errors are distances from the nearest roots of a larger basis.
+    Each growing root without a branch is followed from a speed at which it grows, so that no number
+    of a mode is needed. If no branches are given, the lowest roots are followed from the first
+    speed on.
     """
-    size = max(16, 3 * count, math.ceil(at[-1]))
-    for functions in (size, size + 16, size + 32):
-        loci = branches_followed(model.frozen(functions), at, functions, shown)
-        problem = eigenproblem(model.frozen(functions + 8))
-        moved = np.full(loci.errors.shape, math.inf)
-        for row, u in enumerate(at.tolist()):
-            values = problem.lowest(u, 2 * problem.dof).values
-            moved[row] = np.abs(loci.eigenvalues[row, :, None] - values).min(axis=1)
-        growing = _clearly_grow(loci.eigenvalues)
-        moves = moved > NEUTRAL * np.abs(loci.eigenvalues)
-        if not (moves & growing).any():
-            break
-    moved[_overdamped(loci, model.pipe.damping)] = math.inf
-    return replace(loci, errors=loci.errors + moved, converged=loci.converged & ~(growing & moves))
+    at, complete, solved = speeds.tolist(), True, model
+    if isinstance(model, Continuum):
+        asked, smallest = partial(_all_roots, speeds=at), max(16, 3 * count, math.ceil(at[-1]))
+        try:
+            found = model.converge(asked, _growing_move, NEUTRAL, smallest, smallest + 48).value
+        except NotConverged as error:
+            found, complete = error.result, False
+        solved = found[0]
+    assert isinstance(solved, Model)
+    follower, delta, loss = RootFollower(solved), model.pipe.damping, model.pipe.hysteresis
+    nothing = complex(math.nan, math.nan)
+
+    def ends(root: Complex) -> NDArray[np.bool_]:
+        return _overdamped(root, delta) | ((root.imag == 0.0) & (root.real < 0.0) & (loss > 0.0))
+
+    if loci is None:
+        none = np.empty((2, speeds.size, 0))
+        values, partners = none.astype(np.complex128)
+        columns = values, partners, none[0] > 0.0, none[0]
+        loci = RootLoci(speeds, *columns, size=solved.dof, pipe=model.pipe)
+        first = follower.at(at[0]).values.imag
+        lowest = np.flatnonzero((first > 0.0) | ((first == 0.0) & (loss == 0.0)))[:count]
+        starts = [(root, mode) for mode, root in enumerate(lowest.tolist(), 1)]
+    else:
+        loci, starts = _with_pairs_only(loci, follower), []
+    known = loci.modes.size
+    for row, u in enumerate(at):
+        roots = follower.at(u)
+        grow = _clearly_grow(roots.values) & (roots.values.imag >= 0.0)
+        starts += [(root, 0) for root in np.flatnonzero(grow).tolist()]
+        for root, mode in starts:
+            value = roots.values[root]
+            both = np.concatenate([loci.eigenvalues[row], loci.partners[row]])
+            if (np.abs(both - value) < SAME_ROOT * (1.0 + abs(value))).any():
+                continue
+            if np.count_nonzero(loci.modes == 0) >= MOST_ADDED:
+                complete = False
+                continue
+            branch = follower.branch(at, row, root, ends)
+            apart = np.abs(loci.eigenvalues - branch[0][:, None])
+            taken = (apart < SAME_ROOT * (1.0 + np.abs(branch[0][:, None]))).any(axis=1)
+            for one, unknown in zip(branch, (nothing, nothing, math.inf), strict=True):
+                one[taken] = unknown
+            more: dict[str, Any] = {}
+            for name, new in zip(OF_BRANCHES, (*branch, np.isfinite(branch[0])), strict=True):
+                more[name] = np.column_stack([getattr(loci, name), new])
+            loci = replace(loci, **more, modes=np.append(loci.modes, mode))
+        starts = []
+    if isinstance(model, Continuum):
+        larger = eigenproblem(model.frozen(solved.dof + 8))
+        for row, u in enumerate(at):
+            there, here = larger.lowest(u, 2 * larger.dof).values, loci.eigenvalues[row, known:]
+            moved = np.abs(here[:, None] - there).min(axis=1)
+            loci.errors[row, known:] += np.where(_overdamped(here, delta), np.inf, moved)
+            off = _clearly_grow(here) & (moved > NEUTRAL * (1.0 + np.abs(here)))
+            loci.converged[row, known:] &= ~off
+    return loci, complete
+
+
+def _all_roots(model: Model, speeds: list[float]) -> tuple[Model, list[Complex]]:
+    """The model, and all its roots at each speed."""
+    problem = eigenproblem(model)
+    return model, [problem.lowest(u, 2 * problem.dof).values for u in speeds]
+
+
+def _growing_move(a: tuple[Model, list[Complex]], b: tuple[Model, list[Complex]]) -> float:
+    """Largest distance of a growing root of one model to the nearest root of another."""
+    moved = 0.0
+    for one, other in zip(a[1], b[1], strict=True):
+        apart = np.abs(one[:, None] - other) / (1.0 + np.abs(one[:, None]))
+        near = apart[_clearly_grow(one)].min(axis=1), apart[:, _clearly_grow(other)].min(axis=0)
+        moved = max(moved, np.concatenate(near).max(initial=0.0))
+    return moved
+
+
+def _with_pairs_only(loci: RootLoci, follower: RootFollower) -> RootLoci:
+    """Root loci without growing roots that are none of the pipe or no pair with the other root.
+
+    With hysteresis each growing real root, on which it does not act, has a twin that oscillates.
+    Where a pair that grows and a growing real root met, one branch may have a root of each.
+    """
+    loci = replace(loci, **{name: getattr(loci, name).copy() for name in OF_BRANCHES})
+    nothing = complex(math.nan, math.nan)
+    for row, u in enumerate(loci.speeds.tolist()):
+        roots, values, partners = follower.at(u).values, loci.eigenvalues[row], loci.partners[row]
+        apart = np.abs(values[:, None] - roots).min(axis=1, initial=math.inf)
+        twin = _clearly_grow(values) & ~(apart < SAME_ROOT * (1.0 + np.abs(values)))
+        values[twin] = partners[twin] = nothing
+        loci.converged[row, twin], loci.errors[row, twin] = False, math.inf
+        partners[_clearly_grow(partners) & (partners.imag != 0) & (partners != values.conj())] = (
+            nothing
+        )
+    return loci
 
 
 def _rests_without_flow(model: AnyModel) -> bool:
@@ -307,11 +390,15 @@ class _GrowingModes:
     Attributes:
         added: numbers of modes beyond the lowest `count` that grow and get a branch, in the order
             in which they lose stability.
-        roots: number of growing roots at each speed, shape (S,); 0 close to a crossing.
+        speeds: the speeds asked for and one between any two neighbouring crossings, shape (S,). If
+            the search for crossings fails, there are more where slopes tell that roots may grow.
+        roots: number of growing roots at each speed, shape (S,); 0 close to a crossing, and
+            infinite where it is not known.
         complete: whether all modes that grow are known and have a branch.
     """
 
     added: list[int]
+    speeds: Array
     roots: Array
     complete: bool
 
@@ -323,21 +410,21 @@ class _GrowingModes:
 def _growing_modes(model: AnyModel, at: Array, count: int) -> _GrowingModes:
     """The modes that grow at a speed from the first of `at` to the last one."""
     found: tuple[Crossing, ...] = ()
-    complete, pipe, searched = True, model.pipe, model
+    failed, pipe, searched = False, model.pipe, model
     resolved: float = math.inf
     if isinstance(model, Continuum) and not (
         pipe.end_held or (pipe.bare and pipe.flow == "ejecting")
     ):
         # Any mode may grow, for instance with a mass at the free end, so that ever larger bases
         # have ever more crossings: one basis gives those of the modes that it resolves.
-        searched = model.frozen(RESOLVING + math.ceil(Reach(pipe).wave_number(at[-1])))
+        searched = model.frozen(_resolving(model, at))
         resolved = count_resolved(searched, eigenproblem(searched).spectrum())
     try:
         if at[-1] > 0.0:
             _, found = only_answer(stability_losses([searched], float(at[-1]), sensitive=False))
         at_rest = unstable_at_rest(model, found)
     except NotConverged as error:  # with what was found below the speed of the failure
-        complete, found = False, found or error.result or ()
+        failed, found = True, found or error.result or ()
         at_rest = found[0].unstable_before if found else 0
     found = tuple(one for one in found if one.mode <= resolved)
     growing = dict.fromkeys(range(1, at_rest + 1), 1)  # number of growing roots by mode
@@ -352,11 +439,26 @@ def _growing_modes(model: AnyModel, at: Array, count: int) -> _GrowingModes:
     more = [mode for mode in every if mode > count and (mode not in leaving or mode == lowest)]
     added = more[:MOST_ADDED]
     known = max(every, default=0) < resolved and {*every} <= {*range(1, count + 1), *added}
+    if failed:
+        solved = model.frozen(_resolving(model, at)) if isinstance(model, Continuum) else model
+        follower = RootFollower(solved)
+        pairs = [] if rest_follows(model) else itertools.pairwise(at.tolist())
+        between = [u for pair in pairs for u in follower.between(*pair)]
+        at = np.union1d(at, between)
+        return _GrowingModes(added, at, np.full(at.size, math.inf), known)
     speeds = of_each(found, "speed")
+    ends = np.concatenate([at[:1], speeds[(speeds > at[0]) & (speeds < at[-1])], at[-1:]])
+    asked = np.histogram(at, ends)[0] if at.size > 1 else np.ones(ends.size - 1)
+    at = np.union1d(at, 0.5 * (ends[1:] + ends[:-1])[asked == 0])
     roots = np.array([at_rest, *(one.unstable_after for one in found)])
     near = (np.abs(at[:, None] - speeds) <= BESIDE_CROSSING * (1.0 + speeds)).any(axis=1)
-    numbers = np.where(near, 0, roots[np.searchsorted(speeds, at, side="right")])
-    return _GrowingModes(added, numbers, complete and known)
+    numbers = np.where(near, 0.0, roots[np.searchsorted(speeds, at, side="right")])
+    return _GrowingModes(added, at, numbers, known)
+
+
+def _resolving(model: Continuum, at: Array) -> int:
+    """Size of a basis that is searched for growing modes."""
+    return RESOLVING + math.ceil(Reach(model.pipe).wave_number(float(at[-1])))
 
 
 def branches_followed(model: AnyModel, speeds: Array, count: int, shown: bool = False) -> RootLoci:
@@ -386,7 +488,7 @@ def branches_followed(model: AnyModel, speeds: Array, count: int, shown: bool = 
         found = _told_apart(eigenproblem(solved), found)
     if isinstance(model, Continuum):
         scale = np.maximum(np.maximum(np.abs(found.eigenvalues), np.abs(found.partners)), 1.0)
-        unknown = _overdamped(found, model.pipe.damping) | np.isnan(scale)
+        unknown = _overdamped(found.eigenvalues, model.pipe.damping) | np.isnan(scale)
         moved = np.where(unknown, np.inf, answer.error * scale)
         found = replace(found, errors=found.errors + moved)
     every = ("speeds", *OF_BRANCHES)
@@ -401,7 +503,9 @@ def _loci_change(a: RootLoci, b: RootLoci, pipe: Pipe) -> float:
     """
     delta = pipe.damping
     grows = (a.eigenvalues.real > 0.0) | (b.eigenvalues.real > 0.0)
-    compared = ~(_overdamped(a, delta) | _overdamped(b, delta)) | (grows & (delta > 0.0))
+    compared = ~(_overdamped(a.eigenvalues, delta) | _overdamped(b.eigenvalues, delta)) | (
+        grows & (delta > 0.0)
+    )
     if pipe.hysteresis:  # NaN is a root that does not exist
         compared &= np.isfinite(a.eigenvalues) & np.isfinite(b.eigenvalues)
     moved = relative(a.eigenvalues[compared], b.eigenvalues[compared])
@@ -410,9 +514,8 @@ def _loci_change(a: RootLoci, b: RootLoci, pipe: Pipe) -> float:
     return max(moved, relative(a.partners[compared], b.partners[compared]))
 
 
-def _overdamped(loci: RootLoci, delta: float) -> NDArray[np.bool_]:
+def _overdamped(values: Complex, delta: float) -> NDArray[np.bool_]:
     """Which roots are real and decay under damping, or lie in the cluster at -1 / delta."""
-    values = loci.eigenvalues
     on_axis: NDArray[np.bool_] = (values.imag == 0.0) & (values.real < 0.0)
     return (on_axis | (np.abs(delta * values + 1.0) < 0.5)) & (delta > 0.0)
 
@@ -423,7 +526,7 @@ def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci
         return _loci_of_rest(model, speeds, count)
     # If the requested modes are overdamped, half of their roots lie beyond the cluster at -1 /
     # delta, and only a computation of all roots finds them.
-    overdamped = model.pipe.damping * (math.pi * count) ** 2 > 2.0
+    overdamped = is_overdamped(model.pipe, count)
     problem = eigenproblem(model)
     spectrum, every = problem.spectrum(), 2 * problem.dof
     size = every if overdamped else 2 * count + 16

@@ -90,7 +90,7 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
     pipe, see `cpp/pipedyn/linear/structured.hpp`; other models by the inverse problem, see
     `cpp/pipedyn/linear/operator.hpp`.
     """
-    u, count = _checked_question(model, u, count)
+    model, u, count = _checked_question(model, u, count)
     model = at_rest(model, u)
     if isinstance(model, Model):
         model.require_equilibrium(u)
@@ -250,7 +250,7 @@ def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
             if all of them have |lambda| above 1 / damping.
         ValueError, TypeError: for arguments out of range or of a wrong type.
     """
-    u, count = _checked_question(model, u, count, roots=2)
+    model, u, count = _checked_question(model, u, count, roots=2)
     roots = None if count is None else 2 * count
     found = roots_and_shapes(model, u, roots, *_looked_at(model, u))
     above = np.flatnonzero(~(found.eigenvalues.imag < 0.0))
@@ -364,9 +364,9 @@ def largest_speed(model: AnyModel | None) -> float:
 
 def _checked_question(
     model: AnyModel, u: Any, count: Any, roots: int = 1
-) -> tuple[float, int | None]:
-    """The flow speed and the count, checked, where each answer has this number of roots."""
-    checked_model(model)
+) -> tuple[AnyModel, float, int | None]:
+    """The model, flow speed and count, checked, where each answer has this number of roots."""
+    model = checked_model(model)
     u = steady_speed("u", u)
     if count is None:
         if isinstance(model, Continuum):
@@ -375,12 +375,12 @@ def _checked_question(
             raise ValueError(
                 f"count must be given beyond {LARGEST_FULL} degrees of freedom, got {model.dof}"
             )
-        return u, None
+        return model, u, None
     if isinstance(model, Continuum):
         most = CONTINUUM_COUNT
     else:  # of a long chain, some roots are computed at once
         most = 2 * model.dof if model.dof <= DENSE_LIMIT else model.dof // 2
-    return u, checked_count(count, model, most // roots)
+    return model, u, checked_count(count, model, most // roots)
 
 
 def checked_count(count: Any, model: AnyModel, most: int) -> int:

@@ -17,6 +17,15 @@ LARGE_GRAVITY = 100.0
 about like gamma^(1/3)."""
 
 
+def is_overdamped(pipe: Pipe, mode: int) -> bool:
+    """Whether damping is so strong that modes from this number on do not oscillate at rest.
+
+    Their real roots cluster at -1 / damping, where those of different modes meet, so that the
+    number of a mode that comes from there is a convention and depends on the model.
+    """
+    return pipe.damping * (math.pi * mode) ** 2 > 2.0
+
+
 class Reach:
     """Bounds on what the flow and loads can do to a pipe, by which searches are planned.
 

@@ -30,9 +30,9 @@ five models Newton's method left 6e-16 at most."""
 DENSE_LIMIT = 4000
 """Largest dof for which dense operators are computed: seven matrices take 128 MB each."""
 
-ROWS = 7
-"""Number of rows of a drive: u', then position, velocity and acceleration of the base, (x, y)
-each."""
+ROWS = 10
+"""Number of rows of a drive: u', then position, velocity and acceleration of the base, (x, y) each,
+then z of each."""
 
 COMPLEX_STEP = 1e-30
 """Size of a complex step: no difference cancels, and its square is lost beside any number."""
@@ -189,6 +189,11 @@ class OfPipe(Saved):
         """Whether the model converges to the continuous pipe as its number of coordinates grows."""
         return True
 
+    @property
+    def planar(self) -> Any:
+        """The model of the same pipe that moves in the plane z = 0: of a planar model itself."""
+        return self
+
     @cached_property
     def resisted(self) -> bool:
         """Whether linear forces but the flow's and Kelvin-Voigt damping depend on velocities."""
@@ -264,6 +269,11 @@ class Model(OfPipe, ABC):
     def coordinates(self) -> int:
         """Number of coordinates of a configuration; more than dof if constraints tie them."""
         return self.dof
+
+    @property
+    def dimensions(self) -> int:
+        """Number of dimensions in which the pipe moves, 2 or 3."""
+        return 2
 
     @property
     def coordinate_kind(self) -> str:
@@ -483,9 +493,10 @@ class Model(OfPipe, ABC):
             u_dot: rate of change of u, which accelerates the fluid along the pipe; a number, or for
                 k states also (k,). Default: steady flow.
             base: position, velocity and acceleration of a moving base, each (x, y): shape (3, 2),
-                or (3, 2, k) for k states. The base carries the clamp, all rigid supports and the
-                axial support of the end (`Stretching`); q is measured from it. Drag and other terms
-                belong to the ground, so that they depend on the base's motion. Default: at rest.
+                or (3, 2, k) for k states; in three dimensions each (x, y, z). The base carries the
+                clamp, all rigid supports and the axial support of the end (`Stretching`); q is
+                measured from it. Drag and other terms belong to the ground, so that they depend on
+                the base's motion. Default: at rest.
 
         Returns:
             dy/dt = [q', q''], of the same shape as y.
@@ -520,8 +531,8 @@ class Model(OfPipe, ABC):
             return None
         columns = check.numbers("y", y, "an array of real numbers", longest=check.LONGEST).shape[1:]
         drive = np.zeros((ROWS, *columns))
-        arguments = (("u_dot", u_dot, (), drive[:1]), ("base", base, (3, 2), drive[1:]))
-        for name, given, shape, rows in arguments:
+        arguments = (("u_dot", u_dot, ()), ("base", base, (3, self.dimensions)))
+        for name, given, shape in arguments:
             if given is None:
                 continue
             values = check.doubles(name, given, "a real number or an array of them")
@@ -531,7 +542,13 @@ class Model(OfPipe, ABC):
                 raise ValueError(f"{name} must {rule}, got {values.shape}")
             each = np.atleast_1d(values)
             check.entries(name, each, np.isfinite(each), "be finite")
-            rows.reshape(len(rows), -1)[:] = values.reshape(len(rows), -1)
+            if name == "u_dot":
+                drive[0] = values
+                continue
+            values = values.reshape(*shape, *columns if values.ndim > 2 else (1,) * len(columns))
+            drive[1:7].reshape(3, 2, *columns)[:] = values[:, :2]
+            if self.dimensions == 3:
+                drive[7:] = values[:, 2]
         return drive
 
     def require_base(self) -> None:
@@ -625,10 +642,22 @@ class Model(OfPipe, ABC):
         """Basis of the changes of [p, p'] that constraints allow, shape (2 integrated, 2 dof)."""
         return np.eye(2 * self.dof)
 
-    def largest_angle(self, p: NDArray[Any]) -> float:
-        """Largest angle of the pipe to first order in p, shape (integrated,), real or complex.
+    def quarter_turn(self, p: Array) -> Array:
+        """Coordinates, (integrated, ...), turned about the axis by a right angle, from x to z.
 
-        The base class takes coordinates as angles.
+        Raises:
+            ValueError: for a model that moves in a plane.
+        """
+        if self.dimensions == 2:
+            raise ValueError(f"model must move in three dimensions, got {self!r}")
+        x, z = np.split(p, 2)
+        return np.concatenate([-z, x])
+
+    def largest_angle(self, p: NDArray[Any]) -> float:
+        """Largest angle of the pipe to first order in p, real or complex, of one or k states.
+
+        The shape of p is (integrated,) or (integrated, k). The base class takes coordinates as
+        angles.
         """
         return float(np.abs(p).max())
 
@@ -700,7 +729,8 @@ class Model(OfPipe, ABC):
             s: arc lengths from the clamp in L, each in [0, 1], shape (p,), or one number.
 
         Returns:
-            Shape (p, 2), or (2,) for one arc length.
+            Shape (p, 2), or (2,) for one arc length; in three dimensions (x, y, z), with one number
+            more.
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
@@ -710,11 +740,11 @@ class Model(OfPipe, ABC):
                    [0.5, 0.5]])
         """
         at, asked = arc_lengths(s)
-        return self._centreline(q, at).reshape((*asked, 2))
+        return self._centreline(q, at).reshape((*asked, self.dimensions))
 
     @abstractmethod
     def _centreline(self, q: ArrayLike, s: Array) -> Array:
-        """The centreline of `shape` at arc lengths (p,), shape (p, 2)."""
+        """The centreline of `shape` at arc lengths (p,), shape (p, dimensions)."""
 
     def deflection(self, q: ArrayLike, s: ArrayLike, derivative: int = 0) -> NDArray[Any]:
         """Transverse displacement to first order in q, about the configuration of linearisation.
@@ -731,7 +761,8 @@ class Model(OfPipe, ABC):
                 uniform.
 
         Returns:
-            Shape (p,) or (p, k); for one number s, () or (k,).
+            Shape (p,) or (p, k); for one number s, () or (k,). In three dimensions with an axis
+            before these, of length 2, for x and z.
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
@@ -750,11 +781,15 @@ class Model(OfPipe, ABC):
                 f"q and s must ask for at most {check.LONGEST} numbers, got {columns.shape[1]} "
                 f"columns of q at {at.size} points"
             )
-        return self._deflected(self._moved(columns), at, order).reshape((*asked, *given.shape[1:]))
+        found = self._deflected(self._moved(columns), at, order)
+        return found.reshape((*found.shape[:-2], *asked, *given.shape[1:]))
 
     @abstractmethod
     def _deflected(self, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
-        """The result of `deflection` for changes of p, (integrated, k), at arc lengths (p,)."""
+        """The result of `deflection` for changes of p, (integrated, k), at arc lengths (p,).
+
+        The shape is (p, k), or (2, p, k) in three dimensions.
+        """
 
     def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
         """Changes of p, (integrated, k), from columns in any coordinates of `deflection`."""
@@ -763,7 +798,8 @@ class Model(OfPipe, ABC):
     def tips(self, q: ArrayLike) -> Array:
         """Positions (x, y) of the free end, (k, 2), for k configurations, (coordinates, k).
 
-        If the end is held across, they are positions of the pipe's point `Pipe.tip_place`.
+        In three dimensions they are (x, y, z), (k, 3). If the end is held across, they are
+        positions of the pipe's point `Pipe.tip_place`.
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)
@@ -772,7 +808,9 @@ class Model(OfPipe, ABC):
                    [0.1  , 0.995]])
         """
         columns = self._configurations("q", q)
-        return resolved("tips", lambda: self._free_ends(columns, columns)[:2], batch=True).T
+        return resolved("tips", lambda: self._free_ends(columns, columns), batch=True)[
+            : self.dimensions
+        ].T
 
     def tip_velocities(self, q: ArrayLike, qdot: ArrayLike) -> Array:
         """Velocities (x', y') of the points of `tips`, in L / T, exact, (k, 2), for k states.
@@ -782,7 +820,9 @@ class Model(OfPipe, ABC):
         columns, rates = self._configurations("q", q), self._configurations("qdot", qdot)
         if columns.shape != rates.shape:
             raise ValueError(f"qdot must have the shape of q, {columns.shape}, got {rates.shape}")
-        return resolved("tip_velocities", lambda: self._free_ends(columns, rates)[2:], batch=True).T
+        return resolved("tip_velocities", lambda: self._free_ends(columns, rates), batch=True)[
+            self.dimensions :
+        ].T
 
     def curvatures(self, q: ArrayLike) -> Array:
         """Largest curvature |theta'(s)| along the pipe in 1 / L, (k,), for k configurations.
@@ -810,7 +850,9 @@ class Model(OfPipe, ABC):
         """Curvatures at places along the pipe, (places, k), for k configurations."""
 
     def end_motion(self, y: Array) -> Array:
-        """Positions and velocities for `tips` and `tip_velocities`, (4, k), at k states [p, p'].
+        """Positions and velocities for `tips` and `tip_velocities` at k states [p, p'].
+
+        The shape is (2 dimensions, k).
 
         Raises NotResolved for states that the model does not resolve.
         """
@@ -819,7 +861,7 @@ class Model(OfPipe, ABC):
 
     @abstractmethod
     def _free_ends(self, q: Array, qdot: Array) -> Array:
-        """Positions and velocities for `tips` and `tip_velocities`, shape (4, k).
+        """Positions and velocities for `tips` and `tip_velocities`, shape (2 dimensions, k).
 
         The arguments are not checked; they have shape (coordinates, k).
         """
@@ -876,9 +918,9 @@ class Model(OfPipe, ABC):
         """
 
     @staticmethod
-    def _angles(angle: Callable[[Array], ArrayLike], s: Array) -> Array:
-        check.instance("angle", angle, Callable, "a function of arc length")
-        return check.array("angle(s)", values_along("angle", angle, s), size=s.size, **ANGLES)
+    def _angles(angle: Callable[[Array], ArrayLike], s: Array, name: str = "angle") -> Array:
+        check.instance(name, angle, Callable, "a function of arc length")
+        return check.array(f"{name}(s)", values_along(name, angle, s), size=s.size, **ANGLES)
 
     def tip(self, q: ArrayLike) -> Array:
         """Position (x, y), shape (2,), of the free end; of `Pipe.tip_place` if that is held across.

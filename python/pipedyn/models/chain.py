@@ -15,9 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn import _core
 from pipedyn.models.base import Model, Operators, core_pipe, stored
 from pipedyn.models.galerkin import Galerkin, basis_joints
+from pipedyn.models.pencil import DensePencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments
 from pipedyn.models.segments import MET, SegmentModel, core_segments, held_ends, position_along
+from pipedyn.models.space import SpatialModel, rotations, turning
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -90,6 +92,7 @@ class Chain(SegmentModel):
         masses: masses of the segments in units of the pipe's mass, shape (n,), each > 0. Default:
             their lengths, or integrals of the pipe's mass if it varies; then masses, centres and
             gyration_radii must be given together or not at all.
+        dimensions: 2 for motions in a plane; 3 makes a `SpatialChain`, which moves in space.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), n=3)
@@ -111,6 +114,13 @@ class Chain(SegmentModel):
     and Deksnis (1970).
     """
 
+    def __new__(cls, *args: Any, dimensions: Literal[2, 3] = 2, **options: Any) -> Any:
+        """A planar chain, or with dimensions=3 the `SpatialChain` of its segments."""
+        if dimensions == 2:
+            return super().__new__(cls)
+        check.count("dimensions", dimensions, low=2, high=3)
+        return SpatialChain(cls(*args, **options))
+
     def __init__(
         self,
         pipe: Pipe,
@@ -123,6 +133,7 @@ class Chain(SegmentModel):
         drag_points: ArrayLike | None = None,
         base: float = 0.0,
         masses: ArrayLike | None = None,
+        dimensions: Literal[2, 3] = 2,  # read by __new__
     ) -> None:
         super().__init__(pipe)
         rule = check.choice("springs", springs, SPRING_RULES) if isinstance(springs, str) else None
@@ -398,6 +409,102 @@ class Chain(SegmentModel):
 
     def bent(self, angle: Callable[[Array], ArrayLike]) -> Array:
         return self.admissible(self.sampled(angle))
+
+
+@saved_as("SpatialChain")
+class SpatialChain(SpatialModel):
+    """A chain of n rigid segments that moves in three dimensions.
+
+    `Chain(pipe, n, dimensions=3)` makes it, with all other arguments of `Chain`.
+
+    Coordinates: the rotation vectors of the segments' tangents, shape (2 n,), first all a_x, then
+    all a_z. A segment's tangent is (sin(rho) a_x / rho, cos rho, sin(rho) a_z / rho) along (x, y,
+    z) with rho = hypot(a_x, a_z). A motion in the plane z = 0 has a_x = theta and a_z = 0, and is
+    the motion of `planar`. x and z are across the straight pipe, y along it.
+
+    The pipe has the same stiffness in all directions and does not twist: damping of a bent pipe
+    causes a couple about its axis, for which its torsional stiffness is assumed to be infinite. The
+    joints' angles are those between neighbouring tangents, up to pi. At rho = pi the coordinates
+    are singular for motions across the plane.
+
+    Small motions of the straight pipe are those of `planar`, in two planes independently, so that
+    questions about its stability are answered by `planar`.
+
+    Example:
+        >>> chain = pp.Chain(pp.Pipe(0.2), n=10, dimensions=3)
+        >>> motion = pp.simulate(chain, 6.0, 10.0)
+        >>> motion.tip.shape
+        (501, 3)
+
+    Raises:
+        ValueError: for a pipe that is held beyond its root, has a jet at an angle, or a term that
+            has no equations in three dimensions here (`AddedMass`, `Stretching`).
+
+    Source: d'Alembert's principle for the velocities of a chain of inextensible, twist-free
+    segments; see cpp/pipedyn/chain/space.hpp.
+    """
+
+    _planar: Chain
+
+    @property
+    def planar(self) -> Chain:
+        """The chain that moves in the plane z = 0."""
+        return self._planar
+
+    @property
+    def coordinate_kind(self) -> str:
+        return f"rotation vectors of {self._planar.dof} segments"
+
+    @cached_property
+    def core(self) -> _core.SpatialChain:
+        segments = core_segments(self._planar, spring=self._planar._own_joints)
+        return _core.SpatialChain(core_pipe(self._pipe), segments)
+
+    def pencil(self) -> DensePencil:
+        return DensePencil(self)
+
+    def largest_angle(self, p: NDArray[Any]) -> float:
+        return float(np.hypot(*np.abs(np.split(p, 2))).max())
+
+    def _segments_to(self, tangents: Array, s: Array) -> Array:
+        """Sums of the segments' vectors up to arc lengths s, (p, 3, k)."""
+        planar = self._planar
+        steps = planar.lengths[:, None, None] * tangents.transpose(1, 0, 2)
+        return position_along(steps, planar.base, planar.lengths, s)
+
+    def _centreline(self, q: ArrayLike, s: Array) -> Array:
+        tangents, _ = rotations(self._coordinates(q)[:, None])
+        line = self._segments_to(tangents, s)[..., 0]
+        line[:, 1] += np.minimum(s, self._planar.base)
+        return line
+
+    def _free_ends(self, q: Array, qdot: Array) -> Array:
+        lengths = self._planar.lengths
+        tangents, _ = rotations(q)
+        found = np.concatenate(
+            [np.einsum("j,cjk->ck", lengths, of) for of in (tangents, turning(q, qdot))]
+        )
+        found[1] += self._planar.base
+        return found
+
+    def _bending(self, q: Array) -> Array:
+        tangents, _ = rotations(q)
+        axis = np.broadcast_to([[[0.0]], [[1.0]], [[0.0]]], (3, 1, q.shape[1]))
+        before = np.concatenate([axis, tangents[:, :-1]], axis=1)
+        apart = np.linalg.norm(tangents - before, axis=0)
+        angles = 2.0 * np.arctan2(apart, np.linalg.norm(tangents + before, axis=0))
+        local = self._planar._relative_stiffness()[: len(angles), None]
+        return np.asarray(self._planar._chain.joints[:, :1] * angles / local)
+
+    def _places(self, p: Array, places: Array) -> Array:
+        return self._segments_to(rotations(p)[0], places)
+
+    @property
+    def _angle_places(self) -> Array:
+        return self._planar._middles
+
+    def _from_angles(self, angles: Array) -> Array:
+        return angles
 
 
 def _first_eigenvalue(pipe: Pipe) -> float:

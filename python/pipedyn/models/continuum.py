@@ -174,11 +174,20 @@ def converged_ahead(
 
 
 def checked_model(model: Any) -> AnyModel:
-    """Returns the argument if it is a model; else raises TypeError."""
-    checked: AnyModel = model
+    """The model, or of one in three dimensions its `planar` model; else raises TypeError.
+
+    The small motions of a straight pipe in three dimensions are those of the planar model in two
+    planes, so that both models have the same answers.
+    """
     if not isinstance(model, OfPipe):  # which both are; an abstract class takes ten times as long
         instead = ": take Continuum(pipe), or Chain(pipe, n)" if isinstance(model, Pipe) else ""
         raise TypeError(f"model must be a Model or a Continuum, got {check.shown(model)}{instead}")
+    checked: AnyModel = model.planar
+    if checked is not model and not model.pipe.rests_straight:
+        raise ValueError(
+            "model must be planar, as model.planar, in linear questions about a pipe that rests "
+            f"bent: its small motions across that plane are others, got {model!r}"
+        )
     return checked
 
 

@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, Self, TypeAlias, get_args
 
 import numpy as np
 
@@ -49,15 +49,30 @@ Base: TypeAlias = Callable[[float], Place] | tuple[Callable[[float], Place], ...
 derivative."""
 
 
-def _of_si(drive: Any) -> Any:
-    """The drive, marked as made from numbers in SI, which `InputUnits` asks for beside others."""
-    vars(drive)["of_si"] = True
-    return drive
-
-
-@saved_as("Pulsation")
 @dataclass(frozen=True)
-class Pulsation:
+class _Drive:
+    """A drive with numbers of its own, which knows whether they were given in SI."""
+
+    of_si: bool = field(default=False, init=False, repr=False, compare=False)
+
+    def as_of_si(self, of_si: bool = True) -> Self:
+        """The drive, marked as made from numbers in SI, which `InputUnits` asks for beside others.
+
+        A copy by `dataclasses.replace`, whose new numbers are nondimensional, has no mark.
+        """
+        vars(self)["of_si"] = of_si
+        return self
+
+    @classmethod
+    def restored(cls, values: dict[str, Any]) -> Self:
+        """The drive from its fields in a file; older files lack the mark."""
+        of_si = values.pop("of_si", False)
+        return cls(**values).as_of_si(of_si)
+
+
+@saved_as("Pulsation", added=("of_si",))
+@dataclass(frozen=True)
+class Pulsation(_Drive):
     """A flow speed that pulsates: u = mean (1 + amplitude cos(frequency t)).
 
     A call with a time returns the speed.
@@ -105,7 +120,7 @@ class Pulsation:
         speed = check.real("mean", mean, unit="m/s")
         omega = check.real("frequency", frequency)
         pipe = checked_pipe(pipe)
-        return _of_si(cls(pipe.speed_from_si(speed), amplitude, pipe.frequency_from_si(omega)))
+        return cls(pipe.speed_from_si(speed), amplitude, pipe.frequency_from_si(omega)).as_of_si()
 
     @property
     def period(self) -> float:
@@ -121,9 +136,9 @@ class Pulsation:
         return -self.mean * self.amplitude * self.frequency * math.sin(self.frequency * t)
 
 
-@saved_as("Harmonic")
+@saved_as("Harmonic", added=("of_si",))
 @dataclass(frozen=True)
-class Harmonic:
+class Harmonic(_Drive):
     """A base that oscillates as amplitude cos(frequency t) along x or y, with y downward.
 
     A call with a time returns the position (X, Y).
@@ -170,7 +185,7 @@ class Harmonic:
         reach = check.real("amplitude", amplitude, unit="m")
         omega = check.real("frequency", frequency)
         pipe = checked_pipe(pipe)
-        return _of_si(cls(pipe.length_from_si(reach), pipe.frequency_from_si(omega), direction))
+        return cls(pipe.length_from_si(reach), pipe.frequency_from_si(omega), direction).as_of_si()
 
     @property
     def period(self) -> float:
@@ -194,9 +209,9 @@ class Harmonic:
         return self.along(-self.amplitude * self.frequency**2 * math.cos(self.frequency * t))
 
 
-@saved_as("Supply")
+@saved_as("Supply", added=("of_si",))
 @dataclass(frozen=True)
-class Supply:
+class Supply(_Drive):
     """A flow at constant head instead of constant speed.
 
     The fluid in the pipe obeys Newton's law along the pipe, with s = 1 ejecting and -1 aspirating,
@@ -308,7 +323,7 @@ class Supply:
             weight = check.real("weight", weight, unit="N") / force
         if start is not None:
             start = pipe.speed_from_si(check.real("start", start, low=0.0, unit="m/s"))
-        return _of_si(cls(head, friction, weight, start))
+        return cls(head, friction, weight, start).as_of_si()
 
     def _weight_head(self, pipe: Pipe) -> float:
         """Contribution of the fluid's weight in the straight pipe to the head."""
@@ -380,20 +395,22 @@ class DriveFailed(Exception):
 class Drive:
     """Flow speed and base motion as functions of time, over a range of times.
 
-    A call with a time returns u, u', X, Y, X', Y', X'', Y'', or raises `DriveFailed`.
+    A call with a time returns u, u', X, Y, X', Y', X'', Y'', Z, Z', Z'', or raises `DriveFailed`.
 
     Args:
         u: the flow speed, of type `Speed`.
         base: the base's motion, of type `Base`; at rest if None.
         low: the first time at which functions are called.
         high: the last time at which functions are called.
+        dimensions: number of coordinates of the base's place; of two, Z is 0.
 
     Raises:
         ValueError: for speeds below 0, numbers that are not finite, or results of wrong shape.
         TypeError: for an argument that is no function as described.
     """
 
-    def __init__(self, u: Any, base: Any, low: float, high: float) -> None:
+    def __init__(self, u: Any, base: Any, low: float, high: float, dimensions: int = 2) -> None:
+        self.dimensions = dimensions
         self.low, self.step = low, min(STEP, (high - low) / 16.0)
         self.last = high - 4.0 * self.step
         self._speed = _with_derivatives("u", u, 1)
@@ -402,7 +419,7 @@ class Drive:
             self._at(t)
 
     def __call__(self, t: float) -> tuple[float, ...]:
-        """Values of u, u', X, Y, X', Y', X'', Y'' at a time."""
+        """Values of u, u', X, Y, X', Y', X'', Y'', Z, Z', Z'' at a time."""
         try:
             return self._at(t)
         except (ValueError, TypeError) as error:
@@ -413,9 +430,11 @@ class Drive:
         if not 0.0 <= u[0] <= LARGEST_SPEED:
             check.real(f"u({t:g})", u[0], low=0.0, high=LARGEST_SPEED)
         if self._base is None:
-            return (*u, *rate, *(0.0,) * 6)
-        place, velocity, acceleration = self._evaluated("base", self._base, t, 2)
-        return (*u, *rate, *place, *velocity, *acceleration)
+            return (*u, *rate, *(0.0,) * 9)
+        planar = self.dimensions == 2 or isinstance(self._base[0], Harmonic)
+        moves = self._evaluated("base", self._base, t, 2 if planar else 3)
+        across = (0.0, 0.0, 0.0) if planar else (one[2] for one in moves)
+        return (*u, *rate, *(x for one in moves for x in one[:2]), *across)
 
     @cached_property
     def numbers(self) -> tuple[float, ...] | None:
@@ -556,7 +575,7 @@ class InputUnits:
 
     def _checked(self, name: str, drive: Any) -> Any:
         """A drive with numbers of its own, which SI units beside it must not seem to concern."""
-        if self.si and not hasattr(drive, "of_si"):
+        if self.si and not drive.of_si:
             raise ValueError(
                 f"{name} must come from {type(drive).__name__}.from_si where units are 'si', as "
                 f"its own numbers are nondimensional, got {check.shown(drive)}"

@@ -28,6 +28,7 @@ from pipedyn.models.base import (
 from pipedyn.models.pencil import DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.reduced_supports import FreeFunctions, ReducedSupports, orthonormal
+from pipedyn.models.space import SMALL_TURN, SpatialModel, rotations
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -109,6 +110,7 @@ class Galerkin(Model):
             stays exponential. Beam modes do not change; their error falls like a power of m.
             The same holds with inner supports, at which combinations of beam modes are 0, and
             with an inclined jet, which loads the end across: m^-2 at rest.
+        dimensions: 2 for motions in a plane; 3 makes a `SpatialGalerkin`, which moves in space.
 
     Example:
         >>> model = pp.Galerkin(pp.Pipe(0.2), m=8, basis="legendre")
@@ -125,7 +127,21 @@ class Galerkin(Model):
     short segments.
     """
 
-    def __init__(self, pipe: Pipe, m: int, basis: Basis = "beam") -> None:
+    def __new__(cls, *args: Any, dimensions: Literal[2, 3] = 2, **options: Any) -> Any:
+        """A planar model, or with dimensions=3 the `SpatialGalerkin` of its functions."""
+        if dimensions == 2:
+            return super().__new__(cls)
+        check.count("dimensions", dimensions, low=2, high=3)
+        return SpatialGalerkin(cls(*args, **options))
+
+    def __init__(
+        self,
+        pipe: Pipe,
+        m: int,
+        basis: Basis = "beam",
+        *,
+        dimensions: Literal[2, 3] = 2,  # read by __new__
+    ) -> None:
         super().__init__(pipe)
         self._size = check.count("m", m, high=LARGEST_BASIS)
         self._basis = check.choice("basis", basis, BASES)
@@ -489,6 +505,108 @@ class Galerkin(Model):
         return self._integrated(
             lambda slopes: np.cos(slopes @ rest)[:, None] * (slopes @ p), rest, s
         )
+
+
+@saved_as("SpatialGalerkin")
+class SpatialGalerkin(SpatialModel):
+    """A reduced model with m functions in each of two planes, which moves in three dimensions.
+
+    `Galerkin(pipe, m, basis, dimensions=3)` makes it.
+
+    Coordinates: amplitudes of the rotation vector of the tangent, shape (2 m,), first those of a_x,
+    then those of a_z: a(s) = sum_i q_i w_i'(s). The tangent, and what is assumed about the pipe,
+    are those of `SpatialChain`; with q_z = 0 the model moves as `planar` does. Where a tangent
+    turns by more than pi the coordinates end: `rhs` then raises `NotResolved`, and motions stop.
+
+    Example:
+        >>> model = pp.Galerkin(pp.Pipe(0.2), 8, "legendre", dimensions=3)
+        >>> found = pp.rotating_motion(model, 6.0)
+        >>> round(found.radius, 4), round(found.frequency, 3)
+        (0.1968, 14.369)
+
+    Raises:
+        ValueError: as for `SpatialChain`.
+
+    Source: virtual work along the inextensible, twist-free centreline; see
+    cpp/pipedyn/galerkin/space.hpp.
+    """
+
+    _planar: Galerkin
+
+    @property
+    def planar(self) -> Galerkin:
+        """The reduced model that moves in the plane z = 0."""
+        return self._planar
+
+    @property
+    def coordinate_kind(self) -> str:
+        return f"{self._planar.coordinate_kind} in two planes"
+
+    @cached_property
+    def core(self) -> _core.SpatialGalerkin:
+        planar = self._planar
+        legendre = planar.basis == "legendre"
+        return _core.SpatialGalerkin(
+            core_pipe(self._pipe), legendre, planar.dof, planar._joints, planar._more
+        )
+
+    @property
+    def matrix_rounding(self) -> float:
+        return self._planar.matrix_rounding
+
+    @property
+    def resolved_modes(self) -> int:
+        return 2 * self._planar.resolved_modes
+
+    def refined(self) -> SpatialGalerkin:
+        return SpatialGalerkin(self._planar.refined())
+
+    def pencil(self) -> DensePencil:
+        return DensePencil(self)
+
+    def _slopes_of(self, s: Array, p: NDArray[Any], derivative: int = 1) -> NDArray[Any]:
+        """Rotation vectors, or their derivatives, at arc lengths: (2 p, k) for p (2 m, k)."""
+        table = self._planar._basis_at(s, derivative)
+        return np.concatenate([table @ half for half in np.split(p, 2)])
+
+    def largest_angle(self, p: NDArray[Any]) -> float:
+        found = np.abs(self._slopes_of(np.linspace(0.0, 1.0, 401), p[:, None]))
+        return float(np.hypot(*np.split(found, 2)).max())
+
+    def _places(self, p: Array, places: Array) -> Array:
+        planar = self._planar
+        count = planar._count_for(np.abs(p).reshape(2, planar.dof, -1).sum(axis=0))
+        found = []
+        for place in places.tolist():
+            nodes, weights = planar._rule(count, place)
+            tangents, _ = rotations(self._slopes_of(nodes, p))
+            found.append(np.einsum("j,cjk->ck", weights, tangents))
+        return np.array(found).reshape(places.size, 3, p.shape[1])
+
+    def _centreline(self, q: ArrayLike, s: Array) -> Array:
+        return self._places(self._coordinates(q)[:, None], s)[..., 0]
+
+    def _free_ends(self, q: Array, qdot: Array) -> Array:
+        return np.asarray(self.core.tips(np.concatenate([q, qdot])))
+
+    def _bending(self, q: Array) -> Array:
+        stations = self.stations
+        a, curved = self._slopes_of(stations, q), self._slopes_of(stations, q, 2)
+        a_x, a_z = np.split(a, 2)
+        k_x, k_z = np.split(curved, 2)
+        share = rotations(a)[1]
+        square = a_x**2 + a_z**2
+        with np.errstate(invalid="ignore", divide="ignore"):
+            less = np.where(square > SMALL_TURN, (1.0 - share**2) / square, 1.0 / 3.0)
+        bent = k_x**2 + k_z**2 - less * (a_x * k_z - a_z * k_x) ** 2
+        return np.asarray(np.sqrt(np.maximum(bent, 0.0)))
+
+    @property
+    def _angle_places(self) -> Array:
+        return self._planar._fit[0]
+
+    def _from_angles(self, angles: Array) -> Array:
+        return np.asarray(self._planar._fit[1] @ angles)
 
 
 class PanelPencil(Pencil):

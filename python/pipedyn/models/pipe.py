@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from pipedyn.models.profile import Along, Profile, checked_profile, mixed
 from pipedyn.models.scales import (
     SI_QUANTITIES,
+    WATER,
     Scales,
     SIQuantity,
     likely_slip,
@@ -48,7 +49,7 @@ from pipedyn.models.terms import (
 from pipedyn.util import check
 from pipedyn.util.archive import Saved, saved_as
 from pipedyn.util.errors import warn_of_pipe
-from pipedyn.util.hints import did_you_mean
+from pipedyn.util.hints import unknown_argument
 from pipedyn.util.result import TIME, Unit
 
 Flow = Literal["ejecting", "aspirating"]
@@ -420,7 +421,9 @@ class Pipe(Saved):
             inner_diameter: D_i, m, less than D_o.
             youngs_modulus: E of the wall, Pa.
             density: rho of the wall, kg/m^3.
-            fluid_density: rho_f of the fluid in the tube, kg/m^3.
+            fluid_density: rho_f of the fluid in the tube, kg/m^3. From 0.95 to 1.05, where water
+                in g/cm^3 lies and no common gas at 1 atm and 0 to 25 degrees, it brings the warning
+                `UnusualPipe`; other densities of gases, in which 0.85 may be oil, do not.
             **options: all arguments of `from_si` that have a default there.
 
         Example:
@@ -442,10 +445,9 @@ class Pipe(Saved):
         given = locals()
         optional = inspect.signature(cls.from_si).parameters.values()
         defaults = {one.name: one.default for one in optional if one.default is not one.empty}
-        if unknown := options.keys() - defaults.keys():
-            hint = did_you_mean(min(unknown), [*defaults, *TUBE]) or f", only {', '.join(defaults)}"
-            raise TypeError(f"pp.Pipe.from_tube() has no argument {min(unknown)!r}{hint}")
         section = {name: given[name] for name in ("length", *TUBE)}
+        if unknown := unknown_argument("pp.Pipe.from_tube", options, [*section, *defaults]):
+            raise TypeError(unknown)
         return cls._from_quantities(section, defaults | options)
 
     @classmethod
@@ -903,7 +905,13 @@ def _unusual_in_si(si: Mapping[str, float]) -> list[str]:
         else:  # the bore of a fluid as heavy as ore in water, as few are heavier
             numbers["bore"] = length / np.sqrt(fluid_mass / (0.25 * math.pi * 4000.0))
             numbers["wall"] = 4.0 * math.pi * stiffness / pipe_mass**2
-    return unusual({k: v for k, v in numbers.items() if k not in ("jet_angle", "hysteresis")})
+    found = unusual({k: v for k, v in numbers.items() if k not in ("jet_angle", "hysteresis")})
+    low, high = WATER
+    return found + [
+        f"{name} is {si[name]:.4g} kg/m3, which is that of water in g/cm3"
+        for name in ("fluid_density", "external_density")
+        if low <= si.get(name, 0.0) <= high
+    ]
 
 
 def _is_usual(si: Mapping[str, float]) -> bool:

@@ -180,6 +180,13 @@ carbon fibre. A thin tube's 4 pi EI / mu_p^2 is E / rho^2 times its diameter ove
 change the stiffness. With water in a film of 0.2 mm, 40 mm wide, beta is 0.98."""
 
 
+WATER = 0.95, 1.05
+"""Densities that are taken for those of water or sea water in g/cm3, between 0 and 100 degrees.
+In kg/m3 no common gas has them at 1 atm and 0 to 25 degrees: neon has at most 0.90, acetylene at
+least 1.06, nitrogen 1.14 and air 1.18. Air has them between 62 and 98 degrees, and at heights of
+1600 to 2550 m in the standard atmosphere."""
+
+
 def si_number(name: str, value: Any) -> float:
     """The value of an argument in SI, checked; the message about a refused one names a slip."""
     one = SI_QUANTITIES[name]

@@ -381,8 +381,12 @@ class SegmentModel(Model):
         return np.zeros(self.integrated), "the supports"
 
     def sampled(self, angle: Callable[[Array], ArrayLike]) -> Array:
-        ends = self._base + np.cumsum(self._lengths)
-        return self._angles(angle, ends - 0.5 * self._lengths)
+        return self._angles(angle, self._middles)
+
+    @property
+    def _middles(self) -> Array:
+        """Arc lengths of the middles of the segments, shape (n,)."""
+        return self._base + np.cumsum(self._lengths) - 0.5 * self._lengths
 
 
 class ChainPencil(Pencil):

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy
 
 from pipedyn.util.check import Array
 
@@ -55,11 +54,16 @@ def coarse(
     t, positions, velocities = times[:kept], positions[:kept], velocities[:kept]
     if t.size < 3 or np.ptp(positions, axis=0).max() < LEAST_MOTION:
         return False
-    every_other = scipy.interpolate.CubicHermiteSpline(t[::2], positions[::2], velocities[::2])
-    missed = np.abs(every_other(t) - positions).max()
-    missed_rate = np.abs(every_other(t, 1) - velocities).max()
+    t = t.reshape(-1, *[1] * (positions.ndim - 1))
+    step, begin = t[2::2] - t[:-1:2], positions[:-1:2]
+    share, mean = (t[1::2] - t[:-1:2]) / step, (positions[2::2] - begin) / step
+    bend = 3.0 * mean - 2.0 * velocities[:-1:2] - velocities[2::2]
+    rest = velocities[:-1:2] + velocities[2::2] - 2.0 * mean
+    at = begin + step * share * (velocities[:-1:2] + share * (bend + share * rest))
+    rate = velocities[:-1:2] + share * (2.0 * bend + 3.0 * share * rest)
+    missed_rate = np.abs(rate - velocities[1::2]).max()
     # With one sample in a cycle all positions are the same, and only velocities show the motion.
-    missed = max(missed, 0.125 * missed_rate * np.diff(t[::2]).max())
+    missed = max(np.abs(at - positions[1::2]).max(), 0.125 * missed_rate * step.max())
     lost = bool(missed > max(invisible, 0.05 * np.ptp(positions, axis=0).max()))
     return lost or (rates_shown and bool(missed_rate > 0.25 * np.abs(velocities).max()))
 

@@ -24,7 +24,7 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipedyn.models.base import Configurations, Model
+from pipedyn.models.base import ROWS, Configurations, Model
 from pipedyn.models.drive import (
     LARGEST_SPEED,
     Base,
@@ -114,9 +114,9 @@ class Trajectory(Configurations):
 
     @property
     def tip_velocity(self) -> Array:
-        """Velocity (x', y') of the free end at the times, in L / T, shape (S, 2)."""
+        """Velocity (x', y') of the free end in L / T, shape (S, 2); or (x', y', z'), (S, 3)."""
         if not self.t.size:
-            return np.empty((0, 2))
+            return np.empty((0, self.model.dimensions))
         return self.model.tip_velocities(self.q.T, self.qdot.T)
 
     def _unit(self, name: str) -> Unit | None:
@@ -126,7 +126,7 @@ class Trajectory(Configurations):
         return of_results._unit(name)
 
     def _columns(self) -> dict[str, Any]:
-        tips = self.model.tips(self.q.T) if self.t.size else np.empty((0, 2))
+        tips = self.model.tips(self.q.T) if self.t.size else np.empty((0, self.model.dimensions))
         return states_over_time(self.t, self.q, self.qdot, tips, self.curvature)
 
 
@@ -137,7 +137,8 @@ class Motion(Trajectory, TableResult):
     Attributes:
         t: times in T, shape (S,).
         q, qdot: coordinates and their rates, shape (S, coordinates).
-        tip: position (x, y) of the free end from the base in L, shape (S, 2).
+        tip: position (x, y) of the free end from the base in L, shape (S, 2); in three dimensions
+            (x, y, z), shape (S, 3).
         energy: energy in the frame of the base, in EI / L, shape (S,).
         audit: largest |E(t) - E(0) - work of flow, joints, drag and base|, relative to the largest
             of |E| and the kinetic energy: 0 up to errors of the integrator. It is NaN for motions
@@ -290,8 +291,9 @@ def simulate(
         q0: initial coordinates, shape (dof,), or for an assembly angles (n,) or redundant
             coordinates (3 n,); or the angle theta(s) of the bent pipe, a function of arc lengths
             (p,) to (p,), so that different models start alike. If not given, the pipe is slightly
-            bent, theta(s) = 0.05 s^2. To continue a motion, give `motion.q[-1]` and
-            `motion.qdot[-1]`; to start on a cycle, give `cycle.q[0]` and `cycle.qdot[0]`.
+            bent, theta(s) = 0.05 s^2, and in three dimensions also across that plane. To continue a
+            motion, give `motion.q[-1]` and `motion.qdot[-1]`; to start on a cycle, give
+            `cycle.q[0]` and `cycle.qdot[0]`.
         qdot0: initial rates, of the shape of q0; 0 if not given.
         samples: number of evenly spaced samples, both ends included, at least 2. If not given, 40
             in a unit of time, which is about two cycles of flutter, but at least 501. Methods of
@@ -301,7 +303,8 @@ def simulate(
         t0: time at the start, in [-1e9, 1e9].
         base: the motion of the base: a `Harmonic`; a smooth function of the time to its place (X,
             Y) in L, whose two derivatives are computed as the derivative of u is; or a triple of
-            functions to place, velocity and acceleration. The base carries the clamp and all rigid
+            functions to place, velocity and acceleration. In three dimensions places are (X, Y, Z).
+            The base carries the clamp and all rigid
             supports: guides, pins and an end fixed axially (`Stretching`). The base does not turn,
             and coordinates are relative to it. Springs, dampers and the fluid around the pipe
             belong to the ground. If not given, the base is at rest.
@@ -628,7 +631,8 @@ class _UntilCoarse(Observer):
 
     def __init__(self, task: Task) -> None:
         super().__init__()
-        self.task, self.coarse, self.ends = task, False, np.empty((4, 0))
+        self.task, self.coarse = task, False
+        self.ends = np.empty((2 * task.model.dimensions, 0))
         self.next_look = task.times.size // LOOKS
 
     def look(self, rows: Array) -> bool:
@@ -670,21 +674,26 @@ def integrated_as_shown(task: Task, shown: bool, observer: Observer) -> tuple[Ta
 
 
 def _ends_of(model: Model, rows: Array) -> Array:
-    """Positions and velocities of the free end, (4, S), in states of rows (S, size of a state)."""
+    """Positions and velocities of the free end, (2 dimensions, S), in states of rows (S, ...)."""
     size = model.integrated
     q, qdot = model.to_user(rows[:, :size], rows[:, size : 2 * size])
     return model._free_ends(q.T, qdot.T)
 
 
 def _too_coarse(t: Array, ends: Array) -> bool:
-    """Whether samples at times (S,) of positions and velocities (4, S) of the free end miss it."""
+    """Whether samples at times (S,) of positions and velocities of the free end miss it.
+
+    Positions and velocities have the shape (2 dimensions, S).
+    """
     if len(t) < 3:
         return True
     late = len(t) - len(t) // 4
-    at, velocity = ends[:2].T, ends[2:].T
+    at, velocity = (half.T for half in np.split(ends, 2))
     return (
         coarse(t, at, velocity, rates_shown=True)
-        or coarse(t, at[:, 0], velocity[:, 0], rates_shown=True)
+        or any(
+            coarse(t, at[:, i], velocity[:, i], rates_shown=True) for i in (0, 2)[: at.shape[1] - 1]
+        )
         or coarse(t[late:], at[late:], velocity[late:], INVISIBLE)
     )
 
@@ -712,12 +721,12 @@ def finely_sampled(task: Task) -> Task:
 def _with_drive(task: Task, outcome: Outcome) -> tuple[Array, int, str | None, Array]:
     """The outcome, cut before the first sample at which a function of time fails, and its drive.
 
-    The drive has a row of u, u' and the base's place, velocity and acceleration for the start and
-    each sample, shape (1 + S, 8).
+    The drive has a row of u and of the drive's rows (`ROWS`) for the start and each sample, shape
+    (1 + S, 1 + ROWS).
     """
     rows, calls, why = outcome
     if task.drive is None:
-        return rows, calls, why, np.tile([task.flow(0.0)[0], *(0.0,) * 7], (len(rows), 1))
+        return rows, calls, why, np.tile([task.flow(0.0)[0], *(0.0,) * ROWS], (len(rows), 1))
     values = [task.drive(task.t0)]
     for t in task.times[: len(rows) - 1].tolist():
         try:
@@ -741,7 +750,9 @@ def assembled(
     q, qdot = model.to_user(rows[:, :size], rows[:, size : 2 * size])
     moves = None
     if tasks[0].base is not None:
-        moves = np.concatenate([values[:, 2:].T.reshape(3, 2, -1) for *_, values in driven], axis=2)
+        every = np.concatenate([values[:, 2:].T for *_, values in driven], axis=1)
+        moves = np.concatenate([every[:6].reshape(3, 2, -1), every[6:, None]], axis=1)
+        moves = moves[:, : model.dimensions]
     energy, kinetic = _energies(model, q, qdot, moves)
     supplied = rows[:, 2 * size] if rows.shape[1] > 2 * size else np.full(len(rows), math.nan)
     motions, start = [], 0
@@ -754,7 +765,9 @@ def assembled(
             q=q[of],
             qdot=qdot[of],
             # Positions exclude the start, which may be too bent for the model to compute.
-            tip=resolved("tips", partial(model._free_ends, q[of].T, qdot[of].T), True)[:2].T,
+            tip=resolved("tips", partial(model._free_ends, q[of].T, qdot[of].T), True)[
+                : model.dimensions
+            ].T,
             energy=energy[of],
             audit=float(np.abs(missed).max(initial=0.0)) / scale if scale else 0.0,
             u=task.u,
@@ -773,7 +786,7 @@ def _energies(model: Model, q: Array, qdot: Array, moves: Array | None) -> Array
     """Energies of states, and their kinetic energies, shape (2, S).
 
     q and qdot have the shape (S, coordinates). moves: place, velocity and acceleration of the base,
-    (3, 2, S), if it moves.
+    (3, dimensions, S), if it moves.
     """
     found, few = [np.empty((2, 0))], math.ceil(COORDINATES_AT_ONCE / model.coordinates)
     for first in range(0, len(q), few):
@@ -791,7 +804,8 @@ def _energies(model: Model, q: Array, qdot: Array, moves: Array | None) -> Array
 def _without_samples(task: Task) -> Motion:
     """A motion without samples, for a task that was not computed; it calls no law of the model."""
     none = np.zeros(0)
-    coordinates, ends = np.zeros((0, task.model.coordinates)), np.zeros((0, 2))
+    coordinates = np.zeros((0, task.model.coordinates))
+    ends = np.zeros((0, task.model.dimensions))
     return Motion(
         *(none, coordinates, coordinates, ends, none, math.nan, task.u, none, task.method, 0),
         model=task.model,
@@ -805,6 +819,14 @@ def _without_samples(task: Task) -> Motion:
 def slight_bend(s: Array) -> Array:
     """The angle theta(s) from which motions start if no start is given."""
     return 0.05 * s**2
+
+
+def slight_bend_across(s: Array) -> Array:
+    """The angle a_z(s) that motions in three dimensions have besides `slight_bend` at the start.
+
+    The pipe then does not lie in a plane, so that no motion is missed that leaves it.
+    """
+    return 0.02 * s * (1.0 - s)
 
 
 def modal_bend(parts: ArrayLike) -> Callable[[Array], Array]:
@@ -835,13 +857,27 @@ def initial_bends(model: Model, count: int, seed: int) -> list[Array]:
 
 
 def checked_model_in_motion(
-    model: Any, name: str = "model", largest: float = math.inf, purpose: str = ""
+    model: Any,
+    name: str = "model",
+    largest: float = math.inf,
+    purpose: str = "",
+    *,
+    planar: bool = False,
 ) -> Model:
-    """The argument, refused unless it has equations of motion and at most `largest` dof."""
+    """The argument, refused unless it has equations of motion and at most `largest` dof.
+
+    `planar`: whether models in three dimensions are refused, where their symmetry about the axis
+    makes each answer one of a circle of answers.
+    """
     if not isinstance(model, Model):
         raise TypeError(
             f"{name} must be a Chain, a Galerkin model or an Assembly (of a Continuum, take "
             f"Continuum.frozen(m)), got {check.shown(model)}"
+        )
+    if planar and model.dimensions == 3:
+        raise ValueError(
+            f"{name} must move in a plane for {purpose}, got {check.shown(model)}: take "
+            "its .planar; in three dimensions ask simulate, hopf, limit_cycle and rotating_motion"
         )
     if model.dof > largest:
         many = f"{largest} degrees of freedom for {purpose}"
@@ -927,16 +963,23 @@ def with_speed(task: Task, u: Any) -> Task:
     if not isinstance(u, Supply):
         if task.drive is not None and task.u is u:
             return task
-        return replace(task, u=u, drive=Drive(u, task.base, task.t0, task.end), constant_head=None)
+        return replace(task, u=u, drive=_drive_of(task, u), constant_head=None)
     head, rest = ConstantHead(task.model, u), task.base is None
     start = np.append(task.start[: 2 * task.model.integrated + 1], head.start)
-    drive = None if rest else Drive(0.0, task.base, task.t0, task.end)
+    drive = None if rest else _drive_of(task, 0.0)
     return replace(task, u=u, start=start, drive=drive, constant_head=head)
+
+
+def _drive_of(task: Task, u: Any) -> Drive:
+    return Drive(u, task.base, task.t0, task.end, task.model.dimensions)
 
 
 def checked_start(model: Model, q0: Any, qdot0: Any) -> Array:
     """The state [p, p', 0], shape (2 integrated + 1,), from the arguments `q0` and `qdot0`."""
-    q0 = slight_bend if q0 is None else q0
+    if q0 is None:
+        q0 = slight_bend
+        if model.dimensions == 3:
+            q0 = model.bent(slight_bend) + model.quarter_turn(model.bent(slight_bend_across))
     if not callable(q0):
         check.numbers("q0", q0, "an angle theta(s) or coordinates")
         return np.append(model.initial_state(q0, qdot0), 0.0)

@@ -139,8 +139,7 @@ class VectorField:
         k = np.arange(1.0, self.size + 1.0)
         y = np.stack([np.sin(k), np.cos(2.0 * k), np.sin(3.0 * k + 1.0)], axis=1)
         # The angles of many functions may add up to larger angles than some models accept.
-        largest = max(self.model.largest_angle(one) for one in y[: self.half].T)
-        return 0.3 / max(largest, 1.0) * y
+        return 0.3 / max(self.model.largest_angle(y[: self.half]), 1.0) * y
 
     def resting(self) -> Array:
         """The state at rest about which the model is linearised, shape (2 integrated,)."""

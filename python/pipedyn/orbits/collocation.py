@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -181,19 +182,26 @@ class OrbitProblem(Continuation):
         self._speed_varies = speed_varies and not motion.forced
         self.unit = _unit_of(motion, start) if unit is None else unit
         by_state = self.weights[: start.starts.size].reshape(start.starts.shape)
-        by_state[:, : motion.half] = np.diff(start.edges)[:, None] / (start.span * self.unit**2)
+        lengths = start.edges[1:] - start.edges[:-1]
+        by_state[:, : motion.half] = lengths[:, None] / (start.span * self.unit**2)
         self.weights[-2:] = start.frequency**-2, start.u**-2 if start.u > 0.0 else 1.0
         if start.forced:
             self.weights[-2:] = self.weights[:-3:-1]
-            row = np.zeros_like(self.weights)
+
+    @cached_property
+    def _phase(self) -> tuple[Array, float]:
+        """Row and value of the condition that fixes the phase or, for a forced motion, the speed.
+
+        The smallest change has no part along the motion, which is a mere shift of the phase.
+        """
+        z, start = self.start.packed(), self.start
+        row = np.zeros_like(z)
+        if start.forced:
             row[-2] = 1.0
-            self._phase = row, start.u
-            return
-        # The smallest change has no part along the motion, which is a mere shift of the phase.
-        row = np.zeros_like(self.weights)
-        rates = motion(np.ascontiguousarray(start.starts.T), start.u).T
+            return row, start.u
+        rates = self.motion(np.ascontiguousarray(start.starts.T), start.u).T
         row[: rates.size] = self.weights[: rates.size] * rates.ravel()
-        self._phase = row, float(row @ start.packed())
+        return row, float(row @ z)
 
     def archived(self) -> dict[str, Any]:
         """The values that a file keeps, by name."""
@@ -225,6 +233,11 @@ class OrbitProblem(Continuation):
         if edges is None:
             return orbit
         return interpolated(self.motion, orbit.states, edges, orbit.frequency, orbit.u)
+
+    def transferred(self, z: Array, edges: Array) -> Array:
+        """The unknowns of z on another mesh."""
+        others = z[self.start.starts.size + self.start.rates.size + 2 :]
+        return np.concatenate([self.remeshed(z, edges).packed(), others])
 
     def orbit(self, z: Array) -> PeriodicOrbit:
         """The orbit with unknowns z."""

@@ -17,7 +17,6 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
@@ -250,7 +249,7 @@ def eigenvalues_through(maps: Array, allowed: Array | None = None) -> Complex:
             if np.array_equal(right, np.eye(len(right))):
                 values = np.asarray(np.linalg.eigvals(-left), dtype=np.complex128)
             else:
-                values = np.asarray(scipy.linalg.eigvals(left, -right), dtype=np.complex128)
+                values = _core.general_values(left, -right)
             if not (np.abs(values) < 1e150).all():  # its square is finite
                 raise FloatingPointError
         except (FloatingPointError, ValueError, np.linalg.LinAlgError) as error:

@@ -24,6 +24,7 @@ from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import OrbitControl, OrbitProblem, solved
 from pipedyn.orbits.periodic_orbit import (
     COARSEST,
+    MOST_CYCLE_INTERVALS,
     PROBES,
     PeriodicOrbit,
     coarsest_mesh,
@@ -44,10 +45,6 @@ tenth at the largest, and rounding is far below the least."""
 MOST_ON_BRANCH = 250
 """Largest number of mesh intervals of an orbit on a branch: 2,000 stages, with which each orbit
 takes seconds."""
-
-MOST_CYCLE_INTERVALS = 2000
-"""Largest number of intervals of a mesh: with more, one Newton step of a chain of 20 segments takes
-some seconds."""
 
 MOST_EVALUATIONS = 100_000
 """Number of right-hand sides and Jacobians after which no more steps are taken on the way to a
@@ -291,9 +288,9 @@ def breaking_part(orbit: PeriodicOrbit, kind: str) -> Array:
     ("pitchfork") or of orbits with half the period ("period doubling").
     """
     p = orbit.states(PROBES)[: orbit.half].T
-    later = np.roll(p, -PROBES.size // 2, axis=0)
     if kind == "hopf":
         return p if orbit.symmetric else p - p.mean(axis=0)
+    later = np.roll(p, -PROBES.size // 2, axis=0)
     return 0.5 * (p + later if kind == "pitchfork" else p - later)
 
 
@@ -463,8 +460,8 @@ def _on_mesh(
     either way.
     """
     z, beside = problem.origin, 1e-4
-    here, moved = (problem.about(x, edges) for x in (z, z + beside * tangent))
-    return here, (moved.origin - here.origin) / beside
+    here, moved = problem.about(z, edges), problem.transferred(z + beside * tangent, edges)
+    return here, (moved - here.origin) / beside
 
 
 def _on_mesh_to(
@@ -474,11 +471,28 @@ def _on_mesh_to(
 
     there: the guess at an arc length on the old mesh.
     """
-    there = problem.about(there, edges).origin
+    there = problem.transferred(there, edges)
     finer, tangent = _on_mesh(problem, tangent, edges)
     z, slope = finer.origin, tangent
     bend = ((there - z) / length - slope) / length
     return (finer, tangent), lambda s: z + s * (slope + s * bend)
+
+
+def _soon_beyond(step: Step, u: float) -> PeriodicOrbit | None:
+    """The orbit at a speed that the predictor beyond a step reaches within the longest next step.
+
+    None is returned if it does not, or if Newton's method does not converge fast from there: it may
+    then lead to an orbit of another branch, or to one of a mesh that is too coarse.
+    """
+    longest = min(1.5 * step.length, COARSE.longest)
+    if (step.end.p - u) * (step.ahead(longest)[-1] - u) > 0.0:
+        return None
+    s = zero_between(lambda s: float(step.ahead(s)[-1]) - u, 0.0, longest)
+    motion, guess = step.problem.motion, replace(step.problem.orbit(step.ahead(s)), u=u)
+    guess = refined(motion, guess, 1 + (guess.defects() > COARSE.defect))
+    with suppress(NewtonFailed):
+        return solved(motion, guess, COARSE.tolerance, iterations=3, hopeless=COARSE.tolerance)
+    return None
 
 
 def orbit_at_speed(motion: VectorField, point: Hopf, u: float) -> PeriodicOrbit:
@@ -509,6 +523,8 @@ def orbit_at_speed(motion: VectorField, point: Hopf, u: float) -> PeriodicOrbit:
                 break
             if motion.evaluations > last_evaluation:
                 break
+            if (orbit := _soon_beyond(step, u)) is not None:
+                return orbit
     except NewtonFailed as error:
         reason = f"it could not be followed beyond u = {here:.6g}: {reason_of(error)}"
     report = f"does not reach u = {u:g}: {reason}"

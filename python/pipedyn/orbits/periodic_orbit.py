@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -34,6 +34,10 @@ PROBES: Array = np.linspace(0.0, 2.0 * math.pi, 65)[:-1]
 MOST_JOINED = 0.7
 """Largest number of intervals of a mesh with intervals joined in pairs, as a share of the orbit's:
 more would tell little about its error."""
+
+MOST_CYCLE_INTERVALS = 2000
+"""Largest number of intervals of a mesh: with more, one Newton step of a chain of 20 segments takes
+some seconds."""
 
 BEFORE = 1e-10
 """Phase by which an interval ends before a kink, so that its last stage, at its end, has the slopes
@@ -179,8 +183,7 @@ class PeriodicOrbit:
 
     def defects(self) -> Array:
         """Last two Legendre terms of each interval's rates, as a share of the velocity, (M,)."""
-        rates = self.rates.transpose(0, 2, 1).reshape(-1, ORBIT_STAGES)
-        last = np.abs(rates @ TO_LEGENDRE[-2:].T).sum(axis=1).reshape(-1, self.half)
+        last = np.abs(TO_LEGENDRE[-2:] @ self.rates).sum(axis=1)
         velocity = np.abs(self.starts[:, self.half :]).max()
         return self.durations * last.max(axis=1) / velocity
 
@@ -247,15 +250,32 @@ def interpolated(
     are those of the forces, unless the states are interpolated between samples of a motion
     (`from_samples`).
     """
-    phases, starts = stage_phases(edges).ravel(), states(edges[:-1]).T.copy()
-    shape = edges.size - 1, ORBIT_STAGES, motion.half
-    at = states(phases)
+    given = motion, states, edges[:-1], np.diff(edges), frequency, u, from_samples
+    return PeriodicOrbit(edges, *_on_intervals(*given), frequency, u, motion.forced)
+
+
+def _on_intervals(
+    motion: VectorField,
+    states: Callable[[Array], Array],
+    begins: Array,
+    lengths: Array,
+    frequency: float,
+    u: float,
+    from_samples: bool,
+) -> tuple[Array, Array]:
+    """States where intervals of phases begin and accelerations at their stages, as `interpolated`.
+
+    They have the shapes (M, 2 integrated) and (M, s, integrated).
+    """
+    phases = (begins[:, None] + lengths[:, None] * STAGE_NODES).ravel()
+    shape = begins.size, ORBIT_STAGES, motion.half
+    starts, at = states(begins).T.copy(), states(phases)
     if motion.model.pipe.has_kinks and not from_samples:
         rates = motion.along(phases, frequency)(at, u)[motion.half :].T.reshape(shape)
     else:
         speeds = at[motion.half :].T.reshape(shape) - starts[:, None, motion.half :]
-        rates = SLOPES @ speeds / (np.diff(edges)[:, None, None] / frequency)
-    return PeriodicOrbit(edges, starts, np.ascontiguousarray(rates), frequency, u, motion.forced)
+        rates = SLOPES @ speeds / (lengths[:, None, None] / frequency)
+    return starts, np.ascontiguousarray(rates)
 
 
 def resolved_orbit(
@@ -269,15 +289,21 @@ def resolved_orbit(
 ) -> PeriodicOrbit:
     """An orbit through states, on the coarsest mesh whose defects meet a tolerance.
 
+    Beyond `MOST_CYCLE_INTERVALS` intervals the mesh is refined no further.
+
     from_samples: as for `interpolated`.
     """
-    edges = coarsest_mesh(symmetric)
-    for _ in range(13):  # intervals are 4,000 times shorter at last
-        orbit = interpolated(motion, states, edges, frequency, u, from_samples)
+    orbit = interpolated(motion, states, coarsest_mesh(symmetric), frequency, u, from_samples)
+    for _ in range(12):  # intervals are 4,000 times shorter at last
         coarse = orbit.defects() > tolerance
-        if not coarse.any():
+        if not coarse.any() or coarse.size > MOST_CYCLE_INTERVALS:
             break
-        edges = divided(edges, 1 + coarse)
+        parts = 1 + coarse
+        edges, anew = divided(orbit.edges, parts), np.repeat(coarse, parts)
+        starts, rates = (np.repeat(one, parts, axis=0) for one in (orbit.starts, orbit.rates))
+        given = edges[:-1][anew], np.diff(edges)[anew], frequency, u, from_samples
+        starts[anew], rates[anew] = _on_intervals(motion, states, *given)
+        orbit = replace(orbit, edges=edges, starts=starts, rates=rates)
     return orbit
 
 

@@ -7,6 +7,7 @@ import string
 import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import product
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -16,9 +17,12 @@ from matplotlib.patheffects import withStroke
 from pipedyn import plot
 from pipedyn.accuracy.convergence import convergence_law
 from pipedyn.linear.critical_speed import CriticalSpeed, stable_speeds
+from pipedyn.linear.reach import is_overdamped
+from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.continuum import Continuum
 from pipedyn.models.pipe import Pipe
 from pipedyn.paper.analysis import CHAIN_SIZES, REDUCED_SIZES, Findings, Options, Row, map_top
+from pipedyn.plot.arrange import CORNERS, write_beside
 from pipedyn.plot.common import open_marker
 from pipedyn.plot.linear import DOT, ONSET
 from pipedyn.plot.units import FLOW_SPEED, GROWTH, ROOT_FREQUENCY, Units, View
@@ -132,36 +136,24 @@ def _panel_figure(
             ax.text(0.5, 0.5, "not computed", transform=ax.transAxes, ha="center")
         else:
             picture(loci, bar=False, units=_units_of(case.pipe), ax=ax)
-            _write_in_free_corner(ax, _note_range(ax, across, top))
+            notes = ax.get_title(loc="right"), _note_range(ax, across, top)
+            ax.set_title("", loc="right")  # the title of the panel takes its place
+            if note := "\n".join(filter(None, notes)):
+                corners = np.array(list(CORNERS.values()))
+                within = np.array([*product(np.linspace(0.05, 0.95, 19), repeat=2)])
+                places, sides = np.vstack([corners, within]), np.zeros((len(within), 2))
+                look: dict[str, Any] = {"xycoords": "axes fraction", "size": 6.5}
+                write_beside(ax, note, places, np.vstack([1 - 2 * corners, sides]), **look)
         ax.label_outer()
     named = "" if _view(case.pipe).si else "; all quantities nondimensional"
     figure.suptitle(f"{_pipe_title(case.pipe)}{named}", fontsize=9.0)
     return figure, plot.colour_bar(bar, ax=axes)
 
 
-def _write_in_free_corner(ax: Any, text: str) -> None:
-    """Writes a note in that corner of the Axes in which the fewest curves and numbers lie."""
-    if not text:
-        return
-    places = np.concatenate(
-        [*ax.collections[0].get_segments(), *([number.xy] for number in ax.texts)]
-    )
-    x, y = ax.transAxes.inverted().transform(ax.transData.transform(places)).T
-    inside = (x >= 0.0) & (x <= 1.0) & (y >= 0.0) & (y <= 1.0)
-
-    def crossed(corner: tuple[float, float]) -> int:
-        near = (np.abs(x - corner[0]) < 0.5) & (np.abs(y - corner[1]) < 0.25)
-        return int(np.sum(near & inside))
-
-    right, up = min(((1.0, 1.0), (0.0, 1.0), (1.0, 0.0), (0.0, 0.0)), key=crossed)
-    look = {"ha": "right" if right else "left", "va": "top" if up else "bottom", "size": 6.5}
-    ax.text(0.03 + 0.94 * right, 0.04 + 0.92 * up, text, transform=ax.transAxes, **look)
-
-
 def _note_range(ax: Any, across: tuple[float, float], top: float) -> str:
     """A note on how far branches extend beyond the axes, which are those of the continuous pipe."""
     (left, right), (_, high) = ax.dataLim.intervalx, ax.dataLim.intervaly
-    name = ax.get_xlabel()
+    name = ax.get_xlabel().split("=")[0] + "$" * ("=" in ax.get_xlabel())  # without a definition
     ends = [f"{name} to {end:.3g}" for end in (left, right) if not across[0] <= end <= across[1]]
     if high > 1.04 * top:
         ends.append(f"{ax.get_ylabel()} to {high:.3g}")
@@ -260,15 +252,24 @@ def instabilities(pipe: Pipe, findings: Findings) -> str:
     ranges = stable_speeds(Continuum(pipe), findings.crossings, findings.highest)
     parts = [f"from {_u_text(pipe, low)} to {_u_text(pipe, high)}" for low, high in ranges]
     stable = f"stable {' and '.join(parts)}" if parts else "unstable at every speed"
-    found = [
-        f"{_u_text(pipe, c.speed)} ({c.kind}, mode {c.mode}, "
-        f"{'begins' if c.destabilising else 'ends'}{'' if c.unstable_after else '; stable beyond'})"
-        for c in findings.crossings
-        if c.speed > 0.0
-    ]
+    found = []
+    for c in findings.crossings:
+        number = _mode(pipe, findings, c)
+        words = [c.kind, *([f"mode {number}"] if number else [])]
+        words.append("begins" if c.destabilising else "ends")
+        beyond = "" if c.unstable_after else "; stable beyond"
+        if c.speed > 0.0:
+            found.append(f"{_u_text(pipe, c.speed)} ({', '.join(words)}{beyond})")
     listed = textwrap.shorten(", ".join(found), 500, placeholder=" ...") or "none"
     end = _u_text(pipe, findings.highest)
     return f"{start}Up to {end} the continuous pipe is {stable}. Instabilities: {listed}."
+
+
+def _mode(pipe: Pipe, findings: Findings, found: Crossing) -> str:
+    """Number of the mode that crosses; empty where it is a convention, see `is_overdamped`."""
+    exact = [] if findings.exact is None else [findings.exact]
+    every = (found, *exact, *(findings.crossings or ()))
+    return "" if any(is_overdamped(pipe, one.mode) for one in every) else str(found.mode)
 
 
 def second_mode(exact: CriticalSpeed, rows: Sequence[Row]) -> str:
@@ -279,6 +280,8 @@ def second_mode(exact: CriticalSpeed, rows: Sequence[Row]) -> str:
             f"{asked} The pipe has no stability to lose at {_u_text(exact.pipe, exact.speed)}: it "
             "is unstable below, too."
         )
+    if is_overdamped(exact.pipe, exact.mode):
+        return f"{asked} It comes from modes so damped that they do not oscillate without flow."
     answer = "yes" if exact.mode == 2 else f"no, in mode {exact.mode}"
     modes = [(row, row.critical.mode) for row in rows if row.critical is not None]
     others = [f"{row.family} {row.size} (mode {k})" for row, k in modes if k != exact.mode]
@@ -325,7 +328,7 @@ def table(pipe: Pipe, findings: Findings) -> list[tuple[str, ...]]:
         if row is not first and exact is not None and exact.speed > 0.0:
             error = f"{100.0 * (found.speed / exact.speed - 1.0):+.6g}"
         speed, rest = repr(found.speed), "yes" if found.stable_at_rest else "no"
-        answer = (speed, repr(found.frequency), found.kind, str(found.mode), rest)
+        answer = (speed, repr(found.frequency), found.kind, _mode(pipe, findings, found), rest)
         if pipe.scales is not None:
             measured: Any = found.in_si(pipe)
             names = ("speed", "frequency", "flow_rate_l_min")[: len(si)]

@@ -26,6 +26,7 @@ from pipedyn.accuracy.convergence import ConvergenceLaw, convergence_law, relati
 from pipedyn.linear.critical_speed import CriticalSpeed
 from pipedyn.models.galerkin import BASES
 from pipedyn.plot import common
+from pipedyn.plot.arrange import legend_below
 from pipedyn.plot.units import Units, View
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -109,8 +110,7 @@ def convergence(
         shown = np.maximum(np.abs(errors), floor)
         fitted = convergence_law(found, exact)
         kind = "reduced" if name in BASES else "chain"
-        named = "rayleigh (the paper's)" if name == "rayleigh" else name
-        label = f"{kind}, {named}: {_law(name, fitted)}"
+        label = f"{kind}, {name}: {_law(name, fitted)}"
         colour = _draw(ax, name, sizes, shown, same_kind, label)
         if fitted.law == "flat":
             limit, place = abs(fitted.limit), ax.get_yaxis_transform()
@@ -125,7 +125,7 @@ def convergence(
     low, high = min(every, default=1.0), max(every, default=2.0)
     _finish(ax, low, high, floor, shaded=low <= floor)
     if legend:
-        _add_legend(ax)
+        legend_below(ax)
     return ax
 
 
@@ -190,7 +190,7 @@ def trade(
         low /= 2.0 * (high / low) ** 0.25
     _finish(ax, low, high, found.reference.error, shaded=True)
     if legend:
-        _add_legend(ax)
+        legend_below(ax)
     return ax
 
 
@@ -224,18 +224,6 @@ def _draw(ax: Axes, family: str, x: Array, y: Array, filled: NDArray[np.bool_], 
     look |= {"linestyle": "none", "markerfacecolor": "white", "zorder": 2.5}
     ax.plot(x[~filled], y[~filled], **look)
     return str(look["color"])
-
-
-def _add_legend(ax: Axes) -> None:
-    """Adds the legend, and breaks the label of the errors where many rows leave it little room."""
-    common.legend_below(ax)
-    legend, label, inch = ax.get_legend(), ax.yaxis.label, ax.figure.dpi
-    if legend is None or (box := legend.get_window_extent()).y1 > ax.bbox.y0:  # none, or inside
-        return
-    room = common.cell_size(ax)[1] - box.height - 0.7 * inch  # for ticks, label and pads
-    if label.get_window_extent().height > room:
-        label.set_text(label.get_text().replace("\n", " "))
-        common.wrap(label, np.array([math.inf, room]))
 
 
 def _law(family: str, fitted: ConvergenceLaw, sign: str = "+") -> str:

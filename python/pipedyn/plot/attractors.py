@@ -20,6 +20,7 @@ from pipedyn.diagram import BifurcationDiagram
 from pipedyn.models.drive import Harmonic, Pulsation
 from pipedyn.motion.simulate import Ensemble, Motion, simulate
 from pipedyn.plot import common
+from pipedyn.plot.arrange import legend_below
 from pipedyn.plot.motion import (
     SIGNED_TICKS,
     Film,
@@ -153,7 +154,7 @@ def basins(
                 entry = f"{_name(found, k, view)}, {_percent(basin.share)}"
                 named[entry] = (named[entry], mark)  # one over the other
     if legend:
-        common.legend_below(ax, named)
+        legend_below(ax, named)
     ax.set_title(f"{view.speed(found.u, 6)}, {found.model.pipe.flow}")
     return ax
 
@@ -323,7 +324,7 @@ def spectrum(
     if decibels:
         label = given.view.label(quantity)
         label = label.replace("(", "(dB re 1 ") if given.view.si else f"{label} (dB)"
-        common.set_labels(ax, ylabel=label)
+        ax.set_ylabel(label)
     handles = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
     given.explain(ax, handles, legend=legend)
     return ax
@@ -343,7 +344,7 @@ def films(
 
     Args:
         found: attractors, or a diagram.
-        speed: flow speed, one of the diagram's; not used for attractors.
+        speed: flow speed u, one of the diagram's; not used for attractors.
         fps: frames a second, as for `animate`.
         units: "nondimensional", or "si" if the pipe has scales.
 
@@ -370,7 +371,8 @@ def films(
         if one.ending not in ("rest", "periodic", "failed"):
             q, qdot = np.split(one.end, 2)
             motion = simulate(diagram.model, speed, FILMED, q, qdot)
-            made[f"motion from start {one.start}"] = animate(motion, span=(0.0, FILMED), **how)
+            span = View(units, motion.model.pipe).one(ELAPSED) * motion.t[[0, -1]]
+            made[f"motion from start {one.start}"] = animate(motion, span=span, **how)
     return made
 
 
@@ -455,7 +457,7 @@ class _Given:
             ax.text(0.5, 0.5, words, transform=ax.transAxes, ha="center", va="center")
         alone = len(self.shown) == 1 and self.basins[0] is None
         if legend and not alone and len(handles) <= 12:
-            common.legend_below(ax, handles)
+            legend_below(ax, handles)
         shown = self.shown if None in self.basins else self.shown[:1]  # at the same speed
         explain(ax, shown, self.failed, *lines, legend=False)
 

@@ -19,6 +19,7 @@ from pipedyn.diagram import BifurcationDiagram
 from pipedyn.equilibrium.equilibria import EquilibriumBranch
 from pipedyn.orbits.floquet import beyond_circle, nontrivial
 from pipedyn.plot import common
+from pipedyn.plot.arrange import legend_below
 from pipedyn.plot.units import FLOW_SPEED, Units, View, of_coordinate
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -113,7 +114,7 @@ def bifurcation_diagram(
     rim = 0.01 * np.ptp(diagram.speeds) if seen else 0.0  # shows whole dots at the ends
     ax.set_xlim(one[0] * (diagram.speeds[0] - rim), one[0] * (diagram.speeds[-1] + rim))
     if check.flag("legend", legend):
-        common.legend_below(ax)
+        legend_below(ax)
     return ax
 
 
@@ -134,7 +135,9 @@ def _draw_branch(
     events: Any = branch.events if isinstance(branch, CycleBranch) else branch.points
     speeds, stable = branch.speeds, branch.stable
     if speeds.size > 1:
-        special = np.isin(speeds.round(6), np.round([event.speed for event in events], 6))
+        near = [1e-6 + getattr(event, "error", 0.0) for event in events]
+        apart = np.abs(speeds[:, None] - [event.speed for event in events])
+        special = (apart <= near).any(axis=1)
         stable = np.where(special[:-1], stable[1:], stable[:-1])
     draw_pieces(
         ax,
@@ -283,5 +286,5 @@ def multipliers(
         ax.set(xlim=(-FARTHEST, FARTHEST), ylim=(-FARTHEST, FARTHEST))
         ax.set_title(f"not all are shown: up to {farthest:.3g}")
     if check.flag("legend", legend):
-        common.legend_below(ax, named)
+        legend_below(ax, named)
     return ax

@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
-from itertools import pairwise, product
+from itertools import pairwise
 from typing import Any, Literal, cast
 
 import matplotlib
@@ -14,15 +13,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
-from matplotlib.text import Text
 from matplotlib.ticker import AutoLocator, SymmetricalLogLocator
-from matplotlib.transforms import Bbox, ScaledTranslation, blended_transform_factory
 from numpy.typing import NDArray
 
+from pipedyn.plot import arrange
 from pipedyn.util import check
 
-# Formulas have no spaces, because a label too long for the height of Axes breaks at spaces.
 SPEED_LABEL = r"flow speed $u=VL\,(\mu_f/EI)^{1/2}$"
 REAL_LABEL = r"Re $\lambda$"
 IMAGINARY_LABEL = r"Im $\lambda$"
@@ -42,7 +38,7 @@ CURVE_STYLES: tuple[dict[str, Any], ...] = (
     {"color": GREEN, "linestyle": (0, (6, 1.5, 1, 1.5))},
     {"color": VERMILION, "linestyle": (0, (1, 1.2))},
     {"color": PURPLE, "linestyle": (0, (3, 1, 1, 1, 1, 1))},
-    {"color": ORANGE, "linestyle": (0, (8, 3))},
+    {"color": ORANGE, "linestyle": (0, (7, 2))},
 )
 
 
@@ -136,19 +132,8 @@ def colour_bar(label: str, *, ax: Axes | NDArray[Any] | None = None) -> Axes | N
     beside = every if len(every) > 1 else every[0]  # tight layout knows a bar beside one
     bar = every[0].figure.colorbar(shown[0], ax=beside, label=label, **look)
     bar.minorticks_off()
-    if len(every) == 1:
-        wrap(bar.ax.yaxis.label, _room(every[0]))
+    arrange.keep_within(bar.ax)
     return cast("Axes", bar.ax)
-
-
-BESIDE, BELOW = 0.6, 1.0
-"""Width beside Axes for ticks and label, and height below for these and a legend, in inches."""
-
-LINE_HEIGHT = 1.2 / 72.0
-"""Height of a line of letters, in inches for a point of their size."""
-
-POINTS_AN_INCH = 3.2
-"""Largest size of a legend's letters, in points for an inch of height of the part of the figure."""
 
 
 def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
@@ -169,146 +154,12 @@ def axes(ax: Any, size: tuple[float, float], **labels: str) -> Axes:
     if placed and isinstance(chosen.figure, Figure) and chosen.figure.get_layout_engine() is None:
         with suppress(RuntimeError):  # a colour bar was placed without a layout engine
             chosen.figure.set_layout_engine("constrained")
-    set_labels(chosen, **labels)
+    chosen.set(**labels)
+    arrange.keep_within(chosen)
     for axis in (chosen.xaxis, chosen.yaxis):
         if isinstance(locator := axis.get_major_locator(), AutoLocator):
             locator.set_params(steps=[1, 2, 5, 10])  # steps of 2.5 have longer labels
-    chosen.title.set_wrap(True)
     return chosen
-
-
-def set_labels(ax: Axes, **labels: str) -> None:
-    """Sets labels of Axes, in as many lines as their width and height require."""
-    ax.set(**labels)
-    for axis in (ax.xaxis, ax.yaxis):
-        wrap(axis.label, _room(ax))
-
-
-def _room(ax: Axes) -> NDArray[Any]:
-    """Width and height, in pixels, that Axes are likely to have with ticks, labels and legend."""
-    cell = np.array(cell_size(ax))
-    return np.maximum(cell - np.array([BESIDE, BELOW]) * ax.figure.dpi, 0.5 * cell)
-
-
-def cell_size(ax: Axes) -> tuple[float, float]:
-    """Width and height, in pixels, of the part of the figure for the Axes and what is beside it."""
-    wide, high = ax.figure.bbox.size
-    if (spec := ax.get_subplotspec()) is not None:
-        for one in {spec, spec.get_topmost_subplotspec()}:  # Axes with a colour bar lie in two
-            grid: Any = one.get_gridspec()
-            across, down = grid.get_width_ratios(), grid.get_height_ratios()
-            wide *= np.sum(across[one.colspan.start : one.colspan.stop]) / np.sum(across)
-            high *= np.sum(down[one.rowspan.start : one.rowspan.stop]) / np.sum(down)
-    return wide, high
-
-
-def wrap(label: Text, room: NDArray[Any]) -> None:
-    """Breaks a label at spaces into lines of similar length, within width and height in pixels."""
-    words, upright = label.get_text().split(" "), int(label.get_rotation() == 90.0)
-
-    def lines(room: float) -> list[str]:
-        found = words[:1]
-        for word in words[1:]:
-            label.set_text(f"{found[-1]} {word}")
-            fits = label.get_window_extent().size[upright] <= room
-            found[-1:] = [label.get_text()] if fits else [found[-1], word]
-        return found
-
-    found = shorter = lines(length := room[upright])
-    while 1 < len(found) == len(shorter) < len(words):
-        found, length = shorter, 0.9 * length
-        shorter = lines(length)
-    label.set_text("\n".join(found))
-
-
-def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
-    """Adds a legend below or inside the Axes, of artists by name, or of all that have a label.
-
-    Without such artists there is no legend. It stands below if it takes at most a fifth of the
-    height that the figure has for these Axes; its letters get smaller for that, down to six points.
-    A larger legend stands inside, where it covers nothing. If there is no such place, it stands
-    below, too, with letters of five points if it takes more than 0.3 of the height with those of
-    six. It has as many columns, up to four, as fit the width.
-    """
-    if named is None:
-        named = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
-    if not named:
-        return
-    figure, spec = ax.figure, ax.get_subplotspec()
-    alone = spec is not None and spec.get_gridspec().ncols == 1
-    wide, high = cell_size(ax)
-    wide = 0.95 * wide if alone else wide - BESIDE * figure.dpi
-    middle = blended_transform_factory(
-        figure.transSubfigure if alone else ax.transAxes, ax.transAxes
-    )
-    letters = ax.xaxis.label.get_fontproperties().get_size_in_points()
-    breaks = ax.get_xlabel().count("\n") * letters * LINE_HEIGHT
-    below = ScaledTranslation(0.0, -0.42 - breaks, figure.dpi_scale_trans)  # for ticks and label
-    look: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "frameon": False}
-    look |= {"bbox_transform": middle + below, "columnspacing": 1.2}
-    usual = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
-    usual = min(usual, max(6.0, POINTS_AN_INCH * high / figure.dpi))
-    sizes = [*np.arange(usual, 6.0, -1.0), min(usual, 6.0)]
-
-    def fits_below(sizes: Sequence[float], share: float) -> bool:
-        for size, columns in product(sizes, (4, 3, 2, 1)):
-            legend = ax.legend(named.values(), named, fontsize=size, ncols=columns, **look)
-            box = legend.get_window_extent()
-            if box.width <= wide and box.height <= share * high:
-                return True
-        return False
-
-    if not fits_below(sizes, 0.2) and not _fits_inside(ax, named, sizes):
-        fits_below(sizes, 0.3) or fits_below([5.0], math.inf)
-
-
-def _fits_inside(ax: Axes, named: Mapping[str, Any], sizes: Sequence[float]) -> bool:
-    """Adds a legend inside the Axes, and returns whether it covers nothing there.
-
-    Other Axes in the figure may later get labels and legends that make these Axes smaller.
-    """
-    ax.legend([], [])
-    ax.figure.figure.draw_without_rendering()  # gives the Axes their place
-    frame: Any = ax.get_window_extent()
-    smaller, covers = shrinks(ax), obstacles(ax)
-    for size, columns in product(sizes, (1, 2)):
-        legend = ax.legend(named.values(), named, fontsize=size, ncols=columns, loc="lower left")
-        box = frame.min + (legend.get_window_extent().get_points() - frame.min) / smaller
-        room = frame.min + frame.max - box.sum(axis=0)  # between two opposite corners
-        if (room < 0.0).any():
-            continue
-        for place, shares in INSIDE.items():
-            there = Bbox(box + room * shares)
-            if not covers(there):
-                legend.set_loc(place)
-                return True
-    return False
-
-
-def shrinks(ax: Axes) -> Any:
-    """Shares of their width and height to which Axes may shrink, by others in the figure."""
-    if len(ax.figure.figure.axes) == 1:
-        return np.ones(2)
-    return np.minimum(_room(ax) / np.array(ax.get_window_extent().size), 1.0)
-
-
-def obstacles(ax: Axes) -> Callable[[Bbox], bool]:
-    """A function that tells whether anything drawn on Axes lies in a box, in pixels."""
-    curves = [line.get_transform().transform_path(line.get_path()) for line in ax.lines]
-    others = [one.get_window_extent() for one in (*ax.patches, *ax.collections, *ax.texts)]
-
-    def covers(box: Bbox) -> bool:
-        crossed = any(curve.intersects_bbox(box, filled=False) for curve in curves)
-        return crossed or bool(box.count_overlaps(others))
-
-    return covers
-
-
-INSIDE: dict[Any, tuple[float, float]] = {"upper right": (1.0, 1.0), "upper left": (0.0, 1.0)}
-INSIDE |= {"lower right": (1.0, 0.0), "lower left": (0.0, 0.0), "center right": (1.0, 0.5)}
-INSIDE |= {"center left": (0.0, 0.5), "upper center": (0.5, 1.0), "lower center": (0.5, 0.0)}
-"""Places of a legend inside Axes, and how far they are from the lower left corner, as shares of the
-width and the height that the legend leaves."""
 
 
 def runs(values: NDArray[Any]) -> list[tuple[int, int]]:
@@ -341,7 +192,7 @@ def notice(text: str, *, ax: Axes | None = None) -> Axes:
 def write(ax: Axes, text: str) -> None:
     """Writes a sentence in the middle of Axes, in as many lines as their width requires."""
     place: dict[str, Any] = {"transform": ax.transAxes, "ha": "center", "va": "center"}
-    wrap(ax.text(0.5, 0.5, text, **place), 0.8 * _room(ax))
+    arrange.keep_within(ax, ax.text(0.5, 0.5, text, **place))
 
 
 def open_marker(size: float, edge: str = BLACK, **more: Any) -> dict[str, Any]:

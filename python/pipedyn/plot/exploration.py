@@ -38,6 +38,7 @@ from pipedyn.linear.critical_speed import (
 from pipedyn.linear.loci import RootLoci, root_loci
 from pipedyn.linear.modes import ModeShape, modes
 from pipedyn.linear.neutral import grows, growth
+from pipedyn.linear.reach import is_overdamped
 from pipedyn.linear.stability_curve import StabilityCurve, stability_curve
 from pipedyn.models.chain import Chain
 from pipedyn.models.pipe import OWN_NUMBERS, Pipe
@@ -339,7 +340,9 @@ class Exploration:
             if not parts:
                 return f"Unstable at every flow speed up to u = {self._text(end)}."
             return f"Up to u = {self._text(end)} stable only {' and '.join(parts)}."
-        begins = f"{lost.kind} begins at u = {self._text(lost.speed)}, mode {lost.mode}"
+        begins = f"{lost.kind} begins at u = {self._text(lost.speed)}"
+        if not is_overdamped(self.model.pipe, lost.mode):
+            begins += f", mode {lost.mode}"
         if lost.stable_from:
             begins = f"stable from u = {self._text(lost.stable_from)} on; {begins}"
         if lost.frequency:

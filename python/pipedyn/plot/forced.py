@@ -19,6 +19,7 @@ from pipedyn.linear.frequency_response import FrequencyResponse
 from pipedyn.models.drive import Harmonic
 from pipedyn.plot import common
 from pipedyn.plot.accuracy import round_ticks
+from pipedyn.plot.arrange import legend_below
 from pipedyn.plot.bifurcation import draw_pieces, mark_event, smooth
 from pipedyn.plot.units import AMPLITUDE, OMEGA, PER_FORCE, PER_MOMENT, Measure, Units, View
 from pipedyn.util import check
@@ -116,7 +117,7 @@ def frequency_response(
     stable = "" if response.stable else ", unstable: the response is not reached"
     ax.set_title(f"{view.speed(response.u)}{stable}")
     if check.flag("legend", legend):
-        common.legend_below(ax)
+        legend_below(ax)
     return ax
 
 
@@ -200,7 +201,7 @@ def parametric_regions(
     if not seen:
         ax.text(0.5, 0.5, "no region to show", transform=ax.transAxes, ha="center", va="center")
     if check.flag("legend", legend):
-        common.legend_below(ax)
+        legend_below(ax)
     return ax
 
 
@@ -274,7 +275,7 @@ def forced_response(
                 mark_event(ax, event.kind, [per * event.frequency, one * event.amplitude])
     ax.set_ylim(bottom=0.0)
     if check.flag("legend", legend):
-        common.legend_below(ax)
+        legend_below(ax)
     return ax
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import Normalize, SymLogNorm
-from matplotlib.font_manager import FontProperties
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator
@@ -20,6 +19,7 @@ from pipedyn.linear.loci import RootLoci
 from pipedyn.linear.modes import Modes
 from pipedyn.linear.neutral import grows, growth
 from pipedyn.plot import common
+from pipedyn.plot.arrange import FULL_TURN, legend_below, small_letters, write_beside
 from pipedyn.plot.units import (
     ARC,
     FLOW_SPEED,
@@ -112,24 +112,20 @@ def root_loci(
     _mark_onsets(ax, growth(branches), places)
     (ax.axvline if plane == "lambda" else ax.axhline)(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     ax.autoscale_view()
-    exact = np.empty(0, dtype=np.complex128)
     if benchmark is not None:
         exact = turn * rate * branches_of(benchmark)[:: dot_stride(benchmark)]
         _draw_dots(ax, exact)
-    axis = np.linspace(*(ax.get_ylim() if plane == "lambda" else ax.get_xlim()), FINE_POINTS)
-    line = axis * (1.0j if plane == "lambda" else 1.0)
-    labels = _Labels(ax, np.concatenate([places.ravel(), exact.ravel(), line]))
     upper = turn * rate * smooth.eigenvalues
     if numbers:
-        labels.number(upper, loci.modes)
+        _number_modes(ax, upper, loci.modes)
     if speeds:
         for value in MaxNLocator(5).tick_values(0.0, unit * loci.speeds[-1]):
             i = int(np.abs(unit * smooth.speeds - value).argmin())
             if not unit * loci.speeds[0] < value <= unit * loci.speeds[-1]:
                 continue
             ax.plot(upper[i].real, upper[i].imag, **MARK)
-            for place in upper[i]:
-                labels.add(f"{value:g}", np.array([place]), color="0.25", needed=False)
+            for place in upper[i][np.isfinite(upper[i])]:
+                _write_number(ax, f"{value:g}", place[None], color="0.25", needed=False)
     if bar:
         common.colour_bar(view.label(FLOW_SPEED), ax=ax)
     return ax
@@ -182,16 +178,14 @@ def frequencies(
     _coloured(ax, speeds, heights, rate * real, "RdBu_r", norm, outlined=0.0)
     _mark_onsets(ax, real, speeds + 1j * heights)
     ax.autoscale_view()
-    taken = (speeds + 1j * heights).ravel()
     if benchmark is not None:
         stride = dot_stride(benchmark)
         places = view.one(FLOW_SPEED) * benchmark.speeds[::stride, None]
         exact = places + 1j * height * branches_of(benchmark).imag[::stride]
         _draw_dots(ax, exact)
-        taken = np.append(taken, exact)
     upper = speeds + 1j * height * np.abs(smooth.eigenvalues.imag)
     if numbers:
-        _Labels(ax, taken).number(upper.astype(np.complex128), loci.modes)
+        _number_modes(ax, upper.astype(np.complex128), loci.modes)
     if bar:
         common.colour_bar(view.label(GROWTH), ax=ax)
     return ax
@@ -205,8 +199,8 @@ def _checked_axes(
     check.instance("benchmark", benchmark, RootLoci | None, "of type RootLoci")
     view = View(units, loci.pipe)
     ax = view.axes(ax, (4.8, 4.2), x, y)
-    if not loci.complete and not (growth(loci.eigenvalues) > 0.0).any():
-        ax.set_title("other modes may be unstable", loc="right", size="small")
+    if not loci.complete:
+        ax.set_title("other modes may be unstable", loc="right", size=small_letters())
     return ax, view
 
 
@@ -214,18 +208,22 @@ def _smooth_branches(loci: RootLoci) -> RootLoci:
     """Branches at so many speeds that their polygons look smooth, by modified Akima splines.
 
     A pair meets on the real axis with vertical tangents, where neither root has a slope. The sum
-    and the product of the pair do, so that these are interpolated. A root that has met one of
-    another pair, so that it is not the conjugate of its partner, is interpolated itself. Where a
-    pair changes into one of which it has one root only, a straight line leads from this root.
+    and the product of the pair do, so that these are interpolated. A root whose partner is not
+    known, or is not its conjugate since it has met one of another pair, is interpolated itself, and
+    so is one with hysteresis, which meets no conjugate. Where a pair changes into one of which it
+    has one root only, a straight line leads from this root.
     """
     steps = loci.speeds.size - 1
     parts = math.ceil(FINE_POINTS / steps) if steps > 0 else 1
     speeds = np.interp(np.arange(steps * parts + 1) / parts, np.arange(steps + 1), loci.speeds)
     one, other = loci.eigenvalues, loci.partners
+    single = np.isnan(other)
+    other = np.where(single, one, other)
     shape = speeds.size, one.shape[1]
     values, partners = np.full((2, *shape), complex(math.nan, math.nan))
-    known = loci.converged & np.isfinite(one) & np.isfinite(other)
+    known = loci.converged & np.isfinite(one)
     paired = (other == one.conj()) | ((one.imag == 0.0) & (other.imag == 0.0))
+    paired &= ~single & (loci.pipe.hysteresis == 0.0)
     # The real roots of a pair that meet are at equal distances from where they do.
     mean, gap = 0.5 * (one + other).real, 0.5 * np.abs((one - other).real)
     changed = np.zeros(one.shape, dtype=bool)
@@ -267,8 +265,17 @@ def _smooth_branches(loci: RootLoci) -> RootLoci:
         stays = np.zeros(shape, dtype=bool)
         stays[:-1] = np.repeat((np.maximum(samples[:-1].real, samples[1:].real) <= 0.0), parts, 0)
         np.minimum(curves.real, 0.0, out=curves.real, where=stays)
+    partners[partners == values] = math.nan  # where the partner is not known
+    if steps > 0:  # a decaying partner at one sample only is no curve
+        partners[_without_neighbours(np.isfinite(partners)) & (partners.real <= 0.0)] = math.nan
     found = {"eigenvalues": values, "partners": partners, "converged": np.isfinite(values)}
     return replace(loci, speeds=speeds, errors=np.zeros(shape), **found)
+
+
+def _without_neighbours(known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which known entries of each column have no known entry before and behind them."""
+    around = np.pad(known, ((1, 1), (0, 0)))
+    return np.asarray(known & ~around[:-2] & ~around[2:])
 
 
 def _draw_dots(ax: Axes, places: NDArray[np.complex128]) -> None:
@@ -288,58 +295,21 @@ def _on_paper(ax: Axes, places: NDArray[np.complex128]) -> NDArray[np.complex128
     return np.asarray(found.reshape(places.shape))
 
 
-class _Labels:
-    """Numbers next to curves, at places where they cover neither curves nor each other.
+def _number_modes(ax: Axes, curves: NDArray[np.complex128], numbers: NDArray[np.int64]) -> None:
+    """Writes the number of each curve, a column of places, as close to its start as it fits."""
+    for curve, number in zip(curves.T, numbers.tolist(), strict=True):
+        points = curve[np.isfinite(curve)]
+        if points.size and number:
+            chosen = np.linspace(0, points.size - 1, 24).astype(int)
+            _write_number(ax, str(number), points[chosen], weight="bold")
 
-    Args:
-        ax: the Axes, with the limits that they keep.
-        curves: points of all curves in data, x + i y.
-    """
 
-    def __init__(self, ax: Axes, curves: NDArray[np.complex128]) -> None:
-        self._ax = ax
-        shown = _on_paper(ax, curves.ravel())
-        self._taken = shown[np.isfinite(shown)]
-        box = ax.get_window_extent()
-        self._low, self._high = (np.array(at) * 72.0 / ax.figure.dpi for at in (box.min, box.max))
-
-    def number(self, curves: NDArray[np.complex128], numbers: NDArray[np.int64]) -> None:
-        """Writes the number of each curve, a column of places, as close to its start as it fits."""
-        for curve, number in zip(curves.T, numbers.tolist(), strict=True):
-            points = curve[np.isfinite(curve)]
-            if points.size:
-                chosen = np.linspace(0, points.size - 1, 24).astype(int)
-                self.add(str(number), points[chosen], weight="bold")
-
-    def add(
-        self, text: str, places: NDArray[np.complex128], needed: bool = True, **look: Any
-    ) -> None:
-        """Writes a text next to the first of some places at which there is room.
-
-        If there is none, it goes where there is most, or is left out if it is not `needed`.
-        """
-        size = FontProperties(size="small").get_size_in_points()
-        # A circle about the text and a gap.
-        reach = math.hypot(0.3 * size * len(text), 0.4 * size) + 1.5
-        turns = np.exp(0.25j * np.pi * np.array([0, 1, 7, 4, 3, 5, 2, 6]))
-        shown = (_on_paper(self._ax, places)[:, None] + (reach + 1.0) * turns).ravel()
-        which = np.repeat(np.arange(places.size), turns.size)
-        inside = (shown.real > self._low[0] + reach) & (shown.real < self._high[0] - reach)
-        inside &= (shown.imag > self._low[1] + reach) & (shown.imag < self._high[1] - reach)
-        shown, which = shown[inside], which[inside]
-        if not shown.size:
-            return
-        room = np.abs(shown[:, None] - self._taken).min(axis=1, initial=math.inf)
-        best = int(np.argmax(room >= reach)) if (room >= reach).any() else int(np.argmax(room))
-        if room[best] < reach and not needed:
-            return
-        place = places[which[best]]
-        apart = shown[best] - complex(_on_paper(self._ax, np.array([place]))[0])
-        around = np.exp(0.25j * np.pi * np.arange(8)) * 0.5 * reach
-        self._taken = np.concatenate([self._taken, [shown[best]], shown[best] + around])
-        look |= {"ha": "center", "va": "center", "size": "small", "zorder": 5.0}
-        look |= {"xytext": (apart.real, apart.imag), "textcoords": "offset points"}
-        self._ax.annotate(text, (place.real, place.imag), annotation_clip=True, **look)
+def _write_number(ax: Axes, text: str, places: NDArray[np.complex128], **look: Any) -> None:
+    """Writes a text beside one of some places, x + i y in the data."""
+    at = np.column_stack([places.real, places.imag]).repeat(len(FULL_TURN), axis=0)
+    sides = np.tile(FULL_TURN, (places.size, 1))
+    look |= {"size": small_letters(), "zorder": 5.0, "annotation_clip": True}
+    write_beside(ax, text, at, sides, **look)
 
 
 def _coloured(
@@ -354,9 +324,12 @@ def _coloured(
     """Draws branches, the columns of x and y, in segments coloured by the mean of their values.
 
     Segments with the largest values are on top: of two roots with the same frequency the less
-    stable one is visible. Values above `outlined` get a black outline, others a thin grey one.
+    stable one is visible. Values above `outlined` get a black outline, others a thin grey one. A
+    point without neighbours on its branch, as at the only speed, is a disc.
     """
     segments, means = pieces(x, y, values)
+    points = np.stack(np.broadcast_arrays(x, y, values), axis=-1)
+    alone = points[_without_neighbours(np.isfinite(points).all(axis=-1))]
     order = np.argsort(means, kind="stable")
     ends, means = list(segments[order]), means[order]
     outline = np.where(means > outlined, "black", "0.35").tolist()
@@ -367,6 +340,10 @@ def _coloured(
     ax.add_collection(lines)
     outlines = PathCollection(lines.get_paths(), capstyle="round", zorder=2.1, **below)
     ax.add_collection(outlines, autolim=False)
+    if alone.size:
+        edges = np.where(alone[:, 2] > outlined, "black", "0.35").tolist()
+        disc: dict[str, Any] = {"cmap": colours, "norm": norm, "edgecolors": edges, "zorder": 2.3}
+        ax.scatter(alone[:, 0], alone[:, 1], s=20.0, c=alone[:, 2], linewidths=0.9, **disc)
 
 
 def _mark_onsets(ax: Axes, real: Array, places: NDArray[np.complex128]) -> None:
@@ -459,5 +436,5 @@ def mode_shapes(
     if modes.shapes and legend:
         for word, line in (("real part", "-"), ("imaginary part", "--")):
             ax.plot([], [], color="0.4", linestyle=line, label=word)
-        common.legend_below(ax)
+        legend_below(ax)
     return ax

@@ -44,6 +44,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.motion.sampling import INVISIBLE, LEAST_MOTION, coarse
 from pipedyn.motion.simulate import Ensemble, Motion
 from pipedyn.plot import common
+from pipedyn.plot.arrange import legend_below
 from pipedyn.plot.bifurcation import STABILITY_STYLES
 from pipedyn.plot.units import (
     AXIAL,
@@ -296,7 +297,7 @@ def explain(
     if len(shown) == 1:
         title.append(_title(shown[0].motion, shown[0].view))
     elif legend and len(shown) <= 12:
-        common.legend_below(ax)
+        legend_below(ax)
     elif legend:
         title.append(f"{len(shown)} motions")
     title += more
@@ -347,9 +348,10 @@ def snapshots(
 
     Args:
         motion: a motion, a limit cycle, or a basin, whose attracting motion is shown.
-        span: start and end in T; if not given, the last cycle or swing, or all of a motion without
-            any. Both last from one upward crossing of the middle position by the free end to
-            another; that of a cycle is in the same state, and the cycle before was the same.
+        span: start and end, in T, or in s with units="si"; if not given, the last cycle or swing,
+            or all of a motion without any. Both last from one upward crossing of the middle
+            position by the free end to another; that of a cycle is in the same state, and the cycle
+            before was the same.
         count: number of shapes, from 2 to 1000. The shapes include both ends of a span, but only
             the end of a cycle, whose start looks the same.
         units: "nondimensional", or "si" if the pipe has scales.
@@ -365,9 +367,8 @@ def snapshots(
             samples, or samples too far apart to interpolate.
         TypeError: for bad arguments.
     """
-    motion, start, end, kind = shown_part(motion, span)
+    motion, start, end, kind, view = shown_part(motion, span, units)
     count = check.count("count", count, low=2, high=1000)  # more than can be distinguished
-    view = View(units, motion.model.pipe)
     ax = common.axes(ax, (4.4, 5.0))
     cycle = kind == "cycle"
     times = np.linspace(start, end, count + cycle)[int(cycle) :]
@@ -529,10 +530,12 @@ def animate(
         path: a file to write, ending in .gif, .mp4 (by ffmpeg, which must be installed) or .html (a
             page with a player); if not given, no file is written.
         fps: frames a second, from 1 to 50, the most that a GIF can show.
-        speed: time of the motion, in T, that is shown in a second of the animation. If not given, a
-            cycle or swing takes 2.5 seconds, and all of a motion without swings 8 seconds.
-        span: start and end in T; if not given, the last cycle, which repeats without end; the last
-            swing of a motion that grows or is chaotic, once; or all of a motion without swings.
+        speed: time of the motion, in T, or in s with units="si", that is shown in a second of the
+            animation; with units="si", 1 is real time. If not given, a cycle or swing takes 2.5
+            seconds, and all of a motion without swings 8 seconds.
+        span: start and end, in T, or in s with units="si"; if not given, the last cycle, which
+            repeats without end; the last swing of a motion that grows or is chaotic, once; or all
+            of a motion without swings.
         dpi: dots an inch in the file, from 10 to 1000; those of the figure if not given.
         progress: whether to show on stderr how many frames of the file are drawn.
         units: "nondimensional", or "si" if the pipe has scales.
@@ -552,7 +555,7 @@ def animate(
             too far apart to interpolate.
         TypeError: for bad arguments.
     """
-    motion, start, end, kind = shown_part(motion, span)
+    motion, start, end, kind, view = shown_part(motion, span, units)
     if path is not None:
         path = _checked_path(path)
     fps = check.real("fps", fps, low=1.0, high=50.0)
@@ -562,13 +565,13 @@ def animate(
         speed = check.real("speed", speed, low=0.0, open_low=True)
     cycle, swing = kind == "cycle", last_swing(motion)
     begin, finish = (start, end) if kind else swing[:2] if swing else (0.0, 0.0)
-    frames = _frames(end - start, finish - begin, fps, speed)
+    unit = view.one(ELAPSED)
+    frames = _frames(unit * (end - start), unit * (finish - begin), fps, speed, view.time_unit)
     own = ax is None
     if ax is None:
         ax = Figure(figsize=(4.0, 4.6), layout="constrained").subplots()
     figure = common.axes(ax, (4.0, 4.6)).figure.figure
 
-    view = View(units, motion.model.pipe)
     one = view.one(TRANSVERSE)
     times = np.linspace(start, end, frames, endpoint=not cycle)
     shapes = one * _shapes_at(motion, times)
@@ -578,7 +581,7 @@ def animate(
     (trace,) = ax.plot([], [], color=common.BLUE, linewidth=0.9, zorder=1.8, gid="trace")
     (pipe,) = ax.plot([], [], color=common.BLACK, linewidth=2.6, zorder=2.0, gid="pipe")
     flow = _surroundings(ax, motion, shapes, shapes[0], view)
-    times = view.one(ELAPSED) * times
+    times *= unit
     digits = max(0, -math.floor(math.log10(times[1] - times[0])))  # neighbouring times differ
 
     def show(frame: int) -> Sequence[Any]:
@@ -637,8 +640,10 @@ def _checked_path(path: Any) -> Path:
     return target
 
 
-def _frames(duration: float, period: float, fps: float, speed: float | None) -> int:
+def _frames(duration: float, period: float, fps: float, speed: float | None, unit: str) -> int:
     """Number of frames of an animation; refuses too many, and too few to show the motion.
+
+    The duration and the period are in `unit`, "T" or "s".
 
     The period is 0 for a motion without cycles. Without a speed a cycle takes 2.5 s, slow enough to
     follow by eye. With fewer than 2 frames a cycle would seem to run backwards; 8 frames also show
@@ -650,16 +655,17 @@ def _frames(duration: float, period: float, fps: float, speed: float | None) -> 
     if not wanted <= 2000.0:
         raise ValueError(
             f"span, fps and speed must ask for at most 2000 frames, got {wanted:.4g}: "
-            f"{duration:.4g} T at {speed:.4g} T a second, {fps:g} frames a second"
+            f"{duration:.4g} {unit} at {speed:.4g} {unit} a second, {fps:g} frames a second"
         )
     if 0.0 < period / speed * fps < 8.0 * (1.0 - 1e-9):  # rounding
         raise ValueError(
-            f"speed must leave at least 8 frames to a cycle of {period:.4g} T: at {fps:g} frames a "
-            f"second at most {period * fps / 8.0:.4g}, got {speed:.4g}"
+            f"speed must leave at least 8 frames to a cycle of {period:.4g} {unit}: at {fps:g} "
+            f"frames a second at most {period * fps / 8.0:.4g}, got {speed:.4g}"
         )
     if round(wanted) < 2:
         raise ValueError(
-            f"speed must leave at least 2 frames to {duration:.4g} T, got {speed:.4g} T a second"
+            f"speed must leave at least 2 frames to {duration:.4g} {unit}, got {speed:.4g} {unit} "
+            "a second"
         )
     return round(wanted)
 
@@ -696,7 +702,7 @@ def clamp_and_gravity(ax: Axes, weight: tuple[float, float], shapes: Array, view
     The weight has components (x, y); the shapes, of shape (..., 2), are in the units shown.
     """
     one = view.one(TRANSVERSE)
-    common.set_labels(ax, xlabel=view.label(TRANSVERSE), ylabel=view.label(AXIAL))
+    ax.set(xlabel=view.label(TRANSVERSE), ylabel=view.label(AXIAL))
     room = (ARROW + 0.06) * one
     low = min(-0.12 * one, float(shapes[..., 1].min()) - room)
     high = float(shapes[..., 1].max()) + room
@@ -720,9 +726,10 @@ def clamp_and_gravity(ax: Axes, weight: tuple[float, float], shapes: Array, view
         _arrow(ax, common.BLACK, "gravity", ends)
         # To the right of a vertical arrow, and on the other side of one that points at the clamp.
         turned = math.copysign(0.45, across * down or 1.0)
-        aside = (0.06 * one, 0.0) if not across else (-0.45 * abs(down), turned * abs(across))
-        x, y = at + aside[0], start + 0.5 * down + aside[1]
-        ax.text(x, y, "$g$", va="center", ha="center")
+        aside = (-0.45 * abs(down), turned * abs(across)) if across else (0.0, 0.0)
+        beside: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
+        beside |= {"xytext": (0, 0), "ha": "center"} if across else {"xytext": (6, 0)}
+        ax.annotate("$g$", (at + aside[0], start + 0.5 * down + aside[1]), **beside)
 
 
 def _arrow(ax: Axes, colour: str, gid: str, ends: tuple[Any, Any]) -> FancyArrowPatch:
@@ -775,7 +782,7 @@ def checked_motion(
     if checked.t.size - first < 3:
         raise ValueError(
             f"start must leave at least 3 samples of {name}, whose third last is at "
-            f"{t[-3]:g} {'s' if view.si else 'T'}, got {start:g}"
+            f"{t[-3]:g} {view.time_unit}, got {start:g}"
         )
     return _part(checked, slice(first, None))
 
@@ -890,10 +897,14 @@ def repeated_cycle(motion: Sampled) -> tuple[float, float] | None:
     return found[:2] if found and found[2] else None
 
 
-def shown_part(motion: Any, span: Any) -> tuple[Sampled, float, float, str]:
-    """Samples around the part to show, its start and end, and "cycle" or "swing" if it is one."""
+def shown_part(motion: Any, span: Any, units: Any) -> tuple[Sampled, float, float, str, View]:
+    """Samples around the part to show, its start and end in T, and "cycle" or "swing" if it is one.
+
+    The last value converts to the units, those of the given span too.
+    """
     closed = isinstance(motion, LimitCycle)
     motion = checked_motion(motion)
+    view = View(units, motion.model.pipe)
     begin, finish = float(motion.t[0]), float(motion.t[-1])
     found = None
     if span is None:
@@ -901,15 +912,17 @@ def shown_part(motion: Any, span: Any) -> tuple[Sampled, float, float, str]:
     start, end, cycle = found or (begin, finish, False)
     kind = ("cycle" if cycle else "swing") if found else ""
     if span is not None:
-        start, end = map(float, check.array("span", span, size=2))
-    if not begin <= start < end <= finish:
-        raise ValueError(
-            f"span must be a start and a later end within the motion's times, "
-            f"[{begin:g}, {finish:g}], got {check.shown(span)}"
-        )
+        unit = view.one(ELAPSED)
+        first, last = map(float, check.array("span", span, size=2))
+        if not unit * begin <= first < last <= unit * finish:
+            raise ValueError(
+                "span must be a start and a later end within the motion's times, "
+                f"[{unit * begin:g}, {unit * finish:g}] {view.time_unit}, got {check.shown(span)}"
+            )
+        start, end = max(first / unit, begin), min(last / unit, finish)  # rounding
     # The samples that enclose the span are kept, with two more on either side if there are any.
-    first = max(int(np.searchsorted(motion.t, start, side="right")) - 3, 0)
-    held = slice(first, int(np.searchsorted(motion.t, end, side="left")) + 3)
+    low = max(int(np.searchsorted(motion.t, start, side="right")) - 3, 0)
+    held = slice(low, int(np.searchsorted(motion.t, end, side="left")) + 3)
     shown = _part(motion, held)
     refuse_coarse("motion", shown.t, is_coarse(tip_path_of(shown), invisible=INVISIBLE))
-    return shown, start, end, kind
+    return shown, start, end, kind, view

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from itertools import cycle, groupby, pairwise, product
+from itertools import cycle, groupby, pairwise
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pipedyn.curves.boundary import Boundary, BoundaryCurve
 from pipedyn.curves.cycle_boundary import CycleBoundary
 from pipedyn.plot import common
+from pipedyn.plot.arrange import legend_below, write_beside
 from pipedyn.plot.bifurcation import A_STEP, draw_pieces, smooth
 from pipedyn.plot.units import FLOW_SPEED, OF_A_NUMBER, PlaneView, Units, View, of_number
 from pipedyn.util import check
@@ -109,7 +110,7 @@ def boundary(
     if not found.curves:
         common.write(ax, _why_nothing({_stability(found)}))
     if check.flag("legend", legend):
-        common.legend_below(ax)
+        legend_below(ax)
     return ax
 
 
@@ -250,7 +251,6 @@ def stability_map(
     view = View(units, pipe)
     shown = OF_A_NUMBER[name] if pipe is None else of_number(name, pipe)
     ax = view.axes(ax, (6.4, 4.8), shown, FLOW_SPEED)
-    divergences = list[tuple[Array, bool, bool, Any]]()  # points where words may be, and their look
     states, searched, reach = list[str](), list[float](), 0.0  # states: of pipes without a boundary
     for (label, found), look in zip(every, cycle(common.CURVE_STYLES), strict=False):
         plane = PlaneView(units, found.model.pipe, found.names)
@@ -280,7 +280,7 @@ def stability_map(
             if kind == "divergence" and above not in written:
                 written.add(above)
                 gamma = line[middle, 0] if name == "gamma" else found.model.pipe.gamma
-                divergences.append((at[1:][upper == above], above, gamma < 0.0, look["color"]))
+                _write_divergence(ax, at[1:][upper == above], above, gamma < 0.0, look["color"])
     drawn = len(states) < len(every)
     end = min(1.1 * ax.dataLim.y1, reach) if drawn else reach
     if highest is not None:
@@ -296,11 +296,7 @@ def stability_map(
     else:
         common.write(ax, _why_nothing({*states}))
     if check.flag("legend", legend):
-        common.legend_below(ax)
-    if divergences:
-        ax.figure.figure.draw_without_rendering()  # gives the Axes their place
-    for place in divergences:
-        _divergence(ax, *place)
+        legend_below(ax)
     return ax
 
 
@@ -348,27 +344,18 @@ def _number_swept(label: Any, one: Any) -> str:
     return found.names[0]
 
 
-def _divergence(ax: Axes, at: Array, above: bool, standing: bool, colour: str) -> None:
+def _write_divergence(ax: Axes, at: Array, above: bool, standing: bool, colour: str) -> None:
     """Writes words at one of k points of a curve of divergence, which say where the pipe buckles.
 
-    The words are on that side, or on the other side if there is room only there. They are left out
-    if they would cover something or leave the Axes at each of some points.
+    The words are on that side, or on the other side if there is room only there.
     """
     words = "buckled by its weight below" if standing else "divergence below"
     words = "divergence above" if above else words
-    look: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 7.0}
-    covers, frame, legend = common.obstacles(ax), ax.get_window_extent(), ax.get_legend()
-    shares = sorted(np.linspace(0.05, 0.95, 13), key=lambda share: abs(share - 0.5))
-    for over, share in product((above, not above), shares):
-        place = at[int(share * len(at))]
-        look["va"] = "bottom" if over else "top"
-        text = ax.annotate(words, place, (0, 7 if over else -7), color=colour, **look)
-        box = text.get_window_extent().expanded(*(1.0 / common.shrinks(ax)))
-        box = box.padded(2.0, ax.figure.dpi / 18.0)  # ticks are 4 points long
-        inside = frame.x0 < box.x0 < box.x1 < frame.x1 and frame.y0 < box.y0 < box.y1 < frame.y1
-        if inside and not covers(box) and not (legend and box.overlaps(legend.get_window_extent())):
-            return
-        text.remove()
+    shares = sorted(np.linspace(0.05, 0.95, 25), key=lambda share: abs(share - 0.5))
+    places = at[(np.array(shares) * len(at)).astype(int)]
+    sides = np.array([[0, 1], [0, -1]])[:: 1 if above else -1].repeat(len(places), axis=0)
+    look: dict[str, Any] = {"needed": False, "gap": 6.0, "color": colour, "fontsize": 7.0}
+    write_beside(ax, words, np.tile(places, (2, 1)), sides, **look)
 
 
 def parts_of_stability(curve: BoundaryCurve, found: Boundary) -> Iterator[tuple[Array, str, bool]]:
@@ -469,7 +456,7 @@ def cycle_boundary(
     xlim, ylim = plane.limits(found.ranges)
     ax.set(xlim=xlim, ylim=ylim)
     if check.flag("legend", legend):
-        common.legend_below(ax)
+        legend_below(ax)
     return ax
 
 

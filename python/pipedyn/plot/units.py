@@ -125,10 +125,12 @@ class View:
 
     Attributes:
         end: what is shown of the pipe's end, in words: a point of the pipe if the end is held.
+        time_unit: "s" or "T".
     """
 
     def __init__(self, units: Any, pipe: Pipe | None) -> None:
         self.si = check.choice("units", units, ("nondimensional", "si")) == "si"
+        self.time_unit = "s" if self.si else "T"
         self._place = ""
         if pipe is not None and pipe.end != "free":
             self._place = f" at $s/L={pipe.tip_place:.3g}$"

@@ -7,7 +7,7 @@ import difflib
 import functools
 import inspect
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from types import FunctionType
 from typing import Any, TypeVar
 
@@ -122,7 +122,7 @@ def _hinting(function: Callable[..., Any], name: str) -> Callable[..., Any]:
         except TypeError as error:
             traceback = error.__traceback__
             if traceback is not None and traceback.tb_next is None:  # the call itself failed
-                if unknown := _unknown_argument(function, name, given):
+                if unknown := unknown_argument(name, given, _parameters(function)):
                     raise TypeError(unknown) from None
             elif of_each := _one_at_a_time(function, name, args, given, str(error)):
                 error.args = (str(error).partition(ONE_AT_A_TIME)[0] + of_each,)
@@ -137,13 +137,12 @@ def _parameters(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
     return {name: one for name, one in every.items() if name not in ("self", "cls")}
 
 
-def _unknown_argument(function: Callable[..., Any], name: str, given: Mapping[str, Any]) -> str:
-    """A sentence on the first argument that a function does not take; empty if there is none."""
-    known = _parameters(function)
+def unknown_argument(function: str, given: Iterable[str], known: Collection[str]) -> str:
+    """A sentence on the first argument that a function does not know; empty if there is none."""
     for word in given:
         if word not in known:
             hint = did_you_mean(word, known) or f", only {', '.join(known)}"
-            return f"{name}() has no argument {word!r}{hint}"
+            return f"{function}() has no argument {word!r}{hint}"
     return ""
 
 

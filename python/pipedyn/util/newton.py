@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,6 +18,9 @@ State = TypeVar("State")
 MOST_PLACES, PLACE_ERROR = 100, 1e-12
 """Largest number of places at which a function is evaluated in search of a zero, which mostly takes
 seven; bisection alone takes 40. Largest error of the place of the zero."""
+
+EPSILON = float(np.finfo(float).eps)
+"""Distance from 1 to the next larger number."""
 
 
 @saved_as("NewtonFailed")
@@ -47,13 +50,13 @@ def newton(
     iteration ends with a step whose size is at most `tolerance`. A step is slow if it is longer
     than half the one before; a slow step of at most `stagnation` ends the iteration, too, since it
     is due to rounding only. After `patience` slow steps in a row, one slow step of more than
-    `hopeless`, or `iterations` steps in all, the method fails.
+    `hopeless`, a first step of four times that, or `iterations` steps in all, the method fails.
 
     Raises:
         NewtonFailed: if a step is not finite, a matrix is singular, `check` raises it for an
             iterate, or steps do not converge.
     """
-    state, last, slow = start, math.inf, 0
+    state, last, slow = start, 8.0 * hopeless, 0  # a first step may be slow, too
     for _ in range(iterations):
         with np.errstate(over="raise", invalid="raise"):
             try:
@@ -76,6 +79,37 @@ def newton(
             break
         state, last = moved, step
     raise NewtonFailed("Newton's method did not converge")
+
+
+def _search(
+    error: float, low: float, high: float, below: float, above: float
+) -> Generator[tuple[float, bool], float, None]:
+    """Places at which to evaluate a function, from which it gets the values, in search of a zero.
+
+    After each place it says whether that is the zero. The arguments are as for `zeros_between`.
+    """
+    # The zero lies between a and b; c is the place before these.
+    a, b, c, at_a, at_b, at_c = high, low, low, above, below, below
+    share = at_a / ((at_a - at_b) or 1.0)
+    for _ in range(MOST_PLACES):
+        best = a if abs(at_a) < abs(at_b) else b
+        allowed = 0.5 * max(error, 4.0 * EPSILON * abs(best))
+        least = allowed / max(abs(b - a), allowed)
+        if least > 0.5 or at_a == 0.0 or at_b == 0.0:
+            break
+        x = a + min(max(share, least), 1.0 - least) * (b - a)
+        found = yield x, False
+        if (found > 0.0) == (at_a > 0.0):
+            c, at_c = a, at_a
+        else:
+            b, c, at_b, at_c = a, b, at_a, at_b
+        a, at_a, share = x, found, 0.5
+        place, value = (a - b) / (c - b), (at_a - at_b) / (at_c - at_b)
+        if value * value < place and (1.0 - value) * (1.0 - value) < 1.0 - place:
+            share = at_a / (at_b - at_a) * at_c / (at_b - at_c)
+            share += (c - a) / (b - a) * at_a / (at_c - at_a) * at_b / (at_c - at_b)
+    while True:
+        yield best, True
 
 
 def zeros_between(
@@ -102,29 +136,13 @@ def zeros_between(
     Source: Chandrupatla (1997), A new hybrid quadratic/bisection algorithm for finding the zero of
     a nonlinear function without using derivatives.
     """
-    # The zero lies between a and b; c is the place before these. Fractions of 0 are not used.
-    a, b, c, at_a, at_b, at_c = high, low, low, above, below, below
-    share = at_a / np.where(at_a == at_b, 1.0, at_a - at_b)
-    for _ in range(MOST_PLACES):
-        best = np.where(np.abs(at_a) < np.abs(at_b), a, b)
-        allowed = 0.5 * np.maximum(error, 4.0 * np.finfo(float).eps * np.abs(best))
-        least = allowed / np.maximum(np.abs(b - a), allowed)
-        done = (least > 0.5) | (at_a == 0.0) | (at_b == 0.0)
-        if done.all():
-            break
-        x = np.where(done, best, a + np.clip(share, least, 1.0 - least) * (b - a))
-        found = values(x)
-        same = (found > 0.0) == (at_a > 0.0)
-        b, c = np.where(same, b, a), np.where(same, a, b)
-        at_b, at_c = np.where(same, at_b, at_a), np.where(same, at_a, at_b)
-        a, at_a = x, found
-        with np.errstate(divide="ignore", invalid="ignore"):
-            place, value = (a - b) / (c - b), (at_a - at_b) / (at_c - at_b)
-            smooth = (value**2 < place) & ((1.0 - value) ** 2 < 1.0 - place)
-            curved = at_a / (at_b - at_a) * at_c / (at_b - at_c)
-            curved += (c - a) / (b - a) * at_a / (at_c - at_a) * at_b / (at_c - at_b)
-        share = np.where(smooth, curved, 0.5)
-    return best
+    given = np.stack([low, high, below, above], axis=1).tolist()
+    searches = [_search(error, *each) for each in given]
+    steps = [next(search) for search in searches]
+    while not all(done for _, done in steps):
+        found = values(np.array([place for place, _ in steps])).tolist()
+        steps = [search.send(value) for search, value in zip(searches, found, strict=True)]
+    return np.array([place for place, _ in steps], dtype=np.float64)
 
 
 def zero_between(
@@ -134,7 +152,8 @@ def zero_between(
 
     error: as for `zeros_between`.
     """
-    below, above = (np.array([value(at)]) for at in (low, high))
-    ends = np.array([low]), np.array([high]), below, above
-    found = zeros_between(lambda at: np.array([value(float(at[0]))]), *ends, error)
-    return float(found[0])
+    search = _search(error, low, high, value(low), value(high))
+    place, done = next(search)
+    while not done:
+        place, done = search.send(value(place))
+    return place

@@ -660,5 +660,8 @@ def states_over_time(
     t: Any, q: Any, qdot: Any, tip: Any = None, curvature: Any = None
 ) -> dict[str, Any]:
     """Columns of a motion's table: time, free end, curvature, coordinates and their rates."""
-    end = {} if tip is None else {"tip_x": tip[:, 0], "tip_y": tip[:, 1], "curvature": curvature}
+    end = {}
+    if tip is not None:
+        end = {f"tip_{axis}": x for axis, x in zip("xyz", tip.T, strict=False)}
+        end["curvature"] = curvature
     return {"t": t, **end, **numbered_columns("q", q), **numbered_columns("qdot", qdot)}

@@ -1,0 +1,547 @@
+// SPDX-License-Identifier: MIT
+//
+// The chain's motion in three dimensions, in O(n) a state.
+//
+// The tangent t_j of segment j is (0, 1, 0) turned by the rotation vector (a_z, 0, -a_x): its
+// coordinates a = (a_x, a_z) are such that a motion in the plane z = 0 has a_x = theta, a_z = 0.
+// With rho = |a|, a~ = (-a_z, a_x), and
+//   S = sin rho / rho,  C = (1 - cos rho) / rho^2,  E = (1 - S) / rho^2,  E2 = (dE / drho) / rho,
+// the turned axes are
+//   t = (S a_x, cos rho, S a_z),
+//   n_x = (1 - C a_x^2, -S a_x, -C a_x a_z),  n_z = (-C a_x a_z, -S a_z, 1 - C a_z^2).
+// The rates w = (n_x . t', n_z . t') of the tangent, and their derivatives, are
+//   w = a' - E m a~,   m = a~ . a',
+//   (n_x . t'', n_z . t'') = a'' - E (a~ . a'') a~ - E2 (a . a') m a~ - E m a~' - C m w~,
+// so that a plane motion has w = theta' and no further terms.
+//
+// The recursion is that of sweeps.hpp, whose numbers n . A n, t . A n and 1 / H become matrices of
+// the two directions across a segment:
+//   H = I + l^2 N^T A N,   N = (n_x, n_z).
+// All functions of N^T A N commute, so that what is computed there without differences of nearly
+// equal numbers is so computed here. Vectors and A are kept in the frame of the ground.
+//
+// Joints. With v = t_{j-1} x t_j, cos phi = t_{j-1} . t_j and F = phi / sin phi, the energy k phi^2
+// / 2 gives the moment k F v. Twist-free material has the spin w3 about its tangent,
+//   w3_j = w3_{j-1} - v . (t_{j-1}' + t_j') / (1 + cos phi),
+// and Kelvin-Voigt damping acts on the rate of F v that this material sees,
+//   D = (F v)' - (t_{j-1} x t_{j-1}' + w3_{j-1} t_{j-1}) x F v,
+// with the power -c |D|^2. The moment c D also does work on the spins of all joints before it; the
+// couple that collects this work along the pipe is `twist`.
+//
+// Source: rotation vectors of the tangent as coordinates, and the recursion for rigid bodies in a
+// tree (Featherstone 2008, ch. 7). tests/test_space.py derives the equations from the energies.
+//
+// Local to each translation unit, like pack.hpp.
+#pragma once
+
+#include "pipedyn/chain/sweeps.hpp"
+#include "pipedyn/terms/space.hpp"
+
+namespace {
+
+/// A symmetric matrix of the two directions across a segment.
+template <class Number>
+struct Symmetric2 {
+  Number xx, xz, zz;
+
+  Across<Number> times(const Across<Number>& v) const {
+    return {xx * v.x + xz * v.z, xz * v.x + zz * v.z};
+  }
+};
+
+template <class Number>
+struct Symmetric3 {
+  Number xx{}, yy{}, zz{}, xy{}, xz{}, yz{};
+
+  Space<Number> times(const Space<Number>& v) const {
+    return {xx * v.x + xy * v.y + xz * v.z, xy * v.x + yy * v.y + yz * v.z,
+            xz * v.x + yz * v.y + zz * v.z};
+  }
+};
+
+/// C, E, E2, S and cos rho, as functions of rho^2.
+template <class Number>
+struct Rotation {
+  Number c, e, e2, s, cosine;
+
+  explicit Rotation(const Number& square) {
+    // Interpolation at Chebyshev's points up to rho^2 = 10, which is beyond half a turn; the errors
+    // are 7e-20 and 3e-20.
+    constexpr double limit = 10.0;
+    constexpr double for_c[] = {
+        0x1.0000000000000p-1,   -0x1.5555555555555p-5,  0x1.6c16c16c16bf7p-10,
+        -0x1.a01a01a0193ccp-16, 0x1.27e4fb77628b3p-22,  -0x1.1eed8ef657cbep-29,
+        0x1.939747dcc1f83p-37,  -0x1.ae7ebdacbbbcdp-45, 0x1.6817ffd583650p-53,
+        -0x1.e2edc04168efap-62, 0x1.e6b176323ab0bp-71};
+    constexpr double for_e2[] = {-0x1.1111111111111p-6,  0x1.a01a01a01a015p-11,
+                                 -0x1.1566abc01137fp-16, 0x1.ae64567f40c77p-23,
+                                 -0x1.b96d7982cdfccp-30, 0x1.42df6da642be4p-37,
+                                 -0x1.6286a2d1eb217p-45, 0x1.2f3fe9c9ac539p-53,
+                                 -0x1.9e42cc37f05c8p-62, 0x1.aaa0a313256f0p-71};
+    using Traits = NumberTraits<Number>;
+    using Real = typename Traits::Plain;
+    c = polynomial(for_c, square);
+    e2 = polynomial(for_e2, square);
+    if (any_beyond(Traits::value(square), limit)) {
+      // C and E2 with their derivatives by rho^2.
+      Real packs[] = {Traits::value(square), {}, {}, {}};
+      lane_by_lane(packs, [](double (&of)[4]) {
+        const double x = of[0], rho = std::sqrt(x), sine = std::sin(rho) / rho;
+        of[0] = (1.0 - std::cos(rho)) / x;
+        of[1] = (0.5 * sine - of[0]) / x;
+        of[2] = (of[0] - 3.0 * (1.0 - sine) / x) / x;
+        of[3] = (of[1] - 2.5 * of[2]) / x;
+      });
+      c = Traits::where_above(square, limit, Traits::with(packs[0], packs[1], square), c);
+      e2 = Traits::where_above(square, limit, Traits::with(packs[2], packs[3], square), e2);
+    }
+    e = (1.0 / 3.0) * (c - square * e2);
+    s = 1.0 - square * e;
+    cosine = 1.0 - square * c;
+  }
+};
+
+/// F = phi / sin phi of a joint and, if asked for, dF / dcos phi, as functions of sin^2 (phi / 2).
+template <class Number>
+struct Bend {
+  Number f, by_cosine;
+
+  explicit Bend(const Number& z, bool slope) {
+    // (F - 1) / z, interpolated at Chebyshev's points for phi up to 60 degrees; the error is 4e-18.
+    constexpr double limit = 0.25;
+    constexpr double for_h[] = {0x1.5555555555555p-1, 0x1.11111111110e3p-1,  0x1.d41d41d423eadp-2,
+                                0x1.a01a019d0cecfp-2, 0x1.7a4630c0cc534p-2,  0x1.5d2cfdcaba210p-2,
+                                0x1.45e85498d8ab4p-2, 0x1.329145a8bd4d0p-2,  0x1.246a4d198c9d1p-2,
+                                0x1.05cd4eaf0dc3fp-2, 0x1.5f9560609b012p-2,  -0x1.9152c9f51202cp-4,
+                                0x1.31c214d692619p+0, -0x1.6a762d239e584p+0, 0x1.ac91a906b5fbap+0};
+    using Traits = NumberTraits<Number>;
+    using Real = typename Traits::Plain;
+    Number h = polynomial(for_h, z);
+    if (any_beyond(Traits::value(z), limit)) {
+      Real packs[] = {Traits::value(z), {}};
+      lane_by_lane(packs, [](double (&of)[2]) {
+        const double at = of[0], w = std::sqrt(at), rest = 1.0 - at;
+        const double found = std::asin(w) / (w * std::sqrt(rest));
+        of[0] = (found - 1.0) / at;
+        const double by_z = -((1.0 - 2.0 * at) * of[0] - 2.0) / (2.0 * rest);
+        of[1] = (by_z - of[0]) / at;
+      });
+      h = Traits::where_above(z, limit, Traits::with(packs[0], packs[1], z), h);
+    }
+    f = 1.0 + z * h;
+    if (slope) by_cosine = 0.25 * (((1.0 - 2.0 * z) * h - 2.0) * inverse_of(Number(1.0 - z)));
+  }
+};
+
+// --------------------------------------------------------------------------------------- states
+
+/// A block of states of the motion in space as the recursion reads them: rows of [a_x (n), a_z (n),
+/// a_x' (n), a_z' (n)].
+template <class Real>
+struct States {
+  Members<Real> members;
+
+  Real row(Count j) const { return members.row(j); }
+  Real speed() const { return members.speed(); }
+  Real driven(Count k) const {
+    return members.batch.drive == nullptr ? Real{} : members.read_row(members.batch.drive, k);
+  }
+};
+
+/// One state, with derivatives by some of its rows side by side in the lanes, from row `first` on;
+/// the row after the last stands for the flow speed.
+template <class Real>
+struct Seeded {
+  using Number = Dual<Real, 1u>;
+  const Batch& batch;
+  Count member, first, rows;
+
+  Number seeded(double value, Count place) const {
+    double slopes[lanes<Real>] = {};
+    if (place >= first && place < first + lanes<Real>) slopes[place - first] = 1.0;
+    return {all<Real>(value), {load<Real>(slopes)}};
+  }
+  Number row(Count j) const { return seeded(batch.y[j * batch.members + member], j); }
+  Number speed() const { return seeded(batch.u[member * batch.u_step], rows); }
+  Number driven(Count k) const {
+    return constant<Number>(batch.drive == nullptr ? 0.0 : batch.drive[k * batch.members + member]);
+  }
+};
+
+/// Drive of a state in space.
+template <class Number>
+struct SpatialDrive {
+  Number rate;
+  Space<Number> position, velocity, acceleration;
+
+  template <class Rows>
+  explicit SpatialDrive(const Rows& rows) : rate(rows.driven(0)) {
+    using pipedyn::Drive;
+    const auto vector = [&](Count at, Count z) -> Space<Number> {
+      return {rows.driven(at), rows.driven(at + 1), rows.driven(z)};
+    };
+    position = vector(Drive::position, Drive::position_z);
+    velocity = vector(Drive::velocity, Drive::velocity_z);
+    acceleration = vector(Drive::acceleration, Drive::acceleration_z);
+  }
+};
+
+/// A direction of the pipe in space and how it turns.
+template <class Number>
+struct Direction {
+  Space<Number> t, nx, nz, rate;  // t, n_x, n_z, t'
+  Across<Number> a, w, bias;      // bias: what N^T t'' has besides the terms in a''
+  Number c, e, e2, s, square;     // C, E, E2, S, |t'|^2
+
+  Space<Number> lifted(const Across<Number>& x) const { return x.x * nx + x.z * nz; }
+  Across<Number> across(const Space<Number>& x) const { return {dot(nx, x), dot(nz, x)}; }
+  /// Components across the tangent of its change, if a changes by x: R x, R = I - E a~ a~^T.
+  Across<Number> across_by(const Across<Number>& x) const {
+    const Across<Number> aside = a.turned();
+    return x - (e * dot(aside, x)) * aside;
+  }
+
+  void set(const Across<Number>& vector, const Across<Number>& da) {
+    a = vector;
+    const Rotation<Number> by(dot(a, a));
+    c = by.c;
+    e = by.e;
+    e2 = by.e2;
+    s = by.s;
+    const Number cx = c * a.x;
+    t = {s * a.x, by.cosine, s * a.z};
+    nx = {1.0 - cx * a.x, -t.x, -(cx * a.z)};
+    nz = {nx.z, -t.z, 1.0 - c * (a.z * a.z)};
+    const Across<Number> aside = a.turned();
+    const Number m = dot(aside, da);
+    w = across_by(da);
+    square = dot(w, w);
+    bias = -1.0 * ((c * m) * w.turned() + (e2 * (dot(a, da) * m)) * aside + (e * m) * da.turned());
+    rate = lifted(w);
+  }
+
+  /// 1 - cos rho.
+  Number drop() const { return c * dot(a, a); }
+};
+
+/// A segment in space: its direction and motion, then its loads, then what the recursion keeps.
+template <class Number>
+struct SpatialSegment : Direction<Number> {
+  using Direction<Number>::a, Direction<Number>::t, Direction<Number>::rate;
+  Space<Number> force, lever;  // sums of the loads, and of the loads times their arms
+  Across<Number> couple;
+  // Of the segment's joint: sin^2 (phi / 2), F, v, F v, c D and, with the sign of a resistance,
+  // factors of the forces on both tangents.
+  Number z, f, by_cosine, about;  // about: 1 / (1 + cos phi)
+  Space<Number> v, bent, resistance;
+  Symmetric2<Number> inverse, turned;  // 1 / H, and (l N^T A N + m chi l) / H
+  Across<Number> free, along;          // acceleration without that of the joint; l N^T A t / H
+
+  /// Sets direction and motion from row j of a state of n segments.
+  template <class Rows>
+  void move(const Rows& rows, Count n, Count j) {
+    this->set({rows.row(j), rows.row(n + j)}, {rows.row(2 * n + j), rows.row(3 * n + j)});
+  }
+
+  /// a'' from the components of t'' across the segment, by the inverse of R.
+  Across<Number> acceleration(const Across<Number>& found) const {
+    const Across<Number> own = found - this->bias, aside = a.turned();
+    return own + (this->e * inverse_of(this->s) * dot(aside, own)) * aside;
+  }
+
+  /// Sets the joint with the tangent t0 before it; `resists`: also for its damping.
+  void join(const Space<Number>& t0, bool resists) {
+    const Space<Number> apart = t - t0;
+    z = 0.25 * dot(apart, apart);
+    const Bend<Number> bend(z, resists);
+    f = bend.f;
+    if (resists) by_cosine = bend.by_cosine;
+  }
+  /// The square of the joint's angle.
+  Number angle_square() const { return 4.0 * (z * (1.0 - z)) * (f * f); }
+
+  /// Sets the damping of the joint, and adds the spin at the joint to that before it. rate0: t0'.
+  void resist(const Space<Number>& t0, const Space<Number>& rate0, double damping, Number& spin) {
+    about = 0.5 * inverse_of(Number(1.0 - z));
+    v = cross(t0, t);
+    bent = f * v;
+    const Number closing = dot(rate0, t) + dot(t0, rate);
+    const Space<Number> turning = cross(t0, rate0) + spin * t0;
+    const Space<Number> bending =
+        f * (cross(rate0, t) + cross(t0, rate)) + (by_cosine * closing) * v;
+    resistance = damping * (bending - cross(turning, bent));
+    spin = spin - dot(v, rate0 + rate) * about;
+  }
+};
+
+// ------------------------------------------------------------------------------------ recursion
+
+/// The unit vector along the straight pipe.
+template <class Number>
+inline Space<Number> axis() {
+  return {Number{}, constant<Number>(1.0), Number{}};
+}
+
+/// Computes the accelerations of a state of the motion in space, and returns the powers. put(j,
+/// rates, accelerations): receives a' and a'' of each segment.
+template <class Number, class Rows, class Put>
+PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& rows,
+                                         SpatialSegment<Number>* segments, const Put& put) {
+  const Count n = model.size;
+  const Number u = rows.speed(), coriolis = model.coriolis * u, entry = model.entry * u;
+  const SpatialDrive<Number> drive(rows);
+  const Number push = model.coriolis * drive.rate;
+  bool resists = false;
+  for (Count j = 0; j < n; ++j) resists = resists || model.links[j].damping != 0.0;
+  PowerParts<Number> power{};
+
+  Space<Number> r = drive.position + model.base * axis<Number>(), velocity = drive.velocity;
+  Space<Number> t0 = axis<Number>(), rate0{};
+  Number spin{};
+  const SegmentTerm* term = model.loads;
+  const SegmentTerm* const last_term = model.loads + model.load_count;
+  for (Count j = 0; j < n; ++j) {
+    const Link& link = model.links[j];
+    SpatialSegment<Number>& here = segments[j];
+    here.move(rows, n, j);
+    here.join(t0, resists);
+    if (resists) {
+      here.resist(t0, rate0, link.damping, spin);
+      if (link.damping != 0.0) {
+        power.joints = power.joints - (1.0 / link.damping) * dot(here.resistance, here.resistance);
+      }
+    }
+    const Space<Number> own = velocity - drive.velocity;  // relative to the base
+    const Number along = dot(here.t, own), half = 0.5 * link.length * push;
+    here.force = (-link.length * (2.0 * coriolis)) * here.rate - (2.0 * half) * here.t;
+    here.lever = (-link.length_square * coriolis) * here.rate;
+    here.couple = Across<Number>{};
+    power.flow = power.flow - (2.0 * half) * along;
+    const auto act = [&](const Space<Number>& force, double arm) {
+      here.force += force;
+      here.lever += arm * force;
+    };
+    if (model.drag) {
+      const Space<Number> at = velocity + link.drag_arm * here.rate;
+      const Space<Number> normal = at - dot(at, here.t) * here.t;
+      const Space<Number> force = (-link.drag * root_of(dot(normal, normal))) * normal;
+      act(force, link.drag_arm);
+      power.drag = power.drag + dot(force, at);
+      power.base = power.base - dot(force, drive.velocity);
+    }
+    for (; term != last_term && term->segment == j; ++term) {
+      const double arm = term->arm, weight = term->weight;
+      const SpatialStation<Number> at{r + arm * here.t, velocity + arm * here.rate, here.t, here.a,
+                                      here.w};
+      Laws::with(term->term, [&](const auto& law) {
+        const SpatialLoad<Number> load = law.load_in_space(at);
+        act(weight * load.force, arm);
+        here.couple = here.couple + weight * load.couple;
+        power.terms = power.terms + weight * law.power_in_space(at);
+        power.base = power.base - weight * dot(load.force, drive.velocity);
+      });
+    }
+    power.base =
+        power.base - dot(drive.acceleration, link.mass * own + link.first_moment * here.rate);
+    r += link.length * here.t;
+    velocity += link.length * here.rate;
+    t0 = here.t;
+    rate0 = here.rate;
+  }
+  const Space<Number> jet = (model.thrust[0] * (u * u)) * t0, end = velocity - drive.velocity;
+  power.flow = power.flow - dot(coriolis * end - entry * velocity + jet, end);
+
+  Symmetric3<Number> inertia;
+  Space<Number> bias = jet - entry * velocity, beyond{};
+  Number twist{};
+  for (Count j = n - 1; j >= 0; --j) {
+    const Link& link = model.links[j];
+    const double l = link.length;
+    SpatialSegment<Number>& here = segments[j];
+    const Space<Number> before = j > 0 ? segments[j - 1].t : axis<Number>();
+    const Space<Number> pull = (link.spring * here.f) * (here.t - before);
+    Space<Number> moment = beyond + here.lever - pull;
+    beyond = pull;
+    if (resists) {
+      const Space<Number>& c = here.resistance;
+      const Number closing = here.by_cosine * dot(c, here.v);
+      const Space<Number> spun = (twist * here.about) * here.v;
+      moment = moment - here.f * cross(c, before) - closing * before - spun;
+      beyond = beyond - here.f * cross(here.t, c) - closing * here.t - spun +
+               cross(cross(here.bent, c), before);
+      twist = twist + dot(c, cross(before, here.bent));
+    }
+    const Across<Number> tau = here.across(moment) + here.couple;
+    const Space<Number> of_x = inertia.times(here.nx), of_z = inertia.times(here.nz);
+    const Symmetric2<Number> nn{dot(here.nx, of_x), dot(here.nz, of_x), dot(here.nz, of_z)};
+    const Across<Number> nt{dot(here.t, of_x), dot(here.t, of_z)};
+    const Number tt = dot(here.t, inertia.times(here.t));
+    const Symmetric2<Number> h{link.inertia + link.length_square * nn.xx,
+                               link.length_square * nn.xz,
+                               link.inertia + link.length_square * nn.zz};
+    const Number share = inverse_of(Number(h.xx * h.zz - h.xz * h.xz));
+    const Symmetric2<Number> inverse{h.zz * share, -(h.xz * share), h.xx * share};
+    // Product with 1 / H of p + q N^T A N, which is symmetric.
+    const auto over_h = [&](double p, double q) -> Symmetric2<Number> {
+      const Number xx = p + q * nn.xx, xz = q * nn.xz, zz = p + q * nn.zz;
+      return {xx * inverse.xx + xz * inverse.xz, xx * inverse.xz + xz * inverse.zz,
+              xz * inverse.xz + zz * inverse.zz};
+    };
+    const Number inward = l * here.square;
+    const Across<Number> b = here.across(bias) - inward * nt;
+    here.inverse = inverse;
+    here.turned = over_h(link.first_moment, l);
+    here.along = l * inverse.times(nt);
+    here.free = inverse.times(tau - l * b);
+    const Across<Number> force =
+        here.turned.times(tau) + link.exchange * inverse.times(b) - here.across(here.force);
+    const Number force_along = dot(here.t, bias - here.force) - inward * tt -
+                               link.first_moment * here.square + l * dot(nt, here.free);
+    bias = here.lifted(force) + force_along * here.t;
+    const Symmetric2<Number> across = over_h(link.own_inertia, link.end_inertia);
+    const Across<Number> mixed = (link.exchange / l) * here.along;
+    const Number along = tt + link.mass - l * dot(nt, here.along);
+    const Space<Number> x = here.lifted({across.xx, across.xz}) + mixed.x * here.t;
+    const Space<Number> z = here.lifted({across.xz, across.zz}) + mixed.z * here.t;
+    const Space<Number> t = here.lifted(mixed) + along * here.t;
+    const auto entry_of = [&](auto row, auto column) {
+      return x.*row * here.nx.*column + z.*row * here.nz.*column + t.*row * here.t.*column;
+    };
+    constexpr auto ix = &Space<Number>::x, iy = &Space<Number>::y, iz = &Space<Number>::z;
+    inertia = {entry_of(ix, ix), entry_of(iy, iy), entry_of(iz, iz),
+               entry_of(ix, iy), entry_of(ix, iz), entry_of(iy, iz)};
+  }
+
+  Space<Number> joint = drive.acceleration - model.gravity * in_plane<Number>(model.down);
+  for (Count j = 0; j < n; ++j) {
+    const Link& link = model.links[j];
+    const SpatialSegment<Number>& here = segments[j];
+    const Across<Number> across = here.across(joint);
+    const Number along = dot(here.t, joint);
+    const Across<Number> free = here.free - along * here.along;
+    put(j, here, here.acceleration(free - here.turned.times(across)));
+    joint = here.lifted(link.exchange * here.inverse.times(across) + link.length * free) +
+            (along - link.length * here.square) * here.t;
+  }
+  return power;
+}
+
+/// Energy of a state of the motion in space.
+template <class Number, class Rows>
+Number spatial_energy(const ChainModel& model, const Rows& rows) {
+  const SpatialDrive<Number> drive(rows);
+  Number twice{};
+  Space<Number> r = drive.position + model.base * axis<Number>(), velocity{};
+  Space<Number> t0 = axis<Number>();
+  const SegmentTerm* term = model.loads;
+  const SegmentTerm* const last_term = model.loads + model.load_count;
+  SpatialSegment<Number> here;
+  for (Count j = 0; j < model.size; ++j) {
+    const Link& link = model.links[j];
+    here.move(rows, model.size, j);
+    here.join(t0, false);
+    twice += link.spring * here.angle_square();
+    twice += link.mass * dot(velocity, velocity) + link.inertia * here.square;
+    twice += (2.0 * link.first_moment) * dot(velocity, here.rate);
+    twice += (2.0 * link.weight) * (model.down[1] * here.drop() - model.down[0] * here.t.x);
+    for (; term != last_term && term->segment == j; ++term) {
+      const double arm = term->arm;
+      const SpatialStation<Number> at{r + arm * here.t, velocity + drive.velocity + arm * here.rate,
+                                      here.t, here.a, here.w};
+      Laws::with(term->term,
+                 [&](const auto& law) { twice += (2.0 * term->weight) * law.energy_in_space(at); });
+    }
+    r += link.length * here.t;
+    velocity += link.length * here.rate;
+    t0 = here.t;
+  }
+  return 0.5 * twice;
+}
+
+// ---------------------------------------------------------------------------------------- entry
+
+/// Calls body(states, segments) for a member alone or for every block of members.
+template <class Body>
+void for_each_spatial_block(const ChainModel& model, const Batch& batch, const Body& body) {
+  const auto room = [&]<class Number>(const Number&) {
+    return laid_out(
+        [&](Layout& layout) { return layout.take<SpatialSegment<Number>>(model.size); });
+  };
+  if (batch.members == 1) return body(States<double>{{batch, 0, 1}}, room(0.0));
+  SpatialSegment<Pack>* const segments = room(Pack{});
+  for_each_members(batch, [&](const Members<Pack>& block) { body(States<Pack>{block}, segments); });
+}
+
+template <bool with_power>
+void spatial_rhs(const ChainModel& model, const Batch& batch, double* rates) {
+  const Count n = model.size;
+  for_each_spatial_block(
+      model, batch, [&]<class Real>(const States<Real>& states, SpatialSegment<Real>* segments) {
+        const Members<Real>& members = states.members;
+        const auto put = [&](Count j, const auto&, const Across<Real>& acceleration) {
+          members.set_row(rates, j, states.row(2 * n + j));
+          members.set_row(rates, n + j, states.row(3 * n + j));
+          members.set_row(rates, 2 * n + j, acceleration.x);
+          members.set_row(rates, 3 * n + j, acceleration.z);
+        };
+        const auto parts = spatial_accelerations(model, states, segments, put);
+        if (!with_power) return;
+        members.set_row(rates, 4 * n,
+                        parts.flow + parts.joints + parts.drag + parts.terms + parts.base);
+      });
+}
+
+void spatial_power(const ChainModel& model, const Batch& batch, double* out) {
+  for_each_spatial_block(
+      model, batch, [&]<class Real>(const States<Real>& states, SpatialSegment<Real>* segments) {
+        const auto nothing = [](Count, const auto&, const auto&) {};
+        const auto parts = spatial_accelerations(model, states, segments, nothing);
+        const Real each[] = {parts.flow, parts.joints, parts.drag, parts.terms, parts.base};
+        for (Count k = 0; k < 5; ++k) states.members.set_row(out, k, each[k]);
+      });
+}
+
+void spatial_energy(const ChainModel& model, const Batch& batch, double* out) {
+  for_each_spatial_block(model, batch,
+                         [&]<class Real>(const States<Real>& states, SpatialSegment<Real>*) {
+                           states.members.set_row(out, 0, spatial_energy<Real>(model, states));
+                         });
+}
+
+/// Jacobian of each member, row-major, (members, 4 n, 4 n); with `all_rates`, before it the rates
+/// and their derivative by the speed, (members, 2 + 4 n, 4 n).
+template <bool all_rates>
+void spatial_jacobian(const ChainModel& model, const Batch& batch, double* out) {
+  using Number = Dual<Pack, 1u>;
+  const Count n = model.size, rows = 4 * n, before = all_rates ? 2 : 0;
+  const auto segments =
+      laid_out([&](Layout& layout) { return layout.take<SpatialSegment<Number>>(n); });
+  for (Count member = 0; member < batch.members; ++member) {
+    double* const to = out + member * (before + rows) * rows;
+    double* const slopes = to + before * rows;
+    for (Count i = 0; i < (before + rows) * rows; ++i) to[i] = 0.0;
+    for (Count j = 0; j < 2 * n; ++j) slopes[j * rows + 2 * n + j] = 1.0;
+    for (Count first = 0; first < rows + all_rates; first += width) {
+      const Seeded<Pack> seeded{batch, member, first, rows};
+      const auto keep = [&](Count row, const Number& acceleration) {
+        double each[width], value[width];
+        store(each, acceleration.slopes[0]);
+        store(value, acceleration.value);
+        if (all_rates) to[row] = value[0];
+        for (Count lane = 0; lane < width && first + lane < rows; ++lane) {
+          slopes[row * rows + first + lane] = each[lane];
+        }
+        if (all_rates && first + width > rows) to[rows + row] = each[rows - first];
+      };
+      spatial_accelerations(model, seeded, segments,
+                            [&](Count j, const auto&, const Across<Number>& acceleration) {
+                              keep(2 * n + j, acceleration.x);
+                              keep(3 * n + j, acceleration.z);
+                            });
+    }
+    if (!all_rates) continue;
+    for (Count j = 0; j < 2 * n; ++j) to[j] = batch.y[(2 * n + j) * batch.members + member];
+  }
+}
+
+}  // namespace

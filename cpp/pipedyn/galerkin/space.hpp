@@ -1,0 +1,508 @@
+// SPDX-License-Identifier: MIT
+//
+// The reduced model in three dimensions, with the tangents of chain/space.hpp and rotation vectors
+//
+//   a(s) = sum_i q_i Theta_i(s),   q_i = (q_ix, q_iz),
+//
+// so that a plane motion is that of galerkin/galerkin.hpp. With N = (n_x, n_z) and R = I - E a~
+// a~^T a change of q_ic changes the tangent by N R e_c Theta_i and the position by
+//
+//   J_ic(s) = int_0^s N R e_c Theta_i,
+//
+// and all loads f and couples x across the tangent do the virtual work int J_ic . f + Theta_i e_c .
+// R x, as in the plane. With k = N^T t' = R a', a' the derivative by s, and mu = a~ . a', the
+// energy of bending is
+//
+//   1/2 int e |k|^2 = 1/2 int e (|a'|^2 - h mu^2),   h = E (1 + S).
+//
+// Kelvin-Voigt damping acts on the rate at which k changes for material that does not twist, whose
+// spin relative to N is w3 + C m:
+//
+//   d = k' + (w3 - C m) k~,   w3(s) = int_0^s (k_x w_z - k_z w_x),
+//
+// k' being the rate of k, with the power -delta int e |d|^2. Its generalised forces are
+//
+//   -delta int e (Theta_i' e_c . R d + Theta_i A_c) + delta int Theta_i n3 e_c . R k~,
+//   A = -E2 mu (d . a~) a + E (d . a~) a'~ + E mu d~ - C (d . k~) a~,   n3(s) = -int_s^1 e d . k~,
+//
+// where n3 delta is the couple that keeps the pipe from twisting: its torsional stiffness is taken
+// as infinite.
+//
+// Local to each translation unit, like vector/pack.hpp.
+#pragma once
+
+#include "pipedyn/chain/space.hpp"
+#include "pipedyn/galerkin/integrals.hpp"
+#include "pipedyn/galerkin/kernel.hpp"
+
+namespace {
+
+using pipedyn::MotionEffects, pipedyn::PanelTerm;
+
+/// A point of the pipe in space, as a direction with what bends and loads it.
+template <class Number>
+struct SpatialPoint : Direction<Number> {
+  Across<Number> curved, bend, damped;  // a', k, d
+  Number mu, stiffening, by_square;     // mu, h, dh / drho^2
+  Space<Number> force;
+  Across<Number> couple, curving;  // factors of Theta_i e_c and of Theta_i' e_c in the virtual work
+};
+
+/// A state, or one with derivatives by some of its rows side by side.
+template <class Number, class Rows>
+struct SpatialBlock {
+  using Traits = NumberTraits<Number>;
+  static constexpr Count size = static_cast<Count>(sizeof(Number) / sizeof(double));
+  const GridTables& grid;
+  const MotionEffects& effects;
+  const Rows& rows;
+  const Count m = grid.functions, padded = grid.padded, points = grid.points;
+  const Count block = grid.nodes + 1, last = points - 1;
+  // Columns that are integrated: the derivatives of the position by q_x and q_z, three components
+  // each; then acceleration at q'' = 0, velocity and position.
+  const Count bias = 6 * m, speed = bias + 3, place = bias + 6, columns = bias + 9;
+  const Count row = whole_packs(columns * size);
+  SpatialDrive<Number> drive{rows};
+  double *integrands, *integrals, *sums;  // sums: integrals of one number a point
+  SpatialPoint<Number>* at;
+  Number *mass, *force;
+
+  SpatialBlock(const GridTables& tables, const MotionEffects& present, const Rows& of)
+      : grid(tables), effects(present), rows(of) {}
+
+  void take(Layout& layout) {
+    const Count narrow = whole_packs(size);
+    integrands = layout.take(points * row);
+    integrals = layout.take(points * row);
+    sums = layout.take(points * narrow);
+    at = layout.take<SpatialPoint<Number>>(points);
+    mass = layout.take<Number>(4 * m * m);
+    force = layout.take<Number>(2 * m);
+  }
+
+  static Number get(const double* from, Count column) {
+    Number found;
+    std::memcpy(&found, from + column * size, sizeof found);
+    return found;
+  }
+  static void put(double* to, Count column, const Number& x) {
+    std::memcpy(to + column * size, &x, sizeof x);
+  }
+  static Space<Number> vector(const double* from, Count column) {
+    return {get(from, column), get(from, column + 1), get(from, column + 2)};
+  }
+  static void put(double* to, Count column, const Space<Number>& x) {
+    put(to, column, x.x);
+    put(to, column + 1, x.y);
+    put(to, column + 2, x.z);
+  }
+  /// Integral from the clamp to point p of vectors from this column on, plus a constant.
+  Space<Number> integral(Count p, Count column) const {
+    return vector(integrals + p * row, column);
+  }
+
+  /// Sets directions, motions and bending at all points.
+  void set_points() {
+    for (Count p = 0; p < points; ++p) {
+      Across<Number> a{}, rate{}, curved{}, curving{};
+      for (Count i = 0; i < m; ++i) {
+        const double slope = grid.slope[p * padded + i], curve = grid.curvature[p * padded + i];
+        const Across<Number> q{rows.row(i), rows.row(m + i)};
+        const Across<Number> dq{rows.row(2 * m + i), rows.row(3 * m + i)};
+        a = a + slope * q;
+        rate = rate + slope * dq;
+        curved = curved + curve * q;
+        curving = curving + curve * dq;
+      }
+      SpatialPoint<Number>& here = at[p];
+      here.set(a, rate);
+      here.curved = curved;
+      here.mu = dot(a.turned(), curved);
+      here.bend = here.across_by(curved);
+      here.stiffening = here.e * (1.0 + here.s);
+      here.by_square =
+          0.5 * here.e2 * (1.0 + here.s) - here.e * (here.e + 0.5 * dot(a, a) * here.e2);
+      // The rate of k in the frame N; the spin of the material is added when it is known.
+      const Across<Number> aside = a.turned();
+      const Number m_rate = dot(aside, rate), along = dot(a, rate);
+      const Number mu_rate = dot(rate.turned(), curved) + dot(aside, curving);
+      here.damped = curving - (here.e2 * (along * here.mu) + here.e * mu_rate) * aside -
+                    (here.e * here.mu) * rate.turned() - (here.c * m_rate) * here.bend.turned();
+      here.force = Space<Number>{};
+      here.couple = here.curving = Across<Number>{};
+    }
+  }
+
+  void integrate_positions(bool derivatives) {
+    for (Count p = 0; p < points; ++p) {
+      const SpatialPoint<Number>& here = at[p];
+      double* const to = integrands + p * row;
+      if (derivatives) {
+        const Space<Number> by[2] = {here.lifted(here.across_by({one(), Number{}})),
+                                     here.lifted(here.across_by({Number{}, one()}))};
+        for (Count c = 0; c < 2; ++c) {
+          for (Count i = 0; i < m; ++i) {
+            put(to, 3 * (c * m + i), grid.orthonormal[p * padded + i] * by[c]);
+          }
+        }
+      }
+      put(to, bias, here.lifted(here.bias) - here.square * here.t);
+      put(to, speed, here.rate);
+      put(to, place, here.t);
+    }
+    const Count from = derivatives ? 0 : bias * size / width * width;
+    integrate(grid, row, columns * size - from, integrands + from, integrals + from);
+  }
+  static Number one() { return constant<Number>(1.0); }
+
+  /// Velocity and position of a point on the ground.
+  Space<Number> velocity(Count p) const { return integral(p, speed) + drive.velocity; }
+  SpatialStation<Number> station(Count p) const {
+    const SpatialPoint<Number>& here = at[p];
+    return {integral(p, place) + drive.position, velocity(p), here.t, here.a, here.w};
+  }
+
+  template <class Body>
+  void for_each_station(const Body& body) const {
+    for (Count k = 0; k < effects.load_count; ++k) {
+      const PanelTerm& placed = effects.loads[k];
+      Laws::with(placed.term, [&](const auto& law) {
+        if (placed.panel >= 0) {
+          const Count end = placed.panel * block + grid.nodes;
+          body(law, station(end), end, 1.0);
+          return;
+        }
+        for (Count p = 0; p < points; ++p) {
+          if (grid.weight[p] != 0.0) body(law, station(p), p, grid.weight[p]);
+        }
+      });
+    }
+  }
+
+  /// Integrals of a number along the pipe, from the clamp to each point, to `to`. integrand(p): the
+  /// number at a point. The room of the integrands is used.
+  template <class Integrand>
+  void integrate_number(double* to, const Integrand& integrand) {
+    const Count narrow = whole_packs(size);
+    for (Count p = 0; p < points; ++p) {
+      for (Count k = 0; k < narrow; ++k) integrands[p * narrow + k] = 0.0;
+      put(integrands + p * narrow, 0, integrand(p));
+    }
+    integrate(grid, narrow, size, integrands, to);
+  }
+  Number number(const double* from, Count p) const { return get(from + p * whole_packs(size), 0); }
+
+  /// Adds the forces of bending and of its damping, and returns the power of the latter.
+  Number bend() {
+    for (Count p = 0; p < points; ++p) {
+      SpatialPoint<Number>& here = at[p];
+      const double w = grid.bending[p];
+      const Number stiffer = w * (here.stiffening * here.mu);
+      here.couple = here.couple + (w * (here.by_square * (here.mu * here.mu))) * here.a -
+                    stiffer * here.curved.turned();
+      here.curving = here.curving + stiffer * here.a.turned();
+    }
+    Number power{};
+    if (effects.damping == 0.0) return power;
+    integrate_number(
+        sums, [&](Count p) { return Number(at[p].bend.x * at[p].w.z - at[p].bend.z * at[p].w.x); });
+    for (Count p = 0; p < points; ++p) {
+      at[p].damped = at[p].damped + number(sums, p) * at[p].bend.turned();
+    }
+    integrate_number(sums, [&](Count p) {
+      const double w = grid.weight[p], stiffness = w != 0.0 ? grid.bending[p] / w : 0.0;
+      return Number(stiffness * dot(at[p].damped, at[p].bend.turned()));
+    });
+    const Number whole = number(sums, last);
+    for (Count p = 0; p < points; ++p) {
+      SpatialPoint<Number>& here = at[p];
+      const Across<Number>& d = here.damped;
+      const Across<Number> aside = here.a.turned(), turned = here.bend.turned();
+      const double w = effects.damping * grid.bending[p];
+      const Number beside = dot(d, aside);
+      const Across<Number> by_rate =
+          (here.e * beside) * here.curved.turned() + (here.e * here.mu) * d.turned() -
+          (here.e2 * (here.mu * beside)) * here.a - (here.c * dot(d, turned)) * aside;
+      const Number twist = (effects.damping * grid.weight[p]) * (number(sums, p) - whole);
+      here.couple = here.couple - w * by_rate + twist * here.across_by(turned);
+      here.curving = here.curving - w * here.across_by(d);
+      power = power - w * dot(d, d);
+    }
+    return power;
+  }
+
+  /// Sets loads on the points and returns the powers of the motion.
+  PowerParts<Number> load() {
+    const Number u = rows.speed(), push = (0.5 * effects.coriolis) * drive.rate;
+    PowerParts<Number> power{};
+    const auto act = [&](Count p, const Space<Number>& load) {
+      at[p].force += load;
+      return dot(load, drive.velocity);
+    };
+    for (Count p = 0; p < points; ++p) {
+      SpatialPoint<Number>& here = at[p];
+      const Space<Number> own = integral(p, speed);
+      const double w = grid.weight[p];
+      here.force += (-w * effects.coriolis * u) * here.rate - (w * push) * here.t;
+      here.force += (grid.mass[p] * effects.gamma) * in_plane<Number>(effects.down);
+      here.force += -grid.mass[p] * (integral(p, bias) + drive.acceleration);
+      power.flow = power.flow - (w * push) * dot(here.t, own);
+      power.base = power.base - grid.mass[p] * dot(own, drive.acceleration);
+      if (effects.drag == 0.0 || w == 0.0) continue;
+      const Space<Number> moving = velocity(p);
+      const Space<Number> normal = moving - dot(moving, here.t) * here.t;
+      const Space<Number> drag = (-w * effects.drag * root_of(dot(normal, normal))) * normal;
+      power.base = power.base - act(p, drag);
+      power.drag = power.drag + dot(drag, moving);
+    }
+    for_each_station([&](const auto& law, const SpatialStation<Number>& seen, Count p, double w) {
+      const SpatialLoad<Number> load = law.load_in_space(seen);
+      power.base = power.base - act(p, w * load.force);
+      at[p].couple = at[p].couple + at[p].across_by(w * load.couple);
+      power.terms = power.terms + w * law.power_in_space(seen);
+    });
+    for (Count k = 0; k < grid.turning; ++k) {
+      SpatialPoint<Number>& here = at[grid.turning_at[k]];
+      here.couple = here.couple - grid.inertia[k] * here.across_by(here.bias);
+    }
+    const Space<Number> end = integral(last, speed),
+                        jet = (effects.thrust[0] * (u * u)) * at[last].t;
+    const Space<Number> entering = (effects.entry * u) * velocity(last);
+    at[last].force += entering - jet;
+    power.flow = power.flow - dot((0.5 * effects.coriolis * u) * end - entering + jet, end);
+    return power;
+  }
+
+  /// Whether a tangent has turned by more than half a turn, where the coordinates end.
+  auto largest_square() const {
+    typename Traits::Plain most{};
+    for (Count p = 0; p < points; ++p) {
+      const auto square = Traits::value(dot(at[p].a, at[p].a));
+      most = square > most ? square : most;
+    }
+    return most;
+  }
+
+  /// Generalised forces by orthonormal coordinates, and the mass matrix.
+  void gather() {
+    for (Count c = 0; c < 2; ++c) {
+      for (Count i = 0; i < m; ++i) {
+        Number sum{};
+        for (Count p = 0; p < points; ++p) {
+          const SpatialPoint<Number>& here = at[p];
+          sum = sum + dot(integral(p, 3 * (c * m + i)), here.force);
+          sum = sum + grid.orthonormal[p * padded + i] * (c == 0 ? here.couple.x : here.couple.z);
+          sum = sum + grid.orthonormal_curvature[p * padded + i] *
+                          (c == 0 ? here.curving.x : here.curving.z);
+        }
+        for (Count k = 0; k < m; ++k) {
+          sum = sum - grid.elastic_forces[k * m + i] * rows.row(c * m + k);
+        }
+        force[c * m + i] = sum;
+      }
+    }
+    for (Count i = 0; i < 2 * m; ++i) {
+      for (Count j = 0; j <= i; ++j) {
+        Number sum{};
+        for (Count p = 0; p < points; ++p) {
+          if (grid.mass[p] == 0.0) continue;
+          sum = sum + grid.mass[p] * dot(integral(p, 3 * i), integral(p, 3 * j));
+        }
+        for (Count k = 0; k < grid.turning; ++k) {
+          const Count p = grid.turning_at[k];
+          const SpatialPoint<Number>& here = at[p];
+          const auto turned = [&](Count of) {
+            const Number slope = constant<Number>(grid.orthonormal[p * padded + of % m]);
+            return of < m ? here.across_by({slope, Number{}}) : here.across_by({Number{}, slope});
+          };
+          sum = sum + grid.inertia[k] * dot(turned(i), turned(j));
+        }
+        mass[i * 2 * m + j] = sum;
+      }
+    }
+  }
+
+  /// Replaces the forces by accelerations of the orthonormal coordinates.
+  void solve() {
+    const Count n = 2 * m;
+    for (Count i = 0; i < n; ++i) {
+      for (Count j = 0; j <= i; ++j) {
+        Number sum = mass[i * n + j];
+        for (Count k = 0; k < j; ++k) sum = sum - mass[i * n + k] * mass[j * n + k];
+        mass[i * n + j] = j < i ? Number(sum * mass[j * n + j]) : inverse_of(root_of(sum));
+      }
+    }
+    for (Count i = 0; i < n; ++i) {
+      for (Count j = 0; j < i; ++j) force[i] = force[i] - mass[i * n + j] * force[j];
+      force[i] = force[i] * mass[i * n + i];
+    }
+    for (Count i = n - 1; i >= 0; --i) {
+      for (Count j = i + 1; j < n; ++j) force[i] = force[i] - mass[j * n + i] * force[j];
+      force[i] = force[i] * mass[i * n + i];
+    }
+  }
+
+  /// Calls put(i, q_i'') for the 2 m coordinates.
+  template <class Put>
+  void accelerations(const Put& put) {
+    set_points();
+    integrate_positions(true);
+    load();
+    bend();
+    gather();
+    solve();
+    const auto farthest = largest_square();
+    constexpr double half_turn = 3.141592653589793 * 3.141592653589793;
+    const auto lost = farthest > half_turn ? all<typename Traits::Plain>(__builtin_nan(""))
+                                           : typename Traits::Plain{};
+    for (Count c = 0; c < 2; ++c) {
+      for (Count i = 0; i < m; ++i) {
+        Number sum = Traits::of(lost);
+        for (Count j = 0; j < m; ++j) sum = sum + grid.to_basis[i * m + j] * force[c * m + j];
+        put(c * m + i, sum);
+      }
+    }
+  }
+
+  PowerParts<Number> powers() {
+    set_points();
+    integrate_positions(false);
+    PowerParts<Number> power = load();
+    power.joints = bend();
+    return power;
+  }
+
+  Number energy() {
+    set_points();
+    integrate_positions(false);
+    Number twice{};
+    for (Count p = 0; p < points; ++p) {
+      const SpatialPoint<Number>& here = at[p];
+      const Space<Number> v = integral(p, speed);
+      twice = twice + grid.mass[p] * dot(v, v);
+      twice = twice - grid.bending[p] * (here.stiffening * (here.mu * here.mu));
+      // 1 - cos rho along the pipe lifts the mass beyond.
+      const Number rise = effects.down[1] * here.drop() - effects.down[0] * here.t.x;
+      twice = twice + (2.0 * effects.gamma * grid.weight[p] * grid.beyond[p]) * rise;
+    }
+    for (Count k = 0; k < grid.turning; ++k) {
+      const SpatialPoint<Number>& here = at[grid.turning_at[k]];
+      twice = twice + grid.inertia[k] * here.square;
+    }
+    for (Count c = 0; c < 2; ++c) {
+      for (Count i = 0; i < m; ++i) {
+        for (Count j = 0; j < m; ++j) {
+          twice = twice + grid.elastic[i * m + j] * (rows.row(c * m + i) * rows.row(c * m + j));
+        }
+      }
+    }
+    for_each_station([&](const auto& law, const SpatialStation<Number>& seen, Count, double w) {
+      twice = twice + (2.0 * w) * law.energy_in_space(seen);
+    });
+    return 0.5 * twice;
+  }
+};
+
+// ---------------------------------------------------------------------------------------- entry
+
+/// A block of the side-by-side layout of GalerkinKernel, as `States`.
+template <class Real>
+struct BlockStates {
+  const Batch& batch;
+
+  Real row(Count j) const { return at<Real>(batch.y, j); }
+  Real speed() const { return load<Real>(batch.u); }
+  Real driven(Count k) const { return batch.drive == nullptr ? Real{} : at<Real>(batch.drive, k); }
+};
+
+template <class Number, class Rows, class Body>
+void with_spatial_block(const GridTables& grid, const MotionEffects& effects, const Rows& rows,
+                        const Body& body) {
+  SpatialBlock<Number, Rows> block(grid, effects, rows);
+  laid_out([&](Layout& layout) { block.take(layout); });
+  body(block);
+}
+
+/// Calls body(block, set) for a batch of one member or of as many as a pack holds; set(i, x) writes
+/// result i.
+template <class Body>
+void for_spatial_members(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
+                         double* out, const Body& body) {
+  const auto run = [&]<class Real>(const Real&) {
+    const BlockStates<Real> rows{batch};
+    with_spatial_block<Real>(grid, effects, rows, [&](auto& block) {
+      body(block, [out](Count i, const Real& x) { set(out, i, x); });
+    });
+  };
+  if (batch.members == 1) {
+    run(0.0);
+  } else {
+    run(Pack{});
+  }
+}
+
+void spatial_accelerations_of(const GridTables& grid, const MotionEffects& effects,
+                              const Batch& batch, double* out) {
+  for_spatial_members(grid, effects, batch, out,
+                      [](auto& block, const auto& set) { block.accelerations(set); });
+}
+
+void spatial_energy_of(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
+                       double* out) {
+  for_spatial_members(grid, effects, batch, out,
+                      [](auto& block, const auto& set) { set(0, block.energy()); });
+}
+
+void spatial_power_of(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
+                      double* out) {
+  for_spatial_members(grid, effects, batch, out, [](auto& block, const auto& set) {
+    const auto parts = block.powers();
+    set(0, parts.flow);
+    set(1, parts.joints);
+    set(2, parts.drag);
+    set(3, parts.terms);
+    set(4, parts.base);
+  });
+}
+
+/// Position and velocity of the free end of each member, (6, members).
+void spatial_tips_of(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
+                     double* out) {
+  for_spatial_members(grid, effects, batch, out, [](auto& block, const auto& set) {
+    block.set_points();
+    block.integrate_positions(false);
+    const auto place = block.integral(block.last, block.place);
+    const auto moving = block.integral(block.last, block.speed);
+    set(0, place.x);
+    set(1, place.y);
+    set(2, place.z);
+    set(3, moving.x);
+    set(4, moving.y);
+    set(5, moving.z);
+  });
+}
+
+/// For one member the derivatives of q'' by the state, (2 m, 4 m), then q'' and its derivative by
+/// the speed, (2 m) each.
+void spatial_jacobian_of(const GridTables& grid, const MotionEffects& effects, const Batch& batch,
+                         double* out) {
+  using Number = Dual<Pack, 1u>;
+  const Count n = 2 * grid.functions, rows = 2 * n;
+  for (Count first = 0; first <= rows; first += width) {
+    const Seeded<Pack> seeded{batch, 0, first, rows};
+    with_spatial_block<Number>(grid, effects, seeded, [&](auto& block) {
+      block.accelerations([&](Count i, const Number& x) {
+        double slopes[width], values[width];
+        store(slopes, x.slopes[0]);
+        store(values, x.value);
+        out[n * rows + i] = values[0];
+        for (Count lane = 0; lane < width && first + lane <= rows; ++lane) {
+          const Count by = first + lane;
+          (by < rows ? out[i * rows + by] : out[n * rows + n + i]) = slopes[lane];
+        }
+      });
+    });
+  }
+}
+
+}  // namespace

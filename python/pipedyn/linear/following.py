@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: MIT
+"""Single roots followed along the flow speed, from any speed on, forwards and backwards.
+
+The core follows modes from rest (`cpp/pipedyn/linear/tracking.hpp`). Under strong damping a growing
+root may come from a cluster of overdamped roots, in which it has no number. It is followed here
+from a speed at which it grows: among all roots at the next speed, the one continues it to which the
+slopes d lambda / du at both speeds lead. Where two may do so, the step is halved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipedyn.linear.eigenproblem import eigenproblem, select_pairs
+from pipedyn.models.base import Model
+from pipedyn.util.check import Array, Complex
+
+ROOTS_APART = 0.25
+"""Largest distance of a continuation from where slopes lead, over that of the next best one."""
+
+ROOT_JUMP = 0.1
+"""Largest change of a root in a step, beyond what slopes lead to, over 1 + |lambda|: as in the
+core."""
+
+HALVINGS = 18
+"""Number of times that a step is halved: roots that meet are then 1e-3 apart."""
+
+MOST_INSERTED = 600
+"""Largest number of speeds added between those asked for, with all roots at each."""
+
+
+@dataclass(frozen=True)
+class Roots:
+    """Roots of a model at one speed, shape (r,), with d lambda / du and bounds on their errors.
+
+    With hysteresis they are those that oscillate, in the upper half plane, and the real roots of
+    the pipe without it.
+    """
+
+    values: Complex
+    slopes: Complex
+    errors: Array
+
+
+class RootFollower:
+    """Roots of one model, followed from one speed to another.
+
+    Args:
+        model: the model, of which all roots are computed at each speed.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._problem = eigenproblem(model)
+        self._known: dict[float, Roots] = {}
+        self._left = MOST_INSERTED
+
+    def at(self, u: float) -> Roots:
+        """All roots at a flow speed."""
+        if u not in self._known:
+            one, found = self._problem, []
+            for problem in (one, one.static) if one.pipe.hysteresis else (one,):
+                pairs = problem.lowest(u, 2 * problem.dof, left=True)
+                kept = pairs.converged
+                if one.pipe.hysteresis:
+                    kept &= pairs.values.imag > 0.0 if problem is one else pairs.values.imag == 0.0
+                pairs = select_pairs(pairs, np.flatnonzero(kept))
+                problem.spectrum().assess(u, pairs)
+                found.append((pairs.values, np.nan_to_num(pairs.slopes), pairs.uncertain))
+            self._known[u] = Roots(*map(np.concatenate, zip(*found, strict=True)))
+        return self._known[u]
+
+    def next(self, u: float, root: int, to: float, upper: bool, halvings: int = HALVINGS) -> int:
+        """Index of the root at speed `to` that continues a root at speed u; -1 if none is known.
+
+        Of two roots after a meeting it is the upper one, or the greater real one, if `upper`.
+        """
+        here, there, half = self.at(u), self.at(to), 0.5 * (to - u)
+        if not there.values.size:
+            return -1
+        value, middle = here.values[root], u + half
+        # Slopes lead from both ends to the middle of the step.
+        behind, ahead = there.values - half * there.slopes, here.values + half * here.slopes
+        apart = np.abs(behind - ahead[root])
+        best = int(apart.argmin())
+        others = np.append(np.delete(apart, best), np.delete(np.abs(ahead - behind[best]), root))
+        if apart[best] < min(
+            ROOTS_APART * others.min(initial=np.inf), ROOT_JUMP * (1.0 + abs(value))
+        ):
+            return best
+        if halvings > 0:
+            if middle not in self._known:
+                if self._left == 0:
+                    return -1
+                self._left -= 1
+            root = self.next(u, root, middle, upper, halvings - 1)
+            return root if root < 0 else self.next(middle, root, to, upper, halvings - 1)
+        moves = np.abs(there.values - value)
+        if moves.min() > ROOT_JUMP * (1.0 + abs(value)):
+            return -1
+        sign = 1.0 if upper else -1.0
+        of = there.values
+        close = np.flatnonzero(moves <= 2.0 * moves.min()).tolist()
+        return max(close, key=lambda j: (sign * of[j].imag, sign * of[j].real))
+
+    def between(self, u: float, v: float, halvings: int = 4) -> list[float]:
+        """Speeds between two, at which roots that decay at both may grow, as their slopes tell."""
+        step = v - u
+        here, there = self.at(u), self.at(v)
+        rises = (here.values.real <= 0.0) & (here.values.real + step * here.slopes.real > 0.0)
+        falls = (there.values.real <= 0.0) & (there.values.real - step * there.slopes.real > 0.0)
+        if halvings == 0 or not (rises.any() and falls.any()):
+            return []
+        middle = 0.5 * (u + v)
+        parts = self.between(u, middle, halvings - 1), self.between(middle, v, halvings - 1)
+        return [*parts[0], middle, *parts[1]]
+
+    def branch(
+        self, speeds: list[float], row: int, root: int, ends: Callable[[Complex], NDArray[np.bool_]]
+    ) -> tuple[Complex, Complex, Array]:
+        """A root followed from the speed in a row of `speeds` to all others.
+
+        Args:
+            speeds: flow speeds, increasing, of length S.
+            row: row of the speed at which the root is known.
+            root: index of the root there.
+            ends: tells beyond which roots the branch is not followed.
+
+        Returns:
+            The root, the other root of its pair, and bounds on the errors of both, each of shape
+            (S,). Roots that are not known are NaN. With hysteresis real roots are no pairs.
+        """
+        values, partners = np.full((2, len(speeds)), complex(np.nan, np.nan))
+        errors = np.zeros(len(speeds))
+
+        def walk(into: Complex, row: int, root: int, step: int, upper: bool) -> None:
+            while True:
+                roots = self.at(speeds[row])
+                into[row] = value = roots.values[root]
+                errors[row] = max(errors[row], roots.errors[root])
+                row += step
+                if not 0 <= row < len(speeds) or ends(value).any() or np.isfinite(into[row]):
+                    return
+                root = self.next(speeds[row - step], root, speeds[row], upper)
+                if root < 0:
+                    return
+
+        for step in (1, -1):
+            walk(values, row, root, step, True)
+        pairs = np.flatnonzero(np.isfinite(values) & (values.imag != 0.0))
+        partners[pairs] = values[pairs].conj()
+        if not self._problem.pipe.hysteresis:
+            for k in pairs.tolist():  # where the pair becomes real
+                for step in (1, -1):
+                    other = int(np.abs(self.at(speeds[k]).values - partners[k]).argmin())
+                    if 0 <= k + step < len(speeds) and values[k + step].imag == 0.0:
+                        walk(partners, k, other, step, False)
+        return values, partners, np.where(np.isfinite(values), errors, np.inf)

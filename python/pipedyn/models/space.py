@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: MIT
+"""What models that move in three dimensions share, with rotation vectors of the tangents.
+
+A tangent with the rotation vector (a_x, a_z) is (sin(rho) a_x / rho, cos rho, sin(rho) a_z / rho)
+along (x, y, z) with rho = hypot(a_x, a_z); x and z are across the straight pipe, y along it.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipedyn.models.base import ANGLES, CORE_MATRICES, Model, Operators
+from pipedyn.models.pipe import Pipe
+from pipedyn.util import check
+from pipedyn.util.check import Array
+
+SMALL_TURN = 1e-8
+"""Square of an angle below which sin(rho) / rho and its derivative are 1 and -1/3 to rounding."""
+
+
+def rotations(q: NDArray[Any]) -> tuple[Array, Array]:
+    """Tangents (x, y, z), shape (3, n, k), for rotation vectors [a_x, a_z], shape (2 n, k).
+
+    The second result is sin(rho) / rho, shape (n, k).
+    """
+    a_x, a_z = np.split(q, 2)
+    rho = np.hypot(a_x, a_z)
+    share = np.sinc(rho / np.pi)
+    return np.stack([share * a_x, np.cos(rho), share * a_z]), share
+
+
+def turning(q: Array, qdot: Array) -> Array:
+    """Rates of the tangents, shape (3, n, k), for rotation vectors and their rates, (2 n, k)."""
+    (a_x, a_z), (b_x, b_z) = np.split(q, 2), np.split(qdot, 2)
+    (_, cosine, _), share = rotations(q)
+    square = a_x**2 + a_z**2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        slope = np.where(square > SMALL_TURN, (cosine - share) / square, -1.0 / 3.0)
+    radial = a_x * b_x + a_z * b_z
+    return np.stack(
+        [share * b_x + slope * radial * a_x, -share * radial, share * b_z + slope * radial * a_z]
+    )
+
+
+class SpatialModel(Model):
+    """A model that moves in three dimensions; its planar model has the same numbers.
+
+    Coordinates: those of the planar model in the plane of x, then those in the plane of z.
+
+    Args:
+        planar: the model that moves in the plane z = 0.
+    """
+
+    _planar: Any
+
+    def __init__(self, planar: Any) -> None:
+        super().__init__(planar.pipe)
+        self._planar = planar
+        self._check_pipe()
+
+    def _check_pipe(self) -> None:
+        pipe = self._pipe
+        if pipe.supports or pipe.end != "free" or pipe.jet_angle:
+            rule = "have no jet at an angle" if pipe.jet_angle else "be held at its root alone"
+            raise ValueError(f"pipe must {rule} in three dimensions, got {pipe!r}")
+        self.core  # noqa: B018
+
+    def archived(self) -> dict[str, Any]:
+        """Fields that a file stores: the planar model."""
+        return {"planar": self._planar}
+
+    def with_pipe(self, pipe: Pipe) -> Self:
+        """The model with another pipe, as for `Model`."""
+        return type(self)(self._planar.with_pipe(pipe))
+
+    def about(self, q: ArrayLike) -> Self:
+        """The model itself; raises ValueError unless q is 0, the straight pipe."""
+        self._require_straight(q)
+        return self
+
+    def _require_straight(self, q: ArrayLike) -> None:
+        if self._coordinates(q).any():
+            raise ValueError(
+                "q must be 0: in three dimensions models are linearised about the straight pipe, "
+                f"got {check.shown(q)}"
+            )
+
+    def __repr__(self) -> str:
+        return f"{self._planar!r}"[:-1] + ", dimensions=3)"
+
+    @property
+    def dimensions(self) -> int:
+        """Number of dimensions in which the pipe moves, 3."""
+        return 3
+
+    @property
+    def dof(self) -> int:
+        """Number of coordinates, twice those of the planar model."""
+        return int(2 * self._planar.dof)
+
+    @property
+    def approximates_pipe(self) -> bool:
+        """Whether the model converges to the continuous pipe, as its planar model does."""
+        return bool(self._planar.approximates_pipe)
+
+    def _twice(self, planar: Operators) -> Operators:
+        """Operators of both planes, which are uncoupled."""
+        both = {name: np.kron(np.eye(2), getattr(planar, name)) for name in CORE_MATRICES}
+        loss = None if planar.loss is None else np.asarray(np.kron(np.eye(2), planar.loss))
+        return Operators(
+            **both, direction=planar.direction, centrifugal=planar.centrifugal, loss=loss
+        )
+
+    def operators(self, q: ArrayLike | None = None) -> Operators:
+        """Operators of small motions of the straight pipe, two blocks of the planar ones."""
+        if q is not None:
+            self._require_straight(q)
+        return self._twice(self._planar.operators())
+
+    def elastic_operators(self) -> Operators:
+        """Operators in elastic coordinates, two blocks of the planar ones."""
+        return self._twice(self._planar.elastic_operators())
+
+    @property
+    def elastic_share(self) -> Array:
+        """Diagonal of the elastic stiffness in elastic coordinates."""
+        return np.tile(self._planar.elastic_share, 2)
+
+    def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
+        """Coordinates q, shape (dof, ...), from elastic coordinates of the same shape."""
+        columns = self._columns("z", z)
+        return np.concatenate([self._planar.from_elastic(half) for half in np.split(columns, 2)])
+
+    @property
+    def stations(self) -> Array:
+        """Arc lengths at which the largest displacement of a mode is searched."""
+        return np.asarray(self._planar.stations)
+
+    def _deflected(self, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
+        halves = np.split(p, 2)
+        return np.stack([self._planar._deflected(half, s, derivative) for half in halves])
+
+    @property
+    def kinks_known(self) -> bool:
+        """Whether `kinks` is complete; not with drag."""
+        return not self.pipe.drag
+
+    def kinks(self, p: Array, pdot: Array, drive: Array | None = None) -> Array:
+        """Functions that are zero where a place reaches the ring of a stop, (stops, k)."""
+        met = [(term.place or 0.0, max(term.kinks)) for term in self.pipe.terms if term.kinks]
+        if not met:
+            return np.empty((0, p.shape[1]))
+        places, gaps = np.array(met).T
+        at = self._places(p, places)[:, [0, 2]]
+        if drive is not None:
+            at = at + drive[[1, 7]]
+        return np.linalg.norm(at, axis=1) - gaps[:, None]
+
+    @abstractmethod
+    def _places(self, p: Array, places: Array) -> Array:
+        """Positions from the base of points on the pipe, (points, 3, k), at p (dof, k)."""
+
+    def stop_places(self) -> tuple[Array, Array, Array]:
+        """No places: contacts with rings are not looked for within the steps of an integrator."""
+        return np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0)
+
+    def _displacing(self, places: Array) -> tuple[Array, Array]:
+        raise NotImplementedError
+
+    def bent(
+        self,
+        angle: Callable[[Array], ArrayLike],
+        across: Callable[[Array], ArrayLike] | None = None,
+    ) -> Array:
+        """Coordinates q, shape (dof,), of a bent pipe.
+
+        Args:
+            angle: a_x as a function of arc lengths s, (p,) to (p,): in the plane z = 0 the angle
+                theta(s) of the pipe.
+            across: a_z as a function of arc lengths; 0 if not given.
+
+        Example:
+            >>> chain = pp.Chain(pp.Pipe(0.2), n=2, dimensions=3)
+            >>> chain.bent(lambda s: 0.1 * s, lambda s: 0.2 * s).round(3)
+            array([0.025, 0.075, 0.05 , 0.15 ])
+        """
+        return self.sampled(angle, across)
+
+    def sampled(
+        self,
+        angle: Callable[[Array], ArrayLike],
+        across: Callable[[Array], ArrayLike] | None = None,
+    ) -> Array:
+        """Coordinates, shape (dof,), from angles or rates, as for `bent`."""
+        along = self._from_angles(self._angles(angle, self._angle_places))
+        if across is None:
+            return np.concatenate([along, np.zeros_like(along)])
+        other = self._from_angles(self._angles(across, self._angle_places, "across"))
+        return np.concatenate([along, other])
+
+    @property
+    @abstractmethod
+    def _angle_places(self) -> Array:
+        """Arc lengths at which angles of a bent pipe are read."""
+
+    @abstractmethod
+    def _from_angles(self, angles: Array) -> Array:
+        """Coordinates in one plane from angles at these places."""
+
+    def turned(self, y: ArrayLike, angle: float) -> Array:
+        """Configurations, or states [q, q'], turned about the axis of the straight pipe.
+
+        Args:
+            y: configurations (dof, ...) or states (2 dof, ...).
+            angle: angle of rotation from x towards z, in rad.
+
+        Returns:
+            An array of the shape of y.
+
+        Example:
+            >>> chain = pp.Chain(pp.Pipe(0.2), n=1, dimensions=3)
+            >>> chain.turned([0.1, 0.0], np.pi / 2.0).round(12)
+            array([0. , 0.1])
+        """
+        states = check.doubles("y", y, "an array of real numbers")
+        if states.shape[:1] not in ((self.dof,), (2 * self.dof,)):
+            raise ValueError(
+                f"y must have {self.dof} or {2 * self.dof} rows, got shape {states.shape}"
+            )
+        check.entries("y", states, np.isfinite(states), "be finite")
+        turn = check.real("angle", angle, **ANGLES)
+        cosine, sine = np.cos(turn), np.sin(turn)
+        halves = states.reshape(len(states) // self.dof, 2, -1, *states.shape[1:])
+        x, z = halves[:, 0], halves[:, 1]
+        moved = np.stack([cosine * x - sine * z, sine * x + cosine * z], axis=1)
+        return moved.reshape(states.shape)

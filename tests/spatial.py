@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: MIT
+"""The motion of a chain in three dimensions from virtual work: a dense, independent route.
+
+The package has a recursion in the frames of the segments, with derivatives by hand. Here all
+derivatives of the tangents are those of the analytic function t(a), by complex steps and by
+Cauchy's integral, the fluid's force is integrated along the segments, and the damped rate of a
+joint is the rate of its moment's components in the frame that is carried along the pipe without
+twist.
+"""
+
+import numpy as np
+
+STEP = 1e-30
+
+
+def tangents(a):
+    """Tangents, (n, 3), of rotation vectors (a_x, a_z), (n, 2), real or complex."""
+    rho = np.sqrt((a**2).sum(axis=1))
+    share = np.where(rho == 0.0, 1.0, np.sin(rho) / np.where(rho == 0.0, 1.0, rho))
+    return np.stack([share * a[:, 0], np.cos(rho), share * a[:, 1]], axis=1)
+
+
+def jacobian(a):
+    """Derivatives of the tangents by both coordinates of their segment, (n, 3, 2)."""
+    steps = [tangents(a + 1j * STEP * np.eye(2)[k]).imag / STEP for k in range(2)]
+    return np.stack(steps, axis=2)
+
+
+def second(a, rates):
+    """Second derivatives of the tangents along rates, (n, 3), by Cauchy's integral."""
+    turns = np.exp(2j * np.pi * np.arange(64) / 64)
+    reach = 0.5 / (1.0 + np.abs(rates).max())
+    values = np.stack([tangents(a + reach * turn * rates) for turn in turns])
+    return 2.0 * np.tensordot(turns**-2, values, axes=1).real / (turns.size * reach**2)
+
+
+def product(a, b):
+    """Vector product along the last axis, also of complex vectors."""
+    turns = (1, 2), (2, 0), (0, 1)
+    return np.stack([a[i] * b[j] - a[j] * b[i] for i, j in turns])
+
+
+def moments(a, springs):
+    """Moments of the joints, (n, 3), in components of a frame carried along the pipe without twist.
+
+    The frame is that of the segment before the joint; between two segments it is turned by the
+    smallest rotation that takes one tangent to the other.
+    """
+    frame, before, found = np.eye(3, dtype=a.dtype), np.array([0.0, 1.0, 0.0], dtype=a.dtype), []
+    for t, spring in zip(tangents(a), springs, strict=True):
+        v, cosine = product(before, t), before @ t
+        apart, beside = t - before, t + before
+        angle = np.arctan(np.sqrt(apart @ apart) / np.sqrt(beside @ beside))
+        size = np.sqrt(v @ v)
+        found.append(spring * (2.0 * angle / size if size != 0.0 else 1.0) * (frame @ v))
+        turned = [row * cosine + product(v, row) + v * (v @ row) / (1.0 + cosine) for row in frame]
+        frame, before = np.stack(turned), t
+    return np.stack(found)
+
+
+def potential(chain, a):
+    """Elastic energy of the joints and potential energy of the pipe's weight."""
+    steps = chain.lengths[:, None] * tangents(a)
+    heights = chain.base + np.cumsum(steps, axis=0) - steps
+    centres = heights[:, 1] + chain.centres * steps[:, 1]
+    elastic = (moments(a, np.sqrt(chain.springs)) ** 2).sum() / 2.0
+    return elastic - chain.pipe.gamma * (chain.masses * centres).sum()
+
+
+def accelerations(chain, a, rates, u, u_dot=0.0, base=None, loads=None):
+    """Second derivatives of the rotation vectors, (n, 2).
+
+    base: position, velocity and acceleration of the base, (3, 3). loads: function of the positions
+    and velocities of the ends of the segments, (n, 3) each, that returns forces on them, (n, 3).
+    """
+    pipe, n, lengths = chain.pipe, len(a), chain.lengths
+    base = np.zeros((3, 3)) if base is None else base
+    by_a, t, bend = jacobian(a), tangents(a), second(a, rates)
+    rate = np.einsum("jkc,jc->jk", by_a, rates)
+
+    # Position of a place at the share x of segment j: sum of l_i t_i before it, and x l_j t_j.
+    def place(share):
+        return np.tril(np.ones((n, n)), -1) * lengths + np.diag(share * lengths)
+
+    mass, force = np.zeros((n, 2, n, 2)), np.zeros((n, 2))
+
+    def add(weights, of):
+        """Adds the virtual work of vectors `of`, (n, 3), at the places with these weights."""
+        force[:] += np.einsum("jk,jd,kdc->kc", weights, of, by_a)
+
+    centres = place(chain.centres)
+    turning = np.diag(chain.gyration_radii)
+    for weights, falls in ((centres, True), (turning, False)):
+        heavy = chain.masses[:, None] * weights
+        mass += np.einsum("jk,jm,kdc,mde->kcme", heavy, weights, by_a, by_a)
+        add(heavy, -weights @ bend)
+        if falls:
+            add(heavy, np.zeros((n, 3)) - base[2])
+    points, shares = np.polynomial.legendre.leggauss(2)
+    for point, share in zip(0.5 * (points + 1.0), 0.5 * shares, strict=True):
+        moved = share * lengths[:, None] * np.sqrt(pipe.beta) * pipe.direction
+        add(place(np.full(n, point)), -moved * (2.0 * u * rate + u_dot * t))
+    ends = place(np.ones(n))
+    end = np.zeros((n, 3))
+    end[-1] = -pipe.alpha * u**2 * t[-1]
+    velocity = base[1] + ends @ rate
+    end[-1] += (1.0 - pipe.inflow_share) * np.sqrt(pipe.beta) * pipe.direction * u * velocity[-1]
+    add(ends, end)
+    if loads is not None:
+        add(ends, loads(base[0] + [0.0, chain.base, 0.0] + ends @ t, velocity))
+    at = place(chain.drag_points)
+    moving = base[1] + at @ rate
+    normal = moving - (moving * t).sum(axis=1)[:, None] * t
+    add(at, -pipe.drag * lengths[:, None] * np.linalg.norm(normal, axis=1)[:, None] * normal)
+    damped = pipe.damping * chain.springs
+    slopes = np.zeros((n, 3, n, 2))
+    for k in range(n):
+        for c in range(2):
+            step = np.zeros((n, 2), dtype=complex)
+            step[k, c] = 1j * STEP
+            force[k, c] -= potential(chain, a + step).imag / STEP
+            slopes[:, :, k, c] = moments(a + step, np.ones(n)).imag / STEP
+    seen = np.einsum("jdkc,kc->jd", slopes, rates)
+    force -= np.einsum("j,jd,jdkc->kc", damped, seen, slopes)
+    size = 2 * n
+    return np.linalg.solve(mass.reshape(size, size), force.reshape(size)).reshape(n, 2)

@@ -1,0 +1,515 @@
+# SPDX-License-Identifier: MIT
+"""Chains in three dimensions: against virtual work, plane motions, energy and known numbers."""
+
+import pickle
+from functools import partial
+
+import numpy as np
+import pytest
+import spatial
+
+import pipedyn as pp
+
+PIPES = {
+    "plain": pp.Pipe(0.3),
+    "heavy": pp.Pipe(0.3, gamma=7.0),
+    "with drag": pp.Pipe(0.3, drag=0.4),
+    "damped": pp.Pipe(0.3, damping=0.05),
+    "standing, damped, with drag": pp.Pipe(0.4, gamma=-5.0, damping=0.2, drag=1.0),
+    "aspirating": pp.Pipe(
+        0.3, flow="aspirating", alpha=0.5, inflow_share=0.3, damping=0.1, gamma=3.0
+    ),
+}
+CONSERVATIVE = {
+    "spring": pp.Spring(0.55, 30.0),
+    "foundation": pp.Foundation(20.0),
+    "cubic spring": pp.CubicSpring(0.7, 400.0),
+    "stop": pp.Stop(0.8, 0.02, 300.0),
+    "tension": pp.Tension(3.0),
+    "rotational spring": pp.RotationalSpring(0.6, 2.0),
+}
+DISSIPATIVE = {
+    "damper": pp.Damper(0.55, 1.5),
+    "viscosity": pp.Viscosity(0.7),
+    "rotational damper": pp.RotationalDamper(0.6, 0.3),
+}
+
+
+def random_state(n, amplitude, seed=0):
+    random = np.random.default_rng(seed)
+    return random.normal(size=(n, 2)) * amplitude, 3.0 * random.normal(size=(n, 2))
+
+
+def as_state(a, rates):
+    return np.concatenate([a.T.ravel(), rates.T.ravel()])
+
+
+def accelerations(chain, y, u, **forcing):
+    return chain.rhs(0.0, y, u, **forcing)[chain.dof :].reshape(2, -1).T
+
+
+@pytest.mark.parametrize("pipe", PIPES.values(), ids=PIPES)
+@pytest.mark.parametrize("amplitude", [1e-3, 0.3, 0.8])
+def test_accelerations_balance_the_virtual_work_of_all_forces(pipe, amplitude):
+    chain = pp.Chain(pipe, 5, dimensions=3)
+    a, rates = random_state(5, amplitude)
+    expected = spatial.accelerations(chain.planar, a, rates, 4.0)
+    found = accelerations(chain, as_state(a, rates), 4.0)
+    assert found == pytest.approx(expected, rel=1e-12, abs=1e-13 * np.abs(expected).max())
+
+
+def test_a_moving_base_and_an_unsteady_flow_act_in_all_directions():
+    chain = pp.Chain(PIPES["standing, damped, with drag"], 5, base=0.1, dimensions=3)
+    a, rates = random_state(5, 0.5)
+    base = np.random.default_rng(1).normal(size=(3, 3))
+    expected = spatial.accelerations(chain.planar, a, rates, 4.0, 1.3, base)
+    found = accelerations(chain, as_state(a, rates), 4.0, u_dot=1.3, base=base)
+    assert found == pytest.approx(expected, rel=1e-12)
+    turned = [[row[2], row[1], -row[0]] for row in base]
+    y = chain.turned(as_state(a, rates), -np.pi / 2)
+    back = chain.turned(chain.rhs(0.0, y, 4.0, u_dot=1.3, base=turned), np.pi / 2)
+    found = back[chain.dof :].reshape(2, -1).T
+    assert found == pytest.approx(expected, rel=1e-11)
+
+
+@pytest.mark.parametrize(
+    "pipe",
+    [
+        *PIPES.values(),
+        *(pp.Pipe(0.3, terms=[one]) for one in (CONSERVATIVE | DISSIPATIVE).values()),
+    ],
+    ids=[*PIPES, *CONSERVATIVE, *DISSIPATIVE],
+)
+@pytest.mark.parametrize("azimuth", [0.0, 0.7, 4.0])
+def test_a_motion_in_any_plane_through_the_axis_is_the_planar_one(pipe, azimuth):
+    chain = pp.Chain(pipe, 6, dimensions=3)
+    y = np.random.default_rng(2).normal(size=12) * np.repeat([0.4, 3.0], 6)
+    none = np.zeros(6)
+    embedded = chain.turned(np.concatenate([y[:6], none, y[6:], none]), azimuth)
+    back = chain.turned(chain.rhs(0.0, embedded, 5.0), -azimuth)
+    expected = chain.planar.rhs(0.0, y, 5.0)
+    size = np.abs(expected).max()
+    assert back[12:18] == pytest.approx(expected[6:], abs=3e-15 * size)
+    assert back[18:] == pytest.approx(none, abs=3e-15 * size)
+    assert chain.energy(embedded) == pytest.approx(chain.planar.energy(y), rel=1e-14)
+    powers, planar = chain.power(embedded, 5.0), chain.planar.power(y, 5.0)
+    for name in ("flow", "joints", "drag", "others"):
+        assert getattr(powers, name) == pytest.approx(getattr(planar, name), rel=1e-12, abs=1e-13)
+
+
+@pytest.mark.parametrize("pipe", PIPES.values(), ids=PIPES)
+def test_the_energy_changes_at_the_rate_of_the_powers(pipe):
+    chain = pp.Chain(pipe, 5, dimensions=3)
+    y = as_state(*random_state(5, 0.4))
+    rates, h = chain.rhs(0.0, y, 4.0), 1e-6
+    change = (chain.energy(y + h * rates) - chain.energy(y - h * rates)) / (2.0 * h)
+    assert change == pytest.approx(chain.power(y, 4.0).total, rel=1e-6)
+
+
+@pytest.mark.parametrize("term", CONSERVATIVE.values(), ids=CONSERVATIVE)
+def test_loads_of_terms_are_the_slopes_of_their_energy(term):
+    plain, with_term = (
+        pp.Chain(pp.Pipe(0.3, terms=terms), 4, dimensions=3) for terms in ((), [term])
+    )
+    a, none = random_state(4, 0.4)[0], np.zeros((4, 2))
+    y = as_state(a, none)
+    jacobian = spatial.jacobian(a)
+    places = np.tril(np.full((4, 4), 0.25), -1) + 0.125 * np.eye(4)
+    turning = 0.25 / np.sqrt(12.0) * np.eye(4)
+    mass = sum(
+        0.25 * np.einsum("jk,jm,kdc,mde->ckem", rows, rows, jacobian, jacobian)
+        for rows in (places, turning)
+    ).reshape(8, 8)
+    load = mass @ (with_term.rhs(0.0, y, 0.0) - plain.rhs(0.0, y, 0.0))[8:]
+    h = 1e-5
+    slopes = [
+        (with_term.energy(y + h * one) - with_term.energy(y - h * one)) / (2.0 * h)
+        - (plain.energy(y + h * one) - plain.energy(y - h * one)) / (2.0 * h)
+        for one in np.eye(16)[:8]
+    ]
+    assert load == pytest.approx(-np.array(slopes), rel=1e-5, abs=1e-6 * np.abs(slopes).max())
+
+
+@pytest.mark.parametrize("term", DISSIPATIVE.values(), ids=DISSIPATIVE)
+def test_resistances_take_the_energy_that_their_power_says(term):
+    chain = pp.Chain(pp.Pipe(0.0, terms=[term]), 4, dimensions=3)
+    y = as_state(*random_state(4, 0.4))
+    rates, h = chain.rhs(0.0, y, 0.0), 1e-6
+    change = (chain.energy(y + h * rates) - chain.energy(y - h * rates)) / (2.0 * h)
+    power = chain.power(y, 0.0)
+    assert power.others < 0.0
+    assert change == pytest.approx(power.others, rel=1e-5)
+
+
+@pytest.mark.parametrize("pipe", PIPES.values(), ids=PIPES)
+def test_the_jacobian_is_the_derivative_of_the_rates(pipe):
+    chain = pp.Chain(pipe, 4, dimensions=3)
+    y, h = as_state(*random_state(4, 0.5)), 1e-6
+    differences = np.stack(
+        [
+            (chain.rhs(0.0, y + h * one, 4.0) - chain.rhs(0.0, y - h * one, 4.0)) / (2.0 * h)
+            for one in np.eye(16)
+        ],
+        axis=1,
+    )
+    found = chain.jacobian(0.0, y, 4.0)
+    assert found == pytest.approx(differences, abs=1e-8 * np.abs(found).max())
+    both = chain.motion_linearised(y[:, None], 4.0)[0]
+    assert both[0] == pytest.approx(chain.rhs(0.0, y, 4.0), rel=1e-13)
+    by_speed = (chain.rhs(0.0, y, 4.0 + h) - chain.rhs(0.0, y, 4.0 - h)) / (2.0 * h)
+    assert both[1] == pytest.approx(by_speed, rel=1e-6, abs=1e-7 * np.abs(by_speed).max())
+    assert both[2:] == pytest.approx(found, rel=1e-13, abs=1e-13)
+
+
+def test_states_of_a_batch_have_the_rates_that_they_have_alone():
+    chain = pp.Chain(PIPES["damped"], 7, dimensions=3)
+    y = 0.5 * np.random.default_rng(3).normal(size=(28, 13))
+    alone = np.stack([chain.rhs(0.0, one, 4.0) for one in y.T.copy()], axis=1)
+    assert chain.rhs(0.0, y, 4.0) == pytest.approx(alone, rel=1e-11, abs=1e-11)
+
+
+def test_tangents_turned_by_more_than_half_a_turn_keep_their_motion():
+    # Beyond a square of 10 the coefficients come from closed forms instead of polynomials.
+    chain = pp.Chain(pp.Pipe(0.3), 3, dimensions=3)
+    for rho in (3.1, 3.2, 5.0, 9.0):
+        a = np.array([[rho, 0.3], [rho - 0.4, 0.5], [rho + 0.1, -0.2]])
+        rates = random_state(3, 1.0)[1]
+        expected = spatial.accelerations(chain.planar, a, rates, 3.0)
+        assert accelerations(chain, as_state(a, rates), 3.0) == pytest.approx(expected, rel=1e-9)
+
+
+def test_without_flow_energy_and_angular_momentum_about_the_axis_stay():
+    chain = pp.Chain(pp.Pipe(0.2, gamma=5.0), 6, dimensions=3)
+    start = chain.bent(lambda s: 0.8 * s, lambda s: -0.5 * s**2)
+    motion = pp.simulate(chain, 0.0, 5.0, start, chain.quarter_turn(start), rtol=1e-9)
+    shares = np.array([0.5 - 1.0 / np.sqrt(12.0), 0.5 + 1.0 / np.sqrt(12.0)])
+    s = ((np.arange(6)[:, None] + shares) / 6.0).ravel()  # Gauss points of the segments
+
+    def momentum(q, qdot):
+        r = chain.shape(q, s)
+        h = 1e-6
+        v = (chain.shape(q + h * qdot, s) - chain.shape(q - h * qdot, s)) / (2.0 * h)
+        return float((r[:, 2] * v[:, 0] - r[:, 0] * v[:, 2]).sum()) / s.size
+
+    momenta = [momentum(motion.q[i], motion.qdot[i]) for i in (0, 100, 300, 500)]
+    assert abs(momenta[0]) > 0.01
+    assert momenta == pytest.approx([momenta[0]] * 4, rel=1e-6)
+    assert motion.energy == pytest.approx(motion.energy[0], rel=1e-7)
+
+
+@pytest.mark.parametrize("method", ["radau", "dop853", "scipy:DOP853"])
+def test_integrators_agree_on_a_motion_that_leaves_every_plane(method):
+    chain = pp.Chain(pp.Pipe(0.2), 5, dimensions=3)
+    motion = pp.simulate(chain, 6.0, 5.0, method=method, rtol=1e-9, samples=3)
+    reference = pp.simulate(chain, 6.0, 5.0, method="radau", rtol=1e-11, samples=3)
+    assert motion.tip == pytest.approx(reference.tip, abs=1e-6)
+    assert np.abs(reference.tip[-1, 2]) > 1e-3
+
+
+def test_motions_end_in_the_circular_motion_where_that_attracts():
+    chain = pp.Chain(pp.Pipe(0.2), 5, dimensions=3)
+    circular = pp.rotating_motion(chain, 6.0)
+    assert circular.stable
+    motion = pp.simulate(chain, 6.0, 40.0)
+    radius = np.hypot(motion.tip[-100:, 0], motion.tip[-100:, 2])
+    assert radius == pytest.approx(circular.radius, rel=2e-3)
+    assert motion.tip[-100:, 1] == pytest.approx(circular.height, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("n", "radius", "frequency"), [(10, 0.2200244, 14.336072), (20, 0.2029163, 14.361318)]
+)
+def test_the_circular_motion_of_a_chain_is_that_of_an_independent_program(n, radius, frequency):
+    # The numbers come from the dense equations of another program.
+    found = pp.rotating_motion(pp.Chain(pp.Pipe(0.2), n, dimensions=3), 6.0)
+    assert found.radius == pytest.approx(radius, abs=1e-7)
+    assert found.frequency == pytest.approx(frequency, abs=1e-6)
+
+
+def extrapolated(quantity, n=(20, 40)):
+    """Limit of long chains, whose error is of second order."""
+    few, many = (quantity(pp.Chain(pp.Pipe(0.2), size, dimensions=3)) for size in n)
+    return many + (many - few) / ((n[1] / n[0]) ** 2 - 1.0)
+
+
+def test_circular_motions_of_chains_tend_to_that_of_the_continuous_pipe():
+    # A boundary-value problem of the continuous pipe gives .19683612, 14.3689601 and .9598544.
+    def numbers(chain):
+        found = pp.rotating_motion(chain, 6.0)
+        return np.array([found.radius, found.frequency, found.height])
+
+    assert extrapolated(numbers) == pytest.approx([0.19683612, 14.3689601, 0.9598544], rel=3e-4)
+
+
+def test_coefficients_of_the_onset_tend_to_those_of_the_continuous_pipe():
+    def numbers(chain):
+        found = pp.hopf(chain)
+        return np.array([found.own, found.other])
+
+    expected = np.array([-85.899 + 84.678j, -89.929 - 50.232j])
+    assert np.abs(extrapolated(numbers, (10, 20)) - expected).max() < 0.05
+
+
+def test_the_onset_in_space_holds_that_in_the_plane():
+    found = pp.hopf(pp.Chain(pp.Pipe(0.35, gamma=10.0, damping=0.005), 8, dimensions=3))
+    assert found.own + found.other == pytest.approx(16.0 * found.plane.cubic, rel=1e-6)
+    assert found.planar_law == pytest.approx(found.plane.amplitude_law, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("beta", "stable"),
+    [(0.1, "planar"), (0.25, "rotating"), (0.5, "planar"), (0.65, "rotating"), (0.8, "planar")],
+)
+def test_flutter_is_born_planar_or_rotating_by_the_share_of_the_fluid(beta, stable):
+    # The continuous pipe changes at .194958, the fold .2972, .588074 and the fold .6954.
+    assert pp.hopf(pp.Chain(pp.Pipe(beta), 20, dimensions=3)).stable == stable
+
+
+@pytest.mark.parametrize("beta", [0.1, 0.2, 0.5])
+def test_laws_of_the_onset_hold_next_to_it(beta):
+    chain = pp.Chain(pp.Pipe(beta), 8, dimensions=3)
+    onset = pp.hopf(chain)
+    u = onset.speed + 1e-3
+    circular = pp.rotating_motion(chain, u)
+    assert circular.radius**2 == pytest.approx(1e-3 * onset.rotating_law, rel=0.02)
+    slow = circular.exponents[np.abs(circular.exponents.real).argsort()]
+    # Of the critical pair, the amplitude decays at -2 mu, and the opposite motion at its exponent.
+    wanted = 1e-3 * onset.rotating_exponent
+    assert np.abs(slow.real - wanted).min() < 0.03 * abs(wanted)
+    plane = pp.limit_cycle(chain, u)
+    across = np.log(np.abs(plane.across)) / plane.period
+    assert plane.amplitude**2 == pytest.approx(1e-3 * onset.planar_law, rel=0.02)
+    wanted = 1e-3 * onset.planar_exponent
+    assert np.abs(across - wanted).min() < 0.03 * abs(wanted)
+
+
+def test_a_planar_cycle_is_unstable_across_its_plane_where_circular_motion_attracts():
+    # The continuous pipe has the multiplier 1.04878 across the plane.
+    assert extrapolated(lambda chain: abs(pp.limit_cycle(chain, 6.0).across[0]), (10, 20)) == (
+        pytest.approx(1.04878, abs=1e-3)
+    )
+    cycle = pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 10, dimensions=3), 6.0)
+    assert not cycle.stable
+    assert pp.limit_cycle(pp.Chain(pp.Pipe(0.2), 10), 6.0).stable
+    assert np.abs(cycle.across - 1.0).min() < 1e-6
+    assert np.abs(cycle.others - 1.0).min() > 1e-2
+    assert cycle.tip.shape == (257, 3)
+
+
+def test_linear_questions_have_the_answers_of_the_planar_chain():
+    chain = pp.Chain(pp.Pipe(0.2, damping=0.01), 8, dimensions=3)
+    assert pp.critical_speed(chain).speed == pp.critical_speed(chain.planar).speed
+    assert pp.eigenvalues(chain, 4.0, 4) == pytest.approx(pp.eigenvalues(chain.planar, 4.0, 4))
+    operators = chain.operators()
+    assert operators.mass[:8, :8] == pytest.approx(chain.planar.operators().mass)
+    jacobian = chain.jacobian(0.0, np.zeros(32), 4.0)[16:]
+    mass, damping, stiffness = operators.at(4.0)
+    assert mass @ jacobian == pytest.approx(np.hstack([-stiffness, -damping]), abs=1e-10)
+
+
+def test_a_chain_in_space_is_kept_by_files_and_pickles(tmp_path):
+    chain = pp.Chain(pp.Pipe(0.2, terms=[pp.Spring(0.5, 3.0)]), 4, base=0.1, dimensions=3)
+    y = as_state(*random_state(4, 0.3))
+    for other in (pickle.loads(pickle.dumps(chain)), chain.with_pipe(chain.pipe)):
+        assert other.rhs(0.0, y, 3.0).tolist() == chain.rhs(0.0, y, 3.0).tolist()
+    found = pp.rotating_motion(pp.Chain(pp.Pipe(0.2), 4, dimensions=3), 6.0)
+    found.save(tmp_path / "found.npz")
+    back = pp.load(tmp_path / "found.npz")
+    assert back.model.dimensions == 3
+    assert back.q.tolist() == found.q.tolist()
+
+
+def test_shapes_and_velocities_are_those_of_the_segments():
+    chain = pp.Chain(pp.Pipe(0.2), 4, base=0.2, dimensions=3)
+    a, rates = random_state(4, 0.6)
+    q, qdot = a.T.ravel(), rates.T.ravel()
+    ends = chain.shape(q, [0.1, 0.2, 0.4, 0.6, 0.8, 1.0])
+    expected = np.cumsum(0.2 * spatial.tangents(a), axis=0)
+    expected[:, 1] += 0.2
+    assert ends[0].tolist() == [0.0, 0.1, 0.0]
+    assert ends[2:] == pytest.approx(expected, abs=1e-14)
+    assert chain.tip(q) == pytest.approx(expected[-1], abs=1e-14)
+    h = 1e-6
+    velocity = (chain.tip(q + h * qdot) - chain.tip(q - h * qdot)) / (2.0 * h)
+    assert chain.tip_velocities(q[:, None], qdot[:, None])[0] == pytest.approx(velocity, rel=1e-7)
+    planar = chain.planar.curvatures(a[:, :1])
+    in_plane = np.concatenate([a[:, 0], np.zeros(4)])
+    assert chain.curvatures(chain.turned(in_plane, 1.1)[:, None]) == pytest.approx(planar)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"end": "pinned"}, "must be held at its root alone"),
+        ({"supports": (0.5,)}, "must be held at its root alone"),
+        ({"jet_angle": 0.1}, "must have no jet at an angle"),
+        ({"terms": [pp.AddedMass(0.5)]}, "added_mass"),
+    ],
+)
+def test_pipes_without_equations_in_space_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        pp.Chain(pp.Pipe(0.2, **change), 4, dimensions=3)
+
+
+@pytest.mark.parametrize("dimensions", [1, 4, 2.5, "3"])
+def test_only_two_and_three_dimensions_exist(dimensions):
+    with pytest.raises((ValueError, TypeError), match="dimensions"):
+        pp.Chain(pp.Pipe(0.2), 4, dimensions=dimensions)
+
+
+def test_questions_that_need_a_plane_name_the_planar_chain():
+    chain = pp.Chain(pp.Pipe(0.2), 4, dimensions=3)
+    for ask in (
+        lambda: pp.equilibria(chain, 6.0),
+        lambda: pp.bifurcation_diagram(chain, [5.0, 6.0]),
+        lambda: pp.attractors(chain, 6.0),
+        lambda: pp.forced_response(chain, pp.Pulsation(5.0, 0.1, 10.0)),
+    ):
+        with pytest.raises(ValueError, match=r"must move in a plane .* take its \.planar"):
+            ask()
+    with pytest.raises(ValueError, match="model must move in three dimensions"):
+        pp.rotating_motion(chain.planar, 6.0)
+    with pytest.raises(pp.NotConverged, match="no circular motion was found at u = 3"):
+        pp.rotating_motion(chain, 3.0)
+
+
+# ------------------------------------------------------------------------------- reduced models
+
+REDUCED = {
+    "legendre": (5, 0.5),
+    "beam": (4, 0.1),
+}
+LOADED = pp.Pipe(
+    0.3,
+    gamma=-5.0,
+    damping=0.2,
+    terms=[
+        pp.PointMass(0.6, 0.2, inertia=0.01),
+        *CONSERVATIVE.values(),
+        *DISSIPATIVE.values(),
+    ],
+)
+CONTINUOUS = {
+    **PIPES,
+    "loaded": LOADED,
+    "on a spring": pp.Pipe(0.3, root=pp.RootSpring(4.0), damping=0.02),
+    "tapered": pp.Pipe(
+        0.3, stiffness=lambda s: 1.0 - 0.4 * s, mass=pp.Profile([0.5], [1.0, 1.4]), damping=0.01
+    ),
+    "thick": pp.Pipe(0.3, rotary_inertia=1e-3),
+}
+
+
+def reduced_state(m, size, planes, seed=4):
+    random = np.random.default_rng(seed)
+    sizes = np.tile(size / np.arange(1.0, m + 1.0) ** 2, planes)
+    return np.concatenate([random.normal(size=sizes.size) * sizes * rate for rate in (1.0, 5.0)])
+
+
+@pytest.mark.parametrize("pipe", CONTINUOUS.values(), ids=CONTINUOUS)
+@pytest.mark.parametrize("basis", REDUCED)
+def test_a_reduced_motion_in_any_plane_is_the_planar_one(pipe, basis):
+    m, size = REDUCED[basis]
+    m = 16 if basis == "legendre" and pipe is LOADED else m
+    model = pp.Galerkin(pipe, m, basis, dimensions=3)
+    y, none = reduced_state(m, size, 1), np.zeros(m)
+    embedded = model.turned(np.concatenate([y[:m], none, y[m:], none]), 0.8)
+    found = model.turned(model.rhs(0.0, embedded, 4.0), -0.8)[2 * m :]
+    expected = model.planar.rhs(0.0, y, 4.0)[m:]
+    # The planar quadrature ends integrals of drag at the zeros of the velocity across the pipe.
+    error = (1e-4 if pipe.drag else 1e-12) * np.abs(expected).max()
+    assert found[:m] == pytest.approx(expected, abs=error)
+    assert found[m:] == pytest.approx(none, abs=error)
+    assert model.energy(embedded) == pytest.approx(model.planar.energy(y), rel=1e-13)
+    assert model.tip(embedded[: 2 * m])[1] == pytest.approx(model.planar.tip(y[:m])[1], rel=1e-14)
+
+
+@pytest.mark.parametrize("pipe", CONTINUOUS.values(), ids=CONTINUOUS)
+def test_reduced_rates_have_their_power_and_their_derivatives(pipe):
+    m = 16 if pipe is LOADED else 5
+    model, h = pp.Galerkin(pipe, m, "legendre", dimensions=3), 1e-6
+    y = reduced_state(m, 0.5, 2)
+    rates = model.rhs(0.0, y, 4.0)
+    change = (model.energy(y + h * rates) - model.energy(y - h * rates)) / (2.0 * h)
+    assert change == pytest.approx(model.power(y, 4.0).total, rel=1e-6)
+    differences = np.stack(
+        [
+            (model.rhs(0.0, y + h * one, 4.0) - model.rhs(0.0, y - h * one, 4.0)) / (2.0 * h)
+            for one in np.eye(4 * m)
+        ],
+        axis=1,
+    )
+    found = model.jacobian(0.0, y, 4.0)
+    assert found == pytest.approx(differences, abs=1e-7 * np.abs(found).max())
+    states = np.stack([y, 0.5 * y, 0.1 * y], axis=1)
+    alone = np.stack([model.rhs(0.0, one, 4.0) for one in states.T.copy()], axis=1)
+    size = np.abs(alone).max()
+    assert model.rhs(0.0, states, 4.0) == pytest.approx(alone, abs=1e-12 * size)
+
+
+def test_chains_tend_to_the_reduced_model_in_space():
+    pipe = pp.Pipe(0.3, gamma=5.0, damping=0.02)
+    # The curvature is 0 at the free end, as that of every smooth motion.
+    bends = (lambda s: 0.6 * s - 0.3 * s**2), (lambda s: 0.2667 * s**3 - 0.4 * s**2)
+
+    def tip(make):
+        model = make(dimensions=3)
+        return pp.simulate(model, 5.0, 0.2, model.bent(*bends), samples=2, rtol=1e-9).tip[-1]
+
+    expected = tip(partial(pp.Galerkin, pipe, 10, "legendre"))
+    few, many = (tip(partial(pp.Chain, pipe, n)) - expected for n in (12, 24))
+    assert np.abs(many).max() < 3e-4
+    assert np.linalg.norm(few) / np.linalg.norm(many) == pytest.approx(4.0, abs=0.2)
+
+
+def test_circular_motions_of_the_continuous_pipe_have_the_numbers_of_a_boundary_value_problem():
+    found = pp.rotating_motion(pp.Galerkin(pp.Pipe(0.2), 10, "legendre", dimensions=3), 6.0)
+    numbers = found.radius, found.frequency, found.height
+    assert numbers == pytest.approx((0.19683612, 14.3689601, 0.9598544), abs=1e-6)
+    assert found.exponents[0] == pytest.approx(-0.09509 + 27.61212j, abs=1e-5)
+    assert found.stable
+    other = pp.rotating_motion(pp.Galerkin(pp.Pipe(0.5), 12, "legendre", dimensions=3), 9.8)
+    assert (other.radius, other.frequency) == pytest.approx((0.1424226, 27.992926), rel=2e-5)
+    assert not other.stable
+
+
+@pytest.mark.parametrize(
+    ("numbers", "own", "other"),
+    [
+        ({"beta": 0.1}, -116.157 + 162.434j, -18.603 - 136.692j),
+        ({"beta": 0.2}, -85.899 + 84.678j, -89.929 - 50.232j),
+        ({"beta": 0.5}, -653.02 + 29.43j, -498.11 - 280.56j),
+        ({"beta": 0.2, "gamma": 10.0}, -82.279, -100.146),
+        ({"beta": 0.4, "gamma": 10.0}, -924.81, -591.03),
+        ({"beta": 0.6, "gamma": 10.0}, -338.10, -406.24),
+        ({"beta": 0.2, "damping": 0.005}, -86.328, -87.870),
+        ({"beta": 0.4, "damping": 0.005}, -312.29, -305.06),
+        ({"beta": 0.6, "damping": 0.005}, -277.41, -276.57),
+        ({"beta": 0.2, "gamma": 10.0, "damping": 0.005}, -87.488, -99.505),
+        ({"beta": 0.5, "gamma": 10.0, "damping": 0.005}, -403.41, -371.01),
+    ],
+)
+def test_coefficients_of_the_continuous_pipe_are_those_of_another_program(numbers, own, other):
+    # Where no imaginary parts stand, only real parts were handed over.
+    found = pp.hopf(pp.Galerkin(pp.Pipe(**numbers), 12, "legendre", dimensions=3))
+    for value, known in ((found.own, own), (found.other, other)):
+        assert value.real == pytest.approx(np.real(known), abs=0.02)
+        if isinstance(known, complex):
+            assert value.imag == pytest.approx(known.imag, abs=0.02)
+
+
+def test_the_planar_cycle_of_the_continuous_pipe_has_its_multiplier_across():
+    cycle = pp.limit_cycle(pp.Galerkin(pp.Pipe(0.2), 8, "legendre", dimensions=3), 6.0)
+    assert (cycle.amplitude, cycle.frequency) == pytest.approx((0.2766139, 13.791497), rel=2e-5)
+    assert abs(cycle.across[0]) == pytest.approx(1.04878, abs=1e-5)
+    assert np.abs(cycle.multipliers - 0.47873).min() < 1e-5
+
+
+def test_a_reduced_model_stops_where_its_coordinates_end():
+    model = pp.Galerkin(pp.Pipe(0.2), 4, "legendre", dimensions=3)
+    q = model.bent(lambda s: 3.3 * s, lambda s: 0.2 * s)
+    with pytest.raises(pp.NotResolved, match="coordinates of a reduced model in three dimensions"):
+        model.rhs(0.0, np.concatenate([q, 0.0 * q]), 1.0)
+    start = model.bent(lambda s: 3.0 * s, lambda s: 0.2 * s)
+    with pytest.raises(pp.MotionStopped):
+        pp.simulate(model, 1.0, 1.0, start, 10.0 * start)
