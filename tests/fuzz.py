@@ -382,6 +382,7 @@ PLANE = pp.StartPlane(np.array([-0.1, 0.2]), np.array([-0.2, 0.1]))
 ENDS = pp.attractors(FLUTTER, SPEED, PLANE)
 PUMP, SHAKER = pp.Pulsation(2.0, 0.3, 25.0), pp.Harmonic(0.01, 25.0)
 SHAKES = pp.forced_response(SHAKEN, 1.0, base=SHAKER, frequencies=(20.0, 30.0))
+PUSH = pp.Force(at=0.7, frequency=25.0, amplitude=0.1)
 RESPONSE = pp.frequency_response(SHAKEN, 1.0, (1.0, 30.0))
 KEPT = Path(tempfile.mkdtemp()) / "kept.npz"
 CRITICAL.save(KEPT)
@@ -414,6 +415,10 @@ TERMS = Kind(
         listed(3, NAN, MASS, [None], ["mass"], [PIPE], [MASS] * 401, [Mine()]),
         *map(listed, ([pp.Spring(1.5, 1.0)], [pp.Tension(-1e7)], [pp.PointMass(0.5, 1e12)])),
     ),
+)
+PHASES = Kind(
+    one_of([pp.Phase(998.0, 1e-4)], (pp.Phase(998.0, 1e-4), pp.Phase(1.2, 3e-4, slip=1.5))),
+    any_of(*NOTHINGS, *WORDS, listed(3, NAN, pp.Phase(1.0, 1.0), [None], [998.0], [PIPE])),
 )
 ROOT = either(
     ["clamped", "pinned", pp.RootSpring(3.0), pp.RootSpring(0.0)],
@@ -488,6 +493,29 @@ SHAKERS = Kind(
         *map(listed, (lambda t: "ab", lambda t: None, lambda t: (1j, 0), lambda t: "12")),
         *map(listed, (lambda t: (0, INF if t > 0.09 else 0), lambda t: ((0, 0), (0, 0)))),
     ),
+)
+WAVES = one_of(
+    None, lambda s, t: np.sin(s - t), lambda s, t: 0.1, lambda s, t: np.ones((len(s), 2))
+)
+NO_FORCE = any_of(
+    *(*NOTHINGS, *WORDS, *LOGICAL, *NOT_FINITE),
+    listed(1.0, [1.0], [None], [PUSH] * 21, SHAKER, PUMP, lambda t: 1.0, pp.Force),
+    *map(listed, (pp.Force(lambda t: NAN, 1.0), pp.Force(lambda t: "a", 1.0), [PUSH, "a"])),
+    *map(listed, (pp.Force(lambda t: (1.0, 2.0, 3.0), 1.0), pp.Force(lambda s, t: [s]))),
+    *map(listed, (pp.Force(lambda s, t: np.sign(s - 0.4)), pp.Force(lambda t: None, 1.0))),
+)
+FORCES = Kind(
+    one_of(None, PUSH, [PUSH, pp.Force(lambda s, t: s * t)], (pp.Force(lambda t: (t, 1), 0.5),)),
+    NO_FORCE,
+)
+IN_SI = pp.Force.from_si(HOSE, lambda x, t: 0.01 * x * t)
+FORCES_IN_SI = Kind(
+    one_of(
+        None,
+        pp.Force.from_si(HOSE, lambda x, t: 0.01 * x * t),
+        [pp.Force.from_si(HOSE, at=0.2, frequency=3.0)],
+    ),
+    any_of(NO_FORCE, one_of(PUSH, [PUSH])),
 )
 
 
@@ -592,6 +620,8 @@ def _pipes() -> Iterator[Target]:
             **own,
         )
     places, values = array(1, (0.2, 0.8), (-0.1, 1.0)), array(2, (0.5, 2.0), (-1.0, 0.0, 1e7))
+    size = real((0.1, 2.0), 0.0)
+    yield target(pp.Phase, density=real((1.0, 1e3), 0.0), flow_rate=size, slip=size)
     yield target(pp.Profile, at=places, values=values)
     yield target(pp.Profile, values=UPWARD)
     yield target(pp.Profile([0.5], [1.0, 0.5]))
@@ -616,6 +646,16 @@ def _pipes() -> Iterator[Target]:
                 stiffness_profile=ALONG,
                 **own,
             )
+    dry = {k: v for k, v in beam.items() if k != "fluid_mass"}
+    yield target(
+        pp.Pipe.from_si,
+        "Pipe.from_si[phases]",
+        **dry,
+        phases=PHASES,
+        inner_diameter=real((0.01, 0.2), 0.0),
+    )
+    dry = {k: v for k, v in tube.items() if k != "fluid_density"}
+    yield target(pp.Pipe.from_tube, "Pipe.from_tube[phases]", **dry, phases=PHASES)
     from_si = partial(pp.Pipe.from_si, **SI)
     yield target(from_si, "Pipe.from_si[mass_profile]", mass_profile=ALONG)
     ratio = Kind(positive.good, _not(None, positive.bad))
@@ -627,9 +667,9 @@ def _pipes() -> Iterator[Target]:
     for quantity in ("speed", "flow_rate", "time", "frequency", "length"):
         for way in ("si", "from_si"):
             converted = getattr(HOSE, f"{quantity}_{way}")
-            (name,) = inspect.signature(converted).parameters
-            yield target(converted, **{name: Kind(any_of(rows.good, NUMBER.good), odd)})
-    size = real((0.1, 2.0), 0.0)
+            name, *index = inspect.signature(converted).parameters
+            of_phase = dict.fromkeys(index, optional(count(0, 0, 1)))
+            yield target(converted, **{name: Kind(any_of(rows.good, NUMBER.good), odd)}, **of_phase)
     yield target(MEASURED.equivalent_damping, frequency=size)
     yield target(
         pp.end_coefficient,
@@ -1163,10 +1203,10 @@ def _motions() -> Iterator[Target]:
         **in_si,
     )
     still = partial(pp.simulate, pp.Chain(HOSE, 3), duration=0.1, q0=bend, samples=3, units="si")
-    yield target(still, "simulate[si, driven]", u=FLOWS, base=SHAKERS)
+    yield target(still, "simulate[si, driven]", u=FLOWS, base=SHAKERS, force=FORCES_IN_SI)
     for tag, model in (("chain", CHAIN), ("supported", pp.Galerkin(HINGED, 3))):
         driven = partial(pp.simulate, model, duration=0.1, q0=bend, samples=3)
-        yield target(driven, f"simulate[{tag}, driven]", u=FLOWS, base=SHAKERS)
+        yield target(driven, f"simulate[{tag}, driven]", u=FLOWS, base=SHAKERS, force=FORCES)
     speeds = array(2, (0.0, 3.0), (-1.0, 1e9), any_size=True)
     yield target(
         lambda **given: pp.simulate_many(
@@ -1190,6 +1230,7 @@ def _motions() -> Iterator[Target]:
         called={"speeds": r"speeds|\bu\b"},
         speeds=Kind(many, few),
         base=SHAKERS,
+        force=FORCES,
     )
     state = Kind(one_of(None), any_of(*NOTHINGS, *WORDS, one_of([0.1], [NAN] * 3, PIPE, EXACT)))
     flutter = Kind(one_of(FLUTTER), MOVING.bad)
@@ -1433,6 +1474,11 @@ def _driven() -> Iterator[Target]:
     si = {"pipe": of(MEASURED), "frequency": positive}
     yield target(pp.Pulsation.from_si, **si, mean=real((0.0, 3.0), -0.1, 1e300), amplitude=size)
     yield target(pp.Harmonic.from_si, **si, amplitude=size)
+    no_function = any_of(*WORDS, *LOGICAL, *NOT_FINITE, listed(1.0, [], PUSH))
+    own = {"function": Kind(WAVES, no_function), "amplitude": real((-1.0, 1.0), -1e10, 1e10)}
+    at = optional(real((0.1, 1.0), 0.0, 1.5))
+    yield target(pp.Force, **own, at=at, frequency=frequency)
+    yield target(pp.Force.from_si, **si, **own, at=at)
     supply = {"friction": real((0.5, 9.0), 0.0), "weight": optional(real((-1.0, 1.0)))}
     supply["start"] = optional(SLOW)
     yield target(pp.Supply, head=real((5.0, 50.0)), **supply)
@@ -1485,6 +1531,17 @@ def _driven() -> Iterator[Target]:
         model=Kind(one_of(SHAKEN, HINGES), lossless.bad),
         u=real((1.0, 2.0), -0.1, 1e300),
         base=of(SHAKER),
+        frequencies=frequencies,
+    )
+    never = listed(pp.Force(lambda t: 1.0, 1.0), pp.Force(None, 0.7, 25.0, 0.0), [PUSH])
+    yield target(
+        pp.forced_response,
+        "[force]",
+        slow=True,
+        called={"force": "force|base", **refused},
+        model=Kind(one_of(SHAKEN), lossless.bad),
+        u=real((1.0, 2.0), -0.1, 1e300),
+        force=Kind(one_of(PUSH), any_of(NO_FORCE, never)),
         frequencies=frequencies,
     )
     still = pp.Pulsation(2.0, 0.0, 25.0)

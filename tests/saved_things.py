@@ -37,6 +37,16 @@ NEW: dict[str, Callable[[], Any]] = {
         **{"length": 0.5, "outer_diameter": 12e-3, "inner_diameter": 8e-3},
         **{"youngs_modulus": 3e6, "density": 1150.0, "fluid_density": 998.0},
     ),
+    "ForcedResponse of a force": lambda: pp.forced_response(
+        pp.Chain(pp.Pipe(0.2, 3.0, damping=0.02), 2),
+        1.0,
+        force=pp.Force(at=0.7, frequency=5.0, amplitude=0.1),
+    ),
+    "pipe with phases": lambda: pp.Pipe.from_tube(
+        **{"length": 0.5, "outer_diameter": 12e-3, "inner_diameter": 8e-3},
+        **{"youngs_modulus": 3e6, "density": 1150.0},
+        phases=[pp.Phase(998.0, 2e-4), pp.Phase(1.2, 1e-4, slip=1.5)],
+    ),
 }
 """How a thing without a file is made, by its name; an exception is put into a `Failure`."""
 

@@ -14,21 +14,16 @@ import pipedyn as pp
 from pipedyn import modular, plot
 
 MADE_BY_USERS = {pp.Pipe, pp.Profile, pp.Chain, pp.Galerkin, pp.Continuum, pp.RootSpring}
-MADE_BY_USERS |= {pp.StartPlane, pp.Pulsation, pp.Harmonic, pp.Supply}
+MADE_BY_USERS |= {pp.StartPlane, pp.Pulsation, pp.Harmonic, pp.Supply, pp.Phase, pp.Force}
 MADE_BY_USERS |= set(pp.Term.__subclasses__())
 MADE_BY_USERS |= {getattr(modular, name) for name in modular.__all__}
 MADE_BY_USERS -= {modular.Module, modular.Constraint}
 
 CALLED_WITH_CHECKED = {"acceleration", "admissible", "along", "basis", "end_motion"}
 CALLED_WITH_CHECKED |= {"free_directions", "free_states", "from_user", "initial_state", "kinks"}
-CALLED_WITH_CHECKED |= {"largest_angle"}
-CALLED_WITH_CHECKED |= {
-    "law_numbers",
-    "quarter_turn",
-    "motion_jacobian",
-    "motion_linearised",
-    "motion_rates",
-}
+CALLED_WITH_CHECKED |= {"as_of_si", "components", "largest_angle", "with_applied"}
+CALLED_WITH_CHECKED |= {"law_numbers", "motion_jacobian", "motion_linearised", "motion_rates"}
+CALLED_WITH_CHECKED |= {"quarter_turn"}
 CALLED_WITH_CHECKED |= {"onto_constraints", "rate", "require_equilibrium", "sampled", "to_user"}
 CALLED_WITH_CHECKED |= {"unbalanced", "velocity", "weight_in"}
 """Methods that integrators and searches call, with what they have checked."""

@@ -123,7 +123,7 @@ def test_a_list_where_one_is_asked_for_is_refused_with_the_way_to_ask(taken):
             way = f"; ask for one at a time, [pp.{name}({taken}{many}) for {taken} in ...]"
             assert str(caught.value).endswith(way), name
             asked += 1
-    assert asked == {"model": 19, "pipe": 4}[taken]
+    assert asked == {"model": 20, "pipe": 4}[taken]
     with pytest.raises(TypeError, match=r"; ask for one at a time, \[pp.Chain\(pipe, ...\) for"):
         pp.Chain([PIPE, PIPE], 3)
     loci = pp.root_loci(CHAIN, [0.0, 1.0], 2)

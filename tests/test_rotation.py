@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
+from scipy.optimize import brentq, root
 
 import pipedyn as pp
 
@@ -148,3 +148,99 @@ def test_a_standing_pipe_rests_where_its_spring_holds_it(kind):
     )
     assert len(bent.q) > 1
     assert len(straight.q) == 1
+
+
+# -------------------------------------------------------- onset of flutter by exponentials, beta .2
+
+
+def onset_by_exponentials(beta, speed, frequency, j=0.0, at=1.0, m=0.0, inertia=0.0, k=0.0, c=0.0):
+    """Speed and frequency at which four exponentials on either side of a place meet all conditions.
+
+    w'''' + u^2 w'' + 2 sqrt(beta) u w_dot' + w_ddot - j w_ddot'' = 0, clamped and free. At the
+    place w'' jumps by (inertia lambda^2 + c lambda + k) w' and w''' by -m lambda^2 w.
+    """
+
+    def determinant(unknowns):
+        u, value = unknowns[0], 1j * unknowns[1]
+        a = np.roots([1.0, 0.0, u**2 - j * value**2, 2.0 * math.sqrt(beta) * u * value, value**2])
+
+        def derivative(order, s):
+            return a**order * np.exp(a * s)
+
+        turned, pushed = inertia * value**2 + c * value + k, m * value**2
+        free = [derivative(2, 1.0), -derivative(3, 1.0) + j * value**2 * derivative(1, 1.0)]
+        if at == 1.0:
+            free[0] = free[0] + turned * derivative(1, 1.0)
+            free[1] = free[1] + pushed * derivative(0, 1.0)
+            rows = np.array([derivative(0, 0.0), derivative(1, 0.0), *free])
+        else:
+            below = [derivative(order, at) for order in range(4)]
+            jumps = [0.0, 0.0, turned * below[1], -pushed * below[0]]
+            rows = np.zeros((8, 8), complex)
+            rows[0, :4], rows[1, :4] = derivative(0, 0.0), derivative(1, 0.0)
+            for order in range(4):
+                rows[2 + order, :4] = -below[order] - jumps[order]
+                rows[2 + order, 4:] = below[order]
+            rows[6, 4:], rows[7, 4:] = free
+        scaled = np.linalg.det(rows / np.abs(rows).max(axis=0))
+        return scaled.real, scaled.imag
+
+    found = root(determinant, [speed, frequency], tol=1e-13)
+    return found.x
+
+
+ONSETS = [
+    (pp.PointMass(1.0, 0.1, 0.01), {"at": 1.0, "m": 0.1, "inertia": 0.01}, 2.20144358, 13.0454096),
+    (pp.PointMass(0.5, 0.2, 0.02), {"at": 0.5, "m": 0.2, "inertia": 0.02}, 5.25526043, 11.9179253),
+    (pp.RotationalSpring(0.5, 2.0), {"at": 0.5, "k": 2.0}, 5.89066738, 13.3207061),
+    (pp.RotationalDamper(0.5, 0.1), {"at": 0.5, "c": 0.1}, 5.54833932, 13.3511800),
+    (None, {"j": 0.001}, 5.53735807, 13.6765910),
+]
+"""Terms, or the rotary inertia 0.001 of cross-sections, with speed and frequency of the onset."""
+
+
+def pipe_with(term):
+    own = {"rotary_inertia": 0.001} if term is None else {"terms": [term]}
+    return pp.Pipe(0.2, **own)
+
+
+@pytest.mark.parametrize(("term", "law", "speed", "frequency"), ONSETS, ids=str)
+def test_flutter_begins_where_a_determinant_of_exponentials_vanishes(term, law, speed, frequency):
+    exact = onset_by_exponentials(0.2, speed, frequency, **law)
+    assert exact == pytest.approx([speed, frequency], rel=5e-9)
+    pipe = pipe_with(term)
+    for model in (pp.Continuum(pipe), pp.Galerkin(pipe, 24, "legendre")):
+        found = pp.critical_speed(model)
+        assert (found.speed, found.frequency) == pytest.approx(exact, rel=1e-9)
+
+
+@pytest.mark.parametrize(("term", "law", "speed", "frequency"), ONSETS, ids=str)
+def test_chains_tend_to_it_with_the_second_order_inside_and_the_first_at_the_end(
+    term, law, speed, frequency
+):
+    """At the end the body turns with the last segment, whose angle is that half of it before."""
+    errors = [
+        abs(pp.critical_speed(make(pipe_with(term), n)).speed - speed)
+        for make, n in ((pp.Chain, 27), (pp.Chain, 81), (pp.modular.chain, 27))
+    ]
+    order = math.log(errors[0] / errors[1]) / math.log(3.0)
+    expected = 1.0 if term is not None and term.at == 1.0 else 2.0
+    assert order == pytest.approx(expected, abs=0.1)
+    assert errors[1] < (0.03 if expected == 1.0 else 0.002)
+    assert errors[2] == pytest.approx(errors[0], rel=1e-9)
+
+
+def test_a_small_body_at_the_end_halves_the_load_of_becks_column():
+    """Of a plain column u^2 is printed as 20.05 (Beck 1952)."""
+    plain, loaded = (
+        pp.critical_speed(pp.Continuum(pp.Pipe(0.0, terms=terms))).speed ** 2
+        for terms in ([], [pp.PointMass(1.0, 0.1, 0.01)])
+    )
+    assert plain == pytest.approx(20.05, abs=0.005)
+    assert loaded == pytest.approx(13.66670, abs=6e-6)
+
+
+def test_a_strong_rotational_spring_in_the_middle_lets_the_pipe_diverge():
+    """Without gravity and springs a pipe with a free end never does."""
+    found = pp.critical_speed(pp.Continuum(pp.Pipe(0.2, terms=[pp.RotationalSpring(0.5, 200.0)])))
+    assert (found.kind, found.frequency) == ("divergence", 0.0)

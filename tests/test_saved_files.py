@@ -16,16 +16,8 @@ from pipedyn.util import archive
 from pipedyn.util.archive import FORMER_NAMES, Saved
 
 BASES = {
-    *(
-        "Saved",
-        "Result",
-        "TableResult",
-        "ResultSequence",
-        "InPlane",
-        "OfPipe",
-        "Model",
-        "SpatialModel",
-    ),
+    *("Saved", "Result", "TableResult", "ResultSequence", "InPlane", "OfPipe", "Model"),
+    "SpatialModel",
     *("SegmentModel", "SweptResult", "PeriodicMotion", "Term", "Quantity", "Unit"),
 }
 """Classes from which saved ones inherit, but of which no object is in a file, and an SI unit."""

@@ -367,6 +367,8 @@ def test_questions_that_need_a_plane_name_the_planar_chain():
     ):
         with pytest.raises(ValueError, match=r"must move in a plane .* take its \.planar"):
             ask()
+    with pytest.raises(ValueError, match="force must be None in three dimensions"):
+        pp.simulate(chain, 3.0, 1.0, force=pp.Force(np.sin, at=1.0))
     with pytest.raises(ValueError, match="model must move in three dimensions"):
         pp.rotating_motion(chain.planar, 6.0)
     with pytest.raises(pp.NotConverged, match="no circular motion was found at u = 3"):

@@ -97,7 +97,10 @@ def models():
 @pytest.mark.parametrize("model", models(), ids=repr)
 def test_the_jacobian_is_the_derivative_of_the_rates(model):
     head, y = ConstantHead(model, SUPPLY), drawn(model, 0.2)
-    work, drive = 2 * model.integrated, np.array([0.0, 0.1, 0.2, 0.3, -0.4, 0.7, -0.3])
+    work, drive = (
+        2 * model.integrated,
+        np.array([0.0, 0.1, 0.2, 0.3, -0.4, 0.7, -0.3, 0.0, 0.0, 0.0]),
+    )
     found = head.jacobian(np.delete(y, work), drive)
 
     def rates(state):

@@ -177,12 +177,13 @@ inline void in_parts(const Batch& batch, Index rows, Index results, bool of_memb
       if (of == nullptr) return {};
       return Eigen::Map<const Matrix>(of, height, members).middleCols(begin, count);
     };
-    const Matrix y = columns(batch.y, rows), drive = columns(batch.drive, Drive::rows);
+    const Matrix y = columns(batch.y, rows), drive = columns(batch.drive, batch.drive_rows);
     const Batch part{.y = y.data(),
                      .u = batch.u + begin * batch.u_step,
                      .members = count,
                      .u_step = batch.u_step,
-                     .drive = batch.drive == nullptr ? nullptr : drive.data()};
+                     .drive = batch.drive == nullptr ? nullptr : drive.data(),
+                     .drive_rows = batch.drive_rows};
     if (of_member) {
       work(part, out + begin * results);
       return;
@@ -207,9 +208,9 @@ struct UnlockedFor {
 };
 
 /// Results (results,) or (results, k) that `work` computes from states (rows,) or (rows, k), their
-/// speeds and drive (Drive::rows, k), or None; with `matrices` each result is a matrix (results,
-/// rows), and those of k states are (k, results, rows). cost: amount of work for one state, as for
-/// `UnlockedFor`.
+/// speeds and drive (Drive::rows or more, k), or None; with `matrices` each result is a matrix
+/// (results, rows), and those of k states are (k, results, rows). cost: amount of work for one
+/// state, as for `UnlockedFor`.
 inline Numbers results_of(py::ssize_t rows, py::ssize_t results, py::ssize_t cost,
                           const py::object& y, const py::object& u, const py::object& drive,
                           const Work& work, bool matrices = false) {
@@ -222,7 +223,9 @@ inline Numbers results_of(py::ssize_t rows, py::ssize_t results, py::ssize_t cos
   std::optional<Numbers> rows_of_drive;
   if (!drive.is_none()) {
     rows_of_drive = numbers_argument("drive", "an array of real numbers", drive);
-    require_size("drive", *rows_of_drive, Drive::rows * states.members);
+    const Index size = rows_of_drive->size(), members = std::max<Index>(states.members, 1);
+    batch.drive_rows = std::max(size / members, Drive::rows);
+    require_size("drive", *rows_of_drive, batch.drive_rows * states.members);
     batch.drive = rows_of_drive->data();
   }
   double* const out = made.mutable_data();

@@ -11,6 +11,7 @@
 #include <optional>
 #include <string>
 #include <tuple>
+#include <vector>
 
 #include "arguments.hpp"
 #include "models.hpp"
@@ -57,11 +58,15 @@ FlowsAt flows_at(const py::object& u) {
   return [u](const Vector& t, const std::vector<Index>&, Flows& flows) {
     const py::gil_scoped_acquire locked;
     flows.u.resize(t.size());
-    flows.drive.resize(Drive::rows, t.size());
     for (Index j = 0; j < t.size(); ++j) {
-      const auto value = u(t[j]).cast<std::array<double, 1 + Drive::rows>>();
+      const auto value = u(t[j]).cast<std::vector<double>>();
+      const Index rows = static_cast<Index>(value.size()) - 1;
+      if (rows < Drive::rows || (j > 0 && rows != flows.drive.rows())) {
+        throw py::value_error("u must give a speed and a drive");
+      }
+      if (j == 0) flows.drive.resize(rows, t.size());
       flows.u[j] = value[0];
-      for (Index k = 0; k < Drive::rows; ++k) flows.drive(k, j) = value[1 + k];
+      for (Index k = 0; k < rows; ++k) flows.drive(k, j) = value[static_cast<std::size_t>(1 + k)];
     }
   };
 }
@@ -190,7 +195,7 @@ Rates rates_of(const py::object& of, Index rows, const py::object& u, const Vect
 }
 
 /// Jacobian by a Python function of a time, a state (rows,), its speed and, if anything drives it,
-/// drive (Drive::rows,). Where it raises ValueError the Jacobian is NaN.
+/// drive, its rows. Where it raises ValueError the Jacobian is NaN.
 DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows,
                                        const FlowAt& flow_at) {
   return [function, rows, flow_at](double t, const double* y, Index member, double* out) {
@@ -198,9 +203,9 @@ DenseSystems::Jacobian called_jacobian(const py::function& function, Index rows,
     const py::gil_scoped_acquire locked;
     const Numbers state(rows, y);
     const auto call = [&] {
-      const Numbers found =
-          flow.driven() ? function(t, state, flow.u[0], Numbers(Drive::rows, flow.drive.data()))
-                        : function(t, state, flow.u[0]);
+      const Numbers found = flow.driven() ? function(t, state, flow.u[0],
+                                                     Numbers(flow.drive.rows(), flow.drive.data()))
+                                          : function(t, state, flow.u[0]);
       require_size("a Jacobian", found, rows * rows);
       std::copy_n(found.data(), rows * rows, out);
     };

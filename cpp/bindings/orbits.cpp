@@ -82,7 +82,7 @@ LinearisedOrbit linearised_orbit(const py::object& model, const Numbers& duratio
       .forced = forced,
   };
   if ((speeds.size() != 1 && speeds.size() != stages) ||
-      (drive && (drive->rows() != Drive::rows || drive->cols() != stages))) {
+      (drive && (drive->rows() < Drive::rows || drive->cols() != stages))) {
     throw py::value_error("speeds and drive must be those at " + std::to_string(stages) +
                           " stages");
   }

@@ -90,6 +90,7 @@ from pipedyn.models.base import Power as Power
 from pipedyn.models.chain import Chain as Chain
 from pipedyn.models.chain import SpatialChain as SpatialChain
 from pipedyn.models.continuum import Continuum as Continuum
+from pipedyn.models.drive import Force as Force
 from pipedyn.models.drive import Harmonic as Harmonic
 from pipedyn.models.drive import Pulsation as Pulsation
 from pipedyn.models.drive import Supply as Supply
@@ -98,6 +99,7 @@ from pipedyn.models.galerkin import Galerkin as Galerkin
 from pipedyn.models.galerkin import SpatialGalerkin as SpatialGalerkin
 from pipedyn.models.pipe import Pipe as Pipe
 from pipedyn.models.profile import Profile as Profile
+from pipedyn.models.scales import Phase as Phase
 from pipedyn.models.scales import Scales as Scales
 from pipedyn.models.supports import RootSpring as RootSpring
 from pipedyn.models.terms import AddedMass as AddedMass

@@ -30,7 +30,8 @@ void require_rows(Index rows, Index dof) {
 /// counted from 0. The weight is 1, or the length that a Gauss point represents: a law per length
 /// acts at two Gauss points of each segment, which is exact if it is linear in position and
 /// velocity. A term at a place of the fixed base moves nothing and is left out; a term where two
-/// segments meet acts on the segment that ends there. base: length of the fixed base.
+/// segments meet acts on the segment that ends there. base: length of the fixed base. The term has
+/// the arc length of its place, also if it acts all along.
 template <class Body>
 void for_each_place(const Terms& terms, const Vector& length, double base, const Body& body) {
   const Index n = length.size();
@@ -39,12 +40,13 @@ void for_each_place(const Terms& terms, const Vector& length, double base, const
       if (law.along) {
         const double gauss = 0.5 / std::sqrt(3.0);
         Term placed = term;
-        double start = base;
-        for (Index j = 0; j < n; start += length[j++]) {
+        double before = base;
+        for (Index j = 0; j < n; ++j) {
           for (const double point : {0.5 - gauss, 0.5 + gauss}) {
-            placed.at = start + point * length[j];
+            placed.at = before + point * length[j];
             body(law, placed, j, point * length[j], 0.5 * length[j]);
           }
+          before += length[j];
         }
         return;
       }

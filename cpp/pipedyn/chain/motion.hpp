@@ -69,7 +69,8 @@ struct ChainModel {
 /// Rows of the drive, which forces a member in time besides its flow speed: the rate u' of the
 /// speed, then position, velocity and acceleration of the base, x and y of each, and z of each,
 /// which only motions in space read. The base carries the clamp and all rigid supports of the pipe,
-/// and does not turn; states are relative to it.
+/// and does not turn; states are relative to it. The numbers of applied forces may follow, see
+/// terms/applied_force.hpp.
 struct Drive {
   static constexpr std::ptrdiff_t rate = 0, position = 1, velocity = 3, acceleration = 5;
   static constexpr std::ptrdiff_t position_z = 7, velocity_z = 8, acceleration_z = 9, rows = 10;
@@ -84,8 +85,9 @@ struct Batch {
   std::ptrdiff_t u_step;            // 0 if all members have the same speed
   const double* moments = nullptr;  // further moments on the segments of a chain (n, members)
   const double* slopes = nullptr;   // derivative of each moment by its segment's angle; null: 0
-  const double* drive = nullptr;    // (Drive::rows, members); null: steady speed, base at rest
-  const double* errors = nullptr;   // allowed relative error of quadratures (members,); null: least
+  const double* drive = nullptr;    // (drive_rows, members); null: steady speed, base at rest
+  std::ptrdiff_t drive_rows = Drive::rows;  // more if forces are applied
+  const double* errors = nullptr;  // allowed relative error of quadratures (members,); null: least
 };
 
 struct GalerkinKernel;

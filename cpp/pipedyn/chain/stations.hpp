@@ -64,10 +64,28 @@ inline Plane<Real> work_by(const Slopes<Real>& slopes, Variable first, const Pla
           slopes.by[0][first + 1] * v.x + slopes.by[1][first + 1] * v.y};
 }
 
+/// Numbers of the members of a block, from an array; if it has fewer members than there are lanes,
+/// the last one fills the others.
+template <class Real>
+inline Real read_members(const double* from, Count used) {
+  if (lanes<Real> == 1 || used == lanes<Real>) return load<Real>(from);
+  double each[lanes<Real>];
+  for (Count i = 0; i < lanes<Real>; ++i) each[i] = from[i < used ? i : used - 1];
+  return load<Real>(each);
+}
+
 /// The drive of a member, in the order of the rows of Drive; all 0 if the batch has none.
 template <class Real>
 struct Driven {
   Real rate{}, x{}, y{}, vx{}, vy{}, ax{}, ay{};
+  const double* applied = nullptr;  // rows of applied forces, `apart` numbers apart; null: none
+  Count apart = 0, used = 0;
+
+  /// What an applied force is for the member at the arc length s.
+  AppliedNow<Real> force(const AppliedForce& law, double s) const {
+    if (applied == nullptr) return {};
+    return {law, s, [this](Count k) { return read_members<Real>(applied + k * apart, used); }};
+  }
 
   /// The drive of a member of a batch. row(k): entry of the member in row k of the batch's drive;
   /// called only if the batch has one.
@@ -117,7 +135,9 @@ struct Walk {
       const Station<Real> at{x + arm * sine,      y + arm * cosine,  angle, sine, cosine,
                              vx + swing * cosine, vy - swing * sine, rate};
       Laws::with(next->term, [&]<class Law>(const Law& law) {
-        if constexpr (Law::on_base) {
+        if constexpr (Law::applied) {
+          body(driven.force(law, next->term.at), *next, at);
+        } else if constexpr (Law::on_base) {
           body(law, *next, about(at, driven.x, driven.y, driven.vx, driven.vy));
         } else {
           body(law, *next, at);

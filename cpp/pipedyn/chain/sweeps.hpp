@@ -58,12 +58,7 @@ struct Members {
   Count first, used;
 
   bool whole() const { return lanes<Real> == 1 || used == lanes<Real>; }
-  Real read(const double* from) const {
-    if (whole()) return load<Real>(from);
-    double each[lanes<Real>];
-    for (Count i = 0; i < lanes<Real>; ++i) each[i] = from[i < used ? i : used - 1];
-    return load<Real>(each);
-  }
+  Real read(const double* from) const { return read_members<Real>(from, used); }
   void write(double* to, const Real& x) const {
     if (whole()) {
       store(to, x);
@@ -82,7 +77,13 @@ struct Members {
   }
   Real speed() const { return batch.u_step == 0 ? all<Real>(batch.u[0]) : read(batch.u + first); }
   Driven<Real> drive() const {
-    return Driven<Real>::of(batch, [&](Count k) { return read_row(batch.drive, k); });
+    auto found = Driven<Real>::of(batch, [&](Count k) { return read_row(batch.drive, k); });
+    if (batch.drive != nullptr && batch.drive_rows > pipedyn::Drive::rows) {
+      found.applied = batch.drive + pipedyn::Drive::rows * batch.members + first;
+      found.apart = batch.members;
+      found.used = used;
+    }
+    return found;
   }
 };
 

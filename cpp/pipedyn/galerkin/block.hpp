@@ -195,13 +195,20 @@ struct Block {
             return about(station(row, column, p), driven(batch, place), driven(batch, place + 1),
                          driven(batch, rate), driven(batch, rate + 1));
           };
+          const auto at_point = [&](Count p, double weight) {
+            if constexpr (!Law::applied) {
+              body(law, seen(p), p, weight);
+            } else if (batch.drive != nullptr && batch.drive_rows > Drive::rows) {
+              const auto row = [&](Count k) { return driven(batch, Drive::rows + k); };
+              body(AppliedNow<Real>(law, grid.place[p], row), seen(p), p, weight);
+            }
+          };
           if (placed.panel >= 0) {
-            const Count end = placed.panel * block + nodes;
-            body(law, seen(end), end, 1.0);
+            at_point(placed.panel * block + nodes, 1.0);
             return;
           }
           for (Count p = 0; p < points; ++p) {
-            if (grid.weight[p] != 0.0) body(law, seen(p), p, grid.weight[p]);
+            if (grid.weight[p] != 0.0) at_point(p, grid.weight[p]);
           }
         }
       });

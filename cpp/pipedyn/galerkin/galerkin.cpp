@@ -77,7 +77,7 @@ void evaluate(const GalerkinKernel::Function function, const Grids& grids, const
   const auto number = [](Index k) { return grid_of[static_cast<std::size_t>(k)]; };
   std::stable_sort(chosen.begin(), chosen.end(),
                    [&](Index a, Index b) { return number(a) > number(b); });
-  const Index driven = batch.drive != nullptr ? Drive::rows : 0;
+  const Index driven = batch.drive != nullptr ? batch.drive_rows : 0;
   for (Index first = 0; first < members;) {
     const Index* const member = chosen.data() + first;  // spare lanes repeat the last member
     const auto fits = [&](Index k) {
@@ -93,6 +93,7 @@ void evaluate(const GalerkinKernel::Function function, const Grids& grids, const
     double* const out = drive + driven * width;
     Batch block{y, u, width, 1};
     if (driven > 0) block.drive = drive;
+    block.drive_rows = batch.drive_rows;
     for (Index b = 0; b < width; ++b) {
       const Index k = member[std::min(b, used - 1)];
       u[b] = batch.u[k * batch.u_step];

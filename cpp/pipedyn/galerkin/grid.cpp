@@ -135,6 +135,7 @@ Panels::Panels(const Basis& basis, const Pipe& pipe)
       normal_mass += law.normal_mass();
       if (!Law::along) inertia[panel] += law.inertia();
       if (has_load<Law>) loads.push_back({term, Law::along ? -1 : panel});
+      if constexpr (Law::applied) applied_degree = std::max(applied_degree, law.count - 1);
     });
   }
   for (const double support : pipe.supports) {
@@ -247,6 +248,7 @@ Grid::Grid(const Basis& basis, const Matrix& from_basis, const Panels& panels, I
             .turning_at = turning_at_.data(),
             .inertia = inertia_.data(),
             .beyond = keep(beyond),
+            .place = places.data(),
             .arc = keep(arc),
             .expansion = keep(rule.expansion),
             .elastic = panels.elastic.data(),
@@ -261,7 +263,7 @@ Grids::Grids(Basis basis, const Pipe& pipe, Index least_nodes)
       from_basis_(to_orthonormal(basis_)),
       drag_(pipe.drag != 0.0) {
   const Index m = basis_.size(), count = panels_.count();
-  const Index more = (pipe.mass.degree(1e-12) + 1) / 2;
+  const Index more = (std::max(pipe.mass.degree(1e-12), panels_.applied_degree) + 1) / 2;
   more_nodes_ = static_cast<double>(more);
   for (Index panel = 0; panel < count; ++panel) {
     ellipses_.push_back(

@@ -13,7 +13,7 @@
 // chosen if this error is below the tolerance for at least one of a few values of eta. The number
 // of factors G to count was found by measurement, and so was the tolerance with drag, whose
 // integrals end at the zeros of v_n and have an error of exp(-Q eta). A mass per length that is a
-// polynomial needs additional nodes, half its degree.
+// polynomial needs additional nodes, half its degree, and so does an applied force.
 #pragma once
 
 #include <cmath>
@@ -55,6 +55,7 @@ struct Panels {
   double mass_per_length = 0.0;  // mass of terms all along, without the 1 of the pipe
   double normal_mass = 0.0;      // mass per length that moves across the pipe alone
   std::vector<PanelTerm> loads;  // terms that have a load
+  Index applied_degree = 0;      // of the polynomials of applied forces along the pipe
   std::vector<Index> held;       // panels at whose ends the pipe is held across
   Profile pipe_mass;             // m(s), the mass per length
   Profile pipe_stiffness;        // e(s), the bending stiffness

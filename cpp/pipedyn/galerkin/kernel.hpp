@@ -50,6 +50,7 @@ struct GridTables {
   const std::ptrdiff_t* turning_at;     // these points, (turning,)
   const double* inertia;                // their rotary inertia, (turning,)
   const double* beyond;                 // mass beyond each point, (N,)
+  const double* place;                  // arc length of each point, (N,)
   const double* arc;                    // places of a panel's points, from 0 to 1, (Q + 1,)
   const double* expansion;              // expansion of Quadrature, (Q, Q)
   const double* elastic;                // k_ij, (m, m)

@@ -384,10 +384,11 @@ void Scene::derivative(const Batch& batch, double rate, double* out) const {
   for (Index k = 0; k < members; ++k) {
     const Vector y = column(batch.y, rows, k);
     Vector drive;
-    if (batch.drive != nullptr) drive = column(batch.drive, Drive::rows, k);
+    if (batch.drive != nullptr) drive = column(batch.drive, batch.drive_rows, k);
     const auto or_none = [](const Vector& of) { return of.size() > 0 ? of.data() : nullptr; };
     Batch one{y.data(), batch.u + k * batch.u_step, 1, 0};
     one.drive = or_none(drive);
+    one.drive_rows = batch.drive_rows;
     const Linear about = linearised(one, rate);
     one.moments = or_none(about.moments);
     one.slopes = or_none(about.slopes);

@@ -144,6 +144,7 @@ LinearisedOrbit::LinearisedOrbit(const Intervals& of, const Forces& forces, doub
       if (forces.drive.size() > 0) {
         drive = forces.drive.middleCols(m * s, s);
         batch.drive = drive.data();
+        batch.drive_rows = drive.rows();
       }
       forces.linearise(batch, linearised.data());
       const CollocationInterval interval{

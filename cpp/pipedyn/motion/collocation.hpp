@@ -48,7 +48,7 @@ struct Forces {
   /// state (members, 2 + n, n).
   std::function<void(const Batch&, double*)> linearise;
   Vector speeds;  // flow speed at all stages (1,), or at each (count stages,)
-  Matrix drive;   // at the stages (Drive::rows, count stages); empty if there is none
+  Matrix drive;   // at the stages (Drive::rows or more, count stages); empty if there is none
   // Derivatives of the accelerations by the frequency (half, count stages); empty if they are 0.
   GivenMatrix by_frequency;
   bool speed_varies;  // else the derivatives by the speed count as 0

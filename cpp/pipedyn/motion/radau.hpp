@@ -34,8 +34,9 @@ class ShiftedSystems {
   virtual void solve(double* b) = 0;
 };
 
-/// Flow speed u (members,) of each motion of a batch, its drive (Drive::rows, members), or empty if
-/// nothing drives it, and the relative errors that quadratures may leave, as in `Batch`, or empty.
+/// Flow speed u (members,) of each motion of a batch, its drive (Drive::rows or more, members), or
+/// empty if nothing drives it, and the relative errors that quadratures may leave, as in `Batch`,
+/// or empty.
 struct Flows {
   Vector u;
   Matrix drive{};
@@ -48,6 +49,7 @@ struct Flows {
             .members = u.size(),
             .u_step = 1,
             .drive = driven() ? drive.data() : nullptr,
+            .drive_rows = driven() ? drive.rows() : Drive::rows,
             .errors = errors.size() > 0 ? errors.data() : nullptr};
   }
 };

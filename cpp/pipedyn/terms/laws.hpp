@@ -5,6 +5,7 @@
 #pragma once
 
 #include "pipedyn/terms/added_mass.hpp"
+#include "pipedyn/terms/applied_force.hpp"
 #include "pipedyn/terms/cubic_spring.hpp"
 #include "pipedyn/terms/damper.hpp"
 #include "pipedyn/terms/dead_load.hpp"
@@ -45,6 +46,8 @@ using Laws = LawTable<PointMass,         //
                       RotationalSpring,  //
                       RotationalDamper,  //
                       DistributedLoad,   //
-                      FollowerForce>;
+                      FollowerForce,     //
+                      AppliedForce,      //
+                      AppliedLoad>;
 
 }  // namespace

@@ -66,6 +66,8 @@ struct NoLaw {
   // The law acts between the pipe and its base, not the ground: where the base moves, the station
   // is relative to the base.
   static constexpr bool on_base = false;
+  // The load is that of an AppliedNow, which models make from the law and the drive of a batch.
+  static constexpr bool applied = false;
 
   double mass() const { return 0.0; }     // mass, or mass per length
   double inertia() const { return 0.0; }  // rotary inertia, at one place

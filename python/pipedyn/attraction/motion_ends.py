@@ -321,6 +321,7 @@ class _Engine:
             times=samples,
             rtol=rtol,
             base=drive.base,
+            forces=(drive.force,) if drive.force else (),
             members=len(runs),
             most=self.options.most,
         )

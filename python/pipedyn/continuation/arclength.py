@@ -98,6 +98,9 @@ class Continuation(ABC):
     """Size of a slow Newton step beyond which Newton's method fails at once. It is no field of
     `Control`, since saved results of earlier versions hold a control without it."""
 
+    farthest = math.inf
+    """Size of a first Newton step beyond which Newton's method fails."""
+
     def __init__(self, weights: Array, control: Control) -> None:
         self.weights, self.control = weights, control
 
@@ -185,6 +188,7 @@ class Continuation(ABC):
             iterations=control.iterations,
             patience=control.patience,
             hopeless=self.hopeless,
+            farthest=self.farthest,
             check=self.check,
         )
         assert last is not None

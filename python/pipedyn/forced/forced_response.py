@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""Periodic motions of finite amplitude of a pipe whose base oscillates or whose flow pulsates.
+"""Periodic motions of finite amplitude of a pipe that a base, a force or a flow drives.
 
 They are found by collocation, as limit cycles are, but with the period given and no condition on
-the phase, and are followed in the frequency past folds. With a moving base, a branch begins near
-the linear response. In a pulsating flow rest is a motion, too; other motions branch off it on the
-edges of parametric regions, with the period of the flow (harmonic) or twice that (subharmonic).
+the phase, and are followed in the frequency past folds. With a moving base or a force, a branch
+begins near the linear response. In a pulsating flow rest is a motion, too; other motions branch off
+it on the edges of parametric regions, with the period of the flow (harmonic) or twice that
+(subharmonic).
 """
 
 from __future__ import annotations
@@ -33,14 +34,14 @@ from pipedyn.cycles.limit_cycle import (
 )
 from pipedyn.forced.parametric_search import regions
 from pipedyn.forced.pulsating import Hill, PulsatingPipe, require_motion
-from pipedyn.linear.frequency_response import base_solution, checked_range
+from pipedyn.linear.frequency_response import base_solution, checked_range, harmonic_solution
 from pipedyn.linear.modes import largest_speed
 from pipedyn.linear.rest import at_rest
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model
-from pipedyn.models.drive import Harmonic, Pulsation, require_steady, steady_speed
+from pipedyn.models.drive import Force, Harmonic, Pulsation, require_steady, steady_speed
 from pipedyn.motion.simulate import checked_model_in_motion
-from pipedyn.motion.vector_field import Excitation, ForcedField
+from pipedyn.motion.vector_field import Excitation, ForcedField, phase_times
 from pipedyn.orbits.collocation import Linearised, OrbitProblem, residual
 from pipedyn.orbits.floquet import (
     CircleTest,
@@ -90,8 +91,11 @@ SETTLING = 10
 nearer to a motion that repeats, it is followed for 160 of them."""
 
 REACH = 10.0
-"""Amplitude by which steps are measured, as a multiple of that of the first motion of a moving
-base. It is 1 L at most, as resonances that a stop or a fixed end bends over may be small."""
+"""Amplitude by which steps are measured, as a multiple of that of the first motion of a moving base
+or a force. It is 1 L at most, as resonances that a stop or a fixed end bends over may be small."""
+
+FORCE_HARMONICS = 16
+"""Number of harmonics of a force in the linear response from which Newton's method starts."""
 
 HARMONICS = 8
 """Number of harmonics in Hill's equations for the motions in which branches leave rest."""
@@ -99,7 +103,7 @@ HARMONICS = 8
 
 # -------------------------------------------------------------------------------------- results
 
-BranchKind = Literal["base", "subharmonic", "harmonic"]
+BranchKind = Literal["base", "force", "subharmonic", "harmonic"]
 
 
 @saved_as("ForcedMotion")
@@ -151,8 +155,8 @@ class ForcedBranch(TableResult):
     """Motions along one branch, in the order in which it was followed, with those at its events.
 
     Attributes:
-        kind: "base" with a moving base; "subharmonic" or "harmonic" for a branch that leaves rest
-            in a pulsating flow.
+        kind: "base" with a moving base, "force" with a force; "subharmonic" or "harmonic" for a
+            branch that leaves rest in a pulsating flow.
         frequency: angular frequency of the forcing, in 1 / T, shape (P,).
         amplitude: half the peak-to-peak transverse motion of the free end relative to the base, in
             L, shape (P,).
@@ -214,9 +218,10 @@ class ForcedResponse(TableResult):
     """Periodic motions over the frequency of the forcing.
 
     Attributes:
-        branches: branches, each followed from one end. If the branch of a moving base was lost on
-            the way from the lowest frequency, another one begins at the highest.
-        forcing: amplitude and direction of the base's motion, or mean and amplitude of the flow's.
+        branches: branches, each followed from one end. If the branch of a moving base or a force
+            was lost on the way from the lowest frequency, another one begins at the highest.
+        forcing: amplitude and direction of the base's motion, or mean and amplitude of the flow's,
+            or the force.
         u: flow speed, in a pulsating flow its mean.
         model: the model.
         evaluations: number of right-hand sides and Jacobians.
@@ -225,7 +230,7 @@ class ForcedResponse(TableResult):
     """
 
     branches: tuple[ForcedBranch, ...]
-    forcing: Pulsation | Harmonic
+    forcing: Pulsation | Harmonic | Force
     u: float
     model: Model
     evaluations: int
@@ -274,6 +279,7 @@ def forced_response(
     u: float | Pulsation,
     *,
     base: Harmonic | None = None,
+    force: Force | None = None,
     frequencies: ArrayLike | None = None,
     progress: bool = False,
 ) -> ForcedResponse:
@@ -284,11 +290,12 @@ def forced_response(
         u: flow speed >= 0; or a `Pulsation`, whose mean and amplitude stay while its frequency
             varies. Then motions branch off from rest at the edges of parametric regions, and the
             pipe must be stable at the mean speed.
-        base: transverse motion of the base, whose amplitude stays while its frequency varies. It
-            must be given unless the flow pulsates, and must not be given if it does.
+        base: transverse motion of the base, whose amplitude stays while its frequency varies.
+        force: a `Force` with a frequency, which varies while the force stays the same function of
+            its phase. Of base, force and a pulsating flow one must be given.
         frequencies: range (low, high) of the forcing's angular frequency, low > 0, or several
             frequencies in increasing order, of which the first and last are the range. Default: 1 %
-            about the frequency of base or pulsation.
+            about the frequency of base, force or pulsation.
         progress: show progress on stderr.
 
     Returns:
@@ -301,10 +308,14 @@ def forced_response(
         >>> found = pp.forced_response(model, 5.0, base=shaken, frequencies=(13.0, 14.0))
         >>> len(found.branches)
         1
+        >>> push = pp.Force(at=0.5, frequency=13.5, amplitude=0.5)
+        >>> found = pp.forced_response(model, 5.0, force=push)
+        >>> [round(motion.amplitude, 3) for motion in found.at(13.5)]
+        [0.06]
 
     Raises:
-        NotConverged: if no motion of a moving base is found at either end of the range, neither
-            from the linear response nor by motions from rest that are left to settle.
+        NotConverged: if no motion of a moving base or a force is found at either end of the range,
+            neither from the linear response nor by motions from rest that are left to settle.
         ValueError, TypeError: for bad arguments.
 
     Source: Doedel, Keller and Kernevez (1991), as for `limit_cycle`; Nayfeh and Mook (1979),
@@ -313,10 +324,11 @@ def forced_response(
     model = checked_model_in_motion(
         model, largest=FORCED_DOF, purpose="forced_response", planar=True
     )
-    forcing = _checked_forcing(u, base)
+    forcing = _checked_forcing(u, base, force)
     mean = forcing.mean if isinstance(forcing, Pulsation) else u
     speed = steady_speed("u", mean, high=largest_speed(model))
     if frequencies is None:
+        assert forcing.frequency is not None
         low, high = 0.99 * forcing.frequency, 1.01 * forcing.frequency
     else:
         low, high = checked_range(frequencies)
@@ -347,17 +359,24 @@ def forced_response(
     )
 
 
-def _checked_forcing(u: Any, base: Any) -> Pulsation | Harmonic:
-    """The forcing that u and base describe; raises ValueError or TypeError if they are bad."""
+def _checked_forcing(u: Any, base: Any, force: Any) -> Pulsation | Harmonic | Force:
+    """The forcing that the arguments describe; raises ValueError or TypeError if they are bad."""
     if isinstance(u, Pulsation):
-        if base is not None:
-            raise ValueError("base must not be given where the flow pulsates")
+        for name, given in (("base", base), ("force", force)):
+            if given is not None:
+                raise ValueError(f"{name} must not be given where the flow pulsates")
         if u.amplitude == 0.0 or abs(u.amplitude) == 1.0:
             raise ValueError(f"u.amplitude must be between 0 and 1, got {u.amplitude!r}")
         return replace(u, amplitude=abs(u.amplitude))
     require_steady("u", u)
+    if force is not None:
+        if base is not None:
+            raise ValueError("force must not be given where the base moves")
+        return _checked_force(force)
     if not isinstance(base, Harmonic):
-        raise TypeError(f"base must be a Harmonic or u a Pulsation, got {check.shown(base)}")
+        raise TypeError(
+            f"base must be a Harmonic or u a Pulsation, got {check.shown(base)}; or give a force"
+        )
     if base.direction != "x":
         raise ValueError("base must move along x: along y rest stays a motion, got direction='y'")
     if base.amplitude == 0.0:
@@ -365,13 +384,36 @@ def _checked_forcing(u: Any, base: Any) -> Pulsation | Harmonic:
     return base
 
 
+def _checked_force(force: Any) -> Force:
+    """The force, refused unless it has a frequency, repeats with its phase and acts."""
+    known: Force = check.instance("force", force, Force, "a Force")
+    if known.frequency is None:
+        raise ValueError(
+            "force must have a frequency, which forced_response varies, and a function of the "
+            f"phase, got {check.shown(force)}"
+        )
+    places, times = np.linspace(0.0, 1.0, 9), phase_times(known)
+    period = 2.0 * math.pi / known.frequency
+    values = np.array([known.components(places, t) for t in times.tolist()])
+    later = np.array([known.components(places, t + period) for t in times.tolist()])
+    size = float(np.abs(values).max())
+    if size == 0.0:
+        raise ValueError("force must act, got one that is 0 at all times")
+    if (missed := float(np.abs(later - values).max())) > 1e-9 * size:
+        raise ValueError(
+            "force must repeat as its phase grows by 2 pi, got a function whose values then differ "
+            f"by {missed:.1e}"
+        )
+    return known
+
+
 # ----------------------------------------------------------------------------------- beginnings
 
 
 def _from_base(
-    model: Model, u: float, forcing: Harmonic, low: float, high: float
+    model: Model, u: float, forcing: Harmonic | Force, low: float, high: float
 ) -> Iterator[_ForcedTracer]:
-    """Beginnings of branches of a moving base: at the lowest, and maybe the highest frequency.
+    """Beginnings of branches of a moving base or a force: at the lowest, maybe the highest end.
 
     The second is needed if the first branch, which the caller follows, was lost.
 
@@ -379,6 +421,7 @@ def _from_base(
         NotConverged: if no motion is found at either.
     """
     failed = list[str]()
+    kind: BranchKind = "base" if isinstance(forcing, Harmonic) else "force"
     for frequency, way in ((low, 1.0), (high, -1.0)):
         motion = ForcedField(model, replace(forcing, frequency=frequency), 1)
         try:
@@ -388,43 +431,49 @@ def _from_base(
         except NewtonFailed as reason:
             failed.append(f"at a frequency of {frequency:g} {reason}")
             continue
-        begun = _ForcedTracer("base", motion, start, (low, high))
+        begun = _ForcedTracer(kind, motion, start, (low, high))
         yield begun
         if begun.lost is None:
             return
     if len(failed) == 2:
         raise NotConverged(
             f"no periodic motion was found to begin with: {'; '.join(failed)}. Give other "
-            "frequencies, that begin or end far from resonances, or a smaller amplitude of base; "
-            "simulate shows whether motions repeat at all"
+            "frequencies, that begin or end far from resonances, or a smaller amplitude of "
+            f"{kind}; simulate shows whether motions repeat at all"
         )
 
 
 def _first_motion(motion: ForcedField, u: float) -> PeriodicOrbit:
-    """A periodic motion at the frequency of a moving base.
+    """A periodic motion at the frequency of a moving base or a force.
 
     Newton's method starts from the linear response; where that fails, from the linear response to a
-    small amplitude of the base, which then grows; and at last from where a motion from rest ends.
+    small amplitude of the forcing, which then grows; and at last from where a motion from rest
+    ends.
 
     Raises:
         NewtonFailed: if none of these leads to a motion.
     """
     whole, model, w = motion.forcing, motion.model, motion.forcing.frequency
-    assert isinstance(whole, Harmonic)
-    answer = model.by_coordinates() @ base_solution(model, u, w)
+    assert not isinstance(whole, Pulsation)
+    assert w is not None
+    harmonics = _linear_response(motion, u, w)
     rest = np.append(motion.resting()[: model.integrated], np.zeros(model.integrated))
     symmetric = motion.is_odd(u)
 
     def linear(share: float, phase: Array) -> Array:
-        mode = share * whole.amplitude * np.concatenate([answer, 1j * w * answer])
-        return np.asarray(rest[:, None] + (mode[:, None] * np.exp(1j * phase)).real)
+        states = np.repeat(rest[:, None], phase.size, axis=1)
+        for order, answer in harmonics.items():
+            mode = share * whole.amplitude * np.concatenate([answer, 1j * order * w * answer])
+            states += (mode[:, None] * np.exp(1j * order * phase)).real
+        return states
 
     def grown(shares: list[float]) -> PeriodicOrbit:
         """The motion for the last share of the amplitude, by way of those for the others."""
         states: Callable[[Array], Array] = partial(linear, shares[0])
         for share in shares:
             weaker = copy(motion)  # which counts its evaluations as the motion's
-            weaker.forcing = weaker.base = replace(whole, amplitude=share * whole.amplitude)
+            weaker.forcing = replace(whole, amplitude=share * whole.amplitude)
+            weaker.base = weaker.forcing if isinstance(weaker.forcing, Harmonic) else None
             for _ in range(4):  # its own harmonics may be higher than those of the states
                 orbit = solved_anew(weaker, states, w, u, symmetric, FINE)
                 states = orbit.states
@@ -438,15 +487,35 @@ def _first_motion(motion: ForcedField, u: float) -> PeriodicOrbit:
     return _settled(motion, u)
 
 
+def _linear_response(motion: ForcedField, u: float, w: float) -> dict[int, Complex]:
+    """Complex coordinates p of small motions at multiples of a frequency, for an amplitude of 1."""
+    model, forcing = motion.model, motion.forcing
+    if isinstance(forcing, Harmonic):
+        return {1: model.by_coordinates() @ base_solution(model, u, w)}
+    phases = np.linspace(0.0, 2.0 * math.pi, 4 * FORCE_HARMONICS, endpoint=False)
+    series = np.fft.rfft(motion.force_numbers(phases), axis=1) / phases.size
+    series[:, 1:] *= 2.0
+    found = {}
+    for order in range(FORCE_HARMONICS + 1):
+        if np.abs(series[:, order]).max() > 1e-12 * np.abs(series).max():
+            answer = harmonic_solution(model, u, order * w, series[:, order])
+            found[order] = model.by_coordinates() @ answer
+    return found
+
+
 def _settled(motion: ForcedField, u: float) -> PeriodicOrbit:
     """The periodic motion on which a motion from rest ends.
 
     Raises:
-        NewtonFailed: if it does not repeat with the period of the base, or stops.
+        NewtonFailed: if it does not repeat with the period of the forcing, or stops.
     """
-    model, base = motion.model, motion.forcing
-    assert isinstance(base, Harmonic)
-    drive, time = Excitation(u, base), SETTLING * 2.0 * math.pi / base.frequency
+    model, forcing = motion.model, motion.forcing
+    if isinstance(forcing, Harmonic):
+        drive, name = Excitation(u, forcing), "base"
+    else:
+        assert isinstance(forcing, Force)
+        drive, name = Excitation(u, force=forcing), "force"
+    time = SETTLING * drive.period
     options = MotionOptions(drive.whole(time), drive.whole(max(time, 1.0)), exponents=False)
     begun = Case(model, drive, starts={0: motion.resting()})
     with count_work() as work:
@@ -454,8 +523,9 @@ def _settled(motion: ForcedField, u: float) -> PeriodicOrbit:
     motion.evaluations += work.right_hand_sides
     number, end = case.ends[0]
     orbit = case.solutions[number].orbit if number >= 0 else None
-    if orbit is None or not math.isclose(orbit.frequency, base.frequency, rel_tol=1e-6):
-        why = end if isinstance(end, Exception) else "it was not found to repeat with the base"
+    frequency = 2.0 * math.pi / drive.period
+    if orbit is None or not math.isclose(orbit.frequency, frequency, rel_tol=1e-6):
+        why = end if isinstance(end, Exception) else f"it was not found to repeat with the {name}"
         raise NewtonFailed(f"a motion from rest leads to none: {why}")
     return as_symmetric(motion, orbit)
 
@@ -489,6 +559,7 @@ def _leaving_rest(motion: ForcedField, mean: float) -> BranchStart:
     edges = divided(coarse, np.full(coarse.size - 1, 3))
     states = np.zeros((edges.size - 1, motion.size))
     rates = np.zeros((*stage_phases(edges).shape, motion.half))
+    assert isinstance(motion.forcing, Pulsation)
     w = motion.forcing.frequency / motion.order
     rest = PeriodicOrbit(edges, states, rates, w, mean, True)
     towards = Linearised(motion, rest, (0.0 * rest.packed(), 0.0)).neutral(1.0)
@@ -572,7 +643,7 @@ class _ForcedTracer(Tracer[OrbitProblem]):
         super().__init__(most=MOST_STEPS)
         self.kind, self.motion, self.start, self.window = kind, motion, start, window
         self.rests = np.array(rests)
-        self.from_rest = kind != "base"
+        self.from_rest = kind in ("subharmonic", "harmonic")
         self.points, self.events = list[_ForcedPoint](), list[ForcedEvent]()
         self.steps = list[Step]()
         self.lost: NotConverged | None = None
@@ -685,7 +756,7 @@ def _refined_motion(
         u=motion.flow(orbit.u, orbit.frequency),
         error=error,
         residual=residual(motion, orbit),
-        model=motion.model,
+        model=motion.model.with_applied(()),
         orbit=orbit,
     )
     if error > rtol:

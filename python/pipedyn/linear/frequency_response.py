@@ -433,6 +433,26 @@ def base_solution(model: Model, u: float, omega: float) -> Complex:
     return np.asarray(model.from_elastic(found), dtype=np.complex128)
 
 
+def harmonic_solution(model: Model, u: float, omega: float, numbers: Complex) -> Complex:
+    """Complex coordinates q for numbers of applied forces that oscillate, shape (dof,).
+
+    Args:
+        model: the model on which forces act, see `Model.with_applied`.
+        u: flow speed.
+        omega: frequency, 0 for constant forces.
+        numbers: complex amplitudes of the forces' numbers in a drive, shape (rows,).
+    """
+    drives = np.eye(numbers.size, ROWS + numbers.size, ROWS).T
+    load = _drive_loads(model, u, drives) @ numbers
+    plain = model.with_applied(())
+    found = np.zeros(model.dof, dtype=np.complex128)
+    for part, factor in ((load.real, 1.0), (load.imag, 1j)):
+        one = _Response(plain, u, ("force", 1.0), 1.0)
+        one.loads = np.stack([part, 0.0 * part, 0.0 * part], axis=1)
+        found += factor * one.solution(omega)
+    return np.asarray(model.from_elastic(found), dtype=np.complex128)
+
+
 def _displacement(model: Model, s: float, derivative: int = 0) -> Array:
     """Row of the displacement at s, or of its slope, in elastic coordinates, shape (dof,)."""
     of_elastic = np.asarray(model.from_elastic(np.eye(model.dof)))
@@ -446,16 +466,21 @@ def _base_loads(model: Model, u: float) -> Array:
     ground acts on the position and velocity of the base, and all mass on its acceleration.
     """
     model.require_base()
+    drives = np.zeros((ROWS, 3))
+    drives[[1, 3, 5], [0, 1, 2]] = 1.0
+    return _drive_loads(model, u, drives)
+
+
+def _drive_loads(model: Model, u: float, drives: Array) -> Array:
+    """Loads on elastic coordinates by k drives of the model at rest, (rows, k), shape (dof, k)."""
     if model.pipe.hysteresis:  # it is in no load, and equations of motion exclude it
         model = model.with_pipe(replace(model.pipe, hysteresis=0.0))
     rest, half = model.resting(), model.integrated
     still = np.concatenate([rest, np.zeros(half)])
     # The straight pipe at rest has no acceleration in which a tiny difference would be lost.
     h = 1e-6 if rest.any() else 1e-30
-    drive = np.zeros((ROWS, 3))
-    drive[[1, 3, 5], [0, 1, 2]] = h
-    states = np.stack([still] * 3, axis=1)
-    either = (model.motion_rates(states, u, way * drive)[half:] for way in (1.0, -1.0))
+    states = np.stack([still] * drives.shape[1], axis=1)
+    either = (model.motion_rates(states, u, way * h * drives)[half:] for way in (1.0, -1.0))
     accelerations = np.subtract(*either) / (2.0 * h)
     # The coordinates are independent: no singular value is due to rounding, so that none is cut
     # off.

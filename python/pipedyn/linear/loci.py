@@ -228,7 +228,7 @@ def root_loci(
         speeds=at,
         **{name: getattr(loci, name)[rows][:, kept] for name in OF_BRANCHES},
         modes=loci.modes[kept],
-        complete=complete,
+        complete=bool(complete),
     )
 
 

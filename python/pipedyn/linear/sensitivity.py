@@ -106,7 +106,7 @@ class Crossing(Result, units={"error": SPEED}):
         mode: number of the branch that crosses, from 1, counted at rest by frequency; the higher of
             two branches that meet on the axis (beta = 0). At a divergence of a conservative pipe,
             the mode whose frequency at rest is nearest to Rayleigh's quotient of the buckled shape.
-            If damping times (pi mode)^2 exceeds 2, the mode does not oscillate at rest, and the
+            If damping is so strong that the mode does not oscillate at rest, the
             number is a convention, which differs from model to model.
         sensitivity: derivatives of speed and frequency; None at u = 0, at beta = 0 without
             damping, at the divergence of a chain with a free joint, and about a configuration of

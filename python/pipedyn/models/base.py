@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from functools import cached_property
 from numbers import Real
@@ -159,12 +159,12 @@ UNIFORM = _core.Profile()
 """Profile of a property that is uniform along the pipe, in the core's form."""
 
 
-def core_pipe(pipe: Pipe) -> _core.Pipe:
-    """The pipe's numbers in the core's form."""
+def core_pipe(pipe: Pipe, applied: Sequence[Any] = ()) -> _core.Pipe:
+    """The pipe's numbers in the core's form, with laws of applied forces."""
     return _core.Pipe(  # positional arguments: keywords would double the time
         own_numbers(pipe),
         pipe.flow == "aspirating",
-        [(t.law, t.place or 0.5, t.law_numbers(pipe.damping)) for t in pipe.terms],
+        [*((t.law, t.place or 0.5, t.law_numbers(pipe.damping)) for t in pipe.terms), *applied],
         pipe.root_stiffness,
         pipe.end,
         pipe.supports,
@@ -247,6 +247,7 @@ class Model(OfPipe, ABC):
     def __init__(self, pipe: Pipe) -> None:
         super().__init__(pipe)
         self._reference: Array | None = None  # set by `about`; None: the straight pipe
+        self._applied: Sequence[Any] = ()  # laws of applied forces
 
     def _check_pipe(self) -> None:
         if self._reference is not None:
@@ -322,6 +323,17 @@ class Model(OfPipe, ABC):
     def stations(self) -> Array:
         """Arc lengths at which the largest displacement of a mode is searched."""
         return np.linspace(0.0, 1.0, max(201, 8 * min(self.dof, 500) + 1))
+
+    def with_applied(self, laws: Sequence[Any]) -> Self:
+        """The model on which forces act that a drive gives, in the place of others, if any.
+
+        laws: those of `AppliedForces`. Without a drive the forces are 0.
+        """
+        if list(laws) == list(self._applied):
+            return self
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__getstate__(), _applied=tuple(laws))
+        return other
 
     def about(self, q: ArrayLike) -> Self:
         """A copy of the model that is linearised about another configuration at rest.

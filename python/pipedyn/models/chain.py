@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -188,6 +189,8 @@ class Chain(SegmentModel):
         self._check_pipe()
         self._approximates = rule is not None and not own
 
+    setattr(__new__, "__signature__", inspect.signature(__init__))  # noqa: B010
+
     def archived(self) -> dict[str, Any]:
         return {
             **super().archived(),
@@ -301,10 +304,13 @@ class Chain(SegmentModel):
             return NOT_HELD
         return held_ends(self._pipe, self._ends()[1:])
 
-    def _compiled(self, springs: Array, pipe: Pipe, held: Sequence[int] = ()) -> _core.Scene:
+    def _compiled(
+        self, springs: Array, pipe: Pipe, held: Sequence[int] = (), applied: Sequence[Any] = ()
+    ) -> _core.Scene:
         """The compiled segments with these springs of joints, the ends of those in `held` held."""
         segments, places = core_segments(self, spring=springs), [3 * k for k in held]
-        return _core.Scene(core_pipe(pipe), segments, held=places, value=np.zeros(len(places)))
+        acting = core_pipe(pipe, applied)
+        return _core.Scene(acting, segments, held=places, value=np.zeros(len(places)))
 
     @property
     def _own_joints(self) -> Array:
@@ -312,7 +318,7 @@ class Chain(SegmentModel):
 
     @cached_property
     def core(self) -> _core.Scene:
-        return self._compiled(self._own_joints, self._pipe, self._held.tolist())
+        return self._compiled(self._own_joints, self._pipe, self._held.tolist(), self._applied)
 
     def _held_rows(self, theta: Array) -> Array:
         before = np.arange(theta.size)[:, None] <= self._held

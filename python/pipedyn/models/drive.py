@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: MIT
-"""Drives of a pipe in time: a flow whose speed varies or is free, and a moving base.
+"""Drives of a pipe in time: a flow whose speed varies or is free, a moving base, applied forces.
 
 The base carries the clamp and all that holds the pipe rigidly (supports, guides, pins, the axial
 fixing of its end); it moves without turning. Coordinates are measured from it. Springs, dampers,
 stops, foundations and the fluid around the pipe rest on the ground.
+
+Forces along the pipe are handed to the core as polynomials of the arc length, whose coefficients
+vary in time.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -20,6 +23,7 @@ import numpy as np
 from pipedyn.models.pipe import Pipe, checked_pipe, scaled_by
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
+from pipedyn.util.check import Array
 from pipedyn.util.result import Units
 
 Direction = Literal["x", "y"]
@@ -41,6 +45,15 @@ derivative of cos(100 t) are then exact to 4e-9, and rounding adds 1e-9 of the v
 
 TRIED = 101
 """Number of times at which functions are checked beforehand."""
+
+TRIED_PLACES = 500
+"""Number of places at which a force along the pipe is compared with its polynomial beforehand."""
+
+HIGHEST_DEGREE = 48
+"""Largest degree of the polynomial for a force along the pipe: nine waves of a sine have it."""
+
+MISSED = 1e-6
+"""Largest share of a force along the pipe that its polynomial may miss, at the times checked."""
 
 Place: TypeAlias = tuple[float, float]
 
@@ -207,6 +220,234 @@ class Harmonic(_Drive):
     def acceleration(self, t: float) -> Place:
         """Acceleration (X'', Y'')."""
         return self.along(-self.amplitude * self.frequency**2 * math.cos(self.frequency * t))
+
+
+@saved_as("Force", added=("of_si",))
+@dataclass(frozen=True)
+class Force(_Drive):
+    """A force of the user's own that varies in time, at one place or all along the pipe.
+
+    Its components across and along the straight pipe, x and y (downward), do not turn with the
+    pipe. A force along the pipe, such as a pressure times the width on which it acts, is a force
+    per length of the pipe.
+
+    Attributes:
+        function: for a force at one place, a function of the time t to the component x or to a
+            pair (x, y); for a force along the pipe, a function of arc lengths s, shape (p,), and of
+            t to components x, shape (p,) or one number, or to pairs (p, 2). It must be smooth in s:
+            a polynomial of degree 48 must represent it to 1e-6. It may jump in time, but `simulate`
+            may pass over what lasts less than a hundredth of a motion, unless `max_step` is
+            shorter. If a frequency is given, the function's argument is the phase frequency * t in
+            place of t. If no function is given, the force is amplitude * cos(frequency * t) along
+            x.
+        at: arc length of the place in L, 0 < at <= 1; None for a force along the pipe. In a chain
+            with a fixed part at its clamp, a force on that part moves nothing.
+        frequency: angular, in 1 / T, > 0, of a function that repeats as its phase grows by 2 pi.
+            `forced_response` varies it.
+        amplitude: factor of the function. The unit is EI / L^2 at one place, EI / L^3 along the
+            pipe.
+
+    Example:
+        >>> model = pp.Chain(pp.Pipe(0.2, damping=0.01), 6)
+        >>> push = pp.Force(lambda t: 0.5 * np.exp(-((t - 1.0) ** 2) / 0.02), at=1.0)
+        >>> motion = pp.simulate(model, 3.0, 4.0, np.zeros(6), force=push)
+        >>> round(float(np.abs(motion.tip[:, 0]).max()), 3)
+        0.024
+        >>> wave = pp.Force(lambda s, phase: np.sin(3.0 * s - phase), frequency=8.0, amplitude=2.0)
+        >>> motion = pp.simulate(model, 3.0, 4.0, np.zeros(6), force=wave)
+        >>> round(float(np.abs(motion.tip[:, 0]).max()), 3)
+        0.056
+
+    Raises:
+        ValueError: for a number out of its range, NaN or infinity, or neither function nor
+            frequency.
+        TypeError: for an argument that is not a number, or no function.
+    """
+
+    function: Callable[..., Any] | None = None
+    at: float | None = None
+    frequency: float | None = None
+    amplitude: float = 1.0
+
+    def __post_init__(self) -> None:
+        check.instance("function", self.function, Callable | None, "a function")
+        if self.function is None and self.frequency is None:
+            raise ValueError(
+                "frequency must be given for a force without a function, which is amplitude "
+                "cos(frequency t), got None"
+            )
+        if self.at is not None:
+            vars(self)["at"] = check.real("at", self.at, low=0.0, high=1.0, open_low=True)
+        if self.frequency is not None:
+            vars(self)["frequency"] = _frequency(self.frequency)
+        vars(self)["amplitude"] = check.real("amplitude", self.amplitude, low=-1e9, high=1e9)
+
+    @classmethod
+    def from_si(
+        cls,
+        pipe: Pipe,
+        function: Callable[..., Any] | None = None,
+        *,
+        at: float | None = None,
+        frequency: float | None = None,
+        amplitude: float = 1.0,
+    ) -> Force:
+        """The force for a pipe made with `Pipe.from_si`.
+
+        Args:
+            pipe: the pipe.
+            function: as for `Force`, of places in m and the time in s, or of the phase, to a force
+                in N, or along the pipe in N/m; quantities of pint are converted.
+            at: place of the force, m; None for a force along the pipe.
+            frequency: angular frequency, rad/s.
+            amplitude: factor of the function; without a function the amplitude in N, or N/m.
+
+        Example:
+            >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
+            >>> pipe = pp.Pipe.from_si(length=2.0, **numbers)
+            >>> pp.Force.from_si(pipe, at=1.0, frequency=3.0, amplitude=0.5)
+            Force(function=None, at=0.5, frequency=6.0, amplitude=0.5)
+        """
+        scales = checked_pipe(pipe)._units("a force")
+        length, time = scales.length, scales.time
+        unit, name = scales.mass * length / time**2, "N/m"
+        if at is not None:
+            at = pipe.length_from_si(check.real("at", at, unit="m"))
+            unit, name = unit * length, "N"
+        if frequency is not None:
+            frequency = pipe.frequency_from_si(check.real("frequency", frequency))
+        if function is None:
+            amplitude = check.real("amplitude", amplitude, unit=name)
+        elif callable(function):
+            scale = time if frequency is None else 1.0
+            function = partial(_force_in_si, function, length, scale, name)
+        amplitude = check.real("amplitude", amplitude) / unit
+        return cls(function, at, frequency, amplitude).as_of_si()
+
+    def components(self, places: Array, t: float) -> Array:
+        """Components (x, y) at a time, at places (p,) or at the force's own place, shape (p, 2).
+
+        Raises ValueError if the function fails or returns no such numbers.
+        """
+        argument = t if self.frequency is None else self.frequency * t
+        if self.function is None:
+            found: Any = math.cos(argument)
+        else:
+            arguments = (argument,) if self.at is not None else (places, argument)
+            try:
+                found = self.function(*arguments)
+            except Exception as error:
+                told = f"{type(error).__name__}: {error}"
+                raise ValueError(f"force({t:g}) must be numbers, it raised {told}") from error
+        count = 1 if self.at is not None else len(places)
+        try:
+            values = check.doubles("force", found, "numbers")
+        except (TypeError, ValueError):
+            values = np.full((), math.nan)
+        pair = (2,) if self.at is not None else (count, 2)
+        made = np.zeros((count, 2))
+        if values.shape not in ((), (count,), pair) or not np.isfinite(values).all():
+            raise ValueError(
+                f"force({t:g}) must give finite numbers, one or of shape ({count},) for x or "
+                f"{pair} for x and y, got {check.shown(found)}"
+            )
+        if values.shape == pair:
+            made[:] = values
+        else:
+            made[:, 0] = values
+        return self.amplitude * made
+
+
+def _force_in_si(
+    function: Callable[..., Any], length: float, time: float, unit: str, *arguments: Any
+) -> Any:
+    """Values in SI of a function of place and time in SI, or of time alone, at nondimensional ones.
+
+    time: value of a nondimensional 1 of the last argument.
+    """
+    *places, t = arguments
+    return check.in_unit("its value", function(*(length * s for s in places), time * t), unit)
+
+
+def checked_forces(force: Any) -> tuple[Force, ...]:
+    """The argument `force`, none, one or a sequence of at most 20 forces, as a tuple."""
+    if force is None:
+        return ()
+    if not isinstance(force, tuple | list):
+        return (check.instance("force", force, Force, "a Force or a sequence of them"),)
+    if not 0 < len(force) <= 20:
+        raise ValueError(f"force must be 1 to 20 forces, got {len(force)}")
+    return tuple(
+        check.instance(f"force[{k}]", one, Force, "a Force") for k, one in enumerate(force)
+    )
+
+
+class AppliedForces:
+    """Forces as the core takes them: laws of applied forces, and their numbers at any time.
+
+    Args:
+        forces: the forces.
+        times: times at which they are checked, shape (k,).
+
+    Attributes:
+        laws: law, place and numbers of each force, as the core's pipe takes terms.
+        rows: number of numbers at a time, which follow those of the base's motion in a drive.
+
+    Raises:
+        ValueError: for a force that a polynomial of degree 48 does not represent along the pipe, or
+            whose function fails.
+    """
+
+    def __init__(self, forces: Sequence[Force], times: Array) -> None:
+        self.laws: list[tuple[str, float, list[float]]] = []
+        self._parts: list[tuple[Force, Array, Array]] = []  # with places, values to coefficients
+        self.rows = 0
+        for force in forces:
+            first, degree = 0.5 * self.rows, 0
+            if force.at is None:
+                degree = _degree_along(force, times)
+                self.laws.append(("applied_load", 0.0, [first, degree + 1.0]))
+            else:
+                for t in times.tolist():
+                    force.components(np.zeros(1), t)
+                self.laws.append(("applied_force", force.at, [first]))
+            self._parts.append((force, *_to_chebyshev(degree + 1)))
+            self.rows += 2 * (degree + 1)
+
+    def __call__(self, t: float) -> Array:
+        """The numbers at a time, shape (rows,)."""
+        found = [to @ force.components(places, t) for force, places, to in self._parts]
+        return np.concatenate(found).ravel()
+
+
+def _to_chebyshev(count: int) -> tuple[Array, Array]:
+    """Places in [0, 1], and the matrix from values there to coefficients of T_k(2 s - 1)."""
+    x = np.polynomial.chebyshev.chebpts1(count)
+    to = np.polynomial.chebyshev.chebvander(x, count - 1).T * (2.0 / count)
+    to[0] *= 0.5
+    return 0.5 * (1.0 + x), to.astype(np.float64)
+
+
+def _degree_along(force: Force, times: Array) -> int:
+    """Degree of the polynomial of the arc length that represents a force at some times."""
+    places, to = _to_chebyshev(HIGHEST_DEGREE + 1)
+    series = np.array([to @ force.components(places, t) for t in times.tolist()])
+    sizes = np.abs(series).max(axis=(0, 2))
+    seen = np.linspace(0.0, 1.0, TRIED_PLACES)
+    powers = np.polynomial.chebyshev.chebvander(2.0 * seen - 1.0, HIGHEST_DEGREE)
+    missed, size = 0.0, float(sizes.max())
+    for k in range(0, len(times), 10):
+        values = force.components(seen, float(times[k]))
+        size = max(size, float(np.abs(values).max()))
+        missed = max(missed, float(np.abs(values - powers @ series[k]).max()))
+    if missed > MISSED * size:
+        raise ValueError(
+            f"force must be smooth along the pipe, so that a polynomial of degree {HIGHEST_DEGREE} "
+            f"represents it, got one that such a polynomial misses by {missed / size:.1e} of its "
+            "size; where it has jumps or corners, round them off, or put forces at several places "
+            "in a list"
+        )
+    return int(np.flatnonzero(sizes > 1e-11 * sizes.max()).max(initial=0))
 
 
 @saved_as("Supply", added=("of_si",))
@@ -393,15 +634,17 @@ class DriveFailed(Exception):
 
 
 class Drive:
-    """Flow speed and base motion as functions of time, over a range of times.
+    """Flow speed, base motion and forces as functions of time, over a range of times.
 
-    A call with a time returns u, u', X, Y, X', Y', X'', Y'', Z, Z', Z'', or raises `DriveFailed`.
+    A call with a time returns u, u', X, Y, X', Y', X'', Y'', Z, Z', Z'' and the numbers of the
+    forces, or raises `DriveFailed`.
 
     Args:
         u: the flow speed, of type `Speed`.
         base: the base's motion, of type `Base`; at rest if None.
         low: the first time at which functions are called.
         high: the last time at which functions are called.
+        forces: the forces.
         dimensions: number of coordinates of the base's place; of two, Z is 0.
 
     Raises:
@@ -409,17 +652,27 @@ class Drive:
         TypeError: for an argument that is no function as described.
     """
 
-    def __init__(self, u: Any, base: Any, low: float, high: float, dimensions: int = 2) -> None:
+    def __init__(
+        self,
+        u: Any,
+        base: Any,
+        low: float,
+        high: float,
+        forces: Sequence[Force] = (),
+        dimensions: int = 2,
+    ) -> None:
         self.dimensions = dimensions
         self.low, self.step = low, min(STEP, (high - low) / 16.0)
         self.last = high - 4.0 * self.step
         self._speed = _with_derivatives("u", u, 1)
         self._base = None if base is None else _with_derivatives("base", base, 2)
-        for t in np.linspace(low, high, TRIED).tolist():
+        times = np.linspace(low, high, TRIED)
+        self.forces = AppliedForces(forces, times)
+        for t in times.tolist():
             self._at(t)
 
     def __call__(self, t: float) -> tuple[float, ...]:
-        """Values of u, u', X, Y, X', Y', X'', Y'', Z, Z', Z'' at a time."""
+        """Values of u, u', X, Y, X', Y', X'', Y'', Z, Z', Z'' and of the forces at a time."""
         try:
             return self._at(t)
         except (ValueError, TypeError) as error:
@@ -429,12 +682,13 @@ class Drive:
         u, rate = self._evaluated("u", self._speed, t, 1)
         if not 0.0 <= u[0] <= LARGEST_SPEED:
             check.real(f"u({t:g})", u[0], low=0.0, high=LARGEST_SPEED)
+        forces = self.forces(t).tolist() if self.forces.rows else ()
         if self._base is None:
-            return (*u, *rate, *(0.0,) * 9)
+            return (*u, *rate, *(0.0,) * 9, *forces)
         planar = self.dimensions == 2 or isinstance(self._base[0], Harmonic)
         moves = self._evaluated("base", self._base, t, 2 if planar else 3)
         across = (0.0, 0.0, 0.0) if planar else (one[2] for one in moves)
-        return (*u, *rate, *(x for one in moves for x in one[:2]), *across)
+        return (*u, *rate, *(x for one in moves for x in one[:2]), *across, *forces)
 
     @cached_property
     def numbers(self) -> tuple[float, ...] | None:
@@ -445,7 +699,8 @@ class Drive:
         """
         speed = self._speed[0]
         base = Harmonic(0.0, 1.0) if self._base is None else self._base[0]
-        if not (isinstance(speed, Pulsation) and isinstance(base, Harmonic)):
+        oscillates = isinstance(speed, Pulsation) and isinstance(base, Harmonic)
+        if self.forces.rows or not oscillates:
             return None
         along = base.along(base.amplitude)
         return (speed.mean, speed.amplitude, speed.frequency, *along, base.frequency)
@@ -572,6 +827,10 @@ class InputUnits:
         if not (callable(base) or isinstance(base, tuple)) or not self.si:
             return base
         return self._functions(base, self._pipe._units("base").length, "m")
+
+    def force(self, force: Any) -> tuple[Force, ...]:
+        """Forces, in units of the pipe."""
+        return tuple(self._checked("force", one) for one in checked_forces(force))
 
     def _checked(self, name: str, drive: Any) -> Any:
         """A drive with numbers of its own, which SI units beside it must not seem to concern."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import bisect
+import inspect
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -148,6 +149,8 @@ class Galerkin(Model):
         self._more = 0
         self._check_pipe()
 
+    setattr(__new__, "__signature__", inspect.signature(__init__))  # noqa: B010
+
     def archived(self) -> dict[str, Any]:
         return {**super().archived(), "m": self._size, "basis": self._basis, "more": self._more}
 
@@ -179,7 +182,7 @@ class Galerkin(Model):
     def core(self) -> _core.Galerkin:
         """The compiled model."""
         return _core.Galerkin(
-            pipe=core_pipe(self._pipe),
+            pipe=core_pipe(self._pipe, self._applied),
             legendre=self._basis == "legendre",
             size=self.coordinates,
             joints=self._joints,

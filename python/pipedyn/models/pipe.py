@@ -18,9 +18,12 @@ from pipedyn.models.profile import Along, Profile, checked_profile, mixed
 from pipedyn.models.scales import (
     SI_QUANTITIES,
     WATER,
+    Phase,
     Scales,
     SIQuantity,
+    checked_phases,
     likely_slip,
+    mixture_of,
     repr_of,
     scales_at,
     si_number,
@@ -48,6 +51,7 @@ from pipedyn.models.terms import (
 )
 from pipedyn.util import check
 from pipedyn.util.archive import Saved, saved_as
+from pipedyn.util.check import Array
 from pipedyn.util.errors import warn_of_pipe
 from pipedyn.util.hints import unknown_argument
 from pipedyn.util.result import TIME, Unit
@@ -171,7 +175,7 @@ TUBE = "outer_diameter", "inner_diameter", "youngs_modulus", "density", "fluid_d
 """Arguments in SI that describe the pipe's section."""
 
 
-@saved_as("Pipe", added=("rotary_inertia", "inclination"))
+@saved_as("Pipe", added=("rotary_inertia", "phases", "inclination"))
 @dataclass(frozen=True)
 class Pipe(Saved):
     """A pipe conveying fluid, by default a cantilever, described by nondimensional numbers.
@@ -227,6 +231,10 @@ class Pipe(Saved):
             None if it is uniform. Damping is proportional to it. Kept as a `Profile`.
         mass: mass per length along the pipe, including the uniform mass of the fluid, in the same
             form as stiffness; nowhere below beta.
+        phases: phases of a mixture in the pipe, by which numbers in SI tell their speeds and flow
+            rates; empty for a single fluid. `from_si` and `from_tube` take them and find the other
+            numbers from them; they are kept as a tuple. With another beta, all their densities
+            change in proportion.
         scales: values in SI of the units, or None for a pipe not made with `from_si` or
             `from_tube`.
 
@@ -266,6 +274,7 @@ class Pipe(Saved):
     supports: Sequence[float] = field(default=(), kw_only=True)
     stiffness: Profile | None = field(default=None, kw_only=True)
     mass: Profile | None = field(default=None, kw_only=True)
+    phases: Sequence[Phase] = field(default=(), kw_only=True, repr=False)
     scales: Scales | None = field(default=None, kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
@@ -290,7 +299,14 @@ class Pipe(Saved):
             )
         if self.scales is not None:  # mu_f = beta (mu_p + mu_f), also for a replaced beta
             scales = scales_at(self.beta, self.scales)
+            factor = float(mixture_of(self.phases).shares.sum())
+            scales = scales._replace(flow_factor=factor)
             given["scales"] = scales._replace(outer_diameter=0.0) if self.stiffness else scales
+        elif self.phases:
+            raise ValueError(
+                "phases must be empty for a pipe without scales, as they are in SI: Pipe.from_si "
+                f"and Pipe.from_tube take them, got {check.shown(self.phases)}"
+            )
         for i, term in enumerate(self.terms):
             if term.needs_held_end and not self.end_held:
                 raise ValueError(
@@ -309,7 +325,9 @@ class Pipe(Saved):
         length: float,
         bending_stiffness: float,
         pipe_mass: float,
-        fluid_mass: float,
+        fluid_mass: float | None = None,
+        phases: Sequence[Phase] = (),
+        inner_diameter: float | None = None,
         gravity: float = 9.81,
         drag_coefficient: float = 0.0,
         external_diameter: float = 0.0,
@@ -341,6 +359,13 @@ class Pipe(Saved):
             bending_stiffness: EI, N m^2; at the clamp if it varies.
             pipe_mass: mu_p, kg/m; at the clamp if it varies.
             fluid_mass: mu_f, kg/m, > 0: without fluid there is no unit of flow speed.
+            phases: in place of fluid_mass, the phases of a mixture, which fill the bore everywhere
+                in the same shares. With M_k the mass per length and V_k the speed of each phase,
+                mu_f = sum M_k, V = sum M_k V_k / sum M_k is the speed in m/s of which u is the
+                nondimensional one, and alpha is sum M_k sum M_k V_k^2 / (sum M_k V_k)^2 unless it
+                is given. `speed_si`, `flow_rate_si` and what they invert convert to and from those
+                of each phase.
+            inner_diameter: D_i of the bore, m, which must be given with phases, and only then.
             gravity: m/s^2; negative when the free end stands above the clamp, 0 for a pipe that
                 moves in a horizontal plane.
             drag_coefficient: C_D of the pipe's outer surface.
@@ -356,10 +381,10 @@ class Pipe(Saved):
             damping_time: eps, s; the material's stress is E (strain + eps d(strain)/dt).
             hysteresis: the material's loss factor.
             flow: "ejecting" or "aspirating".
-            alpha: end coefficient, see `end_coefficient`; 1 by default.
+            alpha: end coefficient, see `end_coefficient`; 1 by default, or that of the phases.
             nozzle_ratio: A / A_j > 0, area of an ejecting pipe's bore over that of its jet, which
                 is uniform. It replaces alpha, to which it is equal: above 1 for a nozzle, below 1
-                for a diffuser. Give a nozzle's mass as a term.
+                for a diffuser. Give a nozzle's mass as a term. Phases must have the same speed.
             inflow_share: share of the free end's velocity that the fluid has before it enters.
             jet_angle: angle of an inclined nozzle's jet to the tangent at the free end, rad.
             rotary_inertia: density times second moment of area of the pipe's section, kg m,
@@ -388,12 +413,17 @@ class Pipe(Saved):
 
         Raises:
             ValueError: for a number out of its range, a term beyond the free end, both alpha and
-                nozzle_ratio, or incomplete surroundings: external_diameter and external_density
-                must be given together, and each coefficient needs both.
+                nozzle_ratio, both fluid_mass and phases or neither, or incomplete surroundings:
+                external_diameter and external_density must be given together, and each coefficient
+                needs both.
             TypeError: for an argument that is not a number.
+
+        Source for phases: Monette and Pettigrew (2004) for flutter in two-phase flow. The forces
+        are those of Paidoussis with a sum over phases of M_k (d/dt + V_k d/dx)^2 w.
         """
         given = locals()
-        return cls._from_quantities({name: given[name] for name in ("length", *BEAM)}, given)
+        section = "length", *BEAM, "inner_diameter"
+        return cls._from_quantities({name: given[name] for name in section}, given)
 
     @classmethod
     def from_tube(
@@ -404,7 +434,7 @@ class Pipe(Saved):
         inner_diameter: float,
         youngs_modulus: float,
         density: float,
-        fluid_density: float,
+        fluid_density: float | None = None,
         **options: Any,
     ) -> Pipe:
         """The pipe whose section is that of a round tube, for measured quantities in SI units.
@@ -421,10 +451,11 @@ class Pipe(Saved):
             inner_diameter: D_i, m, less than D_o.
             youngs_modulus: E of the wall, Pa.
             density: rho of the wall, kg/m^3.
-            fluid_density: rho_f of the fluid in the tube, kg/m^3. From 0.95 to 1.05, where water
-                in g/cm^3 lies and no common gas at 1 atm and 0 to 25 degrees, it brings the warning
-                `UnusualPipe`; other densities of gases, in which 0.85 may be oil, do not.
-            **options: all arguments of `from_si` that have a default there.
+            fluid_density: rho_f of the fluid in the tube, kg/m^3; or phases are given in its place.
+                From 0.95 to 1.05, where water in g/cm^3 lies and no common gas at 1 atm and 0 to 25
+                degrees, it brings the warning `UnusualPipe`; other densities of gases, in which
+                0.85 may be oil, do not.
+            **options: all arguments of `from_si` that have a default there, but fluid_mass.
 
         Example:
             >>> hose = pp.Pipe.from_tube(
@@ -444,7 +475,11 @@ class Pipe(Saved):
         """
         given = locals()
         optional = inspect.signature(cls.from_si).parameters.values()
-        defaults = {one.name: one.default for one in optional if one.default is not one.empty}
+        defaults = {
+            one.name: one.default
+            for one in optional
+            if one.default is not one.empty and one.name not in (*BEAM, *TUBE)
+        }
         section = {name: given[name] for name in ("length", *TUBE)}
         if unknown := unknown_argument("pp.Pipe.from_tube", options, [*section, *defaults]):
             raise TypeError(unknown)
@@ -453,15 +488,31 @@ class Pipe(Saved):
     @classmethod
     def _from_quantities(cls, section: Mapping[str, Any], options: Mapping[str, Any]) -> Pipe:
         """The pipe from its length and section, and the arguments of `from_si` with defaults."""
-        si = {name: si_number(name, value) for name, value in section.items()}
-        if "inner_diameter" in si and si["inner_diameter"] >= si["outer_diameter"]:
+        phases, of_tube = checked_phases(options["phases"]), "density" in section
+        mixture = mixture_of(phases)
+        fluid = "fluid_density" if of_tube else "fluid_mass"
+        if (section[fluid] is None) != bool(phases):
+            raise ValueError(
+                f"{fluid} or phases must be given, not both, got {check.shown(section[fluid])} and "
+                f"{len(phases)} phases"
+            )
+        if not of_tube and (section["inner_diameter"] is None) == bool(phases):
+            raise ValueError(
+                "inner_diameter must be given with phases, whose bore it is, and only then, got "
+                f"{check.shown(section['inner_diameter'])} and {len(phases)} phases"
+            )
+        absent = (fluid,) if phases else () if of_tube else ("inner_diameter",)
+        si = {k: si_number(k, value) for k, value in section.items() if k not in absent}
+        if phases:
+            si["fluid_density"] = si_number("fluid_density", mixture.density)
+        if of_tube and si["inner_diameter"] >= si["outer_diameter"]:
             raise ValueError(
                 f"inner_diameter must be less than outer_diameter, {si['outer_diameter']:g}, got "
                 f"{si['inner_diameter']:g}"
             )
         for name in SI_QUANTITIES:
-            absent = name in ("alpha", "nozzle_ratio") and options[name] is None
-            if name not in ("length", *BEAM, *TUBE) and not absent:
+            left_out = name in ("alpha", "nozzle_ratio") and options[name] is None
+            if name not in ("length", *BEAM, *TUBE) and not left_out:
                 si[name] = si_number(name, options[name])
         if si["external_density"] and not si["external_diameter"]:
             si["external_diameter"] = si.get("outer_diameter", 0.0)
@@ -481,6 +532,13 @@ class Pipe(Saved):
         if "nozzle_ratio" in si and "alpha" in si:
             raise ValueError(
                 f"alpha or nozzle_ratio must be given, not both, got {si['alpha']:g} and "
+                f"{si['nozzle_ratio']:g}"
+            )
+        if "nozzle_ratio" in si and len({phase.slip for phase in phases}) > 1:
+            raise ValueError(
+                "nozzle_ratio must be None for phases with different speeds, as their speeds in "
+                "the jet do not follow from it: give alpha, sum M_k sum M_k V_k^2 / (sum M_k "
+                "V_k)^2 times the factor by which the nozzle raises the thrust, got "
                 f"{si['nozzle_ratio']:g}"
             )
         if "nozzle_ratio" in si and options["flow"] != "ejecting":
@@ -533,7 +591,7 @@ class Pipe(Saved):
         made = cls(
             **checked,
             flow=options["flow"],
-            alpha=si.get("nozzle_ratio", si.get("alpha", 1.0)),
+            alpha=si.get("nozzle_ratio", si.get("alpha", mixture.momentum)),
             **{k: si[k] for k in ("hysteresis", "inflow_share", "jet_angle", "inclination")},
             terms=in_range(tuple(given), source),
             root=root,
@@ -541,6 +599,7 @@ class Pipe(Saved):
             supports=tuple(s / length for s in supports),
             stiffness=checked_profile("stiffness_profile", options["stiffness_profile"]),
             mass=None if own is None else mixed(own, pipe_mass / mass),
+            phases=phases,
             scales=units,
         )
         if reasons := _unusual_in_si(si):
@@ -684,6 +743,8 @@ class Pipe(Saved):
         shown = "units " + ", ".join(f"{value:.6g} {unit}" for value, unit in units)
         if bore := self.scales.inner_diameter:
             shown += f", bore {bore:.6g} m"
+        if self.phases:
+            shown += f", {len(self.phases)} phases"
         return repr_of(self, shown)
 
     @property
@@ -702,31 +763,52 @@ class Pipe(Saved):
             raise ValueError(f"{name} in SI {need} a pipe {made}, got {self!r}")
         return self.scales
 
-    def speed_si(self, u: ArrayLike) -> Any:
+    def speed_si(self, u: ArrayLike, phase: int | None = None) -> Any:
         """Flow speed in m/s from the nondimensional u; a number or an array.
+
+        For a pipe with phases, it is the mean by mass, or the speed of the phase with that index.
 
         Example:
             >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
             >>> pp.Pipe.from_si(length=2.0, **numbers).speed_si(3.0)
             6.0
         """
-        return scaled_by("u", u, np.multiply, self._units("speed").speed)
+        return scaled_by("u", u, np.multiply, self._speed(phase))
 
-    def speed_from_si(self, V: ArrayLike) -> Any:
+    def speed_from_si(self, V: ArrayLike, phase: int | None = None) -> Any:
         """Nondimensional flow speed u from V in m/s; a number or an array.
+
+        For a pipe with phases, V is the mean by mass, or the speed of the phase with that index.
 
         Example:
             >>> numbers = {"bending_stiffness": 4.0, "pipe_mass": 0.75, "fluid_mass": 0.25}
             >>> pp.Pipe.from_si(length=2.0, **numbers).speed_from_si(6.0)
             3.0
         """
-        return scaled_by("V", V, np.divide, self._units("speed").speed, "m/s")
+        return scaled_by("V", V, np.divide, self._speed(phase), "m/s")
 
-    def flow_rate_si(self, u: ArrayLike) -> Any:
+    def _speed(self, phase: int | None) -> float:
+        """Speed of a phase at u = 1, in m/s; the mean by mass if none is named."""
+        if phase is None:
+            return self._units("speed").speed
+        return float(self.phase_units[0][self._index(phase)])
+
+    def _index(self, phase: int) -> int:
+        return check.count("phase", phase, low=0, high=max(len(self.phases) - 1, 0))
+
+    @property
+    def phase_units(self) -> Array:
+        """Speed (m/s) and flow rate (m^3/s, or NaN) of each phase at u = 1, shape (2, phases)."""
+        units, mixture = self._units("speeds", "need"), mixture_of(self.phases)
+        speeds = units.speed * mixture.speeds
+        return np.stack([speeds, float(units.flow_rate) / units.flow_factor * mixture.shares])
+
+    def flow_rate_si(self, u: ArrayLike, phase: int | None = None) -> Any:
         """Flow rate in m^3/s from the nondimensional flow speed u; a number or an array.
 
-        The pipe must have been made with `from_tube`. With another beta, its bore holds a fluid of
-        another density.
+        The pipe must have been made with `from_tube` or with phases. With another beta, its bore
+        holds a fluid of another density. The flow rate of a mixture is that of all phases together,
+        or of the phase with that index.
 
         Example:
             >>> hose = pp.Pipe.from_tube(
@@ -736,10 +818,12 @@ class Pipe(Saved):
             >>> round(6e4 * hose.flow_rate_si(2.0), 3)  # l/min
             2.666
         """
-        return scaled_by("u", u, np.multiply, self._flow_rate())
+        return scaled_by("u", u, np.multiply, self._flow_rate(phase))
 
-    def flow_rate_from_si(self, Q: ArrayLike) -> Any:
+    def flow_rate_from_si(self, Q: ArrayLike, phase: int | None = None) -> Any:
         """Nondimensional flow speed u from a flow rate in m^3/s; a number or an array.
+
+        The flow rate of a mixture is that of all phases together, or of the phase with that index.
 
         Example:
             >>> hose = pp.Pipe.from_tube(
@@ -749,11 +833,12 @@ class Pipe(Saved):
             >>> round(hose.flow_rate_from_si(15.0 / 6e4), 3)  # 15 l/min
             11.252
         """
-        return scaled_by("Q", Q, np.divide, self._flow_rate(), "m**3/s")
+        return scaled_by("Q", Q, np.divide, self._flow_rate(phase), "m**3/s")
 
-    def _flow_rate(self) -> float:
-        """Flow rate at u = 1, in m^3/s."""
-        rate = float(self._units("flow rate").flow_rate)
+    def _flow_rate(self, phase: int | None) -> float:
+        """Flow rate of a phase, or of all phases, at u = 1, in m^3/s."""
+        whole = self._units("flow rate").flow_rate
+        rate = float(whole if phase is None else self.phase_units[1][self._index(phase)])
         if math.isnan(rate):
             raise ValueError(f"flow rates need a pipe made with Pipe.from_tube, got {self!r}")
         return rate
@@ -829,12 +914,16 @@ def checked_pipe(pipe: Any) -> Pipe:
 
 def _rigidity_and_masses(si: Mapping[str, float]) -> tuple[float, float, float]:
     """EI, mu_p and mu_f from quantities in SI: as they are, or of a tube."""
-    if "bending_stiffness" in si:
+    if "fluid_mass" in si:
         return si["bending_stiffness"], si["pipe_mass"], si["fluid_mass"]
-    outer, inner = si["outer_diameter"], si["inner_diameter"]
-    bore, wall = 0.25 * math.pi * inner**2, 0.25 * math.pi * (outer**2 - inner**2)
+    inner = si["inner_diameter"]
+    fluid_mass = si["fluid_density"] * 0.25 * math.pi * inner**2
+    if "bending_stiffness" in si:
+        return si["bending_stiffness"], si["pipe_mass"], fluid_mass
+    outer = si["outer_diameter"]
+    wall = 0.25 * math.pi * (outer**2 - inner**2)
     stiffness = si["youngs_modulus"] * wall * (outer**2 + inner**2) / 16.0
-    return stiffness, si["density"] * wall, si["fluid_density"] * bore
+    return stiffness, si["density"] * wall, fluid_mass
 
 
 def _displaced(si: Mapping[str, float]) -> float:
@@ -849,7 +938,8 @@ def _numbers_in_si(si: Mapping[str, float]) -> tuple[Scales, dict[str, float]]:
     length, mass, displaced = si["length"], pipe_mass + fluid_mass, _displaced(si)
     outside = "external_diameter, external_density"
     if "bending_stiffness" in si:
-        masses, section = "pipe_mass and fluid_mass", "pipe_mass, fluid_mass and bending_stiffness"
+        fluid = "fluid_mass" if "fluid_mass" in si else "inner_diameter, phases"
+        masses, section = f"pipe_mass and {fluid}", f"pipe_mass, {fluid} and bending_stiffness"
     else:
         masses, section = "the diameters and densities", f"{', '.join(TUBE[:-1])} and {TUBE[-1]}"
     gravity = f"gravity, {outside}" if displaced else "gravity"
@@ -925,7 +1015,7 @@ def _is_usual(si: Mapping[str, float]) -> bool:
 
 def _checked_scales(scales: Any) -> Scales:
     """Checks a tuple of four positive numbers, and maybe the diameters of a tube; returns it."""
-    if not isinstance(scales, tuple) or len(scales) not in (4, 6):
+    if not isinstance(scales, tuple) or len(scales) not in (4, 6, 7):
         raise TypeError(f"scales must be a Scales, got {check.shown(scales)}")
     given = Scales(*scales)._asdict().items()
     found = Scales(
@@ -949,6 +1039,7 @@ CHECKS: dict[str, Callable[[Any], Any]] = {
     "supports": checked_supports,
     "stiffness": partial(checked_profile, "stiffness"),
     "mass": partial(checked_profile, "mass"),
+    "phases": checked_phases,
     "scales": _checked_scales,
 }
 """For each field, the function that checks and converts what is given, unless it is the default."""

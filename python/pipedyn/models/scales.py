@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import MISSING, field, fields, replace
+from dataclasses import MISSING, astuple, dataclass, field, fields, replace
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
@@ -14,21 +14,107 @@ import numpy as np
 
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
+from pipedyn.util.check import Array
 
 SLACK = 1e-9
 """Distance in L by which a place may lie beyond the free end: as much as a chain's lengths may miss
 1, far above the rounding of sums of lengths."""
 
 
-@saved_as("Scales", added=("outer_diameter", "inner_diameter"))
+@saved_as("Phase")
+@dataclass(frozen=True)
+class Phase:
+    """One fluid of a mixture that fills a pipe, in SI units or as quantities of pint.
+
+    The phases of a mixture share the bore and keep their shares of it all along the pipe. They may
+    have speeds of their own, as gas flows faster than liquid. Their flow rates vary together: only
+    the ratios of the flow rates that are given here count, as questions vary the flow speed.
+
+    Attributes:
+        density: rho_k, kg/m^3, > 0.
+        flow_rate: volume per time Q_k, m^3/s, > 0.
+        slip: K_k > 0, speed of the phase over that of a phase with slip 1. If gas with the slip K
+            flows with liquid, the gas fills the share 1 / (1 + K Q_l / Q_g) of the bore.
+
+    Raises:
+        ValueError: for a number out of its range, NaN or infinity.
+        TypeError: for an argument that is not a number.
+
+    Example:
+        >>> phases = [pp.Phase(998.0, 2e-4), pp.Phase(1.2, 1e-4, slip=1.5)]  # water and air
+        >>> hose = pp.Pipe.from_tube(
+        ...     length=0.5, outer_diameter=12e-3, inner_diameter=8e-3, youngs_modulus=3e6,
+        ...     density=1150.0, phases=phases,
+        ... )
+        >>> round(hose.beta, 4), round(hose.alpha, 4)
+        (0.3425, 1.0001)
+        >>> u = hose.flow_rate_from_si(3e-4)  # of both phases
+        >>> print([round(hose.speed_si(u, phase), 3) for phase in (0, 1)], "m/s")
+        [5.305, 7.958] m/s
+    """
+
+    density: float
+    flow_rate: float
+    slip: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name, unit, high in (
+            ("density", "kg/m**3", 1e12),
+            ("flow_rate", "m**3/s", 1e12),
+            ("slip", "dimensionless", 1e6),
+        ):
+            vars(self)[name] = check.real(
+                name, getattr(self, name), low=0.0, high=high, open_low=True, unit=unit
+            )
+
+
+class Mixture(NamedTuple):
+    """What follows from the phases of a mixture, whatever the speed at which they flow together.
+
+    Attributes:
+        density: mass of all phases over the volume of the bore, kg/m^3.
+        momentum: sum M_k sum M_k V_k^2 / (sum M_k V_k)^2, the end coefficient.
+        speeds: speed of each phase over the mean speed by mass, sum M_k V_k / sum M_k.
+        shares: flow rate of each phase over the mean speed by mass times the area of the bore.
+    """
+
+    density: float
+    momentum: float
+    speeds: Array
+    shares: Array
+
+
+def mixture_of(phases: Sequence[Phase]) -> Mixture:
+    """The mixture of phases; without any, a single fluid whose density counts as 1."""
+    density, flow_rate, slip = np.array([astuple(one) for one in phases] or [(1.0, 1.0, 1.0)]).T
+    areas = flow_rate / slip
+    masses = density * areas / areas.sum()
+    mean = float(masses.sum())
+    speeds = slip * mean / (masses @ slip)
+    momentum = float(masses @ speeds**2) / mean
+    return Mixture(mean, momentum, speeds, speeds * areas / areas.sum())
+
+
+def checked_phases(phases: Any) -> tuple[Phase, ...]:
+    """Checks a sequence of at most 20 phases and returns it as a tuple."""
+    if not isinstance(phases, tuple | list):
+        raise TypeError(f"phases must be a tuple or list of Phase, got {check.shown(phases)}")
+    if len(phases) > 20:
+        raise ValueError(f"phases must be at most 20, got {len(phases)}")
+    return tuple(
+        check.instance(f"phases[{k}]", one, Phase, "a Phase") for k, one in enumerate(phases)
+    )
+
+
+@saved_as("Scales", added=("outer_diameter", "inner_diameter", "flow_factor"))
 class Scales(NamedTuple):
     """Values in SI of the nondimensional units of a pipe, with the diameters of a tube.
 
     Example:
         >>> pp.Pipe.from_si(
         ...     length=2.0, bending_stiffness=4.0, pipe_mass=0.75, fluid_mass=0.25
-        ... ).scales
-        Scales(length=2.0, mass=1.0, time=2.0, speed=2.0, outer_diameter=0.0, inner_diameter=0.0)
+        ... ).scales[:4]
+        (2.0, 1.0, 2.0, 2.0)
     """
 
     length: float
@@ -43,12 +129,14 @@ class Scales(NamedTuple):
     """D_o, m; 0 if it is not known or the wall is not uniform"""
     inner_diameter: float = 0.0
     """D_i, m; 0 if it is not known"""
+    flow_factor: float = 1.0
+    """flow rate of all phases over mean speed by mass times area of the bore; 1 for one fluid"""
 
     @property
     def flow_rate(self) -> Any:
-        """Flow rate at u = 1, m^3/s: the unit of speed times the bore's area; NaN if unknown."""
+        """Flow rate at u = 1, m^3/s, of all phases together; NaN if the bore is unknown."""
         bore = 0.25 * math.pi * np.square(self.inner_diameter)
-        return self.speed * np.where(bore > 0.0, bore, math.nan)
+        return self.speed * np.where(bore > 0.0, bore, math.nan) * self.flow_factor
 
     @property
     def wall_stress(self) -> Any:

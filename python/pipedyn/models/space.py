@@ -8,7 +8,7 @@ along (x, y, z) with rho = hypot(a_x, a_z); x and z are across the straight pipe
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -77,6 +77,15 @@ class SpatialModel(Model):
     def with_pipe(self, pipe: Pipe) -> Self:
         """The model with another pipe, as for `Model`."""
         return type(self)(self._planar.with_pipe(pipe))
+
+    def with_applied(self, laws: Sequence[Any]) -> Self:
+        """The model itself; raises ValueError for forces, which have no third component."""
+        if laws:
+            raise ValueError(
+                "force must be None in three dimensions, where forces that vary in time have no "
+                f"equations, got {len(laws)} of them"
+            )
+        return self
 
     def about(self, q: ArrayLike) -> Self:
         """The model itself; raises ValueError unless q is 0, the straight pipe."""

@@ -159,7 +159,7 @@ class Assembly(SegmentModel):
     @cached_property
     def core(self) -> _core.Scene:
         """The compiled scene, in redundant coordinates and in the segments' angles."""
-        return self._layout.compiled(self._pipe, self._customs or None)
+        return self._layout.compiled(self._pipe, self._customs or None, self._applied)
 
     @property
     def calls_python(self) -> bool:

@@ -289,10 +289,10 @@ class Layout:
             damping[s.joint - 1] += pipe.damping * s.stiffness if s.damping is None else s.damping
         return damping
 
-    def compiled(self, pipe: Pipe, customs: Any = None) -> _core.Scene:
-        """The compiled scene on a pipe, with the forces of custom modules, if any."""
+    def compiled(self, pipe: Pipe, customs: Any = None, applied: Sequence[Any] = ()) -> _core.Scene:
+        """The compiled scene on a pipe, with the forces of custom modules and applied forces."""
         return _core.Scene(
-            core_pipe(self.acting(pipe)),
+            core_pipe(self.acting(pipe), applied),
             core_segments(
                 self,
                 spring=self.springs,

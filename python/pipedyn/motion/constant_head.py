@@ -51,7 +51,7 @@ class ConstantHead:
 
     def rates(self, y: Array, drive: Array | None = None) -> Array:
         """Rates of a state [p, p', W, u]; drive: the forcing without u', shape (ROWS,)."""
-        base = np.zeros(ROWS) if drive is None else drive
+        base = np.zeros(ROWS) if drive is None else np.asarray(drive)
         return np.asarray(self.core.rates(y[:, None], base[:, None])[:, 0])
 
     def jacobian(self, y: Array, drive: Array | None = None) -> Array:
@@ -68,7 +68,7 @@ class ConstantHead:
         now[0] = change
         rates, by_speed, *slopes = model.motion_linearised(state[:, None], u, now[:, None])[0]
         acceleration = rates[n:]
-        pushed = now + np.eye(ROWS)[0]  # accelerations are affine in u'
+        pushed = now + np.eye(now.size)[0]  # accelerations are affine in u'
         response = model.motion_rates(state, u, pushed)[n:] - acceleration
         axial = model.core.axial(np.concatenate([state, acceleration]), now)
         by_q, by_rates, by_acceleration, depth = np.split(axial[2:], 4)

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from pipedyn import _core
 from pipedyn.models.base import LARGEST_ANGLE, Model
-from pipedyn.models.drive import Base, Drive, DriveFailed, Speed
+from pipedyn.models.drive import Base, Drive, DriveFailed, Force, Speed
 from pipedyn.motion.constant_head import ConstantHead
 from pipedyn.motion.events import Recorder
 from pipedyn.util.archive import saved_as
@@ -114,12 +114,13 @@ class Task:
     max_step: float = math.inf
     drive: Drive | None = None  # forcing if the flow speed changes or the base moves
     base: Base | None = None  # motion of the base, as it was given
+    forces: tuple[Force, ...] = ()  # which act on the model, see `Model.with_applied`
     constant_head: ConstantHead | None = None  # equations if u is the last entry of the state
     finer: int = 1  # number of computed samples for each sample that was asked for
     farthest: float = LARGEST_ANGLE  # largest coordinate at which the motion goes on
 
     def flow(self, t: float) -> tuple[Any, ...]:
-        """The flow speed at a time and, if the motion is forced, the forcing, shape (ROWS,).
+        """The flow speed at a time and, if the motion is forced, the forcing, see `Drive`.
 
         The speed is given as 0 if it is part of the state.
         """

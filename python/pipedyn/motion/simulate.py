@@ -27,9 +27,11 @@ from numpy.typing import ArrayLike
 from pipedyn.models.base import ROWS, Configurations, Model
 from pipedyn.models.drive import (
     LARGEST_SPEED,
+    TRIED,
     Base,
     Drive,
     DriveFailed,
+    Force,
     InputUnits,
     Speed,
     Supply,
@@ -266,6 +268,7 @@ def simulate(
     times: ArrayLike | None = None,
     t0: float = 0.0,
     base: Base | None = None,
+    force: Force | Sequence[Force] | None = None,
     rtol: float = 1e-6,
     atol: float | None = None,
     method: Method = "auto",
@@ -308,6 +311,7 @@ def simulate(
             supports: guides, pins and an end fixed axially (`Stretching`). The base does not turn,
             and coordinates are relative to it. Springs, dampers and the fluid around the pipe
             belong to the ground. If not given, the base is at rest.
+        force: a `Force` of your own, at one place or all along the pipe, or a list of them.
         rtol: relative tolerance of the error of each step, in [1e-13, 0.1].
         atol: absolute tolerance, > 0; rtol / 100 if not given.
         method: "auto" chooses by measured cost, see `choose_method`; "radau" (implicit, eight
@@ -377,6 +381,7 @@ def simulate(
             t0=t0,
             max_step=max_step,
             base=given.base(base),
+            forces=given.force(force),
         )
     looked_for, kept = checked_events(events), check.flag("dense", dense)
     recorder = None
@@ -414,6 +419,7 @@ def simulate_many(
     samples: int | None = None,
     times: ArrayLike | None = None,
     base: Base | None = None,
+    force: Force | Sequence[Force] | None = None,
     rtol: float = 1e-6,
     atol: float | None = None,
     method: Method = "auto",
@@ -440,14 +446,16 @@ def simulate_many(
         samples: number of evenly spaced samples, as for `simulate`.
         times: times of the samples, if `samples` is not given.
         base: the motion of the base, common to all members, as for `simulate`.
+        force: a `Force` or a list of them, common to all members, as for `simulate`.
         rtol: relative tolerance of the error of each member's steps.
         atol: absolute tolerance; rtol / 100 if not given.
         method: as for `simulate`.
         most: largest number of right-hand sides of each member, as for `simulate`.
         executor: a `concurrent.futures.Executor` that takes the batches, instead of the threads of
             this process. Members for which the executor returns nothing fail, because a worker died
-            or the executor is broken or shut down. With a pool of processes, `speeds` and `base`
-            must not be lambdas, as the workers call them; `q0` is called in this process.
+            or the executor is broken or shut down. With a pool of processes, `speeds`, `base` and
+            functions of `force` must not be lambdas, as the workers call them; `q0` is called in
+            this process.
         units: as for `simulate`: with "si" speeds, duration and times are in SI for the pipe of
             each member.
         progress: whether to show progress on stderr.
@@ -503,6 +511,7 @@ def simulate_many(
                     task = checked_task(
                         *(model, u, lasting, q, qdot, *options),
                         base=own.base(base),
+                        forces=own.force(force),
                         members=len(same),
                     )
         except (ValueError, TypeError) as error:
@@ -722,7 +731,7 @@ def _with_drive(task: Task, outcome: Outcome) -> tuple[Array, int, str | None, A
     """The outcome, cut before the first sample at which a function of time fails, and its drive.
 
     The drive has a row of u and of the drive's rows (`ROWS`) for the start and each sample, shape
-    (1 + S, 1 + ROWS).
+    (1 + S, 1 + ROWS); numbers of forces may follow in each row.
     """
     rows, calls, why = outcome
     if task.drive is None:
@@ -750,7 +759,7 @@ def assembled(
     q, qdot = model.to_user(rows[:, :size], rows[:, size : 2 * size])
     moves = None
     if tasks[0].base is not None:
-        every = np.concatenate([values[:, 2:].T for *_, values in driven], axis=1)
+        every = np.concatenate([values[:, 2 : 1 + ROWS].T for *_, values in driven], axis=1)
         moves = np.concatenate([every[:6].reshape(3, 2, -1), every[6:, None]], axis=1)
         moves = moves[:, : model.dimensions]
     energy, kinetic = _energies(model, q, qdot, moves)
@@ -774,7 +783,7 @@ def assembled(
             flow_speed=own[1:, -1] if task.constant_head else values[1:, 0],
             method=task.method,
             evaluations=evaluations,
-            model=model,
+            model=model.with_applied(()),
             base=task.base,
         )
         motions.append((motion, why))
@@ -912,6 +921,7 @@ def checked_task(
     t0: Any = 0.0,
     max_step: Any = math.inf,
     base: Any = None,
+    forces: tuple[Force, ...] = (),
     members: int = 1,
 ) -> Task:
     """The task for arguments of `simulate`; "auto" is replaced by a method for all members."""
@@ -929,6 +939,8 @@ def checked_task(
             raise ValueError(
                 f"max_step must be at least {least:g}, 1e-9 of the duration, got {max_step:g}"
             )
+    if forces:  # so that no step passes over a hundredth of the motion, as checks do not
+        max_step = min(max_step, duration / TRIED)
     longest = LARGEST_SAMPLES // model.coordinates
     if samples is not None and times is not None:
         raise ValueError(
@@ -952,26 +964,30 @@ def checked_task(
     if method == "auto":
         method = choose_method(model, members, dense=isinstance(u, Supply))
     steady = Task(*(model, 0.0, at, start, rtol, atol, method, t0, end, most, max_step), base=base)
-    return with_speed(steady, u)
+    return with_speed(replace(steady, forces=forces) if forces else steady, u)
 
 
 def with_speed(task: Task, u: Any) -> Task:
     """The task at another flow speed, which may vary and is checked."""
-    if task.base is None and not _varies(u):
+    rest = task.base is None and not task.forces
+    if rest and not _varies(u):
         u = check.real("u", u, low=0.0, high=LARGEST_SPEED)
         return replace(task, u=u, drive=None, constant_head=None)
     if not isinstance(u, Supply):
         if task.drive is not None and task.u is u:
             return task
-        return replace(task, u=u, drive=_drive_of(task, u), constant_head=None)
-    head, rest = ConstantHead(task.model, u), task.base is None
-    start = np.append(task.start[: 2 * task.model.integrated + 1], head.start)
-    drive = None if rest else _drive_of(task, 0.0)
-    return replace(task, u=u, start=start, drive=drive, constant_head=head)
+        drive = _drive_of(task, u)
+        model = task.model.with_applied(drive.forces.laws)
+        return replace(task, u=u, model=model, drive=drive, constant_head=None)
+    driven = None if rest else _drive_of(task, 0.0)
+    model = task.model if driven is None else task.model.with_applied(driven.forces.laws)
+    head = ConstantHead(model, u)
+    start = np.append(task.start[: 2 * model.integrated + 1], head.start)
+    return replace(task, u=u, model=model, start=start, drive=driven, constant_head=head)
 
 
 def _drive_of(task: Task, u: Any) -> Drive:
-    return Drive(u, task.base, task.t0, task.end, task.model.dimensions)
+    return Drive(u, task.base, task.t0, task.end, task.forces, task.model.dimensions)
 
 
 def checked_start(model: Model, q0: Any, qdot0: Any) -> Array:

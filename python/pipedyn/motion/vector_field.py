@@ -12,11 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipedyn.models.base import ROWS, Model
-from pipedyn.models.drive import Harmonic, Pulsation
+from pipedyn.models.drive import TRIED, AppliedForces, Force, Harmonic, Pulsation
 from pipedyn.models.reduced_supports import STENCIL
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import count_right_hand_sides
+
+MOST_KNOWN = 64
+"""Number of sets of phases for which the numbers of a force are kept, those of a few meshes."""
 
 
 class VectorField:
@@ -158,8 +161,9 @@ class VectorField:
 class ForcedField(VectorField):
     """Rates f(y, u) of a forced motion, along an orbit whose period has `order` forcing periods.
 
-    The forcing is a pulsating flow with mean u, or an oscillating base; or both at the same
-    frequency, in which case `forcing` is the flow and `base` is the motion of the base.
+    The forcing is a pulsating flow with mean u, an oscillating base or a force; or such a flow and
+    base at the same frequency, in which case `forcing` is the flow and `base` is the motion of the
+    base.
     """
 
     forced = True
@@ -167,15 +171,23 @@ class ForcedField(VectorField):
     def __init__(
         self,
         model: Model,
-        forcing: Pulsation | Harmonic,
+        forcing: Pulsation | Harmonic | Force,
         order: int,
         base: Harmonic | None = None,
     ) -> None:
+        self._forces: AppliedForces | None = None  # the force with an amplitude of 1
+        self._known = dict[bytes, Array]()  # its numbers, by phases
+        if isinstance(forcing, Force):
+            one = replace(forcing, amplitude=1.0)
+            self._forces = AppliedForces([one], phase_times(one))
+            model = model.with_applied(self._forces.laws)
         super().__init__(model)
         self.forcing, self.order = forcing, order
         self.base = forcing if isinstance(forcing, Harmonic) else base
         self._root: ForcedField = self
+        assert forcing.frequency is not None
         self._phases, self._frequency = np.zeros(1), forcing.frequency
+        self._checked_at = forcing.frequency  # at which a force has its phases at the times given
 
     def archived(self) -> dict[str, Any]:
         """Attributes of the field, by name, that a file stores."""
@@ -215,13 +227,32 @@ class ForcedField(VectorField):
             drive[row] = base.amplitude * np.cos(phases)
             drive[row + 2] = -base.amplitude * w * np.sin(phases)
             drive[row + 4] = -base.amplitude * w**2 * np.cos(phases)
+        if isinstance(flow, Force):
+            drive = np.concatenate([drive, flow.amplitude * self.force_numbers(phases)])
         return speeds, drive
+
+    def force_numbers(self, phases: Array) -> Array:
+        """Numbers of the force at k of its phases, for an amplitude of 1, shape (rows, k)."""
+        assert self._forces is not None
+        key = phases.tobytes()
+        if key not in self._known:
+            if len(self._known) > MOST_KNOWN:
+                self._known.clear()
+            times = np.mod(phases, 2.0 * math.pi) / self._checked_at
+            self._known[key] = np.stack([self._forces(t) for t in times.tolist()], axis=1)
+        return self._known[key]
 
     def by_frequency(self, y: Array, u: float) -> Array:
         """df/dw by the frequency w of the orbit; central differences are exact, f is quadratic."""
         ahead, behind, h = copy(self), copy(self), 0.5 * self._frequency
         ahead._frequency, behind._frequency = self._frequency + h, self._frequency - h
         return self.order * (ahead(y, u) - behind(y, u)) / (2.0 * h)
+
+
+def phase_times(force: Force) -> Array:
+    """Times in a period of a force that repeats, at which it is checked."""
+    assert force.frequency is not None
+    return np.linspace(0.0, 2.0 * math.pi / force.frequency, TRIED, endpoint=False)
 
 
 @dataclass(frozen=True)
@@ -231,16 +262,21 @@ class Excitation:
     Attributes:
         u: flow speed, steady or pulsating.
         base: motion of the base, None at rest.
+        force: a force with a frequency, or None; then the base is at rest.
     """
 
     u: float | Pulsation
     base: Harmonic | None = None
+    force: Force | None = None
 
     @property
     def period(self) -> float:
         """Period of the excitation; 0 if it is steady."""
-        driving = self.base or self.u
-        return 0.0 if isinstance(driving, float) else 2.0 * math.pi / driving.frequency
+        driving = self.base or self.force or self.u
+        if isinstance(driving, float):
+            return 0.0
+        assert driving.frequency is not None
+        return 2.0 * math.pi / driving.frequency
 
     @property
     def mean(self) -> float:
@@ -251,18 +287,22 @@ class Excitation:
         """The vector field of a model; if forced, for orbits of `order` periods of the forcing."""
         if isinstance(self.u, Pulsation):
             return ForcedField(model, self.u, order, self.base)
-        return ForcedField(model, self.base, order) if self.base else VectorField(model)
+        forcing = self.base or self.force
+        return ForcedField(model, forcing, order) if forcing else VectorField(model)
 
     def is_odd(self, model: Model) -> bool:
         """Whether the mirror image of every motion is a motion, half a period later if `shifts`."""
         if self.shifts and isinstance(self.u, Pulsation):  # the flow differs half a period later
             return False
+        if self.force is not None and not self.shifts:
+            return False
         return VectorField(model).is_odd(self.mean)
 
     @property
     def shifts(self) -> bool:
-        """Whether the base moves transversely; the mirrored motion is then half a period later."""
-        return self.base is not None and self.base.direction == "x"
+        """Whether the mirrored motion is half a period later, as for a base that moves across."""
+        across = self.base is not None and self.base.direction == "x"
+        return across or (self.force is not None and self.force.function is None)
 
     def whole(self, time: float) -> float:
         """The time, rounded up to whole periods of the excitation."""

@@ -286,11 +286,12 @@ def solved(
     tolerance: float,
     iterations: int = OrbitControl.iterations,
     hopeless: float = math.inf,
+    farthest: float = math.inf,
 ) -> PeriodicOrbit:
     """The periodic orbit near another at its speed, on its mesh; NewtonFailed if none is found.
 
     iterations: number of Newton steps after which the search fails.
-    hopeless: as for `newton`.
+    hopeless, farthest: as for `newton`.
     """
     control = OrbitControl(
         longest=math.inf,
@@ -300,7 +301,7 @@ def solved(
         patience=None,
     )
     problem = OrbitProblem(motion, orbit, control, unit=1.0, speed_varies=False)
-    problem.hopeless = hopeless
+    problem.hopeless, problem.farthest = hopeless, farthest
     z = orbit.packed()
     return problem.orbit(problem.fixed(z, float(z[-1])))
 

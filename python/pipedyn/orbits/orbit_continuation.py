@@ -100,12 +100,13 @@ def solved_anew(
     """The periodic orbit near states at a speed, on as coarse a mesh as resolves it.
 
     The states [p, p'] are a function of phases, (k,), to (2 integrated, k). `iterations` and
-    `hopeless` are as for `solved`, `from_samples` is as for `interpolated`.
+    `hopeless` are as for `solved`, which a first step of four times that ends as well;
+    `from_samples` is as for `interpolated`.
     """
     guess = resolved_orbit(motion, states, frequency, u, symmetric, how.defect, from_samples)
     if len(guess.starts) > MOST_CYCLE_INTERVALS:
         raise NewtonFailed(f"more than {MOST_CYCLE_INTERVALS} mesh intervals are needed")
-    return solved(motion, guess, how.tolerance, iterations, hopeless)
+    return solved(motion, guess, how.tolerance, iterations, hopeless, 4.0 * hopeless)
 
 
 # --------------------------------------------------------------------------------- beginnings

@@ -16,7 +16,7 @@ from pipedyn.cycles.limit_cycle import amplitude_of
 from pipedyn.forced.forced_response import ForcedBranch, ForcedResponse
 from pipedyn.forced.parametric_regions import ParametricRegion, ParametricRegions
 from pipedyn.linear.frequency_response import FrequencyResponse
-from pipedyn.models.drive import Harmonic
+from pipedyn.models.drive import Pulsation
 from pipedyn.plot import common
 from pipedyn.plot.accuracy import round_ticks
 from pipedyn.plot.arrange import legend_below
@@ -31,7 +31,8 @@ REGION_STYLES: dict[str, dict[str, Any]] = {
     "combination": {"color": common.GREEN, "linestyle": (0, (1, 1.2)), "hatch": "..."},
 }
 
-BRANCH_LOOKS = {"base": (common.BLACK, 1.0), "subharmonic": (common.BLUE, 1.0)}
+BRANCH_LOOKS = dict.fromkeys(("base", "force"), (common.BLACK, 1.0))
+BRANCH_LOOKS["subharmonic"] = (common.BLUE, 1.0)
 BRANCH_LOOKS["harmonic"] = (common.ORANGE, 2.0)
 """Colour of each kind of branch, and how wide its curve is, so that kinds differ in grey."""
 
@@ -237,8 +238,9 @@ def forced_response(
     """Amplitude of periodic motions over the frequency.
 
     Stable motions are solid curves, unstable ones dashed, and branches of one kind look alike.
-    Markers show folds and other events. Of a moving base the axes show the range of frequencies
-    that was asked for; of a pulsating flow they show branches to where these return to rest.
+    Markers show folds and other events. Of a moving base or a force the axes show the range of
+    frequencies that was asked for; of a pulsating flow they show branches to where these return to
+    rest.
 
     Args:
         response: the response to show.
@@ -259,7 +261,7 @@ def forced_response(
     view = View(units, response.model.pipe)
     ax = view.axes(ax, (6.4, 4.2), OMEGA, AMPLITUDE)
     per, one, (low, high) = view.one(OMEGA), view.one(AMPLITUDE), (-math.inf, math.inf)
-    if response.frequencies is not None and isinstance(response.forcing, Harmonic):
+    if response.frequencies is not None and not isinstance(response.forcing, Pulsation):
         low, high = response.frequencies
         ax.set_xlim(per * low, per * high)
     for branch in response.branches:

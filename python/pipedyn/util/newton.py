@@ -39,6 +39,7 @@ def newton(
     iterations: int = 25,
     patience: int | None = None,
     hopeless: float = math.inf,
+    farthest: float = math.inf,
     check: Callable[[State], None] = lambda x: None,
 ) -> State:
     """The solution that Newton's method finds from a start.
@@ -50,14 +51,14 @@ def newton(
     iteration ends with a step whose size is at most `tolerance`. A step is slow if it is longer
     than half the one before; a slow step of at most `stagnation` ends the iteration, too, since it
     is due to rounding only. After `patience` slow steps in a row, one slow step of more than
-    `hopeless`, a first step of four times that, or `iterations` steps in all, the method fails.
+    `hopeless`, a first step of more than `farthest`, or `iterations` steps in all, it fails.
 
     Raises:
         NewtonFailed: if a step is not finite, a matrix is singular, `check` raises it for an
             iterate, or steps do not converge.
     """
-    state, last, slow = start, 8.0 * hopeless, 0  # a first step may be slow, too
-    for _ in range(iterations):
+    state, last, slow = start, math.inf, 0
+    for done in range(iterations):
         with np.errstate(over="raise", invalid="raise"):
             try:
                 change, step = correction(state)
@@ -70,7 +71,7 @@ def newton(
                 raise NewtonFailed("Newton's method met numbers that are not finite") from error
         check(moved)
         slowly = step >= 0.5 * last
-        if slowly and step > hopeless:
+        if (slowly and step > hopeless) or (done == 0 and step > farthest):
             break
         if step <= tolerance or (slowly and step <= stagnation):
             return moved

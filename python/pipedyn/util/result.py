@@ -100,6 +100,9 @@ OF_TUBES = (
     OfTube("wall_stress", Unit("Pa", lambda scales: scales.wall_stress), CURVATURE, ("curvature",)),
 )
 
+OF_PHASES = {"phase_speeds": "m/s", "phase_flow_rates": "m3/s"}
+"""SI units of what follows from a flow speed for each phase of a mixture, in the last axis."""
+
 
 def speed_in_si(u: float, scales: Any, digits: int) -> str:
     """A flow speed in m/s, and of a tube in l/min, as text in brackets; empty without scales."""
@@ -216,7 +219,7 @@ class Result(Saved):
     def _table(self) -> Table:
         """The table that a notebook shows for the result."""
         scales = self._scales()
-        si = SI(self, scales) if scales is not None else None
+        si = SI(self, scales, pipe=self._pipe()) if scales is not None else None
         units = si.units if si is not None else {}
         rows = []
         for name, value in self._shown().items():
@@ -224,6 +227,8 @@ class Result(Saved):
             rows.append((name, _short(value), *numbers))
             of_tube = (one.name for one in OF_TUBES if name in one.sources and one.name in units)
             rows += [(one, "", si._text(one)) for one in of_tube if si is not None]
+            if name in (*_ONE, *_SEVERAL) and si is not None:
+                rows += [(one, "", si._text(one)) for one in OF_PHASES if one in units]
         headings = ("", "value", "SI") if si is not None else ("", "value")
         return Table(type(self).__name__, headings, rows)
 
@@ -239,6 +244,11 @@ class Result(Saved):
         Beside a `curvature` there is `wall_stress` (Pa), the largest bending stress E D_o / 2 times
         the curvature, at the outside of the bend. It leaves out stresses by pressure, weight,
         thrust and viscosity of the wall, and what clamps and flattening of the section add.
+
+        For a pipe with phases, the flow speed is the mean by mass, sum M_k V_k / sum M_k with the
+        mass M_k per length and the speed V_k of each phase, and the flow rate is that of all phases
+        together. Beside a flow speed or `speeds` there are `phase_speeds` (m/s) and
+        `phase_flow_rates` (m^3/s), one for each phase in the last axis.
 
         Args:
             pipe: the pipe, if the result holds neither the pipe nor its model.
@@ -261,7 +271,7 @@ class Result(Saved):
             >>> round(found.speed, 3), round(found.frequency, 3)
             (6.612, 2.006)
         """
-        made = SI(self, self._known_scales(pipe))
+        made = SI(self, self._known_scales(pipe), pipe=pipe or self._pipe())
         if made._is_empty():
             raise ValueError(
                 f"{type(self).__name__} has no numbers to convert: they have no unit, are in SI "
@@ -277,7 +287,7 @@ class Result(Saved):
             >>> pp.modes(pp.Chain(pp.Pipe(0.2), 2), 1.0).units
             {'speed': 'm/s', 'eigenvalues': '1/s'}
         """
-        return SI(self, self._scales()).units
+        return SI(self, self._scales(), pipe=self._pipe()).units
 
     def _known_scales(self, pipe: Any) -> Any:
         """Scales of the given pipe, or else of the result's own; refused if there are none."""
@@ -458,9 +468,14 @@ class SI:
     """
 
     def __init__(
-        self, result: Result, scales: Any, known: dict[str, Unit | None] | None = None
+        self,
+        result: Result,
+        scales: Any,
+        known: dict[str, Unit | None] | None = None,
+        pipe: Any = None,
     ) -> None:
         self._result, self._scales, self._known = result, scales, known or {}
+        self._pipe = pipe
 
     @property
     def units(self) -> dict[str, str]:
@@ -473,7 +488,21 @@ class SI:
         for one in OF_TUBES:
             if one.is_known(self._scales) and self._source(one) in found:
                 found[one.name] = one.unit.name
-        return found
+        return found | {name: unit for name, unit in OF_PHASES.items() if self._of_phases(name)}
+
+    def _of_phases(self, name: str) -> list[Any]:
+        """Numbers in SI that one of `OF_PHASES` names, an array; none in a list if unknown.
+
+        Where scales are those of other pipes, as along a sweep, there may be other phases.
+        """
+        pipe = self._pipe
+        if not getattr(pipe, "phases", ()) or pipe.scales is not self._scales:
+            return []
+        source = self._source(OF_TUBES[0]) or self._source(OF_TUBES[2])
+        if source is None:
+            return []
+        scale = pipe.phase_units[[*OF_PHASES].index(name)]
+        return [np.multiply.outer(getattr(self._result, source), scale)]
 
     def _unit(self, name: str) -> Unit | None:
         return self._known.get(name) or self._result._unit(name)
@@ -496,6 +525,10 @@ class SI:
             if source is not None:
                 wall = " with a uniform wall" if one.source is CURVATURE else ""
                 raise AttributeError(f"{name} needs a pipe made with Pipe.from_tube{wall}")
+        if name in OF_PHASES:
+            if found := self._of_phases(name):
+                return found[0]
+            raise AttributeError(f"{name} needs a flow speed in one pipe made with phases")
         value, unit = getattr(self._result, name), self._unit(name)
         if inspect.ismethod(value):
             own = type(self._result).__name__
@@ -516,7 +549,7 @@ class SI:
 
     def _within(self, name: str, one: Result) -> SI:
         scales = self._result._scales_within(one, self._scales)
-        return SI(one, scales, self._result._units_within(name))
+        return SI(one, scales, self._result._units_within(name), one._pipe() or self._pipe)
 
     def _text(self, name: str) -> str:
         return f"{_short(getattr(self, name))} {self.units[name]}"

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: MIT
+//
+// Forces of the user's own that vary in time, fixed in direction: at one place, or per length all
+// along the pipe as a polynomial sum_k c_k T_k(2 s - 1) in Chebyshev polynomials of the arc length
+// s. What is known at a time, the components (x, y) of each c_k, stands in the drive of a batch,
+// two rows for each, behind the motion of the base.
+#pragma once
+
+#include "pipedyn/terms/station.hpp"
+#include "pipedyn/terms/term.hpp"
+
+namespace {
+
+struct AppliedForce : NoLaw {
+  static constexpr const char* name = "applied_force";
+  static constexpr bool applied = true;
+  static constexpr bool exists_in_space = false;
+  std::ptrdiff_t first, count = 1;  // of the coefficients in the drive
+
+  explicit AppliedForce(const pipedyn::Term& term)
+      : first(static_cast<std::ptrdiff_t>(term.numbers[0])) {}
+  auto load(const auto&) const { return Load(0.0, 0.0); }  // where nothing drives the pipe
+};
+
+struct AppliedLoad : AppliedForce {
+  static constexpr const char* name = "applied_load";
+  static constexpr bool along = true;
+
+  explicit AppliedLoad(const pipedyn::Term& term) : AppliedForce(term) {
+    count = static_cast<std::ptrdiff_t>(term.numbers[1]);
+  }
+};
+
+/// An applied force at one time and place, as a law.
+template <class Real>
+struct AppliedNow : NoLaw {
+  Real x{}, y{};
+
+  /// row(k): row k of the drive behind the motion of the base. Clenshaw's recurrence.
+  template <class Row>
+  AppliedNow(const AppliedForce& law, double s, const Row& row) {
+    const double t = 2.0 * s - 1.0;
+    const auto sum = [&](int component) {
+      Real next{}, beyond{};
+      for (std::ptrdiff_t k = law.count - 1; k > 0; --k) {
+        const Real own = row(2 * (law.first + k) + component) + (2.0 * t) * next - beyond;
+        beyond = next;
+        next = own;
+      }
+      return Real(row(2 * law.first + component) + t * next - beyond);
+    };
+    x = sum(0);
+    y = sum(1);
+  }
+  AppliedNow() = default;
+  auto load(const auto&) const { return Load(x, y); }
+  Real power(const Station<Real>& at) const { return x * at.vx + y * at.vy; }
+};
+
+}  // namespace
