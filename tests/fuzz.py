@@ -311,6 +311,7 @@ MASS, SPRING = pp.PointMass(0.6, 0.2), pp.Spring(0.6, 3.0)
 JET = pp.Pipe(0.2, 3.0, alpha=1.3, jet_angle=0.4)
 DRAWN = pp.Pipe(0.4, 5.0, "aspirating", 0.5, inflow_share=0.3, damping=0.01)
 LOSSY = pp.Pipe(0.2, 3.0, hysteresis=0.05)
+SAGGING = pp.Pipe(0.2, 3.0, inclination=1.0, terms=(pp.Load(1.0, (0.5, 0.2)),))
 TAPERED = pp.Pipe(0.2, stiffness=lambda s: 1.0 - 0.4 * s, mass=pp.Profile([0.5], [1.0, 1.4]))
 WET = (pp.AddedMass(0.4), pp.Viscosity(0.2), pp.Foundation(3.0), pp.Damper(0.7, 0.3))
 STRUCK = (pp.Stop(0.4, 0.05, 30.0), pp.CubicSpring(0.8, 9.0), pp.Tension(0.5))
@@ -333,7 +334,7 @@ HELD = SCENE.plus(modular.Guide(3))
 MODELS = {"chain": CHAIN, "beam": BEAM, "legendre": LEGENDRE, "loaded": LOADED, "scene": SCENE}
 SPANNED, SUPPORTED = pp.Chain(SPANS, 4), pp.Galerkin(SPANS, 4, "legendre")
 LOST = pp.Chain(LOSSY, 3)
-ENDLESS = pp.Continuum(HINGED), pp.Continuum(TAPERED), pp.Continuum(LOSSY)
+ENDLESS = tuple(map(pp.Continuum, (HINGED, TAPERED, LOSSY, SAGGING)))
 MODELS |= {
     "supported chain": SPANNED,
     "supported": SUPPORTED,
@@ -341,6 +342,7 @@ MODELS |= {
     "hinged beam": pp.Galerkin(HINGED, 3),
     "guided": modular.chain(GUIDED, 4),
     "jet": pp.Chain(JET, 3),
+    "sagging": pp.Chain(SAGGING, 3),
     "drawn": pp.Galerkin(DRAWN, 3),
     "tapered": pp.Chain(TAPERED, 3),
     "space": pp.Chain(DRAGGED, 3, dimensions=3),
@@ -394,14 +396,17 @@ SHARE = real((0.01, 0.99), below=-0.1, above=1.1)
 U = real((0.0, 3.0), below=-1e-9, above=1e101)
 SLOW = real((0.0, 3.0), below=-1e-9, above=1e5)
 PIPES = of(PIPE, DRAGGED, MEASURED, DRAWN, LOSSY, HINGED, GUIDED)
-OTHERS = of(PIPE, DRAGGED, MEASURED, DRAWN, LOSSY, JET)
+OTHERS = of(PIPE, DRAGGED, MEASURED, DRAWN, LOSSY, JET, SAGGING)
 FLAG = either([False], 0, 1, NAN, 2.0, [True])
 EXECUTOR = Kind(one_of(None), sure(any_of(*NOTHINGS, *WORDS, one_of(2, True, object())), 3))
 MOVING = Kind(
     one_of(CHAIN, BEAM, SCENE, SPANNED, SUPPORTED),
     sure(any_of(of(CHAIN, BEAM, SCENE).bad, one_of(EXACT, LOST)), EXACT),
 )
-LINEAR = of(CHAIN, BEAM, LEGENDRE, SCENE, EXACT, SPANNED, SUPPORTED, LOST, *ENDLESS)
+LINEAR = of(
+    *(CHAIN, BEAM, LEGENDRE, SCENE, EXACT, SPANNED, SUPPORTED, LOST, pp.Chain(SAGGING, 3)),
+    *ENDLESS,
+)
 STRAIGHT = Kind(one_of(CHAIN, LEGENDRE, SPANNED, SUPPORTED, LOST), LINEAR.bad)
 TERMS = Kind(
     one_of((), [MASS], (MASS, SPRING), WET, STRUCK),
@@ -589,6 +594,7 @@ def _pipes() -> Iterator[Target]:
         "end": END,
         "supports": SUPPORTS,
         "rotary_inertia": real((0.0, 0.1), -1e-9, 1e4),
+        "inclination": real((-3.1, 3.1), -3.2, 3.2),
     }
     turned, share = real((-1.5, 1.5), -3.2, 3.2), real((0.0, 1.0), -1e-9, 1.1)
     ends = {  # what only one of the flows has
@@ -692,12 +698,16 @@ def _pipes() -> Iterator[Target]:
     )
     for law in LAWS:
         kinds = {item.name: real((0.1, 1.0), -1.0, -1e300) for item in dataclasses.fields(law)}
-        kinds |= {"load": real((-1.0, 1.0))} if "load" in kinds else {}
+        signed = [name for name in kinds if name.startswith(("load", "force"))]
+        kinds |= dict.fromkeys(signed, real((-1.0, 1.0)))
         kinds |= {"at": real((0.01, 0.99), -0.1, 0.0)} if "at" in kinds else {}
         for name, kind in kinds.items():
             ends = one_of(*(getattr(term, name) for term in extremes(law)))
             kinds[name] = Kind(any_of(kind.good, ends), kind.bad)
         yield target(law, **kinds)
+    pair = array(2, (-1.0, 1.0))
+    yield target(pp.Load, "[pair]", at=real((0.01, 0.99), -0.1, 0.0), force=pair)
+    yield target(pp.DistributedLoad, "[pair]", force=pair)
 
 
 def _chains() -> Iterator[Target]:

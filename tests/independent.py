@@ -626,7 +626,7 @@ def _conditions(pipe, value, u, load=None, output=1.0):
     gamma, thrust = mpmath.mpf(pipe.gamma), mpmath.mpf(pipe.alpha) * u**2
     square = value**2 * (1 + along("added_mass")) + value * along("viscosity")
     square += along("foundation")
-    laws = ("point_mass", "tension", "spring", "damper", "rotational_spring")
+    laws = ("point_mass", "dead_load", "spring", "damper", "rotational_spring")
     placed = [t for t in pipe.terms if t.law in (*laws, "rotational_damper")]
     base = load == "base"
     loaded = {} if base or load is None else {load[1]: load[0]}
@@ -638,7 +638,7 @@ def _conditions(pipe, value, u, load=None, output=1.0):
     for low, high in pairwise(sorted(set(places))):
         beyond = [t for t in placed if t.place > low]
         tension = gamma * (1 - mpmath.mpf(low) + total(beyond, "mass"))
-        tension += total(beyond, "load")
+        tension += total(beyond, "load") + total(beyond, "force_y")
         h = mpmath.mpf(high) - mpmath.mpf(low)
         bend = fixed((tension + inertia - thrust) * h**2 / elastic)
         loads = (one / elastic for one in (gamma * h**3, coriolis * h**3, square * h**4))
@@ -653,7 +653,7 @@ def _conditions(pipe, value, u, load=None, output=1.0):
                 turning += number
             else:
                 held += number
-        lost = gamma * mass + total(here, "load")
+        lost = gamma * mass + total(here, "load") + total(here, "force_y")
         if high == 1.0:
             lost += inertia
             held -= (1 - mpmath.mpf(pipe.inflow_share)) * coriolis / 2

@@ -24,7 +24,8 @@ def extremes(law: type[pp.Term]) -> list[pp.Term]:
         rule = item.metadata["range"]
         least = np.nextafter(0.0, 1.0) if rule["open_low"] else rule["low"]
         ends.append((float(least), rule.get("high", 1.0)))  # places end with the pipe
-    return [law(*numbers) for numbers in itertools.product(*ends)]
+    names = [item.name for item in dataclasses.fields(law)]
+    return [law(**dict(zip(names, each, strict=True))) for each in itertools.product(*ends)]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -104,7 +104,12 @@ def changed(where, change):
             *("beam functions that are held", "Galerkin._reference"),
             *({"tuple": [0.1, 0.2, 0.3, 0.4]}, "reference must have 6 entries, got 4"),
         ),
-        ("continuum", "Pipe.jet_angle", 0.5, "no equilibrium with jet_angle"),
+        (
+            "continuum",
+            "Pipe.jet_angle",
+            9.5,
+            r"jet_angle must lie in \[-3\.14159, 3\.14159\], got 9\.5",
+        ),
         ("pipe", "Pipe.beta", 2.0, r"beta must lie in \[0, 1\), got 2.0"),
         ("pipe", "Pipe.gamma", LACKING, "gamma of Pipe is missing"),
         ("pipe with every term", "Spring.stiffness", -1.0, "stiffness must be finite and >= 0"),

@@ -40,8 +40,8 @@ def dotted(path):
 
 MODULES = {dotted(path): path for path in sorted(PACKAGE.rglob("*.py"))}
 FOLDERS = (
-    *("util", "models", "modular", "linear", "motion"),
-    *("continuation", "equilibrium", "orbits", "attraction", "cycles", "forced", "curves"),
+    *("util", "models", "modular", "continuation", "linear", "motion"),
+    *("equilibrium", "orbits", "attraction", "cycles", "forced", "curves"),
     *("diagram", "accuracy", "plot", "paper"),
 )
 """Data flows from left to right: a folder imports from itself and from those to its left. The

@@ -46,6 +46,7 @@ struct Pipe {
   Profile mass{};
   double hysteresis = 0.0;      // mu, loss factor; acts in linear problems alone
   double rotary_inertia = 0.0;  // J, rotary inertia of the cross-sections per length
+  double inclination = 0.0;     // iota, from the downward vertical to the clamp's axis
 
   double sqrt_beta() const { return std::sqrt(beta); }
   /// Whether the end keeps the direction of the axis.
@@ -59,6 +60,13 @@ struct Pipe {
     if (jet_angle == 0.0) return {end_coefficient, 0.0};  // saves time in each evaluation of rates
     return {end_coefficient * std::cos(jet_angle), end_coefficient * std::sin(jet_angle)};
   }
+  /// The direction of gravity: its components across and along the clamp's axis. Those of a pipe
+  /// that is exactly level, hanging or standing are exact.
+  std::array<double, 2> down() const {
+    if (inclination == 0.0) return {0.0, 1.0};
+    const auto clean = [](double x) { return std::abs(x) < 1e-15 ? 0.0 : x; };
+    return {clean(std::sin(inclination)), clean(std::cos(inclination))};
+  }
   /// Factor of u v, v the free end's velocity, in the force with which entering fluid, as it
   /// changes velocity, acts on the free end.
   double entry() const { return (1.0 - inflow_share) * direction() * sqrt_beta(); }
@@ -70,9 +78,9 @@ void require_space(const Pipe& pipe);
 
 /// The numbers of a pipe as Python gives them, in the order of OWN_NUMBERS in models/pipe.py.
 inline constexpr std::array own_numbers{
-    &Pipe::beta,         &Pipe::gamma,     &Pipe::end_coefficient,
-    &Pipe::drag,         &Pipe::damping,   &Pipe::hysteresis,
-    &Pipe::inflow_share, &Pipe::jet_angle, &Pipe::rotary_inertia};
+    &Pipe::beta,           &Pipe::gamma,      &Pipe::end_coefficient, &Pipe::drag,
+    &Pipe::damping,        &Pipe::hysteresis, &Pipe::inflow_share,    &Pipe::jet_angle,
+    &Pipe::rotary_inertia, &Pipe::inclination};
 
 /// Linear operators about the straight pipe at rest, each (dof, dof). The linear equation is
 ///   mass q'' + (s u (gyroscopic + end_flux) + damping) q'

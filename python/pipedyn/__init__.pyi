@@ -105,7 +105,10 @@ from pipedyn.models.supports import RootSpring as RootSpring
 from pipedyn.models.terms import AddedMass as AddedMass
 from pipedyn.models.terms import CubicSpring as CubicSpring
 from pipedyn.models.terms import Damper as Damper
+from pipedyn.models.terms import DistributedLoad as DistributedLoad
+from pipedyn.models.terms import FollowerForce as FollowerForce
 from pipedyn.models.terms import Foundation as Foundation
+from pipedyn.models.terms import Load as Load
 from pipedyn.models.terms import PointMass as PointMass
 from pipedyn.models.terms import RotationalDamper as RotationalDamper
 from pipedyn.models.terms import RotationalSpring as RotationalSpring
@@ -128,6 +131,7 @@ from pipedyn.motion.simulate import MotionStopped as MotionStopped
 from pipedyn.motion.simulate import simulate as simulate
 from pipedyn.motion.simulate import simulate_many as simulate_many
 from pipedyn.util.archive import load as load
+from pipedyn.util.errors import FluttersAcross as FluttersAcross
 from pipedyn.util.errors import NotConverged as NotConverged
 from pipedyn.util.errors import NotResolved as NotResolved
 from pipedyn.util.errors import PipedynError as PipedynError

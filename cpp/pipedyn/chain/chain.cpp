@@ -228,7 +228,7 @@ void Chain::linearise() {
       made.moment.stiffness += stiffness;
     };
     made.moment_size = std::abs(made.moment.stiffness);
-    add_to_moment(link.weight);
+    add_to_moment(pipe_.down()[1] * link.weight);
     if (loads != nullptr) {
       add_to_moment(link.length * tension + loads->load[1][1]);
       tension += loads->load[0][1];
@@ -402,6 +402,7 @@ Matrix Chain::moments(const Matrix& x, const LinearPart& part, const Vector& ang
   }
   const Plane<double> jet = along(pipe_.jet_angle + (guided ? 0.0 : angles[n - 1]));
   const Plane<double> turned_jet = scaled(guided ? 0.0 : part.flux, across(jet));
+  const auto [down_x, down_y] = pipe_.down();
   Row beyond_x = turned_jet.x * x.row(n - 1) - entry * place_x;
   Row beyond_y = turned_jet.y * x.row(n - 1) - entry * place_y;
   Plane<double> load{0.0, 0.0}, apart{0.0, 0.0};  // loads and pipe beyond the segment's end
@@ -409,7 +410,8 @@ Matrix Chain::moments(const Matrix& x, const LinearPart& part, const Vector& ang
     const Link& link = this->link(j);
     const double l = link.length;
     const Plane<double> t_j = along(angles[j]), n_j = across(t_j);
-    double own = t_j.y * (part.stiffness * link.weight + part.gravity * first_moment_[j]) -
+    double own = dot(t_j, {down_x, down_y}) *
+                     (part.stiffness * link.weight + part.gravity * first_moment_[j]) -
                  l * (part.flux * dot(t_j, jet) + push * dot(t_j, apart));
     if (j == n - 1)
       own += (part.stiffness + part.by_damping) * end_spring_ + part.damping * end_damping_;
@@ -482,6 +484,7 @@ ChainModel Chain::model() const {
           .size = dof(),
           .base = segments_.base,
           .gravity = pipe_.gamma,
+          .down = pipe_.down(),
           .coriolis = pipe_.direction() * pipe_.sqrt_beta(),
           .entry = pipe_.entry(),
           .thrust = pipe_.thrust(),

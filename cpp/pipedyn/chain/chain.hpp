@@ -18,7 +18,7 @@
 //
 //   sum_i M_ki theta_i'' + sqrt(beta) U (l_k^2 theta_k' + 2 sum_{i>k} l_k l_i theta_i')
 //     - (1 - c) sqrt(beta) U l_k sum_i l_i theta_i' + a U^2 l_k (theta_n - theta_k)
-//     + gamma p_k theta_k
+//     + gamma cos(iota) p_k theta_k
 //     + (1 + delta d/dtau) (k_k phi_k - k_{k+1} phi_{k+1}) = 0,     phi_j = theta_j - theta_{j-1},
 //
 // with U = s u. A joint may have a damping c_k of its own in place of delta k_k, and an angle psi_k
@@ -40,7 +40,7 @@
 //     - (1 - c) sqrt(beta) U l_k sum_i l_i cos(theta_k - theta_i) theta_i'
 //     + sqrt(beta) U' l_k sum_{i>k} l_i sin(theta_i - theta_k)
 //     + a U^2 l_k sin(theta_n + psi - theta_k)
-//     + X'' p_k cos theta_k + (gamma - Y'') p_k sin theta_k
+//     + X'' p_k cos theta_k - Y'' p_k sin theta_k + gamma p_k sin(theta_k - iota)
 //     + (1 + delta d/dtau) (k_k phi_k - k_{k+1} phi_{k+1}) = drag_k,
 // where the jet leaves at the angle psi to the last segment, the inflow has the share c of the free
 // end's velocity, and the force -kappa l_j |v_j| v_j acts across each segment at its drag point.

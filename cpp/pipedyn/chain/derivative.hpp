@@ -117,7 +117,9 @@ void add_loads_to(Source<Real>& source, const ChainModel& model, const Link& lin
     source.moment += dot(couple_by(slopes[1], by_position), frame.n);
     source.moment -= dot(frame.t, plane(loads.load[1]));
     // Acceleration of the joint, without the acceleration of the clamp that represents gravity.
-    const Real at = here.at + model.gravity * frame.t.y, an = here.an + model.gravity * frame.n.y;
+    const Plane<Real> weight{all<Real>(model.gravity * model.down[0]),
+                             all<Real>(model.gravity * model.down[1])};
+    const Real at = here.at + dot(weight, frame.t), an = here.an + dot(weight, frame.n);
     source.force_t -= link.added * an;
     source.force_n -= link.added * at - first_moment * w * w;
     source.moment += first_moment * (at - here.at);

@@ -3,7 +3,8 @@
 // The functions of one vector level. This source is compiled once for each level, with
 // PIPEDYN_LEVEL and PIPEDYN_WIDTH set.
 //
-// Energy: kinetic energy + sum k_j phi_j (phi_j / 2 - psi_j) + gamma sum p_j (1 - cos theta_j).
+// Energy: kinetic energy + sum k_j phi_j (phi_j / 2 - psi_j)
+//   + gamma sum p_j ((1 - cos theta_j) cos iota - sin theta_j sin iota).
 // Powers, with the velocity v of the end and v_j of the drag points: flow -c sqrt(beta) U |v|^2 -
 // a U^2 (cos psi t_n + sin psi n_n) . v, joints -sum c_j phi_j'^2, drag -kappa sum l_j |v_j|^3. If
 // the end is guided, its joint with phi_{n+1} = -theta_n is included, and the axis replaces segment
@@ -43,8 +44,8 @@ void energy_of(const ChainModel& model, const Members<Real>& members, Sweep<Real
     for (Count j = 0; j < n; ++j) sweep.set(sweep.turn, j, 0.5 * members.row(j));
     sweep.take_sines(n);
     for (Count j = 0; j < n; ++j) {
-      const Real s = sweep.at(sweep.sine, j);
-      twice += 4.0 * model.links[j].weight * (s * s);
+      const Real s = sweep.at(sweep.sine, j), c = sweep.at(sweep.cosine, j);
+      twice += 4.0 * model.links[j].weight * (s * (model.down[1] * s - model.down[0] * c));
     }
   }
   read_state(members, n, sweep);
@@ -84,7 +85,9 @@ void axial_of(const ChainModel& model, const Members<Real>& members, Sweep<Real>
   for (Count j = 0; j < n; ++j) sweep.set(sweep.turn, j, members.row(j));
   sweep.take_sines(n);
   const Driven<Real> driven = members.drive();
-  Real ax = driven.ax, ay = driven.ay, along = model.base * ay, depth = all<Real>(model.base);
+  const auto [down_x, down_y] = model.down;
+  Real ax = driven.ax, ay = driven.ay, along = model.base * ay;
+  Real depth = all<Real>(model.base * down_y);
   for (Count j = 0; j < n; ++j) {
     const double l = model.links[j].length;
     const Real s = sweep.at(sweep.sine, j), c = sweep.at(sweep.cosine, j);
@@ -93,7 +96,7 @@ void axial_of(const ChainModel& model, const Members<Real>& members, Sweep<Real>
     along += l * (s * ax + c * ay - 0.5 * inward);
     ax += turning * c - inward * s;
     ay -= turning * s + inward * c;
-    depth += l * c;
+    depth += l * (down_x * s + down_y * c);
   }
   members.set_row(out, 0, along);
   members.set_row(out, 1, depth);
@@ -107,7 +110,7 @@ void axial_of(const ChainModel& model, const Members<Real>& members, Sweep<Real>
     members.set_row(out, 2 + j, l * by_angle);
     members.set_row(out, 2 + n + j, -l * w * (2.0 * beyond + l));
     members.set_row(out, 2 + 2 * n + j, l * across);
-    members.set_row(out, 2 + 3 * n + j, -l * s);
+    members.set_row(out, 2 + 3 * n + j, l * (down_x * c - down_y * s));
     x += l * s;
     y += l * c;
   }

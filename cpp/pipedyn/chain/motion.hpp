@@ -50,8 +50,9 @@ struct ChainModel {
   std::ptrdiff_t size;                          // n
   double base;                                  // length of the fixed part at the clamp
   double gravity;                               // gamma
-  double coriolis;                              // sqrt(beta) s
-  double entry;                                 // (1 - c) sqrt(beta) s
+  std::array<double, 2> down;    // direction of gravity, across and along the clamp's axis
+  double coriolis;               // sqrt(beta) s
+  double entry;                  // (1 - c) sqrt(beta) s
   std::array<double, 2> thrust;  // a cos psi along and a sin psi across the last segment
   bool bent;                     // whether a joint is bent at rest
   bool guided;                   // whether the end keeps the direction of the axis

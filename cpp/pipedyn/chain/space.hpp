@@ -412,7 +412,7 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
                entry_of(ix, iy), entry_of(ix, iz), entry_of(iy, iz)};
   }
 
-  Space<Number> joint = drive.acceleration - model.gravity * axis<Number>();
+  Space<Number> joint = drive.acceleration - model.gravity * in_plane<Number>(model.down);
   for (Count j = 0; j < n; ++j) {
     const Link& link = model.links[j];
     const SpatialSegment<Number>& here = segments[j];
@@ -443,7 +443,7 @@ Number spatial_energy(const ChainModel& model, const Rows& rows) {
     twice += link.spring * here.angle_square();
     twice += link.mass * dot(velocity, velocity) + link.inertia * here.square;
     twice += (2.0 * link.first_moment) * dot(velocity, here.rate);
-    twice += (2.0 * link.weight) * here.drop();
+    twice += (2.0 * link.weight) * (model.down[1] * here.drop() - model.down[0] * here.t.x);
     for (; term != last_term && term->segment == j; ++term) {
       const double arm = term->arm;
       const SpatialStation<Number> at{r + arm * here.t, velocity + drive.velocity + arm * here.rate,

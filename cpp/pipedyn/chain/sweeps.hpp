@@ -6,7 +6,7 @@
 // number is a difference of large ones.
 //
 // With w_j = theta_j', the acceleration a_j of node j, and gravity as an acceleration of the clamp,
-//   a_j = a_{j-1} + l_j (theta_j'' n_j - w_j^2 t_j),   a_0 = -gamma (0, 1).
+//   a_j = a_{j-1} + l_j (theta_j'' n_j - w_j^2 t_j),   a_0 = -gamma (sin iota, cos iota).
 // The segments beyond node j need the force A_j a_j + b_j at node j, where A_j is symmetric (2, 2),
 // A_n = 0, and b_n = a U^2 (cos psi t_n + sin psi n_n) - (1 - c) sqrt(beta) U r_n' is the follower
 // force and the force of the entering flow; if the end is guided, the axis replaces segment n in
@@ -238,7 +238,8 @@ PIPEDYN_NOINLINE LoadPower<Real> add_all_loads(const ChainModel& model,
     walk.pass(j, link.length, members.row(j), rate, visit);
     if (link.added != 0.0) {  // this mass has no weight, and no inertia along the segment
       const double arm = 0.5 * link.length;
-      const Real lift = (model.gravity * link.added) * walk.sine;
+      const Real lift =
+          (model.gravity * link.added) * (model.down[1] * walk.sine - model.down[0] * walk.cosine);
       along += (arm * link.added) * (rate * rate);
       across -= lift;
       moment -= arm * lift;
@@ -294,13 +295,15 @@ PIPEDYN_NOINLINE PowerParts<Real> accelerations(const ChainModel& model,
   read_state(members, n, sweep);
 
   Real drag{}, joints{}, end_along{}, end_across{};
-  Real at = all<Real>(-model.gravity), an{};  // acceleration of the clamp
+  // The acceleration of the clamp, which represents gravity.
+  Real at = all<Real>(-model.gravity * model.down[1]);
+  Real an = all<Real>(-model.gravity * model.down[0]);
   if constexpr (outer == Outer::loads) {
     const Driven<Real> driven = members.drive();
     end_along = driven.vy;
     end_across = driven.vx;
     at += driven.ay;
-    an = driven.ax;
+    an += driven.ax;
   }
   if constexpr (outer != Outer::nothing) {
     for_each_velocity(

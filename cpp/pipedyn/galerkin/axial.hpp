@@ -45,6 +45,7 @@ struct Axial : Block<Real> {
     const Real base_x = this->driven(batch, Drive::acceleration);
     const Real base_y = this->driven(batch, Drive::acceleration + 1);
     const double* const end = moments + (points - 1) * row;
+    const auto [down_x, down_y] = this->effects.down;
     Real along{};
     for (Count p = 0; p < points; ++p) {
       const double* const to = moments + p * row;
@@ -58,10 +59,10 @@ struct Axial : Block<Real> {
       set(weighed[0], p, Real(weight * (c * ax - s * ay - turn * beyond - w * w * across)));
       set(weighed[1], p, Real((-2.0 * weight) * w * beyond));
       set(weighed[2], p, Real(weight * across));
-      set(weighed[3], p, Real(-weight * s));
+      set(weighed[3], p, Real(weight * (down_x * c - down_y * s)));
     }
     set(out, 0, along);
-    set(out, 1, at<Real>(end, 3));
+    set(out, 1, Real(down_x * at<Real>(end, 2) + down_y * at<Real>(end, 3)));
     for (Count k = 0; k < 4; ++k) {
       for (Count i = 0; i < m; ++i) {
         Real sum{};

@@ -263,12 +263,13 @@ struct Block {
   /// coordinates.
   void forces(const Batch& batch, Count row) {
     if (drags) drag(row, bias + 2);
+    const double gx = effects.gamma * effects.down[0], gy = effects.gamma * effects.down[1];
     for (Count p = 0; p < points; ++p) {
       const double* const bent = moments + p * row + bias * lanes<Real>;
       const Real ax = at<Real>(bent, 0), ay = at<Real>(bent, 1);
       const Acting<Real> load(point_load(batch, p, ax, ay).load(station(row, bias + 2, p)));
-      set(load_x, p, Real(load.x - grid.mass[p] * ax));
-      set(load_y, p, Real(load.y + grid.mass[p] * (effects.gamma - ay)));  // inertia and weight
+      set(load_x, p, Real(load.x + grid.mass[p] * (gx - ax)));  // inertia and weight
+      set(load_y, p, Real(load.y + grid.mass[p] * (gy - ay)));
       set(couple, p, Real{});
     }
     for_each_station(batch, row, bias + 2,
@@ -573,11 +574,14 @@ struct Block {
         twice += (grid.weight[p] * effects.normal_mass) * (normal * normal);
       }
     }
+    const double across = 2.0 * effects.gamma * effects.down[0];
+    const double down = 2.0 * effects.gamma * effects.down[1];
     if (effects.gamma != 0.0) {  // s - y(s) integrated by parts, with the digits of 1 - cos theta
       for (Count p = 0; p + 1 < points; ++p) {
         const Real s = at<Real>(sine, p), c = at<Real>(cosine, p);
         const Real rise = c > 0.0 ? s * s / (1.0 + c) : 1.0 - c;
-        twice += 2.0 * effects.gamma * grid.weight[p] * grid.beyond[p] * rise;
+        twice += down * grid.weight[p] * grid.beyond[p] * rise;
+        if (across != 0.0) twice -= across * grid.weight[p] * grid.beyond[p] * s;
       }
     }
     add_base(batch, row, 0, false);

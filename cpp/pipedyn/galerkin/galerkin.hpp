@@ -15,7 +15,7 @@
 //     - (1 - c) sqrt(beta) U v(1) . J_i(1)                                      entering flow
 //     + a U^2 (cos psi t(1) + sin psi n(1)) . J_i(1)                            follower force
 //     + sqrt(beta) U' int t . J_i                                               unsteady flow
-//     - gamma int m J_i . (0, 1)                                                gravity
+//     - gamma int m J_i . (sin iota, cos iota)                                  gravity
 //     + kappa int |v_n| v_n n . J_i = 0,   v_n = n . v,                         drag
 //   a(s) = (X'', Y'') + sum_i J_i q_i'' - int_0^s t theta'^2,
 //
@@ -36,7 +36,7 @@
 //
 // A term (terms/station.hpp) with mass mu and load f at the arc length s_f adds the virtual work
 //
-//   J_i(s_f) . (mu a(s_f) - mu gamma (0, 1) - f).
+//   J_i(s_f) . (mu a(s_f) - mu gamma (sin iota, cos iota) - f).
 //
 // Mass that moves across the pipe alone (terms/added_mass.hpp) adds chi int (n . J_i) (n . a), and
 // a couple c adds the virtual work -c Theta_i(s_f), or its integral. Rotary inertia I at s_f adds

@@ -71,7 +71,8 @@ struct MotionEffects {
   double entry = 0.0;              // (1 - c) s sqrt(beta)
   std::array<double, 2> thrust{};  // a cos psi, along the free end, and a sin psi, across it
   double gamma = 0.0, drag = 0.0, damping = 0.0;
-  double normal_mass = 0.0;  // mass per length that moves across the pipe alone
+  std::array<double, 2> down{0.0, 1.0};  // direction of gravity, across and along the axis
+  double normal_mass = 0.0;              // mass per length that moves across the pipe alone
   const PanelTerm* loads = nullptr;
   std::ptrdiff_t load_count = 0;
   const std::ptrdiff_t* held = nullptr;  // panels at whose ends x = 0 is held, ascending

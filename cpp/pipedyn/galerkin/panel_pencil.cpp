@@ -134,14 +134,16 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
   if (turns_) ++size_;
   set_joints(rows);
   std::vector<Eigen::Triplet<double, Index>> entries[parts];
-  double mass_along = 0.0, normal_along = 0.0;
+  double mass_along = 0.0, normal_along = 0.0, pulled_along = 0.0;
   Slopes<double> along;
   for (const Term& term : pipe.terms) {
     Laws::with(term, [&](const auto& law) {
       if (!law.along) return;
+      const AtRest at_rest(law, 0.0);
       mass_along += law.mass();
       normal_along += law.normal_mass();
-      add(along, 1.0, AtRest(law, 0.0).slopes);
+      pulled_along += at_rest.load.y;
+      add(along, 1.0, at_rest.slopes);
     });
   }
   // The tension from weight is a polynomial of one degree more than the mass, but slopes have only
@@ -201,7 +203,6 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
     add(velocity, shape, one, slope, 2.0 * flow * h3);
     add(flux, shape, one, curvature, jet * h2);
     add(elastic, curvature, series_of(pipe.stiffness, low, h), curvature, 1.0);
-    add(Part::rest, slope, one, slope, pulled * h2);
     const Sparse* const moves[] = {&shape, &slope};
     for (const int i : {0, 1}) {
       for (const int j : {0, 1}) {
@@ -211,13 +212,19 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
         add(resistance, *moves[i], one, *moves[j], -by[small_moving[j]] * share);
       }
     }
-    // The weight beyond a place: what the panels beyond carry, and the rest of this one.
-    Vector weight = Vector::Zero(degrees);
-    weight.head(mass_here.size()) = -h * mass_here;
-    weight = integration(degrees).transpose() * weight;
-    weight[0] += carried + h * mass_here[0];
-    add(gravity, slope, weight.head(of_mass + 2), slope, h2);
-    carried += h * mass_here[0];
+    // The mass beyond a place, or the axial load: that of the panels beyond, and the rest of this
+    // one.
+    const auto beyond = [&](double& outer, const Vector& density) -> Vector {
+      Vector sum = Vector::Zero(degrees);
+      sum.head(density.size()) = -h * density;
+      sum = integration(degrees).transpose() * sum;
+      sum[0] += outer + h * density[0];
+      outer += h * density[0];
+      return sum.head(density.size() + 1);
+    };
+    add(gravity, slope, beyond(carried, mass_here), slope, h2);
+    const bool pulls = pulled != 0.0 || pulled_along != 0.0;
+    add(Part::rest, slope, beyond(pulled, pulled_along * one), slope, pulls ? h2 : 0.0);
   }
   for (int part = 0; part < parts; ++part) {
     tables_[part].resize(rows, rows);
@@ -301,7 +308,7 @@ PanelPencil::At PanelPencil::at(double u) const {
   const double thrust = pipe_.end_coefficient * u;
   PencilEntry factors[parts];
   factors[elastic] = {.stiffness = 1.0, .hysteretic = pipe_.hysteresis, .damping = pipe_.damping};
-  factors[gravity].stiffness = pipe_.gamma;
+  factors[gravity].stiffness = pipe_.down()[1] * pipe_.gamma;
   factors[Part::rest].stiffness = 1.0;
   factors[flux] = {.stiffness = thrust * u, .stiffness_by_speed = 2.0 * thrust};
   factors[velocity] = {.damping = u, .damping_by_speed = 1.0};
@@ -313,7 +320,7 @@ PanelPencil::At PanelPencil::at(double u) const {
 PanelPencil::At PanelPencil::by_squared_speed() const {
   PencilEntry factors[parts];
   factors[elastic].stiffness = factors[Part::rest].stiffness = 1.0;
-  factors[gravity].stiffness = pipe_.gamma;
+  factors[gravity].stiffness = pipe_.down()[1] * pipe_.gamma;
   factors[flux].damping = pipe_.end_coefficient;
   return made(factors);
 }
@@ -322,7 +329,7 @@ Matrix PanelPencil::times(const Matrix& x, const LinearPart& of) const {
   const double stiffness = of.stiffness, damping = of.damping;
   double shares[parts];
   shares[elastic] = of.by_damping + stiffness + damping * pipe_.damping;
-  shares[gravity] = of.gravity + stiffness * pipe_.gamma;
+  shares[gravity] = pipe_.down()[1] * (of.gravity + stiffness * pipe_.gamma);
   shares[Part::rest] = stiffness;
   shares[flux] = of.flux;
   shares[velocity] = of.velocity;

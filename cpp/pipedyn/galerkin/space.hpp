@@ -244,7 +244,7 @@ struct SpatialBlock {
       const Space<Number> own = integral(p, speed);
       const double w = grid.weight[p];
       here.force += (-w * effects.coriolis * u) * here.rate - (w * push) * here.t;
-      here.force += (grid.mass[p] * effects.gamma) * axis<Number>();
+      here.force += (grid.mass[p] * effects.gamma) * in_plane<Number>(effects.down);
       here.force += -grid.mass[p] * (integral(p, bias) + drive.acceleration);
       power.flow = power.flow - (w * push) * dot(here.t, own);
       power.base = power.base - grid.mass[p] * dot(own, drive.acceleration);
@@ -382,7 +382,8 @@ struct SpatialBlock {
       twice = twice + grid.mass[p] * dot(v, v);
       twice = twice - grid.bending[p] * (here.stiffening * (here.mu * here.mu));
       // 1 - cos rho along the pipe lifts the mass beyond.
-      twice = twice + (2.0 * effects.gamma * grid.weight[p] * grid.beyond[p]) * here.drop();
+      const Number rise = effects.down[1] * here.drop() - effects.down[0] * here.t.x;
+      twice = twice + (2.0 * effects.gamma * grid.weight[p] * grid.beyond[p]) * rise;
     }
     for (Count k = 0; k < grid.turning; ++k) {
       const SpatialPoint<Number>& here = at[grid.turning_at[k]];

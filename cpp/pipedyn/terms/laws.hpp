@@ -8,6 +8,8 @@
 #include "pipedyn/terms/applied_force.hpp"
 #include "pipedyn/terms/cubic_spring.hpp"
 #include "pipedyn/terms/damper.hpp"
+#include "pipedyn/terms/dead_load.hpp"
+#include "pipedyn/terms/follower_force.hpp"
 #include "pipedyn/terms/foundation.hpp"
 #include "pipedyn/terms/point_mass.hpp"
 #include "pipedyn/terms/rotational_damper.hpp"
@@ -15,7 +17,6 @@
 #include "pipedyn/terms/spring.hpp"
 #include "pipedyn/terms/stop.hpp"
 #include "pipedyn/terms/stretching.hpp"
-#include "pipedyn/terms/tension.hpp"
 #include "pipedyn/terms/viscosity.hpp"
 
 namespace {
@@ -40,10 +41,12 @@ using Laws = LawTable<PointMass,         //
                       CubicSpring,       //
                       Stop,              //
                       AddedMass,         //
-                      Tension,           //
+                      DeadLoad,          //
                       Stretching,        //
                       RotationalSpring,  //
                       RotationalDamper,  //
+                      DistributedLoad,   //
+                      FollowerForce,     //
                       AppliedForce,      //
                       AppliedLoad>;
 

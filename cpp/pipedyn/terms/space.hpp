@@ -6,6 +6,8 @@
 // Local to each translation unit, like vector/pack.hpp.
 #pragma once
 
+#include <array>
+
 #include "pipedyn/terms/dual.hpp"
 
 namespace {
@@ -53,6 +55,12 @@ struct Across {
 template <class Number>
 inline Number dot(const Across<Number>& a, const Across<Number>& b) {
   return a.x * b.x + a.z * b.z;
+}
+
+/// A vector in the plane of x and y from these two components.
+template <class Number>
+inline Space<Number> in_plane(const std::array<double, 2>& of) {
+  return {constant<Number>(of[0]), constant<Number>(of[1]), Number{}};
 }
 
 /// A place of the pipe in space.

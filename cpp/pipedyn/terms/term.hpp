@@ -10,7 +10,7 @@ namespace pipedyn {
 /// A law of force with its numbers, as a pipe stores it.
 struct Term {
   int law = 0;          // row in the table of laws.hpp
-  double at = 0.0;      // arc length, 0 < at <= 1; not read of a pipe's term all along
+  double at = 0.0;      // arc length, 0 < at <= 1; the mean of all if the law acts all along
   double numbers[3]{};  // numbers of the law, in the order in which its header reads them
 };
 

@@ -67,6 +67,7 @@ class Effect(Result):
         name: "gravity", "drag", "damping", "hysteresis", "Coriolis", "centrifugal", "flow" (both
             parts), "end coefficient" (the change of alpha from 1 by a nozzle or an inlet), "inflow"
             (the part of the free end's velocity that the entering fluid lacks), "jet angle",
+            "inclination", "rotary inertia",
             "pulsation", "constant head" or "moving base" of a motion, "varying stiffness" or
             "varying mass" of a nonuniform pipe, the root's spring, "RootSpring(stiffness=30)", or a
             term of the pipe as it prints, "PointMass(at=1, mass=0.1)". Equal terms count as one
@@ -78,7 +79,7 @@ class Effect(Result):
         size: relative change of the quantity; infinite if its kind changes, NaN if it could not be
             found.
         error: bound on the error of `size`, from the errors of both answers.
-        growth: largest real part of an eigenvalue of the straight pipe without the effect at u, in
+        growth: largest real part of an eigenvalue of the pipe at rest without the effect at u, in
             1 / T; NaN if it was not found.
         verdict: "relevant", "negligible" or "absent". An effect is relevant unless `size` and its
             error together are within the tolerance.
@@ -118,7 +119,7 @@ class Relevance(TableResult, units={"growth": RATE}):
         u: flow speed at which the growth is given, and that of the quantity if it depends on one.
         quantity: the question that was asked, with its conditions.
         full: the quantity with all effects, in words.
-        growth: largest real part of an eigenvalue of the straight pipe at u, in 1 / T.
+        growth: largest real part of an eigenvalue of the pipe at rest at u, in 1 / T.
         tolerance: relative change up to which an effect is negligible.
         effects: the effects, the largest first, and those that the pipe lacks last.
         together: the effect of all negligible ones switched off at once; None for fewer than two.
@@ -150,9 +151,10 @@ class Relevance(TableResult, units={"growth": RATE}):
 
     def _table(self) -> Table:
         shown = self.effects if self.together is None else (*self.effects, self.together)
+        rest = "straight pipe" if self.pipe.rests_straight else "pipe at rest"
         title = (
             f"{self.quantity.name} of {self.pipe}: {self.full}\n"
-            f"at {_speed(self.u, self.pipe)} the straight pipe grows by {self.growth:.4g} / T; "
+            f"at {_speed(self.u, self.pipe)} the {rest} grows by {self.growth:.4g} / T; "
             f"negligible is a change below {self.tolerance:g}"
         )
         notes = [f"{effect.name}: {effect.note}" for effect in shown if effect.note]
@@ -186,7 +188,8 @@ def relevant(
       carries away (beta = 0, since beta enters by sqrt(beta) u alone), the centrifugal force of the
       flow (alpha = 0) and, except for the critical speed, the flow as a whole;
     - the nozzle or inlet at the end (alpha = 1), the part of the free end's velocity that the
-      entering fluid lacks (inflow_share = 1) and the angle of the jet (jet_angle = 0);
+      entering fluid lacks (inflow_share = 1), the angle of the jet (jet_angle = 0) and the
+      inclination of the pipe, which then hangs (inclination = 0);
     - the spring at the root (which is then clamped), a varying stiffness or mass (which then has
       its value at s = 0 all along) and each term;
     - for a motion also the pulsation of the flow (its mean speed), the constant head (the speed of
@@ -352,10 +355,15 @@ def _without(pipe: Pipe, names: Collection[str]) -> Pipe:
 def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> tuple[str, Answer]:
     """The answer for a pipe in words and in numbers; without numbers if there is no answer."""
     state = ""
-    if quantity.name == "critical_speed" and pipe.gamma < 0.0 and _growth_at(pipe, 0.0) > 0.0:
+    if (
+        quantity.name == "critical_speed"
+        and pipe.axial_gravity < 0.0
+        and _growth_at(pipe, 0.0) > 0.0
+    ):
         state = "buckled at rest, "
     none = Answer(np.zeros(0), f"{state}none")
-    if quantity.name == "critical_speed" and pipe.alpha == 0.0 and pipe.flow == "ejecting":
+    passive = pipe.alpha == 0.0 and pipe.flow == "ejecting" and not pipe.fed_at_rest
+    if quantity.name == "critical_speed" and passive:
         # Without the centrifugal force the flow changes no stiffness, and takes energy at the end.
         return f"{state}no loss of stability at any speed", none
     try:
@@ -394,16 +402,12 @@ def _speed(u: float, pipe: Pipe) -> str:
 
 
 def _growth_at(pipe: Pipe, u: float) -> float:
-    """Largest real part of an eigenvalue of the straight pipe at a speed; NaN if none converges.
-
-    The value is NaN, too, for a pipe whose inclined jet does not let it rest straight.
+    """Largest real part of an eigenvalue of the pipe at rest at a speed; NaN if none converges.
 
     Only eigenvalues up to the magnitude that belongs to a wave which neither flow nor weight can
     buckle are counted. The lowest few alone do not suffice, since they may all lie in the cluster
     at -1 / delta, and the highest of a reduced model are not those of the pipe.
     """
-    if pipe.thrust_across:
-        return math.nan
     soft, stiff = (1.0, 1.0) if pipe.stiffness is None else pipe.stiffness.bounds
     light = 1.0 if pipe.mass is None else pipe.mass.bounds[0]
     weight = Reach(pipe).tension

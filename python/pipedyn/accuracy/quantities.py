@@ -457,7 +457,8 @@ class MotionOf(_Integrated):
                 raise ValueError("start must bend the pipe: a straight one at rest does not move")
             return self
         # 24 functions resolve the mode and the modes next to it to rounding.
-        unbent = replace(pipe, jet_angle=0.0)  # an inclined jet would leave no straight rest
+        terms = tuple(term for term in pipe.terms if not term.load_across)  # about a straight rest
+        unbent = replace(pipe, jet_angle=0.0, inclination=0.0, terms=terms)
         u = self.steady_speed(pipe)
         model = Galerkin(unbent, max(24, math.ceil(u)) + more, "legendre")
         found = modes(model, u, 4)

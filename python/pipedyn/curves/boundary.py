@@ -44,6 +44,7 @@ from pipedyn.equilibrium.axis_problems import AxisProblem, CoupledModeProblem
 from pipedyn.linear.modes import largest_speed
 from pipedyn.linear.plane import Plane, Window
 from pipedyn.linear.sensitivity import CrossingKind
+from pipedyn.models.base import Model
 from pipedyn.models.continuum import AnyModel, Continuum, checked_model
 from pipedyn.models.pipe_numbers import PipeNumber, checked_number
 from pipedyn.util import check
@@ -241,16 +242,16 @@ def boundary(
     flutter is computed as in `hopf`.
     """
     model = checked_model(model)
-    if not isinstance(model, Continuum):
-        if model.dof > LARGEST_MODEL:
-            raise ValueError(
-                f"model must have at most {LARGEST_MODEL} degrees of freedom, got {model.dof}"
-            )
-        if model.pipe.jet_angle or model.rests_bent:
-            raise ValueError(
-                "model must rest straight: boundaries are those of the straight pipe, got "
-                f"{model!r}"
-            )
+    if isinstance(model, Model) and model.dof > LARGEST_MODEL:
+        raise ValueError(
+            f"model must have at most {LARGEST_MODEL} degrees of freedom, got {model.dof}"
+        )
+    bent = isinstance(model, Model) and model.rests_bent
+    if bent or model.pipe.jet_angle or not model.pipe.rests_straight:
+        raise ValueError(
+            "model must rest straight: boundaries are those of the straight pipe, got "
+            f"{model!r}; stability_curve follows the onset of a bent pipe over one number"
+        )
     window = checked_window(model, (x, y), ranges)
     asked = check.flag("criticality", criticality)
     only = check.flag("only_stability", only_stability)

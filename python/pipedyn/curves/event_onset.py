@@ -56,7 +56,7 @@ class Onset:
             ranges[name] = (FROM_0 * second[1], second[1])
         try:
             for one in map(plane.at, ranges[name]):
-                if one.model.pipe.thrust_across or one.model.rests_bent:
+                if not one.model.pipe.rests_straight or one.model.rests_bent:
                     raise ValueError(f"the straight pipe does not rest, got {one.model!r}")
             # A number without effect on small motions has a level boundary.
             window = checked_window(plane.model, plane.names, ranges, motions=True)

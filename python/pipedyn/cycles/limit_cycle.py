@@ -30,6 +30,7 @@ from pipedyn.attraction.records import Stretch
 from pipedyn.attraction.regions import NOWHERE
 from pipedyn.equilibrium.hopf import Hopf, hopf, hopf_point
 from pipedyn.linear.critical_speed import crossings
+from pipedyn.linear.rest import at_rest
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.base import Model
 from pipedyn.models.drive import steady_speed
@@ -363,7 +364,7 @@ def _ways(motion: VectorField, u: float) -> tuple[list[tuple[VectorField, Any]],
     model = motion.model
     pipe, flutters, unstable = model.pipe, list[Crossing](), True
     with suppress(NotConverged, ValueError):
-        model.require_equilibrium(u)
+        at_rest(model, u).require_equilibrium(u)
         found = crossings(model, 1.5 * u)
         before = [c for c in found if c.speed < u]
         unstable = bool(before[-1].unstable_after if before else found.unstable_at_rest)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Configurations at which a pipe rests in the flow: all at one speed, and branches over the speed.
 
-The flow acts on a pipe at rest only through a u^2, a being the end coefficient, so that forces are
-affine in u^2 at any configuration. Their derivatives are exact, from stiffness and flux operators.
 Branches are followed past folds, and changes of stability along them are recorded.
 """
 
@@ -22,8 +20,9 @@ from numpy.typing import NDArray
 from pipedyn import _core
 from pipedyn.continuation.arclength import Control, DenseProblem, Point, Segment
 from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
-from pipedyn.linear.neutral import beyond_rounding, eigenvalues_of, grows
-from pipedyn.models.base import BALANCED, Configurations, Model, Operators
+from pipedyn.linear.neutral import grows
+from pipedyn.linear.rest import BranchOfRest
+from pipedyn.models.base import BALANCED, Configurations, Model
 from pipedyn.models.drive import LARGEST_SPEED, require_steady, steady_speed
 from pipedyn.motion.simulate import Start, checked_model_in_motion, modal_bend
 from pipedyn.motion.vector_field import VectorField
@@ -280,33 +279,14 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
 # --------------------------------------------------------------------------------- forces at rest
 
 
-class Statics:
-    """Accelerations of a pipe at rest and their derivatives, in the integrated coordinates.
-
-    In directions that guides and pins forbid, accelerations lead back to configurations that meet
-    the constraints: all are zero only at an equilibrium that meets the constraints.
-    """
+class Statics(BranchOfRest):
+    """The search for equilibria of a model, by the accelerations of a pipe at rest."""
 
     def __init__(self, model: Model) -> None:
-        self.model = model
-        self.size = model.integrated
+        super().__init__(model)
         self.motion = VectorField(model)
-        self.resting = np.array(model.resting(), dtype=np.float64)
-        self._about: tuple[Array, Operators] | None = None  # operators about the last configuration
         # Forces are affine in the square of the speed: balanced at two speeds, they are at all.
         self.always_rests = max(model.unbalanced(0.0), model.unbalanced(1.0)) <= BALANCED
-
-    def accelerations(self, xs: Array, u: float | Array) -> Array:
-        """Accelerations from rest at configurations xs, (k, integrated), at one speed or k speeds.
-
-        They are NaN where the pipe is bent too sharply.
-        """
-        return self.motion(np.concatenate([xs.T, np.zeros_like(xs.T)]), u)[self.size :].T
-
-    def jacobian(self, x: Array, p: float) -> Array:
-        """Derivative of accelerations by x, (integrated, integrated), or one for each row of x."""
-        whole = self.model.motion_jacobian(np.concatenate([x.T, np.zeros_like(x.T)]), abs(p))
-        return whole[..., self.size :, : self.size]
 
     def steps(self, xs: Array, residuals: Array, u: float) -> Array:
         """Newton's steps from the rows of xs, (k, integrated); not finite where no step exists."""
@@ -317,16 +297,6 @@ class Statics:
             shifted = derivative + 1e-12 * np.eye(self.size)
             found = np.linalg.solve(shifted, -residuals[:, :, None])
         return np.asarray(found[:, :, 0])
-
-    def equations(self, x: Array, p: float) -> tuple[Array, Array]:
-        """Accelerations, (integrated,), with derivatives by x and p, (integrated, integrated + 1).
-
-        They are evaluated as affine functions of the square of the speed.
-        """
-        at_zero, at_one = self.accelerations(np.stack([x, x]), np.array([0.0, 1.0]))
-        by_square = at_one - at_zero
-        derivative = np.column_stack([self.jacobian(x, p), 2.0 * p * by_square])
-        return at_zero + p**2 * by_square, derivative
 
     def at_rest(self, rest: Array, x: Array, p: float) -> tuple[Array, Array]:
         """Equations x = rest of a straight pipe, regular also where other branches leave it."""
@@ -359,7 +329,7 @@ class Statics:
         slopes = self.angles(np.eye(self.size)).T
 
         def correction(x: Array) -> tuple[Array, float]:
-            force, free, of = self._forces(x, u)
+            force, free, of = self.forces(x, u)
             _, _, stiffness = of.at(u)
             step = free @ np.linalg.solve(stiffness, force)
             return step, rms_along(slopes @ step)
@@ -382,7 +352,7 @@ class Statics:
         """
         if self.whole_turn is not None:
             yield self.resting + 0.5 * self.whole_turn
-        _, free, of = self._forces(self.resting, u)
+        _, free, of = self.forces(self.resting, u)
         mass, _, stiffness = of.at(u)
         values, vectors = np.linalg.eig(np.linalg.solve(mass, stiffness))
         static = (values.real < 0.0) & (np.abs(values.imag) <= 1e-9 * np.abs(values).max())
@@ -399,41 +369,6 @@ class Statics:
     def angles(self, xs: Array) -> Array:
         """Angles of the pipe at arc lengths `ALONG`, (k, points), for rows xs, (k, integrated)."""
         return np.asarray(self.model.deflection(xs.T, ALONG, 1)).T
-
-    def unbalanced(self, x: Array, u: float) -> float:
-        """Largest force that is not balanced at x, in units of 1 + |gamma| + a u^2.
-
-        It is infinite where x does not meet the constraints.
-        """
-        pipe = self.model.pipe
-        size = 1.0 + abs(pipe.gamma) + pipe.alpha * u**2
-        try:
-            force, _, _ = self._forces(x, u)
-        except ValueError:  # x misses a guide or pin
-            return math.inf
-        return float(np.abs(force).max()) / size
-
-    def _forces(self, x: Array, u: float) -> tuple[Array, Array, Operators]:
-        """Unbalanced forces in the directions that constraints leave free, with these directions.
-
-        The third result is the operators about x, which act in these directions.
-        """
-        free, of = self.model.free_directions(x), self.model.operators(x)
-        return of.mass @ (free.T @ self.accelerations(x[None], u)[0]), free, of
-
-    def eigenvalues(self, x: Array, u: float) -> Complex:
-        """Eigenvalues of small motions about an equilibrium, shape (2 dof,)."""
-        if self._about is None or not np.array_equal(self._about[0], x):
-            self._about = x, self.model.operators(x)
-        return eigenvalues_of(*self._about[1].at(u))
-
-    def growth(self, x: Array, u: float) -> Array:
-        """Real parts of the eigenvalues minus their rounding, (2 dof,), the largest first."""
-        return np.sort(beyond_rounding(self.eigenvalues(x, u)))[::-1]
-
-    def to_user(self, xs: Array) -> Array:
-        """Users' coordinates, (k, coordinates), of integrated coordinates xs, (k, integrated)."""
-        return self.model.to_user(xs, np.zeros_like(xs))[0]
 
     def from_start(self, name: str, start: Any) -> Array:
         """Integrated coordinates x, (integrated,), of a start that is the argument `name`.
@@ -463,10 +398,6 @@ class Statics:
             return x
         # A mean angle of pi or -pi becomes -pi, as rounding may not tell them apart.
         return x - turn * math.floor(float(x @ turn) / float(turn @ turn) + 0.5 + 1e-9)
-
-    def rms(self, x: Array) -> float:
-        """Root mean square over the coordinates of a difference x of configurations."""
-        return float(np.linalg.norm(x)) / math.sqrt(self.size)
 
     def straightened(self, x: Array) -> Array:
         """The configuration nearest to x among the rest and, on a hinge, its half turns.
@@ -562,7 +493,7 @@ class _Solutions:
         found = _balanced(statics, u, starts, 0.2)
         self.add(found)
         taken = len(starts)
-        if statics.size <= MOST_DOF_WOUND and (len(found) > 1 or model.pipe.gamma < 0.0):
+        if statics.size <= MOST_DOF_WOUND and (len(found) > 1 or model.pipe.axial_gravity < 0.0):
             starts, modes = [*_bends(statics, 4, BEND_ANGLES, odd)], 4
             self.add(_balanced(statics, u, starts, 0.5))
             taken += len(starts)
@@ -660,7 +591,7 @@ def _reach(statics: Statics, u: float) -> Array:
     forces = np.zeros((0, size))
     for place in places:
         with suppress(ValueError, PipedynError):  # for instance where a reduced model coils
-            left, _, _ = statics._forces(place, u)
+            left, _, _ = statics.forces(place, u)
             forces = np.append(forces, (left + elastic @ place)[None], axis=0)
     most = 1.2 * np.abs(forces).max(axis=0, initial=0.0)
     rows = most[:, None] * np.linalg.pinv(elastic)

@@ -59,6 +59,7 @@ from pipedyn.equilibrium.normal_form import (
 )
 from pipedyn.linear.critical_speed import critical_point
 from pipedyn.linear.neutral import grows
+from pipedyn.linear.rest import at_rest
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.linear.stability_curve import Failure, SweptResult, sweep
 from pipedyn.models.base import Model
@@ -109,8 +110,9 @@ def _rest_at(motion: VectorField, crossing: Crossing | BranchPoint) -> Array:
     if isinstance(crossing, BranchPoint):
         start = Statics(motion.model).from_start("crossing", crossing.q)
         return np.concatenate([start, np.zeros(motion.half)])
-    motion.model.require_equilibrium(crossing.speed)
-    return motion.resting()
+    model = at_rest(motion.model, crossing.speed)
+    model.require_equilibrium(crossing.speed)
+    return np.concatenate([model.resting(), np.zeros(motion.half)])
 
 
 @saved_as("Hopf")
@@ -377,7 +379,7 @@ def hopf(
         model: chain, reduced model or scene, up to 500 degrees of freedom.
         crossing: a flutter from `crossings(model, ...)`, or a point of kind "hopf" on a branch of
             bent equilibria from `equilibrium_branch(model, ...)`; if not given, the crossing at
-            the critical speed.
+            the critical speed, about the rest that follows the flow if a load bends the pipe.
         friction: friction of a straight pipe that is fed at constant head, as in `Supply`; if it
             is not given, the speed is constant. The onset is the same, with u the speed in the
             straight pipe.

@@ -36,6 +36,7 @@ from pipedyn.forced.parametric_search import regions
 from pipedyn.forced.pulsating import Hill, PulsatingPipe, require_motion
 from pipedyn.linear.frequency_response import base_solution, checked_range, harmonic_solution
 from pipedyn.linear.modes import largest_speed
+from pipedyn.linear.rest import at_rest
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model
 from pipedyn.models.drive import Force, Harmonic, Pulsation, require_steady, steady_speed
@@ -335,6 +336,7 @@ def forced_response(
             raise ValueError(f"frequencies must have low > 0, got {check.shown(frequencies)}")
     shown = check.flag("progress", progress)
     branches = list[ForcedBranch]()
+    model = at_rest(model, speed)
     model.require_equilibrium(speed)
     if isinstance(forcing, Pulsation):
         require_motion(model)

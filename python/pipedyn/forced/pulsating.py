@@ -169,11 +169,11 @@ class PulsatingPipe:
 
 def require_motion(model: AnyModel) -> None:
     """Raises ValueError for a pipe that has no equation of motion or does not rest straight."""
-    if model.pipe.thrust_across:
+    if not model.pipe.rests_straight:
         raise ValueError(
-            "model must be of a pipe that rests straight where the flow pulsates, got jet_angle = "
-            f"{model.pipe.jet_angle:.6g}: it bends with the flow and never rests; simulate gives "
-            "its motion"
+            "model must be of a pipe that rests straight where the flow pulsates, got "
+            f"{model.pipe!r}: a load across bends it as far as the flow lets it, so that it never "
+            "rests; simulate gives its motion"
         )
     if isinstance(model, Model) and model.resting().any():
         raise ValueError(

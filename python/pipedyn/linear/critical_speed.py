@@ -13,9 +13,12 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from pipedyn import _core
+from pipedyn.linear.bent_crossings import CrossingOfRest, SearchOfRest
 from pipedyn.linear.eigenproblem import Eigenproblem, eigenproblem
 from pipedyn.linear.modes import LARGEST_FULL, ModeShape, largest_speed, neutral_shape
+from pipedyn.linear.neutral import grows
 from pipedyn.linear.reach import LARGE_GRAVITY, LEAST_WITHIN, Reach, is_overdamped
+from pipedyn.linear.rest import at_rest, rest_follows
 from pipedyn.linear.sensitivity import (
     Crossing,
     Crossings,
@@ -32,7 +35,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import count_factorisations
-from pipedyn.util.errors import NotConverged, PipedynError
+from pipedyn.util.errors import NotConverged, PipedynError, warn_of_plane
 from pipedyn.util.parallel import Returned, one_thread, outcome_of
 from pipedyn.util.result import SPEED
 
@@ -115,7 +118,7 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
         model = self.model
         if isinstance(model, Continuum):
             model = model.frozen(self.size)
-        return neutral_shape(model, self.speed, self.frequency)
+        return neutral_shape(at_rest(model, self.speed), self.speed, self.frequency)
 
     @cached_property
     def discretisation(self) -> float | None:
@@ -147,11 +150,14 @@ Plan: TypeAlias = Sequence[Search]
 @lru_cache
 def _continuous_speed(pipe: Pipe, max_speed: float) -> CriticalSpeed:
     """Critical speed of the continuous pipe, cached because models of several sizes need it."""
-    return critical_speed(Continuum(pipe), max_speed)
+    return critical_point(Continuum(pipe), max_speed)[0]
 
 
 def crossings(model: AnyModel, max_speed: float) -> Crossings:
     """Every crossing of the imaginary axis by an eigenvalue up to a flow speed.
+
+    The pipe is at rest, straight or bent, as for `critical_speed`; if a bent rest ends in a fold
+    before that speed, the search ends there with `NotConverged`.
 
     Divergence occurs where the stiffness is singular; all such speeds follow from one eigenvalue
     problem. Flutter is found by following eigenvalues in steps that are halved until the crossings
@@ -188,7 +194,13 @@ def crossings(model: AnyModel, max_speed: float) -> Crossings:
 
 
 def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
-    """Lowest flow speed at which the number of unstable roots of the straight pipe grows.
+    """Lowest flow speed at which the number of unstable roots of a pipe at rest grows.
+
+    If a jet, gravity or another load acts across the straight pipe, its rest bends with the flow.
+    That rest is followed to which the pipe comes as its loads, and then the flow, grow from zero:
+    it flutters, or it turns back in a fold, which counts as divergence. The models move in one
+    plane. A pipe that sags may flutter first across that plane, of which the warning
+    `FluttersAcross` tells.
 
     Args:
         model: chain, reduced model or `Continuum`, up to 2,000 degrees of freedom.
@@ -209,6 +221,8 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
         ValueError, TypeError: for arguments out of range or of a wrong type.
     """
     model = checked_model(model)
+    if model._pipe.sags:  # not by the property: small searches take few other calls
+        warn_of_plane(__name__)
     critical, _ = only_answer(critical_points([model], checked_end(max_speed, model)))
     return critical
 
@@ -302,6 +316,8 @@ def _first_ends(model: AnyModel, max_speed: float) -> list[float]:
     """
     if not isinstance(model, Continuum) and model.dof < LONG_MODEL * LEAST_WITHIN:
         return []  # at least so many modes would be tracked, which is not cheaper
+    if rest_follows(model):
+        return []  # the search goes along the rest, whatever its end
     pipe, gravity, reach = model.pipe, LARGE_GRAVITY, Reach(model.pipe)
     if pipe.supports or pipe.end_held:
         ends = [5.0, 8.0, 12.0, 24.0, 48.0]
@@ -380,16 +396,62 @@ def _plan(model: AnyModel, max_speed: float, until_unstable: bool) -> Plan:
     pipe = model.pipe
     if pipe.beta == 0.0 and pipe.alpha == 0.0:
         return ()  # the flow acts on nothing
+    bent = not pipe.rests_straight and rest_follows(model)
+    undamped = pipe.fed_at_rest and not (pipe.damping or pipe.hysteresis or model.resisted)
+    if undamped and not bent and (growing := unstable_at_rest(model)):
+        raise NoCrossing(
+            f"the pipe flutters at rest, where {check.how_many(growing, 'root')} grow; without "
+            "damping no crossings are told from there on",
+            max_speed,
+        )
     solved: list[AnyModel] = [model]
     if is_weakly_damped(pipe) and not model.resisted:
         solved = [model.with_pipe(one) for one in strengthened(pipe)]
     plan: list[Search] = []
     for one in solved:
-        if isinstance(one, Continuum):
+        if bent:
+            plan.append(_along_rest(one, max_speed, until_unstable))
+        elif isinstance(one, Continuum):
             plan.append(_converging(one, max_speed, until_unstable))
         else:
             plan.append(_Search(one, max_speed, until_unstable))
     return plan
+
+
+def _along_rest(model: AnyModel, max_speed: float, until_unstable: bool) -> Search:
+    """The search for crossings along the rest of a bent pipe."""
+
+    def found(one: Model, counted: int | None = None) -> tuple[CrossingOfRest, ...]:
+        _require_few(one)
+        with one_thread(one.dof):
+            return SearchOfRest(one, max_speed, until_unstable, counted).run()
+
+    def crossed(one: Galerkin, _: Galerkin | None) -> tuple[tuple[CrossingOfRest, ...], None]:
+        return found(one, 2 * one.resolved_modes), None
+
+    def difference(a: tuple[CrossingOfRest, ...], b: tuple[CrossingOfRest, ...]) -> float:
+        return _difference(*(tuple(one.crossing for one in each) for each in (a, b)))
+
+    def job(sensitive: bool) -> Found:
+        if isinstance(model, Continuum):
+            every = converged_ahead(model, crossed, difference)
+        else:
+            every = Converged(found(model), model.dof, 0.0)
+        with one_thread(every.size):
+            each = [one.with_sensitivity() if sensitive else one.crossing for one in every.value]
+        moved = (replace(c, error=c.error + every.error * c.speed) for c in each)
+        return Converged(tuple(moved), every.size, every.error)
+
+    return job
+
+
+def _require_few(model: Model) -> None:
+    """Raises ValueError for a model with too many degrees of freedom."""
+    if model.dof > LARGEST_FULL:
+        raise ValueError(
+            f"model must have at most {LARGEST_FULL} degrees of freedom for crossings, "
+            f"got {model.dof}"
+        )
 
 
 def _point(
@@ -437,11 +499,16 @@ def unstable_at_rest(model: AnyModel, found: Sequence[Crossing] = ()) -> int:
         return found[0].unstable_before
     # Damping does not change the number of roots that grow at rest, but makes roots cluster at
     # -1 / delta.
-    still = model.with_pipe(replace(model.pipe, damping=0.0))
+    # A term that supplies energy makes roots grow that oscillate, and damping changes that.
+    fed = model.pipe.fed_at_rest
+    still = model if fed else model.with_pipe(replace(model.pipe, damping=0.0))
 
     def growing(one: Model) -> int:
-        problem = eigenproblem(one)
+        problem = eigenproblem(at_rest(one, 0.0))
         every = 2 * problem.dof
+        if fed:
+            counted = 2 * one.resolved_modes if isinstance(model, Continuum) else every
+            return int(np.sum(grows(problem.lowest(0.0, every).values)[:counted]))
         asked = min(2 * Reach(model.pipe).modes_within(0.0), every) if problem.is_long else every
         return int(np.sum(problem.grows_statically(problem.lowest(0.0, asked).values)))
 
@@ -530,11 +597,7 @@ class _Search:
         continuous: bool = False,
         larger: Galerkin | None = None,
     ) -> None:
-        if model.dof > LARGEST_FULL:
-            raise ValueError(
-                f"model must have at most {LARGEST_FULL} degrees of freedom for crossings, "
-                f"got {model.dof}"
-            )
+        _require_few(model)
         model.require_equilibrium(0.0, max_speed)
         self.model, self.problem = model, Eigenproblem(model.pencil())
         self.reach = Reach(self.problem.pipe)

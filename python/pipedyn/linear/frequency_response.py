@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Response of the straight pipe to a harmonic force, moment or motion of its base.
+"""Response of a pipe at rest to a harmonic force, moment or motion of its base.
 
 With q = Re(x exp(i omega tau)) small motions obey P(i omega) x = f(omega), where P is the pencil of
 the eigenvalue problem. The response is therefore a rational function of the frequency whose poles
@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn.linear.modes import largest_speed, roots_and_shapes
 from pipedyn.linear.neutral import grows, growth
+from pipedyn.linear.rest import at_rest
 from pipedyn.models.base import DENSE_LIMIT, ROWS, Model
 from pipedyn.models.continuum import (
     SMALLEST,
@@ -141,6 +142,8 @@ def frequency_response(
 ) -> FrequencyResponse:
     """Displacement of a place per unit harmonic force, moment or motion of the base.
 
+    The pipe is at rest, straight or bent, as for `eigenvalues`.
+
     Args:
         model: chain, reduced model or scene up to 4000 degrees of freedom, or `Continuum`.
         u: flow speed >= 0, in sqrt(EI / mu_f) / L.
@@ -194,14 +197,17 @@ def frequency_response(
     elif frequencies is not None:
         given = check.array("frequencies", frequencies, low=0.0, high=HIGHEST, longest=100_000)
         low, high = float(given.min()), float(given.max())
-    asked = _with_joint(model, driven)
+    asked = at_rest(_with_joint(model, driven), u)
     poles, one, stable = _poles(asked, u, high)
     if high == math.inf:
         turning = np.sort(poles.imag[poles.imag > 0.0])
         if turning.size == 0:
             raise ValueError(f"frequencies must be given: at u = {u:g} no mode oscillates")
         high = 1.2 * float(turning[:RESONANCES][-1])
-    ask = partial(_Response, u=u, input=driven, output=place)
+
+    def ask(one: Model) -> _Response:
+        return _Response(at_rest(one, u), u=u, input=driven, output=place)
+
     first = ask(one)
     with one_thread(first.rows):
         grid = _grid(first, poles, low, high, tolerance)

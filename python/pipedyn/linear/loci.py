@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipedyn.continuation.arclength import DenseProblem, Segment
+from pipedyn.linear.bent_crossings import RootsFollowed
 from pipedyn.linear.critical_speed import (
     count_resolved,
     only_answer,
@@ -29,6 +31,7 @@ from pipedyn.linear.modes import (
     largest_speed,
 )
 from pipedyn.linear.reach import Reach, is_overdamped
+from pipedyn.linear.rest import BranchOfRest, at_rest, lost_rest, rest_follows
 from pipedyn.linear.sensitivity import Crossing, of_each
 from pipedyn.models.base import Model
 from pipedyn.models.continuum import (
@@ -144,7 +147,8 @@ def root_loci(
 
     Every mode that grows at a speed in the range has a branch, whatever the count, so that no
     instability is missed. Additional speeds are inserted where it is not clear which root continues
-    which branch.
+    which branch. The pipe is at rest, straight or bent, as for `eigenvalues`; about a bent rest,
+    which is followed with the speed, a root goes on as the nearest one at the next rest.
 
     Args:
         model: chain, reduced model or `Continuum`.
@@ -182,9 +186,10 @@ def root_loci(
     most = CONTINUUM_COUNT if isinstance(model, Continuum) else model.dof
     count = checked_count(min(4, most) if count is None else count, model, most)
     shown = check.flag("progress", progress)
-    rests, dense = _rests_without_flow(model), True
+    rests, dense, bent = _rests_without_flow(model), True, rest_follows(model)
     if isinstance(model, Model):
-        model.require_equilibrium(float(at[0]), float(at[-1]))
+        if not bent:
+            model.require_equilibrium(float(at[0]), float(at[-1]))
         most, dense = min(most, LARGEST_VECTORS // model.dof), model.dof <= LARGEST_FULL
     dense &= not feeds_every_mode(model)
     # A bent pipe rests at one speed, whose roots decide.
@@ -200,12 +205,14 @@ def root_loci(
         if model.pipe.hysteresis and known:
             loci = _with_static_roots(loci, model)
     except NotConverged:
-        if not dense:
+        if not dense or bent:
             raise
     complete = growing.complete
     # With hysteresis, a twin of a growing real root may be counted in place of another root.
     unsure = dense and model.pipe.hysteresis > 0.0
-    if loci is None or unsure or growing.are_missing_in(loci):
+    if bent and loci is not None:  # roots are followed along the rest, from u = 0 alone
+        complete &= not growing.are_missing_in(loci)
+    elif loci is None or unsure or growing.are_missing_in(loci):
         from_rest = [0.0] if loci is None and rests else []
         speeds = np.union1d(from_rest, growing.speeds)
         loci, every = _with_growing_roots(model, loci, speeds, highest)
@@ -370,7 +377,7 @@ def _rests_without_flow(model: AnyModel) -> bool:
     """Whether the configuration about which a model is linearised is an equilibrium at rest."""
     try:
         if isinstance(model, Model):
-            model.require_equilibrium(0.0)
+            at_rest(model, 0.0).require_equilibrium(0.0)
     except ValueError:
         return False
     return True
@@ -435,7 +442,8 @@ def _growing_modes(model: AnyModel, at: Array, count: int) -> _GrowingModes:
     if failed:
         solved = model.frozen(_resolving(model, at)) if isinstance(model, Continuum) else model
         follower = RootFollower(solved)
-        between = [u for pair in itertools.pairwise(at.tolist()) for u in follower.between(*pair)]
+        pairs = [] if rest_follows(model) else itertools.pairwise(at.tolist())
+        between = [u for pair in pairs for u in follower.between(*pair)]
         at = np.union1d(at, between)
         return _GrowingModes(added, at, np.full(at.size, math.inf), known)
     speeds = of_each(found, "speed")
@@ -467,7 +475,7 @@ def branches_followed(model: AnyModel, speeds: Array, count: int, shown: bool = 
     smallest = max(16, 3 * count, math.ceil(speeds[-1]))
     answer: Converged[RootLoci] = converged_answer(
         model,
-        (float(speeds[0]), float(speeds[-1])),
+        () if rest_follows(model) else (float(speeds[0]), float(speeds[-1])),
         lambda one: _root_loci(one, asked, count, shown),
         partial(_loci_change, pipe=model.pipe),
         tolerance=1e-8,
@@ -475,7 +483,7 @@ def branches_followed(model: AnyModel, speeds: Array, count: int, shown: bool = 
         largest=smallest + 32,
     )
     found = answer.value
-    if not model.pipe.hysteresis:
+    if not (model.pipe.hysteresis or rest_follows(model)):
         solved = model.frozen(answer.size) if isinstance(model, Continuum) else model
         found = _told_apart(eigenproblem(solved), found)
     if isinstance(model, Continuum):
@@ -514,6 +522,8 @@ def _overdamped(values: Complex, delta: float) -> NDArray[np.bool_]:
 
 def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci:
     """Root loci of one model, computed with more roots until no branch is lost."""
+    if rest_follows(model):
+        return _loci_of_rest(model, speeds, count)
     # If the requested modes are overdamped, half of their roots lie beyond the cluster at -1 /
     # delta, and only a computation of all roots finds them.
     overdamped = is_overdamped(model.pipe, count)
@@ -538,6 +548,43 @@ def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci
                 checks = loci.converged, loci.errors
                 return RootLoci(speeds, values, partners, *checks, problem.dof, model.pipe)
             size *= 2
+
+
+def _loci_of_rest(model: Model, speeds: Array, count: int) -> RootLoci:
+    """Root loci of a bent pipe, whose rest is followed from u = 0 with all of its roots.
+
+    Each root continues as the nearest one from one rest to the next.
+    """
+    rests, rows = BranchOfRest(model), list[tuple[NDArray[Any], ...]]()
+    followed: list[RootsFollowed] = []
+
+    def record(x: Array, u: float) -> None:
+        problem = eigenproblem(rests.about(x))
+        pairs = problem.lowest(u, 2 * problem.dof, left=True)
+        own = followed[0].matched(pairs.values)[: 2 * count].reshape(count, 2)
+        # The upper root of a pair comes first, and the greater one of a real pair.
+        order = np.lexsort((-pairs.values[own].real, -pairs.values[own].imag), axis=1)
+        own = np.take_along_axis(own, order, axis=1)
+        values, errors = pairs.values[own], problem.errors(u, pairs)[own].max(axis=1)
+        good = (pairs.converged[own] & (own >= 0)).all(axis=1)
+        rows.append((*values.T, np.asarray(good), errors))
+
+    def note(step: Segment[DenseProblem]) -> str | None:
+        if not followed:
+            followed.append(RootsFollowed(rests.eigenvalues(step.begin.x, step.begin.p)))
+            if speeds[0] == 0.0:
+                record(step.begin.x, 0.0)
+        followed[0].move(rests.eigenvalues(step.end.x, step.end.p))
+        if len(rows) < speeds.size and step.end.p == speeds[len(rows)]:
+            record(step.end.x, step.end.p)
+        return "fold" if step.end.tangent[-1] <= 0.0 else None
+
+    with one_thread(model.dof):
+        reason = rests.following(max(float(speeds[-1]), 1e-3), note, speeds[speeds > 0.0].tolist())
+    if len(rows) < speeds.size:
+        raise NotConverged(lost_rest(reason, float(speeds[len(rows) - 1]), float(speeds[-1])))
+    values, partners, converged, errors = map(np.array, zip(*rows, strict=True))
+    return RootLoci(speeds, values, partners, converged, errors, model.dof, model.pipe)
 
 
 def _told_apart(problem: Eigenproblem, loci: RootLoci) -> RootLoci:

@@ -15,6 +15,7 @@ from pipedyn import _core
 from pipedyn.linear.eigenproblem import eigenproblem, select_pairs
 from pipedyn.linear.neutral import grows
 from pipedyn.linear.reach import Reach
+from pipedyn.linear.rest import at_rest
 from pipedyn.models.base import DENSE_LIMIT, Model
 from pipedyn.models.continuum import (
     TOLERANCE,
@@ -57,10 +58,13 @@ CLUSTER = 1e-6
 
 
 def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
-    """Eigenvalues lambda of the straight pipe at flow speed u; motions go as exp(lambda tau).
+    """Eigenvalues lambda of a pipe at rest at flow speed u; motions go as exp(lambda tau).
+
+    The pipe is straight, or bent as in the rest that follows from that without flow, or as in
+    `model.about(q)`.
 
     Args:
-        model: chain, reduced model or `Continuum`; for a pipe that rests bent, `model.about(q)`.
+        model: chain, reduced model or `Continuum`.
         u: flow speed >= 0, in sqrt(EI / mu_f) / L.
         count: number of eigenvalues, from the lowest |lambda|; default: all 2 dof. Long chains
             (beyond 64 segments) are solved in O(n) for a small count. A `Continuum` needs a count.
@@ -87,6 +91,7 @@ def eigenvalues(model: AnyModel, u: float, count: int | None = None) -> Complex:
     `cpp/pipedyn/linear/operator.hpp`.
     """
     model, u, count = _checked_question(model, u, count)
+    model = at_rest(model, u)
     if isinstance(model, Model):
         model.require_equilibrium(u)
         asked, problem, pairs = 2 * model.dof if count is None else count, eigenproblem(model), None
@@ -213,7 +218,9 @@ class Modes(TableResult, units={"errors": RATE}):
 
 
 def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
-    """Complex mode shapes of the straight pipe at flow speed u, with their eigenvalues.
+    """Complex mode shapes of a pipe at rest at flow speed u, with their eigenvalues.
+
+    The rest is that of `eigenvalues`.
 
     Args:
         model: chain, reduced model or `Continuum`.
@@ -287,9 +294,9 @@ def roots_and_shapes(
     basis of the continuous pipe has at least twice as many functions as modes are `reached`.
     """
     found = converged_answer(
-        model,
+        at_rest(model, u),
         (u,),
-        lambda one: _modes(one, u, count, searched),
+        lambda one: _modes(at_rest(one, u), u, count, searched),
         partial(_basis_change, model.pipe, searched == math.inf),
         smallest=max(16, count or 0, 2 * reached),
     )

@@ -43,15 +43,13 @@ class Reach:
 
     def __init__(self, pipe: Pipe) -> None:
         self.pipe = pipe
-        mass, load, pushed = 1.0 if pipe.mass is None else pipe.mass.bounds[1], 0.0, 0.0
+        mass = 1.0 if pipe.mass is None else pipe.mass.bounds[1]
         for term in pipe.terms:
             mass += getattr(term, "mass", 0.0)
-            pull = getattr(term, "load", 0.0)
-            load += pull
-            pushed += max(-pull, 0.0)
-        self.weight = pipe.gamma * mass
-        self.tension = self.weight + load
-        self.compression = pushed + max(-self.weight, 0.0)
+        pulls, pushes = pipe.axial_loads
+        self.weight = pipe.axial_gravity * mass
+        self.tension = self.weight + pulls - pushes
+        self.compression = pushes + max(-self.weight, 0.0)
         least = 1.0 if pipe.stiffness is None else pipe.stiffness.bounds[0]
         self.softness = math.sqrt(min(1.0, least))
         self.thrust = max(pipe.alpha, 1.0)
@@ -65,7 +63,7 @@ class Reach:
         supports, longest = self.pipe.supports, 1.0
         if supports:
             longest = max(high - low for low, high in pairwise([0.0, *supports, 1.0]))
-        of_weight = math.cbrt(1.0 + max(self.pipe.gamma, 0.0) / large_gravity)
+        of_weight = math.cbrt(1.0 + max(self.pipe.axial_gravity, 0.0) / large_gravity)
         return of_weight * self.softness / (longest * math.sqrt(self.thrust))
 
     def wave_number(self, max_speed: float) -> float:

@@ -111,8 +111,9 @@ class Crossing(Result, units={"error": SPEED}):
             If damping is so strong that the mode does not oscillate at rest, the
             number is a convention, which differs from model to model.
         sensitivity: derivatives of speed and frequency; None at u = 0, at beta = 0 without
-            damping, at the divergence of a chain with a free joint, and about a bent pipe, whose
-            shape changes as well.
+            damping, at the divergence of a chain with a free joint, and about a configuration of
+            `about` that is bent. Those of a pipe whose rest follows the flow contain the change of
+            the rest; they are differences of fourth order, and none are by springs.
         gyroscopic: whether, on the side where no root is unstable, only gyroscopic forces keep the
             pipe from diverging: it has no damping, its stiffness is indefinite there, and any
             damping makes it unstable (Kelvin, Tait and Chetaev).

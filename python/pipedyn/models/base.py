@@ -164,7 +164,7 @@ def core_pipe(pipe: Pipe, applied: Sequence[Any] = ()) -> _core.Pipe:
     return _core.Pipe(  # positional arguments: keywords would double the time
         own_numbers(pipe),
         pipe.flow == "aspirating",
-        [*((t.law, t.place or 0.0, t.law_numbers(pipe.damping)) for t in pipe.terms), *applied],
+        [*((t.law, t.place or 0.5, t.law_numbers(pipe.damping)) for t in pipe.terms), *applied],
         pipe.root_stiffness,
         pipe.end,
         pipe.supports,
@@ -341,7 +341,8 @@ class Model(OfPipe, ABC):
         `eigenvalues`, `modes`, `root_loci`, `crossings` and `critical_speed` accept the copy; they
         raise ValueError at flow speeds at which the configuration is no equilibrium. For a pipe
         that rests bent, they therefore apply at one speed only; `equilibrium_branch` finds where it
-        loses stability.
+        loses stability. Without `about` they follow the rest to which the pipe comes as its loads,
+        and then the flow, grow from zero.
 
         Args:
             q: the configuration, for instance one found by `equilibria`: its coordinates, or for a
@@ -371,8 +372,10 @@ class Model(OfPipe, ABC):
         """Largest force at rest, at the linearised configuration, over 1 + |gamma| + a u^2."""
         pipe, rest = self._pipe, self._reference
         size = 1.0 + abs(pipe.gamma) + pipe.alpha * u**2
-        if rest is None:  # only an inclined jet loads the straight pipe across
-            return pipe.thrust_across * u**2 / size if pipe.jet_angle else 0.0
+        if rest is None:
+            if pipe.rests_straight:
+                return 0.0
+            rest = np.zeros(self.integrated)
         turning = self.motion_rates(np.concatenate([rest, np.zeros_like(rest)]), u)[rest.size :]
         left = self.operators(rest).mass @ (self.free_directions(rest).T @ turning)
         return float(np.abs(left).max()) / size
@@ -382,9 +385,7 @@ class Model(OfPipe, ABC):
         for u in speeds:
             rest = self.unbalanced(u)
             if rest > 1e-7:  # far above the residual of an equilibrium known to ten digits
-                bent = ""
-                if self._reference is None:
-                    bent = f": straight it does not with jet_angle = {self.pipe.jet_angle:.6g}"
+                bent = ": a load across bends the straight pipe" if self._reference is None else ""
                 raise ValueError(
                     f"the model must rest at u = {u:g} where it is linearised, got an unbalanced "
                     f"force of {rest:.1e}{bent}; choose about(q), q of equilibria(model, {u:g}), "
@@ -436,7 +437,7 @@ class Model(OfPipe, ABC):
 
         Args:
             q: coordinates, shape (dof,); default: the configuration of `about`, else the straight
-                pipe.
+                pipe, also if it does not rest there.
 
         Example:
             >>> chain = pp.Chain(pp.Pipe(0.2), n=2)

@@ -51,7 +51,8 @@ class Converged(Generic[Reply]):
 class Continuum(OfPipe):
     """The continuous pipe (the partial differential equation), for linear questions.
 
-    Legendre reduced models of growing size compute the answers. `pipedyn.eigenvalues`, `modes`,
+    Legendre reduced models of growing size compute the answers, each about its own rest if a load
+    bends the pipe. `pipedyn.eigenvalues`, `modes`,
     `root_loci`, `crossings`, `critical_speed` and `stability_curve` accept it like any other model
     and report size and error if their results have fields for them.
 
@@ -67,20 +68,9 @@ class Continuum(OfPipe):
 
     Raises:
         TypeError: for an argument that is not a pipe.
-        ValueError: for a pipe that an inclined jet bends at rest.
 
     Source: Gregory and Paidoussis (1966).
     """
-
-    def __init__(self, pipe: Pipe) -> None:
-        super().__init__(pipe)
-        if pipe.thrust_across:
-            raise ValueError(
-                "Continuum answers linear questions about the straight pipe, which is no "
-                f"equilibrium with jet_angle = {pipe.jet_angle:.6g}: ask equilibria, or "
-                "equilibrium_branch for its onset, of a Chain or a Galerkin model; relevant, trade "
-                "and choose of a motion or a limit cycle"
-            )
 
     def with_pipe(self, pipe: Pipe) -> Continuum:
         """A `Continuum` with another pipe; raises the errors of `Continuum`."""
@@ -193,6 +183,11 @@ def checked_model(model: Any) -> AnyModel:
         instead = ": take Continuum(pipe), or Chain(pipe, n)" if isinstance(model, Pipe) else ""
         raise TypeError(f"model must be a Model or a Continuum, got {check.shown(model)}{instead}")
     checked: AnyModel = model.planar
+    if checked is not model and not model.pipe.rests_straight:
+        raise ValueError(
+            "model must be planar, as model.planar, in linear questions about a pipe that rests "
+            f"bent: its small motions across that plane are others, got {model!r}"
+        )
     return checked
 
 

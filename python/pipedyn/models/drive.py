@@ -459,7 +459,8 @@ class Supply(_Drive):
 
         sqrt(beta) u' + s beta int t . r'' ds = head + s * weight * y(1) - friction * u^2 / 2,
 
-    with the tangent t and the acceleration r'' of the pipe. So the pipe's motion slows the flow or
+    with the tangent t and the acceleration r'' of the pipe. If the pipe is inclined, the depth of
+    the outlet stands for y(1). So the pipe's motion slows the flow or
     speeds it up, and u' acts on the pipe. Small motions of a straight pipe do not change the flow
     to first order: it loses stability at the same speed. Large motions do, see `friction` of
     `hopf`.
@@ -567,7 +568,7 @@ class Supply(_Drive):
 
     def _weight_head(self, pipe: Pipe) -> float:
         """Contribution of the fluid's weight in the straight pipe to the head."""
-        return checked_pipe(pipe).direction * self.weight_in(pipe)
+        return checked_pipe(pipe).direction * self.weight_in(pipe) * pipe.down[1]
 
     def weight_in(self, pipe: Pipe) -> float:
         """Weight of the fluid in the pipe, in EI / L^2."""

@@ -8,7 +8,7 @@ import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -41,6 +41,7 @@ from pipedyn.models.supports import (
 )
 from pipedyn.models.terms import (
     AddedMass,
+    Load,
     PointMass,
     Term,
     Weight,
@@ -135,6 +136,13 @@ OWN_NUMBERS = {
         effect="jet angle",
     ),
     "rotary_inertia": OwnNumber("rotary inertia", "J", (0.0, 1e3), effect="rotary inertia"),
+    "inclination": OwnNumber(
+        "inclination",
+        r"\iota",
+        (-math.pi, math.pi),
+        no_linear_effect="the straight pipe is no equilibrium where gravity acts across it",
+        effect="inclination",
+    ),
 }
 """The numbers of a pipe by argument name, in the order of `own_numbers` in pipe.hpp."""
 
@@ -154,6 +162,12 @@ SI_QUANTITIES.update(
         {"degrees": math.pi / 180.0},
         (-0.5 * math.pi, 0.5 * math.pi),
     ),
+    inclination=SIQuantity(
+        "rad",
+        OWN_NUMBERS["inclination"].rule,
+        {"degrees": math.pi / 180.0},
+        OWN_NUMBERS["inclination"].bounds,
+    ),
 )
 
 BEAM = "bending_stiffness", "pipe_mass", "fluid_mass"
@@ -161,7 +175,7 @@ TUBE = "outer_diameter", "inner_diameter", "youngs_modulus", "density", "fluid_d
 """Arguments in SI that describe the pipe's section."""
 
 
-@saved_as("Pipe", added=("rotary_inertia", "phases"))
+@saved_as("Pipe", added=("rotary_inertia", "phases", "inclination"))
 @dataclass(frozen=True)
 class Pipe(Saved):
     """A pipe conveying fluid, by default a cantilever, described by nondimensional numbers.
@@ -198,6 +212,11 @@ class Pipe(Saved):
         rotary_inertia: J >= 0, moment of inertia per length of a cross-section about the axis
             across the plane of motion, in units of (mu_p + mu_f) L^2, including the part of the
             fluid that turns with the pipe. It is uniform along the pipe, and 0 for a slender pipe.
+        inclination: angle iota in rad, in [-pi, pi], from the downward vertical to the clamp's
+            axis: 0 for a pipe that hangs, pi / 2 for a level one, pi for one that stands, which is
+            also a hanging one with -gamma. The axes x and y stay across and along the clamp's axis,
+            so that gravity has the direction (sin iota, cos iota). Unless it hangs or stands, such
+            a pipe rests bent.
         terms: other forces on the pipe, such as `PointMass` and `Spring`: a sequence of at most 400
             terms, kept as a tuple.
         root: support at s = 0: "clamped", "pinned" (a hinge) or a `RootSpring`, a hinge with a
@@ -248,6 +267,7 @@ class Pipe(Saved):
     inflow_share: float = field(default=1.0, kw_only=True)
     jet_angle: float = field(default=0.0, kw_only=True)
     rotary_inertia: float = field(default=0.0, kw_only=True)
+    inclination: float = field(default=0.0, kw_only=True)
     terms: Sequence[Term] = field(default=(), kw_only=True)
     root: Root = field(default="clamped", kw_only=True)
     end: End = field(default="free", kw_only=True)
@@ -321,6 +341,7 @@ class Pipe(Saved):
         inflow_share: float = 1.0,
         jet_angle: float = 0.0,
         rotary_inertia: float = 0.0,
+        inclination: float = 0.0,
         terms: Sequence[Term] = (),
         root: Root = "clamped",
         end: End = "free",
@@ -368,6 +389,8 @@ class Pipe(Saved):
             jet_angle: angle of an inclined nozzle's jet to the tangent at the free end, rad.
             rotary_inertia: density times second moment of area of the pipe's section, kg m,
                 including the part of the fluid that turns with it.
+            inclination: angle of the clamp's axis to the downward vertical, rad: pi / 2 for a hose
+                clamped level at the edge of a table.
             terms: other forces on the pipe, with numbers in SI units and `at` in m; `terms_si`
                 returns them.
             root: "clamped", "pinned" or a `RootSpring` with its stiffness in N m/rad.
@@ -540,10 +563,13 @@ class Pipe(Saved):
         heaviest = max((one.mass for one in given if isinstance(one, PointMass)), default=0.0)
         displaced, (stiffness, pipe_mass, _) = _displaced(si), _rigidity_and_masses(si)
         buoyancy = si["gravity"] * length**3 * displaced / stiffness  # its part in gamma
+        iota = si["inclination"]
         given += [
-            Weight(at=one.at, load=buoyancy * one.mass)
+            Load(at=one.at, force=(whole * math.sin(iota), whole * math.cos(iota)))
+            if iota
+            else Weight(at=one.at, load=whole)
             for one in given
-            if isinstance(one, PointMass) and buoyancy
+            if isinstance(one, PointMass) and (whole := buoyancy * one.mass)
         ]
         if si["added_mass_coefficient"]:
             causes = "added_mass_coefficient, external_diameter, external_density and the masses"
@@ -566,7 +592,7 @@ class Pipe(Saved):
             **checked,
             flow=options["flow"],
             alpha=si.get("nozzle_ratio", si.get("alpha", mixture.momentum)),
-            **{name: si[name] for name in ("hysteresis", "inflow_share", "jet_angle")},
+            **{k: si[k] for k in ("hysteresis", "inflow_share", "jet_angle", "inclination")},
             terms=in_range(tuple(given), source),
             root=root,
             end=options["end"],
@@ -595,6 +621,42 @@ class Pipe(Saved):
         """
         across = self.alpha * abs(math.sin(self.jet_angle))
         return 0.0 if self.end_held or across < 1e-15 else across
+
+    @cached_property
+    def down(self) -> tuple[float, float]:
+        """The direction of gravity: components across and along the clamp's axis.
+
+        They are exact for a pipe that hangs, stands or is level.
+        """
+        both = math.sin(self.inclination), math.cos(self.inclination)
+        across, along = (0.0 if abs(x) < 1e-15 else x for x in both)
+        return across, along
+
+    @cached_property
+    def axial_gravity(self) -> float:
+        """Weight per length along the clamp's axis, in EI / L^3."""
+        return self.gamma * self.down[1]
+
+    @cached_property
+    def sags(self) -> bool:
+        """Whether gravity or another dead load acts across the straight pipe, so that it bends."""
+        return bool(self.gamma * self.down[0]) or any(one.load_across for one in self.terms)
+
+    @cached_property
+    def rests_straight(self) -> bool:
+        """Whether no jet, gravity or other load acts across the straight pipe."""
+        return not (self.thrust_across or self.sags)
+
+    @cached_property
+    def axial_loads(self) -> tuple[float, float]:
+        """Sums of the terms' loads that stretch the straight pipe and that compress it, >= 0."""
+        each = [term.axial_load for term in self.terms]
+        return sum(max(one, 0.0) for one in each), sum(max(-one, 0.0) for one in each)
+
+    @cached_property
+    def fed_at_rest(self) -> bool:
+        """Whether a term may supply energy to small motions where there is no flow."""
+        return any(one.supplies_energy for one in self.terms)
 
     @property
     def bare(self) -> bool:
@@ -967,7 +1029,10 @@ def _checked_scales(scales: Any) -> Scales:
 CHECKS: dict[str, Callable[[Any], Any]] = {
     "flow": partial(check.choice, "flow", options=FLOWS),
     **{name: partial(check.real, name, **one.rule) for name, one in OWN_NUMBERS.items()},
-    **{k: partial(si_number, k) for k in ("alpha", "hysteresis", "inflow_share", "jet_angle")},
+    **{
+        name: partial(si_number, name)
+        for name in ("alpha", "hysteresis", "inflow_share", "jet_angle", "inclination")
+    },
     "terms": lambda terms: in_range(checked_terms(terms)),
     "root": checked_root,
     "end": partial(check.choice, "end", options=ENDS),

@@ -14,6 +14,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
+import numpy as np
+
 from pipedyn import _core
 from pipedyn.models.scales import SLACK, Scales, checked_place, number, repr_of
 from pipedyn.util import check
@@ -51,6 +53,9 @@ class Term:
     acts_at_end: ClassVar[bool] = False
     """Whether the law acts at the end of the pipe; else at its `at`, or all along the pipe."""
 
+    supplies_energy: ClassVar[bool] = False
+    """Whether the law may make small motions grow, with oscillation, where there is no flow."""
+
     largest_angle: ClassVar[float] = math.inf
     """Largest angle between the pipe and its straight axis for which the law holds, in rad."""
 
@@ -82,6 +87,16 @@ class Term:
     def is_felt_by_small_motions(self) -> bool:
         """Whether the law acts on small motions about the straight pipe."""
         return _core.is_felt_by_small_motions(self.law)
+
+    @property
+    def axial_load(self) -> float:
+        """Load along the straight pipe at rest, in EI / L^2; positive if it stretches the pipe."""
+        return 0.0
+
+    @property
+    def load_across(self) -> float:
+        """Load across the straight pipe at rest, which then bends, in EI / L^2 or per length."""
+        return 0.0
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -418,9 +433,18 @@ class Tension(Term):
         8.5838
     """
 
-    law: ClassVar[str] = "tension"
+    law: ClassVar[str] = "dead_load"
     acts_at_end: ClassVar[bool] = True
     load: float = number(1e6, mass=1, length=2, time=-2, low=-1e6)
+
+    @property
+    def axial_load(self) -> float:
+        """The load."""
+        return self.load
+
+    def law_numbers(self, damping: float) -> list[float]:
+        """Components of the load across and along the straight pipe."""
+        return [0.0, self.load]
 
 
 @saved_as("Weight")
@@ -446,9 +470,159 @@ class Weight(Term):
         5.7049
     """
 
-    law: ClassVar[str] = "tension"
+    law: ClassVar[str] = "dead_load"
     at: float = place()
     load: float = number(1e6, mass=1, length=2, time=-2, low=-1e6)
+
+    @property
+    def axial_load(self) -> float:
+        """The load."""
+        return self.load
+
+    def law_numbers(self, damping: float) -> list[float]:
+        """Components of the load across and along the straight pipe."""
+        return [0.0, self.load]
+
+
+@saved_as("Load")
+@dataclass(frozen=True, repr=False, init=False)
+class Load(Term):
+    """A dead load at one place: a force that keeps its size and direction however the pipe moves.
+
+    A pipe with a load across it rests bent, see `equilibria` and `critical_speed`.
+
+    Args:
+        at: arc length from the clamp in L, 0 < at <= 1.
+        force: components (x, y) across the clamp's axis and along it, positive away from the clamp,
+            in EI / L^2.
+
+    Attributes:
+        at: arc length of the place.
+        force_x, force_y: the components, which are two numbers of a pipe with names of their own;
+            they may be given in place of force.
+
+    In `Pipe.from_si`: at in m, force in N.
+
+    Source: potential -force_x * x - force_y * (y - at), with the position (x, y) of the place.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(beta=0.2, terms=[pp.Load(at=1.0, force=(3.0, 0.0))])
+        >>> pp.equilibria(pp.Galerkin(pipe, 10, "legendre"), 0.0).tips.round(6)
+        array([[0.603253, 0.74558 ]])
+    """
+
+    law: ClassVar[str] = "dead_load"
+    at: float = place()
+    force_x: float = number(1e6, mass=1, length=2, time=-2, low=-1e6, default=0.0)
+    force_y: float = number(1e6, mass=1, length=2, time=-2, low=-1e6, default=0.0)
+
+    def __init__(
+        self, at: float, force: Any = None, *, force_x: float = 0.0, force_y: float = 0.0
+    ) -> None:
+        _set_force(self, force, force_x, force_y, at=at)
+
+    @property
+    def force(self) -> tuple[float, float]:
+        """Components (force_x, force_y) of the force."""
+        return self.force_x, self.force_y
+
+    @property
+    def axial_load(self) -> float:
+        """The component along the straight pipe."""
+        return self.force_y
+
+    @property
+    def load_across(self) -> float:
+        """The component across the straight pipe."""
+        return self.force_x
+
+
+@saved_as("DistributedLoad")
+@dataclass(frozen=True, repr=False, init=False)
+class DistributedLoad(Term):
+    """A dead load per length, uniform along the pipe, as of a steady wind on a light pipe.
+
+    It keeps its size and direction however the pipe moves. A pipe with a load across it rests bent,
+    see `equilibria` and `critical_speed`.
+
+    Args:
+        force: components (x, y) across the clamp's axis and along it, positive away from the clamp,
+            per length, in EI / L^3.
+
+    Attributes:
+        force_x, force_y: the components, which are two numbers of a pipe with names of their own;
+            they may be given in place of force.
+
+    In `Pipe.from_si`: force in N/m.
+
+    Source: potential -force_x * x - force_y * (y - s) per length, with the position (x, y) of the
+    pipe at the arc length s.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(beta=0.2, terms=[pp.DistributedLoad((4.0, -3.0))])
+        >>> pp.equilibria(pp.Galerkin(pipe, 10, "legendre"), 1.0).tips.round(6)
+        array([[0.537667, 0.81352 ]])
+    """
+
+    law: ClassVar[str] = "distributed_load"
+    force_x: float = number(1e6, mass=1, length=1, time=-2, low=-1e6, default=0.0)
+    force_y: float = number(1e6, mass=1, length=1, time=-2, low=-1e6, default=0.0)
+
+    def __init__(self, force: Any = None, *, force_x: float = 0.0, force_y: float = 0.0) -> None:
+        _set_force(self, force, force_x, force_y)
+
+    @property
+    def force(self) -> tuple[float, float]:
+        """Components (force_x, force_y) of the force."""
+        return self.force_x, self.force_y
+
+    @property
+    def axial_load(self) -> float:
+        """The component along the straight pipe."""
+        return self.force_y
+
+    @property
+    def load_across(self) -> float:
+        """The component across the straight pipe."""
+        return self.force_x
+
+
+@saved_as("FollowerForce")
+@dataclass(frozen=True, repr=False)
+class FollowerForce(Term):
+    """A force at one place of the pipe that pushes it towards the clamp and turns with its tangent.
+
+    It is the thrust of a rocket or a jet engine on the pipe. At the free end of a pipe without flow
+    it is Beck's load.
+
+    Attributes:
+        at: arc length from the clamp in L, 0 < at <= 1. In a chain the force follows the segment on
+            which the place lies, or the segment that ends there.
+        force: positive if it compresses the pipe, negative if it pulls, in EI / L^2.
+
+    In `Pipe.from_si`: at in m, force in N.
+
+    Source: load -force * t with the tangent t at the place; it has no potential, and the power
+    -force * t . v. Beck, Zeitschrift fuer angewandte Mathematik und Physik 3 (1952), 225.
+
+    Example:
+        >>> import pipedyn as pp
+        >>> pipe = pp.Pipe(beta=0.2, terms=[pp.FollowerForce(at=0.5, force=5.0)])
+        >>> round(pp.critical_speed(pp.Continuum(pipe)).speed, 4)
+        5.1756
+    """
+
+    law: ClassVar[str] = "follower_force"
+    supplies_energy: ClassVar[bool] = True
+    at: float = place()
+    force: float = number(1e6, mass=1, length=2, time=-2, low=-1e6)
+
+    @property
+    def axial_load(self) -> float:
+        """Minus the force, which compresses the pipe."""
+        return -self.force
 
 
 @saved_as("Stretching")
@@ -491,6 +665,31 @@ class Stretching(Term):
     def law_numbers(self, damping: float) -> list[float]:
         """Stiffness and damping coefficient of the axial spring."""
         return [self.stiffness, self.stiffness * damping]
+
+
+def _set_force(term: Term, force: Any, force_x: Any, force_y: Any, **numbers: Any) -> None:
+    """Sets the numbers of a term with a force, which is given as a pair or by its components."""
+    if force is not None:
+        if check.is_quantity(force):
+            force = [component * force.units for component in force.magnitude]
+        listed = list(force) if isinstance(force, np.ndarray) and force.ndim == 1 else force
+        if not isinstance(listed, tuple | list) or len(listed) != 2:
+            raise TypeError(
+                f"force must be a pair of components (x, y) in the plane of motion, across and "
+                f"along the clamp's axis, got {check.shown(force)}"
+            )
+        if force_x or force_y:
+            raise ValueError(
+                f"force or its components must be given, not both, got {check.shown(force)}, "
+                f"force_x = {check.shown(force_x)} and force_y = {check.shown(force_y)}"
+            )
+        force_x, force_y = (
+            one if check.is_quantity(one) else check.real(f"force[{i}]", one)
+            for i, one in enumerate(listed)
+        )
+    for name, value in {**numbers, "force_x": force_x, "force_y": force_y}.items():
+        object.__setattr__(term, name, value)
+    term.__post_init__()
 
 
 Law = TypeVar("Law", bound="DataclassInstance")

@@ -171,10 +171,9 @@ class Exploration:
         self.view = View(units, pipe)
         n = check.count("n", n, high=MOST_SEGMENTS)
         check.instance("springs", springs, str)
-        if pipe.jet_angle:
+        if pipe.jet_angle or not pipe.rests_straight:
             raise ValueError(
-                "pipe must rest straight: its small motions about that are shown, got "
-                f"jet_angle = {pipe.jet_angle:g}"
+                f"pipe must rest straight: its small motions about that are shown, got {pipe!r}"
             )
         self._pipe, self._springs = pipe, springs
         model = Chain(pipe, n, springs=springs)
@@ -540,7 +539,8 @@ class ExplorationPicture:
         """Draws clamp, gravity, and shapes of the pipe in the cycle with the largest motion."""
         of, one = self._of, self._view.one(units.TRANSVERSE)
         reach = one * np.array([[-0.34, 0.0], [0.34, 1.0]])  # opposite corners around all films
-        clamp_and_gravity(ax, of.values["gamma"], reach, self._view)
+        weight = of.values["gamma"] * of.model.pipe.down[1]
+        clamp_and_gravity(ax, (0.0, weight), reach, self._view)
         shapes = one * of.film
         places = np.linspace(0, len(shapes) // CYCLES, ENVELOPE).astype(int)
         shown = list(shapes[-1 - places if of.unstable else places])

@@ -770,11 +770,13 @@ def _surroundings(
     Returns the arrow of the flow at the free end of `shape`; None if there is no flow.
     """
     pipe, one = motion.model.pipe, scale.one(TRANSVERSE)
+    weight = pipe.gamma * np.array([*pipe.down, 0.0])
     if view in ("above", "space"):
-        _around_the_axis(ax, pipe.gamma, shapes, scale, view)
+        _around_the_axis(ax, weight, shapes, scale, view)
     else:
-        clamp_and_gravity(ax, pipe.gamma, seen(shapes, view), scale)
-        ax.set_xlabel(scale.label(OF_SHAPES[SIDES[view][0]]))
+        columns = list(SIDES[view])
+        clamp_and_gravity(ax, tuple(weight[columns].tolist()), seen(shapes, view), scale)
+        ax.set_xlabel(scale.label(OF_SHAPES[columns[0]]))
     for s in (*pipe.supports, *(1.0,) * pipe.end_held):  # as long as the way on which it slides
         y = shapes[:, round(s * (shapes.shape[1] - 1)), 1]
         ends = y.min() - 0.03 * one, y.max() + 0.03 * one
@@ -785,7 +787,7 @@ def _surroundings(
     return _arrow(ax, common.VERMILION, "flow", seen(flow_ends(pipe, shape, one), view))
 
 
-def _around_the_axis(ax: Any, gamma: float, shapes: Array, scale: View, view: Side) -> None:
+def _around_the_axis(ax: Any, weight: Array, shapes: Array, scale: View, view: Side) -> None:
     """Draws what a view from above or in space shows besides shapes (..., 3), with equal scales."""
     one = scale.one(TRANSVERSE)
     columns = SIDES[view]
@@ -794,7 +796,7 @@ def _around_the_axis(ax: Any, gamma: float, shapes: Array, scale: View, view: Si
     low, high = min(-0.12 * one, float(shapes[..., 1].min())), float(shapes[..., 1].max()) + room
     ends = {0: (-wide, wide), 1: (low, high), 2: (-wide, wide)}
     # So x, y and z stay right-handed, with gravity into the page or down it.
-    inverted = 2 if gamma < 0.0 else 1
+    inverted = 2 if weight[1] < 0.0 else 1
     ends[inverted] = ends[inverted][::-1]
     for name, column in zip("xyz", columns, strict=False):
         label = scale.label(OF_SHAPES[column])
@@ -818,17 +820,17 @@ def _around_the_axis(ax: Any, gamma: float, shapes: Array, scale: View, view: Si
     for axis, pad in ((ax.xaxis, -7.0), (ax.yaxis, -3.0), (ax.zaxis, 2.0)):
         axis.labelpad = pad
     ax.plot([0.0, 0.0], [0.0, 0.0], [0.0, high], **dashed)
-    if gamma != 0.0:
+    if weight.any():
         tail = np.array([-0.8 * wide, 0.8 * ends[2][0], 0.0])
-        head = tail + np.array([0.0, 0.0, math.copysign(0.3, gamma) * one])
+        head = tail + 0.3 * one / np.linalg.norm(weight) * weight[list(columns)]
         _arrow(ax, common.BLACK, "gravity", (tail, head))
         ax.text(*(0.5 * (tail + head)), "  $g$", va="center")
 
 
-def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array, view: View) -> None:
+def clamp_and_gravity(ax: Axes, weight: tuple[float, float], shapes: Array, view: View) -> None:
     """Draws clamp and gravity, and sets axes of equal scale with room for shapes and an arrow.
 
-    The shapes, of shape (..., 2), are in the units shown.
+    The weight has components (x, y); the shapes, of shape (..., 2), are in the units shown.
     """
     one = view.one(TRANSVERSE)
     ax.set(xlabel=view.label(TRANSVERSE), ylabel=view.label(AXIAL))
@@ -841,18 +843,24 @@ def clamp_and_gravity(ax: Axes, gamma: float, shapes: Array, view: View) -> None
     wide = max(0.36 * one, wide, float(np.abs(shapes[..., 0]).max()) + room)
     ax.locator_params(axis="x", nbins=SIGNED_TICKS)
     ax.set_aspect("equal", adjustable="box")
-    ax.set(xlim=(-wide, wide), ylim=(low, high) if gamma < 0.0 else (high, low))
+    ax.set(xlim=(-wide, wide), ylim=(low, high) if weight[1] < 0.0 else (high, low))
     hatched: dict[str, Any] = {"facecolor": "0.92", "edgecolor": "0.35", "hatch": "////"}
     corner, width, height = (-0.1 * one, -0.06 * one), 0.2 * one, 0.06 * one
     ax.add_patch(Rectangle(corner, width, height, zorder=1.5, gid="clamp", **hatched))
     ax.plot([-0.1 * one, 0.1 * one], [0.0, 0.0], color=common.BLACK, linewidth=1.4, zorder=1.6)
     ax.axvline(0.0, color="0.6", linewidth=0.6, linestyle=(0, (6, 4)), zorder=0.5)
-    if gamma != 0.0:
-        at, length = -min(wide - 0.1 * one, 0.34 * one), math.copysign(0.16, gamma) * one
-        start = (-0.06 if gamma > 0.0 else 0.1) * one
-        _arrow(ax, common.BLACK, "gravity", ((at, start), (at, start + length)))
-        beside: dict[str, Any] = {"xytext": (6, 0), "textcoords": "offset points", "va": "center"}
-        ax.annotate("$g$", (at, start + 0.5 * length), **beside)
+    if any(weight):
+        across, down = (0.16 * one * part / math.hypot(*weight) for part in weight)
+        at = -min(wide - 0.1 * one - 0.4 * abs(across), 0.34 * one)  # middle of the arrow
+        start = (-0.06 if weight[1] >= 0.0 else 0.1) * one
+        ends = (at - 0.5 * across, start), (at + 0.5 * across, start + down)
+        _arrow(ax, common.BLACK, "gravity", ends)
+        # To the right of a vertical arrow, and on the other side of one that points at the clamp.
+        turned = math.copysign(0.45, across * down or 1.0)
+        aside = (-0.45 * abs(down), turned * abs(across)) if across else (0.0, 0.0)
+        beside: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
+        beside |= {"xytext": (0, 0), "ha": "center"} if across else {"xytext": (6, 0)}
+        ax.annotate("$g$", (at + aside[0], start + 0.5 * down + aside[1]), **beside)
 
 
 class _Arrow(FancyArrowPatch):

@@ -38,6 +38,40 @@ class UnusualPipe(UserWarning):
     """
 
 
+class FluttersAcross(UserWarning):
+    """A pipe that sags may flutter across the plane of a planar model, below the critical speed.
+
+    At beta = 0.2 a level pipe of gamma = 10 flutters 3 % below the speed of a planar model, and 7 %
+    below it at gamma = 20; a pipe inclined by 45 degrees 1 % below it at gamma = 10.
+
+    `warnings.filterwarnings("ignore", category=pipedyn.FluttersAcross)` silences it.
+
+    Example:
+        >>> import math, warnings
+        >>> level = pp.Pipe(0.2, 10.0, inclination=math.pi / 2)
+        >>> with warnings.catch_warnings():
+        ...     warnings.simplefilter("ignore", pp.FluttersAcross)
+        ...     found = pp.critical_speed(pp.Continuum(level))
+        >>> round(found.speed, 4)
+        5.9544
+    """
+
+
+def warn_of_plane(asked: str) -> None:
+    """Warns with `FluttersAcross` whoever called a function of the module `asked` from outside."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back and frame.f_globals.get("__name__") in (asked, "pipedyn.util.hints"):
+        frame, level = frame.f_back, level + 1
+    if not str(frame.f_globals.get("__name__")).startswith("pipedyn."):
+        warnings.warn(
+            "the pipe sags, and may flutter first across the plane of this model, some per cent "
+            'below the critical speed (warnings.filterwarnings("ignore", '
+            "category=pipedyn.FluttersAcross) silences this)",
+            FluttersAcross,
+            stacklevel=level,
+        )
+
+
 def warn_of_pipe(
     reasons: Sequence[str], slip: str, own: Mapping[str, float] = MappingProxyType({})
 ) -> None:

@@ -1,0 +1,307 @@
+# SPDX-License-Identifier: MIT
+"""Crossings of the imaginary axis by the roots of a pipe whose rest bends with the flow speed.
+
+The rest is followed from u = 0. Flutter is a change of the number of growing pairs along it. A
+fold, where the rest turns back and the pipe snaps away, is a divergence: the search ends there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from pipedyn.continuation.arclength import DenseProblem, Segment
+from pipedyn.continuation.tracer import TestFunction, special_points
+from pipedyn.linear.neutral import beyond_rounding, rounding
+from pipedyn.linear.rest import SHORTER_STEPS, BranchOfRest, lost_rest
+from pipedyn.linear.sensitivity import (
+    LEAST_BETA,
+    Crossing,
+    Derivatives,
+    Sensitivity,
+)
+from pipedyn.models.base import Model
+from pipedyn.models.pipe import OWN_NUMBERS, Pipe
+from pipedyn.util.check import Array, Complex
+from pipedyn.util.errors import NotConverged
+from pipedyn.util.newton import NewtonFailed
+
+STEPS_OF_NUMBERS = {"beta": 1e-3, "gamma": 1e-2, "damping": 1e-4, "alpha": 1e-2, "hysteresis": 1e-3}
+"""Steps of differences of fourth order by a pipe's numbers, in units of 1 plus the size of gamma
+and 1 of the others: roots then move by some 1e-3 of their size, whose fourth power is rounding."""
+
+CENTRAL: tuple[tuple[int, float], ...] = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))
+ONE_SIDED = ((0, -25 / 12), (1, 4.0), (2, -3.0), (3, 4 / 3), (4, -1 / 4))
+"""Weights of values at whole steps in first derivatives of fourth order."""
+
+
+class RootsFollowed:
+    """Roots of small motions along the branch of rests, each with the number of its mode.
+
+    Modes are counted at rest from the lowest; from one rest to the next a root keeps its number if
+    it is the nearest one.
+
+    Attributes:
+        values: the roots, shape (k,).
+        modes: number of the mode of each, from 1, shape (k,).
+    """
+
+    def __init__(self, values: Complex) -> None:
+        order = np.lexsort((-values.imag, np.abs(values).round(9)))
+        self.values, self.modes = values[order], np.arange(values.size) // 2 + 1
+
+    def matched(self, values: Complex) -> NDArray[np.intp]:
+        """Indices of the roots that continue those known, or -1 where there are fewer."""
+        apart = np.abs(self.values[:, None] - values) / (1.0 + np.abs(self.values[:, None]))
+        rows, columns = scipy.optimize.linear_sum_assignment(apart)
+        found = np.full(self.values.size, -1)
+        found[rows] = columns
+        return found
+
+    def move(self, values: Complex) -> None:
+        """Follows the roots to the next rest."""
+        found = self.matched(values)
+        self.values, self.modes = values[found[found >= 0]], self.modes[found >= 0]
+
+    def mode_of(self, values: Complex, root: complex) -> int:
+        """Mode of that one of the roots at a rest nearby which is nearest to a value."""
+        which = int(np.argmin(np.abs(values - root)))
+        found = np.flatnonzero(self.matched(values) == which)
+        return int(self.modes[found[0]]) if found.size else 0
+
+
+@dataclass(frozen=True)
+class CrossingOfRest:
+    """A crossing on the branch of rests, with the rest at which it occurs."""
+
+    crossing: Crossing
+    rests: BranchOfRest = field(repr=False)
+    rest: Array = field(repr=False)
+
+    def with_sensitivity(self) -> Crossing:
+        """The crossing with derivatives in which the rest changes with the pipe's numbers."""
+        if self.crossing.speed == 0.0:
+            return self.crossing
+        try:
+            by = self._by_fold() if self.crossing.kind == "divergence" else self._by_root()
+        except (NewtonFailed, np.linalg.LinAlgError):
+            return self.crossing
+        return replace(self.crossing, sensitivity=by)
+
+    def _numbers(self) -> list[str]:
+        """Numbers by which derivatives exist."""
+        return [
+            name for name in STEPS_OF_NUMBERS if name != "beta" or self._pipe.beta >= LEAST_BETA
+        ]
+
+    @property
+    def _pipe(self) -> Pipe:
+        return self.rests.model.pipe
+
+    def _by_number(self, name: str, value: Callable[[BranchOfRest], Any]) -> Any:
+        """Derivative of a function of the branch of a pipe by one of the pipe's numbers."""
+        pipe, now = self._pipe, float(getattr(self._pipe, name))
+        low, high = OWN_NUMBERS[name].bounds
+        step = STEPS_OF_NUMBERS[name] * (1.0 + abs(now) if name == "gamma" else 1.0)
+        room = min(now - low, high - now)
+        if name == "beta":
+            step = min(step, 0.2 * room)
+        weights = CENTRAL if room >= 2.0 * step else ONE_SIDED
+        total = 0.0
+        for k, weight in weights:
+            moved: dict[str, Any] = {name: now + k * step}
+            there = self.rests.model.with_pipe(replace(pipe, **moved))
+            total = total + weight * value(BranchOfRest(there))
+        return total / step
+
+    def _by_root(self) -> Sensitivity:
+        """Derivatives du/dp = -Re lambda_p / Re lambda_u along Re lambda(u; p) = 0."""
+        u, root = self.crossing.speed, 1j * self.crossing.frequency
+        slope = slope_of_root(self.rests, self.rest, u, root)
+        speed: dict[str, Any] = {"beta": None}
+        frequency: dict[str, Any] = {"beta": None}
+        for name in self._numbers():
+            change = self._by_number(name, lambda there: root_at(there, self.rest, u, root)[0])
+            speed[name] = -change.real / slope.real
+            frequency[name] = change.imag + slope.imag * speed[name]
+        return Sensitivity(Derivatives(**speed), Derivatives(**frequency))
+
+    def _by_fold(self) -> Sensitivity:
+        """Derivatives du/dp = -w . G_p / w . G_u at a fold, with the left null vector w of G_x."""
+        u, x = self.crossing.speed, self.rest
+        left, *_ = np.linalg.svd(self.rests.jacobian(x, u))
+        null, (_, by) = left[:, -1], self.rests.equations(x, u)
+        speed: dict[str, Any] = {"beta": None}
+        for name in self._numbers():
+            pushed = self._by_number(name, lambda there: there.accelerations(x[None], u)[0])
+            speed[name] = -float(null @ pushed) / float(null @ by[:, -1])
+        still: dict[str, Any] = {k: None if one is None else 0.0 for k, one in speed.items()}
+        return Sensitivity(Derivatives(**speed), Derivatives(**still))
+
+
+def root_at(rests: BranchOfRest, near: Array, u: float, root: complex) -> tuple[complex, Array]:
+    """The root nearest to a value about the rest at a speed, and that rest, which lies near one."""
+    rest = rests.branch.fixed(np.append(near, u), u)[:-1]
+    values = rests.eigenvalues(rest, u)
+    return complex(values[np.argmin(np.abs(values - root))]), rest
+
+
+def slope_of_root(rests: BranchOfRest, rest: Array, u: float, root: complex) -> complex:
+    """Derivative of a root by the speed, with that of the rest."""
+    step = 1e-3 * (1.0 + u)
+    each = [weight * root_at(rests, rest, u + k * step, root)[0] for k, weight in CENTRAL]
+    return complex(np.sum(each) / step)
+
+
+class SearchOfRest:
+    """A search for the crossings of a pipe along its rest.
+
+    Args:
+        model: the model, whose rest follows the speed.
+        max_speed: flow speed at which the search ends.
+        until_unstable: whether the search ends at the first crossing that destabilises.
+        counted: number of lowest roots that count, the others being no roots of the pipe.
+    """
+
+    def __init__(
+        self, model: Model, max_speed: float, until_unstable: bool, counted: int | None = None
+    ) -> None:
+        self.rests, self.max_speed, self.until_unstable = (
+            BranchOfRest(model),
+            max_speed,
+            until_unstable,
+        )
+        self.counted = counted
+        self.found: list[CrossingOfRest] = []
+        self.roots: RootsFollowed | None = None
+        self.growth, self.reached = np.zeros(0), 0.0
+
+    def run(self) -> tuple[CrossingOfRest, ...]:
+        """The crossings, in order of speed.
+
+        Raises:
+            NotConverged: if the rest is lost before the end of the search, with the crossings below
+                that speed.
+        """
+        for share in SHORTER_STEPS:
+            self.found, self.roots, self.reached = [], None, 0.0
+            reason = self.rests.following(self.max_speed, self._note, share=share)
+            flutters = all(one.crossing.kind == "flutter" for one in self.found)
+            if flutters and reason in ("range", "found"):
+                break
+        if reason not in ("range", "found"):
+            known = tuple(one.crossing for one in self.found)
+            last = self.found[-1].crossing.speed if reason == "fold" else self.reached
+            raise NotConverged(lost_rest(reason, last, self.max_speed), known)
+        return tuple(self.found)
+
+    def _values(self, x: Array, u: float) -> Complex:
+        """The roots that count about a rest."""
+        values = self.rests.eigenvalues(x, u)
+        if self.counted is None:
+            return values
+        return values[np.argsort(np.abs(values), kind="stable")[: self.counted]]
+
+    def _growth(self, x: Array, u: float) -> Array:
+        """Real parts beyond rounding, the largest first."""
+        return np.sort(beyond_rounding(self._values(x, u)))[::-1]
+
+    def _note(self, step: Segment[DenseProblem]) -> str | None:
+        """Keeps the crossings on a step; returns why the search ends there."""
+        begin, end, ds = step.begin, step.end, step.length
+        if self.roots is None:
+            self.roots = RootsFollowed(self._values(begin.x, begin.p))
+            self.growth = self._growth(begin.x, begin.p)
+
+        def kind(before: float, beyond: float) -> str:
+            change = growth.positive(beyond) - growth.positive(before)
+            return "flutter" if change % 2 == 0 else "divergence"
+
+        growth = TestFunction(
+            step,
+            1e-12 * (1.0 + ds),
+            lambda point: self._growth(point.x, abs(point.p)),
+            kind,
+            {0.0: self.growth},
+        )
+        found = special_points(step, 1e-12, [growth])
+        turns = [s for name, s, _ in found if name == "fold"]
+        for name, before, beyond in found:
+            beside = any(abs(before - turn) <= 1e-3 * ds for turn in turns)
+            if name == "divergence" and beside:
+                continue  # the real root that passes 0 at the fold
+            if turns and before > turns[0]:
+                break
+            if name == "divergence" and self.rests.rms(end.x - self.rests.resting) > 1e-9:
+                return "another branch of rests meets it, or is too near to be told apart"
+            counts = growth.positive(before), growth.positive(beyond)
+            if name == "fold":  # where a real root passes 0
+                ahead = growth.positive(max(before - 1e-3 * ds, 0.0))
+                counts = ahead, max(growth.positive(ds), ahead + 1)
+            self.found.append(self._crossing(step, before, beyond, name, counts))
+            if self.until_unstable and self.found[-1].crossing.destabilising:
+                return "found"
+            if name == "fold":
+                return "fold"
+        self.growth, self.reached = growth.at(ds), end.p
+        self.roots.move(self._values(end.x, end.p))
+        return None
+
+    def _crossing(
+        self,
+        step: Segment[DenseProblem],
+        before: float,
+        beyond: float,
+        name: str,
+        counts: tuple[int, int],
+    ) -> CrossingOfRest:
+        """The crossing between two arc lengths."""
+        assert self.roots is not None
+        point = step.at(0.5 * (before + beyond))
+        rest, u, error = point.x, point.p, abs(step.at(beyond).p - step.at(before).p)
+        values = self._values(rest, u)
+        root, kind = 0j, "flutter" if name == "flutter" else "divergence"
+        if kind == "flutter":
+            pairs = values[values.imag > 0.0]
+            root = complex(pairs[np.argmin(np.abs(pairs.real))])
+            rest, u, root, error = self._polished(rest, u, root, error)
+        mode = self.roots.mode_of(values, root)
+        made = Crossing(
+            speed=u,
+            frequency=root.imag,
+            kind="flutter" if kind == "flutter" else "divergence",
+            unstable_before=counts[0],
+            unstable_after=counts[1],
+            error=error,
+            mode=mode,
+            vouched=self.counted,
+        )
+        return CrossingOfRest(made, self.rests, rest)
+
+    def _polished(
+        self, rest: Array, u: float, root: complex, error: float
+    ) -> tuple[Array, float, complex, float]:
+        """A flutter by Newton's method for Re lambda = 0, with the error of its speed."""
+        if u < 1e-9:  # unstable from the smallest flow on
+            return rest, 0.0, complex(0.0, root.imag), 0.0
+        try:
+            slope = slope_of_root(self.rests, rest, u, root)
+            for _ in range(4):
+                moved = -root.real / slope.real
+                if not abs(moved) <= 1e-3 * (1.0 + u):
+                    break
+                u += moved
+                root, rest = root_at(self.rests, rest, u, root)
+                if abs(moved) <= 1e-14 * (1.0 + u):
+                    break
+            values = self.rests.eigenvalues(rest, u)
+            lost = float(rounding(values)[np.argmin(np.abs(values - root))])
+            error = (abs(root.real) + lost) / abs(slope.real)
+        except NewtonFailed:
+            pass  # next to a fold: as located on the branch
+        return rest, u, complex(0.0, root.imag), error
