@@ -452,9 +452,9 @@ class Pipe(Saved):
             youngs_modulus: E of the wall, Pa.
             density: rho of the wall, kg/m^3.
             fluid_density: rho_f of the fluid in the tube, kg/m^3; or phases are given in its place.
-                From 0.95 to 1.05, where water in g/cm^3 lies and no common gas at 1 atm and 0 to 25
-                degrees, it brings the warning `UnusualPipe`; other densities of gases, in which
-                0.85 may be oil, do not.
+                From 0.95 to 1.05, where water lies in grams per cubic centimetre and no common gas
+                at 1 atm and 0 to 25 degrees, it brings the warning `UnusualPipe`; other densities
+                of gases, in which 0.85 may be oil, do not.
             **options: all arguments of `from_si` that have a default there, but fluid_mass.
 
         Example:
