@@ -2,6 +2,7 @@
 """Chains in three dimensions: against virtual work, plane motions, energy and known numbers."""
 
 import pickle
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -515,3 +516,64 @@ def test_a_reduced_model_stops_where_its_coordinates_end():
     start = model.bent(lambda s: 3.0 * s, lambda s: 0.2 * s)
     with pytest.raises(pp.MotionStopped):
         pp.simulate(model, 1.0, 1.0, start, 10.0 * start)
+
+
+# ------------------------------------------------------------------------------ rest that is bent
+
+
+@pytest.mark.parametrize(
+    ("gamma", "inclination", "across", "in_plane"),
+    [
+        (10.0, np.pi / 2.0, (5.7797017, 13.982365), 5.9544239),
+        (20.0, np.pi / 2.0, (6.2343973, 14.653427), 6.6770006),
+        (10.0, np.pi / 4.0, (6.1903078, 14.736836), 6.2632989),
+    ],
+)
+def test_a_pipe_that_sags_flutters_first_across_the_plane_of_sag(
+    gamma, inclination, across, in_plane
+):
+    # The numbers come from a boundary-value problem of the continuous pipe.
+    pipe = pp.Pipe(0.2, gamma=gamma, inclination=inclination)
+    model = pp.Galerkin(pipe, 10, "legendre", dimensions=3)
+    first, second = pp.crossings(model, in_plane + 0.05)
+    assert (first.speed, first.frequency) == pytest.approx(across, abs=2e-6)
+    assert second.speed == pytest.approx(in_plane, abs=1e-6)
+    found = pp.critical_speed(model)  # without the warning that planar models bring
+    assert found.speed == pytest.approx(first.speed, abs=1e-9)
+    stiffer = pp.critical_speed(model.with_pipe(replace(pipe, gamma=gamma + 0.01)))
+    lighter = pp.critical_speed(model.with_pipe(replace(pipe, gamma=gamma - 0.01)))
+    slope = (stiffer.speed - lighter.speed) / 0.02
+    assert found.sensitivity.speed.gamma == pytest.approx(slope, rel=1e-4)
+
+
+@pytest.mark.parametrize("make", [pp.Chain, partial(pp.Galerkin, basis="legendre")])
+def test_operators_about_a_bent_rest_are_the_derivatives_of_the_motion(make):
+    pipe = pp.Pipe(
+        *(0.3, 8.0, "aspirating", 0.7),
+        **{"inclination": 1.2, "damping": 0.03, "inflow_share": 0.4},
+        terms=[pp.Load(0.7, (2.0, 1.0)), pp.Damper(0.5, 0.3), pp.FollowerForce(0.4, 2.0)],
+    )
+    model = make(pipe, 5, dimensions=3)
+    rest = np.append(pp.equilibria(model.planar, 1.5).q[0], np.zeros(5))
+    mass, damping, stiffness = model.operators(rest).at(1.5)
+    slopes = model.jacobian(0.0, np.append(rest, 0.0 * rest), 1.5)[10:]
+    size = np.abs(stiffness).max()
+    assert mass @ slopes == pytest.approx(np.hstack([-stiffness, -damping]), abs=1e-9 * size)
+    assert np.linalg.eigvalsh(mass).min() > 0.0
+    every = pp.eigenvalues(model.about(rest), 1.5)
+    for one in pp.eigenvalues(model.planar.about(rest[:5]), 1.5):
+        assert np.abs(every - one).min() < 1e-6 * (1.0 + abs(one))
+    with pytest.raises(ValueError, match=r"q must lie in the plane z = 0"):
+        model.about(rest + 0.1)
+
+
+def test_hysteresis_acts_across_a_bent_rest_as_in_its_plane():
+    level = pp.Pipe(0.2, gamma=5.0, inclination=np.pi / 2.0, hysteresis=0.05)
+    model = pp.Galerkin(level, 6, "legendre", dimensions=3)
+    every = pp.eigenvalues(model, 2.0)
+    for one in pp.eigenvalues(model.planar, 2.0, 6):
+        assert np.abs(every - one).min() < 1e-6 * (1.0 + abs(one))
+    straight = pp.eigenvalues(pp.Galerkin(replace(level, gamma=1e-6), 6, "legendre"), 2.0, 6)
+    nearly = pp.Galerkin(replace(level, gamma=1e-6), 6, "legendre", dimensions=3)
+    for one in straight:
+        assert np.count_nonzero(np.abs(pp.eigenvalues(nearly, 2.0) - one) < 1e-4 * abs(one)) == 2

@@ -187,7 +187,7 @@ def crossings(model: AnyModel, max_speed: float) -> Crossings:
             holds the crossings below that speed.
         ValueError, TypeError: for arguments out of range or of a wrong type.
     """
-    model = checked_model(model)
+    model = checked_model(model, across=True)
     end = checked_end(max_speed, model)
     _, found = only_answer(stability_losses([model], end))
     return Crossings(found, end, model, unstable_at_rest(model, found))
@@ -198,9 +198,9 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
 
     If a jet, gravity or another load acts across the straight pipe, its rest bends with the flow.
     That rest is followed to which the pipe comes as its loads, and then the flow, grow from zero:
-    it flutters, or it turns back in a fold, which counts as divergence. The models move in one
-    plane. A pipe that sags may flutter first across that plane, of which the warning
-    `FluttersAcross` tells.
+    it flutters, or it turns back in a fold, which counts as divergence. A pipe that sags may
+    flutter first across the plane of sag: a model in three dimensions tells, whose modes in both
+    planes are counted together, and a planar one brings the warning `FluttersAcross`.
 
     Args:
         model: chain, reduced model or `Continuum`, up to 2,000 degrees of freedom.
@@ -220,8 +220,9 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
         NotConverged: for the reasons that `crossings` lists.
         ValueError, TypeError: for arguments out of range or of a wrong type.
     """
-    model = checked_model(model)
-    if model._pipe.sags:  # not by the property: small searches take few other calls
+    model = checked_model(model, across=True)
+    # Not by the pipe's property, since small searches take few other calls.
+    if model._pipe.sags and model is model.planar:
         warn_of_plane(__name__)
     critical, _ = only_answer(critical_points([model], checked_end(max_speed, model)))
     return critical

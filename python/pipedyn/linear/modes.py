@@ -366,7 +366,7 @@ def _checked_question(
     model: AnyModel, u: Any, count: Any, roots: int = 1
 ) -> tuple[AnyModel, float, int | None]:
     """The model, flow speed and count, checked, where each answer has this number of roots."""
-    model = checked_model(model)
+    model = checked_model(model, across=roots == 1)
     u = steady_speed("u", u)
     if count is None:
         if isinstance(model, Continuum):

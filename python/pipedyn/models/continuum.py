@@ -173,20 +173,26 @@ def converged_ahead(
         size = next_size
 
 
-def checked_model(model: Any) -> AnyModel:
+def checked_model(model: Any, *, across: bool = False) -> AnyModel:
     """The model, or of one in three dimensions its `planar` model; else raises TypeError.
 
     The small motions of a straight pipe in three dimensions are those of the planar model in two
-    planes, so that both models have the same answers.
+    planes, so that both models have the same answers. If a load bends the pipe, motions across its
+    plane differ: such a model is returned itself if the question is asked `across` the plane, too,
+    and raises ValueError otherwise.
     """
     if not isinstance(model, OfPipe):  # which both are; an abstract class takes ten times as long
         instead = ": take Continuum(pipe), or Chain(pipe, n)" if isinstance(model, Pipe) else ""
         raise TypeError(f"model must be a Model or a Continuum, got {check.shown(model)}{instead}")
+    asked: Any = model
     checked: AnyModel = model.planar
     if checked is not model and not model.pipe.rests_straight:
+        if across:
+            return asked
         raise ValueError(
-            "model must be planar, as model.planar, in linear questions about a pipe that rests "
-            f"bent: its small motions across that plane are others, got {model!r}"
+            "model must be planar, as model.planar, in this question about a pipe that rests bent: "
+            "its small motions across that plane are others, which critical_speed, crossings and "
+            f"eigenvalues tell, got {model!r}"
         )
     return checked
 

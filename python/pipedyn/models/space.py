@@ -12,9 +12,10 @@ from collections.abc import Callable, Sequence
 from typing import Any, Self
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.models.base import ANGLES, CORE_MATRICES, Model, Operators
+from pipedyn.models.base import ANGLES, CORE_MATRICES, ROWS, Model, Operators, projected
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -71,12 +72,21 @@ class SpatialModel(Model):
         self.core  # noqa: B018
 
     def archived(self) -> dict[str, Any]:
-        """Fields that a file stores: the planar model."""
-        return {"planar": self._planar}
+        """Fields that a file stores: the planar model, and the configuration of `about`."""
+        return {"planar": self._planar, "reference": self._reference}
+
+    @classmethod
+    def restored(cls, fields: dict[str, Any]) -> Self:
+        """The model from the fields of a file; older ones have no configuration."""
+        made = cls(fields["planar"])
+        reference = fields.get("reference")
+        return made if reference is None else made.about(reference)
 
     def with_pipe(self, pipe: Pipe) -> Self:
         """The model with another pipe, as for `Model`."""
-        return type(self)(self._planar.with_pipe(pipe))
+        other = type(self)(self._planar.with_pipe(pipe))
+        other._reference = self._reference
+        return other
 
     def with_applied(self, laws: Sequence[Any]) -> Self:
         """The model itself; raises ValueError for forces, which have no third component."""
@@ -88,19 +98,23 @@ class SpatialModel(Model):
         return self
 
     def about(self, q: ArrayLike) -> Self:
-        """The model itself; raises ValueError unless q is 0, the straight pipe."""
-        self._require_straight(q)
-        return self
+        """A copy that is linearised about a configuration in the plane z = 0, as for `Model`."""
+        other = type(self)(self._planar)
+        other._reference = self._in_plane(q)
+        return other
 
-    def _require_straight(self, q: ArrayLike) -> None:
-        if self._coordinates(q).any():
+    def _in_plane(self, q: ArrayLike) -> Array:
+        """The configuration, refused unless it lies in the plane z = 0."""
+        rest = self._coordinates(q)
+        if np.split(rest, 2)[1].any():
             raise ValueError(
-                "q must be 0: in three dimensions models are linearised about the straight pipe, "
-                f"got {check.shown(q)}"
+                "q must lie in the plane z = 0, so that small motions in it and across it are "
+                f"apart, got {check.shown(q)}"
             )
+        return rest
 
     def __repr__(self) -> str:
-        return f"{self._planar!r}"[:-1] + ", dimensions=3)"
+        return f"{self._planar!r}"[:-1] + f", dimensions=3{self._about_shown})"
 
     @property
     def dimensions(self) -> int:
@@ -126,14 +140,66 @@ class SpatialModel(Model):
         )
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
-        """Operators of small motions of the straight pipe, two blocks of the planar ones."""
-        if q is not None:
-            self._require_straight(q)
-        return self._twice(self._planar.operators())
+        """Operators of small motions about a configuration in the plane z = 0.
+
+        They have a block for motions in that plane, which is the planar one, and a block for those
+        across it. About the straight pipe, which is taken by default, both are the same.
+        """
+        rest = self._reference if q is None else self._in_plane(q)
+        if rest is None or not rest.any():
+            return self._twice(self._planar.operators())
+        return self._with_loss(lambda model: model._about_bent(rest))
+
+    def _about_bent(self, rest: Array) -> Operators:
+        """Operators about a configuration that is bent in the plane z = 0.
+
+        Across the plane, the mass matrix follows from the kinetic energy, which is quadratic in the
+        rates, and the other matrices from derivatives of accelerations at three speeds, which are
+        quadratic in the speed; their derivative by the unsteady flow from one at its rate 1.
+        """
+        half, pipe = self._planar.dof, self._pipe
+        rates = np.eye(half)
+        i, k = np.triu_indices(half)
+        both = np.concatenate([rates, rates[i] + rates[k]]).T
+        y = np.zeros((4 * half, both.shape[1]))
+        y[: 2 * half] = rest[:, None]
+        y[3 * half :] = both
+        twice = 2.0 * (np.asarray(self.energy(y)) - self.energy(np.append(rest, 0.0 * rest)))
+        own, mass = twice[:half], np.zeros((half, half))
+        mass[i, k] = mass[k, i] = 0.5 * (twice[half:] - own[i] - own[k])
+
+        def forces(u: float, drive: Array | None = None) -> tuple[Array, Array]:
+            """Stiffness and damping across the plane at a flow speed."""
+            whole = self.motion_jacobian(np.append(rest, 0.0 * rest), u, drive)
+            rows = -mass @ whole[3 * half :]
+            return rows[:, half : 2 * half], rows[:, 3 * half :]
+
+        (stiffness, damping), (faster, flowing) = forces(0.0), forces(1.0)
+        pushed, _ = forces(0.0, np.eye(ROWS)[0])
+        velocity = pipe.direction * (flowing - damping)
+        gyroscopic = 0.5 * (velocity - velocity.T)
+        across = {
+            "mass": mass,
+            "gyroscopic": gyroscopic,
+            "end_flux": velocity - gyroscopic,
+            "damping": damping,
+            "stiffness": stiffness,
+            "flux": (faster - stiffness) / pipe.alpha if pipe.alpha else 0.0 * stiffness,
+            "unsteady": pipe.direction * (pushed - stiffness),
+        }
+        planar = self._planar.operators(rest[:half])
+        blocks: dict[str, Any] = {
+            name: scipy.linalg.block_diag(getattr(planar, name), of) for name, of in across.items()
+        }
+        return Operators(
+            **blocks, direction=planar.direction, centrifugal=planar.centrifugal, loss=None
+        )
 
     def elastic_operators(self) -> Operators:
-        """Operators in elastic coordinates, two blocks of the planar ones."""
-        return self._twice(self._planar.elastic_operators())
+        """Operators in elastic coordinates; about the straight pipe two blocks of planar ones."""
+        if self._reference is None or not self._reference.any():
+            return self._twice(self._planar.elastic_operators())
+        return projected(self.operators(), self.from_elastic(np.eye(self.dof)))
 
     @property
     def elastic_share(self) -> Array:
