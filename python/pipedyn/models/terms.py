@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
 
 import numpy as np
 
@@ -484,9 +484,55 @@ class Weight(Term):
         return [0.0, self.load]
 
 
+class _DeadLoad:
+    """What loads of two components have in common."""
+
+    force_x: float
+    force_y: float
+
+    def _set(self, force: Any, force_x: Any, force_y: Any, **numbers: Any) -> None:
+        """Sets the numbers, of which the force is given as a pair or by its components."""
+        if force is not None:
+            if check.is_quantity(force):
+                force = [component * force.units for component in force.magnitude]
+            listed = list(force) if isinstance(force, np.ndarray) and force.ndim == 1 else force
+            if not isinstance(listed, tuple | list) or len(listed) != 2:
+                raise TypeError(
+                    f"force must be a pair of components (x, y) in the plane of motion, across and "
+                    f"along the clamp's axis, got {check.shown(force)}"
+                )
+            if force_x or force_y:
+                raise ValueError(
+                    f"force or its components must be given, not both, got {check.shown(force)}, "
+                    f"force_x = {check.shown(force_x)} and force_y = {check.shown(force_y)}"
+                )
+            force_x, force_y = (
+                one if check.is_quantity(one) else check.real(f"force[{i}]", one)
+                for i, one in enumerate(listed)
+            )
+        for name, value in {**numbers, "force_x": force_x, "force_y": force_y}.items():
+            object.__setattr__(self, name, value)
+        cast(Any, self).__post_init__()
+
+    @property
+    def force(self) -> tuple[float, float]:
+        """Components (force_x, force_y) of the force."""
+        return self.force_x, self.force_y
+
+    @property
+    def axial_load(self) -> float:
+        """The component along the straight pipe."""
+        return self.force_y
+
+    @property
+    def load_across(self) -> float:
+        """The component across the straight pipe."""
+        return self.force_x
+
+
 @saved_as("Load")
 @dataclass(frozen=True, repr=False, init=False)
-class Load(Term):
+class Load(_DeadLoad, Term):
     """A dead load at one place: a force that keeps its size and direction however the pipe moves.
 
     A pipe with a load across it rests bent, see `equilibria` and `critical_speed`.
@@ -520,27 +566,12 @@ class Load(Term):
     def __init__(
         self, at: float, force: Any = None, *, force_x: float = 0.0, force_y: float = 0.0
     ) -> None:
-        _set_force(self, force, force_x, force_y, at=at)
-
-    @property
-    def force(self) -> tuple[float, float]:
-        """Components (force_x, force_y) of the force."""
-        return self.force_x, self.force_y
-
-    @property
-    def axial_load(self) -> float:
-        """The component along the straight pipe."""
-        return self.force_y
-
-    @property
-    def load_across(self) -> float:
-        """The component across the straight pipe."""
-        return self.force_x
+        self._set(force, force_x, force_y, at=at)
 
 
 @saved_as("DistributedLoad")
 @dataclass(frozen=True, repr=False, init=False)
-class DistributedLoad(Term):
+class DistributedLoad(_DeadLoad, Term):
     """A dead load per length, uniform along the pipe, as of a steady wind on a light pipe.
 
     It keeps its size and direction however the pipe moves. A pipe with a load across it rests bent,
@@ -571,22 +602,7 @@ class DistributedLoad(Term):
     force_y: float = number(1e6, mass=1, length=1, time=-2, low=-1e6, default=0.0)
 
     def __init__(self, force: Any = None, *, force_x: float = 0.0, force_y: float = 0.0) -> None:
-        _set_force(self, force, force_x, force_y)
-
-    @property
-    def force(self) -> tuple[float, float]:
-        """Components (force_x, force_y) of the force."""
-        return self.force_x, self.force_y
-
-    @property
-    def axial_load(self) -> float:
-        """The component along the straight pipe."""
-        return self.force_y
-
-    @property
-    def load_across(self) -> float:
-        """The component across the straight pipe."""
-        return self.force_x
+        self._set(force, force_x, force_y)
 
 
 @saved_as("FollowerForce")
@@ -665,31 +681,6 @@ class Stretching(Term):
     def law_numbers(self, damping: float) -> list[float]:
         """Stiffness and damping coefficient of the axial spring."""
         return [self.stiffness, self.stiffness * damping]
-
-
-def _set_force(term: Term, force: Any, force_x: Any, force_y: Any, **numbers: Any) -> None:
-    """Sets the numbers of a term with a force, which is given as a pair or by its components."""
-    if force is not None:
-        if check.is_quantity(force):
-            force = [component * force.units for component in force.magnitude]
-        listed = list(force) if isinstance(force, np.ndarray) and force.ndim == 1 else force
-        if not isinstance(listed, tuple | list) or len(listed) != 2:
-            raise TypeError(
-                f"force must be a pair of components (x, y) in the plane of motion, across and "
-                f"along the clamp's axis, got {check.shown(force)}"
-            )
-        if force_x or force_y:
-            raise ValueError(
-                f"force or its components must be given, not both, got {check.shown(force)}, "
-                f"force_x = {check.shown(force_x)} and force_y = {check.shown(force_y)}"
-            )
-        force_x, force_y = (
-            one if check.is_quantity(one) else check.real(f"force[{i}]", one)
-            for i, one in enumerate(listed)
-        )
-    for name, value in {**numbers, "force_x": force_x, "force_y": force_y}.items():
-        object.__setattr__(term, name, value)
-    term.__post_init__()
 
 
 Law = TypeVar("Law", bound="DataclassInstance")
