@@ -883,6 +883,7 @@ pipedyn::Lapack broken_lapack() {
             columns(imag, *n, 1) = (1.0 + 1e-6) * found.eigenvalues().imag();
             columns(vectors, *n, *n) = found.pseudoEigenvectors();
           },
+      .dggev = nullptr,
       .zgeev = nullptr,
       .dsygvd = nullptr,
   };
