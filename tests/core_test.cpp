@@ -318,7 +318,8 @@ void check_motion_of(const Model& model, const Vector& scale, double loose, Dice
       return found;
     };
     model.jacobian({state.data(), &u[k], 1, 0}, jacobian.data());
-    check_close(jacobian * way, derivative(moved, 1e-3), loose, "the derivative by differences");
+    // Short steps, since the second derivative of drag jumps where the normal velocity is 0.
+    check_close(jacobian * way, derivative(moved, 3e-4), loose, "the derivative by differences");
     const auto energy = [&](double h) {
       const Vector at = state + h * rate;
       double found;

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 import spatial
+from scipy.optimize import root
 
 import pipedyn as pp
 
@@ -577,3 +578,35 @@ def test_hysteresis_acts_across_a_bent_rest_as_in_its_plane():
     nearly = pp.Galerkin(replace(level, gamma=1e-6), 6, "legendre", dimensions=3)
     for one in straight:
         assert np.count_nonzero(np.abs(pp.eigenvalues(nearly, 2.0) - one) < 1e-4 * abs(one)) == 2
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_motions_about_a_bent_rest_start_to_grow_at_the_critical_speed(seed):
+    random = np.random.default_rng(seed)
+    pipe = pp.Pipe(
+        *(random.uniform(0.1, 0.6), random.uniform(0.0, 25.0)),
+        **{"inclination": random.uniform(0.3, 2.6), "damping": 0.01},
+        terms=[
+            pp.Load(random.uniform(0.3, 1.0), random.normal(size=2)),
+            pp.PointMass(random.uniform(0.3, 1.0), random.uniform(0.0, 0.5)),
+            pp.Damper(random.uniform(0.3, 1.0), random.uniform(0.0, 0.3)),
+        ],
+    )
+    model = (
+        pp.Chain(pipe, 4, dimensions=3)
+        if seed % 2
+        else pp.Galerkin(pipe, 6, "legendre", dimensions=3)
+    )
+    found = pp.critical_speed(model, 20.0)
+    assert found.kind == "flutter"
+    planar, (rest,) = model.planar, pp.equilibria(model.planar, 0.9 * found.speed).q
+
+    def turned(q, u):
+        return planar.rhs(0.0, np.append(q, 0.0 * q), u)[q.size :]
+
+    growth = []
+    for u in [*np.linspace(0.9 * found.speed, found.speed - 0.02, 9), found.speed + 0.02]:
+        rest = root(turned, rest, u).x
+        state = np.append(rest, np.zeros(3 * rest.size))
+        growth.append(np.linalg.eigvals(model.jacobian(0.0, state, u)).real.max())
+    assert max(growth[:-1]) < 0.0 < growth[-1]
