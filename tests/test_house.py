@@ -18,7 +18,7 @@ LIMITS = {
     "modules in a folder": 17,
     "names with more than one meaning": 9,
     "docstrings that begin with a leaning word": 0,
-    "lines of Python": 25726,
+    "lines of Python": 25720,
     "lines of C++": 15673,
 }
 
