@@ -410,9 +410,24 @@ class Stop(Term):
         return (-self.gap, self.gap)
 
 
+class _AxialLoad:
+    """What dead loads along the straight pipe have in common."""
+
+    load: float
+
+    @property
+    def axial_load(self) -> float:
+        """The load."""
+        return self.load
+
+    def law_numbers(self, damping: float) -> list[float]:
+        """Components of the load across and along the straight pipe."""
+        return [0.0, self.load]
+
+
 @saved_as("Tension")
 @dataclass(frozen=True, repr=False)
-class Tension(Term):
+class Tension(_AxialLoad, Term):
     """A dead load at the end along the straight pipe, which keeps its direction.
 
     A pressure p in a pipe of inner section A whose end is held across acts as the load -p A if the
@@ -437,19 +452,10 @@ class Tension(Term):
     acts_at_end: ClassVar[bool] = True
     load: float = number(1e6, mass=1, length=2, time=-2, low=-1e6)
 
-    @property
-    def axial_load(self) -> float:
-        """The load."""
-        return self.load
-
-    def law_numbers(self, damping: float) -> list[float]:
-        """Components of the load across and along the straight pipe."""
-        return [0.0, self.load]
-
 
 @saved_as("Weight")
 @dataclass(frozen=True, repr=False)
-class Weight(Term):
+class Weight(_AxialLoad, Term):
     """A dead load at one place, along the straight pipe, without mass.
 
     It represents a body that hangs there and hardly moves, or the difference between the weight of
@@ -473,15 +479,6 @@ class Weight(Term):
     law: ClassVar[str] = "dead_load"
     at: float = place()
     load: float = number(1e6, mass=1, length=2, time=-2, low=-1e6)
-
-    @property
-    def axial_load(self) -> float:
-        """The load."""
-        return self.load
-
-    def law_numbers(self, damping: float) -> list[float]:
-        """Components of the load across and along the straight pipe."""
-        return [0.0, self.load]
 
 
 class _DeadLoad:
