@@ -519,8 +519,8 @@ class SpatialGalerkin(SpatialModel):
     Coordinates: amplitudes of the rotation vector of the tangent, shape (2 m,), first those of its
     component along x, then those of the one along z; each component is sum_i q_i w_i'(s). The
     tangent, and what is assumed about the pipe, are those of `SpatialChain`; in the plane z = 0 the
-    model moves as `planar` does. Where a tangent
-    turns by more than pi the coordinates end: `rhs` then raises `NotResolved`, and motions stop.
+    model moves as `planar` does. Where a tangent turns by more than pi the coordinates end: `rhs`
+    then raises `NotResolved`, and motions stop.
 
     Example:
         >>> model = pp.Galerkin(pp.Pipe(0.2), 8, "legendre", dimensions=3)

@@ -42,7 +42,8 @@ class FluttersAcross(UserWarning):
     """A pipe that sags may flutter across the plane of a planar model, below the critical speed.
 
     At beta = 0.2 a level pipe of gamma = 10 flutters 3 % below the speed of a planar model, and 7 %
-    below it at gamma = 20; a pipe inclined by 45 degrees 1 % below it at gamma = 10.
+    below it at gamma = 20; a pipe inclined by 45 degrees 1 % below it at gamma = 10. A model made
+    with `dimensions=3` tells where it flutters across the plane.
 
     `warnings.filterwarnings("ignore", category=pipedyn.FluttersAcross)` silences it.
 
