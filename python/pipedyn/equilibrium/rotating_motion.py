@@ -49,6 +49,10 @@ speed by a millionth."""
 LONGEST_BRANCH = 400
 """Largest number of steps along the branch of circular motions."""
 
+ROTATES = 0.1
+"""Largest share of the rates of a state that is no rotation where a circular motion is near, and
+largest relative distance of its shape."""
+
 STEPS = Control(longest=0.2, shortest=1e-9)
 """How steps along the branch are taken."""
 
@@ -324,13 +328,39 @@ def _equations(model: Model, x: Array, u: float) -> tuple[Array, Array]:
     return np.append(rates + w**2 * q, q[-1]), np.vstack([whole, phase])
 
 
-def exponents_of(model: Model, z: Array) -> Complex:
-    """Growth rates of small changes of a motion z = (q, W, u), without that of a turn."""
+def rotation_near(model: Model, state: Array, u: float) -> Array:
+    """The circular motion (q, W, u) near a state [q, q'] at a flow speed.
+
+    Raises:
+        NewtonFailed: if the state does not rotate or Newton's method leads far away.
+    """
+    q, rates = np.split(state, 2)
+    turned = model.quarter_turn(q)
+    w = float(turned @ rates) / max(float(q @ q), 1e-300)
+    if np.linalg.norm(rates - w * turned) > ROTATES * np.linalg.norm(rates):
+        raise NewtonFailed("the motion is not circular")
+    last = model.integrated - 1
+    angle = math.atan2(q[last], q[last // 2])
+    q = model.turned(q, -angle)
+    problem = DenseProblem(partial(_equations, model), q.size + 1, 1.0, STEPS)
+    found = problem.fixed(np.concatenate([q, [w, u]]), u)
+    if np.linalg.norm(found[: q.size] - q) > ROTATES * np.linalg.norm(q):
+        raise NewtonFailed("no circular motion is near")
+    return found
+
+
+def rotating_slopes(model: Model, z: Array) -> Array:
+    """Derivative of the rates by the state in the frame of a motion z = (q, W, u)."""
     size = model.integrated
     q, w, u = z[:size], float(z[size]), float(z[size + 1])
     state = np.concatenate([q, w * model.quarter_turn(q)])
     turn = np.kron(np.eye(2), model.quarter_turn(np.eye(size)))
-    found = np.linalg.eigvals(model.motion_jacobian(state, u) - w * turn).astype(complex)
+    return np.asarray(model.motion_jacobian(state, u) - w * turn)
+
+
+def exponents_of(model: Model, z: Array) -> Complex:
+    """Growth rates of small changes of a motion z = (q, W, u), without that of a turn."""
+    found = np.linalg.eigvals(rotating_slopes(model, z)).astype(complex)
     found = np.delete(found, np.abs(found).argmin())
     return found[np.lexsort((-found.imag, -found.real))]
 

@@ -671,6 +671,10 @@ class Model(OfPipe, ABC):
         """
         return p
 
+    def nearest_in_plane(self, p: Array) -> Array:
+        """Coordinates of `planar`, (integrated,), nearest to p, which may be turned for that."""
+        return p
+
     def quarter_turn(self, p: Array) -> Array:
         """Coordinates, (integrated, ...), turned about the axis by a right angle, from x to z.
 

@@ -131,6 +131,17 @@ class SpatialModel(Model):
         x, z = np.split(p, 2)
         return np.asarray(0.5 * np.arctan2(2.0 * (x * z).sum(axis=0), (x**2 - z**2).sum(axis=0)))
 
+    def _towards_plane(self, p: Array) -> tuple[Array, Array]:
+        """Parts of p in the plane z = 0 and across it, after the turn that is allowed."""
+        if self.axisymmetric:
+            p = self.turned(p, -float(self.azimuth(p)))
+        x, z = np.split(p, 2)
+        return x, z
+
+    def nearest_in_plane(self, p: Array) -> Array:
+        """Coordinates of `planar`, (integrated,), nearest to p, which may be turned for that."""
+        return self._towards_plane(p)[0]
+
     def into_plane(self, name: str, p: Array) -> Array:
         """Coordinates of `planar`, (integrated,), for p of the argument `name`.
 
@@ -138,9 +149,7 @@ class SpatialModel(Model):
             ValueError: if p does not lie in the plane z = 0 or, where all planes through the axis
                 are alike, in one of these.
         """
-        if self.axisymmetric:
-            p = self.turned(p, -float(self.azimuth(p)))
-        x, z = np.split(p, 2)
+        x, z = self._towards_plane(p)
         if np.abs(z).max() > IN_PLANE * (1.0 + np.abs(x).max()):
             planes = "a plane through the axis" if self.axisymmetric else "the plane z = 0"
             raise ValueError(f"{name} must lie in {planes}, got {check.shown(p)}")
