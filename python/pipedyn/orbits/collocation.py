@@ -16,6 +16,7 @@ import numpy as np
 
 from pipedyn import _core
 from pipedyn.continuation.arclength import Continuation, Control, Solver
+from pipedyn.motion.sampling import farthest_direction
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.periodic_orbit import (
     BETWEEN,
@@ -273,7 +274,8 @@ class OrbitProblem(Continuation):
 def _unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
     """The `unit` of an `OrbitProblem` on an orbit."""
     states = orbit.states(PROBES)
-    positions, across = states[: motion.half], motion.end(states)[0]
+    positions, tips = states[: motion.half], motion.end(states)[: motion.model.dimensions].T
+    across = tips @ farthest_direction(tips)
     centred = positions - positions.mean(axis=1, keepdims=True)
     size = math.sqrt(float(np.mean(np.sum(centred**2, axis=0))))
     # The free end may be held, so its motion may be 0.
