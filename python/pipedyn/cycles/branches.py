@@ -15,7 +15,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
-from itertools import pairwise
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -128,9 +127,9 @@ class CycleEvent(Result, units={"error": SPEED}):
             meets two that are not), "period doubling" (it meets one of twice its period: a
             multiplier passes -1), "torus" (a pair passes the unit circle), "grazing" (it begins or
             ceases to touch a stop), "hopf" (its amplitude falls to 0), "infinite period" (the
-            frequency falls towards 0, as where a cycle meets an equilibrium), "out of plane" (in
-            three dimensions, a multiplier of motions across the plane of the cycle passes the unit
-            circle) or "end" (it was not followed further).
+            frequency falls towards 0, as where a cycle meets an equilibrium), "branch point" (in
+            three dimensions, motions across the plane of the cycle begin or cease to grow; those
+            that leave it there are not followed) or "end" (it was not followed further).
         speed: u.
         error: half the length of the interval of speeds that is known to contain the event.
         multiplier: the multiplier that passes, on the unit circle: 1 at a fold and a pitchfork, and
@@ -335,27 +334,31 @@ def traced(
 def branch_in_space(model: Model, branch: CycleBranch, failed: list[Failed]) -> CycleBranch | None:
     """The branch of a planar model as one of the model in three dimensions.
 
-    Where a multiplier of motions across the plane passes the unit circle there is an event "out of
-    plane". Cycles whose multipliers in space are not known are left out, and kept in `failed`.
+    Where motions across the plane begin or cease to grow there is an event. Cycles whose
+    multipliers in space are not known are left out, and kept in `failed`.
     """
     motion = VectorField(model)
-    planes, found = list[LimitCycle](), list[LimitCycle]()
+    found, events = list[LimitCycle](), dict[int, CycleEvent]()
+    last: LimitCycle | None = None  # the planar cycle of the last one that was found
     for plane in branch.cycles:
         try:
-            found.append(in_space(motion, plane))
-            planes.append(plane)
+            cycle = in_space(motion, plane)
         except NotConverged as error:
             failed.append((plane.u, error))
+            continue
+        pair = [*found[-1:], cycle]
+        leaving = {_leaves_plane(one) > 0.0 for one in pair if one.moves}
+        if last is not None and len(leaving) == 2:
+            events[len(found)], between = _out_of_plane(motion, last, pair)
+            found.append(between)
+        found.append(cycle)
+        last = plane
     if not found:
         return None
-    events = list(branch.events)
-    for i, (one, other) in enumerate(pairwise(found)):
-        if one.moves and (_leaves_plane(one) > 0.0) != (_leaves_plane(other) > 0.0):
-            events.append(_out_of_plane(motion, planes[i], {one.u: one, other.u: other}))
-    places = np.array([one.u for one in found])
-    order = [int(np.abs(places - event.speed).argmin()) for event in events]
-    events = [events[k] for k in np.argsort(order, kind="stable")]
-    return replace(branch, **_columns_of(found), events=tuple(events))
+    speeds = np.array([one.u for one in found])
+    places = {int(np.abs(speeds - one.speed).argmin()): one for one in branch.events}
+    every = sorted([*places.items(), *events.items()], key=lambda place: place[0])
+    return replace(branch, **_columns_of(found), events=tuple(event for _, event in every))
 
 
 def _columns_of(cycles: Sequence[LimitCycle]) -> dict[str, Any]:
@@ -378,39 +381,41 @@ def _leaves_plane(cycle: LimitCycle) -> float:
 
 
 def _out_of_plane(
-    motion: VectorField, plane: LimitCycle, ends: dict[float, LimitCycle]
-) -> CycleEvent:
-    """The event where motions across the plane of cycles begin or cease to grow.
+    motion: VectorField, plane: LimitCycle, pair: list[LimitCycle]
+) -> tuple[CycleEvent, LimitCycle]:
+    """The event where motions across the plane of cycles begin or cease to grow, and its cycle.
 
     Args:
         motion: the vector field in three dimensions.
-        plane: the cycle in the plane at one of the ends.
-        ends: neighbouring cycles of the branch, by speed, between which the event lies.
+        plane: a planar cycle nearby.
+        pair: two neighbouring cycles of the branch, in three dimensions.
     """
-    low, high = min(ends), max(ends)
+    known = {one.u: one for one in pair}
+    low, high = min(known), max(known)
 
-    def growth(u: float) -> float:
-        if u not in ends:
+    def leaves(u: float) -> bool:
+        if u not in known:
             near = limit_cycle(motion.model.planar, u, plane, samples=SAMPLES_A_CYCLE)
-            ends[u] = in_space(motion, near)
-        return _leaves_plane(ends[u])
+            known[u] = in_space(motion, near)
+        return _leaves_plane(known[u]) > 0.0
 
     with suppress(PipedynError):
         for _ in range(MOST_HALVINGS):
             middle = 0.5 * (low + high)
-            if (growth(middle) > 0.0) == (growth(low) > 0.0):
+            if leaves(middle) == leaves(low):
                 low = middle
             else:
                 high = middle
             if high - low <= 1e-6 * high:
                 break
-    near = ends[high]
-    assert near.across is not None
-    passing = complex(nontrivial(near.across)[0])
-    return CycleEvent(
-        *("out of plane", 0.5 * (low + high), 0.5 * (high - low)),
-        *(passing / abs(passing), near.amplitude),
-    )
+    at = min((known[low], known[high]), key=_leaves_plane)
+    assert at.across is not None
+    passing = complex(nontrivial(at.across)[0])
+    kind: EventKind = "torus"
+    if abs(passing.imag) < 1e-3:
+        kind = "branch point" if passing.real > 0.0 else "period doubling"
+    speed, error = 0.5 * (low + high), 0.5 * (high - low)
+    return CycleEvent(kind, speed, error, passing / abs(passing), at.amplitude), at
 
 
 def _as_one_branch(ways: list[_Follower]) -> Traced:
@@ -705,7 +710,7 @@ class _Follower(Tracer[OrbitProblem]):
                     speed, error = 0.5 * (low + high), 0.5 * abs(low - high)
                     kind, passing = cast(EventKind, name), test.multipliers[s]
                     event = CycleEvent(kind, speed, error, passing, cycle.amplitude)
-                    leaves = event.kind not in ("torus", "out of plane")
+                    leaves = event.kind not in ("torus", "branch point")
                     if leaves and self.options.holds(event.speed):
                         stable = cycle.stable or not test.positive(before)
                         self.forks.append((event, cycle.orbit, stable))

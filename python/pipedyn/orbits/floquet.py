@@ -70,7 +70,7 @@ EventKind = Literal[
     "grazing",
     "hopf",
     "infinite period",
-    "out of plane",
+    "branch point",
     "end",
 ]
 
@@ -348,4 +348,4 @@ class CircleTest(TestFunction):
         kind = self.kind(before, beyond)
         if kind != "fold":
             return kind
-        return "out of plane" if self.step.problem.motion.model.dimensions == 3 else ""
+        return "branch point" if self.step.problem.motion.model.dimensions == 3 else ""
