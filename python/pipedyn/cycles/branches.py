@@ -363,10 +363,15 @@ def branch_in_space(model: Model, branch: CycleBranch, failed: list[Failed]) -> 
 
 def _columns_of(cycles: Sequence[LimitCycle]) -> dict[str, Any]:
     """The fields of a branch that are those of its cycles."""
+    # A cycle at a Hopf point is at rest: its direction is that of the nearest one that moves.
+    moving = [k for k, cycle in enumerate(cycles) if cycle.moves] or [0]
+    seen = (cycles[min(moving, key=lambda j: abs(j - k))] for k in range(len(cycles)))
+    directions = [farthest_direction(cycle.tip) for cycle in seen]
+    tips = [cycle.tip[0] for cycle in cycles]
     return {
         "speeds": np.array([cycle.u for cycle in cycles]),
         "amplitudes": np.array([cycle.amplitude for cycle in cycles]),
-        "highest": np.array([cycle.tip[0] @ farthest_direction(cycle.tip) for cycle in cycles]),
+        "highest": np.array([np.dot(*pair) for pair in zip(tips, directions, strict=True)]),
         "frequencies": np.array([cycle.frequency for cycle in cycles]),
         "stable": np.array([cycle.stable for cycle in cycles]),
         "multipliers": np.array([cycle.multipliers for cycle in cycles]),
