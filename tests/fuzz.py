@@ -1248,7 +1248,7 @@ def _motions() -> Iterator[Target]:
     )
     onset = {"crossing": optional(of(CROSSING)), "friction": optional(real((0.5, 9.0), 0.0))}
     yield target(pp.hopf, slow=True, model=flutter, **onset)
-    space = pp.Chain(pp.Pipe(0.2), 3, dimensions=3)
+    space, sagging = (pp.Chain(pipe, 3, dimensions=3) for pipe in (pp.Pipe(0.2), SAGGING))
     whirling = Kind(one_of(space), any_of(MOVING.bad, one_of(FLUTTER)))
     yield target(pp.rotating_motion, slow=True, model=whirling, u=beyond)
     yield target(space.bent, angle=FUNCTION, across=optional(FUNCTION))
@@ -1264,7 +1264,7 @@ def _motions() -> Iterator[Target]:
     yield target(
         pp.equilibria,
         slow=True,
-        model=Kind(any_of(MOVING.good, one_of(pp.Chain(JET, 3))), MOVING.bad),
+        model=Kind(any_of(MOVING.good, one_of(pp.Chain(JET, 3), space, sagging)), MOVING.bad),
         u=SLOW,
         starts=Kind(one_of(()), any_of(NONE, *WORDS, one_of(3, {}, [[NAN]], [3], [None], ["a"]))),
     )
@@ -1273,7 +1273,7 @@ def _motions() -> Iterator[Target]:
         pp.equilibrium_branch,
         slow=True,
         called={"q0": "q0|angle"},
-        model=Kind(one_of(FLUTTER, pp.Chain(JET, 3)), flutter.bad),
+        model=Kind(one_of(FLUTTER, pp.Chain(JET, 3), space, sagging), flutter.bad),
         q0=Kind(one_of(bend), start(3).bad),
         u0=Kind(one_of(1.0), SLOW.bad),
         speeds=pair,
@@ -1324,6 +1324,18 @@ def _motions() -> Iterator[Target]:
         state=optional(array(6, (-0.1, 0.1), any_size=True)),
     )
     yield target(pp.bifurcation_diagram, slow=True, **diagram)
+    in_space = {"model": Kind(one_of(space, sagging), flutter.bad)}
+    yield target(pp.bifurcation_diagram, "[space]", slow=True, **diagram | in_space)
+    yield target(
+        pp.attractors,
+        "[space]",
+        slow=True,
+        **in_space,
+        u=Kind(one_of(1.0, 2.0), SLOW.bad),
+        starts=Kind(count(1, 3).good, one_of(0, -1, 2.5, [[0.1] * 5])),
+        transient=real((10.0, 20.0), -1.0, 1e300),
+        duration=real((1.0, 2.0), 0.0, 1e300),
+    )
     wrong = any_of(NONE, *NOTHINGS, *WORDS, one_of(3, NAN, {}, []))
     other = (
         {"beta": (0.1, 0.05), "u": (3.0, 3.3)},
