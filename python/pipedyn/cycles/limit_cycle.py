@@ -213,8 +213,9 @@ def limit_cycle(
 ) -> LimitCycle:
     """A periodic motion at a constant flow speed, stable or unstable, with its Floquet multipliers.
 
-    In three dimensions it is a cycle in the plane z = 0, that of `model.planar`, for which starts
-    are given, with its multipliers also across the plane; `rotating_motion` finds circular motions.
+    In three dimensions, if the pipe is the same in all directions, it is a cycle in the plane
+    z = 0, that of `model.planar`, for which starts are given, with its multipliers also across the
+    plane; `rotating_motion` finds circular motions. If a load bends the pipe, it is any cycle.
 
     Args:
         model: chain, reduced model or scene, up to 100 degrees of freedom.

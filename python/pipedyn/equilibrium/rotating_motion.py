@@ -194,7 +194,9 @@ def rotating_motion(model: Model, u: float) -> RotatingMotion:
     """
     checked_model_in_motion(model, largest=200, purpose="rotating_motion")
     check.instance("model", model, Model, "a model in three dimensions")
-    model.quarter_turn(np.zeros(model.integrated))
+    if not model.axisymmetric:
+        model.quarter_turn(np.zeros(model.integrated))  # refuses planar models
+        raise ValueError(f"model must be the same in all directions, got {model!r}")
     u = steady_speed("u", u, open_low=True)
     with one_thread(2 * model.integrated):
         onset = hopf(model.planar)
