@@ -345,8 +345,8 @@ def films(
 ) -> dict[str, Film]:
     """Films, by name, of the attractors that are not at rest, each on a figure of its own.
 
-    For a diagram, the films show the stable cycles at a flow speed, and the irregular motions at
-    that speed, which are continued from their ends for a time of 10 T.
+    For a diagram, the films show the stable cycles and circular motions at a flow speed, and the
+    irregular motions at that speed, which are continued from their ends for a time of 10 T.
 
     Args:
         found: attractors, or a diagram.
