@@ -523,7 +523,8 @@ Matrix ends(const StateRows& angles, const StateRows& rates, const Vector& lengt
   return found;
 }
 
-SpatialChain::SpatialChain(const Pipe& pipe, const Segments& segments) : chain_(pipe, segments) {
+SpatialChain::SpatialChain(const Pipe& pipe, const Segments& segments, std::vector<Index> held)
+    : chain_(pipe, segments), held_(std::move(held)) {
   require_space(pipe);
   if (chain_.model().bent) {
     throw std::invalid_argument("joints that are bent at rest have no equations in space here");

@@ -10,10 +10,11 @@ namespace pipedyn {
 
 class SpatialChain {
  public:
-  /// Throws std::invalid_argument if arrays of the segments differ in length, and for a pipe whose
-  /// equations in space are not known here: held at its end or at supports, with a jet at an angle
-  /// or joints that are bent at rest, or with a term that exists only in a plane.
-  SpatialChain(const Pipe& pipe, const Segments& segments);
+  /// held: indices of the segments whose ends are held, x = z = 0, ascending. Throws
+  /// std::invalid_argument if arrays of the segments differ in length, and for a pipe whose
+  /// equations in space are not known here: with a jet at an angle or joints that are bent at rest,
+  /// or with a term that exists only in a plane.
+  SpatialChain(const Pipe& pipe, const Segments& segments, std::vector<Index> held = {});
 
   const Chain& chain() const { return chain_; }
   /// Number of coordinates, 2 n.
@@ -32,10 +33,16 @@ class SpatialChain {
  private:
   using Spatial = MotionKernel::Spatial;
   void call(MotionKernel::Function Spatial::* what, const Batch& batch, double* out) const {
-    (motion_kernel().spatial.*what)(chain_.model(), batch, out);
+    ChainModel model = chain_.model();
+    model.held = held_.data();
+    model.held_count = static_cast<Index>(held_.size());
+    model.return_rate = return_rate;
+    (motion_kernel().spatial.*what)(model, batch, out);
   }
+  static constexpr double return_rate = 60.0;  // that of a scene (modular)
 
   Chain chain_;
+  std::vector<Index> held_;
 };
 
 }  // namespace pipedyn
