@@ -20,7 +20,7 @@ from pipedyn.models.pencil import DensePencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments
 from pipedyn.models.segments import MET, SegmentModel, core_segments, held_ends, position_along
-from pipedyn.models.space import SpatialModel, rotations, turning
+from pipedyn.models.space import SpatialModel, rotations, tangents_by, turning
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -499,7 +499,15 @@ class SpatialChain(SpatialModel):
     @cached_property
     def core(self) -> _core.SpatialChain:
         segments = core_segments(self._planar, spring=self._planar._own_joints)
-        return _core.SpatialChain(core_pipe(self._pipe), segments)
+        return _core.SpatialChain(core_pipe(self._pipe), segments, self._planar._held.tolist())
+
+    @property
+    def _held_places(self) -> Array:
+        return self._planar.stations[self._planar._held]
+
+    @property
+    def _ease(self) -> Array:
+        return np.ones((self.coordinates, 1))
 
     def pencil(self) -> DensePencil:
         return DensePencil(self)
@@ -539,6 +547,11 @@ class SpatialChain(SpatialModel):
 
     def _places(self, p: Array, places: Array) -> Array:
         return self._segments_to(rotations(p)[0], places)
+
+    def _places_by(self, p: Array, places: Array) -> Array:
+        lengths = self._planar._displacing(places)[1]
+        found = np.einsum("pj,dcjk->pcdjk", lengths, tangents_by(p))
+        return found.reshape(places.size, 3, self.coordinates, -1)
 
     @property
     def _angle_places(self) -> Array:

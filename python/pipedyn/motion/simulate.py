@@ -36,6 +36,7 @@ from pipedyn.models.drive import (
     Speed,
     Supply,
 )
+from pipedyn.models.space import SpatialModel
 from pipedyn.modular.assembly import Assembly
 from pipedyn.motion.constant_head import ConstantHead
 from pipedyn.motion.events import (
@@ -994,8 +995,8 @@ def checked_start(model: Model, q0: Any, qdot0: Any) -> Array:
     """The state [p, p', 0], shape (2 integrated + 1,), from the arguments `q0` and `qdot0`."""
     if q0 is None:
         q0 = slight_bend
-        if model.dimensions == 3:
-            q0 = model.bent(slight_bend) + model.quarter_turn(model.bent(slight_bend_across))
+        if isinstance(model, SpatialModel):
+            q0 = model.bent(slight_bend, slight_bend_across)
     if not callable(q0):
         check.numbers("q0", q0, "an angle theta(s) or coordinates")
         return np.append(model.initial_state(q0, qdot0), 0.0)
