@@ -529,6 +529,13 @@ SpatialChain::SpatialChain(const Pipe& pipe, const Segments& segments, std::vect
   if (chain_.model().bent) {
     throw std::invalid_argument("joints that are bent at rest have no equations in space here");
   }
+  const ChainModel model = chain_.model();
+  changes_charts_.assign(static_cast<std::size_t>(model.size), true);
+  for (const SegmentTerm* load = model.loads; load != model.loads + model.load_count; ++load) {
+    Laws::with(load->term, [&](const auto& law) {
+      if (law.reads_rotation) changes_charts_[static_cast<std::size_t>(load->segment)] = false;
+    });
+  }
 }
 
 }  // namespace pipedyn

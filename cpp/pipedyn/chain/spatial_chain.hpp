@@ -20,6 +20,10 @@ class SpatialChain {
   /// Number of coordinates, 2 n.
   Index dof() const { return 2 * chain_.dof(); }
 
+  /// Whether each segment may change its chart (motion/charts.hpp): not one with a law that reads
+  /// its rotation vector.
+  const std::vector<bool>& changes_charts() const { return changes_charts_; }
+
   // As for Chain, with 2 dof rows in a state.
   void rhs(const Batch& batch, double* rates) const { call(&Spatial::rhs, batch, rates); }
   void rhs_and_power(const Batch& batch, double* rates) const {
@@ -43,6 +47,7 @@ class SpatialChain {
 
   Chain chain_;
   std::vector<Index> held_;
+  std::vector<bool> changes_charts_;
 };
 
 }  // namespace pipedyn
