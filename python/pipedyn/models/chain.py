@@ -515,6 +515,20 @@ class SpatialChain(SpatialModel):
     def largest_angle(self, p: NDArray[Any]) -> float:
         return float(np.hypot(*np.abs(np.split(p, 2))).max())
 
+    def alike(self, y: Array, other: Array) -> Array:
+        (at, _), (a, rates) = (
+            of[: 4 * self._planar.coordinates].reshape(2, 2, -1) for of in (y, other)
+        )
+        rho = np.hypot(*a)
+        unit = a / np.where(rho > 0.0, rho, 1.0)
+        turns = 2.0 * np.pi * np.round((rho - (at * unit).sum(axis=0)) / (2.0 * np.pi))
+        if not turns.any():
+            return other
+        share = 1.0 - turns / np.where(rho > 0.0, rho, 1.0)
+        rates = share * rates + (1.0 - share) * (rates * unit).sum(axis=0) * unit
+        moved = np.concatenate([share * a, rates]).ravel()
+        return np.concatenate([moved, other[moved.size :]])
+
     def _segments_to(self, tangents: Array, s: Array) -> Array:
         """Sums of the segments' vectors up to arc lengths s, (p, 3, k)."""
         planar = self._planar
