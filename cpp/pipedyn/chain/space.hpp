@@ -28,6 +28,22 @@
 // with the power -c |D|^2. The moment c D also does work on the spins of all joints before it; the
 // couple that collects this work along the pipe is `twist`.
 //
+// A joint before a guided or clamped end, whose tangent is the axis, resists like the others. Such
+// an end keeps its direction and lets the pipe turn about it, so that the couple `twist` is 0
+// there.
+//
+// Charts. At rho = pi, where a segment points backwards along the axis, rotation vectors are
+// singular for motions across their plane. A second chart has rotation vectors from the opposite
+// direction,
+//   t = (S a_x, -cos rho, S a_z),
+// the mirror image of the first, so that all formulas above hold with n_x, n_z and t mirrored in y.
+// A state has a sign for each segment, -1 in the second chart (Batch::charts).
+//
+// Supports. Where the end of a segment is held, x = z = 0, a force across the straight pipe acts
+// such that x'' + 2 k x' + k^2 x = 0, likewise z: a state that misses the support by the errors of
+// its integrator returns to it (Baumgarte 1972). Unit forces turn the segments before them by
+// moments p, one sweep to the clamp each, and accelerate one another's places by sum_j p . p / H.
+//
 // Source: rotation vectors of the tangent as coordinates, and the recursion for rigid bodies in a
 // tree (Featherstone 2008, ch. 7). tests/test_space.py derives the equations from the energies.
 //
@@ -133,6 +149,31 @@ struct Bend {
   }
 };
 
+/// Replaces the lower half of a symmetric A (rows, rows) by its Cholesky factor, with the inverse
+/// of its diagonal.
+template <class Number>
+void factorise_symmetric(Number* a, Count rows) {
+  for (Count i = 0; i < rows; ++i) {
+    for (Count j = 0; j <= i; ++j) {
+      Number sum = a[i * rows + j];
+      for (Count k = 0; k < j; ++k) sum = sum - a[i * rows + k] * a[j * rows + k];
+      a[i * rows + j] = j < i ? Number(sum * a[j * rows + j]) : inverse_of(root_of(sum));
+    }
+  }
+}
+/// Replaces b (rows,) by A^-1 b.
+template <class Number>
+void solve_symmetric(const Number* factor, Count rows, Number* b) {
+  for (Count i = 0; i < rows; ++i) {
+    for (Count j = 0; j < i; ++j) b[i] = b[i] - factor[i * rows + j] * b[j];
+    b[i] = b[i] * factor[i * rows + i];
+  }
+  for (Count i = rows - 1; i >= 0; --i) {
+    for (Count j = i + 1; j < rows; ++j) b[i] = b[i] - factor[j * rows + i] * b[j];
+    b[i] = b[i] * factor[i * rows + i];
+  }
+}
+
 // --------------------------------------------------------------------------------------- states
 
 /// A block of states of the motion in space as the recursion reads them: rows of [a_x (n), a_z (n),
@@ -141,8 +182,12 @@ template <class Real>
 struct States {
   Members<Real> members;
 
+  bool has_charts() const { return members.batch.charts != nullptr; }
+
   Real row(Count j) const { return members.row(j); }
   Real speed() const { return members.speed(); }
+  /// Sign of segment j in its chart.
+  Real chart(Count j) const { return members.read_row(members.batch.charts, j); }
   Real driven(Count k) const {
     return members.batch.drive == nullptr ? Real{} : members.read_row(members.batch.drive, k);
   }
@@ -156,6 +201,7 @@ struct Seeded {
   const Batch& batch;
   Count member, first, rows;
 
+  bool has_charts() const { return batch.charts != nullptr; }
   Number seeded(double value, Count place) const {
     double slopes[lanes<Real>] = {};
     if (place >= first && place < first + lanes<Real>) slopes[place - first] = 1.0;
@@ -163,6 +209,7 @@ struct Seeded {
   }
   Number row(Count j) const { return seeded(batch.y[j * batch.members + member], j); }
   Number speed() const { return seeded(batch.u[member * batch.u_step], rows); }
+  Real chart(Count j) const { return all<Real>(batch.charts[j * batch.members + member]); }
   Number driven(Count k) const {
     return constant<Number>(batch.drive == nullptr ? 0.0 : batch.drive[k * batch.members + member]);
   }
@@ -241,6 +288,11 @@ struct SpatialSegment : Direction<Number> {
   template <class Rows>
   void move(const Rows& rows, Count n, Count j) {
     this->set({rows.row(j), rows.row(n + j)}, {rows.row(2 * n + j), rows.row(3 * n + j)});
+    if (!rows.has_charts()) return;
+    const auto sign = rows.chart(j);
+    for (Space<Number>* const of : {&this->t, &this->nx, &this->nz, &this->rate}) {
+      of->y = sign * of->y;
+    }
   }
 
   /// a'' from the components of t'' across the segment, by the inverse of R.
@@ -282,16 +334,68 @@ inline Space<Number> axis() {
   return {Number{}, constant<Number>(1.0), Number{}};
 }
 
+/// Scratch of the recursion. Rows 2 b and 2 b + 1 belong to x and z of support b.
+template <class Number>
+struct SpatialRoom {
+  SpatialSegment<Number>* segments;  // (n,), and one more that stands for the axis at a guided end
+  Across<Number>* pulls;             // p of each row (rows, n)
+  Number *products, *forces;         // sums of p . p / H (rows, rows); forces at supports (rows,)
+
+  SpatialRoom(const ChainModel& model, Layout& layout) {
+    const Count n = model.size, rows = 2 * model.held_count;
+    segments = layout.take<SpatialSegment<Number>>(n + model.guided);
+    pulls = layout.take<Across<Number>>(rows * n);
+    products = layout.take<Number>(rows * rows);
+    forces = layout.take<Number>(rows);
+  }
+};
+
+/// Adds the forces of supports to the accelerations of the segments without that of their joint.
+/// room.forces: accelerations that are lacking at the supports; the forces replace them.
+template <class Number>
+void hold(const ChainModel& model, const SpatialRoom<Number>& room) {
+  const Count n = model.size, rows = 2 * model.held_count;
+  for (Count row = 0; row < rows; ++row) {
+    const Number minus = constant<Number>(-1.0), none{};
+    Space<Number> bias =
+        row % 2 == 0 ? Space<Number>{minus, none, none} : Space<Number>{none, none, minus};
+    Across<Number>* const own = room.pulls + row * n;
+    Number* const products = room.products + row * rows;
+    for (Count other = 0; other <= row; ++other) products[other] = Number{};
+    for (Count j = model.held[row / 2]; j >= 0; --j) {
+      const SpatialSegment<Number>& here = room.segments[j];
+      const double l = model.links[j].length;
+      const Across<Number> across = here.across(bias), turning = here.inverse.times(across);
+      own[j] = l * across;
+      for (Count other = 0; other <= row; ++other) {
+        if (j > model.held[other / 2]) continue;
+        products[other] = products[other] + l * dot(turning, room.pulls[other * n + j]);
+      }
+      bias = here.lifted(model.links[j].exchange * turning) +
+             (dot(here.t, bias) - l * dot(here.along, across)) * here.t;
+    }
+  }
+  factorise_symmetric(room.products, rows);
+  solve_symmetric(room.products, rows, room.forces);
+  for (Count row = 0; row < rows; ++row) {
+    for (Count j = model.held[row / 2]; j >= 0; --j) {
+      SpatialSegment<Number>& here = room.segments[j];
+      here.free = here.free - room.forces[row] * here.inverse.times(room.pulls[row * n + j]);
+    }
+  }
+}
+
 /// Computes the accelerations of a state of the motion in space, and returns the powers. put(j,
 /// rates, accelerations): receives a' and a'' of each segment.
 template <class Number, class Rows, class Put>
 PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& rows,
-                                         SpatialSegment<Number>* segments, const Put& put) {
+                                         const SpatialRoom<Number>& room, const Put& put) {
+  SpatialSegment<Number>* const segments = room.segments;
   const Count n = model.size;
   const Number u = rows.speed(), coriolis = model.coriolis * u, entry = model.entry * u;
   const SpatialDrive<Number> drive(rows);
   const Number push = model.coriolis * drive.rate;
-  bool resists = false;
+  bool resists = model.end_damping != 0.0;
   for (Count j = 0; j < n; ++j) resists = resists || model.links[j].damping != 0.0;
   PowerParts<Number> power{};
 
@@ -300,17 +404,19 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
   Number spin{};
   const SegmentTerm* term = model.loads;
   const SegmentTerm* const last_term = model.loads + model.load_count;
+  Count support = 0;
+  const auto join = [&](SpatialSegment<Number>& here, double damping) {
+    here.join(t0, resists);
+    if (!resists) return;
+    here.resist(t0, rate0, damping, spin);
+    if (damping == 0.0) return;
+    power.joints = power.joints - (1.0 / damping) * dot(here.resistance, here.resistance);
+  };
   for (Count j = 0; j < n; ++j) {
     const Link& link = model.links[j];
     SpatialSegment<Number>& here = segments[j];
     here.move(rows, n, j);
-    here.join(t0, resists);
-    if (resists) {
-      here.resist(t0, rate0, link.damping, spin);
-      if (link.damping != 0.0) {
-        power.joints = power.joints - (1.0 / link.damping) * dot(here.resistance, here.resistance);
-      }
-    }
+    join(here, link.damping);
     const Space<Number> own = velocity - drive.velocity;  // relative to the base
     const Number along = dot(here.t, own), half = 0.5 * link.length * push;
     here.force = (-link.length * (2.0 * coriolis)) * here.rate - (2.0 * half) * here.t;
@@ -347,6 +453,19 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
     velocity += link.length * here.rate;
     t0 = here.t;
     rate0 = here.rate;
+    if (support == model.held_count || model.held[support] != j) continue;
+    const double k = model.return_rate;
+    const Space<Number> missed = k * (2.0 * (velocity - drive.velocity) + k * (r - drive.position));
+    room.forces[2 * support] = -missed.x;
+    room.forces[2 * support + 1] = -missed.z;
+    ++support;
+  }
+  if (model.guided) {
+    SpatialSegment<Number>& end = segments[n];
+    end.t = axis<Number>();
+    end.rate = end.lever = Space<Number>{};
+    join(end, model.end_damping);
+    t0 = end.t;
   }
   const Space<Number> jet = (model.thrust[0] * (u * u)) * t0, end = velocity - drive.velocity;
   power.flow = power.flow - dot(coriolis * end - entry * velocity + jet, end);
@@ -354,24 +473,29 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
   Symmetric3<Number> inertia;
   Space<Number> bias = jet - entry * velocity, beyond{};
   Number twist{};
+  // Moment on a segment by its lever and both its joints, the next of which has set `beyond`.
+  const auto moment_on = [&](const SpatialSegment<Number>& here, const Space<Number>& before,
+                             double spring) {
+    const Space<Number> pull = (spring * here.f) * (here.t - before);
+    Space<Number> moment = beyond + here.lever - pull;
+    beyond = pull;
+    if (!resists) return moment;
+    const Space<Number>& c = here.resistance;
+    const Number closing = here.by_cosine * dot(c, here.v);
+    const Space<Number> spun = (twist * here.about) * here.v;
+    moment = moment - here.f * cross(c, before) - closing * before - spun;
+    beyond = beyond - here.f * cross(here.t, c) - closing * here.t - spun +
+             cross(cross(here.bent, c), before);
+    twist = twist + dot(c, cross(before, here.bent));
+    return moment;
+  };
+  if (model.guided) moment_on(segments[n], segments[n - 1].t, model.end_spring);
   for (Count j = n - 1; j >= 0; --j) {
     const Link& link = model.links[j];
     const double l = link.length;
     SpatialSegment<Number>& here = segments[j];
     const Space<Number> before = j > 0 ? segments[j - 1].t : axis<Number>();
-    const Space<Number> pull = (link.spring * here.f) * (here.t - before);
-    Space<Number> moment = beyond + here.lever - pull;
-    beyond = pull;
-    if (resists) {
-      const Space<Number>& c = here.resistance;
-      const Number closing = here.by_cosine * dot(c, here.v);
-      const Space<Number> spun = (twist * here.about) * here.v;
-      moment = moment - here.f * cross(c, before) - closing * before - spun;
-      beyond = beyond - here.f * cross(here.t, c) - closing * here.t - spun +
-               cross(cross(here.bent, c), before);
-      twist = twist + dot(c, cross(before, here.bent));
-    }
-    const Across<Number> tau = here.across(moment) + here.couple;
+    const Across<Number> tau = here.across(moment_on(here, before, link.spring)) + here.couple;
     const Space<Number> of_x = inertia.times(here.nx), of_z = inertia.times(here.nz);
     const Symmetric2<Number> nn{dot(here.nx, of_x), dot(here.nz, of_x), dot(here.nz, of_z)};
     const Across<Number> nt{dot(here.t, of_x), dot(here.t, of_z)};
@@ -412,17 +536,34 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
                entry_of(ix, iy), entry_of(ix, iz), entry_of(iy, iz)};
   }
 
-  Space<Number> joint = drive.acceleration - model.gravity * in_plane<Number>(model.down);
-  for (Count j = 0; j < n; ++j) {
-    const Link& link = model.links[j];
-    const SpatialSegment<Number>& here = segments[j];
-    const Across<Number> across = here.across(joint);
-    const Number along = dot(here.t, joint);
-    const Across<Number> free = here.free - along * here.along;
-    put(j, here, here.acceleration(free - here.turned.times(across)));
-    joint = here.lifted(link.exchange * here.inverse.times(across) + link.length * free) +
-            (along - link.length * here.square) * here.t;
+  // Calls of(j, t'' across segment j, acceleration of its end) from the clamp to the free end.
+  const Space<Number> start = drive.acceleration - model.gravity * in_plane<Number>(model.down);
+  const auto for_each_acceleration = [&](const auto& of) {
+    Space<Number> joint = start;
+    for (Count j = 0; j < n; ++j) {
+      const Link& link = model.links[j];
+      const SpatialSegment<Number>& here = segments[j];
+      const Across<Number> across = here.across(joint);
+      const Number along = dot(here.t, joint);
+      const Across<Number> free = here.free - along * here.along;
+      joint = here.lifted(link.exchange * here.inverse.times(across) + link.length * free) +
+              (along - link.length * here.square) * here.t;
+      of(j, free - here.turned.times(across), joint);
+    }
+  };
+  if (model.held_count > 0) {
+    support = 0;
+    for_each_acceleration([&](Count j, const Across<Number>&, const Space<Number>& joint) {
+      if (support == model.held_count || model.held[support] != j) return;
+      Number* const lacking = room.forces + 2 * support++;
+      lacking[0] = lacking[0] - (joint.x - start.x);
+      lacking[1] = lacking[1] - (joint.z - start.z);
+    });
+    hold(model, room);
   }
+  for_each_acceleration([&](Count j, const Across<Number>& turning, const Space<Number>&) {
+    put(j, segments[j], segments[j].acceleration(turning));
+  });
   return power;
 }
 
@@ -455,28 +596,32 @@ Number spatial_energy(const ChainModel& model, const Rows& rows) {
     velocity += link.length * here.rate;
     t0 = here.t;
   }
+  if (model.guided) {
+    here.t = axis<Number>();
+    here.join(t0, false);
+    twice += model.end_spring * here.angle_square();
+  }
   return 0.5 * twice;
 }
 
 // ---------------------------------------------------------------------------------------- entry
 
-/// Calls body(states, segments) for a member alone or for every block of members.
+/// Calls body(states, room) for a member alone or for every block of members.
 template <class Body>
 void for_each_spatial_block(const ChainModel& model, const Batch& batch, const Body& body) {
-  const auto room = [&]<class Number>(const Number&) {
-    return laid_out(
-        [&](Layout& layout) { return layout.take<SpatialSegment<Number>>(model.size); });
+  const auto made = [&]<class Number>(const Number&) {
+    return laid_out([&](Layout& layout) { return SpatialRoom<Number>(model, layout); });
   };
-  if (batch.members == 1) return body(States<double>{{batch, 0, 1}}, room(0.0));
-  SpatialSegment<Pack>* const segments = room(Pack{});
-  for_each_members(batch, [&](const Members<Pack>& block) { body(States<Pack>{block}, segments); });
+  if (batch.members == 1) return body(States<double>{{batch, 0, 1}}, made(0.0));
+  const SpatialRoom<Pack> room = made(Pack{});
+  for_each_members(batch, [&](const Members<Pack>& block) { body(States<Pack>{block}, room); });
 }
 
 template <bool with_power>
 void spatial_rhs(const ChainModel& model, const Batch& batch, double* rates) {
   const Count n = model.size;
   for_each_spatial_block(
-      model, batch, [&]<class Real>(const States<Real>& states, SpatialSegment<Real>* segments) {
+      model, batch, [&]<class Real>(const States<Real>& states, const SpatialRoom<Real>& room) {
         const Members<Real>& members = states.members;
         const auto put = [&](Count j, const auto&, const Across<Real>& acceleration) {
           members.set_row(rates, j, states.row(2 * n + j));
@@ -484,7 +629,7 @@ void spatial_rhs(const ChainModel& model, const Batch& batch, double* rates) {
           members.set_row(rates, 2 * n + j, acceleration.x);
           members.set_row(rates, 3 * n + j, acceleration.z);
         };
-        const auto parts = spatial_accelerations(model, states, segments, put);
+        const auto parts = spatial_accelerations(model, states, room, put);
         if (!with_power) return;
         members.set_row(rates, 4 * n,
                         parts.flow + parts.joints + parts.drag + parts.terms + parts.base);
@@ -493,9 +638,9 @@ void spatial_rhs(const ChainModel& model, const Batch& batch, double* rates) {
 
 void spatial_power(const ChainModel& model, const Batch& batch, double* out) {
   for_each_spatial_block(
-      model, batch, [&]<class Real>(const States<Real>& states, SpatialSegment<Real>* segments) {
+      model, batch, [&]<class Real>(const States<Real>& states, const SpatialRoom<Real>& room) {
         const auto nothing = [](Count, const auto&, const auto&) {};
-        const auto parts = spatial_accelerations(model, states, segments, nothing);
+        const auto parts = spatial_accelerations(model, states, room, nothing);
         const Real each[] = {parts.flow, parts.joints, parts.drag, parts.terms, parts.base};
         for (Count k = 0; k < 5; ++k) states.members.set_row(out, k, each[k]);
       });
@@ -503,7 +648,7 @@ void spatial_power(const ChainModel& model, const Batch& batch, double* out) {
 
 void spatial_energy(const ChainModel& model, const Batch& batch, double* out) {
   for_each_spatial_block(model, batch,
-                         [&]<class Real>(const States<Real>& states, SpatialSegment<Real>*) {
+                         [&]<class Real>(const States<Real>& states, const SpatialRoom<Real>&) {
                            states.members.set_row(out, 0, spatial_energy<Real>(model, states));
                          });
 }
@@ -514,8 +659,7 @@ template <bool all_rates>
 void spatial_jacobian(const ChainModel& model, const Batch& batch, double* out) {
   using Number = Dual<Pack, 1u>;
   const Count n = model.size, rows = 4 * n, before = all_rates ? 2 : 0;
-  const auto segments =
-      laid_out([&](Layout& layout) { return layout.take<SpatialSegment<Number>>(n); });
+  const auto room = laid_out([&](Layout& layout) { return SpatialRoom<Number>(model, layout); });
   for (Count member = 0; member < batch.members; ++member) {
     double* const to = out + member * (before + rows) * rows;
     double* const slopes = to + before * rows;
@@ -533,7 +677,7 @@ void spatial_jacobian(const ChainModel& model, const Batch& batch, double* out) 
         }
         if (all_rates && first + width > rows) to[rows + row] = each[rows - first];
       };
-      spatial_accelerations(model, seeded, segments,
+      spatial_accelerations(model, seeded, room,
                             [&](Count j, const auto&, const Across<Number>& acceleration) {
                               keep(2 * n + j, acceleration.x);
                               keep(3 * n + j, acceleration.z);

@@ -28,6 +28,8 @@
 // where n3 delta is the couple that keeps the pipe from twisting: its torsional stiffness is taken
 // as infinite.
 //
+// Supports hold x and z by forces as in galerkin/galerkin.hpp.
+//
 // Local to each translation unit, like vector/pack.hpp.
 #pragma once
 
@@ -66,6 +68,10 @@ struct SpatialBlock {
   double *integrands, *integrals, *sums;  // sums: integrals of one number a point
   SpatialPoint<Number>* at;
   Number *mass, *force;
+  // Of supports, a row for x and one for z of each: G, derivatives of displacements there; M^-1
+  // G^T; G M^-1 G^T and then its factor; forces.
+  const Count holds = 2 * effects.held_count;
+  Number *by_support, *response, *products, *reaction;
 
   SpatialBlock(const GridTables& tables, const MotionEffects& present, const Rows& of)
       : grid(tables), effects(present), rows(of) {}
@@ -78,6 +84,10 @@ struct SpatialBlock {
     at = layout.take<SpatialPoint<Number>>(points);
     mass = layout.take<Number>(4 * m * m);
     force = layout.take<Number>(2 * m);
+    by_support = layout.take<Number>(holds * 2 * m);
+    response = layout.take<Number>(holds * 2 * m);
+    products = layout.take<Number>(holds * holds);
+    reaction = layout.take<Number>(holds);
   }
 
   static Number get(const double* from, Count column) {
@@ -324,21 +334,38 @@ struct SpatialBlock {
 
   /// Replaces the forces by accelerations of the orthonormal coordinates.
   void solve() {
+    factorise_symmetric(mass, 2 * m);
+    solve_symmetric(mass, 2 * m, force);
+  }
+
+  /// Adds to the accelerations those by the forces that hold the pipe at its supports.
+  void hold() {
     const Count n = 2 * m;
-    for (Count i = 0; i < n; ++i) {
-      for (Count j = 0; j <= i; ++j) {
-        Number sum = mass[i * n + j];
-        for (Count k = 0; k < j; ++k) sum = sum - mass[i * n + k] * mass[j * n + k];
-        mass[i * n + j] = j < i ? Number(sum * mass[j * n + j]) : inverse_of(root_of(sum));
+    const double k = effects.return_rate;
+    for (Count row = 0; row < holds; ++row) {
+      constexpr Number Space<Number>::* across[] = {&Space<Number>::x, &Space<Number>::z};
+      const auto of = across[row % 2];
+      const Count p = effects.held[row / 2] * block + grid.nodes;
+      const Space<Number> missed =
+          integral(p, bias) + k * (2.0 * integral(p, speed) + k * integral(p, place));
+      Number* const own = response + row * n;
+      Number lacking = -(missed.*of);
+      for (Count i = 0; i < n; ++i) {
+        own[i] = by_support[row * n + i] = integral(p, 3 * i).*of;
+        lacking = lacking - own[i] * force[i];
+      }
+      reaction[row] = lacking;
+      solve_symmetric(mass, n, own);
+      for (Count other = 0; other <= row; ++other) {
+        Number sum{};
+        for (Count i = 0; i < n; ++i) sum = sum + by_support[other * n + i] * own[i];
+        products[row * holds + other] = sum;
       }
     }
-    for (Count i = 0; i < n; ++i) {
-      for (Count j = 0; j < i; ++j) force[i] = force[i] - mass[i * n + j] * force[j];
-      force[i] = force[i] * mass[i * n + i];
-    }
-    for (Count i = n - 1; i >= 0; --i) {
-      for (Count j = i + 1; j < n; ++j) force[i] = force[i] - mass[j * n + i] * force[j];
-      force[i] = force[i] * mass[i * n + i];
+    factorise_symmetric(products, holds);
+    solve_symmetric(products, holds, reaction);
+    for (Count row = 0; row < holds; ++row) {
+      for (Count i = 0; i < n; ++i) force[i] = force[i] + reaction[row] * response[row * n + i];
     }
   }
 
@@ -351,6 +378,7 @@ struct SpatialBlock {
     bend();
     gather();
     solve();
+    hold();
     const auto farthest = largest_square();
     constexpr double half_turn = 3.141592653589793 * 3.141592653589793;
     const auto lost = farthest > half_turn ? all<typename Traits::Plain>(__builtin_nan(""))

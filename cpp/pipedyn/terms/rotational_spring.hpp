@@ -12,6 +12,7 @@ namespace {
 
 struct RotationalSpring : NoLaw {
   static constexpr const char* name = "rotational_spring";
+  static constexpr bool reads_rotation = true;
   double k;
 
   explicit RotationalSpring(const pipedyn::Term& term) : k(term.numbers[0]) {}

@@ -650,6 +650,10 @@ class Model(OfPipe, ABC):
         """Nearby p and rates that meet the constraints, (integrated, ...); NaN if none exist."""
         return p, rates
 
+    def alike(self, y: Array, other: Array) -> Array:
+        """Another state [p, p', ...] by those of its equivalent coordinates that are nearest to y's."""
+        return other
+
     def free_states(self, y: Array) -> Array:
         """Basis of the changes of [p, p'] that constraints allow, shape (2 integrated, 2 dof)."""
         return np.eye(2 * self.dof)

@@ -20,7 +20,7 @@ from pipedyn.models.pencil import DensePencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments
 from pipedyn.models.segments import MET, SegmentModel, core_segments, held_ends, position_along
-from pipedyn.models.space import SpatialModel, rotations, turning
+from pipedyn.models.space import SpatialModel, rotations, tangents_by, turning
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -499,13 +499,35 @@ class SpatialChain(SpatialModel):
     @cached_property
     def core(self) -> _core.SpatialChain:
         segments = core_segments(self._planar, spring=self._planar._own_joints)
-        return _core.SpatialChain(core_pipe(self._pipe), segments)
+        return _core.SpatialChain(core_pipe(self._pipe), segments, self._planar._held.tolist())
+
+    @property
+    def _held_places(self) -> Array:
+        return self._planar.stations[self._planar._held]
+
+    @property
+    def _ease(self) -> Array:
+        return np.ones((self.coordinates, 1))
 
     def pencil(self) -> DensePencil:
         return DensePencil(self)
 
     def largest_angle(self, p: NDArray[Any]) -> float:
         return float(np.hypot(*np.abs(np.split(p, 2))).max())
+
+    def alike(self, y: Array, other: Array) -> Array:
+        (at, _), (a, rates) = (
+            of[: 4 * self._planar.coordinates].reshape(2, 2, -1) for of in (y, other)
+        )
+        rho = np.hypot(*a)
+        unit = a / np.where(rho > 0.0, rho, 1.0)
+        turns = 2.0 * np.pi * np.round((rho - (at * unit).sum(axis=0)) / (2.0 * np.pi))
+        if not turns.any():
+            return other
+        share = 1.0 - turns / np.where(rho > 0.0, rho, 1.0)
+        rates = share * rates + (1.0 - share) * (rates * unit).sum(axis=0) * unit
+        moved = np.concatenate([share * a, rates]).ravel()
+        return np.concatenate([moved, other[moved.size :]])
 
     def _segments_to(self, tangents: Array, s: Array) -> Array:
         """Sums of the segments' vectors up to arc lengths s, (p, 3, k)."""
@@ -539,6 +561,11 @@ class SpatialChain(SpatialModel):
 
     def _places(self, p: Array, places: Array) -> Array:
         return self._segments_to(rotations(p)[0], places)
+
+    def _places_by(self, p: Array, places: Array) -> Array:
+        lengths = self._planar._displacing(places)[1]
+        found = np.einsum("pj,dcjk->pcdjk", lengths, tangents_by(p))
+        return found.reshape(places.size, 3, self.coordinates, -1)
 
     @property
     def _angle_places(self) -> Array:

@@ -9,14 +9,16 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.models.base import ANGLES, CORE_MATRICES, ROWS, Model, Operators, projected
+from pipedyn.models.base import ANGLES, CORE_MATRICES, ROWS, Operators, projected
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.reduced_supports import ReducedSupports, SupportedModel
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
@@ -52,7 +54,54 @@ def turning(q: Array, qdot: Array) -> Array:
     )
 
 
-class SpatialModel(Model):
+def in_first_chart(q: Array, qdot: Array, signs: Array) -> tuple[Array, Array]:
+    """Rotation vectors and their rates, (k, 2 n) each, where those with signs -1, (k, n), are others.
+
+    Those are rotation vectors from the opposite end of the axis, as cpp/pipedyn/motion/charts.hpp
+    describes, for segments that point backwards along it. Here they point away from it by up to pi.
+    """
+    (a_x, a_z), (b_x, b_z) = np.split(q, 2, axis=1), np.split(qdot, 2, axis=1)
+    straight = np.hypot(a_x, a_z) == 0.0  # seen from the side that it comes from
+    a_x, a_z = np.where(straight, -1e-300 * b_x, a_x), np.where(straight, -1e-300 * b_z, a_z)
+    rho = np.hypot(a_x, a_z)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        unit = np.stack([np.where(rho > 0.0, a_x / rho, 1.0), np.where(rho > 0.0, a_z / rho, 0.0)])
+    radial = unit[0] * b_x + unit[1] * b_z
+    rates = np.stack([b_x, b_z]) - radial * unit
+    with np.errstate(invalid="ignore", divide="ignore"):
+        across = np.where(straight, 0.0, (np.pi - rho) / rho * rates)
+    found = np.where(signs < 0.0, (np.pi - rho) * unit, np.stack([a_x, a_z]))
+    turning = np.where(signs < 0.0, across - radial * unit, np.stack([b_x, b_z]))
+    return np.concatenate(list(found), axis=1), np.concatenate(list(turning), axis=1)
+
+
+def tangents_by(q: Array) -> Array:
+    """Derivatives of the tangents by a_x and by a_z, shape (2, 3, n, k), for q (2 n, k)."""
+    one, none = np.ones_like(q[: len(q) // 2]), np.zeros_like(q[: len(q) // 2])
+    return np.stack([turning(q, np.concatenate(unit)) for unit in ((one, none), (none, one))])
+
+
+class SpatialSupports(ReducedSupports):
+    """Constraints x = z = 0 at the supports of a model in three dimensions."""
+
+    def __init__(self, model: SpatialModel) -> None:
+        self.model, self.ease, self.size = model, model._ease, model.coordinates
+
+    def held(self, q: Array) -> tuple[Array, Array]:
+        """Displacements at supports, (2 supports, k), x and z of each, and derivatives by q.
+
+        The derivatives have the shape (k, 2 supports, size).
+        """
+        places, columns = self.model._held_places, q.shape[1]
+        found = self.model._places(q, places)[:, [0, 2]].reshape(-1, columns)
+        by = self.model._places_by(q, places)[:, [0, 2]].reshape(len(found), self.size, columns)
+        return found, by.transpose(2, 0, 1)
+
+    def largest_turning(self, rates: Array) -> float:
+        return self.model.largest_angle(rates)
+
+
+class SpatialModel(SupportedModel):
     """A model that moves in three dimensions; its planar model has the same numbers.
 
     Coordinates: those of the planar model in the plane of x, then those in the plane of z.
@@ -70,9 +119,8 @@ class SpatialModel(Model):
 
     def _check_pipe(self) -> None:
         pipe = self._pipe
-        if pipe.supports or pipe.end != "free" or pipe.jet_angle:
-            rule = "have no jet at an angle" if pipe.jet_angle else "be held at its root alone"
-            raise ValueError(f"pipe must {rule} in three dimensions, got {pipe!r}")
+        if pipe.jet_angle:
+            raise ValueError(f"pipe must have no jet at an angle in three dimensions, got {pipe!r}")
         self.core  # noqa: B018
 
     def archived(self) -> dict[str, Any]:
@@ -165,8 +213,50 @@ class SpatialModel(Model):
 
     @property
     def dof(self) -> int:
-        """Number of coordinates, twice those of the planar model."""
+        """Number of degrees of freedom, twice that of the planar model."""
         return int(2 * self._planar.dof)
+
+    @property
+    def coordinates(self) -> int:
+        """Number of coordinates, twice that of the planar model."""
+        return int(2 * self._planar.coordinates)
+
+    @property
+    def _is_held(self) -> bool:
+        return bool(self.dof < self.coordinates)
+
+    @cached_property
+    def _supports(self) -> ReducedSupports:
+        return SpatialSupports(self)
+
+    @property
+    @abstractmethod
+    def _held_places(self) -> Array:
+        """Arc lengths at which the pipe is held across, ascending."""
+
+    @property
+    @abstractmethod
+    def _ease(self) -> Array:
+        """Weights of the coordinates in the least change that meets supports, (coordinates, 1)."""
+
+    def _lifted(self, rows: Array) -> Array:
+        return np.asarray(self._moved(rows[:, None])[:, 0])
+
+    def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
+        return np.concatenate([self._planar._moved(half) for half in np.split(columns, 2)])
+
+    def by_coordinates(self) -> Array:
+        return self._directions(self._reference)
+
+    def _directions(self, rest: Array | None) -> Array:
+        """Changes of coordinates for unit degrees of freedom of `operators`, in their order."""
+        planar, half = self._planar, self._planar.coordinates
+        if rest is None or not rest.any():
+            return np.asarray(np.kron(np.eye(2), planar.by_coordinates()))
+        across = self._supports.held(rest[:, None])[1][0, 1::2, half:]
+        free, _ = np.linalg.qr(across.T, mode="complete")
+        along = planar.about(rest[:half]).by_coordinates()
+        return scipy.linalg.block_diag(along, free[:, len(across) :])
 
     @property
     def approximates_pipe(self) -> bool:
@@ -199,7 +289,8 @@ class SpatialModel(Model):
         rates, and the other matrices from derivatives of accelerations at three speeds, which are
         quadratic in the speed; their derivative by the unsteady flow from one at its rate 1.
         """
-        half, pipe = self._planar.dof, self._pipe
+        half, pipe = self._planar.coordinates, self._pipe
+        free = self._directions(rest)[half:, self._planar.dof :]
         rates = np.eye(half)
         i, k = np.triu_indices(half)
         both = np.concatenate([rates, rates[i] + rates[k]]).T
@@ -231,7 +322,8 @@ class SpatialModel(Model):
         }
         planar = self._planar.operators(rest[:half])
         blocks: dict[str, Any] = {
-            name: scipy.linalg.block_diag(getattr(planar, name), of) for name, of in across.items()
+            name: scipy.linalg.block_diag(getattr(planar, name), free.T @ of @ free)
+            for name, of in across.items()
         }
         return Operators(
             **blocks, direction=planar.direction, centrifugal=planar.centrifugal, loss=None
@@ -280,7 +372,11 @@ class SpatialModel(Model):
 
     @abstractmethod
     def _places(self, p: Array, places: Array) -> Array:
-        """Positions from the base of points on the pipe, (points, 3, k), at p (dof, k)."""
+        """Positions on the pipe from the base, (points, 3, k), at p (coordinates, k)."""
+
+    @abstractmethod
+    def _places_by(self, p: Array, places: Array) -> Array:
+        """Derivatives of these by p, (points, 3, coordinates, k)."""
 
     def stop_places(self) -> tuple[Array, Array, Array]:
         """No places: contacts with rings are not looked for within the steps of an integrator."""
@@ -294,7 +390,7 @@ class SpatialModel(Model):
         angle: Callable[[Array], ArrayLike],
         across: Callable[[Array], ArrayLike] | None = None,
     ) -> Array:
-        """Coordinates q, shape (dof,), of a bent pipe.
+        """Coordinates q, shape (coordinates,), of a bent pipe, close by those that meet supports.
 
         Args:
             angle: a_x as a function of arc lengths s, (p,) to (p,): in the plane z = 0 the angle
@@ -306,14 +402,15 @@ class SpatialModel(Model):
             >>> chain.bent(lambda s: 0.1 * s, lambda s: 0.2 * s).round(3)
             array([0.025, 0.075, 0.05 , 0.15 ])
         """
-        return self.sampled(angle, across)
+        q = self.sampled(angle, across)
+        return self._onto_supports("angle", q, np.zeros_like(q))[: q.size]
 
     def sampled(
         self,
         angle: Callable[[Array], ArrayLike],
         across: Callable[[Array], ArrayLike] | None = None,
     ) -> Array:
-        """Coordinates, shape (dof,), from angles or rates, as for `bent`."""
+        """Coordinates, shape (coordinates,), from angles or rates; they need not meet supports."""
         along = self._from_angles(self._angles(angle, self._angle_places))
         if across is None:
             return np.concatenate([along, np.zeros_like(along)])
@@ -333,7 +430,7 @@ class SpatialModel(Model):
         """Configurations, or states [q, q'], turned about the axis of the straight pipe.
 
         Args:
-            y: configurations (dof, ...) or states (2 dof, ...).
+            y: configurations (coordinates, ...) or states (2 coordinates, ...).
             angle: angle of rotation from x towards z, in rad.
 
         Returns:
@@ -345,14 +442,13 @@ class SpatialModel(Model):
             array([0. , 0.1])
         """
         states = check.doubles("y", y, "an array of real numbers")
-        if states.shape[:1] not in ((self.dof,), (2 * self.dof,)):
-            raise ValueError(
-                f"y must have {self.dof} or {2 * self.dof} rows, got shape {states.shape}"
-            )
+        rows = self.coordinates
+        if states.shape[:1] not in ((rows,), (2 * rows,)):
+            raise ValueError(f"y must have {rows} or {2 * rows} rows, got shape {states.shape}")
         check.entries("y", states, np.isfinite(states), "be finite")
         turn = check.real("angle", angle, **ANGLES)
         cosine, sine = np.cos(turn), np.sin(turn)
-        halves = states.reshape(len(states) // self.dof, 2, -1, *states.shape[1:])
+        halves = states.reshape(len(states) // rows, 2, -1, *states.shape[1:])
         x, z = halves[:, 0], halves[:, 1]
         moved = np.stack([cosine * x - sine * z, sine * x + cosine * z], axis=1)
         return moved.reshape(states.shape)
