@@ -239,4 +239,22 @@ Real base_power(const Law& law, const Station<Real>& at, const Acting<Real>& loa
   return -(load.x * vx + load.y * vy);
 }
 
+/// The same for a pipe in space.
+template <class Law, class Number>
+Number base_power(const Law& law, const SpatialStation<Number>& at, const SpatialLoad<Number>& load,
+                  const Space<Number>& velocity) {
+  if constexpr (Law::on_base) return Number{};
+  if (law.normal_mass() == 0.0) return Number{} - dot(load.force, velocity);
+  const SpatialStation<Number> alone = at.about(Space<Number>{}, velocity);
+  const SpatialLoad<Number> own = law.load_in_space(alone);
+  return dot(load.force - own.force, alone.v) + dot(load.couple - own.couple, at.w);
+}
+
+/// The station as a law reads it, relative to the base if it acts on that.
+template <class Law, class Number>
+SpatialStation<Number> seen_by(const Law&, const SpatialStation<Number>& at,
+                               const Space<Number>& place, const Space<Number>& velocity) {
+  return Law::on_base ? at.about(place, velocity) : at;
+}
+
 }  // namespace
