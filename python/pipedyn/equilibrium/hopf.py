@@ -338,10 +338,10 @@ def _in_space(model: Model, plane: Hopf) -> SpatialHopf:
     Raises:
         ValueError: for a pipe to which this does not apply.
     """
-    if plane.quadratic or plane.friction is not None or plane.rest.any():
+    if plane.quadratic or plane.friction is not None:
         raise ValueError(
-            "an onset in three dimensions needs a pipe that rests straight, without drag and at "
-            f"constant speed, got {model!r}"
+            "an onset in three dimensions needs a pipe without drag and at constant speed, got "
+            f"{model!r}"
         )
     motion, planar = VectorField(model), model.planar
     jacobian = VectorField(planar).jacobian(plane.rest, plane.speed)
@@ -407,6 +407,7 @@ def hopf(
     # With more degrees of freedom, dense eigenvectors lose digits that differences need.
     model = checked_model_in_motion(model, largest=500, purpose="hopf")
     if model.dimensions == 3:
+        model.require_symmetry("hopf")
         return _in_space(model, hopf(model.planar, crossing, friction=friction))
     if friction is not None:  # else its refusal would be taken for that of the onset
         Supply.at_speed(model.pipe, 1.0, friction=friction)

@@ -115,6 +115,7 @@ def rotating_motion(model: Model, u: float) -> RotatingMotion:
     checked_model_in_motion(model, largest=200, purpose="rotating_motion")
     check.instance("model", model, Model, "a model in three dimensions")
     model.quarter_turn(np.zeros(model.integrated))
+    model.require_symmetry("rotating_motion")
     u = steady_speed("u", u, open_low=True)
     with one_thread(2 * model.integrated):
         z = _reached(model, u)

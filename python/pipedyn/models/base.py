@@ -194,6 +194,11 @@ class OfPipe(Saved):
         """The model of the same pipe that moves in the plane z = 0: of a planar model itself."""
         return self
 
+    @property
+    def planes(self) -> tuple[Any, ...]:
+        """Planar models whose small motions are those of this model; empty if it is one of them."""
+        return ()
+
     @cached_property
     def resisted(self) -> bool:
         """Whether linear forces but the flow's and Kelvin-Voigt damping depend on velocities."""
@@ -664,6 +669,15 @@ class Model(OfPipe, ABC):
             raise ValueError(f"model must move in three dimensions, got {self!r}")
         x, z = np.split(p, 2)
         return np.concatenate([-z, x])
+
+    def require_symmetry(self, purpose: str) -> None:
+        """Raises ValueError unless the pipe is the same in all directions across its axis."""
+        if not self._pipe.symmetric_about_axis:
+            raise ValueError(
+                f"model must be the same in all directions across its axis for {purpose}, with no "
+                "load or jet across it and terms that are the same in x and z, got "
+                f"{self!r}: ask limit_cycle and simulate"
+            )
 
     def largest_angle(self, p: NDArray[Any]) -> float:
         """Largest angle of the pipe to first order in p, real or complex, of one or k states.
