@@ -11,8 +11,8 @@ namespace pipedyn {
 class SpatialChain {
  public:
   /// Throws std::invalid_argument if arrays of the segments differ in length, and for a pipe whose
-  /// equations in space are not known here: held at its end or at supports, with a jet at an angle
-  /// or joints that are bent at rest, or with a term that exists only in a plane.
+  /// equations in space are not known here: held at its end or at supports, with joints that are
+  /// bent at rest, or with a term that exists only in a plane.
   SpatialChain(const Pipe& pipe, const Segments& segments);
 
   const Chain& chain() const { return chain_; }

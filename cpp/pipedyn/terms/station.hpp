@@ -115,6 +115,12 @@ using DifferentiatedLoad =
 template <class Law>
 constexpr bool has_load = !std::is_same_v<DifferentiatedLoad<Law>, Load<None, None, None>>;
 
+/// Whether a law states its load in space, or has none.
+template <class Law>
+constexpr bool states_space =
+    !has_load<Law> || !std::is_same_v<decltype(&Law::template load_in_space<double>),
+                                      decltype(&NoLaw::template load_in_space<double>)>;
+
 template <class Component>
 constexpr bool reads_rate = (variables_of<Component> >> by_rate & 1u) != 0;
 

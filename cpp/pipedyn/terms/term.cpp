@@ -81,8 +81,9 @@ void require_space(const Pipe& pipe) {
   };
   if (pipe.end != End::free || !pipe.supports.empty()) refuse("that is held beyond its root");
   for (const Term& term : pipe.terms) {
-    Laws::with(term, [&](const auto& law) {
-      if (!law.exists_in_space) refuse(std::string("with ") + law.name);
+    Laws::with(term, [&]<class Law>(const Law& law) {
+      const bool known = law.exists_in_space && (law.applied || states_space<Law>);
+      if (!known) refuse(std::string("with ") + law.name);
     });
   }
 }

@@ -29,7 +29,7 @@ MOST_TERMS = 400
 each, 400 panels take 1,600 of the 2,000 functions of the largest basis."""
 
 
-ACROSS = "_across"
+ALONG_Z = "_across"
 """End of the name of a number along z, of motions across the plane z = 0; None: as along x."""
 
 
@@ -110,20 +110,20 @@ class Term:
     def symmetric_about_axis(self) -> bool:
         """Whether the law is the same in all directions across the straight pipe."""
         numbers = self.numbers
-        return all(numbers.get(name + ACROSS, one) == one for name, one in numbers.items())
+        return all(numbers.get(name + ALONG_Z, one) == one for name, one in numbers.items())
 
     def across(self) -> Self:
         """The law whose numbers along x are those of this one along z."""
         numbers = self.numbers
         return replace(
-            self, **{name: numbers.get(name + ACROSS, numbers[name]) for name in numbers}
+            self, **{name: numbers.get(name + ALONG_Z, numbers[name]) for name in numbers}
         )
 
     def law_numbers(self, damping: float) -> list[float]:
         """Numbers of the law in the core's order, for a pipe with this Kelvin-Voigt damping."""
         found = {item.name: getattr(self, item.name) for item in fields(self) if item.name != "at"}
         each = found.items()
-        return [found[key.removesuffix(ACROSS)] if one is None else one for key, one in each]
+        return [found[key.removesuffix(ALONG_Z)] if one is None else one for key, one in each]
 
 
 @saved_as("PointMass", added=("inertia",))
