@@ -405,9 +405,8 @@ def hopf(
     Source: Kuznetsov's projection formula, see `normal_form`.
     """
     # With more degrees of freedom, dense eigenvectors lose digits that differences need.
-    model = checked_model_in_motion(model, largest=500, purpose="hopf")
+    model = checked_model_in_motion(model, largest=500, purpose="hopf", symmetric=True)
     if model.dimensions == 3:
-        model.require_symmetry("hopf")
         return _in_space(model, hopf(model.planar, crossing, friction=friction))
     if friction is not None:  # else its refusal would be taken for that of the onset
         Supply.at_speed(model.pipe, 1.0, friction=friction)

@@ -112,10 +112,9 @@ def rotating_motion(model: Model, u: float) -> RotatingMotion:
 
     Source: see the module's docstring.
     """
-    checked_model_in_motion(model, largest=200, purpose="rotating_motion")
+    checked_model_in_motion(model, largest=200, purpose="rotating_motion", symmetric=True)
     check.instance("model", model, Model, "a model in three dimensions")
     model.quarter_turn(np.zeros(model.integrated))
-    model.require_symmetry("rotating_motion")
     u = steady_speed("u", u, open_low=True)
     with one_thread(2 * model.integrated):
         z = _reached(model, u)

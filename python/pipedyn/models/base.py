@@ -670,15 +670,6 @@ class Model(OfPipe, ABC):
         x, z = np.split(p, 2)
         return np.concatenate([-z, x])
 
-    def require_symmetry(self, purpose: str) -> None:
-        """Raises ValueError unless the pipe is the same in all directions across its axis."""
-        if not self._pipe.symmetric_about_axis:
-            raise ValueError(
-                f"model must be the same in all directions across its axis for {purpose}, with no "
-                "load or jet across it and terms that are the same in x and z, got "
-                f"{self!r}: ask limit_cycle and simulate"
-            )
-
     def largest_angle(self, p: NDArray[Any]) -> float:
         """Largest angle of the pipe to first order in p, real or complex, of one or k states.
 
