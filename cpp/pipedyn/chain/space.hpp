@@ -242,6 +242,7 @@ struct Direction {
 
   Space<Number> lifted(const Across<Number>& x) const { return x.x * nx + x.z * nz; }
   Across<Number> across(const Space<Number>& x) const { return {dot(nx, x), dot(nz, x)}; }
+  Space<Number> normal(const Space<Number>& x) const { return x - dot(x, t) * t; }
   /// Components across the tangent of its change, if a changes by x: R x, R = I - E a~ a~^T.
   Across<Number> across_by(const Across<Number>& x) const {
     const Across<Number> aside = a.turned();
@@ -265,6 +266,11 @@ struct Direction {
     square = dot(w, w);
     bias = -1.0 * ((c * m) * w.turned() + (e2 * (dot(a, da) * m)) * aside + (e * m) * da.turned());
     rate = lifted(w);
+  }
+
+  /// The place at an arm along this direction from a place r that moves with the velocity v.
+  SpatialStation<Number> station(const Space<Number>& r, const Space<Number>& v, double arm) const {
+    return {r + arm * t, v + arm * rate, t, rate, nx, nz, a, w, e, s};
   }
 
   /// 1 - cos rho.
@@ -402,11 +408,18 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
   Space<Number> r = drive.position + model.base * axis<Number>(), velocity = drive.velocity;
   Space<Number> t0 = axis<Number>(), rate0{};
   Number spin{};
+  // The axis across that x becomes along twist-free material, by the smallest rotation at each
+  // joint.
+  Space<Number> side{constant<Number>(1.0), Number{}, Number{}};
   const SegmentTerm* term = model.loads;
   const SegmentTerm* const last_term = model.loads + model.load_count;
   Count support = 0;
   const auto join = [&](SpatialSegment<Number>& here, double damping) {
     here.join(t0, resists);
+    if (model.thrust[1] != 0.0) {
+      const Number share = 0.5 * (inverse_of(Number(1.0 - here.z)) * dot(here.t, side));
+      side = side - share * (t0 + here.t);
+    }
     if (!resists) return;
     here.resist(t0, rate0, damping, spin);
     if (damping == 0.0) return;
@@ -429,7 +442,7 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
     };
     if (model.drag) {
       const Space<Number> at = velocity + link.drag_arm * here.rate;
-      const Space<Number> normal = at - dot(at, here.t) * here.t;
+      const Space<Number> normal = here.normal(at);
       const Space<Number> force = (-link.drag * root_of(dot(normal, normal))) * normal;
       act(force, link.drag_arm);
       power.drag = power.drag + dot(force, at);
@@ -437,18 +450,24 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
     }
     for (; term != last_term && term->segment == j; ++term) {
       const double arm = term->arm, weight = term->weight;
-      const SpatialStation<Number> at{r + arm * here.t, velocity + arm * here.rate, here.t, here.a,
-                                      here.w};
+      const SpatialStation<Number> place = here.station(r, velocity, arm);
       Laws::with(term->term, [&](const auto& law) {
+        const auto at = seen_by(law, place, drive.position, drive.velocity);
         const SpatialLoad<Number> load = law.load_in_space(at);
         act(weight * load.force, arm);
         here.couple = here.couple + weight * load.couple;
         power.terms = power.terms + weight * law.power_in_space(at);
-        power.base = power.base - weight * dot(load.force, drive.velocity);
+        power.base = power.base + weight * base_power(law, at, load, drive.velocity);
       });
     }
-    power.base =
-        power.base - dot(drive.acceleration, link.mass * own + link.first_moment * here.rate);
+    Space<Number> momentum = link.mass * own + link.first_moment * here.rate;
+    if (link.added != 0.0) {  // this mass has no weight, and no inertia along the segment
+      here.force += (-0.5 * link.length * link.added * here.square) * here.t;
+      act((-model.gravity * link.added) * here.normal(in_plane<Number>(model.down)),
+          0.5 * link.length);
+      momentum += link.added * here.normal(own);
+    }
+    power.base = power.base - dot(drive.acceleration, momentum);
     r += link.length * here.t;
     velocity += link.length * here.rate;
     t0 = here.t;
@@ -467,7 +486,8 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
     join(end, model.end_damping);
     t0 = end.t;
   }
-  const Space<Number> jet = (model.thrust[0] * (u * u)) * t0, end = velocity - drive.velocity;
+  const Space<Number> jet = (u * u) * (model.thrust[0] * t0 + model.thrust[1] * side),
+                      end = velocity - drive.velocity;
   power.flow = power.flow - dot(coriolis * end - entry * velocity + jet, end);
 
   Symmetric3<Number> inertia;
@@ -586,11 +606,14 @@ Number spatial_energy(const ChainModel& model, const Rows& rows) {
     twice += (2.0 * link.first_moment) * dot(velocity, here.rate);
     twice += (2.0 * link.weight) * (model.down[1] * here.drop() - model.down[0] * here.t.x);
     for (; term != last_term && term->segment == j; ++term) {
-      const double arm = term->arm;
-      const SpatialStation<Number> at{r + arm * here.t, velocity + drive.velocity + arm * here.rate,
-                                      here.t, here.a, here.w};
-      Laws::with(term->term,
-                 [&](const auto& law) { twice += (2.0 * term->weight) * law.energy_in_space(at); });
+      const SpatialStation<Number> place = here.station(r, velocity + drive.velocity, term->arm);
+      Laws::with(term->term, [&](const auto& law) {
+        const auto at = seen_by(law, place, drive.position, drive.velocity);
+        twice += (2.0 * term->weight) * law.energy_in_space(at);
+      });
+    }
+    if (link.added != 0.0) {
+      twice += link.added * dot(here.normal(velocity), velocity);
     }
     r += link.length * here.t;
     velocity += link.length * here.rate;

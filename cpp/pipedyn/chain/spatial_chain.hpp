@@ -12,8 +12,8 @@ class SpatialChain {
  public:
   /// held: indices of the segments whose ends are held, x = z = 0, ascending. Throws
   /// std::invalid_argument if arrays of the segments differ in length, and for a pipe whose
-  /// equations in space are not known here: with a jet at an angle or joints that are bent at rest,
-  /// or with a term that exists only in a plane.
+  /// equations in space are not known here: with joints that are bent at rest, or with a term that
+  /// exists only in a plane.
   SpatialChain(const Pipe& pipe, const Segments& segments, std::vector<Index> held = {});
 
   const Chain& chain() const { return chain_; }

@@ -168,8 +168,7 @@ struct SpatialBlock {
   /// Velocity and position of a point on the ground.
   Space<Number> velocity(Count p) const { return integral(p, speed) + drive.velocity; }
   SpatialStation<Number> station(Count p) const {
-    const SpatialPoint<Number>& here = at[p];
-    return {integral(p, place) + drive.position, velocity(p), here.t, here.a, here.w};
+    return at[p].station(integral(p, place) + drive.position, velocity(p), 0.0);
   }
 
   template <class Body>
@@ -177,13 +176,15 @@ struct SpatialBlock {
     for (Count k = 0; k < effects.load_count; ++k) {
       const PanelTerm& placed = effects.loads[k];
       Laws::with(placed.term, [&](const auto& law) {
+        const auto visit = [&](Count p, double w) {
+          body(law, seen_by(law, station(p), drive.position, drive.velocity), p, w);
+        };
         if (placed.panel >= 0) {
-          const Count end = placed.panel * block + grid.nodes;
-          body(law, station(end), end, 1.0);
+          visit(placed.panel * block + grid.nodes, 1.0);
           return;
         }
         for (Count p = 0; p < points; ++p) {
-          if (grid.weight[p] != 0.0) body(law, station(p), p, grid.weight[p]);
+          if (grid.weight[p] != 0.0) visit(p, grid.weight[p]);
         }
       });
     }
@@ -241,6 +242,18 @@ struct SpatialBlock {
     return power;
   }
 
+  /// Direction of the jet, times the end coefficient: its angle is taken from the tangent towards
+  /// the axis that n_x is for material that does not twist, whose spin along the pipe differs from
+  /// that of N by C mu. The sums are overwritten.
+  Space<Number> jet_direction() {
+    const SpatialPoint<Number>& end = at[last];
+    const Space<Number> along = effects.thrust[0] * end.t;
+    if (effects.thrust[1] == 0.0) return along;
+    integrate_number(sums, [&](Count p) { return Number(at[p].c * at[p].mu); });
+    const auto [sine, cosine] = sincos_of(number(sums, last));
+    return along + effects.thrust[1] * end.lifted({cosine, sine});
+  }
+
   /// Sets loads on the points and returns the powers of the motion.
   PowerParts<Number> load() {
     const Number u = rows.speed(), push = (0.5 * effects.coriolis) * drive.rate;
@@ -255,19 +268,25 @@ struct SpatialBlock {
       const double w = grid.weight[p];
       here.force += (-w * effects.coriolis * u) * here.rate - (w * push) * here.t;
       here.force += (grid.mass[p] * effects.gamma) * in_plane<Number>(effects.down);
-      here.force += -grid.mass[p] * (integral(p, bias) + drive.acceleration);
+      const Space<Number> acceleration = integral(p, bias) + drive.acceleration;
+      here.force += -grid.mass[p] * acceleration;
       power.flow = power.flow - (w * push) * dot(here.t, own);
       power.base = power.base - grid.mass[p] * dot(own, drive.acceleration);
+      if (const double pushed = w * effects.normal_mass; pushed != 0.0) {
+        here.force += -pushed * here.normal(acceleration);
+        power.base = power.base - pushed * dot(here.normal(own), drive.acceleration);
+      }
       if (effects.drag == 0.0 || w == 0.0) continue;
       const Space<Number> moving = velocity(p);
-      const Space<Number> normal = moving - dot(moving, here.t) * here.t;
+      const Space<Number> normal = here.normal(moving);
       const Space<Number> drag = (-w * effects.drag * root_of(dot(normal, normal))) * normal;
       power.base = power.base - act(p, drag);
       power.drag = power.drag + dot(drag, moving);
     }
     for_each_station([&](const auto& law, const SpatialStation<Number>& seen, Count p, double w) {
       const SpatialLoad<Number> load = law.load_in_space(seen);
-      power.base = power.base - act(p, w * load.force);
+      act(p, w * load.force);
+      power.base = power.base + w * base_power(law, seen, load, drive.velocity);
       at[p].couple = at[p].couple + at[p].across_by(w * load.couple);
       power.terms = power.terms + w * law.power_in_space(seen);
     });
@@ -275,8 +294,7 @@ struct SpatialBlock {
       SpatialPoint<Number>& here = at[grid.turning_at[k]];
       here.couple = here.couple - grid.inertia[k] * here.across_by(here.bias);
     }
-    const Space<Number> end = integral(last, speed),
-                        jet = (effects.thrust[0] * (u * u)) * at[last].t;
+    const Space<Number> end = integral(last, speed), jet = (u * u) * jet_direction();
     const Space<Number> entering = (effects.entry * u) * velocity(last);
     at[last].force += entering - jet;
     power.flow = power.flow - dot((0.5 * effects.coriolis * u) * end - entering + jet, end);
@@ -328,6 +346,15 @@ struct SpatialBlock {
           sum = sum + grid.inertia[k] * dot(turned(i), turned(j));
         }
         mass[i * 2 * m + j] = sum;
+      }
+    }
+    for (Count p = 0; effects.normal_mass != 0.0 && p < points; ++p) {
+      const double pushed = grid.weight[p] * effects.normal_mass;
+      for (Count i = 0; i < 2 * m; ++i) {
+        const Space<Number> across = pushed * at[p].normal(integral(p, 3 * i));
+        for (Count j = 0; j <= i; ++j) {
+          mass[i * 2 * m + j] = mass[i * 2 * m + j] + dot(across, integral(p, 3 * j));
+        }
       }
     }
   }
@@ -408,6 +435,9 @@ struct SpatialBlock {
       const SpatialPoint<Number>& here = at[p];
       const Space<Number> v = integral(p, speed);
       twice = twice + grid.mass[p] * dot(v, v);
+      if (effects.normal_mass != 0.0) {
+        twice = twice + (grid.weight[p] * effects.normal_mass) * dot(here.normal(v), v);
+      }
       twice = twice - grid.bending[p] * (here.stiffening * (here.mu * here.mu));
       // 1 - cos rho along the pipe lifts the mass beyond.
       const Number rise = effects.down[1] * here.drop() - effects.down[0] * here.t.x;

@@ -142,7 +142,7 @@ class LimitCycle(PeriodicMotion):
         period: period, in T.
         multipliers: Floquet multipliers, complex, shape (2 dof,), the largest modulus first, with
             the trivial one, 1. In three dimensions one more is 1, that of the cycle turned about
-            the axis of the straight pipe.
+            the axis of the straight pipe, if the pipe is the same in all directions across it.
         stable: whether no nontrivial multiplier's modulus exceeds 1 by more than 1e-6 or three
             times its error.
         t: times from 0, where the free end is farthest to positive x, to the period, shape (S,).

@@ -192,7 +192,7 @@ def rotating_motion(model: Model, u: float) -> RotatingMotion:
 
     Source: see the module's docstring.
     """
-    checked_model_in_motion(model, largest=200, purpose="rotating_motion")
+    checked_model_in_motion(model, largest=200, purpose="rotating_motion", symmetric=True)
     check.instance("model", model, Model, "a model in three dimensions")
     if not model.axisymmetric:
         model.quarter_turn(np.zeros(model.integrated))  # refuses planar models

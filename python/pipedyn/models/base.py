@@ -194,6 +194,11 @@ class OfPipe(Saved):
         """The model of the same pipe that moves in the plane z = 0: of a planar model itself."""
         return self
 
+    @property
+    def planes(self) -> tuple[Any, ...]:
+        """Planar models whose small motions are those of this model; empty if it is one of them."""
+        return ()
+
     @cached_property
     def resisted(self) -> bool:
         """Whether linear forces but the flow's and Kelvin-Voigt damping depend on velocities."""

@@ -469,7 +469,11 @@ class SpatialChain(SpatialModel):
     are singular for motions across the plane.
 
     Small motions of the straight pipe are those of `planar`, in two planes independently, so that
-    questions about its stability are answered by `planar`.
+    questions about its stability are answered by `planar`. If terms have other numbers across the
+    plane z = 0, `critical_speed`, `crossings`, `eigenvalues` and `modes` count both planes.
+
+    A jet at an angle leaves in the plane of the tangent and of that axis which is along x at the
+    root and is carried along the pipe without twist. Its direction depends on the shape alone.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), n=10, dimensions=3)
@@ -478,8 +482,7 @@ class SpatialChain(SpatialModel):
         (501, 3)
 
     Raises:
-        ValueError: for a pipe that is held beyond its root, has a jet at an angle, or a term that
-            has no equations in three dimensions here (`AddedMass`, `Stretching`).
+        ValueError: for a pipe that is held beyond its root.
 
     Source: d'Alembert's principle for the velocities of a chain of inextensible, twist-free
     segments; see cpp/pipedyn/chain/space.hpp.

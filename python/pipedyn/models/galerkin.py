@@ -549,7 +549,7 @@ class SpatialGalerkin(SpatialModel):
         return np.concatenate([table @ half for half in np.split(p, 2)])
 
     def largest_angle(self, p: NDArray[Any]) -> float:
-        found = np.abs(self._slopes_of(np.linspace(0.0, 1.0, 401), p[:, None]))
+        found = np.abs(self._slopes_of(np.linspace(0.0, 1.0, 401), p))
         return float(np.hypot(*np.split(found, 2)).max())
 
     def _nodes_to(self, p: Array, places: Array) -> Iterator[tuple[Array, Array]]:

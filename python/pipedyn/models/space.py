@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -115,12 +116,6 @@ class SpatialModel(SupportedModel):
     def __init__(self, planar: Any) -> None:
         super().__init__(planar.pipe)
         self._planar = planar
-        self._check_pipe()
-
-    def _check_pipe(self) -> None:
-        pipe = self._pipe
-        if pipe.jet_angle:
-            raise ValueError(f"pipe must have no jet at an angle in three dimensions, got {pipe!r}")
         self.core  # noqa: B018
 
     def archived(self) -> dict[str, Any]:
@@ -167,8 +162,8 @@ class SpatialModel(SupportedModel):
 
     @property
     def axisymmetric(self) -> bool:
-        """Whether every motion turned about the axis is a motion: no load acts across the pipe."""
-        return self._pipe.rests_straight
+        """Whether every motion turned about the axis is a motion."""
+        return self._pipe.symmetric_about_axis
 
     def from_plane(self, p: Array) -> Array:
         """Coordinates p, (dof, ...), from those of `planar`, which moves in the plane z = 0."""
@@ -263,23 +258,45 @@ class SpatialModel(SupportedModel):
         """Whether the model converges to the continuous pipe, as its planar model does."""
         return bool(self._planar.approximates_pipe)
 
-    def _twice(self, planar: Operators) -> Operators:
-        """Operators of both planes, which are uncoupled."""
-        both = {name: np.kron(np.eye(2), getattr(planar, name)) for name in CORE_MATRICES}
-        loss = None if planar.loss is None else np.asarray(np.kron(np.eye(2), planar.loss))
-        return Operators(
-            **both, direction=planar.direction, centrifugal=planar.centrifugal, loss=loss
-        )
+    @cached_property
+    def _across(self) -> Any:
+        """The planar model of motions in the plane x = 0, where terms may have other numbers."""
+        terms = tuple(term.across() for term in self._pipe.terms)
+        return self._planar.with_pipe(replace(self._pipe, terms=terms))
+
+    @property
+    def planes(self) -> tuple[Any, ...]:
+        """The planar models of the planes z = 0 and x = 0; empty if the pipe is bent at rest."""
+        if self.rests_bent or not self._pipe.rests_straight:
+            return ()
+        return self._planar, self._across
+
+    @cached_property
+    def resisted(self) -> bool:
+        """Whether linear forces but the flow's and Kelvin-Voigt damping depend on velocities."""
+        return bool(self._planar.resisted or self._across.resisted)
+
+    def _both(self, of: Callable[[Any], Operators]) -> Operators:
+        """Operators of both planes, which are uncoupled, from those of a planar model."""
+        planar = of(self._planar)
+        across = planar if self._pipe.symmetric_about_axis else of(self._across)
+        both: dict[str, Any] = {
+            name: scipy.linalg.block_diag(getattr(planar, name), getattr(across, name))
+            for name in CORE_MATRICES
+        }
+        loss = None if planar.loss is None else scipy.linalg.block_diag(planar.loss, across.loss)
+        return replace(planar, **both, loss=loss)
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
         """Operators of small motions about a configuration in the plane z = 0.
 
         They have a block for motions in that plane, which is the planar one, and a block for those
-        across it. About the straight pipe, which is taken by default, both are the same.
+        across it. About the straight pipe, which is taken by default, both are the same, unless
+        terms have other numbers across the plane.
         """
         rest = self._reference if q is None else self._in_plane(q)
         if rest is None or not rest.any():
-            return self._twice(self._planar.operators())
+            return self._both(lambda planar: planar.operators())
         return self._with_loss(lambda model: model._about_bent(rest))
 
     def _about_bent(self, rest: Array) -> Operators:
@@ -332,7 +349,7 @@ class SpatialModel(SupportedModel):
     def elastic_operators(self) -> Operators:
         """Operators in elastic coordinates; about the straight pipe two blocks of planar ones."""
         if self._reference is None or not self._reference.any():
-            return self._twice(self._planar.elastic_operators())
+            return self._both(lambda planar: planar.elastic_operators())
         return projected(self.operators(), self.from_elastic(np.eye(self.dof)))
 
     @property
@@ -360,15 +377,23 @@ class SpatialModel(SupportedModel):
         return not self.pipe.drag
 
     def kinks(self, p: Array, pdot: Array, drive: Array | None = None) -> Array:
-        """Functions that are zero where a place reaches the ring of a stop, (stops, k)."""
-        met = [(term.place or 0.0, max(term.kinks)) for term in self.pipe.terms if term.kinks]
+        """Functions that are zero where a place reaches a stop, (contacts, k).
+
+        Stops are rings, or flat along x and z.
+        """
+        met = [
+            (term.place or 0.0, max(term.kinks), *way)
+            for term in self.pipe.terms
+            if term.kinks
+            for way in ([(1.0, 1.0)] if term.symmetric_about_axis else np.eye(2))
+        ]
         if not met:
             return np.empty((0, p.shape[1]))
-        places, gaps = np.array(met).T
+        places, gaps, *ways = np.array(met).T
         at = self._places(p, places)[:, [0, 2]]
         if drive is not None:
             at = at + drive[[1, 7]]
-        return np.linalg.norm(at, axis=1) - gaps[:, None]
+        return np.linalg.norm(at * np.transpose(ways)[:, :, None], axis=1) - gaps[:, None]
 
     @abstractmethod
     def _places(self, p: Array, places: Array) -> Array:

@@ -880,11 +880,13 @@ def checked_model_in_motion(
     purpose: str = "",
     *,
     planar: bool = False,
+    symmetric: bool = False,
 ) -> Model:
     """The argument, refused unless it has equations of motion and at most `largest` dof.
 
     `planar`: whether models in three dimensions are refused, where their symmetry about the axis
-    makes each answer one of a circle of answers.
+    makes each answer one of a circle of answers. `symmetric`: whether those without that symmetry
+    are refused.
     """
     if not isinstance(model, Model):
         raise TypeError(
@@ -895,6 +897,12 @@ def checked_model_in_motion(
         raise ValueError(
             f"{name} must move in a plane for {purpose}, got {check.shown(model)}: take "
             "its .planar; in three dimensions ask simulate, hopf, limit_cycle and rotating_motion"
+        )
+    if symmetric and model.dimensions == 3 and not model.pipe.symmetric_about_axis:
+        raise ValueError(
+            f"{name} must be the same in all directions across its axis for {purpose}, without a "
+            f"load or jet across it and with terms alike in x and z, got {check.shown(model)}: ask "
+            "limit_cycle and simulate"
         )
     if model.dof > largest:
         many = f"{largest} degrees of freedom for {purpose}"
