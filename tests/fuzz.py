@@ -347,6 +347,8 @@ MODELS |= {
     "tapered": pp.Chain(TAPERED, 3),
     "space": pp.Chain(DRAGGED, 3, dimensions=3),
     "reduced space": pp.Galerkin(PIPE, 2, "legendre", dimensions=3),
+    "held space": pp.Chain(SPANS, 4, dimensions=3),
+    "held reduced space": pp.Galerkin(SPANS, 4, "legendre", dimensions=3),
 }
 EVERY = {**MODELS, "held": HELD}
 
@@ -798,11 +800,13 @@ def _models() -> Iterator[Target]:
         yield target(model.bent, tag, angle=FUNCTION)
         others = Kind(one_of(model.pipe), PIPES.bad) if name == "tapered" else OTHERS
         if model.dimensions == 3:
-            others = Kind(one_of(PIPE, DRAGGED, SAGGING), any_of(PIPES.bad, one_of(JET)))
+            fair = one_of(SPANS) if closed else one_of(PIPE, DRAGGED, SAGGING)
+            others = Kind(fair, any_of(PIPES.bad, one_of(JET)))
         yield target(model.with_pipe, tag, pipe=others)
         yield target(model.deflection, tag, q=complexes)
         yield target(model.from_elastic, tag, z=complexes)
-        in_plane = one_of([0.0] * n, np.repeat((0.1, 0.0), n // 2))  # z = 0
+        bent = [] if closed else [np.repeat((0.1, 0.0), n // 2)]
+        in_plane = one_of([0.0] * n, *bent)  # z = 0
         at = Kind(in_plane, q.bad) if model.dimensions == 3 else q
         yield target(model.operators, tag, q=optional(at))
         yield target(model.about, tag, q=at)

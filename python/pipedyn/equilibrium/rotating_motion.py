@@ -173,7 +173,9 @@ def _motion_at(model: Model, z: Array) -> RotatingMotion:
     q, w, u = z[:size], float(z[size]), float(z[size + 1])
     state = np.concatenate([q, w * model.quarter_turn(q)])
     turn = np.kron(np.eye(2), model.quarter_turn(np.eye(size)))
-    exponents = np.linalg.eigvals(model.motion_jacobian(state, u) - w * turn).astype(complex)
+    free = model.free_states(state)  # without changes that supports forbid
+    slopes = free.T @ (model.motion_jacobian(state, u) - w * turn) @ free
+    exponents = np.linalg.eigvals(slopes).astype(complex)
     exponents = np.delete(exponents, np.abs(exponents).argmin())
     x, y, across = model.tip(q)
     return RotatingMotion(

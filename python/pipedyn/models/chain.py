@@ -542,7 +542,7 @@ class SpatialChain(SpatialModel):
         return line
 
     def _free_ends(self, q: Array, qdot: Array) -> Array:
-        lengths = self._planar.lengths
+        lengths = self._planar._lengths_to_tip
         tangents, _ = rotations(q)
         found = np.concatenate(
             [np.einsum("j,cjk->ck", lengths, of) for of in (tangents, turning(q, qdot))]
@@ -553,9 +553,11 @@ class SpatialChain(SpatialModel):
     def _bending(self, q: Array) -> Array:
         tangents, _ = rotations(q)
         axis = np.broadcast_to([[[0.0]], [[1.0]], [[0.0]]], (3, 1, q.shape[1]))
-        before = np.concatenate([axis, tangents[:, :-1]], axis=1)
-        apart = np.linalg.norm(tangents - before, axis=0)
-        angles = 2.0 * np.arctan2(apart, np.linalg.norm(tangents + before, axis=0))
+        beyond = axis[:, : self._pipe.end_guided]
+        every = np.concatenate([axis, tangents, beyond], axis=1)
+        before, after = every[:, :-1], every[:, 1:]
+        apart = np.linalg.norm(after - before, axis=0)
+        angles = 2.0 * np.arctan2(apart, np.linalg.norm(after + before, axis=0))
         local = self._planar._relative_stiffness()[: len(angles), None]
         return np.asarray(self._planar._chain.joints[:, :1] * angles / local)
 
@@ -565,7 +567,7 @@ class SpatialChain(SpatialModel):
     def _places_by(self, p: Array, places: Array) -> Array:
         lengths = self._planar._displacing(places)[1]
         found = np.einsum("pj,dcjk->pcdjk", lengths, tangents_by(p))
-        return found.reshape(places.size, 3, self.coordinates, -1)
+        return found.reshape(places.size, 3, self.coordinates, p.shape[1])
 
     @property
     def _angle_places(self) -> Array:

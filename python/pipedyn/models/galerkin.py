@@ -571,13 +571,18 @@ class SpatialGalerkin(SpatialModel):
             slopes = self._planar._basis_at(nodes, 1)
             by = tangents_by(self._slopes_of(nodes, p))
             found.append(np.einsum("j,dcjk,ji->cdik", weights, by, slopes))
-        return np.array(found).reshape(places.size, 3, -1, p.shape[1])
+        return np.array(found).reshape(places.size, 3, self.coordinates, p.shape[1])
 
     def _centreline(self, q: ArrayLike, s: Array) -> Array:
         return self._places(self._coordinates(q)[:, None], s)[..., 0]
 
     def _free_ends(self, q: Array, qdot: Array) -> Array:
-        return np.asarray(self.core.tips(np.concatenate([q, qdot])))
+        place = self._pipe.tip_place
+        if place == 1.0:
+            return np.asarray(self.core.tips(np.concatenate([q, qdot])))
+        at = np.array([place])
+        velocity = np.einsum("pcik,ik->ck", self._places_by(q, at), qdot)
+        return np.concatenate([self._places(q, at)[0], velocity])
 
     def _bending(self, q: Array) -> Array:
         stations = self.stations

@@ -89,8 +89,9 @@ class SpatialSupports(ReducedSupports):
         The derivatives have the shape (k, 2 supports, size).
         """
         places, columns = self.model._held_places, q.shape[1]
-        found = self.model._places(q, places)[:, [0, 2]].reshape(-1, columns)
-        by = self.model._places_by(q, places)[:, [0, 2]].reshape(len(found), self.size, columns)
+        rows = 2 * places.size
+        found = self.model._places(q, places)[:, [0, 2]].reshape(rows, columns)
+        by = self.model._places_by(q, places)[:, [0, 2]].reshape(rows, self.size, columns)
         return found, by.transpose(2, 0, 1)
 
     def largest_turning(self, rates: Array) -> float:
@@ -154,11 +155,13 @@ class SpatialModel(SupportedModel):
     def _in_plane(self, q: ArrayLike) -> Array:
         """The configuration, refused unless it lies in the plane z = 0."""
         rest = self._coordinates(q)
-        if np.split(rest, 2)[1].any():
+        along, across = np.split(rest, 2)
+        if across.any():
             raise ValueError(
                 "q must lie in the plane z = 0, so that small motions in it and across it are "
                 f"apart, got {check.shown(q)}"
             )
+        self._planar._coordinates(along)  # checks that it meets supports
         return rest
 
     def __repr__(self) -> str:
