@@ -651,7 +651,7 @@ class Model(OfPipe, ABC):
         return p, rates
 
     def alike(self, y: Array, other: Array) -> Array:
-        """Another state [p, p', ...] by those of its equivalent coordinates that are nearest to y's."""
+        """Another state [p, p', ...], by the equivalent coordinates that are nearest to y's."""
         return other
 
     def free_states(self, y: Array) -> Array:

@@ -465,8 +465,22 @@ class SpatialChain(SpatialModel):
 
     The pipe has the same stiffness in all directions and does not twist: damping of a bent pipe
     causes a couple about its axis, for which its torsional stiffness is assumed to be infinite. The
-    joints' angles are those between neighbouring tangents, up to pi. At rho = pi the coordinates
-    are singular for motions across the plane.
+    joints' angles are those between neighbouring tangents, up to pi.
+
+    Supports, and an end that is pinned or clamped, hold x and z of ends of segments at 0; the pipe
+    slides along the axis. A guided or clamped end keeps the direction of the axis and lets the pipe
+    turn about it, as a swivel does. A hinged root bends in all directions, but does not let the
+    pipe turn about its own axis, like a universal joint of constant velocity. States have all 2 n
+    coordinates. Those given must meet the supports to 1e-6 and are brought onto them.
+
+    At rho = pi the coordinates are singular for motions across the plane. Segments that point
+    backwards are therefore integrated, by methods of the core, with rotation vectors from the
+    backward direction of the axis, and pass it without shorter steps. Results have the coordinates
+    above: rho is at most pi for such a segment, and where it passes straight backwards the
+    direction of its rotation vector turns quickly, so that a_x and a_z may jump from sample to
+    sample; positions do not. In a motion in the plane z = 0 angles count the turns, as those of
+    `planar` do. A segment with a `RotationalSpring`, whose energy has a kink at rho = pi, and
+    methods of scipy take shorter and shorter steps there.
 
     Small motions of the straight pipe are those of `planar`, in two planes independently, so that
     questions about its stability are answered by `planar`.
@@ -478,8 +492,8 @@ class SpatialChain(SpatialModel):
         (501, 3)
 
     Raises:
-        ValueError: for a pipe that is held beyond its root, has a jet at an angle, or a term that
-            has no equations in three dimensions here (`AddedMass`, `Stretching`).
+        ValueError: for a pipe that has a jet at an angle, or a term that has no equations in three
+            dimensions here (`AddedMass`, `Stretching`).
 
     Source: d'Alembert's principle for the velocities of a chain of inextensible, twist-free
     segments; see cpp/pipedyn/chain/space.hpp.

@@ -483,11 +483,16 @@ class SpatialGalerkin(SpatialModel):
 
     `Galerkin(pipe, m, basis, dimensions=3)` makes it.
 
-    Coordinates: amplitudes of the rotation vector of the tangent, shape (2 m,), first those of its
+    Coordinates: amplitudes of the rotation vector of the tangent, shape (2 m,) unless the pipe is
+    held across beyond its root, first those of its
     component along x, then those of the one along z; each component is sum_i q_i w_i'(s). The
     tangent, and what is assumed about the pipe, are those of `SpatialChain`; in the plane z = 0 the
     model moves as `planar` does. Where a tangent turns by more than pi the coordinates end: `rhs`
     then raises `NotResolved`, and motions stop.
+
+    A pipe may be held as one of `SpatialChain`. States then have two more coordinates for each
+    support and for an end held across, as those of `planar` have one; 2 m small amplitudes are
+    accepted as well, and a nearby state that meets the supports is found.
 
     Example:
         >>> model = pp.Galerkin(pp.Pipe(0.2), 8, "legendre", dimensions=3)

@@ -51,10 +51,11 @@ def turning(q: Array, qdot: Array) -> Array:
 
 
 def in_first_chart(q: Array, qdot: Array, signs: Array) -> tuple[Array, Array]:
-    """Rotation vectors and their rates, (k, 2 n) each, where those with signs -1, (k, n), are others.
+    """Rotation vectors and their rates, (k, 2 n) each, from those in the charts of an integrator.
 
-    Those are rotation vectors from the opposite end of the axis, as cpp/pipedyn/motion/charts.hpp
-    describes, for segments that point backwards along it. Here they point away from it by up to pi.
+    Where signs, (k, n), are -1 the given ones are rotation vectors from the backward direction of
+    the axis; see cpp/pipedyn/motion/charts.hpp. The results are those from the forward direction,
+    with angles up to pi.
     """
     (a_x, a_z), (b_x, b_z) = np.split(q, 2, axis=1), np.split(qdot, 2, axis=1)
     straight = np.hypot(a_x, a_z) == 0.0  # seen from the side that it comes from
