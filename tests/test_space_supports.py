@@ -240,10 +240,12 @@ def test_states_off_the_supports_are_refused_or_brought_there(make):
     small = 0.01 * np.ones(model.dof)
     q = model.initial_state(small, None)[: model.coordinates]
     assert model.shape(q, [0.25, 0.5])[:, [0, 2]] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_shape_that_no_small_turn_brings_to_a_support_is_refused():
+    chain = MODELS["chain"](PIPES["supports"])
     with pytest.raises(pp.NotConverged, match="no configuration close to angle meets the supports"):
-        model.bent(
-            lambda s: 0.0 * s + 0.5 * np.pi
-        )  # level, so that small turns do not move it across
+        chain.bent(lambda s: 0.0 * s + 0.5 * np.pi)  # level: turning does not move it across
 
 
 def test_held_models_in_space_are_kept_by_files_and_pickles(tmp_path):
