@@ -315,6 +315,7 @@ SAGGING = pp.Pipe(0.2, 3.0, inclination=1.0, terms=(pp.Load(1.0, (0.5, 0.2)),))
 TAPERED = pp.Pipe(0.2, stiffness=lambda s: 1.0 - 0.4 * s, mass=pp.Profile([0.5], [1.0, 1.4]))
 WET = (pp.AddedMass(0.4), pp.Viscosity(0.2), pp.Foundation(3.0), pp.Damper(0.7, 0.3))
 STRUCK = (pp.Stop(0.4, 0.05, 30.0), pp.CubicSpring(0.8, 9.0), pp.Tension(0.5))
+PROPPED = pp.Pipe(0.3, 5.0, damping=0.01, root="pinned", end="clamped", supports=(0.5,))
 SPANS = pp.Pipe(
     *(0.3, 5.0),
     damping=0.01,
@@ -347,8 +348,8 @@ MODELS |= {
     "tapered": pp.Chain(TAPERED, 3),
     "space": pp.Chain(DRAGGED, 3, dimensions=3),
     "reduced space": pp.Galerkin(PIPE, 2, "legendre", dimensions=3),
-    "held space": pp.Chain(SPANS, 4, dimensions=3),
-    "held reduced space": pp.Galerkin(SPANS, 4, "legendre", dimensions=3),
+    "held space": pp.Chain(PROPPED, 4, dimensions=3),
+    "held reduced space": pp.Galerkin(PROPPED, 4, "legendre", dimensions=3),
 }
 EVERY = {**MODELS, "held": HELD}
 
@@ -800,7 +801,7 @@ def _models() -> Iterator[Target]:
         yield target(model.bent, tag, angle=FUNCTION)
         others = Kind(one_of(model.pipe), PIPES.bad) if name == "tapered" else OTHERS
         if model.dimensions == 3:
-            fair = one_of(SPANS) if closed else one_of(PIPE, DRAGGED, SAGGING)
+            fair = one_of(PROPPED) if closed else one_of(PIPE, DRAGGED, SAGGING)
             others = Kind(fair, any_of(PIPES.bad, one_of(JET)))
         yield target(model.with_pipe, tag, pipe=others)
         yield target(model.deflection, tag, q=complexes)

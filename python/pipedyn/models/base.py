@@ -650,7 +650,7 @@ class Model(OfPipe, ABC):
         """Nearby p and rates that meet the constraints, (integrated, ...); NaN if none exist."""
         return p, rates
 
-    def alike(self, y: Array, other: Array) -> Array:
+    def _alike(self, y: Array, other: Array) -> Array:
         """Another state [p, p', ...], by the equivalent coordinates that are nearest to y's."""
         return other
 

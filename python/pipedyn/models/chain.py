@@ -529,7 +529,7 @@ class SpatialChain(SpatialModel):
     def largest_angle(self, p: NDArray[Any]) -> float:
         return float(np.hypot(*np.abs(np.split(p, 2))).max())
 
-    def alike(self, y: Array, other: Array) -> Array:
+    def _alike(self, y: Array, other: Array) -> Array:
         (at, _), (a, rates) = (
             of[: 4 * self._planar.coordinates].reshape(2, 2, -1) for of in (y, other)
         )
