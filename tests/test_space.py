@@ -177,7 +177,7 @@ def test_the_jacobian_is_the_derivative_of_the_rates(pipe):
     assert both[0] == pytest.approx(chain.rhs(0.0, y, 4.0), rel=1e-13)
     by_speed = (chain.rhs(0.0, y, 4.0 + h) - chain.rhs(0.0, y, 4.0 - h)) / (2.0 * h)
     assert both[1] == pytest.approx(by_speed, rel=1e-6, abs=1e-7 * np.abs(by_speed).max())
-    assert both[2:] == pytest.approx(found, rel=1e-13, abs=1e-13)
+    assert both[2:] == pytest.approx(found, abs=1e-14 * np.abs(found).max())
 
 
 def test_states_of_a_batch_have_the_rates_that_they_have_alone():
@@ -354,18 +354,6 @@ def test_shapes_and_velocities_are_those_of_the_segments():
     planar = chain.planar.curvatures(a[:, :1])
     in_plane = np.concatenate([a[:, 0], np.zeros(4)])
     assert chain.curvatures(chain.turned(in_plane, 1.1)[:, None]) == pytest.approx(planar)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"end": "pinned"}, "must be held at its root alone"),
-        ({"supports": (0.5,)}, "must be held at its root alone"),
-    ],
-)
-def test_pipes_without_equations_in_space_are_refused(change, message):
-    with pytest.raises(ValueError, match=message):
-        pp.Chain(pp.Pipe(0.2, **change), 4, dimensions=3)
 
 
 @pytest.mark.parametrize("dimensions", [1, 4, 2.5, "3"])

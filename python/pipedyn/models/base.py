@@ -655,8 +655,8 @@ class Model(OfPipe, ABC):
         """Nearby p and rates that meet the constraints, (integrated, ...); NaN if none exist."""
         return p, rates
 
-    def alike(self, y: Array, other: Array) -> Array:
-        """Another state [p, p', ...] by those of its equivalent coordinates that are nearest to y's."""
+    def _alike(self, y: Array, other: Array) -> Array:
+        """Another state [p, p', ...], by the equivalent coordinates that are nearest to y's."""
         return other
 
     def free_states(self, y: Array) -> Array:

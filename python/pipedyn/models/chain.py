@@ -465,8 +465,22 @@ class SpatialChain(SpatialModel):
 
     The pipe has the same stiffness in all directions and does not twist: damping of a bent pipe
     causes a couple about its axis, for which its torsional stiffness is assumed to be infinite. The
-    joints' angles are those between neighbouring tangents, up to pi. At rho = pi the coordinates
-    are singular for motions across the plane.
+    joints' angles are those between neighbouring tangents, up to pi.
+
+    Supports, and an end that is pinned or clamped, hold x and z of ends of segments at 0; the pipe
+    slides along the axis. A guided or clamped end keeps the direction of the axis and lets the pipe
+    turn about it, as a swivel does. A hinged root bends in all directions, but does not let the
+    pipe turn about its own axis, like a universal joint of constant velocity. States have all 2 n
+    coordinates. Those given must meet the supports to 1e-6 and are brought onto them.
+
+    At rho = pi the coordinates are singular for motions across the plane. Segments that point
+    backwards are therefore integrated, by methods of the core, with rotation vectors from the
+    backward direction of the axis, and pass it without shorter steps. Results have the coordinates
+    above: rho is at most pi for such a segment, and where it passes straight backwards the
+    direction of its rotation vector turns quickly, so that a_x and a_z may jump from sample to
+    sample; positions do not. In a motion in the plane z = 0 angles count the turns, as those of
+    `planar` do. A segment with a `RotationalSpring`, whose energy has a kink at rho = pi, and
+    methods of scipy take shorter and shorter steps there.
 
     Small motions of the straight pipe are those of `planar`, in two planes independently, so that
     questions about its stability are answered by `planar`. If terms have other numbers across the
@@ -480,9 +494,6 @@ class SpatialChain(SpatialModel):
         >>> motion = pp.simulate(chain, 6.0, 10.0)
         >>> motion.tip.shape
         (501, 3)
-
-    Raises:
-        ValueError: for a pipe that is held beyond its root.
 
     Source: d'Alembert's principle for the velocities of a chain of inextensible, twist-free
     segments; see cpp/pipedyn/chain/space.hpp.
@@ -518,7 +529,7 @@ class SpatialChain(SpatialModel):
     def largest_angle(self, p: NDArray[Any]) -> float:
         return float(np.hypot(*np.abs(np.split(p, 2))).max())
 
-    def alike(self, y: Array, other: Array) -> Array:
+    def _alike(self, y: Array, other: Array) -> Array:
         (at, _), (a, rates) = (
             of[: 4 * self._planar.coordinates].reshape(2, 2, -1) for of in (y, other)
         )
@@ -545,7 +556,7 @@ class SpatialChain(SpatialModel):
         return line
 
     def _free_ends(self, q: Array, qdot: Array) -> Array:
-        lengths = self._planar.lengths
+        lengths = self._planar._lengths_to_tip
         tangents, _ = rotations(q)
         found = np.concatenate(
             [np.einsum("j,cjk->ck", lengths, of) for of in (tangents, turning(q, qdot))]
@@ -556,9 +567,11 @@ class SpatialChain(SpatialModel):
     def _bending(self, q: Array) -> Array:
         tangents, _ = rotations(q)
         axis = np.broadcast_to([[[0.0]], [[1.0]], [[0.0]]], (3, 1, q.shape[1]))
-        before = np.concatenate([axis, tangents[:, :-1]], axis=1)
-        apart = np.linalg.norm(tangents - before, axis=0)
-        angles = 2.0 * np.arctan2(apart, np.linalg.norm(tangents + before, axis=0))
+        beyond = axis[:, : self._pipe.end_guided]
+        every = np.concatenate([axis, tangents, beyond], axis=1)
+        before, after = every[:, :-1], every[:, 1:]
+        apart = np.linalg.norm(after - before, axis=0)
+        angles = 2.0 * np.arctan2(apart, np.linalg.norm(after + before, axis=0))
         local = self._planar._relative_stiffness()[: len(angles), None]
         return np.asarray(self._planar._chain.joints[:, :1] * angles / local)
 
@@ -568,7 +581,7 @@ class SpatialChain(SpatialModel):
     def _places_by(self, p: Array, places: Array) -> Array:
         lengths = self._planar._displacing(places)[1]
         found = np.einsum("pj,dcjk->pcdjk", lengths, tangents_by(p))
-        return found.reshape(places.size, 3, self.coordinates, -1)
+        return found.reshape(places.size, 3, self.coordinates, p.shape[1])
 
     @property
     def _angle_places(self) -> Array:

@@ -483,11 +483,16 @@ class SpatialGalerkin(SpatialModel):
 
     `Galerkin(pipe, m, basis, dimensions=3)` makes it.
 
-    Coordinates: amplitudes of the rotation vector of the tangent, shape (2 m,), first those of its
+    Coordinates: amplitudes of the rotation vector of the tangent, shape (2 m,) unless the pipe is
+    held across beyond its root, first those of its
     component along x, then those of the one along z; each component is sum_i q_i w_i'(s). The
     tangent, and what is assumed about the pipe, are those of `SpatialChain`; in the plane z = 0 the
     model moves as `planar` does. Where a tangent turns by more than pi the coordinates end: `rhs`
     then raises `NotResolved`, and motions stop.
+
+    A pipe may be held as one of `SpatialChain`. States then have two more coordinates for each
+    support and for an end held across, as those of `planar` have one; 2 m small amplitudes are
+    accepted as well, and a nearby state that meets the supports is found.
 
     Example:
         >>> model = pp.Galerkin(pp.Pipe(0.2), 8, "legendre", dimensions=3)
@@ -571,13 +576,18 @@ class SpatialGalerkin(SpatialModel):
             slopes = self._planar._basis_at(nodes, 1)
             by = tangents_by(self._slopes_of(nodes, p))
             found.append(np.einsum("j,dcjk,ji->cdik", weights, by, slopes))
-        return np.array(found).reshape(places.size, 3, -1, p.shape[1])
+        return np.array(found).reshape(places.size, 3, self.coordinates, p.shape[1])
 
     def _centreline(self, q: ArrayLike, s: Array) -> Array:
         return self._places(self._coordinates(q)[:, None], s)[..., 0]
 
     def _free_ends(self, q: Array, qdot: Array) -> Array:
-        return np.asarray(self.core.tips(np.concatenate([q, qdot])))
+        place = self._pipe.tip_place
+        if place == 1.0:
+            return np.asarray(self.core.tips(np.concatenate([q, qdot])))
+        at = np.array([place])
+        velocity = np.einsum("pcik,ik->ck", self._places_by(q, at), qdot)
+        return np.concatenate([self._places(q, at)[0], velocity])
 
     def _bending(self, q: Array) -> Array:
         stations = self.stations

@@ -56,10 +56,11 @@ def turning(q: Array, qdot: Array) -> Array:
 
 
 def in_first_chart(q: Array, qdot: Array, signs: Array) -> tuple[Array, Array]:
-    """Rotation vectors and their rates, (k, 2 n) each, where those with signs -1, (k, n), are others.
+    """Rotation vectors and their rates, (k, 2 n) each, from those in the charts of an integrator.
 
-    Those are rotation vectors from the opposite end of the axis, as cpp/pipedyn/motion/charts.hpp
-    describes, for segments that point backwards along it. Here they point away from it by up to pi.
+    Where signs, (k, n), are -1 the given ones are rotation vectors from the backward direction of
+    the axis; see cpp/pipedyn/motion/charts.hpp. The results are those from the forward direction,
+    with angles up to pi.
     """
     (a_x, a_z), (b_x, b_z) = np.split(q, 2, axis=1), np.split(qdot, 2, axis=1)
     straight = np.hypot(a_x, a_z) == 0.0  # seen from the side that it comes from
@@ -94,8 +95,9 @@ class SpatialSupports(ReducedSupports):
         The derivatives have the shape (k, 2 supports, size).
         """
         places, columns = self.model._held_places, q.shape[1]
-        found = self.model._places(q, places)[:, [0, 2]].reshape(-1, columns)
-        by = self.model._places_by(q, places)[:, [0, 2]].reshape(len(found), self.size, columns)
+        rows = 2 * places.size
+        found = self.model._places(q, places)[:, [0, 2]].reshape(rows, columns)
+        by = self.model._places_by(q, places)[:, [0, 2]].reshape(rows, self.size, columns)
         return found, by.transpose(2, 0, 1)
 
     def largest_turning(self, rates: Array) -> float:
@@ -153,11 +155,13 @@ class SpatialModel(SupportedModel):
     def _in_plane(self, q: ArrayLike) -> Array:
         """The configuration, refused unless it lies in the plane z = 0."""
         rest = self._coordinates(q)
-        if np.split(rest, 2)[1].any():
+        along, across = np.split(rest, 2)
+        if across.any():
             raise ValueError(
                 "q must lie in the plane z = 0, so that small motions in it and across it are "
                 f"apart, got {check.shown(q)}"
             )
+        self._planar._coordinates(along)  # checks that it meets supports
         return rest
 
     @property
