@@ -510,7 +510,7 @@ class SpatialChain(SpatialModel):
     def largest_angle(self, p: NDArray[Any]) -> float:
         return float(np.hypot(*np.abs(np.split(p, 2))).max())
 
-    def _segments_to(self, tangents: Array, s: Array) -> Array:
+    def _segments_to(self, tangents: NDArray[Any], s: Array) -> NDArray[Any]:
         """Sums of the segments' vectors up to arc lengths s, (p, 3, k)."""
         planar = self._planar
         steps = planar.lengths[:, None, None] * tangents.transpose(1, 0, 2)
@@ -540,8 +540,9 @@ class SpatialChain(SpatialModel):
         local = self._planar._relative_stiffness()[: len(angles), None]
         return np.asarray(self._planar._chain.joints[:, :1] * angles / local)
 
-    def _places(self, p: Array, places: Array) -> Array:
-        return self._segments_to(rotations(p)[0], places)
+    def _places(self, p: Array, places: Array, rates: NDArray[Any] | None = None) -> NDArray[Any]:
+        along = rotations(p)[0] if rates is None else turning(p, rates)
+        return self._segments_to(along, places)
 
     @property
     def _angle_places(self) -> Array:

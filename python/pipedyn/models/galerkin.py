@@ -29,7 +29,7 @@ from pipedyn.models.base import (
 from pipedyn.models.pencil import DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.reduced_supports import FreeFunctions, ReducedSupports, orthonormal
-from pipedyn.models.space import SMALL_TURN, SpatialModel, rotations
+from pipedyn.models.space import SMALL_TURN, SpatialModel, rotations, turning
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -577,15 +577,16 @@ class SpatialGalerkin(SpatialModel):
         found = np.abs(self._slopes_of(np.linspace(0.0, 1.0, 401), p))
         return float(np.hypot(*np.split(found, 2)).max())
 
-    def _places(self, p: Array, places: Array) -> Array:
+    def _places(self, p: Array, places: Array, rates: NDArray[Any] | None = None) -> NDArray[Any]:
         planar = self._planar
         count = planar._count_for(np.abs(p).reshape(2, planar.dof, -1).sum(axis=0))
         found = []
         for place in places.tolist():
             nodes, weights = planar._rule(count, place)
-            tangents, _ = rotations(self._slopes_of(nodes, p))
-            found.append(np.einsum("j,cjk->ck", weights, tangents))
-        return np.array(found).reshape(places.size, 3, p.shape[1])
+            a = self._slopes_of(nodes, p)
+            along = rotations(a)[0] if rates is None else turning(a, self._slopes_of(nodes, rates))
+            found.append(np.einsum("j,cjk->ck", weights, along))
+        return np.array(found).reshape(places.size, 3, (p if rates is None else rates).shape[1])
 
     def _centreline(self, q: ArrayLike, s: Array) -> Array:
         return self._places(self._coordinates(q)[:, None], s)[..., 0]
