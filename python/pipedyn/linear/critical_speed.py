@@ -205,9 +205,9 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
 
     If a jet, gravity or another load acts across the straight pipe, its rest bends with the flow.
     That rest is followed to which the pipe comes as its loads, and then the flow, grow from zero:
-    it flutters, or it turns back in a fold, which counts as divergence. A pipe that sags may
-    flutter first across the plane of sag: a model in three dimensions tells, whose modes in both
-    planes are counted together, and a planar one brings the warning `FluttersAcross`. In three
+    it flutters, or it turns back in a fold, which counts as divergence. A pipe that is bent may
+    flutter first across the plane of its rest: a model in three dimensions tells, whose modes in
+    both planes are counted together, and a planar one brings the warning `FluttersAcross`. In three
     dimensions terms may also differ in x and z: the lower of the speeds in both planes is found,
     with the number of the mode in its plane.
 
@@ -231,7 +231,7 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
     """
     model = checked_model(model, across=True)
     # Not by the pipe's property, since small searches take few other calls.
-    if model._pipe.sags and model is model.planar:
+    if not model._pipe.rests_straight and model is model.planar:
         warn_of_plane(__name__)
     critical, _ = only_answer(critical_points([model], checked_end(max_speed, model)))
     return critical

@@ -543,7 +543,7 @@ class SpatialChain(SpatialModel):
         moved = np.concatenate([share * a, rates]).ravel()
         return np.concatenate([moved, other[moved.size :]])
 
-    def _segments_to(self, tangents: Array, s: Array) -> Array:
+    def _segments_to(self, tangents: NDArray[Any], s: Array) -> NDArray[Any]:
         """Sums of the segments' vectors up to arc lengths s, (p, 3, k)."""
         planar = self._planar
         steps = planar.lengths[:, None, None] * tangents.transpose(1, 0, 2)
@@ -575,8 +575,9 @@ class SpatialChain(SpatialModel):
         local = self._planar._relative_stiffness()[: len(angles), None]
         return np.asarray(self._planar._chain.joints[:, :1] * angles / local)
 
-    def _places(self, p: Array, places: Array) -> Array:
-        return self._segments_to(rotations(p)[0], places)
+    def _places(self, p: Array, places: Array, rates: NDArray[Any] | None = None) -> NDArray[Any]:
+        along = rotations(p)[0] if rates is None else turning(p, rates)
+        return self._segments_to(along, places)
 
     def _places_by(self, p: Array, places: Array) -> Array:
         lengths = self._planar._displacing(places)[1]

@@ -32,7 +32,7 @@ from pipedyn.models.reduced_supports import (
     SupportedModel,
     orthonormal,
 )
-from pipedyn.models.space import SMALL_TURN, SpatialModel, rotations, tangents_by
+from pipedyn.models.space import SMALL_TURN, SpatialModel, rotations, tangents_by, turning
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -563,12 +563,13 @@ class SpatialGalerkin(SpatialModel):
         count = planar._count_for(np.abs(p).reshape(2, planar.coordinates, -1).sum(axis=0))
         return (planar._rule(count, place) for place in places.tolist())
 
-    def _places(self, p: Array, places: Array) -> Array:
+    def _places(self, p: Array, places: Array, rates: NDArray[Any] | None = None) -> NDArray[Any]:
         found = []
         for nodes, weights in self._nodes_to(p, places):
-            tangents, _ = rotations(self._slopes_of(nodes, p))
-            found.append(np.einsum("j,cjk->ck", weights, tangents))
-        return np.array(found).reshape(places.size, 3, p.shape[1])
+            a = self._slopes_of(nodes, p)
+            along = rotations(a)[0] if rates is None else turning(a, self._slopes_of(nodes, rates))
+            found.append(np.einsum("j,cjk->ck", weights, along))
+        return np.array(found).reshape(places.size, 3, (p if rates is None else rates).shape[1])
 
     def _places_by(self, p: Array, places: Array) -> Array:
         found = []

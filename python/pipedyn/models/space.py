@@ -42,7 +42,7 @@ def rotations(q: NDArray[Any]) -> tuple[Array, Array]:
     return np.stack([share * a_x, np.cos(rho), share * a_z]), share
 
 
-def turning(q: Array, qdot: Array) -> Array:
+def turning(q: Array, qdot: NDArray[Any]) -> NDArray[Any]:
     """Rates of the tangents, shape (3, n, k), for rotation vectors and their rates, (2 n, k)."""
     (a_x, a_z), (b_x, b_z) = np.split(q, 2), np.split(qdot, 2)
     (_, cosine, _), share = rotations(q)
@@ -372,6 +372,9 @@ class SpatialModel(SupportedModel):
         return np.asarray(self._planar.stations)
 
     def _deflected(self, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
+        if self.rests_bent and not derivative:
+            found = self._places(self.resting()[:, None], s, p)
+            return found[:, [0, 2]].transpose(1, 0, 2)
         halves = np.split(p, 2)
         return np.stack([self._planar._deflected(half, s, derivative) for half in halves])
 
@@ -400,12 +403,15 @@ class SpatialModel(SupportedModel):
         return np.linalg.norm(at * np.transpose(ways)[:, :, None], axis=1) - gaps[:, None]
 
     @abstractmethod
-    def _places(self, p: Array, places: Array) -> Array:
-        """Positions on the pipe from the base, (points, 3, k), at p (coordinates, k)."""
+    def _places(self, p: Array, places: Array, rates: NDArray[Any] | None = None) -> NDArray[Any]:
+        """Positions from the base of points on the pipe, (points, 3, k), at p (coordinates, k).
+
+        If rates of p are given, (coordinates, k), the velocities; then p may be (coordinates, 1).
+        """
 
     @abstractmethod
     def _places_by(self, p: Array, places: Array) -> Array:
-        """Derivatives of these by p, (points, 3, coordinates, k)."""
+        """Derivatives of the positions by p, (points, 3, coordinates, k)."""
 
     def stop_places(self) -> tuple[Array, Array, Array]:
         """No places: contacts with rings are not looked for within the steps of an integrator."""

@@ -399,6 +399,9 @@ def mode_shapes(
 ) -> Axes:
     """Mode shapes, as transverse displacement: real part solid, imaginary part dashed.
 
+    If the modes are those of a pipe that is not the same in all directions, in three dimensions,
+    the legend tells along which of x and z each is displaced most, which is what is drawn.
+
     Args:
         modes: the modes to show.
         count: number of modes shown, in the order of `modes`, from 1 to 1000, besides later ones
@@ -426,6 +429,9 @@ def mode_shapes(
         colour = common.CURVE_STYLES[i % len(common.CURVE_STYLES)]["color"]
         look: dict[str, Any] = {"color": colour, "linewidth": 1.0 + 0.4 * (i % 3)}
         label = rf"$\lambda = {value.real:.3g} {value.imag:+.3g}\,\mathrm{{i}}${' 1/s' * view.si}"
+        if displacement.ndim == 2:  # of both directions in space the larger
+            along = int(np.abs(displacement).max(axis=1).argmax())
+            displacement, label = displacement[along], f"{label} along ${'xz'[along]}$"
         at = view.one(ARC) * s
         ax.plot(at, displacement.real, label=label, **look)
         ax.plot(at, displacement.imag, linestyle="--", **look)
