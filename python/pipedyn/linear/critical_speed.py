@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import field, replace
 from functools import cached_property, lru_cache, partial
 from itertools import pairwise
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -65,7 +65,7 @@ class NoCrossing(PipedynError):
         self.max_speed = max_speed
 
 
-@saved_as("CriticalSpeed", added=("stable_from", "gyroscopic", "vouched"))
+@saved_as("CriticalSpeed", added=("stable_from", "gyroscopic", "vouched", "across"))
 class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
     """The lowest crossing of the imaginary axis that destabilises the pipe.
 
@@ -117,8 +117,8 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
         """
         model = self.model
         if isinstance(model, Continuum):
-            model = model.frozen(self.size)
-        return neutral_shape(at_rest(model, self.speed), self.speed, self.frequency)
+            model = model.frozen(self.size // (model.dimensions - 1))
+        return neutral_shape(at_rest(model, self.speed), self.speed, self.frequency, self.across)
 
     @cached_property
     def discretisation(self) -> float | None:
@@ -133,7 +133,7 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
         if self._continuous is not None:
             return self._continuous
         try:
-            exact = _continuous_speed(self.pipe, self._max_speed)
+            exact = _continuous_speed(self.pipe, self.model.dimensions, self._max_speed)
         except NoCrossing:
             return math.inf
         return abs(self.speed - exact.speed) + self.error + exact.error
@@ -148,9 +148,9 @@ Plan: TypeAlias = Sequence[Search]
 
 
 @lru_cache
-def _continuous_speed(pipe: Pipe, max_speed: float) -> CriticalSpeed:
+def _continuous_speed(pipe: Pipe, dimensions: Literal[2, 3], max_speed: float) -> CriticalSpeed:
     """Critical speed of the continuous pipe, cached because models of several sizes need it."""
-    return critical_point(Continuum(pipe), max_speed)[0]
+    return critical_point(Continuum(pipe, dimensions), max_speed)[0]
 
 
 def crossings(model: AnyModel, max_speed: float) -> Crossings:
@@ -187,7 +187,7 @@ def crossings(model: AnyModel, max_speed: float) -> Crossings:
             holds the crossings below that speed.
         ValueError, TypeError: for arguments out of range or of a wrong type.
     """
-    model = checked_model(model, across=True)
+    model = checked_model(model)
     end = checked_end(max_speed, model)
     _, found = only_answer(stability_losses([model], end))
     return Crossings(found, end, model, unstable_at_rest(model, found))
@@ -220,9 +220,9 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
         NotConverged: for the reasons that `crossings` lists.
         ValueError, TypeError: for arguments out of range or of a wrong type.
     """
-    model = checked_model(model, across=True)
+    model = checked_model(model)
     # Not by the pipe's property, since small searches take few other calls.
-    if model._pipe.sags and model is model.planar:
+    if model._pipe.sags and model.dimensions == 2:
         warn_of_plane(__name__)
     critical, _ = only_answer(critical_points([model], checked_end(max_speed, model)))
     return critical

@@ -86,7 +86,7 @@ class Sensitivity(Result):
         return dict.fromkeys((*names, "beta"), FREQUENCY)
 
 
-@saved_as("Crossing", added=("gyroscopic", "vouched"))
+@saved_as("Crossing", added=("gyroscopic", "vouched", "across"))
 class Crossing(Result, units={"error": SPEED}):
     """A crossing of the imaginary axis by an eigenvalue or a conjugate pair.
 
@@ -119,6 +119,9 @@ class Crossing(Result, units={"error": SPEED}):
             damping makes it unstable (Kelvin, Tait and Chetaev).
         vouched: for `Continuum`, the number of lowest roots that its basis resolves and that are
             counted; None for other models, all of whose roots are counted.
+        across: of a model in three dimensions, whether the motion is across the plane in which its
+            pipe rests bent, or in it; None for other models. Modes of both planes are counted
+            apart.
     """
 
     speed: float
@@ -131,6 +134,7 @@ class Crossing(Result, units={"error": SPEED}):
     sensitivity: Sensitivity | None = field(default=None, repr=False)
     gyroscopic: bool = False
     vouched: int | None = field(default=None, repr=False)
+    across: bool | None = None
 
     @property
     def destabilising(self) -> bool:
@@ -186,7 +190,9 @@ class Crossings(ResultSequence[Crossing], units={"error": SPEED, "max_speed": SP
         return first | {"speeds": self.speeds, "kinds": kinds} | shown
 
     def _columns(self) -> dict[str, Any]:
-        names = "speed", "frequency", "kind", "mode", "unstable_before", "unstable_after", "error"
+        names = ["speed", "frequency", "kind", "mode", "unstable_before", "unstable_after", "error"]
+        if self.model.dimensions == 3:
+            names.append("across")
         return {name: [getattr(one, name) for one in self.crossings] for name in names}
 
 

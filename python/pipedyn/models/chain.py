@@ -540,6 +540,9 @@ class SpatialChain(SpatialModel):
     def _places(self, p: Array, places: Array) -> Array:
         return self._segments_to(rotations(p)[0], places)
 
+    def _aside(self, rest: Array, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
+        return self._planar._deflected(np.sinc(rest / np.pi)[:, None] * p, s, derivative)
+
     @property
     def _angle_places(self) -> Array:
         return self._planar._middles

@@ -587,6 +587,14 @@ class SpatialGalerkin(SpatialModel):
             found.append(np.einsum("j,cjk->ck", weights, tangents))
         return np.array(found).reshape(places.size, 3, p.shape[1])
 
+    def _aside(self, rest: Array, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
+        def angles(slopes: Array) -> NDArray[Any]:
+            return np.sinc(slopes @ rest / np.pi)[:, None] * (slopes @ p)
+
+        if derivative:
+            return angles(self._planar._basis_at(s, 1))
+        return self._planar._integrated(angles, rest, s)
+
     def _centreline(self, q: ArrayLike, s: Array) -> Array:
         return self._places(self._coordinates(q)[:, None], s)[..., 0]
 
@@ -631,12 +639,14 @@ class PanelPencil(Pencil):
         return self.lift.T @ self.core.times(self.lift @ x, **{part: 1.0})
 
 
-def enriched(model: Galerkin, more: int) -> Galerkin:
+def enriched(model: Any, more: int) -> Any:
     """A model with as many functions, which puts `more` additional ones on short panels.
 
     If size and `more` of two models grow, they differ on every panel of the basis but those shorter
     than 0.003, so that the distance of their answers also bounds the error of short panels.
     """
+    if model.dimensions == 3:
+        return SpatialGalerkin(enriched(model.planar, more))
     made = model.with_pipe(model.pipe)
     made._more = more
     return made
