@@ -120,11 +120,9 @@ class Eigenproblem:
         each = self.pencil.planes()
         return (self,) if len(each) == 1 else tuple(map(Eigenproblem, each))
 
-    def is_across(self, pairs: _core.Pairs) -> NDArray[np.bool_] | None:
-        """Which pairs move across the plane of a bent rest, (k,); None if all move in a plane."""
-        if len(self.planes) == 1:
-            return None
-        return np.asarray(pairs.right[self.dof // 2 :].any(axis=0))
+    def is_across(self, pairs: _core.Pairs) -> NDArray[np.bool_]:
+        """Which pairs move across the plane of a bent rest, (k,)."""
+        return np.asarray(pairs.right[self.dof // len(self.planes) :].any(axis=0))
 
     def lowest(self, u: float, count: int, left: bool = False) -> _core.Pairs:
         """The `count` eigenpairs of least |lambda|, sorted, or all of them, converged or not.

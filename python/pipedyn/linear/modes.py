@@ -455,4 +455,5 @@ def _modes(model: Model, u: float, count: int | None, searched: float) -> Modes:
         pairs = select_pairs(pairs, kept)
     shapes = _shapes(model, pairs.values, model.from_elastic(pairs.right))
     checks = pairs.residuals, pairs.converged
-    return Modes(u, pairs.values, shapes, *checks, model.dof, across=problem.is_across(pairs))
+    across = problem.is_across(pairs) if model.dimensions == 3 else None
+    return Modes(u, pairs.values, shapes, *checks, model.dof, across=across)
