@@ -131,8 +131,8 @@ class Eigenproblem:
         close to a root of the other.
         """
         if len(self.planes) > 1:
-            found = [one.lowest(u, min(count, 2 * one.dof), left) for one in self.planes]
-            return _of_both_planes(found, count)
+            each = [one.lowest(u, min(count, 2 * one.dof), left) for one in self.planes]
+            return _of_both_planes(each, count)
         spectrum = self.spectrum()
         with one_thread(self.rows):
             found = spectrum.lowest(u, count, left, high=True)
@@ -165,7 +165,7 @@ def select_pairs(pairs: _core.Pairs, which: NDArray[np.intp]) -> _core.Pairs:
 
 
 def _of_both_planes(each: list[_core.Pairs], count: int) -> _core.Pairs:
-    """The `count` lowest of the pairs of two planes, whose vectors have zeros in the other plane."""
+    """The `count` lowest of the pairs of two planes, with vectors in the coordinates of both."""
     values, residuals = (
         np.concatenate([getattr(one, name) for one in each]) for name in ("values", "residuals")
     )

@@ -552,7 +552,7 @@ def _side_by_side(each: list[RootLoci]) -> RootLoci:
     if len(each) == 1:
         return first
     count = first.modes.size
-    columns = {
+    columns: dict[str, Any] = {
         name: np.stack([getattr(one, name) for one in each], -1).reshape(-1, 2 * count)
         for name in OF_BRANCHES
     }
@@ -627,10 +627,12 @@ def _loci_of_rest(model: Model, speeds: Array, count: int) -> RootLoci:
         reason = rests.following(max(float(speeds[-1]), 1e-3), note, speeds[speeds > 0.0].tolist())
     if len(rows[0]) < speeds.size:
         raise NotConverged(lost_rest(reason, float(speeds[len(rows[0]) - 1]), float(speeds[-1])))
-    columns = (map(np.array, zip(*row, strict=True)) for row in rows)
-    return _side_by_side(
-        [RootLoci(speeds, *each, rests.plane.dof, model.pipe) for each in columns]
-    )
+    each = list[RootLoci]()
+    for row in rows:
+        values, partners, converged, errors = map(np.array, zip(*row, strict=True))
+        checks = converged, errors
+        each.append(RootLoci(speeds, values, partners, *checks, rests.plane.dof, model.pipe))
+    return _side_by_side(each)
 
 
 def _told_apart(problem: Eigenproblem, loci: RootLoci) -> RootLoci:

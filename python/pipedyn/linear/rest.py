@@ -123,7 +123,7 @@ class BranchOfRest:
         return np.concatenate([self.roots(x, u, plane) for plane in self.planes])
 
     def roots(self, x: Array, u: float, plane: int) -> Complex:
-        """Eigenvalues of motions in the plane of rest (0) or, in three dimensions, across it (1)."""
+        """Eigenvalues of motions in the plane of rest (0) or, in three dimensions, across (1)."""
         if self.model.pipe.hysteresis:  # acts on oscillation alone
             problem = eigenproblem(self.about(x)).planes[plane]
             return problem.lowest(u, 2 * problem.dof).values

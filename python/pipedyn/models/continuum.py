@@ -214,7 +214,7 @@ def checked_model(model: Any) -> AnyModel:
     asked: Any = model
     if model.dimensions == 2 or model.rests_bent or not model.pipe.rests_straight:
         return asked
-    return asked.planar  # type: ignore[no-any-return]
+    return asked.planar
 
 
 def converged_answer(
