@@ -188,6 +188,8 @@ def crossings(model: AnyModel, max_speed: float) -> Crossings:
         ValueError, TypeError: for arguments out of range or of a wrong type.
     """
     model = checked_model(model)
+    if model._pipe.sags and model.dimensions == 2:
+        warn_of_plane(__name__)
     end = checked_end(max_speed, model)
     _, found = only_answer(stability_losses([model], end))
     return Crossings(found, end, model, unstable_at_rest(model, found))
@@ -199,8 +201,9 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
     If a jet, gravity or another load acts across the straight pipe, its rest bends with the flow.
     That rest is followed to which the pipe comes as its loads, and then the flow, grow from zero:
     it flutters, or it turns back in a fold, which counts as divergence. A pipe that sags may
-    flutter first across the plane of sag: a model in three dimensions tells, whose modes in both
-    planes are counted together, and a planar one brings the warning `FluttersAcross`.
+    flutter first across the plane of sag: a model made with `dimensions=3` searches both planes,
+    and a planar one brings the warning `FluttersAcross`. Across that plane the pipe may also
+    diverge.
 
     Args:
         model: chain, reduced model or `Continuum`, up to 2,000 degrees of freedom.

@@ -27,6 +27,7 @@ from pipedyn.models.scales import scales_at
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.errors import warn_of_plane
 from pipedyn.util.parallel import batches, outcome_of, parallel
 from pipedyn.util.result import SPEED, TableResult
 
@@ -170,6 +171,9 @@ def critical_speeds(
     check.executor("executor", executor)
     check.flag("progress", progress)
     values = _checked_values(model, numbers)
+    weighed = "gamma" in values and model.pipe.down[0]
+    if model.dimensions == 2 and (model.pipe.sags or weighed):
+        warn_of_plane(__name__)
     shape = next(iter(values.values())).shape
     points = np.stack([one.ravel() for one in values.values()], axis=-1)
     least = LEAST_TASKS if executor is not None or progress else 1

@@ -17,7 +17,15 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.models.base import ANGLES, CORE_MATRICES, ROWS, Model, Operators, projected
+from pipedyn.models.base import (
+    ANGLES,
+    COMPLEX_STEP,
+    CORE_MATRICES,
+    ROWS,
+    Model,
+    Operators,
+    projected,
+)
 from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.check import Array
@@ -160,10 +168,11 @@ class SpatialModel(Model):
         """Operators about a configuration that is bent in the plane z = 0.
 
         Across the plane, the mass matrix follows from the kinetic energy, which is quadratic in the
-        rates, and the other matrices from derivatives of accelerations at two speeds, which are
-        quadratic in the speed; their derivative by the unsteady flow from one at its rate 1. These
-        are accelerations of a pipe with a large rotary inertia, which changes no other force: its
-        mass matrix is so well conditioned that little is lost by rounding.
+        rates, and the other matrices from accelerations at two flow speeds, in which they are
+        quadratic, and of a flow that changes. These are odd in the displacements and rates across
+        the plane, so that tiny ones give derivatives, and those of a pipe with a large rotary
+        inertia, which changes no other force: its mass matrix is so well conditioned that little
+        is lost by rounding.
         """
         half, pipe = self._planar.dof, self._pipe
         turning = self.with_pipe(replace(pipe, rotary_inertia=1.0))
@@ -171,15 +180,16 @@ class SpatialModel(Model):
 
         planar = self._planar.operators(rest[:half])
 
-        def forces(u: float, drive: Array | None = None) -> tuple[Array, Array]:
-            """Stiffness and damping across the plane at a flow speed."""
-            whole = turning.motion_jacobian(np.append(rest, 0.0 * rest), u, drive)
-            rows = -inertia @ whole[3 * half :]
-            return rows[:, half : 2 * half], rows[:, 3 * half :]
-
-        (stiffness, damping), (faster, flowing) = forces(0.0), forces(1.0)
+        # Columns: small a_z and a_z' without flow, with a flow of speed 1, and a_z where it changes.
+        y = np.tile(np.append(rest, 0.0 * rest)[:, None], 5 * half)
+        both = np.split(np.arange(half, 5 * half), 4)[::2]
+        y[np.concatenate([*both, *both, both[0]]), np.arange(5 * half)] = COMPLEX_STEP
+        u, drive = np.repeat([0.0, 0.0, 1.0, 1.0, 0.0], half), np.zeros((ROWS, 5 * half))
+        drive[0, 4 * half :] = 1.0
+        slopes = turning.motion_rates(y, u, drive)[3 * half :] / COMPLEX_STEP
+        parts = np.split(-inertia @ slopes, 5, axis=1)
+        stiffness, damping, faster, flowing, pushed = parts
         flux = faster - stiffness
-        pushed, _ = forces(0.0, np.eye(ROWS)[0])
         velocity = pipe.direction * (flowing - damping)
         gyroscopic = 0.5 * (velocity - velocity.T)
         across = {
