@@ -211,7 +211,8 @@ def relevant(
             `trade`.
         tolerance: relative change up to which an effect is negligible, in [1e-8, 1].
         **conditions: conditions of the quantity: max_speed, count, speeds, duration, ..., and
-            dimensions=3 for small motions across the plane of a bent rest as well; with units="si" speeds, `u` too, are in m/s and a duration in s.
+            dimensions=3 for small motions across the plane of a bent rest as well; with
+            units="si" speeds, `u` too, are in m/s and a duration in s.
 
     Returns:
         Relevance.

@@ -271,7 +271,9 @@ class Frequencies(_Eigenvalues):
         """The eigenvalues, shape (2 count,); raises NotConverged if all lie in the cluster."""
         # Roots of equal magnitude may swap at the end of the list, so two more are computed.
         most = 2 * checked_model(model).dof
-        found = np.tile(eigenvalues(model, self.u, min(2 * self.count + 2, most)), self.twice(model))
+        found = np.tile(
+            eigenvalues(model, self.u, min(2 * self.count + 2, most)), self.twice(model)
+        )
         found = found[np.argsort(np.abs(found), kind="stable")]
         answer = Answer(found[: 2 * self.count], damping=model.pipe.damping, candidates=found)
         if not self.compared(answer).any():

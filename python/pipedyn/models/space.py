@@ -180,7 +180,7 @@ class SpatialModel(Model):
 
         planar = self._planar.operators(rest[:half])
 
-        # Columns: small a_z and a_z' without flow, with a flow of speed 1, and a_z where it changes.
+        # Columns: a_z and a_z' without flow, both with a flow of speed 1, a_z where that changes.
         y = np.tile(np.append(rest, 0.0 * rest)[:, None], 5 * half)
         both = np.split(np.arange(half, 5 * half), 4)[::2]
         y[np.concatenate([*both, *both, both[0]]), np.arange(5 * half)] = COMPLEX_STEP
