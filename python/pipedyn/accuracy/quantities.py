@@ -270,11 +270,10 @@ class Frequencies(_Eigenvalues):
     def answer(self, model: Model) -> Answer:
         """The eigenvalues, shape (2 count,); raises NotConverged if all lie in the cluster."""
         # Roots of equal magnitude may swap at the end of the list, so two more are computed.
-        most = 2 * checked_model(model).dof
-        found = np.tile(
-            eigenvalues(model, self.u, min(2 * self.count + 2, most)), self.twice(model)
-        )
-        found = found[np.argsort(np.abs(found), kind="stable")]
+        twice = self.twice(model)
+        found = eigenvalues(model, self.u, min(2 * self.count + 2, 2 * model.dof // twice))
+        if twice > 1:
+            found = np.tile(found, 2)[np.argsort(np.abs(np.tile(found, 2)), kind="stable")]
         answer = Answer(found[: 2 * self.count], damping=model.pipe.damping, candidates=found)
         if not self.compared(answer).any():
             reason = f"no eigenvalue at u = {self.u:g} lies below those that cluster at -1 / delta"
