@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pipedyn.continuation.arclength import DenseProblem, Segment
 from pipedyn.continuation.tracer import TestFunction, special_points
 from pipedyn.linear.neutral import beyond_rounding, rounding
-from pipedyn.linear.rest import SHORTER_STEPS, BranchOfRest, lost_rest
+from pipedyn.linear.rest import SAME_REST, SHORTER_STEPS, BranchOfRest, lost_rest
 from pipedyn.linear.sensitivity import (
     LEAST_BETA,
     Crossing,
@@ -40,6 +40,8 @@ CENTRAL: tuple[tuple[int, float], ...] = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3)
 ONE_SIDED = ((0, -25 / 12), (1, 4.0), (2, -3.0), (3, 4 / 3), (4, -1 / 4))
 """Weights of values at whole steps in first derivatives of fourth order."""
 
+
+TOO_NEAR = "another branch of rests meets it, or is too near to be told apart"
 
 ACROSS = " across"
 """End of the names of crossings whose motions are across the plane of rest."""
@@ -204,11 +206,15 @@ class SearchOfRest:
             NotConverged: if the rest is lost before the end of the search, with the crossings below
                 that speed.
         """
+        speeds = list[float]()
         for share in SHORTER_STEPS:
             self.found, self.roots, self.reached = [], [], 0.0
             reason = self.rests.following(self.max_speed, self._note, share=share)
             flutters = all(one.crossing.kind == "flutter" for one in self.found)
             if flutters and reason in ("range", "found"):
+                break
+            last, speeds = speeds, [one.crossing.speed for one in self.found]
+            if len(last) == len(speeds) > 0 and np.allclose(last, speeds, rtol=0.0, atol=SAME_REST):
                 break
         if reason not in ("range", "found"):
             known = tuple(one.crossing for one in self.found)
@@ -249,12 +255,14 @@ class SearchOfRest:
             if turns and before > turns[0]:
                 break
             if name == "divergence" and self.rests.rms(end.x - self.rests.resting) > 1e-9:
-                return "another branch of rests meets it, or is too near to be told apart"
+                return TOO_NEAR
             plane = int(name.endswith(ACROSS))
             change = tests[plane].positive(beyond) - tests[plane].positive(before)
             counts = count, count + change
             if name == "fold":  # where a real root passes 0
                 ahead = growing(max(before - 1e-3 * ds, 0.0))
+                if ahead != count:  # on another branch, to which the step has led
+                    return TOO_NEAR
                 counts = ahead, max(growing(ds), ahead + 1)
             count = counts[1]
             self.found.append(self._crossing(step, before, beyond, name, counts, plane))
