@@ -168,7 +168,7 @@ class Quantity(ABC):
 # ------------------------------------------------------------------------------- linear questions
 
 
-@saved_as("CriticalSpeedOf")
+@saved_as("CriticalSpeedOf", added=("dimensions",))
 @dataclass(frozen=True)
 class CriticalSpeedOf(Quantity):
     """The critical speed u_c; the error is infinite if the kind of instability is wrong."""
@@ -247,7 +247,7 @@ class _Eigenvalues(Quantity):
         return replace(found.value, error=max(found.error, LEAST_REFERENCE_ERROR), source=source)
 
 
-@saved_as("Frequencies")
+@saved_as("Frequencies", added=("dimensions",))
 @dataclass(frozen=True)
 class Frequencies(_Eigenvalues):
     """The eigenvalues of the lowest modes at one flow speed.
@@ -281,7 +281,7 @@ class Frequencies(_Eigenvalues):
         return answer
 
 
-@saved_as("RootLociOver")
+@saved_as("RootLociOver", added=("dimensions",))
 @dataclass(frozen=True)
 class RootLociOver(_Eigenvalues):
     """Branches of eigenvalues over increasing flow speeds, (S,); their largest error counts.

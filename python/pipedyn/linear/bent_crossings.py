@@ -25,6 +25,7 @@ from pipedyn.linear.sensitivity import (
     Crossing,
     Derivatives,
     Sensitivity,
+    of_each,
 )
 from pipedyn.models.base import Model
 from pipedyn.models.pipe import OWN_NUMBERS, Pipe
@@ -33,6 +34,7 @@ from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
 
 STEPS_OF_NUMBERS = {"beta": 1e-3, "gamma": 1e-2, "damping": 1e-4, "alpha": 1e-2, "hysteresis": 1e-3}
+STEPS_OF_NUMBERS |= {"rotary_inertia": 1e-5}
 """Steps of differences of fourth order by a pipe's numbers, in units of 1 plus the size of gamma
 and 1 of the others: roots then move by some 1e-3 of their size, whose fourth power is rounding."""
 
@@ -43,7 +45,7 @@ ONE_SIDED = ((0, -25 / 12), (1, 4.0), (2, -3.0), (3, 4 / 3), (4, -1 / 4))
 
 TOO_NEAR = "another branch of rests meets it, or is too near to be told apart"
 
-ACROSS = " across"
+OUT_OF_PLANE = " across"
 """End of the names of crossings whose motions are across the plane of rest."""
 
 
@@ -206,15 +208,16 @@ class SearchOfRest:
             NotConverged: if the rest is lost before the end of the search, with the crossings below
                 that speed.
         """
-        speeds = list[float]()
+        speeds = np.zeros(0)
         for share in SHORTER_STEPS:
             self.found, self.roots, self.reached = [], [], 0.0
             reason = self.rests.following(self.max_speed, self._note, share=share)
             flutters = all(one.crossing.kind == "flutter" for one in self.found)
             if flutters and reason in ("range", "found"):
                 break
-            last, speeds = speeds, [one.crossing.speed for one in self.found]
-            if len(last) == len(speeds) > 0 and np.allclose(last, speeds, rtol=0.0, atol=SAME_REST):
+            longer, speeds = speeds, of_each((one.crossing for one in self.found), "speed")
+            same = longer.size == speeds.size > 0
+            if same and np.abs(longer - speeds).max() < SAME_REST:
                 break
         if reason not in ("range", "found"):
             known = tuple(one.crossing for one in self.found)
@@ -256,7 +259,7 @@ class SearchOfRest:
                 break
             if name == "divergence" and self.rests.rms(end.x - self.rests.resting) > 1e-9:
                 return TOO_NEAR
-            plane = int(name.endswith(ACROSS))
+            plane = int(name.endswith(OUT_OF_PLANE))
             change = tests[plane].positive(beyond) - tests[plane].positive(before)
             counts = count, count + change
             if name == "fold":  # where a real root passes 0
@@ -280,7 +283,7 @@ class SearchOfRest:
 
         def kind(before: float, beyond: float) -> str:
             flutters = (growth.positive(beyond) - growth.positive(before)) % 2 == 0
-            return ("flutter" if flutters else "divergence") + ACROSS * plane
+            return ("flutter" if flutters else "divergence") + OUT_OF_PLANE * plane
 
         growth = TestFunction(
             step,

@@ -131,8 +131,9 @@ class Measurement:
         ValueError, TypeError: for arguments out of range or of a wrong type.
 
     Example:
-        >>> pp.Measurement("frequency", 2.31, 0.02)
-        Measurement(quantity='frequency', value=2.31, uncertainty=0.02, speed=0.0, mode=1)
+        >>> first = pp.Measurement("frequency", 2.31, 0.02)
+        >>> first.speed, first.mode, first.across
+        (0.0, 1, False)
     """
 
     quantity: MeasuredQuantity

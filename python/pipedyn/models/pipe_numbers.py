@@ -16,7 +16,7 @@ from pipedyn.models.supports import RootSpring
 from pipedyn.util import check
 from pipedyn.util.result import SPEED, Unit
 
-DERIVED = [name for name, one in vars(Pipe).items() if isinstance(one, cached_property)]
+CACHED = [name for name, one in vars(Pipe).items() if isinstance(one, cached_property)]
 """Attributes of a pipe that follow from its numbers."""
 
 
@@ -47,7 +47,7 @@ class PipeNumber:
             changed = object.__new__(Pipe)  # a third of the time of `replace`
             given = vars(changed)
             given.update(vars(pipe))
-            for name in DERIVED:
+            for name in CACHED:
                 given.pop(name, None)
             given[self.attribute] = value
             changed.__post_init__()
