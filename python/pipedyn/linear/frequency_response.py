@@ -83,7 +83,7 @@ class Resonance(Result, units={"width": FREQUENCY}):
     width: float
 
 
-@saved_as("FrequencyResponse")
+@saved_as("FrequencyResponse", added=("direction",))
 class FrequencyResponse(TableResult):
     """Complex amplitude of a displacement per unit amplitude of the input.
 
@@ -104,6 +104,7 @@ class FrequencyResponse(TableResult):
         error: for `Continuum`, the largest change of the response from the basis before the last,
             relative to the response, less the change explained by a shift of the poles by 1e-11 of
             their size; 0 for other models.
+        direction: direction of the load or motion, and of the response, "x" or "z".
 
     Example:
         >>> found = pp.frequency_response(pp.Galerkin(pp.Pipe(0.2), 6), 4.0)
@@ -122,6 +123,7 @@ class FrequencyResponse(TableResult):
     model: AnyModel
     size: int
     error: float
+    direction: Literal["x", "z"] = "x"
 
     def _columns(self) -> dict[str, Any]:
         return {
@@ -138,6 +140,7 @@ def frequency_response(
     *,
     input: Input = "base",
     output: Literal["tip"] | float = "tip",
+    direction: Literal["x", "z"] = "x",
     tolerance: float = 1e-3,
 ) -> FrequencyResponse:
     """Displacement of a place per unit harmonic force, moment or motion of the base.
@@ -159,6 +162,9 @@ def frequency_response(
         output: arc length in L of the place whose transverse displacement is computed; "tip" is the
             free end, or `Pipe.tip_place` if that is held. If the base moves, the displacement is
             relative to the base.
+        direction: direction of the load or of the base's motion, and of the displacement: "x", or
+            for a model in three dimensions "z". If its pipe rests bent, that is across the plane of
+            rest; a small load in one of the two directions causes no displacement in the other.
         tolerance: error of the lines between chosen frequencies, relative to |response| at the
             larger of their ends, in [1e-6, 0.1].
 
@@ -177,7 +183,13 @@ def frequency_response(
         >>> complex(found.response[0].round(6))
         (0.435537-0.580465j)
     """
-    model = checked_model(model)
+    checked = checked_model(model)
+    if check.choice("direction", direction, ("x", "z")) == "z" and model.dimensions == 2:
+        raise ValueError(
+            f"direction must be 'x' for a model that moves in a plane, got {direction!r}; take "
+            "dimensions=3"
+        )
+    model = checked
     u = steady_speed("u", u, high=largest_speed(model))
     tolerance = check.real("tolerance", tolerance, low=1e-6, high=0.1)
     driven, place = checked_input(input), checked_output(output, model.pipe.tip_place)
@@ -198,7 +210,8 @@ def frequency_response(
         given = check.array("frequencies", frequencies, low=0.0, high=HIGHEST, longest=100_000)
         low, high = float(given.min()), float(given.max())
     asked = at_rest(_with_joint(model, driven), u)
-    poles, one, stable = _poles(asked, u, high)
+    across = direction == "z" and model.dimensions == 3
+    poles, one, stable = _poles(asked, u, high, across)
     if high == math.inf:
         turning = np.sort(poles.imag[poles.imag > 0.0])
         if turning.size == 0:
@@ -206,7 +219,7 @@ def frequency_response(
         high = 1.2 * float(turning[:RESONANCES][-1])
 
     def ask(one: Model) -> _Response:
-        return _Response(at_rest(one, u), u=u, input=driven, output=place)
+        return _Response(at_rest(one, u), u=u, input=driven, output=place, across=across)
 
     first = ask(one)
     with one_thread(first.rows):
@@ -226,7 +239,7 @@ def frequency_response(
         question,
         lambda a, b: _response_change(at, poles, a[1], b[1]),
         tolerance=1e-8,
-        smallest=one.dof,
+        smallest=one.dof // (one.dimensions - 1),
     )
     response, values = answer.value
     with one_thread(response.rows):
@@ -251,6 +264,7 @@ def frequency_response(
         model=model,
         size=answer.size,
         error=answer.error,
+        direction=direction,
     )
 
 
@@ -305,20 +319,27 @@ class _Response:
     """Response of one model at any frequencies, in elastic coordinates.
 
     The load is f(omega) = sum over j of (i omega)^j times column j of `loads`, (dof, 3). The
-    equations are solved in a basis, which spans all coordinates of a small model.
+    equations are solved in a basis, which spans all coordinates of a small model. In three
+    dimensions they are those of one plane, in which the load acts: of rest, or `across` it.
     """
 
-    def __init__(self, model: Model, u: float, input: Input, output: float) -> None:
-        self.model, self.pencil, self.u = model, model.pencil(), u
-        self.rows = 1 if self.pencil.is_long else self.pencil.dof
-        self.loads = np.zeros((model.dof, 3))
+    def __init__(
+        self, model: Model, u: float, input: Input, output: float, across: bool = False
+    ) -> None:
+        self.model, self.pencil, self.u = model, model.pencil().planes()[across], u
+        self.dof = self.pencil.dof
+        self.rows = 1 if self.pencil.is_long else self.dof
+        own = slice(across * self.dof, (1 + across) * self.dof)  # elastic coordinates of the plane
+        self.loads = np.zeros((self.dof, 3))
         if isinstance(input, str):
-            self.loads = _base_loads(model, u)
+            self.loads = _base_loads(model, u, across)[own]
         else:
             kind, place = input
-            self.loads[:, 0] = _displacement(model, float(place), int(kind == "moment"))
-        self.output = _displacement(model, output)
-        self._vectors = np.eye(model.dof, model.dof if model.dof <= LARGEST_DIRECT else 0)
+            self.loads[:, 0] = _displacement(model, float(place), across, int(kind == "moment"))[
+                own
+            ]
+        self.output = _displacement(model, output, across)[own]
+        self._vectors = np.eye(self.dof, self.dof if self.dof <= LARGEST_DIRECT else 0)
         self._products = self.products(self._vectors)
 
     def __call__(self, at: Array) -> Complex:
@@ -328,7 +349,7 @@ class _Response:
         while True:
             small = tuple(self._vectors.T @ product for product in self._products)
             x = _solutions(small, self._vectors.T @ self.loads, at)
-            if self._vectors.shape[1] == self.model.dof:
+            if self._vectors.shape[1] == self.dof:
                 break
             finite = np.where(np.isinf(x), 0.0, x)
             missed = loads - sum(
@@ -363,7 +384,7 @@ class _Response:
 
     @cached_property
     def _matrices(self) -> tuple[Array, ...]:
-        return self.products(np.eye(self.model.dof))
+        return self.products(np.eye(self.dof))
 
     def products(self, x: NDArray[Any]) -> tuple[NDArray[Any], ...]:
         """Products of K, C and M with the columns of x, (dof, k): three arrays of that shape."""
@@ -453,21 +474,25 @@ def harmonic_solution(model: Model, u: float, omega: float, numbers: Complex) ->
     return np.asarray(model.from_elastic(found), dtype=np.complex128)
 
 
-def _displacement(model: Model, s: float, derivative: int = 0) -> Array:
-    """Row of the displacement at s, or of its slope, in elastic coordinates, shape (dof,)."""
+def _displacement(model: Model, s: float, across: bool, derivative: int = 0) -> Array:
+    """Row of the displacement at s, or of its slope, in elastic coordinates, shape (dof,).
+
+    The displacement is along x, or `across` the plane of rest along z.
+    """
     of_elastic = np.asarray(model.from_elastic(np.eye(model.dof)))
-    return model.deflection(of_elastic, [s], derivative)[0]
+    found = model.deflection(of_elastic, [s], derivative)
+    return found.reshape(-1, model.dof)[int(across)]
 
 
-def _base_loads(model: Model, u: float) -> Array:
-    """Loads by position, velocity and acceleration of the base across the pipe, (dof, 3).
+def _base_loads(model: Model, u: float, across: bool) -> Array:
+    """Loads by position, velocity and acceleration of the base along x, or along z, (dof, 3).
 
     The equations of motion at rest are linear in these. All resistance and stiffness fixed to the
     ground acts on the position and velocity of the base, and all mass on its acceleration.
     """
     model.require_base()
     drives = np.zeros((ROWS, 3))
-    drives[[1, 3, 5], [0, 1, 2]] = 1.0
+    drives[[7, 8, 9] if across else [1, 3, 5], [0, 1, 2]] = 1.0
     return _drive_loads(model, u, drives)
 
 
@@ -492,10 +517,11 @@ def _drive_loads(model: Model, u: float, drives: Array) -> Array:
 # --------------------------------------------------------------------- frequencies that suffice
 
 
-def _poles(model: AnyModel, u: float, high: float) -> tuple[Complex, Model, bool]:
+def _poles(model: AnyModel, u: float, high: float, across: bool) -> tuple[Complex, Model, bool]:
     """Eigenvalues in the upper half plane up to beyond a frequency, their model, and stability.
 
-    The last value returned says whether no eigenvalue has a positive real part.
+    In three dimensions they are those of motions in the plane of rest, or `across` it. The last
+    value returned says whether no eigenvalue of either has a positive real part.
     """
     one, count, largest = model, 4 * RESONANCES + 4, 0
     if isinstance(model, Continuum):
@@ -508,16 +534,17 @@ def _poles(model: AnyModel, u: float, high: float) -> tuple[Complex, Model, bool
         most = 2 * one.resolved_modes
         found = roots_and_shapes(one, u, min(count, most))
         values = found.eigenvalues[found.converged]
-        turning = np.unique(np.abs(values[values.imag > 0.0]))
+        own = values if found.across is None else values[found.across[found.converged] == across]
+        turning = np.unique(np.abs(own[own.imag > 0.0]))
         if turning.size > RESONANCES if high == math.inf else (turning > 1.5 * high).any():
             break
         if count >= most:
-            if not isinstance(model, Continuum) or one.dof >= largest:
+            if not isinstance(model, Continuum) or one.dof >= largest * (one.dimensions - 1):
                 break
-            one = model.frozen(2 * one.dof)
+            one = model.frozen(2 * one.dof // (one.dimensions - 1))
         count *= 2
     stable = not grows(values).any()
-    return values[values.imag >= 0.0], one, stable
+    return own[own.imag >= 0.0], one, stable
 
 
 def _grid(response: _Response, poles: Complex, low: float, high: float, most: float) -> Array:

@@ -575,14 +575,16 @@ class SpatialChain(SpatialModel):
         local = self._planar._relative_stiffness()[: len(angles), None]
         return np.asarray(self._planar._chain.joints[:, :1] * angles / local)
 
-    def _places(self, p: Array, places: Array, rates: NDArray[Any] | None = None) -> NDArray[Any]:
-        along = rotations(p)[0] if rates is None else turning(p, rates)
-        return self._segments_to(along, places)
+    def _places(self, p: Array, places: Array) -> Array:
+        return self._segments_to(rotations(p)[0], places)
 
     def _places_by(self, p: Array, places: Array) -> Array:
         lengths = self._planar._displacing(places)[1]
         found = np.einsum("pj,dcjk->pcdjk", lengths, tangents_by(p))
         return found.reshape(places.size, 3, self.coordinates, p.shape[1])
+
+    def _aside(self, rest: Array, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
+        return self._planar._deflected(np.sinc(rest / np.pi)[:, None] * p, s, derivative)
 
     @property
     def _angle_places(self) -> Array:

@@ -32,7 +32,7 @@ from pipedyn.models.reduced_supports import (
     SupportedModel,
     orthonormal,
 )
-from pipedyn.models.space import SMALL_TURN, SpatialModel, rotations, tangents_by, turning
+from pipedyn.models.space import SMALL_TURN, SpatialModel, rotations, tangents_by
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -563,13 +563,12 @@ class SpatialGalerkin(SpatialModel):
         count = planar._count_for(np.abs(p).reshape(2, planar.coordinates, -1).sum(axis=0))
         return (planar._rule(count, place) for place in places.tolist())
 
-    def _places(self, p: Array, places: Array, rates: NDArray[Any] | None = None) -> NDArray[Any]:
+    def _places(self, p: Array, places: Array) -> Array:
         found = []
         for nodes, weights in self._nodes_to(p, places):
-            a = self._slopes_of(nodes, p)
-            along = rotations(a)[0] if rates is None else turning(a, self._slopes_of(nodes, rates))
-            found.append(np.einsum("j,cjk->ck", weights, along))
-        return np.array(found).reshape(places.size, 3, (p if rates is None else rates).shape[1])
+            tangents, _ = rotations(self._slopes_of(nodes, p))
+            found.append(np.einsum("j,cjk->ck", weights, tangents))
+        return np.array(found).reshape(places.size, 3, p.shape[1])
 
     def _places_by(self, p: Array, places: Array) -> Array:
         found = []
@@ -578,6 +577,14 @@ class SpatialGalerkin(SpatialModel):
             by = tangents_by(self._slopes_of(nodes, p))
             found.append(np.einsum("j,dcjk,ji->cdik", weights, by, slopes))
         return np.array(found).reshape(places.size, 3, self.coordinates, p.shape[1])
+
+    def _aside(self, rest: Array, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
+        def angles(slopes: Array) -> NDArray[Any]:
+            return np.sinc(slopes @ rest / np.pi)[:, None] * (slopes @ p)
+
+        if derivative:
+            return angles(self._planar._basis_at(s, 1))
+        return self._planar._integrated(angles, rest, s)
 
     def _centreline(self, q: ArrayLike, s: Array) -> Array:
         return self._places(self._coordinates(q)[:, None], s)[..., 0]
@@ -628,12 +635,14 @@ class PanelPencil(Pencil):
         return self.lift.T @ self.core.times(self.lift @ x, **{part: 1.0})
 
 
-def enriched(model: Galerkin, more: int) -> Galerkin:
+def enriched(model: Any, more: int) -> Any:
     """A model with as many functions, which puts `more` additional ones on short panels.
 
     If size and `more` of two models grow, they differ on every panel of the basis but those shorter
     than 0.003, so that the distance of their answers also bounds the error of short panels.
     """
+    if model.dimensions == 3:
+        return SpatialGalerkin(enriched(model.planar, more))
     made = model.with_pipe(model.pipe)
     made._more = more
     return made
