@@ -16,9 +16,9 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.models.base import ANGLES, CORE_MATRICES, ROWS, Operators, projected
+from pipedyn.models.base import ANGLES, CORE_MATRICES, ROWS, Model, Operators, projected
 from pipedyn.models.pipe import Pipe
-from pipedyn.models.reduced_supports import ReducedSupports, SupportedModel
+from pipedyn.models.reduced_supports import MeetsSupports, ReducedSupports
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
@@ -99,7 +99,7 @@ class SpatialSupports(ReducedSupports):
         return self.model.largest_angle(rates)
 
 
-class SpatialModel(SupportedModel):
+class SpatialModel(MeetsSupports, Model):
     """A model that moves in three dimensions; its planar model has the same numbers.
 
     Coordinates: those of the planar model in the plane of x, then those in the plane of z.
