@@ -432,22 +432,23 @@ def _plan(model: AnyModel, max_speed: float, until_unstable: bool) -> Plan:
     return plan
 
 
-def _in_planes(planes: Sequence[Model], max_speed: float, until_unstable: bool) -> Search:
+def _in_planes(planes: Sequence[AnyModel], max_speed: float, until_unstable: bool) -> Search:
     """The search for crossings of a straight pipe with different motions in two planes."""
 
     def job(sensitive: bool) -> Found:
         answers = stability_losses(planes, max_speed, until_unstable, sensitive=sensitive)
-        each = [only_answer([one])[1] for one in answers]
+        points, each = zip(*(only_answer([one]) for one in answers), strict=True)
         counts = [unstable_at_rest(*one) for one in zip(planes, each, strict=True)]
         merged = []
         for i, one in sorted(
             ((i, one) for i, found in enumerate(each) for one in found), key=lambda of: of[1].speed
         ):
             before, counts[i] = sum(counts), one.unstable_after
-            merged.append(replace(one, unstable_before=before, unstable_after=sum(counts)))
+            changed: dict[str, Any] = {"unstable_before": before, "unstable_after": sum(counts)}
+            merged.append(replace(one, across=i == 1, **changed))
             if until_unstable and one.destabilising:
                 break
-        return Converged(tuple(merged), sum(plane.dof for plane in planes), 0.0)
+        return Converged(tuple(merged), sum(point.size for point in points if point), 0.0)
 
     return job
 

@@ -101,6 +101,13 @@ class Continuum(OfPipe):
         """The continuous pipe that moves in the plane z = 0."""
         return self if self._dimensions == 2 else Continuum(self._pipe)
 
+    @property
+    def planes(self) -> tuple[Continuum, ...]:
+        """The continuous pipes of the planes z = 0 and x = 0; empty if it is planar or bent."""
+        if self._dimensions == 2 or not self._pipe.rests_straight:
+            return ()
+        return self.planar, Continuum(self._pipe.across())
+
     def with_pipe(self, pipe: Pipe) -> Continuum:
         """A `Continuum` with another pipe; raises the errors of `Continuum`."""
         return Continuum(pipe, self._dimensions)

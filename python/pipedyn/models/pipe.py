@@ -7,7 +7,7 @@ import inspect
 import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from typing import Any, Literal
 
@@ -651,6 +651,10 @@ class Pipe(Saved):
     def symmetric_about_axis(self) -> bool:
         """Whether the pipe is the same in all directions across its straight axis, as at rest."""
         return self.rests_straight and all(term.symmetric_about_axis for term in self.terms)
+
+    def across(self) -> Pipe:
+        """The pipe whose terms have along x the numbers that those of this one have along z."""
+        return replace(self, terms=tuple(term.across() for term in self.terms))
 
     @cached_property
     def axial_loads(self) -> tuple[float, float]:

@@ -277,8 +277,7 @@ class SpatialModel(MeetsSupports, Model):
     @cached_property
     def _across(self) -> Any:
         """The planar model of motions in the plane x = 0, where terms may have other numbers."""
-        terms = tuple(term.across() for term in self._pipe.terms)
-        return self._planar.with_pipe(replace(self._pipe, terms=terms))
+        return self._planar.with_pipe(self._pipe.across())
 
     @property
     def planes(self) -> tuple[Any, ...]:
