@@ -155,14 +155,6 @@ def vectors(
         right, left = inverse @ right, inverse.conj().T @ left
         right, left = right / np.linalg.norm(right), left / np.linalg.norm(left)
     value = complex(right.conj() @ (scaled @ right))
-    # Where two planes are alike to first order, there is another eigenvector.
-
-    def others(x: Complex) -> Complex:
-        return x - right * (left.conj() @ x) / (left.conj() @ right)
-
-    apart = others(start[::-1])
-    if frequency * np.linalg.norm(others(inverse @ apart)) > 1e9 * np.linalg.norm(apart):
-        raise NoHopf("two pairs are the same at the onset, as in two planes that are alike")
     # Where two pairs meet, rounding puts two eigenvalues about i omega, and the iteration does not
     # converge; or p and q are orthogonal up to the square root of rounding.
     meets = abs(complex(left.conj() @ right)) < 3e-5
@@ -177,6 +169,14 @@ def vectors(
             )
     if meets:
         raise NoHopf("two pairs meet on the axis at the onset")
+    # Where two planes are alike to first order, there is another eigenvector.
+
+    def others(x: Complex) -> Complex:
+        return x - right * (left.conj() @ x) / (left.conj() @ right)
+
+    apart = others(start[::-1])
+    if frequency * np.linalg.norm(others(inverse @ apart)) > 1e9 * np.linalg.norm(apart):
+        raise NoHopf("two pairs are the same at the onset, as in two planes that are alike")
     right, left = unit * right, left / unit
     share = scale(right)
     if abs(share) <= 1e-9 * float(np.abs(right).max()) / (1.0 + frequency):
