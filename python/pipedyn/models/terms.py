@@ -56,6 +56,12 @@ class Term:
     supplies_energy: ClassVar[bool] = False
     """Whether the law may make small motions grow, with oscillation, where there is no flow."""
 
+    has_fluid_around: ClassVar[bool] = False
+    """Whether the law contains the inertia of the fluid around the pipe."""
+
+    no_motion: ClassVar[str] = ""
+    """Why the law acts in small motions about the straight pipe alone; empty if in all motions."""
+
     largest_angle: ClassVar[float] = math.inf
     """Largest angle between the pipe and its straight axis for which the law holds, in rad."""
 
@@ -106,6 +112,10 @@ class Term:
     def law_numbers(self, damping: float) -> list[float]:
         """Numbers of the law in the core's order, for a pipe with this Kelvin-Voigt damping."""
         return list(self.numbers.values())
+
+    def laws(self, damping: float) -> list[tuple[str, float, list[float]]]:
+        """Names of laws in the core with their places (if all along, the mean) and numbers."""
+        return [(self.law, self.place or 0.5, self.law_numbers(damping))]
 
 
 @saved_as("PointMass", added=("inertia",))
@@ -339,7 +349,85 @@ class AddedMass(Term):
     """
 
     law: ClassVar[str] = "added_mass"
+    has_fluid_around: ClassVar[bool] = True
     chi: float = number(1e6, mass=1)
+
+
+@saved_as("ExternalFlow")
+@dataclass(frozen=True, repr=False)
+class ExternalFlow(Term):
+    """A fluid that flows along the outside of the pipe, from the clamp to the end.
+
+    It acts on small motions about the straight pipe, in all linear questions. Motions of any
+    amplitude are refused: the lift and the drag on a pipe at large angles to the flow are known
+    from experiments alone. The flow inside the pipe may be at rest or flow at a speed of its own.
+
+    The fluid has inertia, by which it acts like a flow inside the pipe, and friction. For a pipe of
+    outer diameter D and length L, with the coefficients C_f of friction and C_b of the base's drag
+    (pi D^2 rho_e V_o^2 C_b / 8), e = 2 L C_f / (pi D) and c_b = C_b. The fluid around the pipe is
+    as wide as it is far from walls, or moves in a channel; it does not flow back. Along the flow
+    its pressure changes by its weight alone, which is part of gamma.
+
+    At a free end, the flow separates, or follows a tapered end to its tip. Such an end, of the
+    length `end_length` beyond the end of the pipe, is short and rigid. An end that is held across
+    does not feel its shape; a friction's tension remains as long as the end slides along the axis.
+
+    Attributes:
+        speed: u_o >= 0, in sqrt(EI / (C_m rho_e A_e)) / L.
+        chi: > 0, added mass per length, C_m rho_e A_e / (mu_p + mu_f), as of `AddedMass`, which a
+            pipe in external flow may not have as well.
+        normal_friction: e_N >= 0, of the friction across the pipe.
+        tangential_friction: e_T >= 0, of the friction along it.
+        base_drag: c_b >= 0. The drag on the blunt end of the pipe turns with its tangent.
+        end_shape: f from 0 (blunt, the flow separates) to 1 (tapered, the flow follows).
+        end_length: x_e >= 0, the volume of the tapered end over the pipe's, both with the density
+            of the pipe; a cone has a third of its length in L. It has inertia, but no weight, which
+            a `Weight` adds.
+        added_mass_coefficient: C_m > 0, which is 1 far from walls and (D_c^2 + D^2) / (D_c^2 - D^2)
+            in the middle of a channel of diameter D_c. Friction grows with the speed itself,
+            u_o / sqrt(C_m).
+
+    In `Pipe.from_si`: speed V_o in m/s, chi in kg/m, the product C_m rho_e A_e. The other numbers
+    have no units.
+
+    Source: Paidoussis, Fluid-Structure Interactions, vol. 2; equations in `theory/pipe`. Without
+    friction, with end_shape 0, the pipe is one that conveys a fluid of the mass ratio
+    chi / (1 + chi) at the speed u_o, with its frequencies over sqrt(1 + chi).
+
+    Example:
+        >>> import pipedyn as pp
+        >>> towed = pp.ExternalFlow(3.0, chi=1.0, normal_friction=0.5, tangential_friction=0.5,
+        ...                         end_shape=0.8, end_length=0.01)
+        >>> pipe = pp.Pipe(beta=0.0, alpha=0.0, terms=[towed])
+        >>> pp.eigenvalues(pp.Continuum(pipe), 0.0, 2).round(4)
+        array([ 0.0000+0.j,  0.0000+0.j])
+    """
+
+    law: ClassVar[str] = "external_flow"
+    supplies_energy: ClassVar[bool] = True
+    has_fluid_around: ClassVar[bool] = True
+    no_motion: ClassVar[str] = (
+        "the lift and drag of an external flow on a pipe at large angles are known from "
+        "experiments alone, so that it acts in small motions about the straight pipe"
+    )
+    speed: float = number(1e3, length=1, time=-1, root_of="chi")
+    chi: float = number(1e6, mass=1, open_low=True)
+    normal_friction: float = number(1e6, default=0.0)
+    tangential_friction: float = number(1e6, default=0.0)
+    base_drag: float = number(1e6, default=0.0)
+    end_shape: float = number(1.0, default=0.0)
+    end_length: float = number(1e3, default=0.0)
+    added_mass_coefficient: float = number(1e3, default=1.0, open_low=True)
+
+    @property
+    def axial_load(self) -> float:
+        """The compression that the momentum of the fluid is equal to, without any tension."""
+        return -(self.speed**2)
+
+    def laws(self, damping: float) -> list[tuple[str, float, list[float]]]:
+        """The laws along the pipe and at its end."""
+        numbers = self.law_numbers(damping)
+        return [(self.law, 0.5, numbers), (f"{self.law}_end", 1.0, numbers)]
 
 
 @saved_as("CubicSpring")
@@ -684,14 +772,30 @@ Law = TypeVar("Law", bound="DataclassInstance")
 
 
 def converted(term: Law, scales: Scales, by: Callable[[float, float], float]) -> Law:
-    """A term or root spring with numbers times (mul) or over (truediv) their SI units."""
+    """A term or root spring with numbers times (mul) or over (truediv) their units.
+
+    A number that contains the root of a mass per length has the unit of both.
+    """
     bases, numbers = (scales.mass, scales.length, scales.time), {}
     try:
         for item in fields(term):
-            unit = math.prod(map(pow, bases, item.metadata["powers"]))
+            mass, *others = item.metadata["powers"]
+            mass += 0.5 * bool(item.metadata.get("root_of"))
+            unit = math.prod(map(pow, bases, (mass, *others)))
             numbers[item.name] = by(getattr(term, item.name), unit)
     except OverflowError:
         raise ValueError(f"{term!r} overflows in units of {scales}") from None
+    return replace(term, **numbers)
+
+
+def with_roots(term: Law, by: Callable[[float, float], float]) -> Law:
+    """A term with numbers times (mul) or over (truediv) the roots that SI leaves out of them."""
+    roots = {item.name: item.metadata.get("root_of") for item in fields(term)}
+    numbers = {
+        name: by(getattr(term, name), math.sqrt(getattr(term, of)))
+        for name, of in roots.items()
+        if of
+    }
     return replace(term, **numbers)
 
 

@@ -891,6 +891,7 @@ def checked_model_in_motion(
     if model.dof > largest:
         many = f"{largest} degrees of freedom for {purpose}"
         raise ValueError(f"{name} must have at most {many}, got {model.dof}")
+    model.require_large_motions(name)
     if model.pipe.hysteresis:
         instead = (
             "it does not act on what is at rest, so ask the pipe without it, and "
