@@ -12,9 +12,10 @@
 //
 //   -w''' - f u (u w' + b w.) + x_e (1 + f chi) w.. = 0.
 //
-// Multiplied by a virtual displacement and integrated by parts, these are the loads below. The
-// tension is a dead load along the axis, of friction and, at the end, of the drag on the base; what
-// remains of it is that it turns with the pipe.
+// Multiplied by a virtual displacement and integrated by parts, u^2 w'' is a force -u^2 at the end
+// that follows the tangent, like the thrust of a flow inside, and tensions are forces along the
+// tangent, of friction all along and of the drag on the base at the end. The friction across the
+// pipe, the force of Coriolis and the lift f u (u w' + b w.) at the end act across it.
 #pragma once
 
 #include <cmath>
@@ -33,8 +34,9 @@ struct ExternalFlow : NoLaw {
   double normal, tangential, base;  // e_N u_1^2, e_T u_1^2, c_b u_1^2 / 2
   double resistance;                // e_N u_1 b_1
   double shape, tail;               // f, x_e
+  double turns;                     // 1; 0 at an end that keeps its direction
 
-  /// Numbers: u, chi, e_N, e_T, c_b, f, x_e, C_m.
+  /// Numbers: u, chi, e_N, e_T, c_b, f, x_e, C_m, whether the end turns.
   explicit ExternalFlow(const pipedyn::Term& term)
       : chi(term.numbers[1]),
         square(term.numbers[0] * term.numbers[0]),
@@ -44,11 +46,12 @@ struct ExternalFlow : NoLaw {
         base(0.5 * term.numbers[4] * square / term.numbers[7]),
         resistance(term.numbers[2] * coriolis / term.numbers[7]),
         shape(term.numbers[5]),
-        tail(term.numbers[6]) {}
+        tail(term.numbers[6]),
+        turns(term.numbers[8]) {}
   double normal_mass() const { return chi; }
   auto load(const auto& at) const {
     return Load((tangential - normal) * at.theta - 2.0 * coriolis * at.omega - resistance * at.vx,
-                tangential, square * at.theta);
+                tangential);
   }
 };
 
@@ -62,7 +65,8 @@ struct ExternalFlowEnd : ExternalFlow {
   double mass() const { return tail * (1.0 + shape * chi); }
   double weightless() const { return mass(); }
   auto load(const auto& at) const {
-    return Load((base - (1.0 - shape) * square) * at.theta + shape * coriolis * at.vx, base);
+    const double pull = base - square;
+    return Load(turns * (pull + shape * square) * at.theta + shape * coriolis * at.vx, pull);
   }
 };
 

@@ -18,7 +18,7 @@ Term make_term(const std::string& law, double at, const std::vector<double>& num
   }
   Term term{.law = static_cast<int>(row - Laws::names), .at = at};
   if (numbers.size() > std::size(term.numbers)) {
-    throw std::invalid_argument("a term must have at most 8 numbers, got " +
+    throw std::invalid_argument("a term must have at most 9 numbers, got " +
                                 std::to_string(numbers.size()));
   }
   std::copy(numbers.begin(), numbers.end(), term.numbers);

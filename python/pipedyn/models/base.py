@@ -164,7 +164,10 @@ def core_pipe(pipe: Pipe, applied: Sequence[Any] = ()) -> _core.Pipe:
     return _core.Pipe(  # positional arguments: keywords would double the time
         own_numbers(pipe),
         pipe.flow == "aspirating",
-        [*(law for term in pipe.terms for law in term.laws(pipe.damping)), *applied],
+        [
+            *(law for term in pipe.terms for law in term.laws(pipe.damping, not pipe.end_guided)),
+            *applied,
+        ],
         pipe.root_stiffness,
         pipe.end,
         pipe.supports,

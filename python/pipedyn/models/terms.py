@@ -113,8 +113,11 @@ class Term:
         """Numbers of the law in the core's order, for a pipe with this Kelvin-Voigt damping."""
         return list(self.numbers.values())
 
-    def laws(self, damping: float) -> list[tuple[str, float, list[float]]]:
-        """Names of laws in the core with their places (if all along, the mean) and numbers."""
+    def laws(self, damping: float, end_turns: bool) -> list[tuple[str, float, list[float]]]:
+        """Names of laws in the core with their places (if all along, the mean) and numbers.
+
+        The arguments are the pipe's Kelvin-Voigt damping, and whether its end may turn.
+        """
         return [(self.law, self.place or 0.5, self.law_numbers(damping))]
 
 
@@ -383,9 +386,9 @@ class ExternalFlow(Term):
         end_length: x_e >= 0, the volume of the tapered end over the pipe's, both with the density
             of the pipe; a cone has a third of its length in L. It has inertia, but no weight, which
             a `Weight` adds.
-        added_mass_coefficient: C_m > 0, which is 1 far from walls and (D_c^2 + D^2) / (D_c^2 - D^2)
-            in the middle of a channel of diameter D_c. Friction grows with the speed itself,
-            u_o / sqrt(C_m).
+        added_mass_coefficient: C_m >= 0.1, which is 1 far from walls and (D_c^2 + D^2) /
+            (D_c^2 - D^2) in the middle of a channel of diameter D_c. Friction grows with the speed
+            itself, u_o / sqrt(C_m).
 
     In `Pipe.from_si`: speed V_o in m/s, chi in kg/m, the product C_m rho_e A_e. The other numbers
     have no units.
@@ -412,21 +415,21 @@ class ExternalFlow(Term):
     )
     speed: float = number(1e3, length=1, time=-1, root_of="chi")
     chi: float = number(1e6, mass=1, open_low=True)
-    normal_friction: float = number(1e6, default=0.0)
-    tangential_friction: float = number(1e6, default=0.0)
-    base_drag: float = number(1e6, default=0.0)
+    normal_friction: float = number(1e4, default=0.0)
+    tangential_friction: float = number(1e4, default=0.0)
+    base_drag: float = number(1e4, default=0.0)
     end_shape: float = number(1.0, default=0.0)
     end_length: float = number(1e3, default=0.0)
-    added_mass_coefficient: float = number(1e3, default=1.0, open_low=True)
+    added_mass_coefficient: float = number(1e3, default=1.0, low=0.1)
 
     @property
     def axial_load(self) -> float:
         """The compression that the momentum of the fluid is equal to, without any tension."""
         return -(self.speed**2)
 
-    def laws(self, damping: float) -> list[tuple[str, float, list[float]]]:
+    def laws(self, damping: float, end_turns: bool) -> list[tuple[str, float, list[float]]]:
         """The laws along the pipe and at its end."""
-        numbers = self.law_numbers(damping)
+        numbers = [*self.law_numbers(damping), float(end_turns)]
         return [(self.law, 0.5, numbers), (f"{self.law}_end", 1.0, numbers)]
 
 

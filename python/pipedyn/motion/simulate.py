@@ -883,6 +883,7 @@ def checked_model_in_motion(
             f"{name} must be a Chain, a Galerkin model or an Assembly (of a Continuum, take "
             f"Continuum.frozen(m)), got {check.shown(model)}"
         )
+    model.require_large_motions(name)
     if planar and model.dimensions == 3:
         raise ValueError(
             f"{name} must move in a plane for {purpose}, got {check.shown(model)}: take "
@@ -891,7 +892,6 @@ def checked_model_in_motion(
     if model.dof > largest:
         many = f"{largest} degrees of freedom for {purpose}"
         raise ValueError(f"{name} must have at most {many}, got {model.dof}")
-    model.require_large_motions(name)
     if model.pipe.hysteresis:
         instead = (
             "it does not act on what is at rest, so ask the pipe without it, and "
