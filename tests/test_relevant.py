@@ -387,7 +387,8 @@ DRAWN = pp.Pipe(0.2, flow="aspirating", damping=0.005)
         ),
         (
             *(PLAIN, "ExternalFlow", {"terms": [pp.ExternalFlow(1.0, 0.5, end_shape=0.7)]}),
-            *("speed = 1, chi = 0.5, end_shape = 0.7", {"terms": [pp.ExternalFlow(1e-5, 1e-9)]}),
+            *("speed = 1, chi = 0.5, end_shape = 0.7, added_mass_coefficient = 1",),
+            {"terms": [pp.ExternalFlow(1e-5, 1e-9)]},
         ),
         (
             *(HUNG, "RootSpring", {"root": pp.RootSpring(30.0)}),

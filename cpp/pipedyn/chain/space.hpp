@@ -333,7 +333,8 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
       const double arm = term->arm, weight = term->weight;
       const SpatialStation<Number> at{r + arm * here.t, velocity + arm * here.rate, here.t, here.a,
                                       here.w};
-      Laws::with(term->term, [&](const auto& law) {
+      Laws::with(term->term, [&]<class Law>(const Law& law) {
+        if constexpr (!Law::moves) return;
         const SpatialLoad<Number> load = law.load_in_space(at);
         act(weight * load.force, arm);
         here.couple = here.couple + weight * load.couple;
@@ -448,8 +449,9 @@ Number spatial_energy(const ChainModel& model, const Rows& rows) {
       const double arm = term->arm;
       const SpatialStation<Number> at{r + arm * here.t, velocity + drive.velocity + arm * here.rate,
                                       here.t, here.a, here.w};
-      Laws::with(term->term,
-                 [&](const auto& law) { twice += (2.0 * term->weight) * law.energy_in_space(at); });
+      Laws::with(term->term, [&]<class Law>(const Law& law) {
+        if constexpr (Law::moves) twice += (2.0 * term->weight) * law.energy_in_space(at);
+      });
     }
     r += link.length * here.t;
     velocity += link.length * here.rate;

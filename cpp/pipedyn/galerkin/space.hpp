@@ -166,7 +166,8 @@ struct SpatialBlock {
   void for_each_station(const Body& body) const {
     for (Count k = 0; k < effects.load_count; ++k) {
       const PanelTerm& placed = effects.loads[k];
-      Laws::with(placed.term, [&](const auto& law) {
+      Laws::with(placed.term, [&]<class Law>(const Law& law) {
+        if constexpr (!Law::moves) return;
         if (placed.panel >= 0) {
           const Count end = placed.panel * block + grid.nodes;
           body(law, station(end), end, 1.0);

@@ -28,6 +28,7 @@ namespace {
 struct ExternalFlow : NoLaw {
   static constexpr const char* name = "external_flow";
   static constexpr bool along = true;
+  static constexpr bool moves = false;
   double chi;                       // added mass per length
   double square;                    // u^2
   double coriolis;                  // b u

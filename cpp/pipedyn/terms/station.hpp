@@ -66,6 +66,8 @@ struct NoLaw {
   // The law acts between the pipe and its base, not the ground: where the base moves, the station
   // is relative to the base.
   static constexpr bool on_base = false;
+  // The law has equations of motion of any amplitude, and not of small motions alone.
+  static constexpr bool moves = true;
   // The load is that of an AppliedNow, which models make from the law and the drive of a batch.
   static constexpr bool applied = false;
 

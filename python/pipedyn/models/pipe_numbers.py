@@ -96,7 +96,7 @@ def unit_of_number(name: str, pipe: Pipe) -> Unit | None:
     # `Scales` counts masses per length, and N is kg m/s^2.
     newtons = mass if time < 0 else 0
     of_units = newtons, mass - newtons, time + 2 * newtons, length - mass - newtons
-    powers = zip(("N", "kg", "s", "m"), of_units, strict=True)
+    powers = sorted(zip(("N", "kg", "s", "m"), of_units, strict=True), key=lambda one: one[1] < 0)
     text = " ".join(f"{unit}^{power}" if power != 1 else unit for unit, power in powers if power)
     if not text:
         return None

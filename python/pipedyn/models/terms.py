@@ -366,10 +366,10 @@ class ExternalFlow(Term):
     from experiments alone. The flow inside the pipe may be at rest or flow at a speed of its own.
 
     The fluid has inertia, by which it acts like a flow inside the pipe, and friction. For a pipe of
-    outer diameter D and length L, with the coefficients C_f of friction and C_b of the base's drag
-    (pi D^2 rho_e V_o^2 C_b / 8), e = 2 L C_f / (pi D) and c_b = C_b. The fluid around the pipe is
-    as wide as it is far from walls, or moves in a channel; it does not flow back. Along the flow
-    its pressure changes by its weight alone, which is part of gamma.
+    outer diameter D and length L, with forces per length rho_e D V_o C_f / 2 times the velocity,
+    the coefficients of friction are e = 2 L C_f / (pi D); the drag on the base, if any, is
+    rho_e A_e V_o^2 c_b / 2. Along the flow the pressure of the fluid changes by its weight alone,
+    which is part of gamma, as far from walls.
 
     At a free end, the flow separates, or follows a tapered end to its tip. Such an end, of the
     length `end_length` beyond the end of the pipe, is short and rigid. An end that is held across
@@ -399,11 +399,16 @@ class ExternalFlow(Term):
 
     Example:
         >>> import pipedyn as pp
-        >>> towed = pp.ExternalFlow(3.0, chi=1.0, normal_friction=0.5, tangential_friction=0.5,
-        ...                         end_shape=0.8, end_length=0.01)
-        >>> pipe = pp.Pipe(beta=0.0, alpha=0.0, terms=[towed])
-        >>> pp.eigenvalues(pp.Continuum(pipe), 0.0, 2).round(4)
-        array([ 0.0000+0.j,  0.0000+0.j])
+        >>> flow = pp.ExternalFlow(speed=1.0, chi=0.5, normal_friction=0.3,
+        ...                        tangential_friction=0.3, base_drag=0.3, end_shape=0.7)
+        >>> pipe = pp.Pipe(beta=0.3, terms=[flow])
+        >>> round(pp.critical_speed(pp.Continuum(pipe)).speed, 4)
+        6.6274
+        >>> window = {"ExternalFlow.speed": (0.0, 4.0), "u": (0.0, 1.0)}  # at u = 0, the critical
+        >>> found = pp.boundary(  # speeds of the external flow
+        ...     pp.Continuum(pipe), "ExternalFlow.speed", "u", window, criticality=False)
+        >>> [(curve.kind, round(float(curve.x[0]), 3)) for curve in found.curves]
+        [('divergence', 2.5)]
     """
 
     law: ClassVar[str] = "external_flow"
