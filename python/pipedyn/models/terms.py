@@ -377,7 +377,7 @@ class ExternalFlow(Term):
 
     Attributes:
         speed: u_o >= 0, in sqrt(EI / (C_m rho_e A_e)) / L.
-        chi: > 0, added mass per length, C_m rho_e A_e / (mu_p + mu_f), as of `AddedMass`, which a
+        chi: >= 1e-9, added mass per length, C_m rho_e A_e / (mu_p + mu_f), as of `AddedMass`, which a
             pipe in external flow may not have as well.
         normal_friction: e_N >= 0, of the friction across the pipe.
         tangential_friction: e_T >= 0, of the friction along it.
@@ -408,7 +408,7 @@ class ExternalFlow(Term):
         >>> found = pp.boundary(  # speeds of the external flow
         ...     pp.Continuum(pipe), "ExternalFlow.speed", "u", window, criticality=False)
         >>> [(curve.kind, round(float(curve.x[0]), 3)) for curve in found.curves]
-        [('divergence', 2.5)]
+        [('divergence', 2.087)]
     """
 
     law: ClassVar[str] = "external_flow"
@@ -419,7 +419,7 @@ class ExternalFlow(Term):
         "experiments alone, so that it acts in small motions about the straight pipe"
     )
     speed: float = number(1e3, length=1, time=-1, root_of="chi")
-    chi: float = number(1e6, mass=1, open_low=True)
+    chi: float = number(1e6, mass=1, low=1e-9)
     normal_friction: float = number(1e4, default=0.0)
     tangential_friction: float = number(1e4, default=0.0)
     base_drag: float = number(1e4, default=0.0)
