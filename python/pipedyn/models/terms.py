@@ -377,8 +377,8 @@ class ExternalFlow(Term):
 
     Attributes:
         speed: u_o >= 0, in sqrt(EI / (C_m rho_e A_e)) / L.
-        chi: >= 1e-9, added mass per length, C_m rho_e A_e / (mu_p + mu_f), as of `AddedMass`, which a
-            pipe in external flow may not have as well.
+        chi: >= 1e-9, added mass per length, C_m rho_e A_e / (mu_p + mu_f), as of `AddedMass`,
+            which a pipe in external flow may not have as well.
         normal_friction: e_N >= 0, of the friction across the pipe.
         tangential_friction: e_T >= 0, of the friction along it.
         base_drag: c_b >= 0. The drag on the blunt end of the pipe turns with its tangent.
