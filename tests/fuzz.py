@@ -336,6 +336,7 @@ HELD = SCENE.plus(modular.Guide(3))
 MODELS = {"chain": CHAIN, "beam": BEAM, "legendre": LEGENDRE, "loaded": LOADED, "scene": SCENE}
 SPANNED, SUPPORTED = pp.Chain(SPANS, 4), pp.Galerkin(SPANS, 4, "legendre")
 LOST = pp.Chain(LOSSY, 3)
+SWEPT = pp.Chain(pp.Pipe(0.2, 3.0, terms=(pp.ExternalFlow(1.5, 0.4, 0.3, 0.2, end_shape=0.7),)), 3)
 ENDLESS = tuple(map(pp.Continuum, (HINGED, TAPERED, LOSSY, SAGGING)))
 ENDLESS += (pp.Continuum(SAGGING, dimensions=3),)
 MODELS |= {
@@ -407,11 +408,11 @@ FLAG = either([False], 0, 1, NAN, 2.0, [True])
 EXECUTOR = Kind(one_of(None), sure(any_of(*NOTHINGS, *WORDS, one_of(2, True, object())), 3))
 MOVING = Kind(
     one_of(CHAIN, BEAM, SCENE, SPANNED, SUPPORTED),
-    sure(any_of(of(CHAIN, BEAM, SCENE).bad, one_of(EXACT, LOST)), EXACT),
+    sure(any_of(of(CHAIN, BEAM, SCENE).bad, one_of(EXACT, LOST, SWEPT)), EXACT),
 )
 LINEAR = of(
     EVERY["uneven space"],
-    *(CHAIN, BEAM, LEGENDRE, SCENE, EXACT, SPANNED, SUPPORTED, LOST, pp.Chain(SAGGING, 3)),
+    *(CHAIN, BEAM, LEGENDRE, SCENE, EXACT, SPANNED, SUPPORTED, LOST, SWEPT, pp.Chain(SAGGING, 3)),
     *ENDLESS,
 )
 STRAIGHT = Kind(one_of(CHAIN, LEGENDRE, SPANNED, SUPPORTED, LOST), LINEAR.bad)

@@ -39,8 +39,9 @@ class Maker:
         return self.make(pp.Pipe(0.3, 10.0, damping=0.01, terms=terms, **self.held))
 
     def takes(self, law: type[pp.Term]) -> bool:
-        """What stretches needs an end that is held across."""
-        return law is not pp.Stretching or self.held.get("end") in ("pinned", "clamped")
+        """What stretches needs an end that is held across; some laws have no motion."""
+        held = self.held.get("end") in ("pinned", "clamped")
+        return not law.no_motion and (law is not pp.Stretching or held)
 
 
 def beam(pipe: pp.Pipe) -> pp.Model:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import pipedyn as pp
+from pipedyn.models.pipe_numbers import pipe_numbers
 
 HOSE = {
     "length": 0.68,
@@ -155,3 +156,9 @@ def test_drag_has_no_part_in_the_linear_analysis():
     assert (
         pp.critical_speed(pp.Chain(dragged, 5)).speed == pp.critical_speed(pp.Chain(calm, 5)).speed
     )
+
+
+def test_a_pipe_with_another_number_forgets_what_followed_from_the_first():
+    pipe = pp.Pipe(0.2, gamma=10.0)
+    assert pipe.axial_gravity == 10.0
+    assert pipe_numbers(pipe)["gamma"].changed(pipe, 20.0).axial_gravity == 20.0

@@ -386,6 +386,11 @@ DRAWN = pp.Pipe(0.2, flow="aspirating", damping=0.005)
             *("chi = 0.5", {"terms": [pp.AddedMass(1e-9)]}),
         ),
         (
+            *(PLAIN, "ExternalFlow", {"terms": [pp.ExternalFlow(1.0, 0.5, end_shape=0.7)]}),
+            *("speed = 1, chi = 0.5, end_shape = 0.7, added_mass_coefficient = 1",),
+            {"terms": [pp.ExternalFlow(1e-5, 1e-9)]},
+        ),
+        (
             *(HUNG, "RootSpring", {"root": pp.RootSpring(30.0)}),
             *("stiffness = 30", {"root": pp.RootSpring(1e6)}),
         ),

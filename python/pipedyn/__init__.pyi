@@ -107,6 +107,7 @@ from pipedyn.models.terms import AddedMass as AddedMass
 from pipedyn.models.terms import CubicSpring as CubicSpring
 from pipedyn.models.terms import Damper as Damper
 from pipedyn.models.terms import DistributedLoad as DistributedLoad
+from pipedyn.models.terms import ExternalFlow as ExternalFlow
 from pipedyn.models.terms import FollowerForce as FollowerForce
 from pipedyn.models.terms import Foundation as Foundation
 from pipedyn.models.terms import Load as Load

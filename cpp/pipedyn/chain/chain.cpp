@@ -142,6 +142,7 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
     eta = (eta.array().square() + rotary * l.array() / mass.array()).sqrt();
   }
   Vector masses = mass, across_alone = Vector::Zero(n);
+  Vector weightless = across_alone, weightless_moment = across_alone;  // parts of the masses
   const auto add_mass = [&](Index j, double arm, double added) {
     const double own = masses[j], total = own + added, share = added / total;
     const double apart = arm - chi[j] * l[j];
@@ -161,6 +162,8 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
         if (law.mass() != 0.0) add_mass(j, arm, weight * law.mass());
         if (law.inertia() != 0.0) add_inertia(j, law.inertia());
         across_alone[j] += weight * law.normal_mass();
+        weightless[j] += law.weightless();
+        weightless_moment[j] += law.weightless() * arm;
         if (has_load<Law>) loads_.push_back({j, arm, weight, term});
       });
   std::stable_sort(
@@ -177,7 +180,7 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
     // the segment's own mass form one body.
     const double more = across_alone[j], apart = arm - 0.5 * l[j], twelfth = l[j] * l[j] / 12.0;
     const double about_centres = own * (square + apart * apart) + (own + more) * twelfth;
-    first_moment_[j] = l[j] * (beyond + own * chi[j]);
+    first_moment_[j] = l[j] * (beyond + own * chi[j]) - weightless_moment[j];
     links_[static_cast<std::size_t>(j)] = {
         .length = l[j],
         .length_square = l[j] * l[j],
@@ -194,7 +197,7 @@ Chain::Chain(const Pipe& pipe, Segments segments) : pipe_(pipe), segments_(std::
         .drag_arm = xi[j] * l[j],
         .drag = pipe_.drag * l[j],
         .weight = pipe_.gamma * first_moment_[j]};
-    beyond += own;
+    beyond += own - weightless[j];
   }
   linearise();
 }

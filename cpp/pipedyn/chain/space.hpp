@@ -450,7 +450,8 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
     for (; term != last_term && term->segment == j; ++term) {
       const double arm = term->arm, weight = term->weight;
       const SpatialStation<Number> place = here.station(r, velocity, arm);
-      Laws::with(term->term, [&](const auto& law) {
+      Laws::with(term->term, [&]<class Law>(const Law& law) {
+        if constexpr (!Law::moves) return;
         const auto at = seen_by(law, place, drive.position, drive.velocity);
         const SpatialLoad<Number> load = law.load_in_space(at);
         act(weight * load.force, arm);
@@ -606,9 +607,11 @@ Number spatial_energy(const ChainModel& model, const Rows& rows) {
     twice += (2.0 * link.weight) * (model.down[1] * here.drop() - model.down[0] * here.t.x);
     for (; term != last_term && term->segment == j; ++term) {
       const SpatialStation<Number> place = here.station(r, velocity + drive.velocity, term->arm);
-      Laws::with(term->term, [&](const auto& law) {
-        const auto at = seen_by(law, place, drive.position, drive.velocity);
-        twice += (2.0 * term->weight) * law.energy_in_space(at);
+      Laws::with(term->term, [&]<class Law>(const Law& law) {
+        if constexpr (Law::moves) {
+          const auto at = seen_by(law, place, drive.position, drive.velocity);
+          twice += (2.0 * term->weight) * law.energy_in_space(at);
+        }
       });
     }
     if (link.added != 0.0) {

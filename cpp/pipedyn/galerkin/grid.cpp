@@ -135,6 +135,11 @@ Panels::Panels(const Basis& basis, const Pipe& pipe)
       normal_mass += law.normal_mass();
       if (!Law::along) inertia[panel] += law.inertia();
       if (has_load<Law>) loads.push_back({term, Law::along ? -1 : panel});
+      if (const double borne = pipe.gamma * law.weightless(); borne != 0.0) {
+        const auto [across, along] = pipe.down();
+        loads.push_back(
+            {make_term(DeadLoad::name, term.at, {-borne * across, -borne * along}), panel});
+      }
       if constexpr (Law::applied) applied_degree = std::max(applied_degree, law.count - 1);
     });
   }

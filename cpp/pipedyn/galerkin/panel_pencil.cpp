@@ -146,6 +146,11 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
       add(along, 1.0, at_rest.slopes);
     });
   }
+  works_at_ends_ = true;  // unless what acts all along the pipe is not symmetric
+  for (const auto& variables : {small_still, small_moving}) {
+    const double turned = along.by[0][variables[1]], moved = along.by[2][variables[0]];
+    works_at_ends_ = works_at_ends_ && turned == moved;
+  }
   // The tension from weight is a polynomial of one degree more than the mass, but slopes have only
   // half the reach.
   const Index of_mass = pipe.mass.degree(0.0), of_stiffness = pipe.stiffness.degree(0.0);
@@ -174,7 +179,7 @@ PanelPencil::PanelPencil(const Pipe& pipe, const Basis& basis)
             add_station(resistance, i, j, -by[small_moving[j]]);
           }
         }
-        carried += law.mass();
+        carried += law.mass() - law.weightless();
         pulled += load.y;
       });
     }

@@ -54,6 +54,8 @@ class PanelPencil {
   /// Product of the sum of the parts, each with its factor in `of`, with columns x, (size, r), in
   /// O(size) a column. Where the pipe is held, the columns must satisfy the conditions.
   Matrix times(const Matrix& x, const LinearPart& of) const;
+  /// Whether the work of forces that no potential has is known from the ends of panels alone.
+  bool works_at_ends() const { return works_at_ends_; }
   /// The work done in motions x with given frequencies, first the real parts of the motions and
   /// then the imaginary parts, (size, 2 r). The work of flow and of follower loads is evaluated at
   /// the ends of panels alone, where no difference of large numbers arises.
@@ -67,7 +69,7 @@ class PanelPencil {
   Pipe pipe_;
   Basis basis_;
   Index size_, band_;
-  bool turns_;
+  bool turns_, works_at_ends_;
   std::vector<EliminationPanel> panels_;  // without entries
   // The motion z of all panels has, from `first` of each on, the amplitudes of its functions,
   // followed by displacement and slope of its end, in units of the panel, divided by the square

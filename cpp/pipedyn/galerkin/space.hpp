@@ -178,7 +178,8 @@ struct SpatialBlock {
   void for_each_station(const Body& body) const {
     for (Count k = 0; k < effects.load_count; ++k) {
       const PanelTerm& placed = effects.loads[k];
-      Laws::with(placed.term, [&](const auto& law) {
+      Laws::with(placed.term, [&]<class Law>(const Law& law) {
+        if constexpr (!Law::moves) return;
         const auto visit = [&](Count p, double w) {
           body(law, seen_by(law, station(p), drive.position, drive.velocity), p, w);
         };

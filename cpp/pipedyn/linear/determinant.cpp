@@ -278,6 +278,7 @@ double PanelDeterminant::entries_lost() const {
 
 std::optional<Rayleigh> PanelDeterminant::rayleigh(double u, const Reals& frequencies,
                                                    const ComplexTable& vectors) const {
+  if (!pencil_->works_at_ends()) return {};
   Matrix parts(vectors.rows(), 2 * vectors.cols());
   parts << vectors.real(), vectors.imag();
   return pencil_->rayleigh(u, frequencies, lifted(parts));

@@ -9,6 +9,7 @@
 #include "pipedyn/terms/cubic_spring.hpp"
 #include "pipedyn/terms/damper.hpp"
 #include "pipedyn/terms/dead_load.hpp"
+#include "pipedyn/terms/external_flow.hpp"
 #include "pipedyn/terms/follower_force.hpp"
 #include "pipedyn/terms/foundation.hpp"
 #include "pipedyn/terms/point_mass.hpp"
@@ -47,6 +48,8 @@ using Laws = LawTable<PointMass,         //
                       RotationalDamper,  //
                       DistributedLoad,   //
                       FollowerForce,     //
+                      ExternalFlow,      //
+                      ExternalFlowEnd,   //
                       AppliedForce,      //
                       AppliedLoad>;
 

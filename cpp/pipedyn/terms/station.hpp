@@ -66,11 +66,14 @@ struct NoLaw {
   // The law acts between the pipe and its base, not the ground: where the base moves, the station
   // is relative to the base.
   static constexpr bool on_base = false;
+  // The law has equations of motion of any amplitude, and not of small motions alone.
+  static constexpr bool moves = true;
   // The load is that of an AppliedNow, which models make from the law and the drive of a batch.
   static constexpr bool applied = false;
 
-  double mass() const { return 0.0; }     // mass, or mass per length
-  double inertia() const { return 0.0; }  // rotary inertia, at one place
+  double mass() const { return 0.0; }        // mass, or mass per length
+  double inertia() const { return 0.0; }     // rotary inertia, at one place
+  double weightless() const { return 0.0; }  // part of the mass, at one place, without weight
   /// Mass per length, without weight, that takes part only in the velocity v_n = v . n normal to
   /// the pipe: it adds (n . a) n . dr to the virtual work of inertia. The rest of this inertia, of
   /// second degree in velocities, is the load of the law.

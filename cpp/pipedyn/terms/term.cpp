@@ -18,7 +18,7 @@ Term make_term(const std::string& law, double at, const std::vector<double>& num
   }
   Term term{.law = static_cast<int>(row - Laws::names), .at = at};
   if (numbers.size() > std::size(term.numbers)) {
-    throw std::invalid_argument("a term must have at most 3 numbers, got " +
+    throw std::invalid_argument("a term must have at most 9 numbers, got " +
                                 std::to_string(numbers.size()));
   }
   std::copy(numbers.begin(), numbers.end(), term.numbers);
@@ -58,14 +58,14 @@ std::array<double, 2> added_stiffness(const Terms& terms) {
   std::array<double, 2> sum{};
   for (const Term& term : terms) {
     const Slopes<double> slopes = at_rest(term).slopes;
-    sum[0] -= slopes.by[0][by_position];
-    sum[1] -= slopes.by[2][by_angle];
+    sum[0] += std::max(-slopes.by[0][by_position], 0.0);
+    sum[1] += std::max(-slopes.by[2][by_angle], 0.0);
   }
   return sum;
 }
 
 bool is_felt_by_small_motions(const std::string& law) {
-  const Term one = make_term(law, 1.0, {1.0, 1.0, 1.0});
+  const Term one = make_term(law, 1.0, std::vector<double>(std::size(Term().numbers), 1.0));
   const AtRest acting = at_rest(one);
   bool has_inertia = false;
   Laws::with(one, [&](const auto& of) {
@@ -81,7 +81,7 @@ void require_space(const Pipe& pipe) {
   };
   for (const Term& term : pipe.terms) {
     Laws::with(term, [&]<class Law>(const Law& law) {
-      const bool known = law.exists_in_space && (law.applied || states_space<Law>);
+      const bool known = law.exists_in_space && (law.applied || !Law::moves || states_space<Law>);
       if (!known) refuse(std::string("with ") + law.name);
     });
   }

@@ -258,6 +258,8 @@ def boundary(
             "one number"
         )
     asked = check.flag("criticality", criticality)
+    if asked and (reason := model.pipe.no_motion):
+        raise ValueError(f"criticality must be False for {model.pipe!r}: {reason}")
     only = check.flag("only_stability", only_stability)
     shown = check.flag("progress", progress)
     by_speed = None in window.numbers

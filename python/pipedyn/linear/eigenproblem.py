@@ -37,7 +37,8 @@ class Eigenproblem:
 
     Attributes:
         rows: size of the problem for the choice of threads: number of rows of its largest matrix.
-        is_damped: whether anything but the flow dissipates energy; a damper at a support does not.
+        is_damped: whether anything but the flow in the pipe acts by velocities; a damper at a
+            support does not.
         zero_tolerance: |lambda| below which a root counts as zero.
     """
 
@@ -50,8 +51,9 @@ class Eigenproblem:
         self.rows = 1 if self.is_long else 2 * self.dof
         self.is_damped = pencil.is_damped
         if self.is_damped and not (self.pipe.damping or self.pipe.hysteresis):
-            x = np.cos(np.arange(1.0, self.dof + 1.0))[:, None]
-            self.is_damped = abs((x.T @ pencil.damping(x))[0, 0]) > pencil.lost_power
+            x, y = self._columns
+            power = np.concatenate([x, y], axis=1).T @ pencil.damping(x)
+            self.is_damped = float(np.abs(power).max()) > pencil.lost_power
         # Rounding scatters a double zero root by the square root of its size, and the triple zero
         # root of a joint without stiffness by the cube root. Damping makes all roots near zero
         # smaller.
@@ -65,19 +67,31 @@ class Eigenproblem:
         They do if nothing damps, forces by velocity are gyroscopic and the stiffness is symmetric,
         as in a pipe on whose ends the flow does no work.
         """
-        if self.is_damped or self.pencil.end_moves:
+        if not self._may_be_conservative:
             return False
-        angles = np.arange(1.0, self.dof + 1.0)
-        x, y = np.cos(angles)[:, None], np.sin(2.0 * angles)[:, None]
+        x, y = self._columns
 
-        def differ(product: Callable[[Vectors], Vectors], sign: float) -> bool:
+        def differ(product: Callable[[Vectors], Vectors], sign: float, unit: float = 1.0) -> bool:
             one, other = float((x.T @ product(y))[0, 0]), float((y.T @ product(x))[0, 0])
-            size = float(np.abs(x * product(y)).sum()) + self.dof  # springs have unit stiffness
+            size = float(np.abs(x * product(y)).sum()) + unit * self.dof
             return abs(one - sign * other) > 1e-11 * size
 
-        of = self.pencil
+        of = self.pencil  # springs have unit stiffness
         thrust = self.pipe.alpha != 0.0 and differ(of.flux, 1.0)
-        return not (thrust or differ(of.velocity, -1.0) or differ(of.stiffness, 1.0))
+        resisted = self.is_damped and differ(of.damping, -1.0, 0.0)
+        return not (thrust or resisted or differ(of.velocity, -1.0) or differ(of.stiffness, 1.0))
+
+    @property
+    def _may_be_conservative(self) -> bool:
+        """Whether no damping is known; forces by velocity of a flow outside may be gyroscopic."""
+        damped = self.is_damped and not self.pipe.fed_at_rest
+        return not (damped or self.pipe.damping or self.pipe.hysteresis or self.pencil.end_moves)
+
+    @property
+    def _columns(self) -> tuple[Array, Array]:
+        """Two vectors, (dof, 1) each, on which products show the symmetry of matrices."""
+        angles = np.arange(1.0, self.dof + 1.0)[:, None]
+        return np.cos(angles), np.sin(2.0 * angles)
 
     def grows_statically(self, values: Complex) -> NDArray[np.bool_]:
         """Which eigenvalues are real and positive, so that motions grow without oscillating."""
@@ -90,7 +104,7 @@ class Eigenproblem:
     def spectrum(self) -> _core.Eigenproblem:
         """The core's form of the problem, made anew at each call, since nothing is kept here."""
         pipe, damped = self.pipe, self.is_damped
-        conservative = not (damped or self.pencil.end_moves) and self.is_conservative
+        conservative = self._may_be_conservative and self.is_conservative
         squared, free_at_rest = not damped and pipe.beta == 0.0, not damped
         traits = _core.Traits(  # positional arguments: keywords would double the time
             self.dof,

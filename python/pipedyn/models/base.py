@@ -164,7 +164,10 @@ def core_pipe(pipe: Pipe, applied: Sequence[Any] = ()) -> _core.Pipe:
     return _core.Pipe(  # positional arguments: keywords would double the time
         own_numbers(pipe),
         pipe.flow == "aspirating",
-        [*((t.law, t.place or 0.5, t.law_numbers(pipe.damping)) for t in pipe.terms), *applied],
+        [
+            *(law for term in pipe.terms for law in term.laws(pipe.damping, not pipe.end_guided)),
+            *applied,
+        ],
         pipe.root_stiffness,
         pipe.end,
         pipe.supports,
@@ -370,7 +373,7 @@ class Model(OfPipe, ABC):
             array([-4.371+4.899j, -4.371-4.899j])
         """
         other = self.with_pipe(self._pipe)
-        other._reference = self._coordinates(q)
+        other._reference = self._required_straight(self._coordinates(q))
         return other
 
     @property
@@ -427,14 +430,30 @@ class Model(OfPipe, ABC):
         """The compiled model, if its pipe has equations of motion in time.
 
         Raises:
-            ValueError: with hysteresis, which is defined for harmonic oscillations only.
+            ValueError: with hysteresis, which is defined for harmonic oscillations only, or a term
+                that acts in small motions alone.
         """
+        self.require_large_motions()
         if self._pipe.hysteresis:
             raise ValueError(
                 f"hysteresis must be 0 in motion, got {self._pipe.hysteresis:g}: a loss factor "
                 "has no equation of motion; instead take damping=pipe.equivalent_damping(frequency)"
             )
         return self.core
+
+    def require_large_motions(self, name: str = "model") -> None:
+        """Raises ValueError for a pipe with a term that acts in small motions alone."""
+        if reason := self._pipe.no_motion:
+            raise ValueError(
+                f"{name} must have terms that act in motions of any amplitude, and about bent "
+                f"pipes, got {check.shown(self._pipe.terms)}: {reason}"
+            )
+
+    def _required_straight(self, rest: Array) -> Array:
+        """The coordinates; ValueError if they are bent and one of the terms has no law there."""
+        if rest.any():
+            self.require_large_motions()
+        return rest
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
         """Seven linear operators in q, each (dof, dof), about a configuration at rest.
@@ -459,7 +478,7 @@ class Model(OfPipe, ABC):
             ValueError: also for models with more than 4000 degrees of freedom.
         """
         self._check_dense()
-        at = self._reference if q is None else self._coordinates(q)
+        at = self._reference if q is None else self._required_straight(self._coordinates(q))
 
         def found(model: Self) -> Operators:
             core = model.core.operators() if at is None else model.core.operators(at)
@@ -745,6 +764,7 @@ class Model(OfPipe, ABC):
             >>> round(float(chain.energy([0.1, 0.0, 0.0, 0.0])), 12)  # of springs 4 and 2
             0.03
         """
+        self.require_large_motions()
         return self.core.energy(self._integrated_state(y), drive=self._drive(y, None, base))
 
     def power(

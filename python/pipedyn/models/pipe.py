@@ -48,6 +48,7 @@ from pipedyn.models.terms import (
     checked_terms,
     converted,
     in_range,
+    with_roots,
 )
 from pipedyn.util import check
 from pipedyn.util.archive import Saved, saved_as
@@ -313,6 +314,17 @@ class Pipe(Saved):
                     f'terms[{i}] stretches a pipe whose end is "pinned" or "clamped", got end '
                     f"{self.end!r}"
                 )
+            if term.no_motion and not self.rests_straight:
+                raise ValueError(
+                    f"terms[{i}] must act on a pipe that rests straight, got a load, a jet or "
+                    f"gravity across it: {term.no_motion}"
+                )
+            others = (one.has_fluid_around for one in self.terms)
+            if term.no_motion and sum(others) > 1:
+                raise ValueError(
+                    f"terms[{i}] must be the only one with the mass of the fluid around the pipe, "
+                    f"such as AddedMass from an added_mass_coefficient, got {self.terms!r}"
+                )
         if self.jet_angle or self.hysteresis:
             own = {"jet_angle": self.jet_angle, "hysteresis": self.hysteresis}
             if reasons := unusual(own):
@@ -559,6 +571,7 @@ class Pipe(Saved):
                 for i, one in enumerate(terms)
             ]
         terms = checked_terms(terms, length, in_si=True)
+        terms = [with_roots(one, operator.mul) for one in terms]
         given = [converted(one, units, operator.truediv) for one in terms]
         heaviest = max((one.mass for one in given if isinstance(one, PointMass)), default=0.0)
         displaced, (stiffness, pipe_mass, _) = _displaced(si), _rigidity_and_masses(si)
@@ -667,6 +680,11 @@ class Pipe(Saved):
         """Whether a term may supply energy to small motions where there is no flow."""
         return any(one.supplies_energy for one in self.terms)
 
+    @cached_property
+    def no_motion(self) -> str:
+        """Why a term acts in small motions alone; empty if all act in motions of any amplitude."""
+        return next((term.no_motion for term in self.terms if term.no_motion), "")
+
     @property
     def bare(self) -> bool:
         """Whether the pipe is uniform, without terms, inner supports and rotary inertia.
@@ -764,7 +782,8 @@ class Pipe(Saved):
             ValueError: for a pipe not made with `from_si`.
         """
         units = self._units("terms", "need")
-        return tuple(converted(term, units, operator.mul) for term in self.terms)
+        terms = (converted(term, units, operator.mul) for term in self.terms)
+        return tuple(with_roots(term, operator.truediv) for term in terms)
 
     def _units(self, name: str, need: str = "needs") -> Scales:
         if self.scales is None:

@@ -7,18 +7,15 @@ are refused.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 from typing import Any
 
-from pipedyn.models.pipe import OWN_NUMBERS, Pipe
+from pipedyn.models.pipe import DEFAULTS, OWN_NUMBERS, Pipe
 from pipedyn.models.scales import given_fields
 from pipedyn.models.supports import RootSpring
 from pipedyn.util import check
 from pipedyn.util.result import SPEED, Unit
-
-CACHED = [name for name, one in vars(Pipe).items() if isinstance(one, cached_property)]
-"""Attributes of a pipe that follow from its numbers."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +43,8 @@ class PipeNumber:
             return replace(pipe, root=RootSpring(value))
         if self.term is None:
             changed = object.__new__(Pipe)  # a third of the time of `replace`
-            given = vars(changed)
-            given.update(vars(pipe))
-            for name in CACHED:
-                given.pop(name, None)
-            given[self.attribute] = value
+            vars(changed).update({name: vars(pipe)[name] for name in DEFAULTS})
+            vars(changed)[self.attribute] = value
             changed.__post_init__()
             return changed
         terms = list(pipe.terms)
@@ -96,18 +90,20 @@ def unit_of_number(name: str, pipe: Pipe) -> Unit | None:
     number = pipe_numbers(pipe, motions=True).get(name)
     if number is None:
         return None
-    (item,) = (one for one in fields(number.holder(pipe)) if one.name == number.attribute)
+    holder = number.holder(pipe)
+    (item,) = (one for one in fields(holder) if one.name == number.attribute)
     mass, length, time = item.metadata["powers"]
+    root = math.sqrt(getattr(holder, item.metadata.get("root_of") or "", 1.0))
     # `Scales` counts masses per length, and N is kg m/s^2.
     newtons = mass if time < 0 else 0
     of_units = newtons, mass - newtons, time + 2 * newtons, length - mass - newtons
-    powers = zip(("N", "kg", "s", "m"), of_units, strict=True)
+    powers = sorted(zip(("N", "kg", "s", "m"), of_units, strict=True), key=lambda one: one[1] < 0)
     text = " ".join(f"{unit}^{power}" if power != 1 else unit for unit, power in powers if power)
     if not text:
         return None
 
     def scale(scales: Any) -> Any:
-        return scales.mass**mass * scales.length**length * scales.time**time
+        return scales.mass**mass * scales.length**length * scales.time**time / root
 
     return Unit(text, scale)
 

@@ -166,11 +166,17 @@ def number(
     time: int = 0,
     low: float = 0.0,
     open_low: bool = False,
+    root_of: str = "",
     default: Any = MISSING,
 ) -> Any:
-    """Dataclass field of a term's number: its range, and the powers of `Scales` in its SI unit."""
+    """Dataclass field of a term's number: its range, and the powers of `Scales` in its SI unit.
+
+    root_of: name of a mass per length of the term, with whose root the nondimensional number grows
+    at the same number in SI.
+    """
     rule = {"low": low, "high": high, "open_low": open_low}
-    return field(default=default, metadata={"range": rule, "powers": (mass, length, time)})
+    powers = {"powers": (mass, length, time), "root_of": root_of}
+    return field(default=default, metadata={"range": rule, **powers})
 
 
 def given_fields(one: Any) -> Iterator[tuple[Field[Any], Any]]:

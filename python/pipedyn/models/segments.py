@@ -182,6 +182,7 @@ class SegmentModel(Model):
         return self._chain.joints[: self.integrated, 0] * self.elastic_scale**2
 
     def _small_motions(self, theta: Array) -> SmallMotions:
+        self._required_straight(theta)
         return SmallMotions(theta, self._held_rows(theta), self.elastic_scale)
 
     @cached_property

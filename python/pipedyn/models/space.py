@@ -161,7 +161,7 @@ class SpatialModel(MeetsSupports, Model):
     def about(self, q: ArrayLike) -> Self:
         """A copy that is linearised about a configuration in the plane z = 0, as for `Model`."""
         other = type(self)(self._planar)
-        other._reference = self._in_plane(q)
+        other._reference = self._required_straight(self._in_plane(q))
         return other
 
     def _in_plane(self, q: ArrayLike) -> Array:

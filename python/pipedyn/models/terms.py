@@ -60,6 +60,12 @@ class Term:
     supplies_energy: ClassVar[bool] = False
     """Whether the law may make small motions grow, with oscillation, where there is no flow."""
 
+    has_fluid_around: ClassVar[bool] = False
+    """Whether the law contains the inertia of the fluid around the pipe."""
+
+    no_motion: ClassVar[str] = ""
+    """Why the law acts in small motions about the straight pipe alone; empty if in all motions."""
+
     largest_angle: ClassVar[float] = math.inf
     """Largest angle between the pipe and its straight axis for which the law holds, in rad."""
 
@@ -124,6 +130,13 @@ class Term:
         found = {item.name: getattr(self, item.name) for item in fields(self) if item.name != "at"}
         each = found.items()
         return [found[key.removesuffix(ALONG_Z)] if one is None else one for key, one in each]
+
+    def laws(self, damping: float, end_turns: bool) -> list[tuple[str, float, list[float]]]:
+        """Names of laws in the core with their places (if all along, the mean) and numbers.
+
+        The arguments are the pipe's Kelvin-Voigt damping, and whether its end may turn.
+        """
+        return [(self.law, self.place or 0.5, self.law_numbers(damping))]
 
 
 @saved_as("PointMass", added=("inertia",))
@@ -378,7 +391,90 @@ class AddedMass(Term):
     """
 
     law: ClassVar[str] = "added_mass"
+    has_fluid_around: ClassVar[bool] = True
     chi: float = number(1e6, mass=1)
+
+
+@saved_as("ExternalFlow")
+@dataclass(frozen=True, repr=False)
+class ExternalFlow(Term):
+    """A fluid that flows along the outside of the pipe, from the clamp to the end.
+
+    It acts on small motions about the straight pipe, in all linear questions. Motions of any
+    amplitude are refused: the lift and the drag on a pipe at large angles to the flow are known
+    from experiments alone. The flow inside the pipe may be at rest or flow at a speed of its own.
+
+    The fluid has inertia, by which it acts like a flow inside the pipe, and friction. For a pipe of
+    outer diameter D and length L, with forces per length rho_e D V_o C_f / 2 times the velocity,
+    the coefficients of friction are e = 2 L C_f / (pi D); the drag on the base, if any, is
+    rho_e A_e V_o^2 c_b / 2. Along the flow the pressure of the fluid changes by its weight alone,
+    which is part of gamma, as far from walls.
+
+    At a free end, the flow separates, or follows a tapered end to its tip. Such an end, of the
+    length `end_length` beyond the end of the pipe, is short and rigid. An end that is held across
+    does not feel its shape; a friction's tension remains as long as the end slides along the axis.
+
+    Attributes:
+        speed: u_o >= 0, in sqrt(EI / (C_m rho_e A_e)) / L.
+        chi: >= 1e-9, added mass per length, C_m rho_e A_e / (mu_p + mu_f), as of `AddedMass`,
+            which a pipe in external flow may not have as well.
+        normal_friction: e_N >= 0, of the friction across the pipe.
+        tangential_friction: e_T >= 0, of the friction along it.
+        base_drag: c_b >= 0. The drag on the blunt end of the pipe turns with its tangent.
+        end_shape: f from 0 (blunt, the flow separates) to 1 (tapered, the flow follows).
+        end_length: x_e >= 0, the volume of the tapered end over the pipe's, both with the density
+            of the pipe; a cone has a third of its length in L. It has inertia, but no weight, which
+            a `Weight` adds.
+        added_mass_coefficient: C_m >= 0.1, which is 1 far from walls and (D_c^2 + D^2) /
+            (D_c^2 - D^2) in the middle of a channel of diameter D_c. Friction grows with the speed
+            itself, u_o / sqrt(C_m).
+
+    In `Pipe.from_si`: speed V_o in m/s, chi in kg/m, the product C_m rho_e A_e. The other numbers
+    have no units.
+
+    Source: Paidoussis, Fluid-Structure Interactions, vol. 2; equations in `theory/pipe`. Without
+    friction, with end_shape 0, the pipe is one that conveys a fluid of the mass ratio
+    chi / (1 + chi) at the speed u_o, with its frequencies over sqrt(1 + chi).
+
+    Example:
+        >>> import pipedyn as pp
+        >>> flow = pp.ExternalFlow(speed=1.0, chi=0.5, normal_friction=0.3,
+        ...                        tangential_friction=0.3, base_drag=0.3, end_shape=0.7)
+        >>> pipe = pp.Pipe(beta=0.3, terms=[flow])
+        >>> round(pp.critical_speed(pp.Continuum(pipe)).speed, 4)
+        6.6274
+        >>> window = {"ExternalFlow.speed": (0.0, 4.0), "u": (0.0, 1.0)}  # at u = 0, the critical
+        >>> found = pp.boundary(  # speeds of the external flow
+        ...     pp.Continuum(pipe), "ExternalFlow.speed", "u", window, criticality=False)
+        >>> [(curve.kind, round(float(curve.x[0]), 3)) for curve in found.curves]
+        [('divergence', 2.087)]
+    """
+
+    law: ClassVar[str] = "external_flow"
+    supplies_energy: ClassVar[bool] = True
+    has_fluid_around: ClassVar[bool] = True
+    no_motion: ClassVar[str] = (
+        "the lift and drag of an external flow on a pipe at large angles are known from "
+        "experiments alone, so that it acts in small motions about the straight pipe"
+    )
+    speed: float = number(1e3, length=1, time=-1, root_of="chi")
+    chi: float = number(1e6, mass=1, low=1e-9)
+    normal_friction: float = number(1e4, default=0.0)
+    tangential_friction: float = number(1e4, default=0.0)
+    base_drag: float = number(1e4, default=0.0)
+    end_shape: float = number(1.0, default=0.0)
+    end_length: float = number(1e3, default=0.0)
+    added_mass_coefficient: float = number(1e3, default=1.0, low=0.1)
+
+    @property
+    def axial_load(self) -> float:
+        """The compression that the momentum of the fluid is equal to, without any tension."""
+        return -(self.speed**2)
+
+    def laws(self, damping: float, end_turns: bool) -> list[tuple[str, float, list[float]]]:
+        """The laws along the pipe and at its end."""
+        numbers = [*self.law_numbers(damping), float(end_turns)]
+        return [(self.law, 0.5, numbers), (f"{self.law}_end", 1.0, numbers)]
 
 
 @saved_as("CubicSpring", added=("stiffness_across",))
@@ -740,14 +836,30 @@ Law = TypeVar("Law", bound="DataclassInstance")
 
 
 def converted(term: Law, scales: Scales, by: Callable[[float, float], float]) -> Law:
-    """A term or root spring with numbers times (mul) or over (truediv) their SI units."""
+    """A term or root spring with numbers times (mul) or over (truediv) their units.
+
+    A number that contains the root of a mass per length has the unit of both.
+    """
     bases, numbers = (scales.mass, scales.length, scales.time), {}
     try:
         for item, value in given_fields(term):
-            unit = math.prod(map(pow, bases, item.metadata["powers"]))
+            mass, *others = item.metadata["powers"]
+            mass += 0.5 * bool(item.metadata.get("root_of"))
+            unit = math.prod(map(pow, bases, (mass, *others)))
             numbers[item.name] = by(value, unit)
     except OverflowError:
         raise ValueError(f"{term!r} overflows in units of {scales}") from None
+    return replace(term, **numbers)
+
+
+def with_roots(term: Law, by: Callable[[float, float], float]) -> Law:
+    """A term with numbers times (mul) or over (truediv) the roots that SI leaves out of them."""
+    roots = {item.name: item.metadata.get("root_of") for item in fields(term)}
+    numbers = {
+        name: by(getattr(term, name), math.sqrt(getattr(term, of)))
+        for name, of in roots.items()
+        if of
+    }
     return replace(term, **numbers)
 
 

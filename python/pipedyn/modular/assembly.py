@@ -327,6 +327,7 @@ class Assembly(SegmentModel):
             NotConverged: if no equilibrium is found near start.
             ValueError, TypeError: for bad arguments.
         """
+        self.require_large_motions()
         u = check.real("u", u, low=0.0, high=1e4)
         given = check.array("start", start, size=(self.integrated, self.coordinates), **ANGLES)
         if given.size == self.coordinates:

@@ -892,6 +892,7 @@ def checked_model_in_motion(
             f"{name} must be a Chain, a Galerkin model or an Assembly (of a Continuum, take "
             f"Continuum.frozen(m)), got {check.shown(model)}"
         )
+    model.require_large_motions(name)
     if planar and model.dimensions == 3:
         raise ValueError(
             f"{name} must move in a plane for {purpose}, got {check.shown(model)}: take "

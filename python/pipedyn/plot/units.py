@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -75,8 +75,11 @@ OF_A_NUMBER = {
 
 
 SYMBOLS = {"mass": "m", "inertia": "J", "stiffness": "k", "coefficient": "c", "gap": "d"}
-SYMBOLS |= {"load": "P", "sigma": r"\sigma", "chi": r"\chi"}
+SYMBOLS |= {"load": "P", "sigma": r"\sigma", "chi": r"\chi", "speed": "u_o"}
 SYMBOLS |= {"stiffness_across": "k_z", "coefficient_across": "c_z"}
+SYMBOLS |= {"force": "F", "force_x": "P_x", "force_y": "P_y", "added_mass_coefficient": "C_m"}
+SYMBOLS |= {"normal_friction": "e_N", "tangential_friction": "e_T", "base_drag": "c_b"}
+SYMBOLS |= {"end_shape": "f", "end_length": "x_e"}
 """Symbols, in TeX, of the numbers of terms and of the spring at the root."""
 
 SCALES = {(0.0, 0.0): "", (1.0, 0.0): "EI", (0.0, 1.0): r"(\mu_p+\mu_f)"}
@@ -91,11 +94,16 @@ def of_number(name: str, pipe: Pipe) -> Measure:
         return OF_A_NUMBER.get(name, Measure(name))
     holder, symbol = number.holder(pipe), SYMBOLS[number.attribute]
     words = re.sub("(?<=[a-z])(?=[A-Z])", " ", type(holder).__name__).lower()
-    if not symbol.startswith("\\"):  # a Greek letter is the only number of its term
-        words = f"{number.attribute.replace('_', ' ')} of the {words}"
+    if not symbol.startswith("\\") or len(fields(holder)) > 1:
+        own = "added mass" if symbol == r"\chi" else number.attribute.replace("_", " ")
+        words = f"{own} of the {words}"
     if name.startswith("terms"):
         words += f" {name.split('.')[0]}"
-    mass, length, time = type(holder).__dataclass_fields__[number.attribute].metadata["powers"]
+    (item,) = (one for one in fields(holder) if one.name == number.attribute)
+    mass, length, time = item.metadata["powers"]
+    if not (mass or length or time) or item.metadata.get("root_of"):  # it stands for itself
+        plain = f"{words} ${symbol}$"
+        return Measure(plain, plain, unit_of_number(name, pipe))
     # T^2 is (mu_p + mu_f) L^4 / EI.
     below, power = SCALES[-0.5 * time, mass + 0.5 * time], length + 2 * time
     arm = "" if power == 0 else "L" if abs(power) == 1 else f"L^{abs(power)}"
