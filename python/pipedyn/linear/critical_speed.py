@@ -35,7 +35,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import count_factorisations
-from pipedyn.util.errors import NotConverged, PipedynError, warn_of_plane
+from pipedyn.util.errors import FluttersAcross, NotConverged, PipedynError, warn_caller
 from pipedyn.util.parallel import Returned, one_thread, outcome_of
 from pipedyn.util.result import SPEED
 
@@ -168,7 +168,8 @@ def crossings(model: AnyModel, max_speed: float) -> Crossings:
     `Continuum`, one for each such mode of its basis).
 
     Args:
-        model: chain, reduced model or `Continuum`, up to 2,000 degrees of freedom.
+        model: chain, reduced model or `Continuum`, up to 2,000 degrees of freedom; a straight chain
+            of which few modes tell the crossings may have more.
         max_speed: end of the search, > 0.
 
     Returns:
@@ -203,7 +204,7 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
     planes are counted together, and a planar one brings the warning `FluttersAcross`.
 
     Args:
-        model: chain, reduced model or `Continuum`, up to 2,000 degrees of freedom.
+        model: chain, reduced model or `Continuum`, as for `crossings`.
         max_speed: end of the search, in sqrt(EI / mu_f) / L.
 
     Returns:
@@ -223,7 +224,8 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
     model = checked_model(model, across=True)
     # Not by the pipe's property, since small searches take few other calls.
     if model._pipe.sags and model is model.planar:
-        warn_of_plane(__name__)
+        said = "the pipe sags, and may flutter first across the plane of this model, some per cent "
+        warn_caller(FluttersAcross, f"{said}below the critical speed", __name__)
     critical, _ = only_answer(critical_points([model], checked_end(max_speed, model)))
     return critical
 
@@ -415,8 +417,16 @@ def _plan(model: AnyModel, max_speed: float, until_unstable: bool) -> Plan:
         elif isinstance(one, Continuum):
             plan.append(_converging(one, max_speed, until_unstable))
         else:
-            plan.append(_Search(one, max_speed, until_unstable))
+            search = _Search(one, max_speed, until_unstable)
+            if not search.is_possible:
+                _require_few(one)
+            plan.append(search)
     return plan
+
+
+def is_searchable(model: Model, max_speed: float) -> bool:
+    """Whether crossings can be found: a model of many degrees of freedom needs few of its modes."""
+    return model.dof <= LARGEST_FULL or _Search(model, max_speed, False).is_possible
 
 
 def _along_rest(model: AnyModel, max_speed: float, until_unstable: bool) -> Search:
@@ -450,7 +460,8 @@ def _require_few(model: Model) -> None:
     """Raises ValueError for a model with too many degrees of freedom."""
     if model.dof > LARGEST_FULL:
         raise ValueError(
-            f"model must have at most {LARGEST_FULL} degrees of freedom for crossings, "
+            f"model must have at most {LARGEST_FULL} degrees of freedom for crossings, unless it is "
+            "a chain that rests straight, is hardly damped and has outflow or is held at the end, "
             f"got {model.dof}"
         )
 
@@ -598,7 +609,6 @@ class _Search:
         continuous: bool = False,
         larger: Galerkin | None = None,
     ) -> None:
-        _require_few(model)
         model.require_equilibrium(0.0, max_speed)
         self.model, self.problem = model, Eigenproblem(model.pencil())
         self.reach = Reach(self.problem.pipe)
@@ -633,7 +643,8 @@ class _Search:
         fed = pipe.flow == "aspirating" and not pipe.end_held
         cheaper = _some_are_cheaper(some, max_speed, self.tracked)
         judged = cheaper and (fed or isinstance(self.problem.pencil, PanelPencil))
-        modes = spectrum.modes_at_rest() if judged else None
+        known = judged and self.model.dof <= LARGEST_FULL
+        modes = spectrum.modes_at_rest() if known else None
         if judged and not self._are_enough(some, modes):
             return
         if cheaper:
@@ -696,6 +707,11 @@ class _Search:
     def widen(self) -> None:
         """Tracks more modes, after a root of an untracked mode became unstable."""
         self._track(max(2 * self.tracked, self.reach.modes_within(self.max_speed)))
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether the roots to compute are few enough, or the model is small enough for all."""
+        return min(self.count, self.model.dof) <= LARGEST_FULL
 
     def range(self) -> _core.Range:
         """The request to the core: range of speeds, modes to track and the end of the search."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import string
 import textwrap
+import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import product
@@ -136,7 +137,7 @@ def _panel_figure(
             ax.text(0.5, 0.5, "not computed", transform=ax.transAxes, ha="center")
         else:
             picture(loci, bar=False, units=_units_of(case.pipe), ax=ax)
-            notes = ax.get_title(loc="right"), _note_range(ax, across, top)
+            notes = *textwrap.wrap(loci.missing, 28), _note_range(ax, across, top)
             ax.set_title("", loc="right")  # the title of the panel takes its place
             if note := "\n".join(filter(None, notes)):
                 corners = np.array(list(CORNERS.values()))

@@ -56,13 +56,16 @@ SPACES = re.compile(r" (?=(?:[^$]*\$[^$]*\$)*[^$]*$)")
 """Spaces outside of formulas, at which texts may break."""
 
 
-def keep_within(ax: Axes, *sentences: Text) -> None:
-    """Breaks labels, title and some sentences of Axes to their size, when the figure is drawn."""
+def keep_within(ax: Axes, *sentences: Text, share: float = 0.8) -> None:
+    """Breaks labels, title and some sentences of Axes to their size, when the figure is drawn.
+
+    Sentences get a share of the width, all of it above the Axes.
+    """
     of = _arranger(ax)
     of.labelled.append(ax)
     for text in sentences:
-        text.set_in_layout(False)  # one in a single line would leave no room for the Axes
-        of.sentences.append((ax, text))
+        text.set_in_layout(share == 1.0)  # inside, a single line would leave no room for the Axes
+        of.sentences.append((ax, text, share))
 
 
 def write_beside(
@@ -320,7 +323,7 @@ class _Arranger(Artist):
     def __init__(self) -> None:
         super().__init__()
         self.set(in_layout=False, zorder=-math.inf)
-        self.labelled, self.sentences = list[Axes](), list[tuple[Axes, Text]]()
+        self.labelled, self.sentences = list[Axes](), list[tuple[Axes, Text, float]]()
         self.legends, self.words = list[_Legend](), list[_Words]()
 
     def draw(self, renderer: Any) -> None:
@@ -355,7 +358,7 @@ class _Arranger(Artist):
             wide = ax.get_position(original=True).width * ax.figure.bbox.width  # at any aspect
             rooms = {ax.xaxis.label: wide, ax.yaxis.label: ax.bbox.height, ax.title: wide}
             broken += [wrap(text, room + 0.08 * ax.figure.dpi) for text, room in rooms.items()]
-        broken += [wrap(text, 0.8 * ax.bbox.width) for ax, text in self.sentences]
+        broken += [wrap(text, share * ax.bbox.width) for ax, text, share in self.sentences]
         return any(broken)
 
     def _place(self, renderer: Any) -> bool:

@@ -58,19 +58,34 @@ class FluttersAcross(UserWarning):
     """
 
 
-def warn_of_plane(asked: str) -> None:
-    """Warns with `FluttersAcross` whoever called a function of the module `asked` from outside."""
+class BranchesMissing(UserWarning):
+    """Modes that no branch of `root_loci` follows grow, or may grow; the message says which.
+
+    `warnings.filterwarnings("ignore", category=pipedyn.BranchesMissing)` silences it.
+
+    Example:
+        >>> import warnings
+        >>> sucking = pp.Chain(pp.Pipe(0.2, flow="aspirating"), 12)
+        >>> with warnings.catch_warnings():
+        ...     warnings.simplefilter("ignore", pp.BranchesMissing)
+        ...     loci = pp.root_loci(sucking, [0.0, 1.0, 2.0])
+        >>> print(loci.missing)
+        8 of 12 modes have no branch, and without damping inflow makes all grow: take count=12
+    """
+
+
+def warn_caller(category: type[Warning], said: str, asked: str) -> None:
+    """Warns whoever called a function of the module `asked` from outside of the package."""
     frame, level = sys._getframe(1), 2
     while frame.f_back and frame.f_globals.get("__name__") in (asked, "pipedyn.util.hints"):
         frame, level = frame.f_back, level + 1
     if not str(frame.f_globals.get("__name__")).startswith("pipedyn."):
-        warnings.warn(
-            "the pipe sags, and may flutter first across the plane of this model, some per cent "
-            'below the critical speed (warnings.filterwarnings("ignore", '
-            "category=pipedyn.FluttersAcross) silences this)",
-            FluttersAcross,
-            stacklevel=level,
-        )
+        warnings.warn(said + _how_to_silence(category), category, stacklevel=level)
+
+
+def _how_to_silence(category: type[Warning]) -> str:
+    name = f"pipedyn.{category.__name__}"
+    return f' (warnings.filterwarnings("ignore", category={name}) silences this)'
 
 
 def warn_of_pipe(
@@ -91,8 +106,7 @@ def warn_of_pipe(
     if module.startswith("pipedyn.") and not module.endswith("__main__"):
         return
     said = f"{'; '.join(reasons)}{slip or ': are all units right?'}"
-    silence = 'warnings.filterwarnings("ignore", category=pipedyn.UnusualPipe) silences this'
-    warnings.warn(f"{said} ({silence})", UnusualPipe, stacklevel=level)
+    warnings.warn(said + _how_to_silence(UnusualPipe), UnusualPipe, stacklevel=level)
 
 
 MAKERS_OF_PIPES = "pipedyn.models.pipe", "pipedyn.util.hints", "dataclasses"
