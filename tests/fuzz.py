@@ -1841,6 +1841,7 @@ def run(cases: Iterable[Case], beginning: Callable[[], None] = lambda: None) -> 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
+            warnings.simplefilter("ignore", pp.BranchesMissing)  # of aspirating pipes
             for number, target, arguments, spoiled in cases:
                 beginning()
                 if AX.has_data() or AX.texts:  # clearing takes longer than most calls

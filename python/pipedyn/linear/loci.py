@@ -256,11 +256,11 @@ def _not_searched(model: AnyModel, count: int, most: int) -> str:
             f"modes beyond {count} may grow, which with damping, inflow or loads only a chain of up "
             f"to {LARGEST_FULL} segments tells: take fewer"
         )
-    every = "and without damping inflow makes all grow"
+    every = "without damping inflow makes all modes grow, and"
     if isinstance(model, Continuum):
-        return f"modes beyond {count} have no branch, {every}: take a larger count"
-    larger = f"take count={model.dof}" if model.dof <= most else "take a larger count"
-    return f"{model.dof - count} of {model.dof} modes have no branch, {every}: {larger}"
+        return f"{every} those beyond {count} have no branch: take a larger count"
+    asked = f"count={model.dof}" if model.dof <= most else "a larger count"
+    return f"{every} {model.dof - count} of {model.dof} have no branch: take {asked}"
 
 
 def _clearly_grow(roots: Complex) -> NDArray[np.bool_]:

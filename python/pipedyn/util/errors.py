@@ -70,7 +70,7 @@ class BranchesMissing(UserWarning):
         ...     warnings.simplefilter("ignore", pp.BranchesMissing)
         ...     loci = pp.root_loci(sucking, [0.0, 1.0, 2.0])
         >>> print(loci.missing)
-        8 of 12 modes have no branch, and without damping inflow makes all grow: take count=12
+        without damping inflow makes all modes grow, and 8 of 12 have no branch: take count=12
     """
 
 
