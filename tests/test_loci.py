@@ -394,7 +394,7 @@ def warned_of(model, speeds, count):
 
 
 def test_an_aspirating_pipe_without_damping_says_how_many_modes_grow_without_a_branch():
-    """All grow from the smallest flow on, those of the chain have branches if they are asked for."""
+    """All grow from the smallest flow on; those of a chain have branches if asked for."""
     pipe = pp.Pipe(0.2, flow="aspirating", alpha=0.5)
     speeds = np.linspace(0.0, 6.0, 13)
     every = "without damping inflow makes all modes grow, and"

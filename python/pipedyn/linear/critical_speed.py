@@ -15,7 +15,13 @@ import numpy as np
 from pipedyn import _core
 from pipedyn.linear.bent_crossings import CrossingOfRest, SearchOfRest
 from pipedyn.linear.eigenproblem import Eigenproblem, eigenproblem
-from pipedyn.linear.modes import LARGEST_FULL, ModeShape, largest_speed, neutral_shape
+from pipedyn.linear.modes import (
+    LARGEST_FULL,
+    LARGEST_VECTORS,
+    ModeShape,
+    largest_speed,
+    neutral_shape,
+)
 from pipedyn.linear.neutral import grows
 from pipedyn.linear.reach import LARGE_GRAVITY, LEAST_WITHIN, Reach, is_overdamped
 from pipedyn.linear.rest import at_rest, rest_follows
@@ -460,9 +466,9 @@ def _require_few(model: Model) -> None:
     """Raises ValueError for a model with too many degrees of freedom."""
     if model.dof > LARGEST_FULL:
         raise ValueError(
-            f"model must have at most {LARGEST_FULL} degrees of freedom for crossings, unless it is "
-            "a chain that rests straight, is hardly damped and has outflow or is held at the end, "
-            f"got {model.dof}"
+            f"model must have at most {LARGEST_FULL} degrees of freedom for crossings, unless it "
+            "is a chain that rests straight, is hardly damped and has outflow or is held at the "
+            f"end, got {model.dof}"
         )
 
 
@@ -711,7 +717,9 @@ class _Search:
     @property
     def is_possible(self) -> bool:
         """Whether the roots to compute are few enough, or the model is small enough for all."""
-        return min(self.count, self.model.dof) <= LARGEST_FULL
+        dof = self.model.dof
+        fit = self.count <= min(LARGEST_FULL, LARGEST_VECTORS // dof)
+        return fit or dof <= LARGEST_FULL
 
     def range(self) -> _core.Range:
         """The request to the core: range of speeds, modes to track and the end of the search."""

@@ -231,9 +231,9 @@ def root_loci(
         speeds = np.union1d(from_rest, growing.speeds)
         loci, left = _with_growing_roots(model, loci, speeds, highest)
         missing = missing or left
-    if isinstance(model, Model) and not model.pipe.hysteresis:
-        if np.count_nonzero(loci.modes) == model.dof:
-            missing = ""  # all modes of the model have a branch
+    every = isinstance(model, Model) and np.count_nonzero(loci.modes) == model.dof
+    if every and not model.pipe.hysteresis:
+        missing = ""  # all modes of the model have a branch
     wanted = np.isin(loci.modes, [*range(1, count + 1), *growing.added])
     kept = np.flatnonzero(wanted | _growing_roots(loci).any(axis=0))
     rows = np.isin(loci.speeds, at)
@@ -253,8 +253,8 @@ def _not_searched(model: AnyModel, count: int, most: int) -> str:
     """Which modes have no branch, where it is known that all grow, or not known which do."""
     if not feeds_every_mode(model):
         return (
-            f"modes beyond {count} may grow, which with damping, inflow or loads only a chain of up "
-            f"to {LARGEST_FULL} segments tells: take fewer"
+            f"modes beyond {count} may grow, which with damping, inflow or loads only a chain of "
+            f"up to {LARGEST_FULL} segments tells: take fewer"
         )
     every = "without damping inflow makes all modes grow, and"
     if isinstance(model, Continuum):
@@ -346,7 +346,9 @@ def _with_growing_roots(
             if (np.abs(both - value) < SAME_ROOT * (1.0 + abs(value))).any():
                 continue
             if np.count_nonzero(loci.modes == 0) >= MOST_ADDED:
-                missing = f"more than {MOST_ADDED} roots grow that continue no mode: end at lower speeds"
+                missing = (
+                    f"more than {MOST_ADDED} roots grow that continue no mode: end at lower speeds"
+                )
                 continue
             branch = follower.branch(at, row, root, ends)
             apart = np.abs(loci.eigenvalues - branch[0][:, None])
@@ -482,8 +484,8 @@ def _growing_modes(model: AnyModel, at: Array, count: int, most: int) -> _Growin
         first = min(left, default=max(every) + 1)
         missing = f"modes beyond {first - 1} grow, or may grow: take a larger count"
     elif left:
-        asked = f"count={max(left)}" if max(left) <= most else "a larger count"
-        missing = f"{check.how_many(len(left), 'mode')} beyond {min(left) - 1} grow: take {asked}"
+        take = f"count={max(left)}" if max(left) <= most else "a larger count"
+        missing = f"{check.how_many(len(left), 'mode')} beyond {min(left) - 1} grow: take {take}"
     if failed and isinstance(model, Model) and model.dof > LARGEST_FULL:
         return _GrowingModes(added, at, np.full(at.size, math.inf), missing)
     if failed:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import string
 import textwrap
-import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import product

@@ -26,7 +26,9 @@ class PipedynError(Exception):
 
 
 class UnusualPipe(UserWarning):
-    """A pipe's number is allowed, but far outside the range of pipes, perhaps in another unit.
+    """A number is allowed, but far outside the range of pipes, perhaps in another unit.
+
+    It is one of a pipe, of its flow, start, base or supply, or of a measurement.
 
     `warnings.filterwarnings("ignore", category=pipedyn.UnusualPipe)` silences it.
 
@@ -81,6 +83,14 @@ def warn_caller(category: type[Warning], said: str, asked: str) -> None:
         frame, level = frame.f_back, level + 1
     if not str(frame.f_globals.get("__name__")).startswith("pipedyn."):
         warnings.warn(said + _how_to_silence(category), category, stacklevel=level)
+
+
+def warn_of_number(said: str) -> None:
+    """Warns with `UnusualPipe` whoever called the package that a number is far from usual."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back and str(frame.f_globals.get("__name__")).startswith("pipedyn"):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(said + _how_to_silence(UnusualPipe), UnusualPipe, stacklevel=level)
 
 
 def _how_to_silence(category: type[Warning]) -> str:
