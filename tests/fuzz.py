@@ -1841,7 +1841,8 @@ def run(cases: Iterable[Case], beginning: Callable[[], None] = lambda: None) -> 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            warnings.simplefilter("ignore", pp.BranchesMissing)  # of aspirating pipes
+            for one in (pp.BranchesMissing, pp.UnusualPipe):  # of pipes that are allowed
+                warnings.simplefilter("ignore", one)
             for number, target, arguments, spoiled in cases:
                 beginning()
                 if AX.has_data() or AX.texts:  # clearing takes longer than most calls
