@@ -177,7 +177,9 @@ SI_QUANTITIES.update(
     },
 )
 
-USUAL = {name: one.usual for name, one in OWN_NUMBERS.items() if math.isfinite(one.usual[1])}
+USUAL_NUMBERS = {
+    name: one.usual for name, one in OWN_NUMBERS.items() if math.isfinite(one.usual[1])
+}
 """Ranges outside which no pipe's own number lies."""
 
 FROM_SI = "alpha", "damping", "rotary_inertia"
@@ -328,14 +330,14 @@ class Pipe(Saved):
                 )
         own = {
             name: value
-            for name, (low, high) in USUAL.items()
+            for name, (low, high) in USUAL_NUMBERS.items()
             if not low <= (value := getattr(self, name)) <= high
             and (self.scales is None or name not in FROM_SI)
         }
         reasons = [
             text
             for name, value in own.items()
-            for text in beyond(name, value, USUAL[name], " rad" * (name == "jet_angle"))
+            for text in beyond(name, value, USUAL_NUMBERS[name], " rad" * (name == "jet_angle"))
         ]
         if self.terms and self.scales is None:
             masses = (one.mass for one in self.terms if isinstance(one, PointMass))
@@ -1031,7 +1033,7 @@ def _unusual_in_si(si: Mapping[str, float]) -> list[str]:
             numbers["bore"] = length / np.sqrt(fluid_mass / (0.25 * math.pi * 4000.0))
             numbers["wall"] = 4.0 * math.pi * stiffness / pipe_mass**2
             numbers["rod"] = length / np.sqrt(pipe_mass / (0.25 * math.pi * 11340.0))
-    found = unusual({k: v for k, v in numbers.items() if k not in USUAL or k in FROM_SI})
+    found = unusual({k: v for k, v in numbers.items() if k not in USUAL_NUMBERS or k in FROM_SI})
     fluids = {k: si[k] for k in ("fluid_density", "external_density") if k in si}
     return found + like_water(**fluids)
 

@@ -141,8 +141,8 @@ def axes(ax: Any, size: tuple[float, float], *, in_space: bool = False, **labels
     """The given Axes, or those of a new figure of pyplot with a size in inches, with labels set.
 
     The new figure has the size in the settings of matplotlib if `style` or the user set one there.
-    A figure without a layout engine gets one, since artists beside the Axes would be cut off, unless
-    `subplots_adjust` placed its Axes.
+    A figure without a layout engine gets one, since artists beside the Axes would be cut off,
+    unless `subplots_adjust` placed its Axes.
     Raises ValueError for Axes in a plane for a picture in space, or the other way round.
     """
     if ax is None:
