@@ -418,7 +418,7 @@ TERMS = Kind(
 )
 PHASES = Kind(
     one_of([pp.Phase(998.0, 1e-4)], (pp.Phase(998.0, 1e-4), pp.Phase(1.2, 3e-4, slip=1.5))),
-    any_of(*NOTHINGS, *WORDS, listed(3, NAN, pp.Phase(1.0, 1.0), [None], [998.0], [PIPE])),
+    any_of(*NOTHINGS, *WORDS, listed(3, NAN, pp.Phase(2.0, 1.0), [None], [998.0], [PIPE])),
 )
 ROOT = either(
     ["clamped", "pinned", pp.RootSpring(3.0), pp.RootSpring(0.0)],
