@@ -97,6 +97,14 @@ def write_beside(
     _arranger(ax).words.append(_Words(ax, text, at, np.asarray(sides), gap, needed))
 
 
+def write_inside(ax: Axes, words: str, **look: Any) -> None:
+    """Writes words in a corner of Axes or, if they cover something there, elsewhere inside."""
+    corners = np.array(list(CORNERS.values()))
+    within = np.array([*product(np.linspace(0.05, 0.95, 19), repeat=2)])
+    sides = np.vstack([1.0 - 2.0 * corners, np.zeros_like(within)])
+    write_beside(ax, words, np.vstack([corners, within]), sides, xycoords="axes fraction", **look)
+
+
 def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
     """Adds a legend below or inside the Axes, of artists by name, or of all that have a label.
 
