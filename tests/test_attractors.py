@@ -247,6 +247,7 @@ def test_an_irregular_motion_whose_exponent_is_not_known_is_unsettled():
     assert one.reason.startswith("its largest Lyapunov exponent is not known: the motion stopped: ")
 
 
+@pytest.mark.filterwarnings("ignore::pipedyn.UnusualPipe")
 def test_a_motion_that_creeps_is_not_at_rest():
     found = pp.attractors(
         pp.Chain(pp.Pipe(0.2, damping=1e5), 2), 1.0, 2, transient=4.0, duration=1.0

@@ -14,6 +14,8 @@ from independent import beck_speed, series_crossing
 
 import pipedyn as pp
 
+pytestmark = pytest.mark.filterwarnings("ignore::pipedyn.UnusualPipe")  # also extreme ones
+
 SHORT = range(10, 60)
 """Cases of seed 0: five of each class, none of more than 40 degrees of freedom."""
 

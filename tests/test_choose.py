@@ -129,6 +129,7 @@ def test_roots_that_cluster_do_not_count(count):
     assert choice.size <= 10
 
 
+@pytest.mark.filterwarnings("ignore::pipedyn.UnusualPipe")
 def test_a_pipe_whose_roots_all_cluster_has_no_frequencies():
     with pytest.raises(pp.NotConverged, match="lies below those that cluster"):
         pp.choose(pp.Pipe(0.3, damping=2.0), "frequencies", 1e-3, u=0.5, count=2)

@@ -269,6 +269,7 @@ def test_a_foundation_leaves_becks_load_as_it_is(stiffness):
 
 
 @pytest.mark.parametrize("count", [8, 20])
+@pytest.mark.filterwarnings("ignore::pipedyn.UnusualPipe")
 def test_roots_below_those_that_damping_clusters_are_answered_where_more_are_asked_for(count):
     """On a hinge at rest omega = x^2 with tan x = tanh x, and each mode is damped by itself."""
     delta = 0.0168

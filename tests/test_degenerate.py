@@ -183,6 +183,7 @@ def test_a_flow_that_acts_on_nothing_moves_nothing(pipe, make):
         pp.critical_speed(make(pipe))
 
 
+@pytest.mark.filterwarnings("ignore::pipedyn.UnusualPipe")
 def test_a_pipe_with_very_strong_damping_flutters_late():
     # Every mode overdamped; rounding, not the basis, limits the speed, and the error says so. It
     # is an estimate of rounding: the order of a sum moves it by a factor of four.
@@ -242,6 +243,7 @@ def divergences(gamma, damping):
     return [c.speed for c in found if c.kind == "divergence"]
 
 
+@pytest.mark.filterwarnings("ignore::pipedyn.UnusualPipe")
 @pytest.mark.parametrize("gamma", [-8.5, -7.9, -50.0])
 @pytest.mark.parametrize("damping", [1.0, 100.0, 1e4])
 def test_damping_does_not_move_a_divergence_however_slow_it_makes_it(gamma, damping):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Root loci: branches that are followed, not sorted."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -337,7 +338,11 @@ def test_no_growing_root_of_random_pipes_is_missed_by_their_branches(seed):
             pp.Chain(pipe, int(rng.integers(3, 20))),
             pp.Galerkin(pipe, int(rng.integers(3, 20)), str(rng.choice(["beam", "legendre"]))),
         ):
-            loci = pp.root_loci(model, np.linspace(rng.choice([0.0, end / 2.0]), end, 21), 1)
+            speeds = np.linspace(rng.choice([0.0, end / 2.0]), end, 21)
+            with warnings.catch_warnings(record=True) as seen:
+                warnings.simplefilter("always", pp.BranchesMissing)
+                loci = pp.root_loci(model, speeds, 1)
+            assert loci.complete == (not seen)
             assert loci.eigenvalues.shape == (21, loci.modes.size)
             assert not (loci.complete and missed(model, loci)), (pipe, model)
             complete += loci.complete or (pipe.flow == "aspirating" and not pipe.damping)
@@ -366,16 +371,66 @@ def test_modes_that_buckle_at_rest_have_branches_whatever_the_count():
         assert (loci.eigenvalues[0].real > 0.0).all()
 
 
-@pytest.mark.parametrize("damping", [0.0, 1e-5, 1e-3])
-def test_an_aspirating_pipe_says_whether_more_modes_grow_than_have_branches(damping):
-    """Without damping all modes grow from the smallest flow on; the lowest then say enough."""
+@pytest.mark.parametrize("damping", [1e-6, 1e-5, 1e-3])
+def test_every_mode_of_an_aspirating_pipe_that_grows_in_spite_of_damping_has_a_branch(damping):
     pipe = pp.Pipe(0.2, flow="aspirating", alpha=0.5, damping=damping)
     for model in (pp.Continuum(pipe), pp.Chain(pipe, 12)):
-        loci = pp.root_loci(model, np.linspace(0.0, 12.0, 13), count=2)
+        loci = pp.root_loci(model, np.linspace(0.0, 8.0, 13), count=2)
+        grow = np.count_nonzero(pp.eigenvalues(model, 8.0, 24).real > 0.0) // 2
         assert (loci.eigenvalues[-1, :2].real > 0.0).all()
-        assert loci.complete == (damping > 0.0)
-        grow = np.array([pp.eigenvalues(model, 12.0, 24).real > 0.0]).sum() // 2
-        assert loci.modes.size == (2 if damping == 0.0 else grow)
+        assert loci.complete
+        assert loci.missing == ""
+        assert loci.modes.size >= grow > 2
+
+
+def warned_of(model, speeds, count):
+    """Root loci that are not complete, which the warning says with their words."""
+    with pytest.warns(pp.BranchesMissing) as seen:
+        loci = pp.root_loci(model, speeds, count)
+    assert [one.filename for one in seen] == [__file__]
+    assert str(seen[0].message).startswith(f"{loci.missing} (warnings.filterwarnings")
+    assert not loci.complete
+    return loci
+
+
+def test_an_aspirating_pipe_without_damping_says_how_many_modes_grow_without_a_branch():
+    """All grow from the smallest flow on; those of a chain have branches if asked for."""
+    pipe = pp.Pipe(0.2, flow="aspirating", alpha=0.5)
+    speeds = np.linspace(0.0, 6.0, 13)
+    every = "without damping inflow makes all modes grow, and"
+    loci = warned_of(pp.Continuum(pipe), speeds, 2)
+    assert loci.missing == f"{every} those beyond 2 have no branch: take a larger count"
+    for n in (12, 80):
+        chain = pp.Chain(pipe, n)
+        few = warned_of(chain, speeds, 2)
+        assert few.missing == f"{every} {n - 2} of {n} have no branch: take count={n}"
+        assert (few.eigenvalues[1:].real > 0.0).all()
+        loci = pp.root_loci(chain, speeds, count=n)
+        assert loci.complete
+        assert (loci.eigenvalues[4].real > 0.0).all()
+
+
+def test_more_modes_that_grow_than_fit_a_picture_get_branches_if_they_are_asked_for():
+    chain = pp.Chain(pp.Pipe(0.2, -1e5), 60)
+    loci = warned_of(chain, [0.0, 1.0], 4)
+    assert loci.modes.tolist() == [*range(1, 35)]
+    assert loci.missing == "22 modes beyond 34 grow: take count=56"
+    assert pp.root_loci(chain, [0.0, 1.0], 56).complete
+    mass = pp.Continuum(pp.Pipe(0.2, terms=[pp.PointMass(1.0, 0.5)]))  # any mode may grow
+    loci = warned_of(mass, [0.0, 10.0, 20.0], 4)
+    assert loci.missing == "modes beyond 34 grow, or may grow: take a larger count"
+
+
+def test_chains_of_thousands_of_segments_have_the_branches_of_the_continuous_pipe():
+    speeds = [0.0, 20.0, 24.0, 30.0]
+    exact = pp.root_loci(pp.Continuum(HOSE), speeds, 2)
+    for n in (2001, 5000):
+        loci = pp.root_loci(pp.Chain(HOSE, n), speeds, 2)
+        assert loci.complete
+        assert loci.modes.tolist() == exact.modes.tolist() == [1, 2, 5, 6]
+        np.testing.assert_allclose(loci.eigenvalues, exact.eigenvalues, rtol=1e-4, atol=1e-4)
+    lossy = warned_of(pp.Chain(pp.Pipe(0.2, hysteresis=0.01), 2001), [0.0, 3.0], 2)
+    assert "only a chain of up to 2000 segments tells: take fewer" in lossy.missing
 
 
 def test_hysteretic_branches_that_grow_are_followed():

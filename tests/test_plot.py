@@ -760,6 +760,69 @@ SHARE_OF_HEIGHT, SHARE_OF_WIDTH = 0.45, 0.5
 """Least parts of a panel's share of the figure that remain for the curves in each direction."""
 
 
+def seen(name, layout, size):
+    """A figure of four equal pictures that was drawn."""
+    figure = plot.Figure(figsize=size, layout=layout)
+    FigureCanvasAgg(figure)
+    for ax in figure.subplots(2, 2).flat:
+        (of_the_hose() | crowded())[name](ax=ax)
+    figure.canvas.draw()
+    return figure
+
+
+ARRANGED = ["boundary", "mode_shapes", "trade"]
+"""Pictures whose legends or titles depend most on the size of the figure."""
+
+
+@pytest.mark.parametrize("layout", ["constrained", "tight"])
+@pytest.mark.parametrize("name", ARRANGED)
+def test_a_figure_that_is_resized_after_it_was_drawn_is_arranged_anew(name, layout):
+    figure = seen(name, layout, (10.0, 7.0))
+    for size in ((7.0, 5.0), (10.0, 7.0)):
+        figure.set_size_inches(size)
+        figure.canvas.draw()
+        assert overlaps(figure) == []
+        assert small_letters(figure) == []
+        assert all(ax.get_position().height > 0.5 * SHARE_OF_HEIGHT for ax in figure.axes[:4])
+
+
+@pytest.mark.parametrize("name", ARRANGED)
+def test_texts_stay_apart_in_files_of_any_resolution_and_with_tight_boxes(name):
+    figure = seen(name, "constrained", (7.0, 5.0))
+    for options in ({"dpi": 300}, {"bbox_inches": "tight"}, {"format": "pdf"}):
+        figure.savefig(io.BytesIO(), **options)
+        figure.canvas.draw()
+        assert overlaps(figure) == [], options
+    figure.set_dpi(220.0)
+    figure.canvas.draw()
+    assert overlaps(figure) == []
+
+
+@pytest.mark.parametrize("name", ["boundary", "mode_shapes", "frequencies", "time_history"])
+def test_a_second_picture_in_the_same_axes_is_arranged_with_the_first(name):
+    figure = plot.Figure(figsize=(6.4, 4.8), layout="constrained")
+    FigureCanvasAgg(figure)
+    ax = figure.subplots()
+    for _ in range(2):
+        (of_the_hose() | crowded())[name](ax=ax)
+        figure.canvas.draw()
+        assert overlaps(figure) == []
+
+
+def test_axes_that_were_placed_by_subplots_adjust_stay_there():
+    figure = plot.Figure(figsize=(7.0, 5.0))
+    FigureCanvasAgg(figure)
+    four = list(figure.subplots(2, 2).flat)
+    figure.subplots_adjust(left=0.12, right=0.98, bottom=0.12, top=0.92, wspace=0.5, hspace=0.6)
+    places = [ax.get_position().bounds for ax in four]
+    for ax in four:
+        of_the_hose()["mode_shapes"](ax=ax)
+    figure.canvas.draw()
+    assert figure.get_layout_engine() is None
+    assert [ax.get_position().bounds for ax in four] == places
+    assert overlaps(figure) == []  # legends are inside, as nothing makes room below
+
+
 def test_every_picture_gives_a_figure_without_layout_a_constrained_one():
     for name, draw in of_the_hose().items():
         ax = axes()

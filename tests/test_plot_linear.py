@@ -154,9 +154,28 @@ def test_a_picture_says_if_modes_without_a_branch_may_grow(draw):
     def note(loci):
         return draw(loci, ax=axes()).get_title(loc="right")
 
-    assert note(replace(LOCI, complete=False)) == "other modes may be unstable"
+    few = "8 of 12 modes have no branch: take count=12"
+    assert note(replace(LOCI, complete=False, missing=few)) == few
     assert note(LOCI) == ""
-    assert note(replace(HOSE_LOCI, complete=False)) == "other modes may be unstable"
+    assert note(replace(HOSE_LOCI, complete=False)).startswith("the file is of a version that")
+
+
+@pytest.mark.parametrize("draw", [plot.root_loci, plot.frequencies])
+@pytest.mark.parametrize("width", [3.4, 4.8])
+def test_the_note_on_missing_branches_stays_within_the_width_of_its_axes(draw, width):
+    with pytest.warns(pp.BranchesMissing):
+        loci = pp.root_loci(pp.Chain(pp.Pipe(0.2, flow="aspirating"), 12), [0.0, 2.0, 4.0])
+    ax = plot.Figure(figsize=(width, 2.6), layout="constrained").add_subplot()
+    draw(loci, ax=ax)
+    ax.figure.draw_without_rendering()
+    [box] = [
+        text.get_window_extent()
+        for text in ax.get_children()
+        if getattr(text, "get_text", str)().replace("\n", " ") == loci.missing
+    ]
+    assert ax.bbox.x0 <= box.x0 + 1.0
+    assert box.x1 <= ax.bbox.x1 + 1.0
+    assert box.y1 <= ax.figure.bbox.y1
 
 
 @pytest.mark.parametrize("draw", [plot.root_loci, plot.frequencies])

@@ -472,6 +472,7 @@ def test_terms_take_and_give_si_values():
         _ = pp.Pipe(0.2, terms=[mass]).terms_si
 
 
+@pytest.mark.filterwarnings("ignore::pipedyn.UnusualPipe")
 def test_a_tip_mass_so_heavy_that_its_weight_needs_more_functions_is_refused():
     """Each basis shows other modes that a mass of 1e3, which hangs from the pipe, lets grow."""
     pipe = pp.Pipe(0.2, 10.0, terms=(pp.PointMass(1.0, 1e3),))

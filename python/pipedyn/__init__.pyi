@@ -133,6 +133,7 @@ from pipedyn.motion.simulate import MotionStopped as MotionStopped
 from pipedyn.motion.simulate import simulate as simulate
 from pipedyn.motion.simulate import simulate_many as simulate_many
 from pipedyn.util.archive import load as load
+from pipedyn.util.errors import BranchesMissing as BranchesMissing
 from pipedyn.util.errors import FluttersAcross as FluttersAcross
 from pipedyn.util.errors import NotConverged as NotConverged
 from pipedyn.util.errors import NotResolved as NotResolved

@@ -16,7 +16,13 @@ import numpy as np
 from pipedyn import _core
 from pipedyn.linear.bent_crossings import CrossingOfRest, SearchOfRest
 from pipedyn.linear.eigenproblem import Eigenproblem, eigenproblem
-from pipedyn.linear.modes import LARGEST_FULL, ModeShape, largest_speed, neutral_shape
+from pipedyn.linear.modes import (
+    LARGEST_FULL,
+    LARGEST_VECTORS,
+    ModeShape,
+    largest_speed,
+    neutral_shape,
+)
 from pipedyn.linear.neutral import grows
 from pipedyn.linear.reach import LARGE_GRAVITY, LEAST_WITHIN, Reach, is_overdamped
 from pipedyn.linear.rest import at_rest, rest_follows
@@ -175,7 +181,8 @@ def crossings(model: AnyModel, max_speed: float) -> Crossings:
     `Continuum`, one for each such mode of its basis).
 
     Args:
-        model: chain, reduced model or `Continuum`, up to 2,000 degrees of freedom.
+        model: chain, reduced model or `Continuum`, up to 2,000 degrees of freedom; a straight chain
+            of which few modes tell the crossings may have more.
         max_speed: end of the search, > 0.
 
     Returns:
@@ -214,7 +221,7 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
     planes is found, with the number of the mode in its plane.
 
     Args:
-        model: chain, reduced model or `Continuum`, up to 2,000 degrees of freedom.
+        model: chain, reduced model or `Continuum`, as for `crossings`.
         max_speed: end of the search, in sqrt(EI / mu_f) / L.
 
     Returns:
@@ -428,7 +435,10 @@ def _plan(model: AnyModel, max_speed: float, until_unstable: bool) -> Plan:
         elif isinstance(one, Continuum):
             plan.append(_converging(one, max_speed, until_unstable))
         else:
-            plan.append(_Search(one, max_speed, until_unstable))
+            search = _Search(one, max_speed, until_unstable)
+            if not search.is_possible:
+                _require_few(one)
+            plan.append(search)
     return plan
 
 
@@ -451,6 +461,11 @@ def _in_planes(planes: Sequence[AnyModel], max_speed: float, until_unstable: boo
         return Converged(tuple(merged), sum(point.size for point in points if point), 0.0)
 
     return job
+
+
+def is_searchable(model: Model, max_speed: float) -> bool:
+    """Whether crossings can be found: a model of many degrees of freedom needs few of its modes."""
+    return model.dof <= LARGEST_FULL or _Search(model, max_speed, False).is_possible
 
 
 def _along_rest(model: AnyModel, max_speed: float, until_unstable: bool) -> Search:
@@ -484,8 +499,9 @@ def _require_few(model: Model) -> None:
     """Raises ValueError for a model with too many degrees of freedom."""
     if model.dof > LARGEST_FULL:
         raise ValueError(
-            f"model must have at most {LARGEST_FULL} degrees of freedom for crossings, "
-            f"got {model.dof}"
+            f"model must have at most {LARGEST_FULL} degrees of freedom for crossings, unless it "
+            "is a chain that rests straight, is hardly damped and has outflow or is held at the "
+            f"end, got {model.dof}"
         )
 
 
@@ -632,7 +648,6 @@ class _Search:
         continuous: bool = False,
         larger: Galerkin | None = None,
     ) -> None:
-        _require_few(model)
         model.require_equilibrium(0.0, max_speed)
         self.model, self.problem = model, Eigenproblem(model.pencil())
         self.reach = Reach(self.problem.pipe)
@@ -667,7 +682,8 @@ class _Search:
         fed = pipe.flow == "aspirating" and not pipe.end_held
         cheaper = _some_are_cheaper(some, max_speed, self.tracked)
         judged = cheaper and (fed or isinstance(self.problem.pencil, PanelPencil))
-        modes = spectrum.modes_at_rest() if judged else None
+        known = judged and self.model.dof <= LARGEST_FULL
+        modes = spectrum.modes_at_rest() if known else None
         if judged and not self._are_enough(some, modes):
             return
         if cheaper:
@@ -730,6 +746,13 @@ class _Search:
     def widen(self) -> None:
         """Tracks more modes, after a root of an untracked mode became unstable."""
         self._track(max(2 * self.tracked, self.reach.modes_within(self.max_speed)))
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether the roots to compute are few enough, or the model is small enough for all."""
+        dof = self.model.dof
+        fit = self.count <= min(LARGEST_FULL, LARGEST_VECTORS // dof)
+        return fit or dof <= LARGEST_FULL
 
     def range(self) -> _core.Range:
         """The request to the core: range of speeds, modes to track and the end of the search."""

@@ -31,7 +31,7 @@ from pipedyn.models.terms import converted
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
-from pipedyn.util.errors import NotConverged, PipedynError, warn_of_plane
+from pipedyn.util.errors import NotConverged, PipedynError, warn_of_number, warn_of_plane
 from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import TableResult
 
@@ -155,6 +155,11 @@ class Measurement:
             speed=check.real("speed", self.speed, low=0.0, high=1e6),
             mode=check.count("mode", self.mode, low=1, high=HIGHEST_MODE),
         )
+        if self.uncertainty > abs(self.value) > 0.0:
+            warn_of_number(
+                f"uncertainty is {self.uncertainty:.4g}, more than the value, {self.value:.4g}: in "
+                "its unit, not in per cent?"
+            )
         if self.speed and self.quantity.startswith("critical"):
             raise ValueError(f"speed must be left out of a {self.quantity}, got {self.speed:g}")
         if self.across and self.quantity.startswith("critical"):

@@ -16,6 +16,7 @@ from pipedyn.continuation.arclength import DenseProblem, Segment
 from pipedyn.linear.bent_crossings import RootsFollowed
 from pipedyn.linear.critical_speed import (
     count_resolved,
+    is_searchable,
     only_answer,
     stability_losses,
     unstable_at_rest,
@@ -48,13 +49,15 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import count_factorisations
-from pipedyn.util.errors import NotConverged
+from pipedyn.util.errors import BranchesMissing, NotConverged, warn_caller
 from pipedyn.util.parallel import Progress, one_thread
 from pipedyn.util.result import RATE, TableResult
 
 MOST_ADDED = 30
 """Largest number of branches that are followed beyond those asked for: more do not fit a picture.
 Of an aspirating pipe with little damping, hundreds of modes grow."""
+
+OF_OLD_FILE = "the file is of a version that did not look for other modes that grow"
 
 RESOLVING = 24
 """Size beyond the largest wave number of a basis that is searched for growing modes."""
@@ -75,7 +78,7 @@ BESIDE_CROSSING = 1e-3
 the bound on the error of a root may be larger than its real part."""
 
 
-@saved_as("RootLoci", added=("modes", "complete", "across"))
+@saved_as("RootLoci", added=("modes", "complete", "across", "missing"))
 class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
     """Eigenvalues as functions of the flow speed, one branch in each of B columns.
 
@@ -106,6 +109,8 @@ class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
         across: of a model in three dimensions about a bent rest, whether the motions of each branch
             are across the plane of that rest, shape (B,), modes of both planes being counted apart;
             None for other models.
+        missing: which modes grow, or may grow, without a branch, and how to get it; empty if all
+            have one.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), n=5)
@@ -126,8 +131,11 @@ class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
     modes: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     complete: bool = False
     across: NDArray[np.bool_] | None = None
+    missing: str = ""
 
     def __post_init__(self) -> None:
+        if not (self.complete or self.missing):
+            object.__setattr__(self, "missing", OF_OLD_FILE)
         if not self.modes.size:  # all from the first, as in files of versions without the field
             object.__setattr__(self, "modes", np.arange(1, self.eigenvalues.shape[1] + 1))
 
@@ -163,14 +171,14 @@ def root_loci(
             rest in three dimensions, of the lowest in each plane); default: four, or all of a model
             that has fewer. Branches of higher modes follow if they grow between
             the first speed and the last one, also if they do so only between two speeds: up to 30,
-            those that lose stability first. Of modes that the smallest flow makes unstable, as all
-            of an aspirating pipe without damping, the lowest one suffices.
+            those that lose stability first. If the smallest flow makes modes unstable, as all of an
+            aspirating pipe without damping, only the lowest of these is added.
         progress: whether to show progress on stderr.
 
     Returns:
-        RootLoci at the speeds asked for only. Its `modes` says which mode each branch is, and its
-        `complete` is False if modes may grow that have no branch: for the reasons above, beyond
-        2,000 degrees of freedom, or if growing roots of the continuous pipe do not converge.
+        RootLoci at the speeds asked for only. Its `modes` says which mode each branch is. If modes
+        grow, or may grow, that have no branch, its `complete` is False, its `missing` and the
+        warning `BranchesMissing` say which and how to follow them, and pictures show it.
 
     Example:
         >>> loci = pp.root_loci(pp.Chain(pp.Pipe(0.2), 10), np.linspace(0.0, 8.0, 41), count=3)
@@ -195,16 +203,20 @@ def root_loci(
     count = checked_count(min(4, most) if count is None else count, model, most)
     shown = check.flag("progress", progress)
     rests, dense, bent = _rests_without_flow(model), True, rest_follows(model)
+    searched = not feeds_every_mode(model)
     if isinstance(model, Model):
         if not bent:
             model.require_equilibrium(float(at[0]), float(at[-1]))
         most, dense = min(most, LARGEST_VECTORS // model.dof), model.dof <= LARGEST_FULL
-    dense &= not feeds_every_mode(model)
+        few = rests and not (bent or model.pipe.hysteresis)
+        searched &= dense or (few and is_searchable(model, float(at[-1])))
     # A bent pipe rests at one speed, whose roots decide.
-    growing = _GrowingModes([], at, np.full(at.size, math.inf if dense else 0.0), dense)
+    growing = _GrowingModes([], at, np.full(at.size, math.inf if searched else 0.0))
     highest, loci = count, None
-    if dense and rests:
-        growing = _growing_modes(model, at, count)
+    if not searched:
+        growing = replace(growing, missing=_not_searched(model, count, most))
+    elif rests:
+        growing = _growing_modes(model, at, count, most)
         added = min(max([count, *growing.added]), most)
         highest = count if is_overdamped(model.pipe, added) else added
     try:
@@ -213,32 +225,51 @@ def root_loci(
         if model.pipe.hysteresis and known:
             loci = _with_static_roots(loci, model)
     except NotConverged:
-        if not dense or bent:
+        if not (searched and dense) or bent:
             raise
-    complete = growing.complete
+    missing = growing.missing
     # With hysteresis, a twin of a growing real root may be counted in place of another root.
-    unsure = dense and model.pipe.hysteresis > 0.0
-    if bent and loci is not None:  # roots are followed along the rest, from u = 0 alone
-        complete &= not growing.are_missing_in(loci)
+    unsure = searched and model.pipe.hysteresis > 0.0
+    if loci is not None and (bent or not dense or missing):  # no other roots are followed then
+        if growing.are_missing_in(loci):
+            unknown = "other modes than these may grow: take a larger count"
+            missing = missing or (unknown if dense else _not_searched(model, count, most))
     elif loci is None or unsure or growing.are_missing_in(loci):
         from_rest = [0.0] if loci is None and rests else []
         speeds = np.union1d(from_rest, growing.speeds)
-        loci, every = _with_growing_roots(model, loci, speeds, highest)
-        complete &= every
-    if isinstance(model, Model) and not model.pipe.hysteresis:
-        # Nothing is left out where all modes of a model have a branch.
-        complete |= np.count_nonzero(loci.modes) == model.dof
+        loci, left = _with_growing_roots(model, loci, speeds, highest)
+        missing = missing or left
+    every = isinstance(model, Model) and np.count_nonzero(loci.modes) == model.dof
+    if every and not model.pipe.hysteresis:
+        missing = ""  # all modes of the model have a branch
     wanted = np.isin(loci.modes, [*range(1, count + 1), *growing.added])
     kept = np.flatnonzero(wanted | _growing_roots(loci).any(axis=0))
     rows = np.isin(loci.speeds, at)
+    if missing:
+        warn_caller(BranchesMissing, missing, __name__)
     return replace(
         loci,
         speeds=at,
         **{name: getattr(loci, name)[rows][:, kept] for name in OF_BRANCHES},
         modes=loci.modes[kept],
         across=None if loci.across is None else loci.across[kept],
-        complete=bool(complete),
+        complete=not missing,
+        missing=missing,
     )
+
+
+def _not_searched(model: AnyModel, count: int, most: int) -> str:
+    """Which modes have no branch, where it is known that all grow, or not known which do."""
+    if not feeds_every_mode(model):
+        return (
+            f"modes beyond {count} may grow, which with damping, inflow or loads only a chain of "
+            f"up to {LARGEST_FULL} segments tells: take fewer"
+        )
+    every = "without damping inflow makes all modes grow, and"
+    if isinstance(model, Continuum):
+        return f"{every} those beyond {count} have no branch: take a larger count"
+    asked = f"count={model.dof}" if model.dof <= most else "a larger count"
+    return f"{every} {model.dof - count} of {model.dof} have no branch: take {asked}"
 
 
 def _clearly_grow(roots: Complex) -> NDArray[np.bool_]:
@@ -280,20 +311,21 @@ def _with_static_roots(loci: RootLoci, model: AnyModel) -> RootLoci:
 
 def _with_growing_roots(
     model: AnyModel, loci: RootLoci | None, speeds: Array, count: int
-) -> tuple[RootLoci, bool]:
-    """Root loci in which every growing root has a branch, and whether that is so.
+) -> tuple[RootLoci, str]:
+    """Root loci in which every growing root has a branch, and what is missing if that is not so.
 
     Each growing root without a branch is followed from a speed at which it grows, so that no number
     of a mode is needed. If no branches are given, the lowest roots are followed from the first
     speed on.
     """
-    at, complete, solved = speeds.tolist(), True, model
+    at, missing, solved = speeds.tolist(), "", model
     if isinstance(model, Continuum):
         asked, smallest = partial(_all_roots, speeds=at), max(16, 3 * count, math.ceil(at[-1]))
         try:
             found = model.converge(asked, _growing_move, NEUTRAL, smallest, smallest + 48).value
         except NotConverged as error:
-            found, complete = error.result, False
+            found = error.result
+            missing = "growing roots of the continuous pipe do not converge: take a Chain"
         solved = found[0]
     assert isinstance(solved, Model)
     follower, delta, loss = RootFollower(solved), model.pipe.damping, model.pipe.hysteresis
@@ -324,7 +356,9 @@ def _with_growing_roots(
             if (np.abs(both - value) < SAME_ROOT * (1.0 + abs(value))).any():
                 continue
             if np.count_nonzero(loci.modes == 0) >= MOST_ADDED:
-                complete = False
+                missing = (
+                    f"more than {MOST_ADDED} roots grow that continue no mode: end at lower speeds"
+                )
                 continue
             branch = follower.branch(at, row, root, ends)
             if loci.across is not None:
@@ -346,7 +380,7 @@ def _with_growing_roots(
             loci.errors[row, known:] += np.where(_overdamped(here, delta), np.inf, moved)
             off = _clearly_grow(here) & (moved > NEUTRAL * (1.0 + np.abs(here)))
             loci.converged[row, known:] &= ~off
-    return loci, complete
+    return loci, missing
 
 
 def _all_roots(model: Model, speeds: list[float]) -> tuple[Model, list[Complex]]:
@@ -406,59 +440,74 @@ class _GrowingModes:
             the search for crossings fails, there are more where slopes tell that roots may grow.
         roots: number of growing roots at each speed, shape (S,); 0 close to a crossing, and
             infinite where it is not known.
-        complete: whether all modes that grow are known and have a branch.
+        missing: which modes grow, or may grow, that are not known or not added.
     """
 
     added: list[int]
     speeds: Array
     roots: Array
-    complete: bool
+    missing: str = ""
 
     def are_missing_in(self, loci: RootLoci) -> bool:
         """Whether the branches have fewer growing roots than the model at one of the speeds."""
         return bool(np.any(np.sum(_growing_roots(loci), axis=1) < self.roots))
 
 
-def _growing_modes(model: AnyModel, at: Array, count: int) -> _GrowingModes:
-    """The modes that grow at a speed from the first of `at` to the last one."""
-    found: tuple[Crossing, ...] = ()
-    failed, pipe, searched = False, model.pipe, model
-    resolved: float = math.inf
-    if isinstance(model, Continuum) and not (
-        pipe.end_held or (pipe.bare and pipe.flow == "ejecting")
-    ):
-        # Any mode may grow, for instance with a mass at the free end, so that ever larger bases
-        # have ever more crossings: one basis gives those of the modes that it resolves.
-        searched = model.frozen(_resolving(model, at))
-        planar = searched.planar
-        resolved = count_resolved(planar, eigenproblem(planar).spectrum())
-    try:
-        if at[-1] > 0.0:
-            _, found = only_answer(stability_losses([searched], float(at[-1]), sensitive=False))
-        at_rest = unstable_at_rest(model, found)
-    except NotConverged as error:  # with what was found below the speed of the failure
-        failed, found = True, found or error.result or ()
-        at_rest = found[0].unstable_before if found else 0
-    found = tuple(one for one in found if one.mode <= resolved)
-    growing = dict.fromkeys(range(1, at_rest + 1), 1)  # number of growing roots by mode
-    for one in found:
-        before, change = growing.get(one.mode, 0), one.unstable_after - one.unstable_before
-        if one.speed <= at[0] or one.destabilising:
-            growing[one.mode] = (before if one.speed <= at[0] else max(before, 0)) + change
+def _growing_modes(model: AnyModel, at: Array, count: int, most: int) -> _GrowingModes:
+    """The modes that grow at a speed from the first of `at` to the last one.
+
+    `most` is the largest count that the model may have.
+    """
+    pipe, searched, resolved = model.pipe, model, math.inf
+    size = max(2 * count, RESOLVING + math.ceil(Reach(pipe).wave_number(float(at[-1]))))
+    for larger in (True, True, False):
+        if isinstance(model, Continuum) and not (
+            pipe.end_held or (pipe.bare and pipe.flow == "ejecting")
+        ):
+            # Any mode may grow, for instance with a mass at the free end, so that ever larger bases
+            # have ever more crossings: one basis gives those of the modes that it resolves.
+            searched = model.frozen(size)
+            planar = searched.planar
+            resolved = count_resolved(planar, eigenproblem(planar).spectrum())
+        found, failed = tuple[Crossing, ...](), False
+        try:
+            if at[-1] > 0.0:
+                _, found = only_answer(stability_losses([searched], float(at[-1]), sensitive=False))
+            at_rest = unstable_at_rest(model, found)
+        except NotConverged as error:  # with what was found below the speed of the failure
+            failed, found = True, found or error.result or ()
+            at_rest = found[0].unstable_before if found else 0
+        found = tuple(one for one in found if one.mode <= resolved)
+        growing = dict.fromkeys(range(1, at_rest + 1), 1)  # number of growing roots by mode
+        for one in found:
+            before, change = growing.get(one.mode, 0), one.unstable_after - one.unstable_before
+            if one.speed <= at[0] or one.destabilising:
+                growing[one.mode] = (before if one.speed <= at[0] else max(before, 0)) + change
+        every = [mode for mode, number in growing.items() if number > 0]
+        if not larger or max(every, default=0) < resolved or len(every) > count + MOST_ADDED:
+            break
+        size *= 2
     later = {one.mode for one in found if one.destabilising and one.speed > 0.0}
     leaving = {one.mode for one in found if one.destabilising and one.speed == 0.0} - later
-    every = [mode for mode, number in growing.items() if number > 0]
     lowest = min(leaving.intersection(every), default=0)
     more = [mode for mode in every if mode > count and (mode not in leaving or mode == lowest)]
     added = more[:MOST_ADDED]
-    known = max(every, default=0) < resolved and {*every} <= {*range(1, count + 1), *added}
+    left, missing = {*every} - {*range(1, count + 1), *added}, ""
+    if max(every, default=0) >= resolved:
+        first = min(left, default=max(every) + 1)
+        missing = f"modes beyond {first - 1} grow, or may grow: take a larger count"
+    elif left:
+        take = f"count={max(left)}" if max(left) <= most else "a larger count"
+        missing = f"{check.how_many(len(left), 'mode')} beyond {min(left) - 1} grow: take {take}"
+    if failed and isinstance(model, Model) and model.dof > LARGEST_FULL:
+        return _GrowingModes(added, at, np.full(at.size, math.inf), missing)
     if failed:
-        solved = model.frozen(_resolving(model, at)) if isinstance(model, Continuum) else model
+        solved = model.frozen(size) if isinstance(model, Continuum) else model
         follower = RootFollower(solved)
         pairs = [] if rest_follows(model) else itertools.pairwise(at.tolist())
         between = [u for pair in pairs for u in follower.between(*pair)]
         at = np.union1d(at, between)
-        return _GrowingModes(added, at, np.full(at.size, math.inf), known)
+        return _GrowingModes(added, at, np.full(at.size, math.inf), missing)
     speeds = of_each(found, "speed")
     ends = np.concatenate([at[:1], speeds[(speeds > at[0]) & (speeds < at[-1])], at[-1:]])
     asked = np.histogram(at, ends)[0] if at.size > 1 else np.ones(ends.size - 1)
@@ -466,12 +515,7 @@ def _growing_modes(model: AnyModel, at: Array, count: int) -> _GrowingModes:
     roots = np.array([at_rest, *(one.unstable_after for one in found)])
     near = (np.abs(at[:, None] - speeds) <= BESIDE_CROSSING * (1.0 + speeds)).any(axis=1)
     numbers = np.where(near, 0.0, roots[np.searchsorted(speeds, at, side="right")])
-    return _GrowingModes(added, at, numbers, known)
-
-
-def _resolving(model: Continuum, at: Array) -> int:
-    """Size of a basis that is searched for growing modes."""
-    return RESOLVING + math.ceil(Reach(model.pipe).wave_number(float(at[-1])))
+    return _GrowingModes(added, at, numbers, missing)
 
 
 def branches_followed(model: AnyModel, speeds: Array, count: int, shown: bool = False) -> RootLoci:

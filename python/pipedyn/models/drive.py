@@ -21,9 +21,11 @@ from typing import Any, Literal, Self, TypeAlias, get_args
 import numpy as np
 
 from pipedyn.models.pipe import Pipe, checked_pipe, scaled_by
+from pipedyn.models.scales import beyond, like_water
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.errors import warn_of_number
 from pipedyn.util.result import Units
 
 Direction = Literal["x", "y"]
@@ -182,6 +184,8 @@ class Harmonic(_Drive):
             frequency=_frequency(self.frequency),
             direction=check.choice("direction", self.direction, DIRECTIONS),
         )
+        for far in beyond("amplitude over the pipe's length", abs(self.amplitude), (0.0, 1.0)):
+            warn_of_number(f"{far}: not in mm, where from_si takes m?")
 
     @classmethod
     def from_si(
@@ -558,6 +562,18 @@ class Supply(_Drive):
         pressure = check.real("pressure", pressure, unit="Pa")
         density = check.real("density", density, low=0.0, open_low=True, unit="kg/m**3")
         scales = checked_pipe(pipe)._units("head")
+        own = pipe.beta * scales.mass / (0.25 * math.pi * scales.inner_diameter**2 or math.nan)
+        if own > 0.0 and not 0.9 < density / own < 1.1:
+            warn_of_number(
+                f"density is {density:.4g} kg/m3, but the pipe's fluid has {own:.4g} kg/m3: in "
+                "kg/m3, not in g/cm3?"
+            )
+        else:
+            for far in like_water(density=density):
+                warn_of_number(f"{far}: in kg/m3, not in g/cm3?")
+        # Water 1 mm high has 10 Pa.
+        for far in beyond("pressure", abs(pressure), (10.0, 1e9), " Pa") if pressure else ():
+            warn_of_number(f"{far}: in Pa, not in bar, MPa or kPa?")
         head = check.real("head from pressure and density", pressure / density / scales.speed**2)
         if weight is not None:
             force = pipe.beta * scales.mass * scales.speed**2  # unit of force, EI / L^2
@@ -817,7 +833,7 @@ class InputUnits:
             return u
         pair = isinstance(u, tuple) and any(map(callable, u))
         if not (pair or callable(u)):
-            return scaled_by(name, u, np.divide, self._pipe._units(name).speed, "m/s")
+            return self._pipe.speed_given(name, u)
         return self._functions(u, self._pipe._units(name).speed, "m/s")
 
     def base(self, base: Any) -> Any:

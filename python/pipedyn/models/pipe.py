@@ -9,6 +9,7 @@ import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -17,11 +18,12 @@ from numpy.typing import ArrayLike
 from pipedyn.models.profile import Along, Profile, checked_profile, mixed
 from pipedyn.models.scales import (
     SI_QUANTITIES,
-    WATER,
     Phase,
     Scales,
     SIQuantity,
+    beyond,
     checked_phases,
+    like_water,
     likely_slip,
     mixture_of,
     repr_of,
@@ -53,7 +55,7 @@ from pipedyn.models.terms import (
 from pipedyn.util import check
 from pipedyn.util.archive import Saved, saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.errors import warn_of_pipe
+from pipedyn.util.errors import warn_of_number, warn_of_pipe
 from pipedyn.util.hints import unknown_argument
 from pipedyn.util.result import TIME, Unit
 
@@ -80,6 +82,7 @@ class OwnNumber:
             switches the effect off by setting the default. Empty for a number such as gamma, whose
             effect, gravity, is switched off by 0: accuracy/effects.py names these effects.
         open_high: whether the upper bound itself is not allowed.
+        usual: range outside which no pipe's number lies.
     """
 
     label: str
@@ -92,6 +95,7 @@ class OwnNumber:
     unit: Unit | None = None
     effect: str = ""
     open_high: bool = False
+    usual: tuple[float, float] = (-math.inf, math.inf)
 
     @property
     def rule(self) -> dict[str, Any]:
@@ -112,18 +116,26 @@ OWN_NUMBERS = {
     "beta": OwnNumber("mass ratio", r"\beta", (0.0, 1.0), (0.02, 0.95), open_high=True),
     "gamma": OwnNumber("gravity", r"\gamma", (-1e6, 1e6), (-20.0, 60.0)),
     "alpha": OwnNumber(
-        "end coefficient", r"\alpha", (0.0, 1e6), (0.0, 2.0), effect="end coefficient"
+        "end coefficient",
+        r"\alpha",
+        (0.0, 1e6),
+        (0.0, 2.0),
+        effect="end coefficient",
+        usual=(0.0, 100.0),  # nozzles contract to a tenth of the diameter
     ),
     "drag": OwnNumber(
         "drag", r"\kappa", (0.0, 1e9), no_linear_effect="drag has no part in small motions"
     ),
-    "damping": OwnNumber("damping", r"\delta", (0.0, 1e6), (0.0, 0.05), unit=TIME),
+    "damping": OwnNumber(  # at 1 no mode of a cantilever oscillates
+        "damping", r"\delta", (0.0, 1e6), (0.0, 0.05), unit=TIME, usual=(0.0, 1.0)
+    ),
     "hysteresis": OwnNumber(
         "loss factor",
         r"\mu",
         (0.0, 1e3),
         (0.0, 0.2),
         no_nonlinear_effect="a pipe with hysteresis has no equation of motion in time",
+        usual=(0.0, 1.5),  # sheets made to damp have a loss factor of 1
     ),
     "inflow_share": OwnNumber(
         "inflow share", "c", (0.0, 1.0), (0.0, 1.0), flow="aspirating", effect="inflow"
@@ -135,8 +147,11 @@ OWN_NUMBERS = {
         flow="ejecting",
         no_linear_effect="the straight pipe is no equilibrium of an inclined jet",
         effect="jet angle",
+        usual=(-0.5 * math.pi, 0.5 * math.pi),  # a nozzle does not point backward
     ),
-    "rotary_inertia": OwnNumber("rotary inertia", "J", (0.0, 1e3), effect="rotary inertia"),
+    "rotary_inertia": OwnNumber(  # 1/16 for a solid rod as thick as long
+        "rotary inertia", "J", (0.0, 1e3), effect="rotary inertia", usual=(0.0, 0.1)
+    ),
     "inclination": OwnNumber(
         "inclination",
         r"\iota",
@@ -148,28 +163,28 @@ OWN_NUMBERS = {
 """The numbers of a pipe by argument name, in the order of `own_numbers` in pipe.hpp."""
 
 SI_QUANTITIES.update(
-    # Nozzles contract to a tenth of the diameter.
-    alpha=SIQuantity("dimensionless", OWN_NUMBERS["alpha"].rule, usual=(0.0, 100.0)),
+    {
+        name: SIQuantity("dimensionless", OWN_NUMBERS[name].rule, usual=OWN_NUMBERS[name].usual)
+        for name in ("alpha", "inflow_share", "hysteresis")
+    },
     nozzle_ratio=SIQuantity(
-        "dimensionless", OWN_NUMBERS["alpha"].rule | {"open_low": True}, usual=(0.0, 100.0)
+        "dimensionless", OWN_NUMBERS["alpha"].rule | {"open_low": True}, usual=(0.05, 100.0)
     ),
-    inflow_share=SIQuantity("dimensionless", OWN_NUMBERS["inflow_share"].rule),
-    # Sheets made to damp have a loss factor of 1.
-    hysteresis=SIQuantity("dimensionless", OWN_NUMBERS["hysteresis"].rule, usual=(0.0, 2.0)),
-    # A nozzle does not point backward.
-    jet_angle=SIQuantity(
-        "rad",
-        OWN_NUMBERS["jet_angle"].rule,
-        {"degrees": math.pi / 180.0},
-        (-0.5 * math.pi, 0.5 * math.pi),
-    ),
-    inclination=SIQuantity(
-        "rad",
-        OWN_NUMBERS["inclination"].rule,
-        {"degrees": math.pi / 180.0},
-        OWN_NUMBERS["inclination"].bounds,
-    ),
+    **{
+        name: SIQuantity(
+            "rad", OWN_NUMBERS[name].rule, {"degrees": math.pi / 180.0}, OWN_NUMBERS[name].usual
+        )
+        for name in ("jet_angle", "inclination")
+    },
 )
+
+USUAL_NUMBERS = {
+    name: one.usual for name, one in OWN_NUMBERS.items() if math.isfinite(one.usual[1])
+}
+"""Ranges outside which no pipe's own number lies."""
+
+FROM_SI = "alpha", "damping", "rotary_inertia"
+"""Those that a pipe in SI finds from other arguments, which are judged then."""
 
 BEAM = "bending_stiffness", "pipe_mass", "fluid_mass"
 TUBE = "outer_diameter", "inner_diameter", "youngs_modulus", "density", "fluid_density"
@@ -325,10 +340,23 @@ class Pipe(Saved):
                     f"terms[{i}] must be the only one with the mass of the fluid around the pipe, "
                     f"such as AddedMass from an added_mass_coefficient, got {self.terms!r}"
                 )
-        if self.jet_angle or self.hysteresis:
-            own = {"jet_angle": self.jet_angle, "hysteresis": self.hysteresis}
-            if reasons := unusual(own):
-                warn_of_pipe(reasons, likely_slip(own, lambda numbers: not unusual(numbers)), own)
+        own = {
+            name: value
+            for name, (low, high) in USUAL_NUMBERS.items()
+            if not low <= (value := getattr(self, name)) <= high
+            and (self.scales is None or name not in FROM_SI)
+        }
+        reasons = [
+            text
+            for name, value in own.items()
+            for text in beyond(name, value, USUAL_NUMBERS[name], " rad" * (name == "jet_angle"))
+        ]
+        if self.terms and self.scales is None:
+            masses = (one.mass for one in self.terms if isinstance(one, PointMass))
+            reasons += unusual({"heaviest": max(masses, default=0.0)})
+        if reasons:
+            angle = {name: value for name, value in own.items() if name == "jet_angle"}
+            warn_of_pipe(reasons, likely_slip(angle, lambda one: not unusual(one)), own)
 
     @classmethod
     def from_si(
@@ -813,7 +841,14 @@ class Pipe(Saved):
             >>> pp.Pipe.from_si(length=2.0, **numbers).speed_from_si(6.0)
             3.0
         """
-        return scaled_by("V", V, np.divide, self._speed(phase), "m/s")
+        return self.speed_given("V", V, self._speed(phase))
+
+    def speed_given(self, name: str, V: Any, scale: float | None = None) -> Any:
+        """Nondimensional flow speed from the speed in m/s of an argument, over that at u = 1."""
+        units = self._units(name)
+        slips = {} if math.isnan(units.flow_rate) else {"m3/s": units.speed / units.flow_rate}
+        scale = units.speed if scale is None else scale
+        return scaled_by(name, V, np.divide, scale, "m/s", USUAL_SPEEDS, slips)
 
     def _speed(self, phase: int | None) -> float:
         """Speed of a phase at u = 1, in m/s; the mean by mass if none is named."""
@@ -861,7 +896,9 @@ class Pipe(Saved):
             >>> round(hose.flow_rate_from_si(15.0 / 6e4), 3)  # 15 l/min
             11.252
         """
-        return scaled_by("Q", Q, np.divide, self._flow_rate(phase), "m**3/s")
+        rate, speed = self._flow_rate(phase), self._speed(phase)
+        low, high = (one * rate / speed for one in USUAL_SPEEDS)
+        return scaled_by("Q", Q, np.divide, rate, "m**3/s", (low, high), FLOW_RATES)
 
     def _flow_rate(self, phase: int | None) -> float:
         """Flow rate of a phase, or of all phases, at u = 1, in m^3/s."""
@@ -1023,13 +1060,10 @@ def _unusual_in_si(si: Mapping[str, float]) -> list[str]:
         else:  # the bore of a fluid as heavy as ore in water, as few are heavier
             numbers["bore"] = length / np.sqrt(fluid_mass / (0.25 * math.pi * 4000.0))
             numbers["wall"] = 4.0 * math.pi * stiffness / pipe_mass**2
-    found = unusual({k: v for k, v in numbers.items() if k not in ("jet_angle", "hysteresis")})
-    low, high = WATER
-    return found + [
-        f"{name} is {si[name]:.4g} kg/m3, which is that of water in g/cm3"
-        for name in ("fluid_density", "external_density")
-        if low <= si.get(name, 0.0) <= high
-    ]
+            numbers["rod"] = length / np.sqrt(pipe_mass / (0.25 * math.pi * 11340.0))
+    found = unusual({k: v for k, v in numbers.items() if k not in USUAL_NUMBERS or k in FROM_SI})
+    fluids = {k: si[k] for k in ("fluid_density", "external_density") if k in si}
+    return found + like_water(**fluids)
 
 
 def _is_usual(si: Mapping[str, float]) -> bool:
@@ -1075,13 +1109,38 @@ CHECKS: dict[str, Callable[[Any], Any]] = {
 DEFAULTS = {item.name: item.default for item in fields(Pipe)}
 
 
-def scaled_by(name: str, value: ArrayLike, by: np.ufunc, scale: float, unit: str = "") -> Any:
-    """A number or array times or over the SI value of its unit; a quantity of pint in `unit`."""
+USUAL_SPEEDS = 1e-3, 1e3
+"""Flow speeds in m/s of pipes, from creeping ones to those of gases."""
+
+FLOW_RATES = {"l/min": 1e-3 / 60.0, "l/s": 1e-3, "m3/h": 1.0 / 3600.0}
+"""Units that users take for m^3/s, with their values in it."""
+
+
+def scaled_by(
+    name: str,
+    value: ArrayLike,
+    by: np.ufunc,
+    scale: float,
+    unit: str = "",
+    usual: tuple[float, float] = (0.0, math.inf),
+    slips: Mapping[str, float] = MappingProxyType({}),
+) -> Any:
+    """A number or array times or over the SI value of its unit; a quantity of pint in `unit`.
+
+    If the largest number is outside the `usual` range, a warning names those of the units in
+    `slips`, with their values, in which it is not.
+    """
     if unit:
         value = check.in_unit(name, value, unit)
     numbers = check.numbers(name, value, "a number or an array of numbers", longest=10_000_000)
     if not np.isfinite(numbers).all():
         raise ValueError(f"{name} must be finite, got {check.shown(value)}")
+    if slips and (largest := float(np.max(np.abs(numbers), initial=0.0))):
+        plain = f" {unit.replace('**', '')}"
+        if far := beyond(name, largest, usual, plain):
+            found = [word for word, by_ in slips.items() if not beyond("", largest * by_, usual)]
+            slip = f": in{plain}, not in {' or '.join(found)}?" if found else ": is the unit right?"
+            warn_of_number(far[0] + slip)
     with np.errstate(over="ignore", under="ignore"):
         result = by(numbers.astype(np.float64), scale)
     if not np.isfinite(result).all():

@@ -15,6 +15,7 @@ import numpy as np
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.errors import warn_of_number
 
 SLACK = 1e-9
 """Distance in L by which a place may lie beyond the free end: as much as a chain's lengths may miss
@@ -66,6 +67,8 @@ class Phase:
             vars(self)[name] = check.real(
                 name, getattr(self, name), low=0.0, high=high, open_low=True, unit=unit
             )
+        if found := unusual({"fluid_density": self.density}) + like_water(density=self.density):
+            warn_of_number(f"{found[0]}: density in kg/m3, not in g/cm3?")
 
 
 class Mixture(NamedTuple):
@@ -267,10 +270,11 @@ DERIVED = {
     "wall": ("4 pi bending_stiffness / pipe_mass^2", " m5/(kg s2)", (0.02, 1.5e6)),
     "material": ("youngs_modulus / density^2", " m5/(kg s2)", (0.02, 1.5e5)),
     "thickness": ("the thickness of the wall", " m", (0.0, 0.15)),
+    "rod": ("length over the diameter of a rod of lead as heavy as the pipe", "", (5.0, math.inf)),
+    "heaviest": ("the largest point mass over the pipe's mass", "", (0.0, 100.0)),
     "stretch": ("the strain under the weight of the hanging pipe", "", (0.0, 0.2)),
     "share": ("the fluid's share of the mass, beta,", "", (0.0, 0.99)),
     "inertia": ("rotary_inertia over mass times length squared", "", (0.0, 0.1)),
-    "heaviest": ("the largest point mass over the pipe's mass", "", (0.0, 100.0)),
 }
 """What is derived from these arguments, by name: words, unit and range of pipes.
 
@@ -322,11 +326,26 @@ def unusual(numbers: Mapping[str, float]) -> list[str]:
             words, unit, usual = DERIVED[name]
         elif name in SI_QUANTITIES:
             unit, usual = SI_QUANTITIES[name].words, SI_QUANTITIES[name].usual
-        low, high = usual
-        if not low <= value <= high:
-            limit = f"at least {low:.3g}" if value < low else f"at most {high:.3g}"
-            found.append(f"{words} is {value:.4g}{unit}, for pipes {limit}{unit}")
+        found += beyond(words, value, usual, unit)
     return found
+
+
+def beyond(words: str, value: float, usual: tuple[float, float], unit: str = "") -> list[str]:
+    """A sentence if a number is outside the range of pipes."""
+    low, high = usual
+    if low <= value <= high:
+        return []
+    limit = f"at least {low:.3g}" if value < low else f"at most {high:.3g}"
+    return [f"{words} is {value:.4g}{unit}, for pipes {limit}{unit}"]
+
+
+def like_water(**densities: float) -> list[str]:
+    """A sentence for each density, by name, that is that of water in another unit."""
+    return [
+        f"{name} is {value:.4g} kg/m3, which is that of water in g/cm3"
+        for name, value in densities.items()
+        if WATER[0] <= value <= WATER[1]
+    ]
 
 
 def likely_slip(given: Mapping[str, float], is_usual: Callable[[Mapping[str, float]], bool]) -> str:

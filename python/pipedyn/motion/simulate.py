@@ -36,6 +36,7 @@ from pipedyn.models.drive import (
     Speed,
     Supply,
 )
+from pipedyn.models.scales import beyond
 from pipedyn.modular.assembly import Assembly
 from pipedyn.motion.constant_head import ConstantHead
 from pipedyn.motion.events import (
@@ -65,7 +66,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import TookTooLong
-from pipedyn.util.errors import PipedynError, resolved
+from pipedyn.util.errors import PipedynError, UnusualPipe, resolved, warn_caller
 from pipedyn.util.parallel import Returned, parallel
 from pipedyn.util.result import (
     Result,
@@ -1012,13 +1013,21 @@ def checked_start(model: Model, q0: Any, qdot0: Any) -> Array:
         q0 = slightly_bent(model)
     if not callable(q0):
         check.numbers("q0", q0, "an angle theta(s) or coordinates")
-        return np.append(model.initial_state(q0, qdot0), 0.0)
+        return _with_work(model, model.initial_state(q0, qdot0))
     try:
         bent = model.bent(q0)
     except (ValueError, TypeError) as error:
         rule = "q0 must make angles, shape (p,), of arc lengths, shape (p,)"
         raise type(error)(f"{rule}: {error}") from error
-    return np.append(model.initial_state(bent, qdot0), 0.0)
+    return _with_work(model, model.initial_state(bent, qdot0))
+
+
+def _with_work(model: Model, state: Array) -> Array:
+    """A start and the work done, 0; warns of a pipe that is coiled up as by angles in degrees."""
+    angle = model.largest_angle(state[: model.integrated])
+    for far in beyond("the largest angle of q0", angle, (0.0, math.pi), " rad"):
+        warn_caller(UnusualPipe, f"{far}: in rad, not in degrees?", __name__)
+    return np.append(state, 0.0)
 
 
 def state_of(model: Model, name: str, start: Any, kinds: str) -> Array:

@@ -7,7 +7,6 @@ import string
 import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import product
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -22,7 +21,7 @@ from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.continuum import Continuum
 from pipedyn.models.pipe import Pipe
 from pipedyn.paper.analysis import CHAIN_SIZES, REDUCED_SIZES, Findings, Options, Row, map_top
-from pipedyn.plot.arrange import CORNERS, write_beside
+from pipedyn.plot.arrange import write_inside
 from pipedyn.plot.common import open_marker
 from pipedyn.plot.linear import DOT, ONSET
 from pipedyn.plot.units import FLOW_SPEED, GROWTH, ROOT_FREQUENCY, Units, View
@@ -136,14 +135,10 @@ def _panel_figure(
             ax.text(0.5, 0.5, "not computed", transform=ax.transAxes, ha="center")
         else:
             picture(loci, bar=False, units=_units_of(case.pipe), ax=ax)
-            notes = ax.get_title(loc="right"), _note_range(ax, across, top)
+            notes = *textwrap.wrap(loci.missing, 28), _note_range(ax, across, top)
             ax.set_title("", loc="right")  # the title of the panel takes its place
             if note := "\n".join(filter(None, notes)):
-                corners = np.array(list(CORNERS.values()))
-                within = np.array([*product(np.linspace(0.05, 0.95, 19), repeat=2)])
-                places, sides = np.vstack([corners, within]), np.zeros((len(within), 2))
-                look: dict[str, Any] = {"xycoords": "axes fraction", "size": 6.5}
-                write_beside(ax, note, places, np.vstack([1 - 2 * corners, sides]), **look)
+                write_inside(ax, note, size=6.5)
         ax.label_outer()
     named = "" if _view(case.pipe).si else "; all quantities nondimensional"
     figure.suptitle(f"{_pipe_title(case.pipe)}{named}", fontsize=9.0)

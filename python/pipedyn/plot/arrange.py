@@ -56,13 +56,16 @@ SPACES = re.compile(r" (?=(?:[^$]*\$[^$]*\$)*[^$]*$)")
 """Spaces outside of formulas, at which texts may break."""
 
 
-def keep_within(ax: Axes, *sentences: Text) -> None:
-    """Breaks labels, title and some sentences of Axes to their size, when the figure is drawn."""
+def keep_within(ax: Axes, *sentences: Text, share: float = 0.8) -> None:
+    """Breaks labels, title and some sentences of Axes to their size, when the figure is drawn.
+
+    Sentences get a share of the width, all of it above the Axes.
+    """
     of = _arranger(ax)
     of.labelled.append(ax)
     for text in sentences:
-        text.set_in_layout(False)  # one in a single line would leave no room for the Axes
-        of.sentences.append((ax, text))
+        text.set_in_layout(share == 1.0)  # inside, a single line would leave no room for the Axes
+        of.sentences.append((ax, text, share))
 
 
 def write_beside(
@@ -94,6 +97,14 @@ def write_beside(
     _arranger(ax).words.append(_Words(ax, text, at, np.asarray(sides), gap, needed))
 
 
+def write_inside(ax: Axes, words: str, **look: Any) -> None:
+    """Writes words in a corner of Axes or, if they cover something there, elsewhere inside."""
+    corners = np.array(list(CORNERS.values()))
+    within = np.array([*product(np.linspace(0.05, 0.95, 19), repeat=2)])
+    sides = np.vstack([1.0 - 2.0 * corners, np.zeros_like(within)])
+    write_beside(ax, words, np.vstack([corners, within]), sides, xycoords="axes fraction", **look)
+
+
 def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
     """Adds a legend below or inside the Axes, of artists by name, or of all that have a label.
 
@@ -108,9 +119,9 @@ def legend_below(ax: Axes, named: Mapping[str, Any] | None = None) -> None:
         usual = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
         usual = min(usual, max(SMALLEST_LETTERS, POINTS_AN_INCH * cell_size(ax)[1] / ax.figure.dpi))
         sizes = [*np.arange(usual, SMALLEST_LETTERS, -1.0), min(usual, SMALLEST_LETTERS)]
-        legend = _add(ax, named, usual, 1)
-        legend.set_in_layout(False)
-        _arranger(ax).legends.append(_Legend(ax, legend, named, sizes))
+        made = _Legend(ax, _add(ax, named, usual, 1), named, sizes)
+        made.change((usual, 1), inside=False)
+        _arranger(ax).legends.append(made)
 
 
 def small_letters() -> float:
@@ -129,6 +140,13 @@ def _add(
         texts = [text.get_text().replace("\n", " ") for text in before.get_texts()]
         look["title"] = before.get_title().get_text() or None
     return ax.legend(named.values(), texts, loc="upper center", **look)
+
+
+def _page(one: Artist) -> tuple[float, float]:
+    """Width and height, in inches, of the figure that an artist is in."""
+    figure: Any = one.figure
+    wide, high = figure.figure.get_size_inches()
+    return float(wide), float(high)
 
 
 def cell_size(ax: Axes) -> tuple[float, float]:
@@ -179,6 +197,7 @@ class _Legend:
         below: size of letters and number of columns below the Axes.
         place: place below, from the middle of the lower edge of the Axes, in inches.
         room: width below, in pixels.
+        page: size of the figure, in inches, for which it was placed.
     """
 
     ax: Axes
@@ -189,11 +208,17 @@ class _Legend:
     below: tuple[float, int] = (0.0, 0)
     place: tuple[float, float] | None = None
     room: float = 0.0
+    page: tuple[float, float] = (0.0, 0.0)
+
+    def takes_room(self) -> bool:
+        """Whether a layout makes room for the legend: below Axes of the size that it fits."""
+        return self.place is not None and self.page == _page(self.ax)
 
     def change(self, look: tuple[float, int], *, inside: bool) -> None:
         """Replaces the legend by one of another size, which takes no room in the layout yet."""
         self.legend = _add(self.ax, self.named, *look, self.legend)
-        self.legend.set(frame_on=inside, in_layout=False)
+        self.legend.set_frame_on(inside)
+        vars(self.legend)["get_in_layout"] = self.takes_room
         self.place = None
 
     def find(self, covered: _Covered) -> bool:
@@ -225,8 +250,9 @@ class _Legend:
         under, beside = (axis.get_tightbbox(renderer) for axis in (ax.xaxis, ax.yaxis))
         room = frame.x1 - (frame.x0 if beside is None else beside.x0)
         room += 0.05 * dpi  # at other dots an inch letters have other widths
-        if self.inside is None or self.legend.get_window_extent().width > room:
-            self.room = 0.98 * room
+        page, wide = _page(ax), self.legend.get_window_extent().width
+        if self.inside is None or page != self.page or wide > room:
+            self.room, self.page = 0.98 * room, page
             self._choose()
         if self.inside:
             return False
@@ -238,7 +264,6 @@ class _Legend:
         self.place = place
         shift = ScaledTranslation(*place, ax.figure.dpi_scale_trans)
         self.legend.set_bbox_to_anchor((0.5, 0.0), ax.transAxes + shift)
-        self.legend.set_in_layout(True)
         return True
 
     def _choose(self) -> None:
@@ -246,7 +271,9 @@ class _Legend:
 
         Of the smallest letters the lowest legend is chosen, in which long entries are broken.
         """
-        found = dict[tuple[float, int], float]()
+        found, figure = dict[tuple[float, int], float](), self.ax.figure.figure
+        # Without an engine nothing makes room below Axes.
+        low = LOW * cell_size(self.ax)[1] if figure.get_layout_engine() is not None else 0.0
         for size, columns in product(self.sizes, (4, 3, 2, 1)):
             self.change((size, columns), inside=False)
             if size == self.sizes[-1]:
@@ -254,7 +281,7 @@ class _Legend:
             box = self.legend.get_window_extent()
             if box.width <= self.room or (size, columns) == (self.sizes[-1], 1):
                 found[size, columns] = box.height
-            if box.width <= self.room and box.height <= LOW * cell_size(self.ax)[1]:
+            if box.width <= self.room and box.height <= low:
                 self.inside = []
                 return
         smallest = [look for look in found if look[0] == self.sizes[-1]]
@@ -320,8 +347,9 @@ class _Arranger(Artist):
     def __init__(self) -> None:
         super().__init__()
         self.set(in_layout=False, zorder=-math.inf)
-        self.labelled, self.sentences = list[Axes](), list[tuple[Axes, Text]]()
+        self.labelled, self.sentences = list[Axes](), list[tuple[Axes, Text, float]]()
         self.legends, self.words = list[_Legend](), list[_Words]()
+        self.page = (0.0, 0.0)
 
     def draw(self, renderer: Any) -> None:
         """Arranges until nothing changes the layout any more."""
@@ -330,12 +358,14 @@ class _Arranger(Artist):
             return
         self._forget()
         redraws, figure.stale_callback = figure.stale_callback, None  # what moves is drawn now
+        resized, self.page = self.page != _page(figure), _page(figure)
         for _ in range(6):
             for ax in figure.axes:
                 locator = ax.get_axes_locator()
                 ax.apply_aspect(locator and locator(ax, renderer))
-            if not (self._break() or self._place(renderer)):
+            if not (self._break() or self._place(renderer) or resized):
                 break
+            resized = False
             if (engine := figure.get_layout_engine()) is not None:
                 engine.execute(figure)
         figure.stale_callback = redraws
@@ -355,7 +385,7 @@ class _Arranger(Artist):
             wide = ax.get_position(original=True).width * ax.figure.bbox.width  # at any aspect
             rooms = {ax.xaxis.label: wide, ax.yaxis.label: ax.bbox.height, ax.title: wide}
             broken += [wrap(text, room + 0.08 * ax.figure.dpi) for text, room in rooms.items()]
-        broken += [wrap(text, 0.8 * ax.bbox.width) for ax, text in self.sentences]
+        broken += [wrap(text, share * ax.bbox.width) for ax, text, share in self.sentences]
         return any(broken)
 
     def _place(self, renderer: Any) -> bool:

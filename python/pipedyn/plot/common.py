@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotParams
 from matplotlib.ticker import AutoLocator, SymmetricalLogLocator
 from numpy.typing import NDArray
 
@@ -140,7 +141,8 @@ def axes(ax: Any, size: tuple[float, float], *, in_space: bool = False, **labels
     """The given Axes, or those of a new figure of pyplot with a size in inches, with labels set.
 
     The new figure has the size in the settings of matplotlib if `style` or the user set one there.
-    A figure without a layout engine gets one, since artists beside the Axes would be cut off.
+    A figure without a layout engine gets one, since artists beside the Axes would be cut off,
+    unless `subplots_adjust` placed its Axes.
     Raises ValueError for Axes in a plane for a picture in space, or the other way round.
     """
     if ax is None:
@@ -157,8 +159,10 @@ def axes(ax: Any, size: tuple[float, float], *, in_space: bool = False, **labels
         raise ValueError(f"ax must {rule} projection='3d' for this picture, got {check.shown(ax)}")
     placed = chosen.get_subplotspec() is not None  # layout engines leave other Axes alone
     if placed and isinstance(chosen.figure, Figure) and chosen.figure.get_layout_engine() is None:
+        as_usual = vars(chosen.figure.subplotpars) == vars(SubplotParams())
         with suppress(RuntimeError):  # a colour bar was placed without a layout engine
-            chosen.figure.set_layout_engine("constrained")
+            if as_usual:  # else the user placed the Axes with `subplots_adjust`
+                chosen.figure.set_layout_engine("constrained")
     chosen.set(**labels)
     arrange.keep_within(chosen)
     for axis in (chosen.xaxis, chosen.yaxis):

@@ -14,6 +14,7 @@ from __future__ import annotations
 import html
 import io
 import math
+import textwrap
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
@@ -44,6 +45,7 @@ from pipedyn.models.chain import Chain
 from pipedyn.models.pipe import OWN_NUMBERS, Pipe
 from pipedyn.models.pipe_numbers import PipeNumber, checked_number, pipe_numbers
 from pipedyn.plot import common, linear, units
+from pipedyn.plot.arrange import write_inside
 from pipedyn.plot.common import rounded_up
 from pipedyn.plot.motion import clamp_and_gravity, flow_ends
 from pipedyn.plot.stability_map import STABLE
@@ -489,6 +491,9 @@ class ExplorationPicture:
         highest = self._highest / self._view.one(units.FLOW_SPEED)
         look: dict[str, Any] = {"numbers": False, "bar": False, "units": self._units}
         linear.root_loci(of.loci, highest=highest, ax=ax, **look)
+        ax.set_title("", loc="right")  # the colour bar is in its place
+        if of.loci.missing:
+            write_inside(ax, textwrap.fill(of.loci.missing, 20), size="small")
         values = np.array([mode.eigenvalue for mode in of.modes])
         growing = grows(values)
         ring = common.open_marker(6.0, zorder=4.0)

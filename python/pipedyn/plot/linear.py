@@ -19,7 +19,13 @@ from pipedyn.linear.loci import RootLoci
 from pipedyn.linear.modes import Modes
 from pipedyn.linear.neutral import grows, growth
 from pipedyn.plot import common
-from pipedyn.plot.arrange import FULL_TURN, legend_below, small_letters, write_beside
+from pipedyn.plot.arrange import (
+    FULL_TURN,
+    keep_within,
+    legend_below,
+    small_letters,
+    write_beside,
+)
 from pipedyn.plot.units import (
     ARC,
     FLOW_SPEED,
@@ -205,7 +211,8 @@ def _checked_axes(
     view = View(units, loci.pipe)
     ax = view.axes(ax, (4.8, 4.2), x, y)
     if not loci.complete:
-        ax.set_title("other modes may be unstable", loc="right", size=small_letters())
+        note = ax.set_title(loci.missing, loc="right", size=small_letters())
+        keep_within(ax, note, share=1.0)
     return ax, view
 
 

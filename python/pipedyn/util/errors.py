@@ -26,7 +26,9 @@ class PipedynError(Exception):
 
 
 class UnusualPipe(UserWarning):
-    """A pipe's number is allowed, but far outside the range of pipes, perhaps in another unit.
+    """A number is allowed, but far outside the range of pipes, perhaps in another unit.
+
+    It is one of a pipe, of its flow, start, base or supply, or of a measurement.
 
     `warnings.filterwarnings("ignore", category=pipedyn.UnusualPipe)` silences it.
 
@@ -61,19 +63,52 @@ class FluttersAcross(UserWarning):
     """
 
 
-def warn_of_plane(asked: str) -> None:
-    """Warns with `FluttersAcross` whoever called a function of the module `asked` from outside."""
+class BranchesMissing(UserWarning):
+    """Modes that no branch of `root_loci` follows grow, or may grow; the message says which.
+
+    `warnings.filterwarnings("ignore", category=pipedyn.BranchesMissing)` silences it.
+
+    Example:
+        >>> import warnings
+        >>> sucking = pp.Chain(pp.Pipe(0.2, flow="aspirating"), 12)
+        >>> with warnings.catch_warnings():
+        ...     warnings.simplefilter("ignore", pp.BranchesMissing)
+        ...     loci = pp.root_loci(sucking, [0.0, 1.0, 2.0])
+        >>> print(loci.missing)
+        without damping inflow makes all modes grow, and 8 of 12 have no branch: take count=12
+    """
+
+
+def warn_caller(category: type[Warning], said: str, asked: str) -> None:
+    """Warns whoever called a function of the module `asked` from outside of the package."""
+    inner = asked, "pipedyn.util.hints", __name__
     frame, level = sys._getframe(1), 2
-    while frame.f_back and frame.f_globals.get("__name__") in (asked, "pipedyn.util.hints"):
+    while frame.f_back and frame.f_globals.get("__name__") in inner:
         frame, level = frame.f_back, level + 1
     if not str(frame.f_globals.get("__name__")).startswith("pipedyn."):
-        warnings.warn(
-            "the pipe rests bent, and may flutter first across the plane of this model, some per "
-            "cent below the critical speed in it: a model made with dimensions=3 answers for both "
-            '(warnings.filterwarnings("ignore", category=pipedyn.FluttersAcross) silences this)',
-            FluttersAcross,
-            stacklevel=level,
-        )
+        warnings.warn(said + _how_to_silence(category), category, stacklevel=level)
+
+
+def warn_of_plane(asked: str) -> None:
+    """Warns with `FluttersAcross` whoever called a function of the module `asked` from outside."""
+    said = (
+        "the pipe rests bent, and may flutter first across the plane of this model, some per cent "
+        "below the critical speed in it: a model made with dimensions=3 answers for both"
+    )
+    warn_caller(FluttersAcross, said, asked)
+
+
+def warn_of_number(said: str) -> None:
+    """Warns with `UnusualPipe` whoever called the package that a number is far from usual."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back and str(frame.f_globals.get("__name__")).startswith("pipedyn"):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(said + _how_to_silence(UnusualPipe), UnusualPipe, stacklevel=level)
+
+
+def _how_to_silence(category: type[Warning]) -> str:
+    name = f"pipedyn.{category.__name__}"
+    return f' (warnings.filterwarnings("ignore", category={name}) silences this)'
 
 
 def warn_of_pipe(
@@ -94,8 +129,7 @@ def warn_of_pipe(
     if module.startswith("pipedyn.") and not module.endswith("__main__"):
         return
     said = f"{'; '.join(reasons)}{slip or ': are all units right?'}"
-    silence = 'warnings.filterwarnings("ignore", category=pipedyn.UnusualPipe) silences this'
-    warnings.warn(f"{said} ({silence})", UnusualPipe, stacklevel=level)
+    warnings.warn(said + _how_to_silence(UnusualPipe), UnusualPipe, stacklevel=level)
 
 
 MAKERS_OF_PIPES = "pipedyn.models.pipe", "pipedyn.util.hints", "dataclasses"

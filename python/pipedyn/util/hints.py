@@ -41,8 +41,9 @@ SYNONYM_GROUPS = """
     naturalfrequencies eigenfrequencies, decayrate decay, decrement logdec logdecrement
     logarithmicdecrement dampingratio zeta, criticalspeed ucr uc flutterspeed flutter
     criticalvelocity, criticalfrequency omegac flutterfrequency, criticalspeed divergencespeed,
-    ranges limits window bounds range, bounds limits range, x transverse lateral horizontal, y axial
-    vertical, seconds time, uncertainty sigma std sd error, gap clearance, ax axes axis, si siunits
+    start transient skip, decibels db, ranges limits window bounds range, bounds limits range, x
+    transverse lateral horizontal, y axial vertical, seconds time, uncertainty sigma std sd
+    error, gap clearance, ax axes axis, si siunits
 """
 """Words of the field for the same thing, as `bare` writes them; commas separate groups."""
 
