@@ -35,6 +35,7 @@
 #pragma once
 
 #include "pipedyn/chain/sweeps.hpp"
+#include "pipedyn/terms/applied_force.hpp"
 #include "pipedyn/terms/space.hpp"
 
 namespace {
@@ -135,6 +136,11 @@ struct Bend {
 
 // --------------------------------------------------------------------------------------- states
 
+/// Whether a batch has a row of a drive; if not, the row is 0.
+inline bool drives(const Batch& batch, Count row) {
+  return batch.drive != nullptr && row < batch.drive_rows;
+}
+
 /// A block of states of the motion in space as the recursion reads them: rows of [a_x (n), a_z (n),
 /// a_x' (n), a_z' (n)].
 template <class Real>
@@ -144,7 +150,8 @@ struct States {
   Real row(Count j) const { return members.row(j); }
   Real speed() const { return members.speed(); }
   Real driven(Count k) const {
-    return members.batch.drive == nullptr ? Real{} : members.read_row(members.batch.drive, k);
+    const Batch& of = members.batch;
+    return drives(of, k) ? members.read_row(of.drive, k) : Real{};
   }
 };
 
@@ -164,7 +171,7 @@ struct Seeded {
   Number row(Count j) const { return seeded(batch.y[j * batch.members + member], j); }
   Number speed() const { return seeded(batch.u[member * batch.u_step], rows); }
   Number driven(Count k) const {
-    return constant<Number>(batch.drive == nullptr ? 0.0 : batch.drive[k * batch.members + member]);
+    return constant<Number>(drives(batch, k) ? batch.drive[k * batch.members + member] : 0.0);
   }
 };
 
@@ -185,6 +192,18 @@ struct SpatialDrive {
     acceleration = vector(Drive::acceleration, Drive::acceleration_z);
   }
 };
+
+/// A law as it acts on a pipe in space at a time: an applied force is made from rows(k), row k of
+/// the drive.
+template <class Number, class Law, class Rows>
+auto acting_in_space(const Law& law, double s, const Rows& rows) {
+  if constexpr (Law::applied) {
+    const auto row = [&](std::ptrdiff_t k) { return rows.driven(pipedyn::Drive::rows + k); };
+    return AppliedNow<Number>(law, s, row, true);
+  } else {
+    return law;
+  }
+}
 
 /// A direction of the pipe in space and how it turns.
 template <class Number>
@@ -333,7 +352,8 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
       const double arm = term->arm, weight = term->weight;
       const SpatialStation<Number> at{r + arm * here.t, velocity + arm * here.rate, here.t, here.a,
                                       here.w};
-      Laws::with(term->term, [&](const auto& law) {
+      Laws::with(term->term, [&](const auto& of) {
+        const auto law = acting_in_space<Number>(of, term->term.at, rows);
         const SpatialLoad<Number> load = law.load_in_space(at);
         act(weight * load.force, arm);
         here.couple = here.couple + weight * load.couple;

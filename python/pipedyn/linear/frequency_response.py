@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from pipedyn.linear.modes import largest_speed, roots_and_shapes
 from pipedyn.linear.neutral import grows, growth
 from pipedyn.linear.rest import at_rest
-from pipedyn.models.base import DENSE_LIMIT, ROWS, Model
+from pipedyn.models.base import BASE_ROWS, DENSE_LIMIT, ROWS, Model
 from pipedyn.models.continuum import (
     SMALLEST,
     AnyModel,
@@ -34,7 +34,7 @@ from pipedyn.models.continuum import (
     converged_answer,
     relative,
 )
-from pipedyn.models.drive import steady_speed
+from pipedyn.models.drive import LETTERS, Letter, steady_speed
 from pipedyn.models.terms import PointMass
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
@@ -63,6 +63,9 @@ CLOSEST = 1e-9
 MOST_FREQUENCIES = 50_000
 """Largest number of frequencies that are chosen: 200 modes with some 200 each."""
 
+AXES: Array = np.eye(3)
+"""Unit vectors along x, y and z."""
+
 RESIDUAL = 1e-10
 """Residual, relative to the load or the solution, at which a basis has enough vectors."""
 
@@ -83,7 +86,7 @@ class Resonance(Result, units={"width": FREQUENCY}):
     width: float
 
 
-@saved_as("FrequencyResponse")
+@saved_as("FrequencyResponse", added=("direction",))
 class FrequencyResponse(TableResult):
     """Complex amplitude of a displacement per unit amplitude of the input.
 
@@ -104,6 +107,7 @@ class FrequencyResponse(TableResult):
         error: for `Continuum`, the largest change of the response from the basis before the last,
             relative to the response, less the change explained by a shift of the poles by 1e-11 of
             their size; 0 for other models.
+        direction: "x", "y" or "z", the direction of the input.
 
     Example:
         >>> found = pp.frequency_response(pp.Galerkin(pp.Pipe(0.2), 6), 4.0)
@@ -122,6 +126,7 @@ class FrequencyResponse(TableResult):
     model: AnyModel
     size: int
     error: float
+    direction: Letter = "x"
 
     def _columns(self) -> dict[str, Any]:
         return {
@@ -138,11 +143,13 @@ def frequency_response(
     *,
     input: Input = "base",
     output: Literal["tip"] | float = "tip",
+    direction: Letter = "x",
     tolerance: float = 1e-3,
 ) -> FrequencyResponse:
     """Displacement of a place per unit harmonic force, moment or motion of the base.
 
-    The pipe is at rest, straight or bent, as for `eigenvalues`.
+    The pipe is at rest, straight or bent, as for `eigenvalues`. If it is straight, a model in three
+    dimensions responds along x and along z as its planar model does.
 
     Args:
         model: chain, reduced model or scene up to 4000 degrees of freedom, or `Continuum`.
@@ -159,6 +166,10 @@ def frequency_response(
         output: arc length in L of the place whose transverse displacement is computed; "tip" is the
             free end, or `Pipe.tip_place` if that is held. If the base moves, the displacement is
             relative to the base.
+        direction: "x", in which the input acts and the displacement is measured. In three
+            dimensions it may be "z": a pipe that rests bent in the plane z = 0 responds otherwise
+            across that plane. A base may also move along "y", the straight pipe; the displacement
+            is then along x, and a pipe that rests straight does not respond.
         tolerance: error of the lines between chosen frequencies, relative to |response| at the
             larger of their ends, in [1e-6, 0.1].
 
@@ -177,10 +188,18 @@ def frequency_response(
         >>> complex(found.response[0].round(6))
         (0.435537-0.580465j)
     """
-    model = checked_model(model)
+    letter = check.choice("direction", direction, LETTERS)
+    if letter == "z" and not (isinstance(model, Model) and model.dimensions == 3):
+        raise ValueError(
+            "direction must be 'x' or 'y' for a model that moves in the plane of x and y, got 'z'; "
+            "Chain and Galerkin take dimensions=3"
+        )
+    model = checked_model(model, across=True)
     u = steady_speed("u", u, high=largest_speed(model))
     tolerance = check.real("tolerance", tolerance, low=1e-6, high=0.1)
     driven, place = checked_input(input), checked_output(output, model.pipe.tip_place)
+    if letter == "y" and not isinstance(driven, str):
+        raise ValueError("direction must be 'x' or 'z' for a force or a moment, got 'y'")
     if isinstance(model, Model) and model.dof > DENSE_LIMIT:
         raise ValueError(
             f"model must have at most {DENSE_LIMIT} degrees of freedom for frequency_response, "
@@ -206,7 +225,7 @@ def frequency_response(
         high = 1.2 * float(turning[:RESONANCES][-1])
 
     def ask(one: Model) -> _Response:
-        return _Response(at_rest(one, u), u=u, input=driven, output=place)
+        return _Response(at_rest(one, u), u, driven, place, AXES[LETTERS.index(letter)])
 
     first = ask(one)
     with one_thread(first.rows):
@@ -251,6 +270,7 @@ def frequency_response(
         model=model,
         size=answer.size,
         error=answer.error,
+        direction=letter,
     )
 
 
@@ -305,19 +325,22 @@ class _Response:
     """Response of one model at any frequencies, in elastic coordinates.
 
     The load is f(omega) = sum over j of (i omega)^j times column j of `loads`, (dof, 3). The
-    equations are solved in a basis, which spans all coordinates of a small model.
+    equations are solved in a basis, which spans all coordinates of a small model. along: direction
+    of the input, shape (3,).
     """
 
-    def __init__(self, model: Model, u: float, input: Input, output: float) -> None:
+    def __init__(
+        self, model: Model, u: float, input: Input, output: float, along: Array = AXES[0]
+    ) -> None:
         self.model, self.pencil, self.u = model, model.pencil(), u
         self.rows = 1 if self.pencil.is_long else self.pencil.dof
         self.loads = np.zeros((model.dof, 3))
         if isinstance(input, str):
-            self.loads = _base_loads(model, u)
+            self.loads = _base_loads(model, u, along)
         else:
             kind, place = input
-            self.loads[:, 0] = _displacement(model, float(place), int(kind == "moment"))
-        self.output = _displacement(model, output)
+            self.loads[:, 0] = _displacement(model, float(place), along, int(kind == "moment"))
+        self.output = _displacement(model, output, along)
         self._vectors = np.eye(model.dof, model.dof if model.dof <= LARGEST_DIRECT else 0)
         self._products = self.products(self._vectors)
 
@@ -427,9 +450,12 @@ def _output_displacement(output: Array, x: Complex) -> Complex:
     return found
 
 
-def base_solution(model: Model, u: float, omega: float) -> Complex:
-    """Complex coordinates q per unit amplitude of the base at a frequency, shape (dof,)."""
-    found = _Response(model, u, "base", 1.0).solution(omega)
+def base_solution(model: Model, u: float, omega: float, vector: Complex) -> Complex:
+    """Complex coordinates q for a complex amplitude of the base, (3,), at a frequency, (dof,)."""
+    found = np.zeros(model.dof, dtype=np.complex128)
+    for part, factor in ((vector.real, 1.0), (vector.imag, 1j)):
+        if part.any():
+            found += factor * _Response(model, u, "base", 1.0, part).solution(omega)
     return np.asarray(model.from_elastic(found), dtype=np.complex128)
 
 
@@ -453,21 +479,27 @@ def harmonic_solution(model: Model, u: float, omega: float, numbers: Complex) ->
     return np.asarray(model.from_elastic(found), dtype=np.complex128)
 
 
-def _displacement(model: Model, s: float, derivative: int = 0) -> Array:
-    """Row of the displacement at s, or of its slope, in elastic coordinates, shape (dof,)."""
+def _displacement(model: Model, s: float, along: Array, derivative: int = 0) -> Array:
+    """Row of the displacement at s, or of its slope, in elastic coordinates, shape (dof,).
+
+    In three dimensions it is the displacement along z if `along`, (3,), has a part along z, else
+    along x.
+    """
     of_elastic = np.asarray(model.from_elastic(np.eye(model.dof)))
-    return model.deflection(of_elastic, [s], derivative)[0]
+    found = model.deflection(of_elastic, [s], derivative)
+    return found[int(along[2] != 0.0), 0] if model.dimensions == 3 else found[0]
 
 
-def _base_loads(model: Model, u: float) -> Array:
-    """Loads by position, velocity and acceleration of the base across the pipe, (dof, 3).
+def _base_loads(model: Model, u: float, along: Array) -> Array:
+    """Loads by position, velocity and acceleration of the base in a direction (3,), (dof, 3).
 
     The equations of motion at rest are linear in these. All resistance and stiffness fixed to the
     ground acts on the position and velocity of the base, and all mass on its acceleration.
     """
     model.require_base()
     drives = np.zeros((ROWS, 3))
-    drives[[1, 3, 5], [0, 1, 2]] = 1.0
+    for order, rows in enumerate(BASE_ROWS):
+        drives[rows, order] = along
     return _drive_loads(model, u, drives)
 
 

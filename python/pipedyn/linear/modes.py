@@ -418,6 +418,7 @@ def neutral_shape(model: Model, u: float, frequency: float) -> ModeShape:
 def _shapes(model: Model, values: Complex, coordinates: Complex) -> tuple[ModeShape, ...]:
     """Shapes of modes from their coordinates, (dof, k), which are NaN for modes not found."""
     displacement = model.deflection(np.nan_to_num(coordinates), model.stations)
+    displacement = displacement.reshape(-1, coordinates.shape[1])  # along x, then along z
     largest = np.argmax(np.abs(displacement), axis=0)
     peaks = displacement[largest, np.arange(largest.size)]
     with np.errstate(divide="ignore", invalid="ignore"):

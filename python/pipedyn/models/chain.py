@@ -499,13 +499,19 @@ class SpatialChain(SpatialModel):
     @cached_property
     def core(self) -> _core.SpatialChain:
         segments = core_segments(self._planar, spring=self._planar._own_joints)
-        return _core.SpatialChain(core_pipe(self._pipe), segments)
+        return _core.SpatialChain(core_pipe(self._pipe, self._applied), segments)
 
     def pencil(self) -> DensePencil:
         return DensePencil(self)
 
     def largest_angle(self, p: NDArray[Any]) -> float:
         return float(np.hypot(*np.abs(np.split(p, 2))).max())
+
+    def _deflected_across(
+        self, rest: Array, z: NDArray[Any], s: Array, derivative: int
+    ) -> NDArray[Any]:
+        turned = np.sinc(rest / np.pi)[:, None] * z
+        return np.asarray(self._planar._deflected(turned, s, derivative))
 
     def _segments_to(self, tangents: Array, s: Array) -> Array:
         """Sums of the segments' vectors up to arc lengths s, (p, 3, k)."""

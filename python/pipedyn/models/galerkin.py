@@ -551,7 +551,8 @@ class SpatialGalerkin(SpatialModel):
         planar = self._planar
         legendre = planar.basis == "legendre"
         return _core.SpatialGalerkin(
-            core_pipe(self._pipe), legendre, planar.dof, planar._joints, planar._more
+            core_pipe(self._pipe, self._applied),
+            *(legendre, planar.dof, planar._joints, planar._more),
         )
 
     @property
@@ -567,6 +568,15 @@ class SpatialGalerkin(SpatialModel):
 
     def pencil(self) -> DensePencil:
         return DensePencil(self)
+
+    def _deflected_across(
+        self, rest: Array, z: NDArray[Any], s: Array, derivative: int
+    ) -> NDArray[Any]:
+        def slope(slopes: Array) -> NDArray[Any]:
+            return np.asarray(np.sinc(slopes @ rest / np.pi)[:, None] * (slopes @ z))
+
+        planar = self._planar
+        return slope(planar._basis_at(s, 1)) if derivative else planar._integrated(slope, rest, s)
 
     def _slopes_of(self, s: Array, p: NDArray[Any], derivative: int = 1) -> NDArray[Any]:
         """Rotation vectors, or their derivatives, at arc lengths: (2 p, k) for p (2 m, k)."""

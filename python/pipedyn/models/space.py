@@ -8,7 +8,7 @@ along (x, y, z) with rho = hypot(a_x, a_z); x and z are across the straight pipe
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, Self
 
 import numpy as np
@@ -85,21 +85,12 @@ class SpatialModel(Model):
     def with_pipe(self, pipe: Pipe) -> Self:
         """The model with another pipe, as for `Model`."""
         other = type(self)(self._planar.with_pipe(pipe))
-        other._reference = self._reference
+        other._reference, other._applied = self._reference, self._applied
         return other
-
-    def with_applied(self, laws: Sequence[Any]) -> Self:
-        """The model itself; raises ValueError for forces, which have no third component."""
-        if laws:
-            raise ValueError(
-                "force must be None in three dimensions, where forces that vary in time have no "
-                f"equations, got {len(laws)} of them"
-            )
-        return self
 
     def about(self, q: ArrayLike) -> Self:
         """A copy that is linearised about a configuration in the plane z = 0, as for `Model`."""
-        other = type(self)(self._planar)
+        other = self.with_pipe(self._pipe)
         other._reference = self._in_plane(q)
         return other
 
@@ -217,8 +208,21 @@ class SpatialModel(Model):
         return np.asarray(self._planar.stations)
 
     def _deflected(self, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
-        halves = np.split(p, 2)
-        return np.stack([self._planar._deflected(half, s, derivative) for half in halves])
+        (x, z), planar, rest = np.split(p, 2), self._planar, self._reference
+        if rest is None or not rest.any():
+            return np.stack([planar._deflected(half, s, derivative) for half in (x, z)])
+        angles = rest[: planar.dof]
+        of_x = planar.about(angles)._deflected(x, s, derivative)
+        return np.stack([of_x, self._deflected_across(angles, z, s, derivative)])
+
+    @abstractmethod
+    def _deflected_across(
+        self, rest: Array, z: NDArray[Any], s: Array, derivative: int
+    ) -> NDArray[Any]:
+        """Displacements along z, (p, k), about a rest in the plane z = 0, (dof / 2,).
+
+        A change of a_z by 1 turns the tangent towards z by sin(theta) / theta.
+        """
 
     @property
     def kinks_known(self) -> bool:
