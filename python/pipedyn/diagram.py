@@ -196,9 +196,7 @@ def bifurcation_diagram(
     Raises:
         ValueError, TypeError: for bad arguments.
     """
-    model = checked_model_in_motion(
-        model, largest=EQUILIBRIA_DOF, purpose="bifurcation_diagram", planar=True
-    )
+    model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="bifurcation_diagram")
     require_steady("speeds", speeds)
     given_in = InputUnits(units, model.pipe)
     transient, duration = given_in.times(

@@ -12,7 +12,7 @@ from pipedyn.util.check import Array
 from pipedyn.util.result import LENGTH, Result
 
 Ending = Literal[
-    "rest", "periodic", "quasi-periodic", "chaotic", "irregular", "unsettled", "failed"
+    "rest", "periodic", "rotating", "quasi-periodic", "chaotic", "irregular", "unsettled", "failed"
 ]
 
 
@@ -25,15 +25,18 @@ class Attractor(Result, units={"turnings": LENGTH, "period": None}):
         start: number of the start of the motion, counted from 0. It is -1 in a bifurcation diagram
             if only a motion that began beside a cycle at a neighbouring speed reached the
             attractor.
-        ending: "rest"; "periodic" for a motion that reaches a cycle; "quasi-periodic" where the
+        ending: "rest"; "periodic" for a motion that reaches a cycle; "rotating" for one that
+            becomes circular, as `rotating_motion` describes; "quasi-periodic" where the
             largest Lyapunov exponent is not above 0 beyond its spread and averages over the record
             converge as they do only on a torus; "chaotic" where the exponent is above 0 by more
             than three times its spread; "irregular" where exponents are not asked for; "unsettled"
             where none of these was shown, see `reason`; or "failed".
-        period: number of maxima of the tip's transverse position in a period; 0 unless "periodic".
+        period: number of maxima of the tip's transverse position in a period; 0 unless "periodic"
+            or "rotating".
         turnings: transverse positions of the tip where its velocity changes sign, in order, over
             four periods of a cycle or over the recorded time of other motions, shape (K,); at rest
-            the position itself.
+            the position itself. In three dimensions positions are along the direction in which the
+            tip moves farthest.
         end: state [p, p'] on the attractor, shape (2 integrated,); empty where the motion failed.
         exponent: the largest Lyapunov exponent, if it is asked for and the motion is irregular.
             Motions at one speed whose turning points are spread alike share the exponent of one of
@@ -49,6 +52,11 @@ class Attractor(Result, units={"turnings": LENGTH, "period": None}):
     end: Array = field(repr=False)
     exponent: LyapunovExponent | None = None
     reason: str = ""
+
+    @property
+    def repeats(self) -> bool:
+        """Whether the motion ends at rest or repeats after a period."""
+        return self.ending in ("rest", "periodic", "rotating")
 
     @property
     def name(self) -> str:

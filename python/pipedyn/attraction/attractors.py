@@ -24,7 +24,7 @@ from pipedyn.attraction.solutions import Solution, equilibria_near, with_separat
 from pipedyn.equilibrium.equilibria import EQUILIBRIA_DOF, searched
 from pipedyn.models.base import Model, loses_energy
 from pipedyn.models.drive import LARGEST_SPEED, Harmonic, InputUnits, Pulsation, Supply
-from pipedyn.motion.sampling import turning_points
+from pipedyn.motion.sampling import farthest_direction, turning_points
 from pipedyn.motion.simulate import (
     BATCH,
     LARGEST_ENSEMBLE,
@@ -92,7 +92,9 @@ class Basin(Result, units={"exponent": RATE, "spectrum": LENGTH}):
             stable set of an unstable equilibrium or cycle, such as the straight pipe at rest. It is
             False for irregular motions, for which it is not known.
         period: in T; 0 at rest, NaN where irregular.
-        amplitude: half the peak-to-peak transverse motion of the free end, in L.
+        amplitude: half the peak-to-peak transverse motion of the free end, in L. In three
+            dimensions this, the spectrum and the section are those along the direction in which
+            the free end moves farthest.
         exponent: largest Lyapunov exponent in 1 / T: at rest the largest real part of an
             eigenvalue, and on a cycle 0, as its phase is neutral; measured for irregular motions,
             NaN if not asked for. NaN for rest and cycles if the flow pulsates or the base
@@ -299,9 +301,7 @@ def attractors(
         >>> found.basins[0].ending, found.basins[0].share.value
         ('periodic', 1.0)
     """
-    model = checked_model_in_motion(
-        model, largest=EQUILIBRIA_DOF, purpose="attractors", planar=True
-    )
+    model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="attractors")
     given_in = InputUnits(units, model.pipe)
     if isinstance(u, Pulsation) or not callable(u):
         u = given_in.speed("u", u)
@@ -361,6 +361,11 @@ def _checked_drive(model: Model, u: Any, base: Any) -> Excitation:
     if not (base is None or isinstance(base, Harmonic)):
         raise TypeError(
             f"base must be a Harmonic, which has a period, or None, got {check.shown(base)}"
+        )
+    if model.dimensions == 3 and (base is not None or isinstance(u, Pulsation)):
+        raise ValueError(
+            "model must move in a plane if the flow pulsates or the base moves, where each end of "
+            f"driven motions in three dimensions is not told apart from its turns, got {model!r}"
         )
     if base is not None:
         model.require_base()
@@ -524,18 +529,20 @@ def _basin(
     )
     amplitude, points = 0.0, np.empty((0, 2 * q.size))
     frequencies = spectrum = np.zeros(0)
+    direction = farthest_direction(motion.tip)
+    x = motion.tip @ direction
     if ending != "rest":
-        turnings = turning_points(motion.t, motion.tip[:, 0], motion.tip_velocity[:, 0])
+        turnings = turning_points(motion.t, x, motion.tip_velocity @ direction)
         amplitude = 0.5 * float(np.ptp(turnings)) if turnings.size else 0.0
         assert motion.dense is not None
         t = np.linspace(0.0, duration, math.ceil(duration * SAMPLES_A_TIME) + 1)
-        points = section(model, motion.dense, t, drive.period)
-        frequencies, spectrum = _lines(motion.t[:-1], motion.tip[:-1, 0], whole=repeats)
+        points = section(model, motion.dense, t, drive.period, direction)
+        frequencies, spectrum = _lines(motion.t[:-1], x[:-1], whole=repeats)
         # Between the harmonics the spectrum is 0 but for errors.
         every = slice(0, None, round(duration / period) if repeats else 1)
         frequencies, spectrum = frequencies[every], spectrum[every]
     exponent = one.growth
-    if ending == "periodic" and not drive.period:
+    if ending in ("periodic", "rotating") and not drive.period:
         exponent = 0.0
     elif end.exponent is not None:
         exponent = end.exponent.value
@@ -554,7 +561,9 @@ def _basin(
     )
 
 
-def section(model: Model, states: Callable[[Array], Array], t: Array, drive: float) -> Array:
+def section(
+    model: Model, states: Callable[[Array], Array], t: Array, drive: float, direction: Array
+) -> Array:
     """States [q, q'] of a Poincare section of a motion, shape (K, 2 coordinates).
 
     They are those at the beginnings of the periods of the drive; or, if all is steady and `drive`
@@ -565,12 +574,13 @@ def section(model: Model, states: Callable[[Array], Array], t: Array, drive: flo
         states: states of the motion, (2 coordinates, k), at times (k,).
         t: times of the motion, increasing, between which the free end turns round at most once.
         drive: period of the drive.
+        direction: unit vector along which the transverse position is measured.
     """
     half = model.coordinates
 
     def velocity(t: Array) -> Array:
         found = states(t)
-        return np.asarray(model.tip_velocities(found[:half], found[half:])[:, 0])
+        return np.asarray(model.tip_velocities(found[:half], found[half:]) @ direction)
 
     if drive:
         at = drive * np.arange(*(math.ceil(time / drive - 1e-6) for time in (t[0], t[-1])))

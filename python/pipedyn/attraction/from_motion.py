@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,6 +26,9 @@ to the cycle, beyond which none is: on the way to 486 cycles of random pipes slo
 0.024, and of 146 searches in vain, mostly from chaotic motions, this ends most in two steps. At
 a first step beyond four times this size `newton` ends at once, as 9 of 31 such searches do; the
 first step towards each of 43 cycles was at most 0.046."""
+
+NEARLY_PLANAR = 0.1
+"""Share of a motion across a plane up to which a cycle in that plane is looked for."""
 
 REST_EXTENT = 1e-5
 """Peak-to-peak value of an orbit, in rad or in coordinates of a reduced model, below which it is at
@@ -88,6 +92,11 @@ def solved_cycle(
         NewtonFailed: as `last_period` does; if no cycle is found near the motion's last period; or
             if its multipliers are not known.
     """
+    if model.dimensions == 3 and (planar := _planar(model, stretch)) is not None:
+        orbit, _ = solved_cycle(model.planar, drive, planar, farthest)
+        return _with_stability(model, drive, drive.field(model), orbit.in_space(model))
+    if model.axisymmetric:
+        raise NewtonFailed("no cycle is solved for that is neither planar nor circular")
     if model.dof > LARGEST_CYCLE:
         raise NewtonFailed(f"no cycle is solved for with more than {LARGEST_CYCLE} freedoms")
     states, frequency = last_period(stretch, farthest)
@@ -104,11 +113,28 @@ def solved_cycle(
     if model.pipe.has_kinks and model.kinks_known:  # multipliers need a mesh with points at kinks
         twice = np.full(len(orbit.starts), 2)
         orbit = solved(motion, refined(motion, orbit, twice, at_kinks=True), FINE.tolerance)
-    multipliers, _, error = orbit_multipliers(motion, orbit, FINE.stagnation)
+    return _with_stability(model, drive, motion, orbit)
+
+
+def _with_stability(
+    model: Model, drive: Excitation, motion: VectorField, orbit: PeriodicOrbit
+) -> tuple[PeriodicOrbit, bool]:
+    """The orbit, and whether all multipliers but those of shifts and turns are in the circle."""
+    others, _, error = orbit_multipliers(motion, orbit, FINE.stagnation)
     if not error <= LARGEST_ERROR:
         raise NewtonFailed(f"its multipliers are known to {error:.1e} only")
-    others = multipliers if drive.period else nontrivial(multipliers)
+    for _ in range((not drive.period) + model.axisymmetric):
+        others = nontrivial(others)
     return orbit, float(np.abs(others).max(initial=0.0)) < 1.0 - circle_margin(error)
+
+
+def _planar(model: Model, stretch: Stretch) -> Stretch | None:
+    """The stretch in the plane z = 0, if the motion in three dimensions nearly lies in it."""
+    columns = np.tile(model.from_plane(np.ones(model.planar.integrated)) > 0.0, 2)
+    spans = np.ptp(stretch.states[stretch.t.size // 2 :], axis=0)
+    if spans[~columns].max() > NEARLY_PLANAR * spans[columns].max():
+        return None
+    return replace(stretch, states=np.ascontiguousarray(stretch.states[:, columns]))
 
 
 def run_through_once(

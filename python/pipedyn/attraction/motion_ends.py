@@ -38,13 +38,16 @@ from pipedyn.attraction.solutions import (
     cycle,
     equilibria_near,
     irregular_motion,
+    rotation,
     with_separate_regions,
 )
+from pipedyn.equilibrium.rotating_motion import rotation_near
 from pipedyn.models.base import Model, loses_energy
 from pipedyn.models.chain import Chain
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.motion.integrator import Outcome, Task
 from pipedyn.motion.lyapunov import LyapunovExponent, exponents_together
+from pipedyn.motion.sampling import farthest_direction
 from pipedyn.motion.simulate import (
     BATCH,
     LARGEST_SAMPLES,
@@ -194,8 +197,8 @@ class Case:
 
     @cached_property
     def odd(self) -> bool:
-        """Whether the mirror image of every motion is a motion."""
-        return self.drive.is_odd(self.model)
+        """Whether the mirror image of every motion is a motion; in space from z to -z."""
+        return self.model.dimensions == 3 or self.drive.is_odd(self.model)
 
     @property
     def attracting(self) -> list[int]:
@@ -347,13 +350,14 @@ class _Engine:
             return []
         rows = np.concatenate([found[i][0][0][1:] for i in going])
         q, qdot = self.model.to_user(*np.split(rows, 2, axis=1))
-        x, velocity = self.model.tips(q.T)[:, 0], self.model.tip_velocities(q.T, qdot.T)[:, 0]
+        tips, velocities = self.model.tips(q.T), self.model.tip_velocities(q.T, qdot.T)
         for k, i in enumerate(going):
             part, last = slice(k * count, (k + 1) * count), (k + 1) * count - 1
             runs[i].state = self.model.from_user(q[last, None], qdot[last, None])[0]
-            runs[i].set_sizes(float(np.ptp(x[part])), float(np.abs(velocity[part]).max()))
-            motion = samples - before, rows[part], x[part], velocity[part]
-            runs[i].record = Stretch(*motion, max(self.options.rtol, rtol), drive.period)
+            motion = _seen_across(self.model, rows[part], tips[part], velocities[part])
+            runs[i].set_sizes(float(np.ptp(motion[1])), float(np.abs(motion[2]).max()))
+            given = max(self.options.rtol, rtol), drive.period
+            runs[i].record = Stretch(samples - before, *motion, *given)
         return [runs[i] for i in going]
 
     def error(self, run: _Run, task: Task, outcome: Outcome) -> MotionStopped:
@@ -384,10 +388,18 @@ class _Engine:
             tries.sort(key=lambda run: run.record.recurrence[0])
             for run in tries if late else tries[:1]:
                 with suppress(NewtonFailed):
-                    orbit, stable = solved_cycle(self.model, case.drive, run.record, farthest)
-                    number = case.learn(cycle(self.model, case.drive, orbit, stable))
-                    if stable and case.solutions[number].contains(run.state[None]):
+                    one = self.solved(run, farthest)
+                    number = case.learn(one)
+                    if one.attracts and case.solutions[number].contains(run.state[None]):
                         run.end(number)
+
+    def solved(self, run: _Run, farthest: float) -> Solution:
+        """The circular motion or the cycle that a motion shows; NewtonFailed if there is none."""
+        drive = run.case.drive
+        if self.model.axisymmetric and not drive.period:
+            with suppress(NewtonFailed):
+                return rotation(self.model, rotation_near(self.model, run.state, drive.mean))
+        return cycle(self.model, drive, *solved_cycle(self.model, drive, run.record, farthest))
 
     def join(self, irregular: list[_Run]) -> list[_Run]:
         """The irregular motions that from now on go on as another one of their case.
@@ -433,7 +445,7 @@ class _Engine:
         for run in sorted(joined, key=lambda run: run.join_time, reverse=True):
             leader = run.leader.start if run.leader else run.start
             number, end = run.case.ends.get(leader, (NOWHERE, None))
-            if isinstance(end, Attractor) and end.ending not in ("rest", "periodic"):
+            if isinstance(end, Attractor) and not end.repeats:
                 run.case.ends[run.start] = number, replace(end, start=run.start)
             else:
                 again.append(run)
@@ -566,6 +578,21 @@ class _Engine:
                 number = run.case.learn(irregular_motion(self.model, drive, end, run.record))
             run.case.ends[run.start] = number, end
         return doubtful
+
+
+def _seen_across(
+    model: Model, states: Array, tips: Array, velocities: Array
+) -> tuple[Array, Array, Array]:
+    """States, (S, 2 integrated), with positions and velocities of the tip across, (S,) each.
+
+    These are along the direction in which the tip moves farthest in the later half. If a turn about
+    the axis changes nothing, states are turned so that this direction is x.
+    """
+    direction = farthest_direction(tips[len(tips) // 2 :])
+    if model.axisymmetric:
+        angle = -math.atan2(direction[2], direction[0])
+        states = np.ascontiguousarray(model.turned(states.T, angle).T)
+    return states, tips @ direction, velocities @ direction
 
 
 def _in_case(task: ApproachTask, case: Case, length: float) -> ApproachTask:

@@ -65,6 +65,20 @@ TRIALS = 16
 attracts."""
 
 
+def aligned(states: Array, unit: float) -> Array:
+    """States of a pipe in three dimensions, (k, 2 integrated), turned about its axis.
+
+    In the result, the plane that is nearest to positions and rates is z = 0, to a sign. Rates are
+    multiplied by the time `unit` and by a weight, without which circular motion has no such plane.
+    """
+    x, z, by_x, by_z = np.split(states, 4, axis=1)
+    places, rates = x + 1j * z, by_x + 1j * by_z
+    squares = (places**2).sum(axis=1) + 0.5 * unit**2 * (rates**2).sum(axis=1)
+    turn = np.exp(-0.5j * np.angle(squares))[:, None]
+    places, rates = turn * places, turn * rates
+    return np.concatenate([places.real, places.imag, rates.real, rates.imag], axis=1)
+
+
 @dataclass(frozen=True, eq=False)
 class Region:
     """States around an attractor from which motions come nearer to it.
@@ -78,6 +92,8 @@ class Region:
         radius: radius of the region, root mean square of p.
         turn: change of p in a whole turn about a hinge at the root, (integrated,), which changes
             nothing.
+        axisymmetric: whether a turn of states about the axis of the pipe changes nothing.
+        signs: signs of the entries of p in the mirror image of a motion, (integrated,).
         driven: whether `points` contain phases of the drive.
         rates: first and second derivatives in time at the points, (2, M, 2 integrated), if these
             follow one another on a curve; else None.
@@ -90,6 +106,8 @@ class Region:
     period: float
     radius: float = LARGEST_RADIUS
     turn: Array | None = None
+    axisymmetric: bool = False
+    signs: Array | None = None
     driven: bool = False
     rates: Array | None = None
     floquet: FloquetCoordinates | None = None
@@ -113,6 +131,8 @@ class Region:
             turn = np.zeros(points.shape[1])
             turn[: self.half] = self.turn
             points = np.concatenate([points, points + turn, points - turn])
+        if self.axisymmetric:  # half a turn leaves the plane of a state the same
+            points = np.concatenate([points, -points])
         return points * self.units
 
     @cached_property
@@ -131,6 +151,8 @@ class Region:
         return np.append(units, np.ones(2 * self.driven))
 
     def _without_turns(self, states: Array) -> Array:
+        if self.axisymmetric:
+            return aligned(states, self.unit)
         if self.turn is None:
             return states
         states, half = states.copy(), self.half
@@ -195,6 +217,9 @@ class Region:
         if self.rates is not None:
             # The difference, to third order in the time by which the state is ahead of the point.
             once, twice = self.rates[:, points] * self.units
+            if self.axisymmetric:
+                turned = np.where(near[met] < len(self.points), 1.0, -1.0)[:, None]
+                once, twice = turned * once, turned * twice
             ahead = np.sum(once * away, axis=1, keepdims=True)
             ahead /= np.maximum(np.sum(once**2, axis=1, keepdims=True), 1e-300)
             away -= ahead * once + 0.5 * ahead**2 * twice
@@ -209,11 +234,14 @@ class Region:
 
     def mirrored(self, shifts: bool = False) -> Region:
         """The region of the mirror image; it is half a period later if `shifts` is true."""
-        signs = -np.ones(self.points.shape[1])
-        if not shifts:
-            signs[2 * self.half :] = 1.0
-        rates = None if self.rates is None else -self.rates
-        return replace(self, points=signs * self.points, rates=rates)
+        of_p = -np.ones(self.half) if self.signs is None else self.signs
+        of_phases = np.full(2 * self.driven, -1.0 if shifts else 1.0)
+        signs = np.concatenate([of_p, of_p, of_phases])
+        rates = None if self.rates is None else signs * self.rates
+        floquet = self.floquet
+        if floquet is not None:
+            floquet = replace(floquet, rows=signs[: 2 * self.half] * floquet.rows)
+        return replace(self, points=signs * self.points, rates=rates, floquet=floquet)
 
     def states_beside(self, model: Model) -> Array:
         """States nearly a radius away, in random directions, shape (k, 2 integrated).

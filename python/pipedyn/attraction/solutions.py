@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import scipy
@@ -20,12 +21,13 @@ from numpy.typing import NDArray
 
 from pipedyn.attraction.attractor import Attractor
 from pipedyn.attraction.records import Stretch
-from pipedyn.attraction.regions import FLOOR, PHASE_STEP, PHASES, Region
+from pipedyn.attraction.regions import FLOOR, PHASE_STEP, PHASES, Region, aligned
 from pipedyn.equilibrium.equilibria import Statics
+from pipedyn.equilibrium.rotating_motion import motion_at, rotating_slopes
 from pipedyn.linear.neutral import decays
 from pipedyn.models.base import Model
 from pipedyn.motion.sampling import maxima, turning_points
-from pipedyn.motion.vector_field import Excitation
+from pipedyn.motion.vector_field import Excitation, VectorField
 from pipedyn.orbits.floquet_coordinates import (
     POINTS,
     floquet_coordinates,
@@ -115,6 +117,15 @@ class Solution:
         shifts: whether the drive becomes its own mirror image half a period later.
         """
         one, region, orbit = self.attractor, self.region.mirrored(shifts), self.orbit
+        if region.signs is not None:  # in three dimensions from z to -z
+            signs = np.tile(region.signs, 2)
+            if orbit is not None:
+                orbit = replace(
+                    orbit, starts=signs * orbit.starts, rates=region.signs * orbit.rates
+                )
+            return replace(
+                self, attractor=replace(one, end=signs * one.end), region=region, orbit=orbit
+            )
         end = -one.end
         if shifts:  # state at the beginning of a period of the drive
             end = region.points[np.argmax(region.points[:, -2]), : end.size].copy()
@@ -151,6 +162,14 @@ def with_separate_regions(solutions: Sequence[Solution], known: int = 0) -> list
     return found
 
 
+def symmetries(model: Model) -> dict[str, Any]:
+    """Changes of a state that change no motion, as arguments of `Region`."""
+    if model.dimensions == 2:
+        return {"turn": Statics(model).whole_turn}
+    signs = model.from_plane(np.ones(model.planar.integrated))
+    return {"axisymmetric": model.axisymmetric, "signs": 2.0 * signs - 1.0}
+
+
 # ----------------------------------------------------------------------------------------- rest
 
 
@@ -158,7 +177,7 @@ def equilibria_near(model: Model, places: Iterable[Array], u: float) -> list[Sol
     """Equilibria within `LARGEST_DISTANCE` of positions p, (integrated,) each, at a flow speed."""
     found: list[Solution] = []
     statics = Statics(model)
-    for place in places:
+    for place in (model.nearest_in_plane(p) for p in places):
         with suppress(NewtonFailed):  # e.g. where a slow motion passes no equilibrium
             p = statics.solved(place, u)
             known = (np.abs(one.region.points[0, : p.size] - p).max() for one in found)
@@ -169,16 +188,21 @@ def equilibria_near(model: Model, places: Iterable[Array], u: float) -> list[Sol
 
 def _equilibrium(statics: Statics, p: Array, u: float) -> Solution:
     """The solution of an equilibrium at p."""
-    motion, values = statics.motion, statics.eigenvalues(p, u)
+    model, values = statics.whole, statics.eigenvalues(p, u)
+    motion, p = VectorField(model), model.from_plane(p)
     stable, rest = bool(decays(values).all()), np.append(p, np.zeros_like(p))
     oscillating = np.abs(values[values.imag != 0.0])
     omega = oscillating.min() if oscillating.size else np.abs(values).min()
     unit = 1.0 / max(float(omega), 1e-3)
     period = min(2.0 * math.pi * unit, LONGEST_PERIOD)
-    region = Region(rest[None], unit, period, turn=statics.whole_turn)
+    region = Region(rest[None], unit, period, **symmetries(model))
+    if not p.any():  # turns leave the distance from the axis the same
+        region = replace(region, axisymmetric=False)
     if stable and not motion.constrained:
         with suppress(LinAlgError):
-            region = replace(region, floquet=modal_coordinates(motion, rest, u, region.units))
+            slopes = motion.jacobian(rest, u)
+            trivial = int(model.axisymmetric and bool(p.any()))
+            region = replace(region, floquet=modal_coordinates(slopes, region.units, trivial))
     end = Attractor(u, -1, "rest", 0, motion.end(rest[:, None])[0], rest)
     return Solution(end, region, stable, growth=float(values.real.max()))
 
@@ -205,16 +229,22 @@ def around_cycle(
         count: number of maxima of the tip's transverse position in a period.
         phases: phases of the points, from 0 on, (M,), if motions are not driven.
     """
-    step, omega, turn = PHASE_STEP, 2.0 * math.pi / period, Statics(model).whole_turn
+    step, omega, same = PHASE_STEP, 2.0 * math.pi / period, symmetries(model)
     unit = period / (2.0 * math.pi * count)
     if drive.period:
         t = np.linspace(0.0, period, round(period / drive.period) * PHASES, endpoint=False)
         points = np.concatenate([states(omega * t).T, drive.phases(t)], axis=1)
-        return Region(points, unit, period, turn=turn, driven=True)
+        return Region(points, unit, period, driven=True, **same)
     before, on, after = (states(phases + shift).T for shift in (-step, 0.0, step))
+    if model.axisymmetric:
+        before, on, after = (aligned(one, unit) for one in (before, on, after))
+        before, after = (
+            np.where(np.sum(one * on, axis=1, keepdims=True) < 0.0, -one, one)
+            for one in (before, after)
+        )
     once, twice = 0.5 * (after - before), before + after - 2.0 * on
     rates = np.stack([once * omega / step, twice * (omega / step) ** 2])
-    return Region(on, unit, period, turn=turn, rates=rates)
+    return Region(on, unit, period, rates=rates, **same)
 
 
 def cycle(model: Model, drive: Excitation, orbit: PeriodicOrbit, stable: bool) -> Solution:
@@ -223,7 +253,7 @@ def cycle(model: Model, drive: Excitation, orbit: PeriodicOrbit, stable: bool) -
     samples = SAMPLES_AN_INTERVAL * len(orbit.starts)
     states = orbit.states(np.linspace(0.0, 2.0 * math.pi, samples, endpoint=False))
     t = np.linspace(0.0, TURNING_PERIODS * period, TURNING_PERIODS * samples + 1)
-    across, _, velocity, _ = field.end(states)
+    across, velocity = field.end(states)[[0, model.dimensions]]
     turnings = turning_points(t, *(np.resize(values, t.size) for values in (across, velocity)))
     count = max(round((maxima(turnings).size + 1) / TURNING_PERIODS), 1)
     end = Attractor(drive.mean, -1, "periodic", count, turnings, states[:, 0].copy())
@@ -232,6 +262,20 @@ def cycle(model: Model, drive: Excitation, orbit: PeriodicOrbit, stable: bool) -
         with suppress(LinAlgError):
             region = replace(region, floquet=floquet_coordinates(field, orbit, region.units))
     return Solution(end, region, stable, period, orbit=orbit)
+
+
+def rotation(model: Model, z: Array) -> Solution:
+    """The solution of a circular motion z = (q, W, u) of a pipe in three dimensions."""
+    one = motion_at(model, z)
+    period, state = 2.0 * math.pi / abs(one.frequency), np.concatenate([one.q, one.qdot])
+    turnings = one.radius * np.tile([1.0, -1.0], TURNING_PERIODS)
+    end = Attractor(one.u, -1, "rotating", 1, turnings, state)
+    region = Region(state[None], 1.0 / abs(one.frequency), period, **symmetries(model))
+    if one.stable:
+        with suppress(LinAlgError):
+            coordinates = modal_coordinates(rotating_slopes(model, z), region.units, 1)
+            region = replace(region, floquet=coordinates)
+    return Solution(end, region, one.stable, period)
 
 
 def by_record(
@@ -275,8 +319,8 @@ def irregular_motion(model: Model, drive: Excitation, end: Attractor, stretch: S
     """The solution of a motion that does not repeat, computed from its record."""
     count = max(maxima(stretch.turnings).size, 1)
     unit = float(stretch.t[-1]) / (2.0 * math.pi * count)
-    points, turn = record_points(drive, stretch), Statics(model).whole_turn
-    region = Region(points, unit, 2.0 * math.pi * unit, turn=turn, driven=bool(drive.period))
+    points, same = record_points(drive, stretch), symmetries(model)
+    region = Region(points, unit, 2.0 * math.pi * unit, driven=bool(drive.period), **same)
     half = len(points) // 2
     first = replace(region, points=region.points[:half])
     apart = float(first.distances(region.points[half:], math.inf).max())

@@ -179,9 +179,9 @@ class LimitCycle(PeriodicMotion):
 
     @property
     def others(self) -> Complex:
-        """Multipliers without the one that is 1 for every cycle; in space without both of these."""
+        """Multipliers without the one that is 1 for every cycle, and without that of turns."""
         left = nontrivial(self.multipliers)
-        return left if self.across is None else nontrivial(left)
+        return nontrivial(left) if self.model.axisymmetric else left
 
     @property
     def moves(self) -> bool:
@@ -255,7 +255,7 @@ def limit_cycle(
     samples = check.count("samples", samples, low=9, high=100_000)
     motion = VectorField(model)
     if model.dimensions == 3:
-        return _embedded(motion, limit_cycle(model.planar, u, start, rtol=rtol, samples=samples))
+        return in_space(motion, limit_cycle(model.planar, u, start, rtol=rtol, samples=samples))
     with one_thread(motion.size):
         orbit, how = cycle_from(motion, u, start)
         found = converged_cycle(motion, orbit, rtol, samples, how)
@@ -263,16 +263,10 @@ def limit_cycle(
         return found if once is found.orbit else converged_cycle(motion, once, rtol, samples, how)
 
 
-def _embedded(motion: VectorField, plane: LimitCycle) -> LimitCycle:
+def in_space(motion: VectorField, plane: LimitCycle) -> LimitCycle:
     """The cycle of the planar model as one in three dimensions, with its multipliers there."""
     orbit = plane.orbit
-    p, rates = np.split(orbit.starts, 2, axis=1)
-    none = np.zeros_like(p)
-    whole = replace(
-        orbit,
-        starts=np.concatenate([p, none, rates, none], axis=1),
-        rates=np.concatenate([orbit.rates, np.zeros_like(orbit.rates)], axis=2),
-    )
+    whole = orbit.in_space(motion.model)
     peak = plane.amplitude, amplitude_of(VectorField(plane.model), orbit)[1]
     with one_thread(motion.size):
         try:

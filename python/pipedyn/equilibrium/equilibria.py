@@ -107,7 +107,7 @@ class Equilibria(Configurations, TableResult, units={"growth": RATE}):
         q: coordinates, shape (k, coordinates).
         stable: whether no eigenvalue of the linearisation has a positive real part, shape (k,).
         growth: largest real part of an eigenvalue, in 1 / T, shape (k,).
-        tips: position (x, y) of the free end in L, shape (k, 2).
+        tips: position (x, y) of the free end in L, shape (k, 2), or (x, y, z), shape (k, 3).
         residuals: largest force left, in units of 1 + |gamma| + a u^2, shape (k,).
         resolved: whether two larger bases of the reduced model have the equilibrium too, by the
             test that `equilibria` describes, shape (k,); if not, it is an artefact of the
@@ -191,6 +191,12 @@ def equilibria(model: Model, u: float, starts: Sequence[Start] = ()) -> Equilibr
     within half a radian of it (root mean square along the pipe). Shapes that every basis has, such
     as the straight one, are kept whatever their stability.
 
+    In three dimensions equilibria are those in the plane z = 0, and their stability is that of
+    small motions in this plane and across it. If no load acts across the pipe, all planes through
+    the axis are alike: each bent equilibrium stands for all that a turn about the axis makes of
+    it, and the eigenvalue 0 of that turn does not count. Equilibria that leave the plane of a load
+    are not looked for.
+
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
         u: flow speed >= 0, in sqrt(EI / mu_f) / L.
@@ -220,9 +226,7 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
     soft pipe in a fast flow has dozens of equilibria wound up by many turns, which no motion
     reaches.
     """
-    model = checked_model_in_motion(
-        model, largest=EQUILIBRIA_DOF, purpose="equilibria", planar=True
-    )
+    model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="equilibria")
     statics = Statics(model)
     u = steady_speed("u", u)
     if isinstance(starts, str) or not isinstance(starts, Sequence):
@@ -236,18 +240,19 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
             raise NotConverged(f"no equilibrium was found at u = {u:g}")
 
         def place(x: Array) -> tuple[float, float]:
-            tip = model.tips(statics.to_user(x[None]).T)[0, 0]
+            tip = model.tips(statics.shown(x[None]).T)[0, 0]
             return round(statics.rms(x - statics.resting), 6), -float(tip)
 
         found.sort(key=place)  # mirror images are neighbours, that with its tip to the right first
         xs = np.array(found)
+        xs = xs[~statics.turned_alike(xs)]
         values = [statics.eigenvalues(x, u) for x in xs]
         residuals = np.array([statics.unbalanced(x, u) for x in xs])
         stable = np.array([is_stable(one) for one in values])
         resolved = _in_larger_bases(statics, u, xs, stable)
     highest = min((term.largest_angle for term in model.pipe.terms), default=math.inf)
-    valid = np.array([model.largest_angle(x) <= highest for x in xs])
-    q = statics.to_user(xs)
+    valid = np.array([statics.model.largest_angle(x) <= highest for x in xs])
+    q = statics.shown(xs)
     columns = {
         "q": q,
         "stable": stable,
@@ -262,6 +267,8 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
         return {name: column[which] for name, column in columns.items()}
 
     kept, complete, search = resolved & valid, solutions.complete, solutions.search
+    if statics.whole.dimensions == 3 and not statics.whole.axisymmetric:
+        complete, search = False, f"{search}; none that leaves the plane z = 0 was looked for"
     answer = Equilibria(**rows(kept), u=u, model=model, complete=complete, search=search)
     if not kept.all():
         answer = replace(answer, discarded=replace(answer, **rows(~kept)))
@@ -280,13 +287,42 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
 
 
 class Statics(BranchOfRest):
-    """The search for equilibria of a model, by the accelerations of a pipe at rest."""
+    """The search for equilibria of a model, by the accelerations of a pipe at rest.
 
-    def __init__(self, model: Model) -> None:
+    In three dimensions configurations are those of the planar model, and their stability that of
+    all small motions, in the plane and across it.
+    """
+
+    def __init__(self, whole: Model) -> None:
+        model: Model = whole.planar
         super().__init__(model)
         self.motion = VectorField(model)
+        self.whole = whole
+        self._small_motions = self if whole is model else BranchOfRest(whole)
         # Forces are affine in the square of the speed: balanced at two speeds, they are at all.
         self.always_rests = max(model.unbalanced(0.0), model.unbalanced(1.0)) <= BALANCED
+
+    def eigenvalues(self, x: Array, u: float) -> Complex:
+        """Eigenvalues of small motions about an equilibrium, those across its plane included.
+
+        If a turn about the axis changes nothing, the eigenvalue 0 of that turn is left out.
+        """
+        if self._small_motions is self:
+            return super().eigenvalues(x, u)
+        found = self._small_motions.eigenvalues(self.whole.from_plane(x), u)
+        turns = self.whole.axisymmetric and not self.straight(x)
+        return np.delete(found, np.abs(found).argmin()) if turns else found
+
+    def turned_alike(self, xs: Array) -> NDArray[np.bool_]:
+        """Which rows of xs are turned about the axis from the row before, shape (k,)."""
+        images = np.zeros(len(xs), dtype=bool)
+        if self.whole.axisymmetric:
+            images[1:] = np.abs(xs[1:] + xs[:-1]).max(axis=1) <= DISTINCT
+        return images
+
+    def shown(self, xs: Array) -> Array:
+        """Users' coordinates of the whole model, (k, coordinates), for xs, (k, integrated)."""
+        return self.whole.from_plane(self.to_user(xs).T).T
 
     def steps(self, xs: Array, residuals: Array, u: float) -> Array:
         """Newton's steps from the rows of xs, (k, integrated); not finite where no step exists."""
@@ -375,9 +411,10 @@ class Statics(BranchOfRest):
 
         The start consists of coordinates or is a function theta(s).
         """
-        given = self.model.bent(start) if callable(start) else start
+        given = self.whole.bent(start) if callable(start) else start
         try:
-            return np.array(self.model.initial_state(given, None)[: self.size])
+            state = self.whole.initial_state(given, None)
+            return self.whole.into_plane(name, np.split(state, 2)[0])
         except (ValueError, TypeError) as error:
             raise type(error)(str(error).replace("q0", name, 1)) from error
 
@@ -684,7 +721,7 @@ class BranchPoint(Result):
         speed: flow speed u.
         frequency: angular frequency of the pair, in 1 / T; 0 unless "hopf".
         q: the configuration, shape (coordinates,).
-        tip: position (x, y) of the free end.
+        tip: position (x, y) of the free end, in three dimensions (x, y, z).
     """
 
     kind: Change
@@ -706,7 +743,7 @@ class EquilibriumBranch(Configurations, TableResult):
         q: coordinates, shape (S, coordinates).
         stable: whether the equilibrium is stable, shape (S,).
         unstable: number of eigenvalues with positive real part, shape (S,).
-        tips: position (x, y) of the free end in L, shape (S, 2).
+        tips: position (x, y) of the free end in L, shape (S, 2), or (x, y, z), shape (S, 3).
         points: points at which the branch turns back or its stability changes, in order.
         ends: why the branch ends, at its first and its last point: "range" (of speeds), "pitchfork"
             (it joins its mirror image on the straight pipe), "closed", "far" (a coordinate beyond
@@ -784,9 +821,7 @@ def equilibrium_branch(
 
     Source: Keller (1977) for the continuation.
     """
-    model = checked_model_in_motion(
-        model, largest=EQUILIBRIA_DOF, purpose="equilibria", planar=True
-    )
+    model = checked_model_in_motion(model, largest=EQUILIBRIA_DOF, purpose="equilibria")
     statics = Statics(model)
     require_steady("speeds", speeds)
     low, high = map(float, check.array("speeds", speeds, size=2, low=0.0, high=LARGEST_SPEED))
@@ -823,7 +858,7 @@ def equilibrium_branch(
         end = back.followed(branch)
         ends = end, "closed" if end == "closed" else ahead.followed(branch)
     points, growth = back.points[:0:-1] + ahead.points, back.growth[:0:-1] + ahead.growth
-    q = statics.to_user(np.array([point.x for point in points]))
+    q = statics.shown(np.array([point.x for point in points]))
     unstable = np.array([np.count_nonzero(one > 0.0) for one in growth])
     return EquilibriumBranch(
         speeds=np.array([point.p for point in points]),
@@ -879,9 +914,13 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
         known = {0.0: self.growth[-1]}
 
         def kind(before: float, s: float) -> Change:
-            if (growth.positive(s) - growth.positive(before)) % 2 == 0:
+            straight, passing = statics.straight(step.at(s).x), growth.positive(s)
+            passing -= growth.positive(before)
+            if straight and statics.whole.axisymmetric:  # two planes alike
+                passing //= 2
+            if passing % 2 == 0:
                 return "hopf"
-            return "pitchfork" if statics.straight(step.at(s).x) else "branch point"
+            return "pitchfork" if straight else "branch point"
 
         growth = TestFunction(step, 1e-10 * (1.0 + until), self._growth, kind, known)
         found = special_points(step, 1e-12 if meeting is None else 0.0, [growth], until)
@@ -942,5 +981,5 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
                 frequency = float(abs(oscillating[crossing].imag))
         if kind == "pitchfork":  # roots of det K are more precise than changes of the count
             speed = self._pitchfork(statics.straightened(point.x), speed) or speed
-        q = statics.to_user(point.x[None])[0]
-        return BranchPoint(kind, speed, frequency, q, statics.model.tips(q[:, None])[0])
+        q = statics.shown(point.x[None])[0]
+        return BranchPoint(kind, speed, frequency, q, statics.whole.tips(q[:, None])[0])

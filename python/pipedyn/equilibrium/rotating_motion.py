@@ -17,14 +17,20 @@ Bifurcation Theory II, ch. XVI.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from dataclasses import field
-from typing import Any
+from functools import partial
+from typing import Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import Control, DenseProblem, Segment
-from pipedyn.equilibrium.hopf import hopf
-from pipedyn.linear.neutral import growth
+from pipedyn.continuation.arclength import Control, DenseProblem, Point, Segment
+from pipedyn.continuation.tracer import TestFunction, Tracer, special_points
+from pipedyn.equilibrium.equilibria import BranchPoint, Change
+from pipedyn.equilibrium.hopf import HopfPoint, hopf
+from pipedyn.linear.neutral import beyond_rounding, growth
 from pipedyn.models.base import Model
 from pipedyn.models.drive import steady_speed
 from pipedyn.motion.simulate import checked_model_in_motion
@@ -34,7 +40,7 @@ from pipedyn.util.check import Array, Complex
 from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import one_thread
-from pipedyn.util.result import LENGTH, RATE, Result
+from pipedyn.util.result import LENGTH, RATE, Result, TableResult
 
 FIRST_RADIUS = 1e-3
 """Largest angle of the first motion that is solved for, in rad: terms of higher degree change its
@@ -42,6 +48,13 @@ speed by a millionth."""
 
 LONGEST_BRANCH = 400
 """Largest number of steps along the branch of circular motions."""
+
+ROTATES = 0.1
+"""Largest share of the rates of a state that is no rotation where a circular motion is near, and
+largest relative distance of its shape."""
+
+STEPS = Control(longest=0.2, shortest=1e-9)
+"""How steps along the branch are taken."""
 
 
 @saved_as("RotatingMotion")
@@ -87,6 +100,73 @@ class RotatingMotion(Result, units={"radius": LENGTH, "height": LENGTH, "exponen
         return super()._shown() | {"stable": self.stable}
 
 
+@saved_as("RotatingBranch")
+class RotatingBranch(TableResult):
+    """Circular motions along a branch that begins at an onset of flutter, in order.
+
+    Attributes:
+        motions: the motions; among them are one at each speed asked for that the branch passes,
+            and one at each point of `points`.
+        points: points at which the branch turns back in the flow speed or its stability changes:
+            "fold", "branch point" (a real exponent passes 0) or "hopf" (a pair passes the axis, so
+            that the circle begins to pulsate).
+        onset: flow speed at which it begins.
+        end: why the branch ends: "range" (of speeds), "points" (it has too many) or "not converged"
+            (no next motion was found, as where a reduced model does not resolve the motion).
+
+    Example:
+        >>> chain = pp.Chain(pp.Pipe(0.2), n=4, dimensions=3)
+        >>> (branch,) = pp.bifurcation_diagram(chain, [5.0, 6.0]).rotating
+        >>> round(branch.onset, 3), [round(one.radius, 3) for one in branch.at(6.0)]
+        (4.949, [0.301])
+    """
+
+    motions: tuple[RotatingMotion, ...] = field(repr=False)
+    points: tuple[BranchPoint, ...]
+    onset: float
+    end: str
+
+    def __len__(self) -> int:
+        return len(self.motions)
+
+    def _of_each(self, name: str) -> Array:
+        return np.array([getattr(one, name) for one in self.motions])
+
+    @property
+    def speeds(self) -> Array:
+        """Flow speed u, shape (S,)."""
+        return self._of_each("u")
+
+    @property
+    def radii(self) -> Array:
+        """Distance of the free end from the axis in L, shape (S,)."""
+        return self._of_each("radius")
+
+    @property
+    def frequencies(self) -> Array:
+        """Angular velocity in 1 / T, shape (S,)."""
+        return self._of_each("frequency")
+
+    @property
+    def stable(self) -> NDArray[np.bool_]:
+        """Whether each motion is stable, shape (S,)."""
+        return self._of_each("stable")
+
+    def at(self, u: float) -> tuple[RotatingMotion, ...]:
+        """The motions at one of the speeds asked for, in order along the branch."""
+        u = check.real("u", u, low=0.0)
+        return tuple(one for one in self.motions if math.isclose(one.u, u, rel_tol=1e-12))
+
+    def _columns(self) -> dict[str, Any]:
+        return {
+            "speed": self.speeds,
+            "radius": self.radii,
+            "height": self._of_each("height"),
+            "frequency": self.frequencies,
+            "stable": self.stable,
+        }
+
+
 def rotating_motion(model: Model, u: float) -> RotatingMotion:
     """The circular motion of a pipe in three dimensions at a flow speed.
 
@@ -117,8 +197,119 @@ def rotating_motion(model: Model, u: float) -> RotatingMotion:
     model.quarter_turn(np.zeros(model.integrated))
     u = steady_speed("u", u, open_low=True)
     with one_thread(2 * model.integrated):
-        z = _reached(model, u)
-        return _motion_at(model, z)
+        onset = hopf(model.planar)
+        tracer = _Tracer(model, onset, (0.0, math.inf), until=u)
+        *_, why = tracer.followed()
+        if not tracer.over:
+            raise NotConverged(
+                f"no circular motion was found at u = {u:g}: the branch that emerges at u = "
+                f"{onset.speed:.6g} was not followed so far, as {why}"
+            )
+        return motion_at(model, tracer.path[-1])
+
+
+def rotating_branch(
+    model: Model, onset: HopfPoint, speeds: tuple[float, float], marks: Iterable[float]
+) -> RotatingBranch:
+    """The circular motions that emerge at an onset of flutter of the straight pipe.
+
+    Args:
+        model: model in three dimensions, the same in all directions.
+        onset: the onset of its planar model.
+        speeds: flow speeds between which the branch is followed.
+        marks: flow speeds at which motions are wanted.
+
+    Raises:
+        NewtonFailed: if no circular motion is found beside the onset.
+    """
+    tracer = _Tracer(model, onset, speeds, marks)
+    _, end, why = tracer.followed()
+    if not tracer.path:
+        raise NewtonFailed(why)
+    motions = tuple(motion_at(model, z) for z in tracer.path)
+    return RotatingBranch(motions, tuple(tracer.changes), onset.speed, end)
+
+
+class _Tracer(Tracer[DenseProblem]):
+    """Tracer of the circular motions that emerge at an onset of flutter.
+
+    Attributes:
+        path: solutions (q, W, u) at the ends of steps and where stability changes, in order; or
+            the one at the speed `until`, if that is given.
+        over: whether the branch has reached that speed.
+        changes: points at which the stability changes or the branch turns back.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        onset: HopfPoint,
+        speeds: tuple[float, float],
+        marks: Iterable[float] = (),
+        until: float | None = None,
+    ) -> None:
+        super().__init__([(-1, *speeds)], LONGEST_BRANCH)
+        self.model, self.onset, self.until = model, onset, until
+        self.marks = [(-1, mark) for mark in marks]
+        self.path, self.over, self.changes = list[Array](), False, list[BranchPoint]()
+        self.known: Array | None = None  # growth at the end of the last step
+
+    def followed(self) -> tuple[list[Point], str, str]:
+        """Follows the branch; returns its points, why it ends, and a sentence on that."""
+        model, onset, size = self.model, self.onset, self.model.integrated
+        mode = onset.mode[: size // 2]
+        mode = mode / mode[-1]
+        mode *= FIRST_RADIUS / np.abs(mode).max()
+        guess = np.concatenate([mode.real, mode.imag, [onset.frequency, onset.speed]])
+        problem = DenseProblem(partial(_equations, model), size + 1, 1.0, STEPS)
+        last = size // 2 - 1
+        outward = np.zeros(size + 2)
+        outward[last] = 1.0
+        try:
+            start = problem.point(problem.fixed(guess, float(guess[last]), last), outward)
+        except NewtonFailed as failed:
+            return [], "not converged", str(failed)
+        if self.until is None and not self.is_over(start):
+            self.path.append(start.z)
+        steps = problem.segments(start, FIRST_RADIUS, self.marks)
+        return self.one_way(steps, problem, start)
+
+    def note(self, step: Segment[DenseProblem]) -> str | None:
+        """Keeps the end of a step and changes on it, or the motion at the speed `until`."""
+        if self.until is not None:
+            self.over = (step.begin.p - self.until) * (step.end.p - self.until) <= 0.0
+            self.path = [step.where(self.until)] if self.over else []
+            return "range" if self.over else None
+        known = {} if self.known is None else {0.0: self.known}
+
+        def kind(before: float, s: float) -> Change:
+            odd = (test.positive(s) - test.positive(before)) % 2
+            return "branch point" if odd else "hopf"
+
+        test = TestFunction(step, 1e-8 * step.length, self._growth, kind, known)
+        found = special_points(step, 1e-8, [test])
+        turns = [s for name, _, s in found if name == "fold"]
+        for name, _, s in found:
+            # At a fold a real exponent passes 0, which is one change and listed once.
+            if name == "fold" or all(abs(s - turn) > 1e-3 * step.length for turn in turns):
+                z = step.at(s).z
+                self.path.append(z)
+                self.changes.append(self._point(cast(Change, name), z))
+        self.path.append(step.end.z)
+        self.known = test.at(step.length)
+        return None
+
+    def _growth(self, point: Point) -> Array:
+        """Real parts of the exponents minus their rounding, the largest first."""
+        return np.sort(beyond_rounding(exponents_of(self.model, point.z)))[::-1]
+
+    def _point(self, kind: Change, z: Array) -> BranchPoint:
+        q, frequency = z[: self.model.integrated], 0.0
+        if kind == "hopf":
+            found = exponents_of(self.model, z)
+            oscillating = found[found.imag > 1e-6]
+            frequency = float(oscillating[np.abs(oscillating.real).argmin()].imag)
+        return BranchPoint(kind, float(z[-1]), frequency, q, self.model.tip(q))
 
 
 def _equations(model: Model, x: Array, u: float) -> tuple[Array, Array]:
@@ -137,51 +328,53 @@ def _equations(model: Model, x: Array, u: float) -> tuple[Array, Array]:
     return np.append(rates + w**2 * q, q[-1]), np.vstack([whole, phase])
 
 
-def _reached(model: Model, u: float) -> Array:
-    """The solution (q, W, u) at a speed, on the branch from the critical speed."""
-    size, onset = model.integrated, hopf(model.planar)
-    mode = onset.mode[: size // 2]
-    mode = mode / mode[-1]
-    mode *= FIRST_RADIUS / np.abs(mode).max()
-    guess = np.concatenate([mode.real, mode.imag, [onset.frequency, onset.speed]])
-    problem = DenseProblem(
-        lambda x, p: _equations(model, x, p), size + 1, 1.0, Control(longest=0.2, shortest=1e-9)
-    )
-    last = size // 2 - 1
-    try:
-        small = problem.fixed(guess, float(guess[last]), last)
-        outward = np.zeros(size + 2)
-        outward[last] = 1.0
-        start, step = problem.point(small, outward), FIRST_RADIUS
-        for _ in range(LONGEST_BRANCH):
-            segment: Segment[DenseProblem]
-            segment, step = problem.next(start, step)
-            if (segment.begin.p - u) * (segment.end.p - u) <= 0.0:
-                return segment.where(u)
-            start = segment.end
-        reason = f"it takes more than {LONGEST_BRANCH} steps"
-    except NewtonFailed as failed:
-        reason = str(failed)
-    raise NotConverged(
-        f"no circular motion was found at u = {u:g}: the branch that emerges at u = "
-        f"{onset.speed:.6g} was not followed so far, as {reason}"
-    )
+def rotation_near(model: Model, state: Array, u: float) -> Array:
+    """The circular motion (q, W, u) near a state [q, q'] at a flow speed.
+
+    Raises:
+        NewtonFailed: if the state does not rotate or Newton's method leads far away.
+    """
+    q, rates = np.split(state, 2)
+    turned = model.quarter_turn(q)
+    w = float(turned @ rates) / max(float(q @ q), 1e-300)
+    if np.linalg.norm(rates - w * turned) > ROTATES * np.linalg.norm(rates):
+        raise NewtonFailed("the motion is not circular")
+    last = model.integrated - 1
+    angle = math.atan2(q[last], q[last // 2])
+    q = model.turned(q, -angle)
+    problem = DenseProblem(partial(_equations, model), q.size + 1, 1.0, STEPS)
+    found = problem.fixed(np.concatenate([q, [w, u]]), u)
+    if np.linalg.norm(found[: q.size] - q) > ROTATES * np.linalg.norm(q):
+        raise NewtonFailed("no circular motion is near")
+    return found
 
 
-def _motion_at(model: Model, z: Array) -> RotatingMotion:
+def rotating_slopes(model: Model, z: Array) -> Array:
+    """Derivative of the rates by the state in the frame of a motion z = (q, W, u)."""
     size = model.integrated
     q, w, u = z[:size], float(z[size]), float(z[size + 1])
     state = np.concatenate([q, w * model.quarter_turn(q)])
     turn = np.kron(np.eye(2), model.quarter_turn(np.eye(size)))
-    exponents = np.linalg.eigvals(model.motion_jacobian(state, u) - w * turn).astype(complex)
-    exponents = np.delete(exponents, np.abs(exponents).argmin())
-    x, y, across = model.tip(q)
+    return np.asarray(model.motion_jacobian(state, u) - w * turn)
+
+
+def exponents_of(model: Model, z: Array) -> Complex:
+    """Growth rates of small changes of a motion z = (q, W, u), without that of a turn."""
+    found = np.linalg.eigvals(rotating_slopes(model, z)).astype(complex)
+    found = np.delete(found, np.abs(found).argmin())
+    return found[np.lexsort((-found.imag, -found.real))]
+
+
+def motion_at(model: Model, z: Array) -> RotatingMotion:
+    """The circular motion of a solution z = (q, W, u)."""
+    size = model.integrated
+    x, y, across = model.tip(z[:size])
     return RotatingMotion(
-        u=u,
-        frequency=w,
+        u=float(z[size + 1]),
+        frequency=float(z[size]),
         radius=float(np.hypot(x, across)),
         height=float(y),
-        exponents=exponents[np.lexsort((-exponents.imag, -exponents.real))],
-        q=q,
+        exponents=exponents_of(model, z),
+        q=z[:size],
         model=model,
     )

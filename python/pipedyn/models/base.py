@@ -657,6 +657,27 @@ class Model(OfPipe, ABC):
         """Basis of the changes of [p, p'] that constraints allow, shape (2 integrated, 2 dof)."""
         return np.eye(2 * self.dof)
 
+    @property
+    def axisymmetric(self) -> bool:
+        """Whether every motion turned about the axis is a motion; never so in a plane."""
+        return False
+
+    def from_plane(self, p: Array) -> Array:
+        """Coordinates p, (integrated, ...), from those of `planar`: the same in a plane."""
+        return p
+
+    def into_plane(self, name: str, p: Array) -> Array:
+        """Coordinates of `planar`, (integrated,), for p of the argument `name`; see `from_plane`.
+
+        Raises:
+            ValueError: if p does not lie in a plane in which `planar` moves.
+        """
+        return p
+
+    def nearest_in_plane(self, p: Array) -> Array:
+        """Coordinates of `planar`, (integrated,), nearest to p, which may be turned for that."""
+        return p
+
     def quarter_turn(self, p: Array) -> Array:
         """Coordinates, (integrated, ...), turned about the axis by a right angle, from x to z.
 

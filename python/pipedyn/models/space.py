@@ -24,6 +24,10 @@ SMALL_TURN = 1e-8
 """Square of an angle below which sin(rho) / rho and its derivative are 1 and -1/3 to rounding."""
 
 
+IN_PLANE = 1e-9
+"""Largest part of a configuration across a plane, relative to 1 plus its size, that is rounding."""
+
+
 def rotations(q: NDArray[Any]) -> tuple[Array, Array]:
     """Tangents (x, y, z), shape (3, n, k), for rotation vectors [a_x, a_z], shape (2 n, k).
 
@@ -103,6 +107,44 @@ class SpatialModel(Model):
                 f"apart, got {check.shown(q)}"
             )
         return rest
+
+    @property
+    def axisymmetric(self) -> bool:
+        """Whether every motion turned about the axis is a motion: no load acts across the pipe."""
+        return self._pipe.rests_straight
+
+    def from_plane(self, p: Array) -> Array:
+        """Coordinates p, (dof, ...), from those of `planar`, which moves in the plane z = 0."""
+        return np.concatenate([p, np.zeros_like(p)])
+
+    def azimuth(self, p: Array) -> Array:
+        """Angles from x towards z, (...), of the planes nearest to configurations p, (dof, ...)."""
+        x, z = np.split(p, 2)
+        return np.asarray(0.5 * np.arctan2(2.0 * (x * z).sum(axis=0), (x**2 - z**2).sum(axis=0)))
+
+    def _towards_plane(self, p: Array) -> tuple[Array, Array]:
+        """Parts of p in the plane z = 0 and across it, after the turn that is allowed."""
+        if self.axisymmetric:
+            p = self.turned(p, -float(self.azimuth(p)))
+        x, z = np.split(p, 2)
+        return x, z
+
+    def nearest_in_plane(self, p: Array) -> Array:
+        """Coordinates of `planar`, (integrated,), nearest to p, which may be turned for that."""
+        return self._towards_plane(p)[0]
+
+    def into_plane(self, name: str, p: Array) -> Array:
+        """Coordinates of `planar`, (integrated,), for p of the argument `name`.
+
+        Raises:
+            ValueError: if p does not lie in the plane z = 0 or, where all planes through the axis
+                are alike, in one of these.
+        """
+        x, z = self._towards_plane(p)
+        if np.abs(z).max() > IN_PLANE * (1.0 + np.abs(x).max()):
+            planes = "a plane through the axis" if self.axisymmetric else "the plane z = 0"
+            raise ValueError(f"{name} must lie in {planes}, got {check.shown(p)}")
+        return x
 
     def __repr__(self) -> str:
         return f"{self._planar!r}"[:-1] + f", dimensions=3{self._about_shown})"

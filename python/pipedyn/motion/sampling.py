@@ -29,6 +29,18 @@ MOST_NUMBERS = 16_000_000
 """Largest number of values in the finest samples, 128 MB; longer motions have coarser samples."""
 
 
+def farthest_direction(positions: Array) -> Array:
+    """Direction across the pipe in which a point moves farthest from its mean, as a unit vector.
+
+    Positions are (x, y), shape (S, 2), where it is (1, 0), or (x, y, z), shape (S, 3), where z is
+    0 for motions in the plane z = 0.
+    """
+    direction = np.zeros(positions.shape[1])
+    across = positions[:, ::2] - positions[:, ::2].mean(axis=0)
+    direction[::2] = np.linalg.svd(across, full_matrices=False)[2][0]
+    return direction if direction[0] > 0.0 else -direction
+
+
 def coarse(
     times: Array,
     positions: Array,

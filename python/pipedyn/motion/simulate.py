@@ -854,15 +854,22 @@ def initial_bends(model: Model, count: int, seed: int) -> list[Array]:
     Amplitudes range from a hundredth of a radian to some radians.
     """
     random = np.random.default_rng(seed)
-    found = [model.bent(slight_bend)]
+    found = [slightly_bent(model)]
+    planes = model.dimensions - 1
     while len(found) < count:
-        parts = random.uniform(-1.0, 1.0, 3) * np.array([2.0, 1.0, 0.5])
+        parts = random.uniform(-1.0, 1.0, (planes, 3)) * np.array([2.0, 1.0, 0.5])
         parts *= 10.0 ** random.uniform(-1.5, 0.0)
         for halved in 0.5 ** np.arange(6):
             with suppress(PipedynError):  # guides and pins may not allow a large bend
-                found.append(model.bent(modal_bend(halved * parts)))
+                found.append(model.bent(*(modal_bend(halved * part) for part in parts)))
                 break
     return found
+
+
+def slightly_bent(model: Model) -> Array:
+    """Coordinates at which motions start if no start is given."""
+    bends = slight_bend, slight_bend_across
+    return np.asarray(model.bent(*bends[: model.dimensions - 1]))
 
 
 def checked_model_in_motion(
@@ -993,9 +1000,7 @@ def _drive_of(task: Task, u: Any) -> Drive:
 def checked_start(model: Model, q0: Any, qdot0: Any) -> Array:
     """The state [p, p', 0], shape (2 integrated + 1,), from the arguments `q0` and `qdot0`."""
     if q0 is None:
-        q0 = slight_bend
-        if model.dimensions == 3:
-            q0 = model.bent(slight_bend) + model.quarter_turn(model.bent(slight_bend_across))
+        q0 = slightly_bent(model)
     if not callable(q0):
         check.numbers("q0", q0, "an angle theta(s) or coordinates")
         return np.append(model.initial_state(q0, qdot0), 0.0)

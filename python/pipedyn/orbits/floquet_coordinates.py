@@ -56,23 +56,21 @@ class FloquetCoordinates:
     decay: Array
 
 
-def modal_coordinates(
-    motion: VectorField, rest: Array, u: float, units: Array
-) -> FloquetCoordinates:
+def modal_coordinates(slopes: Array, units: Array, trivial: int = 0) -> FloquetCoordinates:
     """Floquet coordinates about a stable equilibrium, which are its modal coordinates.
 
     Args:
-        motion: the vector field.
-        rest: the equilibrium, a state [p, p'], shape (2 integrated,).
-        u: flow speed.
+        slopes: the derivative of the rates by the state, in the frame in which it is at rest.
         units: units of the states, (2 integrated,), in which eigenvectors have length 1.
+        trivial: number of eigenvalues nearest to 0 that are left out, those of turns.
 
     Raises:
         LinAlgError: if two eigenvectors coincide.
     """
     count_factorisations()
-    values, vectors = np.linalg.eig(motion.jacobian(rest, u))
-    kept = np.argsort(-values.real)[:MOST_COORDINATES]
+    values, vectors = np.linalg.eig(slopes)
+    others = np.argsort(np.abs(values))[trivial:]
+    kept = others[np.argsort(-values[others].real)][:MOST_COORDINATES]
     rows = np.linalg.inv(vectors / np.linalg.norm(vectors * units[:, None], axis=0))[kept]
     return FloquetCoordinates(rows[None], -values.real[kept])
 
@@ -106,7 +104,8 @@ def floquet_coordinates(
     values, vectors = np.linalg.eig(orbit.mirror_sign * whole)
     vectors = vectors / np.linalg.norm(vectors * units[:, None], axis=0)
     moduli = np.abs(values)
-    moduli[np.abs(values - 1.0).argmin()] = 0.0  # the trivial one
+    trivial = 2 if motion.model.axisymmetric else 1
+    moduli[np.argsort(np.abs(values - 1.0))[:trivial]] = 0.0
     kept = np.argsort(-moduli)[:MOST_COORDINATES]
     kept = kept[moduli[kept] > LEAST_MULTIPLIER]
     if not kept.size or moduli[kept[0]] >= 1.0:

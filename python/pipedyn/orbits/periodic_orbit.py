@@ -15,6 +15,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from pipedyn import _core
+from pipedyn.models.base import Model
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -128,6 +129,14 @@ class PeriodicOrbit:
         if made.edges[0] != 0.0 or np.any(np.diff(made.edges) <= 0.0):
             raise ValueError("edges of an orbit must ascend from 0")
         return made
+
+    def in_space(self, model: Model) -> PeriodicOrbit:
+        """The orbit of a model's planar model as one of the model in three dimensions."""
+        p, rates = np.split(self.starts, 2, axis=1)
+        states = (model.from_plane(part.T).T for part in (p, rates))
+        accelerations = np.moveaxis(model.from_plane(np.moveaxis(self.rates, 2, 0)), 0, 2)
+        starts = np.concatenate([*states], axis=1)
+        return replace(self, starts=starts, rates=np.ascontiguousarray(accelerations))
 
     @property
     def span(self) -> float:

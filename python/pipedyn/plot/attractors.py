@@ -18,6 +18,7 @@ from matplotlib.patches import Patch
 from pipedyn.attraction.attractors import Attractors, Basin, Share, section
 from pipedyn.diagram import BifurcationDiagram
 from pipedyn.models.drive import Harmonic, Pulsation
+from pipedyn.motion.sampling import farthest_direction
 from pipedyn.motion.simulate import Ensemble, Motion, simulate
 from pipedyn.plot import common
 from pipedyn.plot.arrange import legend_below
@@ -115,9 +116,7 @@ def basins(
     steps = BoundaryNorm(np.arange(-2.5, len(colours) + 0.5), shades.N)
     ends = found.ends.reshape(plane.shape)
     unstable = [
-        k
-        for k, one in enumerate(found.basins)
-        if not one.attracts and one.ending in ("rest", "periodic")
+        k for k, one in enumerate(found.basins) if not one.attracts and one.attractor.repeats
     ]
     apart = np.isin(ends, unstable)
     shown = ends
@@ -222,7 +221,7 @@ def poincare_section(
         q, qdot = np.split(points, 2, axis=1)
         x = one.motion.model.tips(q.T)[:, 0] if index is None else q[:, index]
         rates = qdot[:, final if index is None else index]
-        few = len(points) <= FEW_POINTS or (basin is not None and basin.ending == "periodic")
+        few = len(points) <= FEW_POINTS or (basin is not None and basin.attractor.repeats)
         look: dict[str, Any] = {"linestyle": "none", "marker": marker, "markeredgewidth": 0.0}
         look |= {"color": one.look["color"], "label": one.label}
         size = 5.0 if few else 2.0
@@ -307,7 +306,7 @@ def spectrum(
         omega, height = one.view.one(OMEGA) * omega, one.view.one(quantity) * height
         highest = max(highest, float(height.max()))
         last = max(last, float(omega[height > LOWEST_LINE**power * height.max()][-1]))
-        drawn.append((one, omega, height, basin is not None and basin.ending == "periodic"))
+        drawn.append((one, omega, height, basin is not None and basin.attractor.repeats))
 
     def ordinate(height: Any) -> Any:
         return 20.0 / power * np.log10(height) if decibels else height
@@ -377,7 +376,7 @@ def films(
     cycles = [one for branch in diagram.cycles for one in branch.at(speed) if one.stable]
     made = {f"cycle {k}": animate(one, **how) for k, one in enumerate(cycles)}
     for one in diagram.at(speed):
-        if one.ending not in ("rest", "periodic", "failed"):
+        if not (one.repeats or one.ending == "failed"):
             q, qdot = np.split(one.end, 2)
             motion = simulate(diagram.model, speed, FILMED, q, qdot)
             span = View(units, motion.model.pipe).one(ELAPSED) * motion.t[[0, -1]]
@@ -405,7 +404,8 @@ def _section_points(one: Signal, drive: float) -> Any:
     def at(t: Any) -> Any:
         return np.ascontiguousarray(spline(t).T)
 
-    return section(one.motion.model, at, one.motion.t, drive)
+    direction = farthest_direction(one.motion.tip)
+    return section(one.motion.model, at, one.motion.t, drive, direction)
 
 
 def _density(one: Signal, segments: int) -> tuple[Any, Any]:
@@ -475,9 +475,9 @@ def _kind(basin: Basin, view: View) -> str:
     """The kind of an attractor in words, with the period of a cycle or an exponent."""
     if basin.ending == "rest":
         return "rest"
-    if basin.ending == "periodic":
-        unit = " s" if view.si else ""
-        return f"cycle, period {basin.period * view.one(ELAPSED):.4g}{unit}"
+    if basin.ending in ("periodic", "rotating"):
+        unit, name = " s" if view.si else "", "cycle" if basin.ending == "periodic" else "circle"
+        return f"{name}, period {basin.period * view.one(ELAPSED):.4g}{unit}"
     exponent = basin.attractor.exponent
     if exponent is None:
         return basin.ending
