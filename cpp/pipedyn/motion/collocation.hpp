@@ -109,9 +109,11 @@ class LinearisedOrbit {
   Matrix restored(const Matrix& ends, const Matrix& loads) const;
 
   /// The change z of the unknowns for which the linearised equations have `share` of their residual
-  /// as load, phase . z = shift and row . z = gap. Empty if it is not unique.
+  /// as load, phase . z = shift and row . z = gap. Empty if it is not unique. turn (n,) is a change
+  /// of the first state that keeps an orbit an orbit, as a turn about the axis of a pipe in space;
+  /// the change found has no part along it. It is empty if there is none.
   std::optional<Vector> change(const Vector& phase, double shift, const Vector& row, double gap,
-                               double share) const;
+                               double share, const Vector& turn) const;
 
  private:
   Index n_ = 0, each_ = 0;  // numbers of a state, and of an interval's accelerations

@@ -34,6 +34,7 @@ from pipedyn.linear.rest import at_rest
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.base import Model
 from pipedyn.models.drive import steady_speed
+from pipedyn.motion.sampling import farthest_direction
 from pipedyn.motion.simulate import (
     Motion,
     Start,
@@ -553,18 +554,42 @@ def refined_until(
 
 
 def amplitude_of(motion: VectorField, orbit: PeriodicOrbit) -> tuple[float, float]:
-    """Half the peak-to-peak motion of the free end along x, and the phase of its largest x."""
-    speed = motion.model.dimensions  # row of the velocity along x
+    """Half the peak-to-peak transverse motion of the free end, and the phase of its largest x.
+
+    In three dimensions x is along the direction in which the free end moves farthest.
+    """
+    return extent_along(motion, orbit, tip_direction(motion, orbit))
+
+
+def amplitude_across(motion: VectorField, orbit: PeriodicOrbit) -> float:
+    """Half the peak-to-peak motion of the free end across the direction of `amplitude_of`."""
+    if motion.model.dimensions == 2:
+        return 0.0
+    x, _, z = tip_direction(motion, orbit)
+    return extent_along(motion, orbit, np.array([-z, 0.0, x]))[0]
+
+
+def tip_direction(motion: VectorField, orbit: PeriodicOrbit) -> Array:
+    """Direction across the pipe in which the free end moves farthest, a unit vector."""
+    return farthest_direction(motion.end(orbit.states(PROBES))[: motion.model.dimensions].T)
+
+
+def extent_along(
+    motion: VectorField, orbit: PeriodicOrbit, direction: Array
+) -> tuple[float, float]:
+    """Half the peak-to-peak motion of the free end along a direction, and the phase of its peak."""
+    size = motion.model.dimensions
     # Samples are as close as the mesh requires: a period may have a dozen peaks.
     phases, y = orbit.sampled(SAMPLES_A_STAGE * orbit.rates.shape[1])
-    across, velocity = motion.end(y)[[0, speed]]
+    tips, velocities = np.split(motion.end(y), 2)
+    across, velocity = direction @ tips, direction @ velocities
     before = np.flatnonzero((velocity[:-1] > 0.0) != (velocity[1:] > 0.0))
     peaks = zeros_between(
-        lambda phase: motion.end(orbit.states(phase))[speed],
+        lambda phase: direction @ motion.end(orbit.states(phase))[size:],
         *(phases[before], phases[before + 1], velocity[before], velocity[before + 1]),
     )
     phases = np.append(phases, peaks)
-    across = np.append(across, motion.end(orbit.states(peaks))[0])
+    across = np.append(across, direction @ motion.end(orbit.states(peaks))[:size])
     if not orbit.symmetric:
         return 0.5 * float(np.ptp(across)), float(phases[np.argmax(across)])
     farthest = int(np.argmax(np.abs(across)))  # if to negative x, the mirror image comes later

@@ -15,11 +15,12 @@ import cmath
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, Literal, Self, TypeAlias, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipedyn.models.pipe import Pipe, checked_pipe, scaled_by
 from pipedyn.util import check
@@ -247,6 +248,18 @@ class Harmonic(_Drive):
         """Acceleration (X'', Y''), or (X'', Y'', Z'')."""
         return self._derivative(t, 2)
 
+    def in_plane(self) -> tuple[Harmonic, float]:
+        """The motion turned about the axis into the plane z = 0, and the angle of its own plane.
+
+        The angle is from x towards z. A motion that lies in no plane through the axis is returned
+        as it is, with 0.
+        """
+        x, y, z = self.vector.tolist()
+        angle = _plane_of(np.array([[x, z]]))
+        if not angle:
+            return self, 0.0
+        return replace(self, direction=(math.cos(angle) * x + math.sin(angle) * z, y, 0.0)), angle
+
     def require_dimensions(self, dimensions: int) -> None:
         """Raises ValueError if the base leaves the plane of a model in two dimensions."""
         if dimensions == 2 and self.vector[2]:
@@ -393,6 +406,37 @@ class Force(_Drive):
         else:
             made[:, 0] = values
         return self.amplitude * made
+
+
+    def in_plane(self) -> tuple[Force, float]:
+        """The force of a function of the phase, turned into the plane z = 0, as for `Harmonic`."""
+        if self.function is None or self.frequency is None:
+            return self, 0.0
+        times = np.linspace(0.0, 2.0 * math.pi / self.frequency, TRIED)
+        places = np.linspace(0.0, 1.0, 9)
+        values = np.concatenate([self.components(places, t, 3) for t in times.tolist()])
+        angle = _plane_of(values[:, ::2])
+        if not angle:
+            return self, 0.0
+        return replace(self, function=partial(_turned, replace(self, amplitude=1.0), angle)), angle
+
+
+def _plane_of(across: NDArray[Any]) -> float:
+    """Angle from x towards z of the plane of vectors (x, z), (k, 2), real or complex; 0 if none."""
+    (xx, xz), (_, zz) = (across.T @ across.conj()).real.tolist()
+    angle = 0.5 * math.atan2(2.0 * xz, xx - zz)
+    beside = across @ np.array([-math.sin(angle), math.cos(angle)])
+    return angle if np.abs(beside).max() <= 1e-12 * np.abs(across).max() else 0.0
+
+
+def _turned(force: Force, angle: float, *arguments: Any) -> Array:
+    """Components of a force in the plane at an angle from x towards z, turned into that of x."""
+    *places, phase = arguments
+    assert force.frequency is not None
+    at = places[0] if places else np.zeros(1)
+    x, y, z = force.components(at, phase / force.frequency, 3).T
+    found = np.stack([math.cos(angle) * x + math.sin(angle) * z, y, 0.0 * z], axis=1)
+    return found if places else found[0]
 
 
 def _force_in_si(

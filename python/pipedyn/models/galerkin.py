@@ -584,7 +584,7 @@ class SpatialGalerkin(SpatialModel):
         return np.concatenate([table @ half for half in np.split(p, 2)])
 
     def largest_angle(self, p: NDArray[Any]) -> float:
-        found = np.abs(self._slopes_of(np.linspace(0.0, 1.0, 401), p[:, None]))
+        found = np.abs(self._slopes_of(np.linspace(0.0, 1.0, 401), p.reshape(len(p), -1)))
         return float(np.hypot(*np.split(found, 2)).max())
 
     def _places(self, p: Array, places: Array) -> Array:

@@ -124,10 +124,21 @@ class VectorField:
         """df/dw by the frequency w of an orbit, at the k states; 0 if the motion is not forced."""
         return np.zeros_like(y)
 
+    @property
+    def axisymmetric(self) -> bool:
+        """Whether every motion turned about the axis of the straight pipe is a motion."""
+        return self.model.axisymmetric
+
+    def turn(self, y: Array) -> Array:
+        """Change of a state by a turn about the axis that keeps motions motions; empty if none."""
+        if not self.axisymmetric:
+            return np.empty(0)
+        return np.concatenate([self.model.quarter_turn(part) for part in np.split(y, 2)])
+
     def is_odd(self, u: float) -> bool:
         """Whether the mirror image of every motion is a motion, tested at three states.
 
-        The mirror image of a forced motion is shifted by half a period of the orbit.
+        In three dimensions the image is turned by 180 degrees about the axis. The mirror image of a forced motion is shifted by half a period of the orbit.
         """
         if self.resting().any():
             return False
@@ -211,6 +222,15 @@ class ForcedField(VectorField):
             super()._count(states)
         else:
             self._root._count(states)
+
+    @property
+    def axisymmetric(self) -> bool:
+        if not super().axisymmetric or (self.base is not None and self.base.across):
+            return False
+        if self._forces is None:
+            return True
+        along = self.force_numbers(np.linspace(0.0, 2.0 * math.pi, TRIED))
+        return not along.reshape(-1, 3, TRIED)[:, ::2].any()
 
     def flow(self, u: float, frequency: float) -> float | Pulsation:
         """The flow along an orbit with the given frequency: a pulsation with mean u, or u."""

@@ -16,6 +16,7 @@ import numpy as np
 
 from pipedyn import _core
 from pipedyn.continuation.arclength import Continuation, Control, Solver
+from pipedyn.motion.sampling import farthest_direction
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.periodic_orbit import (
     BETWEEN,
@@ -80,13 +81,14 @@ class Linearised:
     ) -> None:
         self.orbit, self._phase = orbit, phase
         self._equations = condensed(motion, orbit, speed_varies)
+        self._turn = motion.turn(orbit.starts[0])
 
     def __call__(self, row: Array, gap: float, share: float) -> Array:
         """The change of the unknowns, in the order of `packed`, as `arclength.Solver` describes."""
         phase, value = self._phase
         shift = share * (value - float(phase @ self.orbit.packed())) if share else 0.0
         count_factorisations()
-        return self._equations.change(phase, shift, row, gap, share)
+        return self._equations.change(phase, shift, row, gap, share, self._turn)
 
     @property
     def closing(self) -> tuple[Array, Array]:
@@ -96,14 +98,19 @@ class Linearised:
         """
         return self._equations.span.first, self._equations.span.last
 
-    def neutral(self, root: float = -1.0) -> Array:
+    def neutral(self, root: float = -1.0, among: slice | Array = slice(None)) -> Array:
         """The change at fixed speed that minimises the error of dy(span) = root * mirror * dy(0).
 
-        With the root -1 the error is 0 where an orbit loses its symmetry or doubles its period.
+        With the root -1 the error is 0 where an orbit loses its symmetry or doubles its period. A
+        turn about the axis is left out. among: entries of dy(0) that change.
         """
         factor = root * self.orbit.mirror_sign
         first, last = self.closing
-        y = np.linalg.svd(first + factor * last)[2][-1]
+        left, y = first + factor * last, np.zeros(len(first))
+        if root == 1.0 and self._turn.any():
+            turn = self._turn / _units(self.orbit.half, self._equations.unit)
+            left = left + np.outer(turn, turn) / (turn @ turn)
+        y[among] = np.linalg.svd(left[:, among])[2][-1]
         ends = np.concatenate([y, factor * y])[:, None]
         return self._equations.restored(ends, np.zeros((3, 1)))[:, 0]
 
@@ -273,7 +280,8 @@ class OrbitProblem(Continuation):
 def _unit_of(motion: VectorField, orbit: PeriodicOrbit) -> float:
     """The `unit` of an `OrbitProblem` on an orbit."""
     states = orbit.states(PROBES)
-    positions, across = states[: motion.half], motion.end(states)[0]
+    positions, tips = states[: motion.half], motion.end(states)[: motion.model.dimensions].T
+    across = tips @ farthest_direction(tips)
     centred = positions - positions.mean(axis=1, keepdims=True)
     size = math.sqrt(float(np.mean(np.sum(centred**2, axis=0))))
     # The free end may be held, so its motion may be 0.

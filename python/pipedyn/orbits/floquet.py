@@ -85,9 +85,14 @@ def orbit_multipliers(
         NewtonFailed: if they overflow.
     """
     parts, error = multipliers_by_plane(motion, orbit, tolerance)
+    return *all_multipliers(parts), error
+
+
+def all_multipliers(parts: list[tuple[Complex, Complex]]) -> tuple[Complex, Complex]:
+    """Multipliers and roots of `multipliers_by_plane` together, the largest modulus first."""
     values, roots = (np.concatenate(each) for each in zip(*parts, strict=True))
     order = _largest_first(values)
-    return values[order], roots[order], error
+    return values[order], roots[order]
 
 
 def multipliers_by_plane(

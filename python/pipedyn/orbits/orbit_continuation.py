@@ -147,14 +147,17 @@ def from_hopf(
     return BranchStart(base, amplitude * mode, (min(ends), max(ends)))
 
 
-def from_branch_point(motion: VectorField, orbit: PeriodicOrbit) -> BranchStart:
+def from_branch_point(
+    motion: VectorField, orbit: PeriodicOrbit, among: slice | Array = slice(None)
+) -> BranchStart:
     """The start of the branch that leaves an orbit in its neutral direction.
 
-    At this orbit the branch loses its symmetry or, having none, doubles its period.
+    At this orbit the branch loses its symmetry or, having none, doubles its period. among: entries
+    of the first state that change.
     """
     equations = OrbitProblem(motion, orbit, FINE).about_orbit(orbit)
     # In the second half the perturbation has the opposite sign, relative to the orbit's own motion.
-    direction = orbit.unpacked(equations.neutral()).doubled(-1.0).packed()
+    direction = orbit.unpacked(equations.neutral(-1.0, among)).doubled(-1.0).packed()
     base = orbit.doubled()
     length = OrbitProblem(motion, base, FINE).length(direction)
     return BranchStart(base, FIRST_AMPLITUDE / length * direction)
@@ -286,11 +289,14 @@ def breaking_part(orbit: PeriodicOrbit, kind: str) -> Array:
     """The part of an orbit that vanishes where its branch meets another, (k, integrated).
 
     The other branch is of equilibria ("hopf"), of orbits that are their own mirror images
-    ("pitchfork") or of orbits with half the period ("period doubling").
+    ("pitchfork"), of orbits with half the period ("period doubling") or, in three dimensions, of
+    orbits in the plane z = 0 ("out of plane").
     """
     p = orbit.states(PROBES)[: orbit.half].T
     if kind == "hopf":
         return p if orbit.symmetric else p - p.mean(axis=0)
+    if kind == "out of plane":
+        return p[:, orbit.half // 2 :]
     later = np.roll(p, -PROBES.size // 2, axis=0)
     return 0.5 * (p + later if kind == "pitchfork" else p - later)
 
