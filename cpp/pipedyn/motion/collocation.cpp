@@ -220,16 +220,11 @@ std::optional<Vector> LinearisedOrbit::change(const Vector& phase, double shift,
   const Index n = n_, half = n / 2, right = 3, columns = n + 2 + right;
   Matrix system = Matrix::Zero(n + 4, columns);  // with room after its end, see solve_real
   system.topLeftCorner(n, n) = span.first + mirror_sign_ * span.last;
-  if (turn.size() > 0 && !turn.isZero(0.0)) {
-    // As the equations have no part along a certain combination of rows, this product adds a
-    // condition to them: that the part along the turn is 0.
-    Vector along = turn;
-    along.tail(half) /= unit;
-    along.normalize();
-    system.topLeftCorner(n, n) += along * along.transpose();
-  }
   system.block(0, n, n, 2) = -span.known.rightCols(2);
   system.col(n + 2).head(n) = share * span.known.col(0);
+  // A combination of the equations is 0 on both sides: their sum with this condition, times a
+  // vector that the combination does not lose, holds where both do.
+  if (turn.size() > 0) system.topLeftCorner(n, n) += turn * turn.transpose();
   system.row(n).head(n + 2) = across_.transpose();
   system(n, n + 3) = 1.0;
   auto condition = system.row(n + 1);

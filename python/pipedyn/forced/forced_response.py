@@ -418,7 +418,9 @@ def forced_response(
 
 def _is_axial(motion: ForcedField) -> bool:
     """Whether a straight pipe stays at rest under the forcing: whether this is along its axis."""
-    forces = motion.along(np.linspace(0.0, 2.0 * math.pi, 17), 1.0)(np.zeros((motion.size, 17)), 0.0)
+    forces = motion.along(np.linspace(0.0, 2.0 * math.pi, 17), 1.0)(
+        np.zeros((motion.size, 17)), 0.0
+    )
     return not forces.any()
 
 
@@ -762,7 +764,8 @@ class _ForcedTracer(Tracer[OrbitProblem]):
         for one in branches:
             size = one.amplitude if self.from_rest else one.amplitude_across
             if one.kind == self.kind and size is not None and size[-1] == 0.0:
-                if abs(one.frequency[-1] / self.points[0].frequency - 1.0) < 1e-6:
+                near = 1e-6 if self.from_rest else 1e-3
+                if abs(one.frequency[-1] / self.points[0].frequency - 1.0) < near:
                     return True
         return False
 
@@ -790,7 +793,9 @@ class _ForcedTracer(Tracer[OrbitProblem]):
                 f"amplitude {last.amplitude:.4g}: {reason}"
             )
         self.events.append(ForcedEvent("end", last.frequency, last.amplitude))
-        frequency, amplitude, largest, stable, across = map(np.array, zip(*self.points, strict=True))
+        frequency, amplitude, largest, stable, across = map(
+            np.array, zip(*self.points, strict=True)
+        )
         return ForcedBranch(
             kind=self.kind,
             frequency=frequency,
@@ -809,7 +814,9 @@ class _ForcedTracer(Tracer[OrbitProblem]):
         order = self.motion.order
         met = None
         if self.leaves and self.steps:  # a branch that leaves rest or a plane may come back to it
-            met = meeting(step, "hopf" if self.from_rest else self.kind, self.rests / order, 1e-3)
+            kinds = ["hopf"] if self.from_rest else ["z", "x"][: 1 + self.motion.axisymmetric]
+            tries = (meeting(step, kind, self.rests / order, 1e-3) for kind in kinds)
+            met = next((one for one in tries if one is not None), None)
         if met is not None:
             if self.from_rest and not met.known:
                 raise NewtonFailed(
@@ -824,7 +831,12 @@ class _ForcedTracer(Tracer[OrbitProblem]):
                 across = amplitude_across(self.motion, orbit)
                 point = _ForcedPoint(event.frequency, event.amplitude, across=across)
                 self.points.append(point)
-                if passing.across and passing.kind != "torus":
+                # Where a turn about the axis changes nothing, the root of that turn is 1, too, and
+                # motions that leave the plane without another symmetry precess.
+                repeats = passing.kind != "torus" and not (
+                    passing.root.real > 0.0 and self.motion.axisymmetric
+                )
+                if passing.across and repeats:
                     self.forks.append((passing, orbit))
         self.steps.append(step)
         self.points.append(_point_of_orbit(self.motion, orbit_at(step, step.length)))

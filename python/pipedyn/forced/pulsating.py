@@ -227,7 +227,9 @@ class ShakenPipe(PulsatingPipe):
         by_position, by_velocity = super()._accelerations(phases, 0.0, frequency)
         turn = amplitude * np.exp(1j * phases)
         moves = np.stack([((1j * frequency) ** order * turn).real for order in range(3)], -1)
-        return by_position - np.tensordot(moves, np.linalg.solve(self.mass, self.base), 1), by_velocity
+        return by_position - np.tensordot(
+            moves, np.linalg.solve(self.mass, self.base), 1
+        ), by_velocity
 
 
 def require_motion(model: AnyModel) -> None:

@@ -407,7 +407,6 @@ class Force(_Drive):
             made[:, 0] = values
         return self.amplitude * made
 
-
     def in_plane(self) -> tuple[Force, float]:
         """The force of a function of the phase, turned into the plane z = 0, as for `Harmonic`."""
         if self.function is None or self.frequency is None:
@@ -716,7 +715,9 @@ def _direction(value: Any) -> Direction:
     said = "'x', 'y', 'z' or three numbers (x, y, z)"
     given = check.numbers("direction", value, said, kinds="iufc")
     if given.shape != (3,) or not np.isfinite(given).all() or not given.any():
-        raise ValueError(f"direction must be {said}, finite and not all 0, got {check.shown(value)}")
+        raise ValueError(
+            f"direction must be {said}, finite and not all 0, got {check.shown(value)}"
+        )
     x, y, z = (given + 0.0).tolist()
     return (x, y, z)
 

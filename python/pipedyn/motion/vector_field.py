@@ -129,12 +129,6 @@ class VectorField:
         """Whether every motion turned about the axis of the straight pipe is a motion."""
         return self.model.axisymmetric
 
-    def turn(self, y: Array) -> Array:
-        """Change of a state by a turn about the axis that keeps motions motions; empty if none."""
-        if not self.axisymmetric:
-            return np.empty(0)
-        return np.concatenate([self.model.quarter_turn(part) for part in np.split(y, 2)])
-
     def is_odd(self, u: float) -> bool:
         """Whether the mirror image of every motion is a motion, tested at three states.
 

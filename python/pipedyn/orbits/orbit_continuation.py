@@ -290,13 +290,13 @@ def breaking_part(orbit: PeriodicOrbit, kind: str) -> Array:
 
     The other branch is of equilibria ("hopf"), of orbits that are their own mirror images
     ("pitchfork"), of orbits with half the period ("period doubling") or, in three dimensions, of
-    orbits in the plane z = 0 ("out of plane").
+    orbits in the plane z = 0 ("z") or x = 0 ("x").
     """
     p = orbit.states(PROBES)[: orbit.half].T
     if kind == "hopf":
         return p if orbit.symmetric else p - p.mean(axis=0)
-    if kind == "out of plane":
-        return p[:, orbit.half // 2 :]
+    if kind in ("x", "z"):
+        return np.split(p, 2, axis=1)[int(kind == "z")]
     later = np.roll(p, -PROBES.size // 2, axis=0)
     return 0.5 * (p + later if kind == "pitchfork" else p - later)
 
