@@ -28,6 +28,9 @@ THINGS = sorted(json.loads(FACTS.read_text("utf-8")))
 
 NEW: dict[str, Callable[[], Any]] = {
     "RotatingMotion": lambda: pp.rotating_motion(pp.Chain(pp.Pipe(0.2), 3, dimensions=3), 6.0),
+    "RotatingBranch": lambda: pp.bifurcation_diagram(
+        pp.Chain(pp.Pipe(0.2), 2, dimensions=3), [4.0, 5.0]
+    ).rotating[0],
     "SpatialGalerkin": lambda: pp.Galerkin(pp.Pipe(0.2, 3.0), 3, "legendre", dimensions=3),
     "SpatialHopf": lambda: pp.hopf(pp.Chain(pp.Pipe(0.3), 3, dimensions=3)),
     "CriticalSpeeds": lambda: pp.critical_speeds(

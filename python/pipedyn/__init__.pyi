@@ -46,6 +46,7 @@ from pipedyn.equilibrium.hopf import SpatialHopf as SpatialHopf
 from pipedyn.equilibrium.hopf import criticality_curve as criticality_curve
 from pipedyn.equilibrium.hopf import hopf as hopf
 from pipedyn.equilibrium.normal_form import NoHopf as NoHopf
+from pipedyn.equilibrium.rotating_motion import RotatingBranch as RotatingBranch
 from pipedyn.equilibrium.rotating_motion import RotatingMotion as RotatingMotion
 from pipedyn.equilibrium.rotating_motion import rotating_motion as rotating_motion
 from pipedyn.forced.forced_response import ForcedBranch as ForcedBranch

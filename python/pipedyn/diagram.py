@@ -17,13 +17,20 @@ from pipedyn.attraction.attractor import Attractor
 from pipedyn.attraction.from_motion import LARGEST_CYCLE
 from pipedyn.attraction.motion_ends import Case, motion_ends
 from pipedyn.attraction.motion_options import MotionOptions
-from pipedyn.attraction.solutions import Solution, cycle, equilibria_near, with_separate_regions
+from pipedyn.attraction.solutions import (
+    Solution,
+    cycle,
+    equilibria_near,
+    rotation,
+    with_separate_regions,
+)
 from pipedyn.cycles.branches import (
     BEYOND,
     BranchOptions,
     CycleBranch,
     Failed,
     Traced,
+    branch_in_space,
     hopf_points,
     same_cycle,
     traced,
@@ -34,6 +41,7 @@ from pipedyn.cycles.limit_cycle import (
     amplitude_of,
     as_symmetric,
     cycle_from,
+    in_space,
 )
 from pipedyn.equilibrium.equilibria import (
     EQUILIBRIA_DOF,
@@ -42,6 +50,7 @@ from pipedyn.equilibrium.equilibria import (
     searched,
 )
 from pipedyn.equilibrium.hopf import HopfPoint
+from pipedyn.equilibrium.rotating_motion import RotatingBranch, rotating_branch
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model
 from pipedyn.models.drive import LARGEST_SPEED, InputUnits, require_steady
@@ -52,7 +61,7 @@ from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
 from pipedyn.util.counters import clock
-from pipedyn.util.errors import PipedynError
+from pipedyn.util.errors import NotConverged, PipedynError
 from pipedyn.util.newton import NewtonFailed
 from pipedyn.util.parallel import one_thread, parallel, progress_visible, track
 from pipedyn.util.result import TableResult, Units, join_tables
@@ -75,7 +84,7 @@ that has none at a speed: an attractor that is born where a branch ends or is lo
 the other starts."""
 
 
-@saved_as("BifurcationDiagram")
+@saved_as("BifurcationDiagram", added=("rotating",))
 class BifurcationDiagram(TableResult):
     """Equilibria, cycles and ends of motions of a pipe over the flow speed.
 
@@ -91,6 +100,8 @@ class BifurcationDiagram(TableResult):
         failures: points that failed, with the errors, by speed; `value` is the flow speed and
             `index` its place among `speeds`, -1 if a branch failed between them.
         model: the model.
+        rotating: branches of circular motions from onsets of flutter, for a model in three
+            dimensions that is the same in all directions.
 
     Example:
         >>> found = pp.bifurcation_diagram(pp.Chain(pp.Pipe(0.2), 2), [3.0, 4.0, 5.0])
@@ -106,6 +117,7 @@ class BifurcationDiagram(TableResult):
     motions: tuple[Attractor, ...]
     failures: tuple[Failure, ...]
     model: Model
+    rotating: tuple[RotatingBranch, ...] = ()
 
     def at(self, u: float) -> tuple[Attractor, ...]:
         """Ends of motions at the speed nearest to u >= 0; raises ValueError or TypeError."""
@@ -156,6 +168,12 @@ def bifurcation_diagram(
     at the speeds given. If a motion ends on a cycle to which no onset leads, that cycle is followed
     both ways. Without `brute_force`, motions look for a cycle at the first, the middle and the last
     speed, if no cycle and no stable equilibrium is known there.
+
+    In three dimensions, if the pipe is the same in all directions, cycles are planar ones, with the
+    stability of motions across their plane, and circular motions are followed from the onsets of
+    the straight pipe (`rotating`). Motions that are neither are not followed over the speed; those
+    on which motions end are among `motions`. If a load bends the pipe, cycles that leave its plane
+    are followed as others are.
 
     Args:
         model: chain, reduced model or scene, up to 500 degrees of freedom.
@@ -234,9 +252,10 @@ def bifurcation_diagram(
     found = _Cycles(model, options, failed)
     if steps:
         found.from_onsets(branches, executor, shown and not steps_shown)
+    rotating = found.rotating() if steps else ()
     motions: tuple[Attractor, ...] = ()
     for some in _sparse_first(at) if starts else ():
-        cases = _cases(model, some, branches, found.branches, starts)
+        cases = _cases(model, some, branches, found.branches, rotating, starts)
         ended, reached = motions_at(model, cases, of_motions, failed)
         if steps:
             for one in reached:  # cycles that motions led to may lie on no branch
@@ -249,11 +268,12 @@ def bifurcation_diagram(
             passed = (b.speeds.min() <= u <= b.speeds.max() for b in found.branches)
             rests = (bool(b.stable[b.speeds == u].any()) for b in branches)
             if u > 0.0 and not any(rests) and not any(passed):
-                found.through(u, model.bent(slight_bend))
+                found.through(u, found.model.bent(slight_bend))
     failed.sort(key=lambda one: one[0])
     places = {u: place for place, u in enumerate(at.tolist())}
     failures = tuple(Failure(places.get(u, -1), u, error) for u, error in failed)
-    return BifurcationDiagram(at, branches, tuple(found.branches), motions, failures, model)
+    cycle_branches = found.in_space() if model.axisymmetric else tuple(found.branches)
+    return BifurcationDiagram(at, branches, cycle_branches, motions, failures, model, rotating)
 
 
 def _seconds_left(
@@ -277,7 +297,7 @@ def _seconds_left(
     if starts:
         begun = clock()
         some = at[np.linspace(0.0, at.size - 1.0, min(at.size, 6)).astype(int)]
-        cases = _cases(model, some, equilibria, first.branches, starts[:2])
+        cases = _cases(model, some, equilibria, first.branches, (), starts[:2])
         motions_at(model, cases, replace(of_motions, executor=None, shown=False), [])
         seconds += (clock() - begun) * at.size / some.size * len(starts) / len(starts[:2])
     return seconds
@@ -332,6 +352,7 @@ def _cases(
     speeds: Array,
     equilibria: tuple[EquilibriumBranch, ...],
     cycles: list[CycleBranch],
+    rotating: tuple[RotatingBranch, ...],
     starts: list[Array],
 ) -> list[Case]:
     """A case for each speed, with the equilibria and the cycles that branches have there.
@@ -348,8 +369,12 @@ def _cases(
             drive, found = Excitation(u), equilibria_near(model, guesses, u)
             for branch in cycles:
                 for one in branch.at(u):
-                    found.append(cycle(model, drive, one.orbit, one.stable))
+                    found.append(cycle(model, drive, *_in_whole(model, one)))
                     found += [found[-1].mirrored(False)] if branch.mirrored else []
+            for circles in rotating:
+                for circle in circles.at(u):
+                    found.append(rotation(model, np.append(circle.q, [circle.frequency, u])))
+                    found.append(found[-1].mirrored(False))
             moving = ([one for one in b.cycles if one.moves] for b in cycles)
             nearest = (min(some, key=lambda one: abs(one.u - u)) for some in moving if some)
             near = (one for one in nearest if 0.0 < abs(one.u - u) <= NEAR_BRANCH * u)
@@ -387,9 +412,26 @@ def motions_at(
 
 
 def _start_near(model: Model, one: LimitCycle) -> Array:
-    """A start a hundredth away from a cycle, maybe unstable: a state [p, p'], (2 integrated,)."""
-    p, rates = np.split(np.asarray(model.initial_state(one.q[0], one.qdot[0])), 2)
+    """A start a hundredth away from a cycle, maybe unstable: a state [p, p'], (2 integrated,).
+
+    In three dimensions it is away from the plane of a cycle as well.
+    """
+    p, rates = np.split(np.asarray(one.model.initial_state(one.q[0], one.qdot[0])), 2)
+    if one.model is not model:
+        p, rates = model.from_plane(p), model.from_plane(rates)
+        rates = rates + 0.01 * model.quarter_turn(rates)
     return np.concatenate(model.onto_constraints(1.01 * p, rates))
+
+
+def _in_whole(model: Model, one: LimitCycle) -> tuple[PeriodicOrbit, bool]:
+    """The orbit of a cycle and whether it attracts, in three dimensions if the model moves there.
+
+    There it is not known to attract unless its multipliers across the plane are computed.
+    """
+    if one.model.dimensions == model.dimensions:
+        return one.orbit, one.stable
+    whole = in_space(VectorField(model), one)
+    return whole.orbit, whole.stable
 
 
 def _branch_coordinates(branch: EquilibriumBranch, u: float) -> Array:
@@ -406,10 +448,16 @@ def _branch_coordinates(branch: EquilibriumBranch, u: float) -> Array:
 
 
 class _Cycles:
-    """The branches of cycles found so far, each once."""
+    """The branches of cycles found so far, each once.
 
-    def __init__(self, model: Model, options: BranchOptions, failed: list[Failed]) -> None:
-        self.model, self.options, self.failed = model, options, failed
+    Cycles of a pipe in three dimensions that is the same in all directions are those of its planar
+    model, and circular motions.
+    """
+
+    def __init__(self, whole: Model, options: BranchOptions, failed: list[Failed]) -> None:
+        self.model: Model = whole.planar if whole.axisymmetric else whole
+        self.whole, self.options, self.failed = whole, options, failed
+        self.onsets: list[HopfPoint] = []
         self.found: list[Traced] = []
 
     @property
@@ -433,7 +481,12 @@ class _Cycles:
         """Follows the branches of cycles that begin at onsets of flutter."""
         highest = 1.5 * float(self.options.speeds[-1])  # cycles from onsets beyond may come back
         with one_thread(self.model.dof):
-            onsets = hopf_points(self.model, equilibria, highest, self.failed)
+            if self.model is not self.whole:
+                shown_once = list[Failed]()  # failures of the same branches in three dimensions
+                equilibria = equilibrium_branches(
+                    self.model, self.options.speeds, shown_once, False
+                )
+            onsets = self.onsets = hopf_points(self.model, equilibria, highest, self.failed)
         self.options = replace(self.options, onsets=tuple(point.speed for point in onsets))
         jobs = [partial(self._traced, point) for point in onsets]
         answers = parallel(jobs, executor, label="cycles", progress=shown)
@@ -442,6 +495,33 @@ class _Cycles:
                 self.failed.append((point.speed, answer))
             else:
                 self.add(*answer)
+
+    def rotating(self) -> tuple[RotatingBranch, ...]:
+        """Branches of circular motions from the onsets of the straight pipe."""
+        branches, at = list[RotatingBranch](), self.options.speeds
+        for onset in self.onsets if self.whole.axisymmetric else ():
+            if onset.rest.any():
+                continue
+            try:
+                with one_thread(2 * self.whole.dof):
+                    one = rotating_branch(self.whole, onset, (float(at[0]), float(at[-1])), at)
+                if one is None:
+                    continue
+            except NewtonFailed as reason:
+                report = f"the circular motions from u = {onset.speed:g} were not followed: "
+                self.failed.append((onset.speed, NotConverged(f"{report}{reason}")))
+                continue
+            if one.end == "not converged":
+                report = f"the circular motions were not followed beyond u = {one.speeds[-1]:g}"
+                self.failed.append((float(one.speeds[-1]), NotConverged(report)))
+            branches.append(one)
+        return tuple(branches)
+
+    def in_space(self) -> tuple[CycleBranch, ...]:
+        """The branches in three dimensions, with the stability across their plane."""
+        with one_thread(2 * self.whole.dof):
+            some = (branch_in_space(self.whole, one, self.failed) for one in self.branches)
+            return tuple(one for one in some if one is not None)
 
     def _traced(self, begin: HopfPoint | PeriodicOrbit) -> tuple[list[Traced], list[Failed]]:
         """Branches from an onset, or through an orbit, except parts that are already known."""
@@ -463,7 +543,7 @@ class _Cycles:
         try:
             with one_thread(motion.size):
                 if isinstance(begin, PeriodicOrbit):
-                    orbit = as_symmetric(motion, begin)
+                    orbit = as_symmetric(motion, begin.in_plane(motion.model))
                 else:
                     orbit, _ = cycle_from(motion, u, begin)
                 amplitude, _ = amplitude_of(motion, orbit)

@@ -590,8 +590,9 @@ def _seen_across(
     """
     direction = farthest_direction(tips[len(tips) // 2 :])
     if model.axisymmetric:
-        angle = -math.atan2(direction[2], direction[0])
-        states = np.ascontiguousarray(model.turned(states.T, angle).T)
+        halves = np.split(states.T, 2)
+        turned = [direction[0] * p - direction[2] * model.quarter_turn(p) for p in halves]
+        states = np.ascontiguousarray(np.concatenate(turned).T)
     return states, tips @ direction, velocities @ direction
 
 

@@ -29,6 +29,8 @@ from pipedyn.cycles.limit_cycle import (
     amplitude_of,
     converged_cycle,
     cycle_on_mesh,
+    in_space,
+    limit_cycle,
     on_branch,
 )
 from pipedyn.equilibrium.equilibria import BranchPoint, EquilibriumBranch, Statics
@@ -36,6 +38,7 @@ from pipedyn.equilibrium.hopf import HopfPoint, hopf_point
 from pipedyn.linear.critical_speed import crossings
 from pipedyn.linear.sensitivity import Crossing
 from pipedyn.models.base import BALANCED, Model
+from pipedyn.motion.sampling import farthest_direction
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.collocation import OrbitProblem
 from pipedyn.orbits.floquet import (
@@ -105,6 +108,9 @@ followed, or the least gap of the speeds if that is smaller; the share of this w
 winding branch, for example one near a homoclinic orbit, is followed no further; and the number of
 steps after which it ends. Speeds that are closer together ask for narrower branches."""
 
+MOST_HALVINGS = 25
+"""Largest number of times that an interval is halved in which cycles begin to leave their plane."""
+
 GENERATIONS = 2
 """Number of generations of cycles that leave cycles that are followed: all of the first, then those
 that leave stable ones, since their number may grow without end (a cascade of period doublings)."""
@@ -121,8 +127,9 @@ class CycleEvent(Result, units={"error": SPEED}):
             meets two that are not), "period doubling" (it meets one of twice its period: a
             multiplier passes -1), "torus" (a pair passes the unit circle), "grazing" (it begins or
             ceases to touch a stop), "hopf" (its amplitude falls to 0), "infinite period" (the
-            frequency falls towards 0, as where a cycle meets an equilibrium) or "end" (it was not
-            followed further).
+            frequency falls towards 0, as where a cycle meets an equilibrium), "branch point" (in
+            three dimensions, motions across the plane of the cycle begin or cease to grow; those
+            that leave it there are not followed) or "end" (it was not followed further).
         speed: u.
         error: half the length of the interval of speeds that is known to contain the event.
         multiplier: the multiplier that passes, on the unit circle: 1 at a fold and a pitchfork, and
@@ -157,7 +164,8 @@ class CycleBranch(TableResult):
         speeds: u, shape (S,).
         amplitudes: half the peak-to-peak transverse motion of the free end in L, shape (S,).
         highest: largest transverse position of the free end in L, shape (S,); the smallest lies two
-            amplitudes below.
+            amplitudes below. In three dimensions both are along the direction in which the free
+            end moves farthest.
         frequencies: angular frequencies, in 1 / T, shape (S,).
         stable: whether each cycle is stable, shape (S,).
         multipliers: Floquet multipliers, the largest first, the trivial one among them, shape
@@ -323,6 +331,98 @@ def traced(
         return found, failed
 
 
+def branch_in_space(model: Model, branch: CycleBranch, failed: list[Failed]) -> CycleBranch | None:
+    """The branch of a planar model as one of the model in three dimensions.
+
+    Where motions across the plane begin or cease to grow there is an event. Cycles whose
+    multipliers in space are not known are left out, and kept in `failed`.
+    """
+    motion = VectorField(model)
+    found, events = list[LimitCycle](), dict[int, CycleEvent]()
+    last: LimitCycle | None = None  # the planar cycle of the last one that was found
+    for plane in branch.cycles:
+        try:
+            cycle = in_space(motion, plane)
+        except NotConverged as error:
+            failed.append((plane.u, error))
+            continue
+        pair = [*found[-1:], cycle]
+        leaving = {_leaves_plane(one) > 0.0 for one in pair if one.moves}
+        if last is not None and len(leaving) == 2:
+            events[len(found)], between = _out_of_plane(motion, last, pair)
+            found.append(between)
+        found.append(cycle)
+        last = plane
+    if not found:
+        return None
+    speeds = np.array([one.u for one in found])
+    places = {int(np.abs(speeds - one.speed).argmin()): one for one in branch.events}
+    every = sorted([*places.items(), *events.items()], key=lambda place: place[0])
+    return replace(branch, **_columns_of(found), events=tuple(event for _, event in every))
+
+
+def _columns_of(cycles: Sequence[LimitCycle]) -> dict[str, Any]:
+    """The fields of a branch that are those of its cycles."""
+    # A cycle at a Hopf point is at rest: its direction is that of the nearest one that moves.
+    moving = [k for k, cycle in enumerate(cycles) if cycle.moves] or [0]
+    seen = (cycles[min(moving, key=lambda j: abs(j - k))] for k in range(len(cycles)))
+    directions = [farthest_direction(cycle.tip) for cycle in seen]
+    tips = [cycle.tip[0] for cycle in cycles]
+    return {
+        "speeds": np.array([cycle.u for cycle in cycles]),
+        "amplitudes": np.array([cycle.amplitude for cycle in cycles]),
+        "highest": np.array([np.dot(*pair) for pair in zip(tips, directions, strict=True)]),
+        "frequencies": np.array([cycle.frequency for cycle in cycles]),
+        "stable": np.array([cycle.stable for cycle in cycles]),
+        "multipliers": np.array([cycle.multipliers for cycle in cycles]),
+        "cycles": tuple(cycles),
+    }
+
+
+def _leaves_plane(cycle: LimitCycle) -> float:
+    """Logarithm of the largest multiplier across the plane but for the turn, as `beyond_circle`."""
+    assert cycle.across is not None
+    return float(beyond_circle(nontrivial(cycle.across), cycle.multiplier_error).max())
+
+
+def _out_of_plane(
+    motion: VectorField, plane: LimitCycle, pair: list[LimitCycle]
+) -> tuple[CycleEvent, LimitCycle]:
+    """The event where motions across the plane of cycles begin or cease to grow, and its cycle.
+
+    Args:
+        motion: the vector field in three dimensions.
+        plane: a planar cycle nearby.
+        pair: two neighbouring cycles of the branch, in three dimensions.
+    """
+    known = {one.u: one for one in pair}
+    low, high = min(known), max(known)
+
+    def leaves(u: float) -> bool:
+        if u not in known:
+            near = limit_cycle(motion.model.planar, u, plane, samples=SAMPLES_A_CYCLE)
+            known[u] = in_space(motion, near)
+        return _leaves_plane(known[u]) > 0.0
+
+    with suppress(PipedynError):
+        for _ in range(MOST_HALVINGS):
+            middle = 0.5 * (low + high)
+            if leaves(middle) == leaves(low):
+                low = middle
+            else:
+                high = middle
+            if high - low <= 1e-6 * high:
+                break
+    at = min((known[low], known[high]), key=_leaves_plane)
+    assert at.across is not None
+    passing = complex(nontrivial(at.across)[0])
+    kind: EventKind = "torus"
+    if abs(passing.imag) < 1e-3:
+        kind = "branch point" if passing.real > 0.0 else "period doubling"
+    speed, error = 0.5 * (low + high), 0.5 * (high - low)
+    return CycleEvent(kind, speed, error, passing / abs(passing), at.amplitude), at
+
+
 def _as_one_branch(ways: list[_Follower]) -> Traced:
     """The branch that was followed one way, or both ways from the same cycle."""
     way = ways[-1]
@@ -335,14 +435,8 @@ def _as_one_branch(ways: list[_Follower]) -> Traced:
     if all(cycle is way.first for cycle in cycles):
         return Traced(None, begin, way.end)
     branch = CycleBranch(
-        speeds=np.array([cycle.u for cycle in cycles]),
-        amplitudes=np.array([cycle.amplitude for cycle in cycles]),
-        highest=np.array([float(cycle.tip[0, 0]) for cycle in cycles]),
-        frequencies=np.array([cycle.frequency for cycle in cycles]),
-        stable=np.array([cycle.stable for cycle in cycles]),
-        multipliers=np.array([cycle.multipliers for cycle in cycles]),
+        **_columns_of(cycles),
         events=tuple(event for event in events if way.options.holds(event.speed)),
-        cycles=tuple(cycles),
         mirrored=not cycles[0].symmetric and way.motion.is_odd(cycles[0].u),
         origin=cast(Origin, way.begin.kind) if way.begin is not None else "motion",
         onset=way.onset,
@@ -504,10 +598,10 @@ class _Follower(Tracer[OrbitProblem]):
         orbit, statics = orbit_at(meets.last, meets.last.length), Statics(self.motion.model)
         rest = np.zeros(2 * orbit.half)
         if not orbit.symmetric:
-            rest[: orbit.half] = statics.solved(
-                orbit.states(PROBES)[: orbit.half].mean(axis=1), orbit.u
-            )
-        values = statics.eigenvalues(rest[: orbit.half], orbit.u)
+            model = self.motion.model
+            mean = model.nearest_in_plane(orbit.states(PROBES)[: orbit.half].mean(axis=1))
+            rest[: orbit.half] = model.from_plane(statics.solved(mean, orbit.u))
+        values = statics.eigenvalues(rest[: statics.size], orbit.u)
         at = np.argmin(np.abs(values - 1j * orbit.frequency))
         return PeriodicOrbit(
             orbit.edges,
@@ -621,7 +715,8 @@ class _Follower(Tracer[OrbitProblem]):
                     speed, error = 0.5 * (low + high), 0.5 * abs(low - high)
                     kind, passing = cast(EventKind, name), test.multipliers[s]
                     event = CycleEvent(kind, speed, error, passing, cycle.amplitude)
-                    if event.kind != "torus" and self.options.holds(event.speed):
+                    leaves = event.kind not in ("torus", "branch point")
+                    if leaves and self.options.holds(event.speed):
                         stable = cycle.stable or not test.positive(before)
                         self.forks.append((event, cycle.orbit, stable))
                 found.append((s, cycle, event))

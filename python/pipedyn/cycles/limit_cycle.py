@@ -41,7 +41,7 @@ from pipedyn.motion.simulate import (
     Trajectory,
     check_coordinates,
     checked_model_in_motion,
-    slight_bend,
+    slightly_bent,
     state_of,
 )
 from pipedyn.motion.vector_field import Excitation, VectorField
@@ -255,7 +255,7 @@ def limit_cycle(
     rtol = check.real("rtol", rtol, low=1e-10, high=1e-2)
     samples = check.count("samples", samples, low=9, high=100_000)
     motion = VectorField(model)
-    if model.dimensions == 3:
+    if model.axisymmetric:
         return in_space(motion, limit_cycle(model.planar, u, start, rtol=rtol, samples=samples))
     with one_thread(motion.size):
         orbit, how = cycle_from(motion, u, start)
@@ -271,9 +271,10 @@ def in_space(motion: VectorField, plane: LimitCycle) -> LimitCycle:
     peak = plane.amplitude, amplitude_of(VectorField(plane.model), orbit)[1]
     with one_thread(motion.size):
         try:
-            found = cycle_on_mesh(
-                *(motion, whole, plane.error, plane.t.size, plane.method), peak=peak
-            )
+            with np.errstate(divide="ignore", invalid="ignore"):  # of the residual at rest
+                found = cycle_on_mesh(
+                    *(motion, whole, plane.error, plane.t.size, plane.method), peak=peak
+                )
         except NewtonFailed as failure:
             raise NotConverged(f"the cycle at u = {plane.u:g} fails its check: {failure}") from None
     # The planar multipliers are among those in space; the others belong to motions across.
@@ -281,7 +282,10 @@ def in_space(motion: VectorField, plane: LimitCycle) -> LimitCycle:
     apart = np.concatenate([apart, np.zeros_like(apart)])
     across = found.multipliers[_core.assignment(apart)[len(plane.multipliers) :]]
     across = across[np.argsort(-np.abs(across), kind="stable")]
-    return replace(found, across=across, evaluations=plane.evaluations + found.evaluations)
+    leaves = (beyond_circle(nontrivial(across), found.multiplier_error) > 0.0).any()
+    stable, evaluations = plane.stable and not leaves, plane.evaluations + found.evaluations
+    kept: dict[str, Any] = {"residual": plane.residual, "evaluations": evaluations}
+    return replace(found, across=across, stable=stable, **kept)
 
 
 # ---------------------------------------------------------------------------------- beginnings
@@ -341,7 +345,8 @@ def _near(motion: VectorField, u: float, start: LimitCycle | Motion) -> tuple[Pe
         found = solved_anew(motion, orbit.states, orbit.frequency, u, symmetric, COARSE)
         return found, "from a cycle"
     y = motion.model.from_user(start.q, start.qdot)
-    x, velocity = start.tip[:, 0], start.tip_velocity[:, 0]
+    direction = farthest_direction(start.tip)
+    x, velocity = start.tip @ direction, start.tip_velocity @ direction
     stretch = Stretch(start.t, y, x, velocity, 1e-6)
     states, frequency = last_period(stretch, LATE_RECURRENCE)
     found = solved_anew(motion, states, frequency, u, False, COARSE, from_samples=True)
@@ -375,7 +380,7 @@ def _ways(motion: VectorField, u: float) -> tuple[list[tuple[VectorField, Any]],
             f"at u = {u:g} no force depends on velocities, so that volumes in state space are "
             "conserved: no cycle attracts"
         )
-    ways.append((motion, slight_bend))
+    ways.append((motion, slightly_bent(model)))
     if not flutters and pipe.drag > 0.0 and pipe.damping == 0.0:
         # An aspirating pipe without damping has no onset: it is unstable from u = 0 on. As all its
         # modes grow about equally fast, motions take long to reach a cycle that attracts. A chain's

@@ -109,7 +109,7 @@ def _rest_at(motion: VectorField, crossing: Crossing | BranchPoint) -> Array:
     """
     if isinstance(crossing, BranchPoint):
         start = Statics(motion.model).from_start("crossing", crossing.q)
-        return np.concatenate([start, np.zeros(motion.half)])
+        return np.concatenate([motion.model.from_plane(start), np.zeros(motion.half)])
     model = at_rest(motion.model, crossing.speed)
     model.require_equilibrium(crossing.speed)
     return np.concatenate([model.resting(), np.zeros(motion.half)])
@@ -176,8 +176,9 @@ class Hopf(HopfPoint, units={"balance": LENGTH, "fold": SPEED}):
         """Number of eigenvalues with positive real part at the onset, without the critical pair."""
         if isinstance(self.crossing, Crossing):
             return min(self.crossing.unstable_before, self.crossing.unstable_after)
-        place = np.split(self.rest, 2)[0]
-        values = Statics(self.model).eigenvalues(place, self.speed)
+        statics = Statics(self.model)
+        place = np.split(self.rest, 2)[0][: statics.size]
+        values = statics.eigenvalues(place, self.speed)
         pair = np.minimum(*(np.abs(values - sign * 1j * self.frequency) for sign in (1.0, -1.0)))
         return int(np.count_nonzero(grows(values)[np.argsort(pair)[2:]]))
 
@@ -406,7 +407,7 @@ def hopf(
     """
     # With more degrees of freedom, dense eigenvectors lose digits that differences need.
     model = checked_model_in_motion(model, largest=500, purpose="hopf")
-    if model.dimensions == 3:
+    if model.axisymmetric:
         return _in_space(model, hopf(model.planar, crossing, friction=friction))
     if friction is not None:  # else its refusal would be taken for that of the onset
         Supply.at_speed(model.pipe, 1.0, friction=friction)
@@ -602,12 +603,15 @@ def _mean_drag(
 def _tip_of(model: Model, rest: Array, mode: Complex) -> complex:
     """Transverse displacement of the free end in a mode, to first order.
 
-    It is computed as the velocity of the free end for rates p' that are the mode's coordinates.
+    In three dimensions it is that along x or along z, whichever is larger. It is computed as the
+    velocity of the free end for rates p' that are the mode's coordinates.
     """
     half = rest.size // 2
     parts = np.stack([mode.real, mode.imag])[:, :half]
     q, rates = model.to_user(np.stack([rest[:half]] * 2), parts)
-    return complex(*model.tip_velocities(q.T, rates.T)[:, 0])
+    moved = model.tip_velocities(q.T, rates.T)[:, ::2]
+    along = int(np.abs(moved).sum(axis=0).argmax())
+    return complex(*moved[:, along])
 
 
 # ----------------------------------------------------------------------- against a parameter

@@ -129,7 +129,7 @@ class RotatingBranch(TableResult):
     def __len__(self) -> int:
         return len(self.motions)
 
-    def _of_each(self, name: str) -> Array:
+    def _of_each(self, name: str) -> NDArray[Any]:
         return np.array([getattr(one, name) for one in self.motions])
 
     @property
@@ -210,8 +210,10 @@ def rotating_motion(model: Model, u: float) -> RotatingMotion:
 
 def rotating_branch(
     model: Model, onset: HopfPoint, speeds: tuple[float, float], marks: Iterable[float]
-) -> RotatingBranch:
+) -> RotatingBranch | None:
     """The circular motions that emerge at an onset of flutter of the straight pipe.
+
+    The result is None if none lie between the speeds.
 
     Args:
         model: model in three dimensions, the same in all directions.
@@ -225,7 +227,9 @@ def rotating_branch(
     tracer = _Tracer(model, onset, speeds, marks)
     _, end, why = tracer.followed()
     if not tracer.path:
-        raise NewtonFailed(why)
+        if why:
+            raise NewtonFailed(why)
+        return None
     motions = tuple(motion_at(model, z) for z in tracer.path)
     return RotatingBranch(motions, tuple(tracer.changes), onset.speed, end)
 
@@ -341,7 +345,7 @@ def rotation_near(model: Model, state: Array, u: float) -> Array:
         raise NewtonFailed("the motion is not circular")
     last = model.integrated - 1
     angle = math.atan2(q[last], q[last // 2])
-    q = model.turned(q, -angle)
+    q = math.cos(angle) * q - math.sin(angle) * model.quarter_turn(q)
     problem = DenseProblem(partial(_equations, model), q.size + 1, 1.0, STEPS)
     found = problem.fixed(np.concatenate([q, [w, u]]), u)
     if np.linalg.norm(found[: q.size] - q) > ROTATES * np.linalg.norm(q):

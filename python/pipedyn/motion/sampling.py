@@ -38,7 +38,7 @@ def farthest_direction(positions: Array) -> Array:
     direction = np.zeros(positions.shape[1])
     across = positions[:, ::2] - positions[:, ::2].mean(axis=0)
     direction[::2] = np.linalg.svd(across, full_matrices=False)[2][0]
-    return direction if direction[0] > 0.0 else -direction
+    return direction * np.sign(direction[np.abs(direction).argmax()])
 
 
 def coarse(

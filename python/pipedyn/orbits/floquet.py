@@ -63,7 +63,15 @@ LARGEST_ERROR = 1e-3
 folds it was measured to be 6e-5 at most."""
 
 EventKind = Literal[
-    "fold", "pitchfork", "period doubling", "torus", "grazing", "hopf", "infinite period", "end"
+    "fold",
+    "pitchfork",
+    "period doubling",
+    "torus",
+    "grazing",
+    "hopf",
+    "infinite period",
+    "branch point",
+    "end",
 ]
 
 
@@ -379,6 +387,12 @@ class CircleTest(TestFunction):
         return kind
 
     def kind_but_fold(self, before: float, beyond: float) -> str:
-        """Kind of the event between two arc lengths; empty for a fold, which the tangent shows."""
+        """Kind of the event between two arc lengths; empty for a fold, which the tangent shows.
+
+        In three dimensions a multiplier that passes 1 away from folds belongs to motions across the
+        plane of the cycle.
+        """
         kind = self.kind(before, beyond)
-        return "" if kind == "fold" else kind
+        if kind != "fold":
+            return kind
+        return "branch point" if self.step.problem.motion.model.dimensions == 3 else ""

@@ -138,6 +138,14 @@ class PeriodicOrbit:
         starts = np.concatenate([*states], axis=1)
         return replace(self, starts=starts, rates=np.ascontiguousarray(accelerations))
 
+    def in_plane(self, model: Model) -> PeriodicOrbit:
+        """The orbit's part in the coordinates of a model, the first of those in each direction."""
+        size = model.integrated
+        if size == self.half:
+            return self
+        starts = np.concatenate([p[:, :size] for p in np.split(self.starts, 2, axis=1)], axis=1)
+        return replace(self, starts=starts, rates=np.ascontiguousarray(self.rates[:, :, :size]))
+
     @property
     def span(self) -> float:
         """Phase that the edges cover: pi or 2 pi."""

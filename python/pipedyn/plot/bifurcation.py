@@ -17,6 +17,7 @@ from pipedyn.cycles.branches import CycleBranch
 from pipedyn.cycles.limit_cycle import LimitCycle
 from pipedyn.diagram import BifurcationDiagram
 from pipedyn.equilibrium.equilibria import EquilibriumBranch
+from pipedyn.equilibrium.rotating_motion import RotatingBranch
 from pipedyn.orbits.floquet import beyond_circle, nontrivial
 from pipedyn.plot import common
 from pipedyn.plot.arrange import legend_below
@@ -61,8 +62,10 @@ def bifurcation_diagram(
     """Transverse position of the free end against flow speed.
 
     Equilibria are black and thin. Cycles are blue; curves show the highest and lowest positions of
-    cycles and of their mirror images. Stable branches are solid, unstable ones dashed. Grey dots
-    are the turning points of motions from many initial states, and markers are bifurcations.
+    cycles and of their mirror images. In three dimensions circular motions are green, at plus and
+    minus their radius, and positions of other cycles are those along the direction in which the
+    free end moves farthest. Stable branches are solid, unstable ones dashed. Grey dots are the
+    turning points of motions from many initial states, and markers are bifurcations.
 
     Args:
         diagram: the diagram to show.
@@ -97,6 +100,11 @@ def bifurcation_diagram(
         mirror_image = (-cycles.highest, -lowest) if cycles.mirrored else ()
         for heights in (cycles.highest, lowest, *mirror_image):
             _draw_branch(ax, cycles, heights, heights[nearest], "cycle", common.BLUE, one)
+    for circles in diagram.rotating if index is None else ():
+        at = [float(np.hypot(*point.tip[::2])) for point in circles.points]
+        for side in (1.0, -1.0):
+            heights, marks = side * circles.radii, [side * radius for radius in at]
+            _draw_branch(ax, circles, heights, marks, "circular motion", common.GREEN, one)
     if failed := sorted({failure.value for failure in diagram.failures}):
         cross = common.open_marker(5.0, common.VERMILION, marker="x", zorder=5.0)
         cross["transform"] = ax.get_xaxis_transform()
@@ -120,7 +128,7 @@ def bifurcation_diagram(
 
 def _draw_branch(
     ax: Axes,
-    branch: EquilibriumBranch | CycleBranch,
+    branch: EquilibriumBranch | CycleBranch | RotatingBranch,
     heights: Array,
     at: Sequence[float],
     name: str,
@@ -145,7 +153,7 @@ def _draw_branch(
         stable,
         colour,
         {w: f"{name}, {w}" for w in STABILITY_STYLES},
-        width=1.0 if name == "cycle" else 0.6,
+        width=0.6 if name == "equilibrium" else 1.0,
     )
     for event, height in zip(events, at, strict=True):
         if (name, event.kind) != ("cycle", "hopf"):
