@@ -44,8 +44,8 @@ from pipedyn.linear.modes import largest_speed
 from pipedyn.linear.rest import at_rest
 from pipedyn.linear.stability_curve import Failure
 from pipedyn.models.base import Model
-from pipedyn.models.space import SpatialModel
 from pipedyn.models.drive import Force, Harmonic, Pulsation, require_steady, steady_speed
+from pipedyn.models.space import SpatialModel
 from pipedyn.motion.simulate import checked_model_in_motion
 from pipedyn.motion.vector_field import Excitation, ForcedField, phase_times
 from pipedyn.orbits.collocation import Linearised, OrbitProblem, residual
@@ -159,7 +159,8 @@ class ForcedEvent(Result):
 
     Attributes:
         kind: "fold", where the frequency turns back; "pitchfork", "period doubling" or "torus",
-            where a multiplier passes the unit circle; "grazing", where the motion begins or ceases
+            where a multiplier passes the unit circle; "branch point", where one passes 1 along
+            motions that lie in no plane; "grazing", where the motion begins or ceases
             to touch a stop; or "end", where the branch left its range, came to rest or to the plane
             from which it came, or was lost, as the branch's `failure` says.
         frequency: angular frequency of the forcing, in 1 / T.
@@ -712,6 +713,8 @@ def _events_on(step: Step, motion: ForcedField) -> Iterator[_Passing]:
             root = complex(roots(beyond)[passing])
             if kind == "fold" and which == 1:  # the tangent lies in the plane: it shows no such one
                 kind = "pitchfork"
+            elif kind == "fold" and motion.model.dimensions == 3 and len(tests) == 1:
+                kind = "branch point"  # away from folds
             passings[kind, beyond] = _Passing(beyond, kind, root, which == 1)
             return "" if kind == "fold" else kind
 

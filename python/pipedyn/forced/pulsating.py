@@ -213,6 +213,7 @@ class ShakenPipe(PulsatingPipe):
         return cls(**vars(plain), base=np.stack(base))
 
     def modulated(self, k: Array) -> list[KroneckerTerm]:
+        """Terms of Hill's equations, for harmonics k, that vary with the amplitude."""
         cosine, minus_sine = _waves(k.size)
         by_place, by_velocity, by_acceleration = self.base
         return [
@@ -298,7 +299,7 @@ class Hill:
     def _terms(self, share: float | None) -> list[KroneckerTerm]:
         """The terms of H, whose factors are matrices of the harmonics and of the pipe."""
         pipe, u = self.pipe, self.pipe.mean
-        k = np.arange(2 * self.many + (share != 0.5)) - self.many + (share or 0.0)
+        k: Array = np.arange(2.0 * self.many + (share != 0.5)) - self.many + (share or 0.0)
         one, flux, velocity = np.eye(k.size), u**2 * pipe.flux, u * pipe.velocity
         terms: list[KroneckerTerm] = [  # powers of w, nu and the amplitude, and both factors
             ((0, 0, 0), one, pipe.stiffness + flux),
@@ -392,7 +393,7 @@ class Polynomial:
 def _waves(count: int) -> tuple[Array, Complex]:
     """Products of harmonics with cos(w tau) and with -sin(w tau), shape (count, count) each."""
     before, after = np.eye(count, k=-1), np.eye(count, k=1)  # exp(i w tau) and its conjugate
-    return 0.5 * (before + after), 0.5j * (before - after)
+    return 0.5 * (before + after), np.asarray(0.5j * (before - after), dtype=np.complex128)
 
 
 def _real_form(count: int) -> Complex:

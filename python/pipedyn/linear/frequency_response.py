@@ -225,7 +225,8 @@ def frequency_response(
         high = 1.2 * float(turning[:RESONANCES][-1])
 
     def ask(one: Model) -> _Response:
-        return _Response(at_rest(one, u), u, driven, place, AXES[LETTERS.index(letter)])
+        own = "x" if one.dimensions == 2 and letter == "z" else letter  # both planes are alike
+        return _Response(at_rest(one, u), u, driven, place, AXES[LETTERS.index(own)])
 
     first = ask(one)
     with one_thread(first.rows):

@@ -265,7 +265,7 @@ class Harmonic(_Drive):
         if dimensions == 2 and self.vector[2]:
             raise ValueError(
                 "base must stay in the plane of x and y, in which the model moves, got "
-                f"direction={self.direction!r}; a model made with dimensions=3 moves along z as well"
+                f"direction={self.direction!r}; one made with dimensions=3 also moves along z"
             )
 
 

@@ -132,7 +132,8 @@ class VectorField:
     def is_odd(self, u: float) -> bool:
         """Whether the mirror image of every motion is a motion, tested at three states.
 
-        In three dimensions the image is turned by 180 degrees about the axis. The mirror image of a forced motion is shifted by half a period of the orbit.
+        In three dimensions the image is turned by 180 degrees about the axis. The mirror image of a
+        forced motion is shifted by half a period of the orbit.
         """
         if self.resting().any():
             return False
@@ -219,6 +220,7 @@ class ForcedField(VectorField):
 
     @property
     def axisymmetric(self) -> bool:
+        """Whether every motion turned about the axis is a motion: none if the forcing is across."""
         if not super().axisymmetric or (self.base is not None and self.base.across):
             return False
         if self._forces is None:
@@ -239,9 +241,9 @@ class ForcedField(VectorField):
             drive[0] = -u * flow.amplitude * w * np.sin(phases)
             speeds = u * (1.0 + flow.amplitude * np.cos(phases))
         if base is not None:
-            turned = np.outer(base.vector, np.exp(1j * phases))
+            moves = np.outer(base.vector, np.exp(1j * phases))
             for order, rows in enumerate(BASE_ROWS):
-                drive[rows] = ((1j * w) ** order * turned).real
+                drive[rows] = ((1j * w) ** order * moves).real
         if isinstance(flow, Force):
             drive = np.concatenate([drive, flow.amplitude * self.force_numbers(phases)])
         return speeds, drive

@@ -13,9 +13,10 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipedyn import _core
-from pipedyn.continuation.arclength import Continuation, Control, Solver
+from pipedyn.continuation.arclength import EVERY, Continuation, Control, Solver
 from pipedyn.motion.sampling import farthest_direction
 from pipedyn.motion.vector_field import VectorField
 from pipedyn.orbits.periodic_orbit import (
@@ -119,7 +120,7 @@ class Linearised:
         """
         return self._equations.span.first, self._equations.span.last
 
-    def neutral(self, root: float = -1.0, among: slice | Array = slice(None)) -> Array:
+    def neutral(self, root: float = -1.0, among: slice | NDArray[np.intp] = EVERY) -> Array:
         """The change at fixed speed that minimises the error of dy(span) = root * mirror * dy(0).
 
         With the root -1 the error is 0 where an orbit loses its symmetry or doubles its period. A
@@ -136,7 +137,7 @@ class Linearised:
 
 
 def turned(motion: VectorField, orbit: PeriodicOrbit) -> Array:
-    """Change of an orbit's unknowns by a turn about the axis that makes orbits of orbits, else 0."""
+    """Change of an orbit's unknowns by a turn about the axis; 0 where turns make no orbits."""
     made = 0.0 * orbit.packed()
     if motion.axisymmetric:
         turn, (p, v) = motion.model.quarter_turn, np.split(orbit.starts.T, 2)

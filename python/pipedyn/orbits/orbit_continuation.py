@@ -16,8 +16,9 @@ from itertools import islice, product
 from typing import TypeVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pipedyn.continuation.arclength import Point, Segment
+from pipedyn.continuation.arclength import EVERY, Point, Segment
 from pipedyn.continuation.tracer import between_folds, reason_of
 from pipedyn.equilibrium.hopf import Hopf, HopfPoint
 from pipedyn.motion.vector_field import VectorField
@@ -148,7 +149,7 @@ def from_hopf(
 
 
 def from_branch_point(
-    motion: VectorField, orbit: PeriodicOrbit, among: slice | Array = slice(None)
+    motion: VectorField, orbit: PeriodicOrbit, among: slice | NDArray[np.intp] = EVERY
 ) -> BranchStart:
     """The start of the branch that leaves an orbit in its neutral direction.
 
