@@ -570,5 +570,5 @@ def test_what_cannot_be_is_refused_by_name(ask, message):
 
 @pytest.mark.parametrize("direction", [3.0, None, [True, False, True], "xyz", {1: 2}])
 def test_what_is_no_direction_is_refused(direction):
-    with pytest.raises((TypeError, ValueError), match="^direction must be"):
+    with pytest.raises((TypeError, ValueError), match=r"^direction must be"):
         pp.Harmonic(0.1, 3.0, direction)
