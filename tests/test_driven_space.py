@@ -207,7 +207,10 @@ def test_a_harmonic_base_has_its_derivatives_and_its_farthest_distance():
 def test_a_planar_pipe_may_be_shaken_obliquely():
     model = pp.Chain(PIPE, 4)
     oblique = pp.Harmonic(0.05, 4.0, (0.6, 0.8, 0.0))
-    same = lambda t: (0.03 * math.cos(4.0 * t), 0.04 * math.cos(4.0 * t))
+
+    def same(t):
+        return 0.03 * math.cos(4.0 * t), 0.04 * math.cos(4.0 * t)
+
     found, expected = (
         pp.simulate(model, 2.0, 1.0, base=base, samples=5, rtol=1e-9).tip
         for base in (oblique, same)
@@ -541,7 +544,7 @@ CHAIN = pp.Chain(pp.Pipe(0.2, damping=0.01), 3, dimensions=3)
         (lambda: pp.Harmonic(0.1, 3.0, (1.0, 0.0, math.nan)), r"^direction must be .* finite"),
         (
             lambda: pp.frequency_response(CHAIN.planar, 1.0, direction="z"),
-            r"^direction must be 'x' or 'y' for a model that moves in the plane of x and y, got 'z'",
+            r"^direction must be 'x' or 'y' for a model that moves in the plane of x and y, got ",
         ),
         (
             lambda: pp.frequency_response(CHAIN, 1.0, input=("force", 0.5), direction="y"),

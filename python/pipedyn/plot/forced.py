@@ -33,8 +33,8 @@ REGION_STYLES: dict[str, dict[str, Any]] = {
 BRANCH_LOOKS = dict.fromkeys(("base", "force"), (common.BLACK, 1.0))
 BRANCH_LOOKS["subharmonic"] = (common.BLUE, 1.0)
 BRANCH_LOOKS["harmonic"] = (common.ORANGE, 2.0)
-BRANCH_LOOKS["out of plane"] = (common.GREEN, 2.0)
-ACROSS_LOOK = (common.PURPLE, 1.0)
+BRANCH_LOOKS["out of plane"] = (common.GREEN, 1.5)
+ACROSS_LOOK = (common.PURPLE, 0.6)
 """Colour of each kind of branch, and how wide its curve is, so that kinds differ in grey; and those
 of the curve of the amplitude across."""
 
@@ -291,7 +291,8 @@ def forced_response(
 def _fine_curve(branch: ForcedBranch) -> tuple[Array, Array]:
     """Points on a branch, (k, 3), and whether each step is stable, (k - 1,).
 
-    A point is a frequency with the amplitude of the motion, and that across it. Between two points of the branch lie further ones on the cubic of the step between them.
+    A point is a frequency with the amplitude of the motion, and that across it. Between two points
+    of the branch lie further ones on the cubic of the step between them.
     """
     steady = branch.stable[:-1] | branch.stable[1:]  # a step to an event is stable up to it
     order = branch.motion.order
@@ -306,7 +307,10 @@ def _fine_curve(branch: ForcedBranch) -> tuple[Array, Array]:
         if (step := between.get(ends)) is not None:
             for share in INNER:
                 orbit = step.problem.orbit(step.guess(share * step.length))
-                sizes = amplitude_of(branch.motion, orbit)[0], amplitude_across(branch.motion, orbit)
+                sizes = (
+                    amplitude_of(branch.motion, orbit)[0],
+                    amplitude_across(branch.motion, orbit),
+                )
                 points.append([order * orbit.frequency, *sizes])
         points.append([ends[1], branch.amplitude[k + 1], across[k + 1]])
         counts.append(len(points) - before)
