@@ -315,6 +315,7 @@ SAGGING = pp.Pipe(0.2, 3.0, inclination=1.0, terms=(pp.Load(1.0, (0.5, 0.2)),))
 TAPERED = pp.Pipe(0.2, stiffness=lambda s: 1.0 - 0.4 * s, mass=pp.Profile([0.5], [1.0, 1.4]))
 WET = (pp.AddedMass(0.4), pp.Viscosity(0.2), pp.Foundation(3.0), pp.Damper(0.7, 0.3))
 STRUCK = (pp.Stop(0.4, 0.05, 30.0), pp.CubicSpring(0.8, 9.0), pp.Tension(0.5))
+UNEVEN = pp.Pipe(0.2, 3.0, terms=(pp.Spring(0.6, 3.0, 1.0), pp.Stop(0.4, 0.05, 30.0, 0.0), *WET))
 SPANS = pp.Pipe(
     *(0.3, 5.0),
     damping=0.01,
@@ -347,6 +348,7 @@ MODELS |= {
     "tapered": pp.Chain(TAPERED, 3),
     "space": pp.Chain(DRAGGED, 3, dimensions=3),
     "reduced space": pp.Galerkin(PIPE, 2, "legendre", dimensions=3),
+    "uneven space": pp.Chain(UNEVEN, 3, dimensions=3),
 }
 EVERY = {**MODELS, "held": HELD}
 
@@ -405,6 +407,7 @@ MOVING = Kind(
     sure(any_of(of(CHAIN, BEAM, SCENE).bad, one_of(EXACT, LOST)), EXACT),
 )
 LINEAR = of(
+    EVERY["uneven space"],
     *(CHAIN, BEAM, LEGENDRE, SCENE, EXACT, SPANNED, SUPPORTED, LOST, pp.Chain(SAGGING, 3)),
     *ENDLESS,
 )
@@ -715,6 +718,8 @@ def _pipes() -> Iterator[Target]:
         for name, kind in kinds.items():
             ends = one_of(*(getattr(term, name) for term in extremes(law)))
             kinds[name] = Kind(any_of(kind.good, ends), kind.bad)
+            if name.endswith("_across"):  # None: as along x
+                kinds[name] = optional(kinds[name])
         yield target(law, **kinds)
     pair = array(2, (-1.0, 1.0))
     yield target(pp.Load, "[pair]", at=real((0.01, 0.99), -0.1, 0.0), force=pair)
@@ -809,7 +814,7 @@ def _models() -> Iterator[Target]:
         yield target(model.bent, tag, angle=FUNCTION)
         others = Kind(one_of(model.pipe), PIPES.bad) if name == "tapered" else OTHERS
         if model.dimensions == 3:
-            others = Kind(one_of(PIPE, DRAGGED, SAGGING), any_of(PIPES.bad, one_of(JET)))
+            others = Kind(one_of(PIPE, DRAGGED, SAGGING, JET), PIPES.bad)
         yield target(model.with_pipe, tag, pipe=others)
         yield target(model.deflection, tag, q=complexes)
         yield target(model.from_elastic, tag, z=complexes)
@@ -1262,8 +1267,8 @@ def _motions() -> Iterator[Target]:
     )
     onset = {"crossing": optional(of(CROSSING)), "friction": optional(real((0.5, 9.0), 0.0))}
     yield target(pp.hopf, slow=True, model=flutter, **onset)
-    space = SPACE
-    whirling = Kind(one_of(space), any_of(MOVING.bad, one_of(FLUTTER)))
+    space, sagging = SPACE, pp.Chain(SAGGING, 3, dimensions=3)
+    whirling = Kind(one_of(space), any_of(MOVING.bad, one_of(FLUTTER, EVERY["uneven space"])))
     yield target(pp.rotating_motion, slow=True, model=whirling, u=beyond)
     yield target(space.bent, angle=FUNCTION, across=optional(FUNCTION))
     yield target(space.turned, y=array(12, any_size=True), angle=NUMBER)
@@ -1278,7 +1283,7 @@ def _motions() -> Iterator[Target]:
     yield target(
         pp.equilibria,
         slow=True,
-        model=Kind(any_of(MOVING.good, one_of(pp.Chain(JET, 3))), MOVING.bad),
+        model=Kind(any_of(MOVING.good, one_of(pp.Chain(JET, 3), space, sagging)), MOVING.bad),
         u=SLOW,
         starts=Kind(one_of(()), any_of(NONE, *WORDS, one_of(3, {}, [[NAN]], [3], [None], ["a"]))),
     )
@@ -1287,7 +1292,7 @@ def _motions() -> Iterator[Target]:
         pp.equilibrium_branch,
         slow=True,
         called={"q0": "q0|angle"},
-        model=Kind(one_of(FLUTTER, pp.Chain(JET, 3)), flutter.bad),
+        model=Kind(one_of(FLUTTER, pp.Chain(JET, 3), space, sagging), flutter.bad),
         q0=Kind(one_of(bend), start(3).bad),
         u0=Kind(one_of(1.0), SLOW.bad),
         speeds=pair,
@@ -1338,6 +1343,18 @@ def _motions() -> Iterator[Target]:
         state=optional(array(6, (-0.1, 0.1), any_size=True)),
     )
     yield target(pp.bifurcation_diagram, slow=True, **diagram)
+    in_space = {"model": Kind(one_of(space, sagging), flutter.bad)}
+    yield target(pp.bifurcation_diagram, "[space]", slow=True, **diagram | in_space)
+    yield target(
+        pp.attractors,
+        "[space]",
+        slow=True,
+        **in_space,
+        u=Kind(one_of(1.0, 2.0), SLOW.bad),
+        starts=Kind(count(1, 3).good, one_of(0, -1, 2.5, [[0.1] * 5])),
+        transient=real((10.0, 20.0), -1.0, 1e300),
+        duration=real((1.0, 2.0), 0.0, 1e300),
+    )
     wrong = any_of(NONE, *NOTHINGS, *WORDS, one_of(3, NAN, {}, []))
     other = (
         {"beta": (0.1, 0.05), "u": (3.0, 3.3)},

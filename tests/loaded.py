@@ -69,6 +69,8 @@ MAKERS = {f"chain of {rule} springs": Maker(chain(rule)) for rule in RULES} | {
     "clamped beam": Maker(beam, {"end": "clamped"}),
     "beam on supports": Maker(beam, SPANS),
     "legendre on supports": Maker(legendre, SPANS),
+    "chain in space": Maker(lambda pipe: pp.Chain(pipe, 4, dimensions=3)),
+    "beam in space": Maker(lambda pipe: pp.Galerkin(pipe, 5, dimensions=3)),
     "scene": Maker(scene),
     "clamped scene": Maker(scene, {"end": "clamped"}),
     "held scene": Maker(lambda pipe: scene(pipe).plus(modular.Guide(2))),

@@ -308,7 +308,7 @@ def test_a_loaded_pipe_in_space_moves_in_its_plane_as_the_planar_one(kind):
     with pytest.raises(
         ValueError, match=r"^model must be planar, as model\.planar, in this question"
     ):
-        pp.modes(model, 1.0)
+        pp.root_loci(model, [0.0, 1.0])
 
 
 def test_loads_take_quantities():

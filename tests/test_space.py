@@ -4,6 +4,7 @@
 import pickle
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,6 +12,9 @@ import spatial
 from scipy.optimize import root
 
 import pipedyn as pp
+from pipedyn import _core
+from pipedyn.models.base import core_pipe
+from pipedyn.models.segments import core_segments
 
 PIPES = {
     "plain": pp.Pipe(0.3),
@@ -21,6 +25,11 @@ PIPES = {
     "aspirating": pp.Pipe(
         0.3, flow="aspirating", alpha=0.5, inflow_share=0.3, damping=0.1, gamma=3.0
     ),
+    "in a dense fluid": pp.Pipe(0.3, gamma=4.0, damping=0.05, terms=[pp.AddedMass(0.7)]),
+}
+ASKEW = {  # not the same in all directions across the axis
+    "jet": pp.Pipe(0.3, jet_angle=0.6, damping=0.05),
+    "jet in a dense fluid": pp.Pipe(0.3, jet_angle=-1.4, terms=[pp.AddedMass(0.4)]),
 }
 CONSERVATIVE = {
     "spring": pp.Spring(0.55, 30.0),
@@ -46,11 +55,20 @@ def as_state(a, rates):
     return np.concatenate([a.T.ravel(), rates.T.ravel()])
 
 
+def change_of_energy(model, y, u):
+    """Rate of the energy along a motion, by differences of eighth order."""
+    rates = model.rhs(0.0, y, u)
+    h = 0.1 / np.abs(rates).max()
+    weights = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])
+    pairs = [model.energy(y + k * h * rates) - model.energy(y - k * h * rates) for k in range(1, 5)]
+    return weights @ pairs / h
+
+
 def accelerations(chain, y, u, **forcing):
     return chain.rhs(0.0, y, u, **forcing)[chain.dof :].reshape(2, -1).T
 
 
-@pytest.mark.parametrize("pipe", PIPES.values(), ids=PIPES)
+@pytest.mark.parametrize("pipe", (PIPES | ASKEW).values(), ids=PIPES | ASKEW)
 @pytest.mark.parametrize("amplitude", [1e-3, 0.3, 0.8])
 def test_accelerations_balance_the_virtual_work_of_all_forces(pipe, amplitude):
     chain = pp.Chain(pipe, 5, dimensions=3)
@@ -60,8 +78,9 @@ def test_accelerations_balance_the_virtual_work_of_all_forces(pipe, amplitude):
     assert found == pytest.approx(expected, rel=1e-12, abs=1e-13 * np.abs(expected).max())
 
 
-def test_a_moving_base_and_an_unsteady_flow_act_in_all_directions():
-    chain = pp.Chain(PIPES["standing, damped, with drag"], 5, base=0.1, dimensions=3)
+@pytest.mark.parametrize("kind", ["standing, damped, with drag", "in a dense fluid"])
+def test_a_moving_base_and_an_unsteady_flow_act_in_all_directions(kind):
+    chain = pp.Chain(PIPES[kind], 5, base=0.1, dimensions=3)
     a, rates = random_state(5, 0.5)
     base = np.random.default_rng(1).normal(size=(3, 3))
     expected = spatial.accelerations(chain.planar, a, rates, 4.0, 1.3, base)
@@ -99,13 +118,11 @@ def test_a_motion_in_any_plane_through_the_axis_is_the_planar_one(pipe, azimuth)
         assert getattr(powers, name) == pytest.approx(getattr(planar, name), rel=1e-12, abs=1e-13)
 
 
-@pytest.mark.parametrize("pipe", PIPES.values(), ids=PIPES)
+@pytest.mark.parametrize("pipe", (PIPES | ASKEW).values(), ids=PIPES | ASKEW)
 def test_the_energy_changes_at_the_rate_of_the_powers(pipe):
     chain = pp.Chain(pipe, 5, dimensions=3)
     y = as_state(*random_state(5, 0.4))
-    rates, h = chain.rhs(0.0, y, 4.0), 1e-6
-    change = (chain.energy(y + h * rates) - chain.energy(y - h * rates)) / (2.0 * h)
-    assert change == pytest.approx(chain.power(y, 4.0).total, rel=1e-6)
+    assert change_of_energy(chain, y, 4.0) == pytest.approx(chain.power(y, 4.0).total, rel=1e-9)
 
 
 @pytest.mark.parametrize("term", CONSERVATIVE.values(), ids=CONSERVATIVE)
@@ -143,7 +160,7 @@ def test_resistances_take_the_energy_that_their_power_says(term):
     assert change == pytest.approx(power.others, rel=1e-5)
 
 
-@pytest.mark.parametrize("pipe", PIPES.values(), ids=PIPES)
+@pytest.mark.parametrize("pipe", (PIPES | ASKEW).values(), ids=PIPES | ASKEW)
 def test_the_jacobian_is_the_derivative_of_the_rates(pipe):
     chain = pp.Chain(pipe, 4, dimensions=3)
     y, h = as_state(*random_state(4, 0.5)), 1e-6
@@ -344,8 +361,6 @@ def test_shapes_and_velocities_are_those_of_the_segments():
     [
         ({"end": "pinned"}, "must be held at its root alone"),
         ({"supports": (0.5,)}, "must be held at its root alone"),
-        ({"jet_angle": 0.1}, "must have no jet at an angle"),
-        ({"terms": [pp.AddedMass(0.5)]}, "added_mass"),
     ],
 )
 def test_pipes_without_equations_in_space_are_refused(change, message):
@@ -359,12 +374,8 @@ def test_only_two_and_three_dimensions_exist(dimensions):
         pp.Chain(pp.Pipe(0.2), 4, dimensions=dimensions)
 
 
-def test_questions_that_need_a_plane_name_the_planar_chain():
+def test_circular_motions_are_those_of_models_in_space():
     chain = pp.Chain(pp.Pipe(0.2), 4, dimensions=3)
-    with pytest.raises(ValueError, match=r"must move in a plane .* take its \.planar"):
-        pp.forced_response(chain, pp.Pulsation(5.0, 0.1, 10.0))
-    with pytest.raises(ValueError, match="force must be None in three dimensions"):
-        pp.simulate(chain, 3.0, 1.0, force=pp.Force(np.sin, at=1.0))
     with pytest.raises(ValueError, match="model must move in three dimensions"):
         pp.rotating_motion(chain.planar, 6.0)
     with pytest.raises(pp.NotConverged, match="no circular motion was found at u = 3"):
@@ -422,14 +433,12 @@ def test_a_reduced_motion_in_any_plane_is_the_planar_one(pipe, basis):
     assert model.tip(embedded[: 2 * m])[1] == pytest.approx(model.planar.tip(y[:m])[1], rel=1e-14)
 
 
-@pytest.mark.parametrize("pipe", CONTINUOUS.values(), ids=CONTINUOUS)
+@pytest.mark.parametrize("pipe", (CONTINUOUS | ASKEW).values(), ids=CONTINUOUS | ASKEW)
 def test_reduced_rates_have_their_power_and_their_derivatives(pipe):
     m = 16 if pipe is LOADED else 5
     model, h = pp.Galerkin(pipe, m, "legendre", dimensions=3), 1e-6
     y = reduced_state(m, 0.5, 2)
-    rates = model.rhs(0.0, y, 4.0)
-    change = (model.energy(y + h * rates) - model.energy(y - h * rates)) / (2.0 * h)
-    assert change == pytest.approx(model.power(y, 4.0).total, rel=1e-6)
+    assert change_of_energy(model, y, 4.0) == pytest.approx(model.power(y, 4.0).total, rel=1e-9)
     differences = np.stack(
         [
             (model.rhs(0.0, y + h * one, 4.0) - model.rhs(0.0, y - h * one, 4.0)) / (2.0 * h)
@@ -445,14 +454,21 @@ def test_reduced_rates_have_their_power_and_their_derivatives(pipe):
     assert model.rhs(0.0, states, 4.0) == pytest.approx(alone, abs=1e-12 * size)
 
 
-def test_chains_tend_to_the_reduced_model_in_space():
-    pipe = pp.Pipe(0.3, gamma=5.0, damping=0.02)
+@pytest.mark.parametrize(
+    ("pipe", "duration"),
+    [
+        (pp.Pipe(0.3, gamma=5.0, damping=0.02), 0.2),
+        (pp.Pipe(0.3, damping=0.02, jet_angle=0.8, terms=[pp.AddedMass(0.7)]), 0.05),
+    ],
+)
+def test_chains_tend_to_the_reduced_model_in_space(pipe, duration):
     # The curvature is 0 at the free end, as that of every smooth motion.
     bends = (lambda s: 0.6 * s - 0.3 * s**2), (lambda s: 0.2667 * s**3 - 0.4 * s**2)
 
     def tip(make):
         model = make(dimensions=3)
-        return pp.simulate(model, 5.0, 0.2, model.bent(*bends), samples=2, rtol=1e-9).tip[-1]
+        start = model.bent(*bends)
+        return pp.simulate(model, 5.0, duration, start, samples=2, rtol=1e-9).tip[-1]
 
     expected = tip(partial(pp.Galerkin, pipe, 10, "legendre"))
     few, many = (tip(partial(pp.Chain, pipe, n)) - expected for n in (12, 24))
@@ -604,3 +620,280 @@ def test_motions_about_a_bent_rest_start_to_grow_at_the_critical_speed(seed):
         state = np.append(rest, np.zeros(3 * rest.size))
         growth.append(np.linalg.eigvals(model.jacobian(0.0, state, u)).real.max())
     assert max(growth[:-1]) < 0.0 < growth[-1]
+
+
+# --------------------------------------------------- laws that differ in x and z, and held places
+
+
+def off_axis(of, x, z):
+    return x * of[0] ** 2 + z * of[2] ** 2
+
+
+def angles_of(t):
+    """Rotation vector of a tangent."""
+    across = np.array([t[0], t[2]])
+    return np.arctan2(np.linalg.norm(across), t[1]) * across / np.linalg.norm(across)
+
+
+def spin_of(t, rate, x, z):
+    w = np.cross(t, rate)
+    return x * w[2] ** 2 + 0.5 * (x + z) * w[1] ** 2 + z * w[0] ** 2
+
+
+# Energy or power as a textbook writes it, of the place, its velocity, the tangent and its rate.
+UNEVEN_SPRINGS = {
+    "spring": (pp.Spring(0.55, 30.0, 4.0), lambda r, v, t, rate: 0.5 * off_axis(r, 30.0, 4.0)),
+    "spring along z": (pp.Spring(0.55, 0.0, 9.0), lambda r, v, t, rate: 4.5 * r[2] ** 2),
+    "cubic spring": (
+        pp.CubicSpring(0.7, 400.0, 100.0),
+        lambda r, v, t, rate: 0.25 * off_axis(r, 20.0, 10.0) ** 2,
+    ),
+    "bars": (
+        pp.Stop(0.8, 0.02, 300.0, 0.0),
+        lambda r, v, t, rate: 150.0 * max(abs(r[0]) - 0.02, 0.0) ** 2,
+    ),
+    "window": (
+        pp.Stop(0.8, 0.02, 300.0, 200.0),
+        lambda r, v, t, rate: (
+            150.0 * max(abs(r[0]) - 0.02, 0.0) ** 2 + 100.0 * max(abs(r[2]) - 0.02, 0.0) ** 2
+        ),
+    ),
+    "rotational spring": (
+        pp.RotationalSpring(0.6, 2.0, 7.0),
+        lambda r, v, t, rate: 0.5 * angles_of(t) ** 2 @ [2.0, 7.0],
+    ),
+}
+UNEVEN_DAMPERS = {
+    "damper": (pp.Damper(0.55, 1.5, 0.2), lambda r, v, t, rate: -off_axis(v, 1.5, 0.2)),
+    "rotational damper": (
+        pp.RotationalDamper(0.6, 0.3, 1.1),
+        lambda r, v, t, rate: -spin_of(t, rate, 0.3, 1.1),
+    ),
+}
+UNEVEN = UNEVEN_SPRINGS | UNEVEN_DAMPERS
+
+
+def generalised_load(term, a, rates):
+    """Generalised force (8,) by which a chain of four with the term differs from one without."""
+    y = as_state(a, rates)
+    plain, with_term = (
+        pp.Chain(pp.Pipe(0.0, terms=terms), 4, dimensions=3) for terms in ((), [term])
+    )
+    jacobian = spatial.jacobian(a)
+    places = np.tril(np.full((4, 4), 0.25), -1) + 0.125 * np.eye(4)
+    turning = 0.25 / np.sqrt(12.0) * np.eye(4)
+    mass = sum(
+        0.25 * np.einsum("jk,jm,kdc,mde->ckem", rows, rows, jacobian, jacobian)
+        for rows in (places, turning)
+    ).reshape(8, 8)
+    return with_term, mass @ (with_term.rhs(0.0, y, 0.0) - plain.rhs(0.0, y, 0.0))[8:]
+
+
+def gradient(function, at, h=1e-3):
+    """Derivatives by central differences of fourth order."""
+    return np.array(
+        [
+            (
+                8.0 * (function(at + d) - function(at - d))
+                - function(at + 2 * d)
+                + function(at - 2 * d)
+            )
+            / (12.0 * h)
+            for d in h * np.eye(at.size)
+        ]
+    )
+
+
+@pytest.mark.parametrize(("term", "law"), UNEVEN.values(), ids=UNEVEN)
+def test_laws_that_differ_in_x_and_z_are_those_of_a_textbook(term, law):
+    a, rates = random_state(4, 0.4)
+    chain, load = generalised_load(term, a, rates)
+
+    def of_law(q, qdot):
+        a, rates = q.reshape(2, 4).T, qdot.reshape(2, 4).T
+        segment = int(4.0 * term.at)
+        by = spatial.jacobian(a)
+        t, turning = spatial.tangents(a), np.einsum("jkc,jc->jk", by, rates)
+        lengths = np.append(np.full(segment, 0.25), term.at - 0.25 * segment)
+        r, v = lengths @ t[: segment + 1], lengths @ turning[: segment + 1]
+        return law(r, v, t[segment], turning[segment])
+
+    q, qdot = a.T.ravel(), rates.T.ravel()
+    y = as_state(a, rates)
+    if isinstance(term, pp.Damper | pp.RotationalDamper):
+        assert chain.power(y, 0.0).others == pytest.approx(of_law(q, qdot), rel=1e-12)
+        expected = 0.5 * gradient(lambda x: of_law(q, x), qdot)
+    else:
+        bare = pp.Chain(pp.Pipe(0.0), 4, dimensions=3).energy(y)
+        assert chain.energy(y) - bare == pytest.approx(of_law(q, qdot), rel=1e-12)
+        expected = -gradient(lambda x: of_law(x, qdot), q)
+    assert load == pytest.approx(expected, rel=1e-9, abs=1e-8 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("make", [pp.Chain, partial(pp.Galerkin, basis="legendre")])
+@pytest.mark.parametrize("term", [term for term, _ in UNEVEN.values()], ids=UNEVEN)
+def test_laws_that_differ_in_x_and_z_act_in_both_planes_by_their_own_numbers(make, term):
+    pipe = pp.Pipe(0.3, 5.0, damping=0.02, terms=[term, pp.Foundation(3.0, 8.0)])
+    model, none, size = make(pipe, 6, dimensions=3), np.zeros(6), 0.5
+    y = np.random.default_rng(2).normal(size=12) * np.repeat([0.4, 3.0], 6)
+    y *= 1.0 if make is pp.Chain else np.tile(size / np.arange(1.0, 7.0) ** 2, 2)
+    for k, numbers in enumerate((pipe, replace(pipe, terms=tuple(t.across() for t in pipe.terms)))):
+        halves = [[y[:6], none], [y[6:], none]]
+        embedded = np.concatenate([part for half in halves for part in half[:: 1 - 2 * k]])
+        expected = make(numbers, 6).rhs(0.0, y, 4.0)[6:]
+        found = model.rhs(0.0, embedded, 4.0)[12:].reshape(2, 6)
+        error = 1e-13 * np.abs(expected).max() if make is pp.Chain else 1e-11
+        assert found[k] == pytest.approx(expected, rel=1e-11, abs=error)
+        assert found[1 - k] == pytest.approx(none, abs=error)
+        assert model.energy(embedded) == pytest.approx(make(numbers, 6).energy(y), rel=1e-12)
+
+
+@pytest.mark.parametrize("make", [pp.Chain, partial(pp.Galerkin, basis="legendre")])
+@pytest.mark.parametrize("term", [term for term, _ in UNEVEN.values()], ids=UNEVEN)
+def test_uneven_laws_change_the_energy_by_their_power_and_have_a_jacobian(make, term):
+    model, h = make(pp.Pipe(0.3, damping=0.02, terms=[term]), 5, dimensions=3), 1e-6
+    y = as_state(*random_state(5, 0.4)) if make is pp.Chain else reduced_state(5, 0.3, 2)
+    assert change_of_energy(model, y, 4.0) == pytest.approx(model.power(y, 4.0).total, rel=1e-9)
+    steps = h * np.eye(20)
+    columns = [model.rhs(0.0, y + d, 4.0) - model.rhs(0.0, y - d, 4.0) for d in steps]
+    found = model.jacobian(0.0, y, 4.0)
+    assert found == pytest.approx(np.transpose(columns) / (2 * h), abs=1e-7 * np.abs(found).max())
+    batch = np.stack([y, 0.5 * y, 0.1 * y], axis=1)
+    alone = np.stack([model.rhs(0.0, one, 4.0) for one in batch.T.copy()], axis=1)
+    assert model.rhs(0.0, batch, 4.0) == pytest.approx(alone, abs=1e-12 * np.abs(alone).max())
+
+
+def test_a_motion_between_bars_keeps_its_energy():
+    pipe = pp.Pipe(0.2, gamma=5.0, terms=[pp.Stop(0.8, 0.05, 500.0, stiffness_across=0.0)])
+    chain = pp.Chain(pipe, 5, dimensions=3)
+    start, rates = chain.bent(lambda s: 0.05 * s, lambda s: -0.4 * s), chain.bent(lambda s: 1.5 * s)
+    motion = pp.simulate(chain, 0.0, 3.0, start, rates, rtol=1e-9)
+    reach = np.abs([chain.shape(q, 0.8) for q in motion.q]).max(axis=0)
+    assert 0.055 < reach[0] < 0.07 < 0.12 < reach[2]  # free along the bars alone
+    assert motion.energy == pytest.approx(motion.energy[0], rel=1e-7)
+
+
+STRETCHED = [("stretching", 1.0, [40.0, 0.8])]
+
+
+@pytest.mark.parametrize("make", [pp.Chain, partial(pp.Galerkin, basis="legendre")])
+def test_an_axial_spring_at_the_end_acts_in_space_as_in_the_plane(make):
+    # The end is free here, as the law does not depend on how it is held.
+    model = make(pp.Pipe(0.3, damping=0.02), 5, dimensions=3)
+    planar = model.planar.with_applied(STRETCHED)
+    pipe = core_pipe(model.pipe, STRETCHED)
+    vars(model)["core"] = (
+        _core.SpatialChain(pipe, core_segments(planar, spring=planar.springs))
+        if make is pp.Chain
+        else _core.SpatialGalerkin(pipe, True, 5, planar._joints, planar._more)
+    )
+    y, none = np.random.default_rng(5).normal(size=10) * np.repeat([0.2, 1.0], 5), np.zeros(5)
+    embedded = model.turned(np.concatenate([y[:5], none, y[5:], none]), 0.7)
+    base = np.random.default_rng(6).normal(size=(3, 2))
+    turned = np.stack([np.cos(0.7) * base[:, 0], base[:, 1], np.sin(0.7) * base[:, 0]], axis=1)
+    found = model.turned(model.rhs(0.0, embedded, 4.0, base=turned), -0.7)[10:]
+    expected = planar.rhs(0.0, y, 4.0, base=base)[5:]
+    assert found[:5] == pytest.approx(expected, abs=1e-12 * np.abs(expected).max())
+    assert found[5:] == pytest.approx(none, abs=1e-12 * np.abs(expected).max())
+    assert model.energy(embedded) == pytest.approx(planar.energy(y), rel=1e-13)
+    powers = model.power(embedded, 4.0, base=turned), planar.power(y, 4.0, base=base)
+    for name in ("others", "base", "joints", "flow"):
+        each = [getattr(one, name) for one in powers]
+        assert each[0] == pytest.approx(each[1], rel=1e-11)
+    y = reduced_state(5, 0.3, 2)
+    assert change_of_energy(model, y, 4.0) == pytest.approx(model.power(y, 4.0).total, rel=1e-9)
+
+
+@pytest.mark.parametrize("across", [0.0, 5.0, 20.0 * (1.0 + 1e-6), 20.0 * (1.0 + 1e-12), 100.0])
+@pytest.mark.parametrize("make", [pp.Chain, partial(pp.Galerkin, basis="legendre")])
+def test_linear_questions_see_both_planes_of_a_pipe_whose_springs_differ(make, across):
+    pipe = pp.Pipe(0.2, damping=0.001, terms=[pp.Spring(0.5, 20.0, across)])
+    model = make(pipe, 10, dimensions=3)
+    planes = [make(replace(pipe, terms=[pp.Spring(0.5, k)]), 10) for k in (20.0, across)]
+    each = [pp.crossings(plane, 12.0) for plane in planes]
+    expected = sorted(one.speed for found in each for one in found)
+    assert len(each[0]) > 0 < len(each[1])
+    found = pp.crossings(model, 12.0)
+    assert [one.speed for one in found] == pytest.approx(expected, rel=1e-12)
+    for one, after in pairwise(found):
+        assert one.unstable_after == after.unstable_before
+    growing = (pp.eigenvalues(model, 12.0).real > 0.0).sum()
+    assert found[-1].unstable_after == growing
+    critical = pp.critical_speed(model)
+    assert critical.speed == pytest.approx(expected[0], rel=1e-12)
+    lower = min((pp.critical_speed(plane) for plane in planes), key=lambda one: one.speed)
+    assert critical.mode == lower.mode
+    assert critical.discretisation == pytest.approx(lower.discretisation, abs=1e-9)
+    both = np.concatenate([pp.eigenvalues(plane, 4.0) for plane in planes])
+    values = pp.eigenvalues(model, 4.0)
+    assert np.sort(values.real) == pytest.approx(np.sort(both.real), abs=1e-6)
+    assert np.sort(values.imag) == pytest.approx(np.sort(both.imag), abs=1e-6)
+    if abs(across - 20.0) > 1.0:
+        for shape in pp.modes(model, 4.0, count=4).shapes:
+            sizes = np.abs(shape([0.3, 0.5, 0.9])).max(axis=1)
+            assert sizes.min() < 1e-9 < 0.1 < sizes.max()  # in one plane each
+
+
+def test_a_damper_across_the_plane_alone_damps_motions_there():
+    pipe = pp.Pipe(0.0, alpha=0.0, terms=[pp.Damper(0.7, 0.0, coefficient_across=0.5)])
+    values = pp.eigenvalues(pp.Chain(pipe, 4, dimensions=3), 0.0)
+    assert (np.abs(values.real) < 1e-10).sum() == 8
+    assert (values.real < -1e-3).sum() == 8
+
+
+def test_a_hysteretic_pipe_has_the_roots_of_both_planes():
+    pipe = pp.Pipe(0.2, hysteresis=0.05, terms=[pp.Spring(0.5, 20.0, 5.0)])
+    values = pp.eigenvalues(pp.Chain(pipe, 6, dimensions=3), 3.0)
+    for k in (20.0, 5.0):
+        for one in pp.eigenvalues(pp.Chain(replace(pipe, terms=[pp.Spring(0.5, k)]), 6), 3.0):
+            assert np.abs(values - one).min() < 1e-9 * abs(one)
+
+
+UNLIKE = {
+    "spring": pp.Pipe(0.2, terms=[pp.Spring(0.5, 3.0, 1.0)]),
+    "bars": pp.Pipe(0.2, terms=[pp.Stop(0.8, 0.1, 50.0, 50.0)]),
+    "jet": pp.Pipe(0.2, jet_angle=0.3),
+    "level": pp.Pipe(0.2, 5.0, inclination=1.0),
+}
+
+
+@pytest.mark.parametrize("pipe", UNLIKE.values(), ids=UNLIKE)
+def test_questions_about_circular_motion_need_the_same_pipe_in_all_directions(pipe):
+    chain = pp.Chain(pipe, 4, dimensions=3)
+    for ask in (lambda: pp.hopf(chain), lambda: pp.rotating_motion(chain, 6.5)):
+        with pytest.raises(ValueError, match="must be the same in all directions across its axis"):
+            ask()
+    same = pp.Chain(pp.Pipe(0.2, terms=[pp.Spring(0.5, 3.0, 3.0)]), 4, dimensions=3)
+    assert same.pipe.symmetric_about_axis
+    assert pp.hopf(same).own == pytest.approx(
+        pp.hopf(same.with_pipe(pp.Pipe(0.2, terms=[pp.Spring(0.5, 3.0)]))).own, rel=1e-6
+    )
+
+
+def test_questions_of_a_plane_refuse_springs_that_differ():
+    chain = pp.Chain(UNLIKE["spring"], 4, dimensions=3)
+    with pytest.raises(ValueError, match=r"as model\.planar, .* has terms that differ in x and z"):
+        pp.root_loci(chain, [0.0, 1.0])
+
+
+@pytest.mark.parametrize(("kind", "ones"), [("even", 2), ("uneven", 1), ("level", 1)])
+def test_only_a_symmetric_pipe_has_a_multiplier_1_across_the_plane_of_a_cycle(kind, ones):
+    pipe = {
+        "even": pp.Pipe(0.2, terms=[pp.Spring(0.5, 3.0)]),
+        "uneven": pp.Pipe(0.2, terms=[pp.Spring(0.5, 3.0, 6.0)]),
+        "level": pp.Pipe(0.2, 1.0, inclination=1.0),
+    }[kind]
+    cycle = pp.limit_cycle(pp.Chain(pipe, 4, dimensions=3), 6.5)
+    assert (np.abs(cycle.multipliers - 1.0) < 1e-5).sum() == ones
+    assert cycle.others.size == cycle.multipliers.size - ones
+    assert (np.abs(cycle.across - 1.0) < 1e-5).sum() == ones - 1
+
+
+def test_a_jet_at_an_angle_bends_the_pipe_in_its_plane_and_flutters_across_it_or_in_it():
+    model = pp.Galerkin(pp.Pipe(0.2, jet_angle=0.2), 8, "legendre", dimensions=3)
+    found = pp.critical_speed(model)
+    rest = np.append(pp.equilibria(model.planar, found.speed).q[0], np.zeros(8))
+    values = np.linalg.eigvals(model.jacobian(0.0, np.append(rest, 0.0 * rest), found.speed))
+    assert values.real.max() == pytest.approx(0.0, abs=1e-5)
+    at = values[np.argmax(values.real)]
+    assert abs(at.imag) == pytest.approx(found.frequency, rel=1e-6)

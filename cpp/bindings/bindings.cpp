@@ -187,7 +187,9 @@ PYBIND11_MODULE(_core, m, py::mod_gil_not_used()) {
           "y"_a);
   pipedyn::define_equations<pipedyn::SpatialGalerkin, work_of_both>(both);
   py::class_<pipedyn::SpatialChain> spatial(m, "SpatialChain");
-  spatial.def(py::init<const Pipe&, const Segments&>(), "pipe"_a, "segments"_a)
+  spatial
+      .def(py::init<const Pipe&, const Segments&, std::vector<pipedyn::Index>>(), "pipe"_a,
+           "segments"_a, "held"_a = std::vector<pipedyn::Index>())
       .def_property_readonly("chain", &pipedyn::SpatialChain::chain);
   pipedyn::define_equations<pipedyn::SpatialChain, work_of_chain>(spatial);
 

@@ -84,13 +84,15 @@ using FlowRates =
 constexpr double quadrature_share = 1e-3;
 
 /// Rates as a function of times and states alone. u: as for `flows_at`; rtol: relative error of a
-/// step of each member.
-Rates at_flows(FlowRates of, const py::object& u, const Vector& rtol) {
-  return [of = std::move(of), at = flows_at(u), errors = Vector(quadrature_share * rtol),
+/// step of each member; charts: those of the states, or null.
+Rates at_flows(FlowRates of, const py::object& u, const Vector& rtol,
+               const std::shared_ptr<const Charts>& charts = nullptr) {
+  return [of = std::move(of), at = flows_at(u), errors = Vector(quadrature_share * rtol), charts,
           flows = Flows()](const Vector& t, const double* y, const std::vector<Index>& which,
                            double* rates) mutable {
     at(t, which, flows);
     flows.errors = errors(which);
+    if (charts) flows.charts = charts->of(which);
     of(t, y, flows, rates);
   };
 }
@@ -190,9 +192,15 @@ struct Supplied : Supply {
   }
 };
 
+/// Charts of the members of a batch of a chain in space; null for other models.
+std::shared_ptr<Charts> charts_of(const py::object& of, Index members) {
+  if (!py::isinstance<SpatialChain>(of)) return nullptr;
+  return std::make_shared<Charts>(of.cast<const SpatialChain&>().changes_charts(), members);
+}
+
 Rates rates_of(const py::object& of, Index rows, const py::object& u, const Vector& rtol,
-               const Supplied* supply) {
-  if (supply == nullptr) return at_flows(flow_rates_of(of, rows), u, rtol);
+               const Supplied* supply, const std::shared_ptr<const Charts>& charts = nullptr) {
+  if (supply == nullptr) return at_flows(flow_rates_of(of, rows), u, rtol, charts);
   return at_flows([supply](const Vector& t, const double* y, const Flows& flows,
                            double* rates) { supply->rates(y, t.size(), flows.drive, rates); },
                   u, rtol);
@@ -234,10 +242,12 @@ std::unique_ptr<ShiftedSystems> shifted_systems(const Model& model, const FlowAt
 /// Rates for the implicit integrator: of a compiled model those of [q, q'] by `rhs`, with the
 /// power, which is integrated apart; else those of all rows.
 ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian, Index rows,
-                                const py::object& u, const Vector& rtol, const Supplied* supply) {
-  const FlowAt flow_at = [at = flows_at(u)](double t, Index member) {
+                                const py::object& u, const Vector& rtol, const Supplied* supply,
+                                const std::shared_ptr<const Charts>& charts) {
+  const FlowAt flow_at = [at = flows_at(u), charts](double t, Index member) {
     Flows flows;
     at(Vector::Constant(1, t), {member}, flows);
+    if (charts) flows.charts = charts->of(std::vector<Index>{member});
     return flows;
   };
   ImplicitRates made;
@@ -248,8 +258,8 @@ ImplicitRates implicit_rates_of(const py::object& of, const py::object& jacobian
       Eigen::Map<Vector>(out, batch.members) = parts.colwise().sum();
     };
     const Index solved = 2 * model.dof();
-    made = {at_flows(function_rates(model, &Model::rhs, solved), u, rtol),
-            at_flows(function_rates(model, power, 1), u, rtol), solved,
+    made = {at_flows(function_rates(model, &Model::rhs, solved), u, rtol, charts),
+            at_flows(function_rates(model, power, 1), u, rtol, charts), solved,
             shifted_systems(model, flow_at)};
   };
   if (supply == nullptr && !PyCallable_Check(of.ptr())) {
@@ -278,9 +288,10 @@ std::unique_ptr<Integrator> integrator(const py::object& of, const py::object& u
   const Vector rtol = Eigen::Map<const Vector>(rtols.data(), members);
   const Matrix atol = Eigen::Map<const Matrix>(atols.data(), rows, members);
   const Limits limits{rtol, atol, most, max_step};
+  const std::shared_ptr<Charts> charts = charts_of(of, members);
   if (jacobian.is_none()) {
-    return std::make_unique<Dop853>(rates_of(of, rows, u, rtol, supply), rows, members,
-                                    start.data(), t0, limits);
+    return std::make_unique<Dop853>(rates_of(of, rows, u, rtol, supply, charts), rows, members,
+                                    start.data(), t0, limits, charts);
   }
   std::optional<Stops> known;
   if (stops) {
@@ -292,8 +303,8 @@ std::unique_ptr<Integrator> integrator(const py::object& of, const py::object& u
     }
     known = Stops{angles, weights, gaps};
   }
-  return std::make_unique<Radau>(implicit_rates_of(of, jacobian, rows, u, rtol, supply), rows,
-                                 members, start.data(), t0, limits, std::move(known));
+  return std::make_unique<Radau>(implicit_rates_of(of, jacobian, rows, u, rtol, supply, charts),
+                                 rows, members, start.data(), t0, limits, std::move(known), charts);
 }
 
 /// Advances the motion and returns whether all members have finished and, if `follow`, the ends of
@@ -348,7 +359,14 @@ void define_motion(py::module_& m) {
            "supply"_a = py::none(), "stops"_a = py::none(), py::keep_alive<1, 2>(),
            py::keep_alive<1, 11>())
       .def("advance", advance, "times"_a, "out"_a.noconvert(), "evaluations"_a, "follow"_a = false)
-      .def("state", &Integrator::state, "member"_a)
+      .def(
+          "state",
+          [](const Integrator& motion, Index member) {
+            Vector y = motion.state(member);
+            motion.leave_charts(member, y.data());
+            return y;
+          },
+          "member"_a)
       .def("stop", &Integrator::stop, "member"_a)
       .def_property_readonly("members", &Integrator::members);
 }

@@ -73,7 +73,7 @@ struct Pipe {
 };
 
 /// Throws std::invalid_argument for a pipe whose equations in three dimensions are not known here:
-/// held beyond its root, with a jet at an angle, or with a term that exists only in a plane.
+/// with a term that exists only in a plane.
 void require_space(const Pipe& pipe);
 
 /// The numbers of a pipe as Python gives them, in the order of OWN_NUMBERS in models/pipe.py.

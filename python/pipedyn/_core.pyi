@@ -258,7 +258,12 @@ class SpatialGalerkin:
     def tips(self, y: typing.Any) -> numpy.typing.NDArray[numpy.float64]: ...
 
 class SpatialChain:
-    def __init__(self, pipe: Pipe, segments: Segments) -> None: ...
+    def __init__(
+        self,
+        pipe: Pipe,
+        segments: Segments,
+        held: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = [],
+    ) -> None: ...
     def energy(
         self, y: typing.Any, drive: typing.Any = None, refuses: bool = True
     ) -> float | numpy.typing.NDArray[numpy.float64]: ...

@@ -137,7 +137,11 @@ class BifurcationDiagram(TableResult):
             (one.speeds, one.amplitudes, one.highest, one.frequencies, one.stable)
             for one in self.cycles
         ]
+        tables += [
+            (one.speeds, one.radii, one.radii, one.frequencies, one.stable) for one in self.rotating
+        ]
         kinds = ["equilibrium"] * len(self.equilibria) + ["cycle"] * len(self.cycles)
+        kinds += ["rotating"] * len(self.rotating)
         branches = [dict(zip(names, table, strict=True)) for table in tables]
         return join_tables(branches, branch=range(len(kinds)), kind=kinds)
 

@@ -523,10 +523,18 @@ Matrix ends(const StateRows& angles, const StateRows& rates, const Vector& lengt
   return found;
 }
 
-SpatialChain::SpatialChain(const Pipe& pipe, const Segments& segments) : chain_(pipe, segments) {
+SpatialChain::SpatialChain(const Pipe& pipe, const Segments& segments, std::vector<Index> held)
+    : chain_(pipe, segments), held_(std::move(held)) {
   require_space(pipe);
   if (chain_.model().bent) {
     throw std::invalid_argument("joints that are bent at rest have no equations in space here");
+  }
+  const ChainModel model = chain_.model();
+  changes_charts_.assign(static_cast<std::size_t>(model.size), true);
+  for (const SegmentTerm* load = model.loads; load != model.loads + model.load_count; ++load) {
+    Laws::with(load->term, [&](const auto& law) {
+      if (law.reads_rotation) changes_charts_[static_cast<std::size_t>(load->segment)] = false;
+    });
   }
 }
 

@@ -61,6 +61,11 @@ struct ChainModel {
   bool drag;                 // kappa > 0
   const SegmentTerm* loads;  // in their order from the clamp
   std::ptrdiff_t load_count;
+  // Segments at whose ends a motion in space is held, x = z = 0, ascending, and the rate k at which
+  // states that miss this return to it. Supports in a plane are in modular/scene.hpp.
+  const std::ptrdiff_t* held = nullptr;
+  std::ptrdiff_t held_count = 0;
+  double return_rate = 0.0;
 
   /// Whether drag, the entering flow or loads add forces that depend on the motion of places.
   bool resists() const { return drag || entry != 0.0 || load_count > 0; }
@@ -88,6 +93,8 @@ struct Batch {
   const double* drive = nullptr;    // (drive_rows, members); null: steady speed, base at rest
   std::ptrdiff_t drive_rows = Drive::rows;  // more if forces are applied
   const double* errors = nullptr;  // allowed relative error of quadratures (members,); null: least
+  // Of chains in space, the sign of each segment in its chart (n, members); null: all 1.
+  const double* charts = nullptr;
 };
 
 struct GalerkinKernel;

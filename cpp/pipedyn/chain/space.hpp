@@ -28,6 +28,22 @@
 // with the power -c |D|^2. The moment c D also does work on the spins of all joints before it; the
 // couple that collects this work along the pipe is `twist`.
 //
+// A joint before a guided or clamped end, whose tangent is the axis, resists like the others. Such
+// an end keeps its direction and lets the pipe turn about it, so that the couple `twist` is 0
+// there.
+//
+// Charts. At rho = pi, where a segment points backwards along the axis, rotation vectors are
+// singular for motions across their plane. A second chart has rotation vectors from the opposite
+// direction,
+//   t = (S a_x, -cos rho, S a_z),
+// the mirror image of the first, so that all formulas above hold with n_x, n_z and t mirrored in y.
+// A state has a sign for each segment, -1 in the second chart (Batch::charts).
+//
+// Supports. Where the end of a segment is held, x = z = 0, a force across the straight pipe acts
+// such that x'' + 2 k x' + k^2 x = 0, likewise z: a state that misses the support by the errors of
+// its integrator returns to it (Baumgarte 1972). Unit forces turn the segments before them by
+// moments p, one sweep to the clamp each, and accelerate one another's places by sum_j p . p / H.
+//
 // Source: rotation vectors of the tangent as coordinates, and the recursion for rigid bodies in a
 // tree (Featherstone 2008, ch. 7). tests/test_space.py derives the equations from the energies.
 //
@@ -134,6 +150,31 @@ struct Bend {
   }
 };
 
+/// Replaces the lower half of a symmetric A (rows, rows) by its Cholesky factor, with the inverse
+/// of its diagonal.
+template <class Number>
+void factorise_symmetric(Number* a, Count rows) {
+  for (Count i = 0; i < rows; ++i) {
+    for (Count j = 0; j <= i; ++j) {
+      Number sum = a[i * rows + j];
+      for (Count k = 0; k < j; ++k) sum = sum - a[i * rows + k] * a[j * rows + k];
+      a[i * rows + j] = j < i ? Number(sum * a[j * rows + j]) : inverse_of(root_of(sum));
+    }
+  }
+}
+/// Replaces b (rows,) by A^-1 b.
+template <class Number>
+void solve_symmetric(const Number* factor, Count rows, Number* b) {
+  for (Count i = 0; i < rows; ++i) {
+    for (Count j = 0; j < i; ++j) b[i] = b[i] - factor[i * rows + j] * b[j];
+    b[i] = b[i] * factor[i * rows + i];
+  }
+  for (Count i = rows - 1; i >= 0; --i) {
+    for (Count j = i + 1; j < rows; ++j) b[i] = b[i] - factor[j * rows + i] * b[j];
+    b[i] = b[i] * factor[i * rows + i];
+  }
+}
+
 // --------------------------------------------------------------------------------------- states
 
 /// Whether a batch has a row of a drive; if not, the row is 0.
@@ -147,8 +188,12 @@ template <class Real>
 struct States {
   Members<Real> members;
 
+  bool has_charts() const { return members.batch.charts != nullptr; }
+
   Real row(Count j) const { return members.row(j); }
   Real speed() const { return members.speed(); }
+  /// Sign of segment j in its chart.
+  Real chart(Count j) const { return members.read_row(members.batch.charts, j); }
   Real driven(Count k) const {
     const Batch& of = members.batch;
     return drives(of, k) ? members.read_row(of.drive, k) : Real{};
@@ -163,6 +208,7 @@ struct Seeded {
   const Batch& batch;
   Count member, first, rows;
 
+  bool has_charts() const { return batch.charts != nullptr; }
   Number seeded(double value, Count place) const {
     double slopes[lanes<Real>] = {};
     if (place >= first && place < first + lanes<Real>) slopes[place - first] = 1.0;
@@ -170,6 +216,7 @@ struct Seeded {
   }
   Number row(Count j) const { return seeded(batch.y[j * batch.members + member], j); }
   Number speed() const { return seeded(batch.u[member * batch.u_step], rows); }
+  Real chart(Count j) const { return all<Real>(batch.charts[j * batch.members + member]); }
   Number driven(Count k) const {
     return constant<Number>(drives(batch, k) ? batch.drive[k * batch.members + member] : 0.0);
   }
@@ -214,6 +261,7 @@ struct Direction {
 
   Space<Number> lifted(const Across<Number>& x) const { return x.x * nx + x.z * nz; }
   Across<Number> across(const Space<Number>& x) const { return {dot(nx, x), dot(nz, x)}; }
+  Space<Number> normal(const Space<Number>& x) const { return x - dot(x, t) * t; }
   /// Components across the tangent of its change, if a changes by x: R x, R = I - E a~ a~^T.
   Across<Number> across_by(const Across<Number>& x) const {
     const Across<Number> aside = a.turned();
@@ -239,6 +287,11 @@ struct Direction {
     rate = lifted(w);
   }
 
+  /// The place at an arm along this direction from a place r that moves with the velocity v.
+  SpatialStation<Number> station(const Space<Number>& r, const Space<Number>& v, double arm) const {
+    return {r + arm * t, v + arm * rate, t, rate, nx, nz, a, w, e, s};
+  }
+
   /// 1 - cos rho.
   Number drop() const { return c * dot(a, a); }
 };
@@ -260,6 +313,11 @@ struct SpatialSegment : Direction<Number> {
   template <class Rows>
   void move(const Rows& rows, Count n, Count j) {
     this->set({rows.row(j), rows.row(n + j)}, {rows.row(2 * n + j), rows.row(3 * n + j)});
+    if (!rows.has_charts()) return;
+    const auto sign = rows.chart(j);
+    for (Space<Number>* const of : {&this->t, &this->nx, &this->nz, &this->rate}) {
+      of->y = sign * of->y;
+    }
   }
 
   /// a'' from the components of t'' across the segment, by the inverse of R.
@@ -301,35 +359,96 @@ inline Space<Number> axis() {
   return {Number{}, constant<Number>(1.0), Number{}};
 }
 
+/// Scratch of the recursion. Rows 2 b and 2 b + 1 belong to x and z of support b.
+template <class Number>
+struct SpatialRoom {
+  SpatialSegment<Number>* segments;  // (n,), and one more that stands for the axis at a guided end
+  Across<Number>* pulls;             // p of each row (rows, n)
+  Number *products, *forces;         // sums of p . p / H (rows, rows); forces at supports (rows,)
+
+  SpatialRoom(const ChainModel& model, Layout& layout) {
+    const Count n = model.size, rows = 2 * model.held_count;
+    segments = layout.take<SpatialSegment<Number>>(n + model.guided);
+    pulls = layout.take<Across<Number>>(rows * n);
+    products = layout.take<Number>(rows * rows);
+    forces = layout.take<Number>(rows);
+  }
+};
+
+/// Adds the forces of supports to the accelerations of the segments without that of their joint.
+/// room.forces: accelerations that are lacking at the supports; the forces replace them.
+template <class Number>
+void hold(const ChainModel& model, const SpatialRoom<Number>& room) {
+  const Count n = model.size, rows = 2 * model.held_count;
+  for (Count row = 0; row < rows; ++row) {
+    const Number minus = constant<Number>(-1.0), none{};
+    Space<Number> bias =
+        row % 2 == 0 ? Space<Number>{minus, none, none} : Space<Number>{none, none, minus};
+    Across<Number>* const own = room.pulls + row * n;
+    Number* const products = room.products + row * rows;
+    for (Count other = 0; other <= row; ++other) products[other] = Number{};
+    for (Count j = model.held[row / 2]; j >= 0; --j) {
+      const SpatialSegment<Number>& here = room.segments[j];
+      const double l = model.links[j].length;
+      const Across<Number> across = here.across(bias), turning = here.inverse.times(across);
+      own[j] = l * across;
+      for (Count other = 0; other <= row; ++other) {
+        if (j > model.held[other / 2]) continue;
+        products[other] = products[other] + l * dot(turning, room.pulls[other * n + j]);
+      }
+      bias = here.lifted(model.links[j].exchange * turning) +
+             (dot(here.t, bias) - l * dot(here.along, across)) * here.t;
+    }
+  }
+  factorise_symmetric(room.products, rows);
+  solve_symmetric(room.products, rows, room.forces);
+  for (Count row = 0; row < rows; ++row) {
+    for (Count j = model.held[row / 2]; j >= 0; --j) {
+      SpatialSegment<Number>& here = room.segments[j];
+      here.free = here.free - room.forces[row] * here.inverse.times(room.pulls[row * n + j]);
+    }
+  }
+}
+
 /// Computes the accelerations of a state of the motion in space, and returns the powers. put(j,
 /// rates, accelerations): receives a' and a'' of each segment.
 template <class Number, class Rows, class Put>
 PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& rows,
-                                         SpatialSegment<Number>* segments, const Put& put) {
+                                         const SpatialRoom<Number>& room, const Put& put) {
+  SpatialSegment<Number>* const segments = room.segments;
   const Count n = model.size;
   const Number u = rows.speed(), coriolis = model.coriolis * u, entry = model.entry * u;
   const SpatialDrive<Number> drive(rows);
   const Number push = model.coriolis * drive.rate;
-  bool resists = false;
+  bool resists = model.end_damping != 0.0;
   for (Count j = 0; j < n; ++j) resists = resists || model.links[j].damping != 0.0;
   PowerParts<Number> power{};
 
   Space<Number> r = drive.position + model.base * axis<Number>(), velocity = drive.velocity;
   Space<Number> t0 = axis<Number>(), rate0{};
   Number spin{};
+  // The axis across that x becomes along twist-free material, by the smallest rotation at each
+  // joint.
+  Space<Number> side{constant<Number>(1.0), Number{}, Number{}};
   const SegmentTerm* term = model.loads;
   const SegmentTerm* const last_term = model.loads + model.load_count;
+  Count support = 0;
+  const auto join = [&](SpatialSegment<Number>& here, double damping) {
+    here.join(t0, resists);
+    if (model.thrust[1] != 0.0) {
+      const Number share = 0.5 * (inverse_of(Number(1.0 - here.z)) * dot(here.t, side));
+      side = side - share * (t0 + here.t);
+    }
+    if (!resists) return;
+    here.resist(t0, rate0, damping, spin);
+    if (damping == 0.0) return;
+    power.joints = power.joints - (1.0 / damping) * dot(here.resistance, here.resistance);
+  };
   for (Count j = 0; j < n; ++j) {
     const Link& link = model.links[j];
     SpatialSegment<Number>& here = segments[j];
     here.move(rows, n, j);
-    here.join(t0, resists);
-    if (resists) {
-      here.resist(t0, rate0, link.damping, spin);
-      if (link.damping != 0.0) {
-        power.joints = power.joints - (1.0 / link.damping) * dot(here.resistance, here.resistance);
-      }
-    }
+    join(here, link.damping);
     const Space<Number> own = velocity - drive.velocity;  // relative to the base
     const Number along = dot(here.t, own), half = 0.5 * link.length * push;
     here.force = (-link.length * (2.0 * coriolis)) * here.rate - (2.0 * half) * here.t;
@@ -342,7 +461,7 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
     };
     if (model.drag) {
       const Space<Number> at = velocity + link.drag_arm * here.rate;
-      const Space<Number> normal = at - dot(at, here.t) * here.t;
+      const Space<Number> normal = here.normal(at);
       const Space<Number> force = (-link.drag * root_of(dot(normal, normal))) * normal;
       act(force, link.drag_arm);
       power.drag = power.drag + dot(force, at);
@@ -350,48 +469,73 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
     }
     for (; term != last_term && term->segment == j; ++term) {
       const double arm = term->arm, weight = term->weight;
-      const SpatialStation<Number> at{r + arm * here.t, velocity + arm * here.rate, here.t, here.a,
-                                      here.w};
+      const SpatialStation<Number> place = here.station(r, velocity, arm);
       Laws::with(term->term, [&](const auto& of) {
         const auto law = acting_in_space<Number>(of, term->term.at, rows);
+        const auto at = seen_by(law, place, drive.position, drive.velocity);
         const SpatialLoad<Number> load = law.load_in_space(at);
         act(weight * load.force, arm);
         here.couple = here.couple + weight * load.couple;
         power.terms = power.terms + weight * law.power_in_space(at);
-        power.base = power.base - weight * dot(load.force, drive.velocity);
+        power.base = power.base + weight * base_power(law, at, load, drive.velocity);
       });
     }
-    power.base =
-        power.base - dot(drive.acceleration, link.mass * own + link.first_moment * here.rate);
+    Space<Number> momentum = link.mass * own + link.first_moment * here.rate;
+    if (link.added != 0.0) {  // this mass has no weight, and no inertia along the segment
+      here.force += (-0.5 * link.length * link.added * here.square) * here.t;
+      act((-model.gravity * link.added) * here.normal(in_plane<Number>(model.down)),
+          0.5 * link.length);
+      momentum += link.added * here.normal(own);
+    }
+    power.base = power.base - dot(drive.acceleration, momentum);
     r += link.length * here.t;
     velocity += link.length * here.rate;
     t0 = here.t;
     rate0 = here.rate;
+    if (support == model.held_count || model.held[support] != j) continue;
+    const double k = model.return_rate;
+    const Space<Number> missed = k * (2.0 * (velocity - drive.velocity) + k * (r - drive.position));
+    room.forces[2 * support] = -missed.x;
+    room.forces[2 * support + 1] = -missed.z;
+    ++support;
   }
-  const Space<Number> jet = (model.thrust[0] * (u * u)) * t0, end = velocity - drive.velocity;
+  if (model.guided) {
+    SpatialSegment<Number>& end = segments[n];
+    end.t = axis<Number>();
+    end.rate = end.lever = Space<Number>{};
+    join(end, model.end_damping);
+    t0 = end.t;
+  }
+  const Space<Number> jet = (u * u) * (model.thrust[0] * t0 + model.thrust[1] * side),
+                      end = velocity - drive.velocity;
   power.flow = power.flow - dot(coriolis * end - entry * velocity + jet, end);
 
   Symmetric3<Number> inertia;
   Space<Number> bias = jet - entry * velocity, beyond{};
   Number twist{};
+  // Moment on a segment by its lever and both its joints, the next of which has set `beyond`.
+  const auto moment_on = [&](const SpatialSegment<Number>& here, const Space<Number>& before,
+                             double spring) {
+    const Space<Number> pull = (spring * here.f) * (here.t - before);
+    Space<Number> moment = beyond + here.lever - pull;
+    beyond = pull;
+    if (!resists) return moment;
+    const Space<Number>& c = here.resistance;
+    const Number closing = here.by_cosine * dot(c, here.v);
+    const Space<Number> spun = (twist * here.about) * here.v;
+    moment = moment - here.f * cross(c, before) - closing * before - spun;
+    beyond = beyond - here.f * cross(here.t, c) - closing * here.t - spun +
+             cross(cross(here.bent, c), before);
+    twist = twist + dot(c, cross(before, here.bent));
+    return moment;
+  };
+  if (model.guided) moment_on(segments[n], segments[n - 1].t, model.end_spring);
   for (Count j = n - 1; j >= 0; --j) {
     const Link& link = model.links[j];
     const double l = link.length;
     SpatialSegment<Number>& here = segments[j];
     const Space<Number> before = j > 0 ? segments[j - 1].t : axis<Number>();
-    const Space<Number> pull = (link.spring * here.f) * (here.t - before);
-    Space<Number> moment = beyond + here.lever - pull;
-    beyond = pull;
-    if (resists) {
-      const Space<Number>& c = here.resistance;
-      const Number closing = here.by_cosine * dot(c, here.v);
-      const Space<Number> spun = (twist * here.about) * here.v;
-      moment = moment - here.f * cross(c, before) - closing * before - spun;
-      beyond = beyond - here.f * cross(here.t, c) - closing * here.t - spun +
-               cross(cross(here.bent, c), before);
-      twist = twist + dot(c, cross(before, here.bent));
-    }
-    const Across<Number> tau = here.across(moment) + here.couple;
+    const Across<Number> tau = here.across(moment_on(here, before, link.spring)) + here.couple;
     const Space<Number> of_x = inertia.times(here.nx), of_z = inertia.times(here.nz);
     const Symmetric2<Number> nn{dot(here.nx, of_x), dot(here.nz, of_x), dot(here.nz, of_z)};
     const Across<Number> nt{dot(here.t, of_x), dot(here.t, of_z)};
@@ -432,17 +576,34 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
                entry_of(ix, iy), entry_of(ix, iz), entry_of(iy, iz)};
   }
 
-  Space<Number> joint = drive.acceleration - model.gravity * in_plane<Number>(model.down);
-  for (Count j = 0; j < n; ++j) {
-    const Link& link = model.links[j];
-    const SpatialSegment<Number>& here = segments[j];
-    const Across<Number> across = here.across(joint);
-    const Number along = dot(here.t, joint);
-    const Across<Number> free = here.free - along * here.along;
-    put(j, here, here.acceleration(free - here.turned.times(across)));
-    joint = here.lifted(link.exchange * here.inverse.times(across) + link.length * free) +
-            (along - link.length * here.square) * here.t;
+  // Calls of(j, t'' across segment j, acceleration of its end) from the clamp to the free end.
+  const Space<Number> start = drive.acceleration - model.gravity * in_plane<Number>(model.down);
+  const auto for_each_acceleration = [&](const auto& of) {
+    Space<Number> joint = start;
+    for (Count j = 0; j < n; ++j) {
+      const Link& link = model.links[j];
+      const SpatialSegment<Number>& here = segments[j];
+      const Across<Number> across = here.across(joint);
+      const Number along = dot(here.t, joint);
+      const Across<Number> free = here.free - along * here.along;
+      joint = here.lifted(link.exchange * here.inverse.times(across) + link.length * free) +
+              (along - link.length * here.square) * here.t;
+      of(j, free - here.turned.times(across), joint);
+    }
+  };
+  if (model.held_count > 0) {
+    support = 0;
+    for_each_acceleration([&](Count j, const Across<Number>&, const Space<Number>& joint) {
+      if (support == model.held_count || model.held[support] != j) return;
+      Number* const lacking = room.forces + 2 * support++;
+      lacking[0] = lacking[0] - (joint.x - start.x);
+      lacking[1] = lacking[1] - (joint.z - start.z);
+    });
+    hold(model, room);
   }
+  for_each_acceleration([&](Count j, const Across<Number>& turning, const Space<Number>&) {
+    put(j, segments[j], segments[j].acceleration(turning));
+  });
   return power;
 }
 
@@ -465,38 +626,45 @@ Number spatial_energy(const ChainModel& model, const Rows& rows) {
     twice += (2.0 * link.first_moment) * dot(velocity, here.rate);
     twice += (2.0 * link.weight) * (model.down[1] * here.drop() - model.down[0] * here.t.x);
     for (; term != last_term && term->segment == j; ++term) {
-      const double arm = term->arm;
-      const SpatialStation<Number> at{r + arm * here.t, velocity + drive.velocity + arm * here.rate,
-                                      here.t, here.a, here.w};
-      Laws::with(term->term,
-                 [&](const auto& law) { twice += (2.0 * term->weight) * law.energy_in_space(at); });
+      const SpatialStation<Number> place = here.station(r, velocity + drive.velocity, term->arm);
+      Laws::with(term->term, [&](const auto& law) {
+        const auto at = seen_by(law, place, drive.position, drive.velocity);
+        twice += (2.0 * term->weight) * law.energy_in_space(at);
+      });
+    }
+    if (link.added != 0.0) {
+      twice += link.added * dot(here.normal(velocity), velocity);
     }
     r += link.length * here.t;
     velocity += link.length * here.rate;
     t0 = here.t;
+  }
+  if (model.guided) {
+    here.t = axis<Number>();
+    here.join(t0, false);
+    twice += model.end_spring * here.angle_square();
   }
   return 0.5 * twice;
 }
 
 // ---------------------------------------------------------------------------------------- entry
 
-/// Calls body(states, segments) for a member alone or for every block of members.
+/// Calls body(states, room) for a member alone or for every block of members.
 template <class Body>
 void for_each_spatial_block(const ChainModel& model, const Batch& batch, const Body& body) {
-  const auto room = [&]<class Number>(const Number&) {
-    return laid_out(
-        [&](Layout& layout) { return layout.take<SpatialSegment<Number>>(model.size); });
+  const auto made = [&]<class Number>(const Number&) {
+    return laid_out([&](Layout& layout) { return SpatialRoom<Number>(model, layout); });
   };
-  if (batch.members == 1) return body(States<double>{{batch, 0, 1}}, room(0.0));
-  SpatialSegment<Pack>* const segments = room(Pack{});
-  for_each_members(batch, [&](const Members<Pack>& block) { body(States<Pack>{block}, segments); });
+  if (batch.members == 1) return body(States<double>{{batch, 0, 1}}, made(0.0));
+  const SpatialRoom<Pack> room = made(Pack{});
+  for_each_members(batch, [&](const Members<Pack>& block) { body(States<Pack>{block}, room); });
 }
 
 template <bool with_power>
 void spatial_rhs(const ChainModel& model, const Batch& batch, double* rates) {
   const Count n = model.size;
   for_each_spatial_block(
-      model, batch, [&]<class Real>(const States<Real>& states, SpatialSegment<Real>* segments) {
+      model, batch, [&]<class Real>(const States<Real>& states, const SpatialRoom<Real>& room) {
         const Members<Real>& members = states.members;
         const auto put = [&](Count j, const auto&, const Across<Real>& acceleration) {
           members.set_row(rates, j, states.row(2 * n + j));
@@ -504,7 +672,7 @@ void spatial_rhs(const ChainModel& model, const Batch& batch, double* rates) {
           members.set_row(rates, 2 * n + j, acceleration.x);
           members.set_row(rates, 3 * n + j, acceleration.z);
         };
-        const auto parts = spatial_accelerations(model, states, segments, put);
+        const auto parts = spatial_accelerations(model, states, room, put);
         if (!with_power) return;
         members.set_row(rates, 4 * n,
                         parts.flow + parts.joints + parts.drag + parts.terms + parts.base);
@@ -513,9 +681,9 @@ void spatial_rhs(const ChainModel& model, const Batch& batch, double* rates) {
 
 void spatial_power(const ChainModel& model, const Batch& batch, double* out) {
   for_each_spatial_block(
-      model, batch, [&]<class Real>(const States<Real>& states, SpatialSegment<Real>* segments) {
+      model, batch, [&]<class Real>(const States<Real>& states, const SpatialRoom<Real>& room) {
         const auto nothing = [](Count, const auto&, const auto&) {};
-        const auto parts = spatial_accelerations(model, states, segments, nothing);
+        const auto parts = spatial_accelerations(model, states, room, nothing);
         const Real each[] = {parts.flow, parts.joints, parts.drag, parts.terms, parts.base};
         for (Count k = 0; k < 5; ++k) states.members.set_row(out, k, each[k]);
       });
@@ -523,7 +691,7 @@ void spatial_power(const ChainModel& model, const Batch& batch, double* out) {
 
 void spatial_energy(const ChainModel& model, const Batch& batch, double* out) {
   for_each_spatial_block(model, batch,
-                         [&]<class Real>(const States<Real>& states, SpatialSegment<Real>*) {
+                         [&]<class Real>(const States<Real>& states, const SpatialRoom<Real>&) {
                            states.members.set_row(out, 0, spatial_energy<Real>(model, states));
                          });
 }
@@ -534,8 +702,7 @@ template <bool all_rates>
 void spatial_jacobian(const ChainModel& model, const Batch& batch, double* out) {
   using Number = Dual<Pack, 1u>;
   const Count n = model.size, rows = 4 * n, before = all_rates ? 2 : 0;
-  const auto segments =
-      laid_out([&](Layout& layout) { return layout.take<SpatialSegment<Number>>(n); });
+  const auto room = laid_out([&](Layout& layout) { return SpatialRoom<Number>(model, layout); });
   for (Count member = 0; member < batch.members; ++member) {
     double* const to = out + member * (before + rows) * rows;
     double* const slopes = to + before * rows;
@@ -553,7 +720,7 @@ void spatial_jacobian(const ChainModel& model, const Batch& batch, double* out) 
         }
         if (all_rates && first + width > rows) to[rows + row] = each[rows - first];
       };
-      spatial_accelerations(model, seeded, segments,
+      spatial_accelerations(model, seeded, room,
                             [&](Count j, const auto&, const Across<Number>& acceleration) {
                               keep(2 * n + j, acceleration.x);
                               keep(3 * n + j, acceleration.z);

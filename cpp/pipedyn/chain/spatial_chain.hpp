@@ -10,14 +10,19 @@ namespace pipedyn {
 
 class SpatialChain {
  public:
-  /// Throws std::invalid_argument if arrays of the segments differ in length, and for a pipe whose
-  /// equations in space are not known here: held at its end or at supports, with a jet at an angle
-  /// or joints that are bent at rest, or with a term that exists only in a plane.
-  SpatialChain(const Pipe& pipe, const Segments& segments);
+  /// held: indices of the segments whose ends are held, x = z = 0, ascending. Throws
+  /// std::invalid_argument if arrays of the segments differ in length, and for a pipe whose
+  /// equations in space are not known here: with joints that are bent at rest, or with a term that
+  /// exists only in a plane.
+  SpatialChain(const Pipe& pipe, const Segments& segments, std::vector<Index> held = {});
 
   const Chain& chain() const { return chain_; }
   /// Number of coordinates, 2 n.
   Index dof() const { return 2 * chain_.dof(); }
+
+  /// Whether each segment may change its chart (motion/charts.hpp): not one with a law that reads
+  /// its rotation vector.
+  const std::vector<bool>& changes_charts() const { return changes_charts_; }
 
   // As for Chain, with 2 dof rows in a state.
   void rhs(const Batch& batch, double* rates) const { call(&Spatial::rhs, batch, rates); }
@@ -32,10 +37,17 @@ class SpatialChain {
  private:
   using Spatial = MotionKernel::Spatial;
   void call(MotionKernel::Function Spatial::* what, const Batch& batch, double* out) const {
-    (motion_kernel().spatial.*what)(chain_.model(), batch, out);
+    ChainModel model = chain_.model();
+    model.held = held_.data();
+    model.held_count = static_cast<Index>(held_.size());
+    model.return_rate = return_rate;
+    (motion_kernel().spatial.*what)(model, batch, out);
   }
+  static constexpr double return_rate = 60.0;  // that of a scene (modular)
 
   Chain chain_;
+  std::vector<Index> held_;
+  std::vector<bool> changes_charts_;
 };
 
 }  // namespace pipedyn

@@ -28,6 +28,8 @@
 // where n3 delta is the couple that keeps the pipe from twisting: its torsional stiffness is taken
 // as infinite.
 //
+// Supports hold x and z by forces as in galerkin/galerkin.hpp.
+//
 // Local to each translation unit, like vector/pack.hpp.
 #pragma once
 
@@ -66,6 +68,10 @@ struct SpatialBlock {
   double *integrands, *integrals, *sums;  // sums: integrals of one number a point
   SpatialPoint<Number>* at;
   Number *mass, *force;
+  // Of supports, a row for x and one for z of each: G, derivatives of displacements there; M^-1
+  // G^T; G M^-1 G^T and then its factor; forces.
+  const Count holds = 2 * effects.held_count;
+  Number *by_support, *response, *products, *reaction;
 
   SpatialBlock(const GridTables& tables, const MotionEffects& present, const Rows& of)
       : grid(tables), effects(present), rows(of) {}
@@ -78,6 +84,10 @@ struct SpatialBlock {
     at = layout.take<SpatialPoint<Number>>(points);
     mass = layout.take<Number>(4 * m * m);
     force = layout.take<Number>(2 * m);
+    by_support = layout.take<Number>(holds * 2 * m);
+    response = layout.take<Number>(holds * 2 * m);
+    products = layout.take<Number>(holds * holds);
+    reaction = layout.take<Number>(holds);
   }
 
   static Number get(const double* from, Count column) {
@@ -158,8 +168,7 @@ struct SpatialBlock {
   /// Velocity and position of a point on the ground.
   Space<Number> velocity(Count p) const { return integral(p, speed) + drive.velocity; }
   SpatialStation<Number> station(Count p) const {
-    const SpatialPoint<Number>& here = at[p];
-    return {integral(p, place) + drive.position, velocity(p), here.t, here.a, here.w};
+    return at[p].station(integral(p, place) + drive.position, velocity(p), 0.0);
   }
 
   template <class Body>
@@ -167,13 +176,15 @@ struct SpatialBlock {
     for (Count k = 0; k < effects.load_count; ++k) {
       const PanelTerm& placed = effects.loads[k];
       Laws::with(placed.term, [&](const auto& law) {
+        const auto visit = [&](Count p, double w) {
+          body(law, seen_by(law, station(p), drive.position, drive.velocity), p, w);
+        };
         if (placed.panel >= 0) {
-          const Count end = placed.panel * block + grid.nodes;
-          body(law, station(end), end, 1.0);
+          visit(placed.panel * block + grid.nodes, 1.0);
           return;
         }
         for (Count p = 0; p < points; ++p) {
-          if (grid.weight[p] != 0.0) body(law, station(p), p, grid.weight[p]);
+          if (grid.weight[p] != 0.0) visit(p, grid.weight[p]);
         }
       });
     }
@@ -231,6 +242,18 @@ struct SpatialBlock {
     return power;
   }
 
+  /// Direction of the jet, times the end coefficient: its angle is taken from the tangent towards
+  /// the axis that n_x is for material that does not twist, whose spin along the pipe differs from
+  /// that of N by C mu. The sums are overwritten.
+  Space<Number> jet_direction() {
+    const SpatialPoint<Number>& end = at[last];
+    const Space<Number> along = effects.thrust[0] * end.t;
+    if (effects.thrust[1] == 0.0) return along;
+    integrate_number(sums, [&](Count p) { return Number(at[p].c * at[p].mu); });
+    const auto [sine, cosine] = sincos_of(number(sums, last));
+    return along + effects.thrust[1] * end.lifted({cosine, sine});
+  }
+
   /// Sets loads on the points and returns the powers of the motion.
   PowerParts<Number> load() {
     const Number u = rows.speed(), push = (0.5 * effects.coriolis) * drive.rate;
@@ -245,12 +268,17 @@ struct SpatialBlock {
       const double w = grid.weight[p];
       here.force += (-w * effects.coriolis * u) * here.rate - (w * push) * here.t;
       here.force += (grid.mass[p] * effects.gamma) * in_plane<Number>(effects.down);
-      here.force += -grid.mass[p] * (integral(p, bias) + drive.acceleration);
+      const Space<Number> acceleration = integral(p, bias) + drive.acceleration;
+      here.force += -grid.mass[p] * acceleration;
       power.flow = power.flow - (w * push) * dot(here.t, own);
       power.base = power.base - grid.mass[p] * dot(own, drive.acceleration);
+      if (const double pushed = w * effects.normal_mass; pushed != 0.0) {
+        here.force += -pushed * here.normal(acceleration);
+        power.base = power.base - pushed * dot(here.normal(own), drive.acceleration);
+      }
       if (effects.drag == 0.0 || w == 0.0) continue;
       const Space<Number> moving = velocity(p);
-      const Space<Number> normal = moving - dot(moving, here.t) * here.t;
+      const Space<Number> normal = here.normal(moving);
       const Space<Number> drag = (-w * effects.drag * root_of(dot(normal, normal))) * normal;
       power.base = power.base - act(p, drag);
       power.drag = power.drag + dot(drag, moving);
@@ -258,7 +286,8 @@ struct SpatialBlock {
     for_each_station([&](const auto& of, const SpatialStation<Number>& seen, Count p, double w) {
       const auto law = acting_in_space<Number>(of, grid.place[p], rows);
       const SpatialLoad<Number> load = law.load_in_space(seen);
-      power.base = power.base - act(p, w * load.force);
+      act(p, w * load.force);
+      power.base = power.base + w * base_power(law, seen, load, drive.velocity);
       at[p].couple = at[p].couple + at[p].across_by(w * load.couple);
       power.terms = power.terms + w * law.power_in_space(seen);
     });
@@ -266,8 +295,7 @@ struct SpatialBlock {
       SpatialPoint<Number>& here = at[grid.turning_at[k]];
       here.couple = here.couple - grid.inertia[k] * here.across_by(here.bias);
     }
-    const Space<Number> end = integral(last, speed),
-                        jet = (effects.thrust[0] * (u * u)) * at[last].t;
+    const Space<Number> end = integral(last, speed), jet = (u * u) * jet_direction();
     const Space<Number> entering = (effects.entry * u) * velocity(last);
     at[last].force += entering - jet;
     power.flow = power.flow - dot((0.5 * effects.coriolis * u) * end - entering + jet, end);
@@ -321,25 +349,51 @@ struct SpatialBlock {
         mass[i * 2 * m + j] = sum;
       }
     }
+    for (Count p = 0; effects.normal_mass != 0.0 && p < points; ++p) {
+      const double pushed = grid.weight[p] * effects.normal_mass;
+      for (Count i = 0; i < 2 * m; ++i) {
+        const Space<Number> across = pushed * at[p].normal(integral(p, 3 * i));
+        for (Count j = 0; j <= i; ++j) {
+          mass[i * 2 * m + j] = mass[i * 2 * m + j] + dot(across, integral(p, 3 * j));
+        }
+      }
+    }
   }
 
   /// Replaces the forces by accelerations of the orthonormal coordinates.
   void solve() {
+    factorise_symmetric(mass, 2 * m);
+    solve_symmetric(mass, 2 * m, force);
+  }
+
+  /// Adds to the accelerations those by the forces that hold the pipe at its supports.
+  void hold() {
     const Count n = 2 * m;
-    for (Count i = 0; i < n; ++i) {
-      for (Count j = 0; j <= i; ++j) {
-        Number sum = mass[i * n + j];
-        for (Count k = 0; k < j; ++k) sum = sum - mass[i * n + k] * mass[j * n + k];
-        mass[i * n + j] = j < i ? Number(sum * mass[j * n + j]) : inverse_of(root_of(sum));
+    const double k = effects.return_rate;
+    for (Count row = 0; row < holds; ++row) {
+      constexpr Number Space<Number>::* across[] = {&Space<Number>::x, &Space<Number>::z};
+      const auto of = across[row % 2];
+      const Count p = effects.held[row / 2] * block + grid.nodes;
+      const Space<Number> missed =
+          integral(p, bias) + k * (2.0 * integral(p, speed) + k * integral(p, place));
+      Number* const own = response + row * n;
+      Number lacking = -(missed.*of);
+      for (Count i = 0; i < n; ++i) {
+        own[i] = by_support[row * n + i] = integral(p, 3 * i).*of;
+        lacking = lacking - own[i] * force[i];
+      }
+      reaction[row] = lacking;
+      solve_symmetric(mass, n, own);
+      for (Count other = 0; other <= row; ++other) {
+        Number sum{};
+        for (Count i = 0; i < n; ++i) sum = sum + by_support[other * n + i] * own[i];
+        products[row * holds + other] = sum;
       }
     }
-    for (Count i = 0; i < n; ++i) {
-      for (Count j = 0; j < i; ++j) force[i] = force[i] - mass[i * n + j] * force[j];
-      force[i] = force[i] * mass[i * n + i];
-    }
-    for (Count i = n - 1; i >= 0; --i) {
-      for (Count j = i + 1; j < n; ++j) force[i] = force[i] - mass[j * n + i] * force[j];
-      force[i] = force[i] * mass[i * n + i];
+    factorise_symmetric(products, holds);
+    solve_symmetric(products, holds, reaction);
+    for (Count row = 0; row < holds; ++row) {
+      for (Count i = 0; i < n; ++i) force[i] = force[i] + reaction[row] * response[row * n + i];
     }
   }
 
@@ -352,6 +406,7 @@ struct SpatialBlock {
     bend();
     gather();
     solve();
+    hold();
     const auto farthest = largest_square();
     constexpr double half_turn = 3.141592653589793 * 3.141592653589793;
     const auto lost = farthest > half_turn ? all<typename Traits::Plain>(__builtin_nan(""))
@@ -381,6 +436,9 @@ struct SpatialBlock {
       const SpatialPoint<Number>& here = at[p];
       const Space<Number> v = integral(p, speed);
       twice = twice + grid.mass[p] * dot(v, v);
+      if (effects.normal_mass != 0.0) {
+        twice = twice + (grid.weight[p] * effects.normal_mass) * dot(here.normal(v), v);
+      }
       twice = twice - grid.bending[p] * (here.stiffening * (here.mu * here.mu));
       // 1 - cos rho along the pipe lifts the mass beyond.
       const Number rise = effects.down[1] * here.drop() - effects.down[0] * here.t.x;

@@ -38,8 +38,8 @@ double share(Index s) {
 }  // namespace
 
 Dop853::Dop853(Rates rates, Index rows, Index members, const double* start, double time,
-               const Limits& limits)
-    : Integrator(rows, members, time, limits),
+               const Limits& limits, std::shared_ptr<Charts> charts)
+    : Integrator(rows, members, time, limits, std::move(charts)),
       rates_(std::move(rates)),
       y_(Eigen::Map<const Matrix>(start, rows, members)),
       absolute_(limits_.absolute),
@@ -48,6 +48,7 @@ Dop853::Dop853(Rates rates, Index rows, Index members, const double* start, doub
       tried_(Vector::Zero(members)),
       zero_(Vector::Zero(y_.size())),
       dense_{{}, {}, {}, Stages(stages + 4), Stages(7)} {
+  change_charts();
   evaluate(y_, rate_[0], 0.0);
   choose_first_steps();
 }
@@ -131,12 +132,25 @@ Index Dop853::step(double end) {
       y_.col(j) = next_.col(j);
       rate_[0].col(j) = rate_[stages].col(j);
     }
+    if (change_charts()) evaluate(y_, rate_[0], 0.0);
   }
   for (const Index w : which_) {
     const bool spent = static_cast<double>(members_[w].evaluations + stages + 3) > limits_.most;
     if (spent && members_[w].progress == Progress::going) members_[w].progress = Progress::spent;
   }
   return stages;
+}
+
+/// Changes the charts of the columns' states where needed, and returns whether any was changed.
+bool Dop853::change_charts() {
+  bool any = false;
+  for (Index j = 0; j < active(); ++j) {
+    Vector y = y_.col(j);
+    if (!choose_charts(which_[j], y)) continue;
+    y_.col(j) = y;
+    any = true;
+  }
+  return any;
 }
 
 /// Error of the step of each column, relative to the tolerance.

@@ -12,9 +12,9 @@ namespace pipedyn {
 
 class Dop853 final : public Integrator {
  public:
-  /// start: states (rows, members), all at time t0.
+  /// start: states (rows, members), all at time t0, in their first charts.
   Dop853(Rates rates, Index rows, Index members, const double* start, double time,
-         const Limits& limits);
+         const Limits& limits, std::shared_ptr<Charts> charts = nullptr);
 
   Vector state(Index member) const override;
 
@@ -33,6 +33,7 @@ class Dop853 final : public Integrator {
   void measure_errors();
   void control(Index j, double end);
   void interpolate();
+  bool change_charts();
 
   // Matrices have a column for each member that is advancing.
   Rates rates_;

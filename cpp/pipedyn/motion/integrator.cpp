@@ -17,11 +17,13 @@ constexpr std::chrono::milliseconds pause{50};
 
 }  // namespace
 
-Integrator::Integrator(Index rows, Index members, double time, const Limits& limits)
+Integrator::Integrator(Index rows, Index members, double time, const Limits& limits,
+                       std::shared_ptr<Charts> charts)
     : rows_(rows),
       limits_(limits),
       members_(static_cast<std::size_t>(members)),
       which_(static_cast<std::size_t>(members)),
+      charts_(std::move(charts)),
       ones_(Vector::Ones(rows)) {
   for (Member& member : members_) member.time = time;
   std::iota(which_.begin(), which_.end(), Index{0});
@@ -84,10 +86,20 @@ void Integrator::record(Index which, const Interpolant& step) {
   for (; member.samples < count && (*times_)[member.samples] <= step.to; ++member.samples) {
     const double x = 1.0 - (step.to - (*times_)[member.samples]) / (step.to - step.from);
     for (Index i = 0; i < degree; ++i) powers_[i] = i == 0 ? x : x * powers_[i - 1];
-    motion_kernel().combine(powers_.data(), terms_.data(), degree, first, ones_.data(),
-                            out_ + (which * count + member.samples) * rows_, rows_);
+    double* const state = out_ + (which * count + member.samples) * rows_;
+    motion_kernel().combine(powers_.data(), terms_.data(), degree, first, ones_.data(), state,
+                            rows_);
+    leave_charts(which, state);
   }
-  if (steps_ != nullptr && step.to > step.from) steps_->push_back(step);
+  if (steps_ != nullptr && step.to > step.from) {
+    steps_->push_back(step);
+    if (charts_) {
+      Matrix& with_signs = steps_->back().coefficients;
+      with_signs.conservativeResize(Eigen::NoChange, rows_ + charts_->segments());
+      with_signs.rightCols(charts_->segments()).setZero();
+      with_signs.row(0).tail(charts_->segments()) = charts_->of(which).transpose();
+    }
+  }
   if (member.samples == count) member.progress = Progress::done;
 }
 

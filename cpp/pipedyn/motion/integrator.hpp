@@ -6,9 +6,10 @@
 
 #include <functional>
 #include <limits>
+#include <memory>
 #include <vector>
 
-#include "pipedyn/pipe.hpp"
+#include "pipedyn/motion/charts.hpp"
 
 namespace pipedyn {
 
@@ -31,7 +32,7 @@ struct Member {
 /// Polynomial sum_i c_i x^i for the states within a step, with x = (t - from) / (to - from).
 struct Interpolant {
   double from = 0.0, to = 0.0;
-  Matrix coefficients{};  // c_i (degree + 1, rows)
+  Matrix coefficients{};  // c_i (degree + 1, rows); signs of charts may follow as constants
 };
 
 /// Tolerances and limits of the steps of each member.
@@ -48,8 +49,8 @@ class Integrator {
 
   /// Advances for some hundredths of a second or a given number of evaluations. Returns true once
   /// every member has failed or has its states at all times, which increase, in out (members,
-  /// times, rows). Each call must pass the same times and out. `steps`, for a single member,
-  /// receives every step; the call then returns after `most_steps` of them.
+  /// times, rows), all in their first charts. Each call must pass the same times and out. `steps`,
+  /// for a single member, receives every step; the call then returns after `most_steps` of them.
   bool advance(const Vector& times, double* out, Index evaluations,
                std::vector<Interpolant>* steps = nullptr);
   static constexpr std::size_t most_steps = 64;
@@ -60,9 +61,20 @@ class Integrator {
   const std::vector<Member>& members() const { return members_; }
   /// State of a member that is still advancing, (rows,).
   virtual Vector state(Index member) const = 0;
+  /// Replaces a state of a member by that in the first charts.
+  void leave_charts(Index member, double* y) const {
+    if (charts_) charts_->leave(member, y);
+  }
 
  protected:
-  Integrator(Index rows, Index members, double time, const Limits& limits);
+  /// charts: those in which the states advance and which the rates read, or null.
+  Integrator(Index rows, Index members, double time, const Limits& limits,
+             std::shared_ptr<Charts> charts);
+
+  /// Changes the charts of a member's state where they become singular, and returns whether it did.
+  bool choose_charts(Index member, Vector& y) {
+    return charts_ && charts_->choose(member, y.data());
+  }
 
   /// Tries a step of each advancing member, not beyond `end`. Returns the evaluations it took.
   virtual Index step(double end) = 0;
@@ -94,6 +106,7 @@ class Integrator {
  private:
   void drop_finished();
 
+  std::shared_ptr<Charts> charts_;
   const Vector* times_ = nullptr;  // the times that were passed to `advance`
   double* out_ = nullptr;
   std::vector<Interpolant>* steps_ = nullptr;

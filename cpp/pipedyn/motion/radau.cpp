@@ -76,8 +76,8 @@ void DenseSystems::solve(double* b) {
 // -------------------------------------------------------------------------------------- steps
 
 Radau::Radau(ImplicitRates rates, Index rows, Index members, const double* start, double time,
-             const Limits& limits, std::optional<Stops> stops)
-    : Integrator(rows, members, time, limits),
+             const Limits& limits, std::optional<Stops> stops, std::shared_ptr<Charts> charts)
+    : Integrator(rows, members, time, limits, std::move(charts)),
       of_(std::move(rates)),
       stops_(std::move(stops)),
       states_(Eigen::Map<const Matrix>(start, rows, members)),
@@ -93,6 +93,17 @@ Radau::Radau(ImplicitRates rates, Index rows, Index members, const double* start
 void Radau::begin(Index which) {
   current_ = which;
   y_ = states_.col(which);
+  choose_charts(which, y_);
+  set_start_rates(which);
+  allow();
+  const double rate = start_rates_.cwiseQuotient(allowed_).norm();
+  const double size = std::sqrt(static_cast<double>(of_.solved));
+  members_[which].step = rate > 0.0 ? std::pow(0.01 * size / rate, exponent) : 1.0;
+  if (!std::isfinite(rate)) members_[which].step = 1e-6;
+}
+
+/// Sets the rates at the state, to which no earlier step leads.
+void Radau::set_start_rates(Index which) {
   last_h_ = factored_h_ = 0.0;
   fresh_ = false;
   contraction_ = left_ = 1.0;
@@ -100,11 +111,6 @@ void Radau::begin(Index which) {
   of_.rates(Vector::Constant(1, members_[which].time), y_.data(), {which}, rates.data());
   ++members_[which].evaluations;
   start_rates_ = rates.head(of_.solved);
-  allow();
-  const double rate = start_rates_.cwiseQuotient(allowed_).norm();
-  const double size = std::sqrt(static_cast<double>(of_.solved));
-  members_[which].step = rate > 0.0 ? std::pow(0.01 * size / rate, exponent) : 1.0;
-  if (!std::isfinite(rate)) members_[which].step = 1e-6;
 }
 
 void Radau::allow() {
@@ -404,10 +410,11 @@ void Radau::accept(Index which, double h) {
   }
   start_rates_.swap(end_rates_);
   y_ += z_.col(radau::stages - 1);
-  states_.col(which) = y_;
   std::swap(z_, before_);
   last_h_ = h;
   fresh_ = false;
+  if (choose_charts(which, y_)) set_start_rates(which);
+  states_.col(which) = y_;
 }
 
 }  // namespace pipedyn

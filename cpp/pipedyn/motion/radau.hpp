@@ -41,6 +41,7 @@ struct Flows {
   Vector u;
   Matrix drive{};
   Vector errors{};
+  Matrix charts{};  // signs of segments in their charts (segments, members), or empty
 
   bool driven() const { return !drive.isZero(0.0); }
   Batch of(const double* y) const {
@@ -50,7 +51,8 @@ struct Flows {
             .u_step = 1,
             .drive = driven() ? drive.data() : nullptr,
             .drive_rows = driven() ? drive.rows() : Drive::rows,
-            .errors = errors.size() > 0 ? errors.data() : nullptr};
+            .errors = errors.size() > 0 ? errors.data() : nullptr,
+            .charts = charts.size() > 0 ? charts.data() : nullptr};
   }
 };
 /// The flow of one member at one time.
@@ -99,7 +101,7 @@ class Radau final : public Integrator {
   /// start: states (rows, members), all at time t0; stops: those that are known, if slopes of f may
   /// jump.
   Radau(ImplicitRates rates, Index rows, Index members, const double* start, double time,
-        const Limits& limits, std::optional<Stops> stops);
+        const Limits& limits, std::optional<Stops> stops, std::shared_ptr<Charts> charts = nullptr);
 
   Vector state(Index member) const override { return states_.col(member); }
 
@@ -109,6 +111,7 @@ class Radau final : public Integrator {
 
  private:
   void begin(Index which);
+  void set_start_rates(Index which);
   void allow();
   void predict(double h);
   bool solve(Index which, double h, Index& evaluations);

@@ -5,7 +5,8 @@
 // v . t, its virtual work per length is
 //   chi { [n . a - theta' v_t] n . dr - theta' v_n t . dr + v_n v_t dtheta },
 // which has, besides the acceleration a, a load and a couple. The fluid has no weight of its own:
-// its buoyancy is part of gamma.
+// its buoyancy is part of gamma. In space, with P = 1 - t t^T and v_n = P v, the virtual work is
+//   chi { [P a - v_t t' - (t' . v_n) t] . dr + v_t v_n . dt }.
 #pragma once
 
 #include "pipedyn/terms/station.hpp"
@@ -15,7 +16,6 @@ namespace {
 
 struct AddedMass : NoLaw {
   static constexpr const char* name = "added_mass";
-  static constexpr bool exists_in_space = false;
   static constexpr bool along = true;
   double chi;
 
@@ -27,6 +27,12 @@ struct AddedMass : NoLaw {
     const auto swing = chi * at.omega;
     return Load(swing * (forward * at.cosine + normal * at.sine),
                 swing * (normal * at.cosine - forward * at.sine), -chi * (normal * forward));
+  }
+  template <class Number>
+  SpatialLoad<Number> load_in_space(const SpatialStation<Number>& at) const {
+    const Number forward = chi * dot(at.v, at.t);
+    return {forward * at.rate + (chi * dot(at.v, at.rate)) * at.t,
+            -1.0 * (forward * Across<Number>{dot(at.nx, at.v), dot(at.nz, at.v)})};
   }
 };
 

@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: MIT
 //
 // A spring between one place of the pipe and the axis that hardens with the cube of its extension:
-// force -k x^3 along x alone, energy k x^4 / 4.
+// force -k x^3 along x alone, energy k x^4 / 4. In space, with k along x and k_z along z, the
+// energy is (sqrt(k) x^2 + sqrt(k_z) z^2)^2 / 4, which is k r^4 / 4 of the distance r if both are
+// equal.
 #pragma once
+
+#include <cmath>
 
 #include "pipedyn/terms/station.hpp"
 #include "pipedyn/terms/term.hpp"
@@ -11,9 +15,10 @@ namespace {
 
 struct CubicSpring : NoLaw {
   static constexpr const char* name = "cubic_spring";
-  double k;
+  double k, root, root_z;
 
-  explicit CubicSpring(const pipedyn::Term& term) : k(term.numbers[0]) {}
+  explicit CubicSpring(const pipedyn::Term& term)
+      : k(term.numbers[0]), root(std::sqrt(k)), root_z(std::sqrt(term.numbers[1])) {}
   auto load(const auto& at) const { return Load(-k * (at.x * at.x * at.x), none); }
   template <class Real>
   Real energy(const Station<Real>& at) const {
@@ -22,14 +27,13 @@ struct CubicSpring : NoLaw {
   }
   template <class Number>
   SpatialLoad<Number> load_in_space(const SpatialStation<Number>& at) const {
-    const Space<Number> apart = off_axis(at.r);
-    return {(-k * dot(apart, apart)) * apart};
+    const Space<Number> pull = off_axis(at.r, root, root_z);
+    return {-dot(pull, at.r) * pull};
   }
   template <class Number>
   Number energy_in_space(const SpatialStation<Number>& at) const {
-    const Space<Number> apart = off_axis(at.r);
-    const Number square = dot(apart, apart);
-    return 0.25 * k * (square * square);
+    const Number square = dot(off_axis(at.r, root, root_z), at.r);
+    return 0.25 * (square * square);
   }
 };
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
 // A dashpot between one place of the pipe and the ground, across the pipe: the force -c x' along x
-// alone dissipates the power c x'^2.
+// alone dissipates the power c x'^2. In space it has a coefficient along x and one along z.
 #pragma once
 
 #include "pipedyn/terms/station.hpp"
@@ -11,9 +11,9 @@ namespace {
 
 struct Damper : NoLaw {
   static constexpr const char* name = "damper";
-  double c;
+  double c, c_z;
 
-  explicit Damper(const pipedyn::Term& term) : c(term.numbers[0]) {}
+  explicit Damper(const pipedyn::Term& term) : c(term.numbers[0]), c_z(term.numbers[1]) {}
   auto load(const auto& at) const { return Load(-c * at.vx, none); }
   template <class Real>
   Real power(const Station<Real>& at) const {
@@ -21,12 +21,11 @@ struct Damper : NoLaw {
   }
   template <class Number>
   SpatialLoad<Number> load_in_space(const SpatialStation<Number>& at) const {
-    return {-c * off_axis(at.v)};
+    return {off_axis(at.v, -c, -c_z)};
   }
   template <class Number>
   Number power_in_space(const SpatialStation<Number>& at) const {
-    const Space<Number> across = off_axis(at.v);
-    return -c * dot(across, across);
+    return -1.0 * dot(off_axis(at.v, c, c_z), at.v);
   }
 };
 

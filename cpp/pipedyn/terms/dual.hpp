@@ -211,6 +211,18 @@ inline Number root_of(const Number& x) {
   return Traits::with(packs[0], packs[1], x);
 }
 
+/// sin(x) and cos(x).
+template <class Number>
+inline std::pair<Number, Number> sincos_of(const Number& x) {
+  using Traits = NumberTraits<Number>;
+  typename Traits::Plain packs[2] = {Traits::value(x), {}};
+  lane_by_lane(packs, [](double (&of)[2]) {
+    of[1] = std::cos(of[0]);
+    of[0] = std::sin(of[0]);
+  });
+  return {Traits::with(packs[0], packs[1], x), Traits::with(packs[1], -packs[0], x)};
+}
+
 /// Value of the polynomial with these coefficients, the constant first.
 template <class Number, std::size_t count>
 inline Number polynomial(const double (&coefficients)[count], const Number& x) {

@@ -2,6 +2,8 @@
 //
 // A rotational dashpot between one place of the pipe and the ground: the couple -c theta' opposes
 // the rate theta' at which the tangent turns there and dissipates the power c theta'^2.
+// In space it resists the angular velocity W = t x t' with c about z, which is that of motions
+// along x, with c_z about x and their mean about y; if both are equal, the couple is -c t'.
 #pragma once
 
 #include "pipedyn/terms/station.hpp"
@@ -11,9 +13,9 @@ namespace {
 
 struct RotationalDamper : NoLaw {
   static constexpr const char* name = "rotational_damper";
-  double c;
+  double c, c_z;
 
-  explicit RotationalDamper(const pipedyn::Term& term) : c(term.numbers[0]) {}
+  explicit RotationalDamper(const pipedyn::Term& term) : c(term.numbers[0]), c_z(term.numbers[1]) {}
   auto load(const auto& at) const { return Load(none, none, -c * at.omega); }
   template <class Real>
   Real power(const Station<Real>& at) const {
@@ -21,11 +23,21 @@ struct RotationalDamper : NoLaw {
   }
   template <class Number>
   SpatialLoad<Number> load_in_space(const SpatialStation<Number>& at) const {
-    return {Space<Number>{}, -c * at.w};
+    if (c == c_z) return {Space<Number>{}, -c * at.w};
+    const Space<Number> turned = cross(at.t, resisted(cross(at.t, at.rate)));
+    return {Space<Number>{}, {dot(at.nx, turned), dot(at.nz, turned)}};
   }
   template <class Number>
   Number power_in_space(const SpatialStation<Number>& at) const {
-    return -c * dot(at.w, at.w);
+    if (c == c_z) return -c * dot(at.w, at.w);
+    const Space<Number> spin = cross(at.t, at.rate);
+    return -1.0 * dot(resisted(spin), spin);
+  }
+
+ private:
+  template <class Number>
+  Space<Number> resisted(const Space<Number>& spin) const {
+    return {c_z * spin.x, 0.5 * (c + c_z) * spin.y, c * spin.z};
   }
 };
 

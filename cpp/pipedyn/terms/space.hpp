@@ -63,11 +63,18 @@ inline Space<Number> in_plane(const std::array<double, 2>& of) {
   return {constant<Number>(of[0]), constant<Number>(of[1]), Number{}};
 }
 
-/// A place of the pipe in space.
+/// A place of the pipe in space. It refers to the direction of the pipe there.
 template <class Number>
 struct SpatialStation {
-  Space<Number> r, v, t;  // position, velocity, tangent
-  Across<Number> a, w;    // rotation vector and rates of the tangent
+  Space<Number> r, v;                      // position and velocity
+  const Space<Number>&t, &rate, &nx, &nz;  // tangent, its rate, and the axes across it
+  const Across<Number>&a, &w;              // rotation vector and rates of the tangent
+  const Number &e, &s;                     // functions E and S of the rotation vector
+
+  /// The station relative to a place that moves.
+  SpatialStation about(const Space<Number>& place, const Space<Number>& velocity) const {
+    return {r - place, v - velocity, t, rate, nx, nz, a, w, e, s};
+  }
 };
 
 /// A force, and a couple that does the virtual work couple . (n_x . dt, n_z . dt).
@@ -77,10 +84,10 @@ struct SpatialLoad {
   Across<Number> couple{};
 };
 
-/// The part of a vector across the straight pipe.
+/// The part of a vector across the straight pipe, with a factor of each component.
 template <class Number>
-inline Space<Number> off_axis(const Space<Number>& of) {
-  return {of.x, Number{}, of.z};
+inline Space<Number> off_axis(const Space<Number>& of, double x = 1.0, double z = 1.0) {
+  return {x * of.x, Number{}, z * of.z};
 }
 
 }  // namespace

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
 // A spring between one place of the pipe and the axis: force -k x along x alone, energy k x^2 / 2.
-// The law is linear at any amplitude and independent of the motion of the place along the axis.
+// The law is linear at any amplitude and independent of the motion of the place along the axis. In
+// space the force has a stiffness along x and one along z.
 #pragma once
 
 #include "pipedyn/terms/station.hpp"
@@ -11,9 +12,9 @@ namespace {
 
 struct Spring : NoLaw {
   static constexpr const char* name = "spring";
-  double k;
+  double k, k_z;
 
-  explicit Spring(const pipedyn::Term& term) : k(term.numbers[0]) {}
+  explicit Spring(const pipedyn::Term& term) : k(term.numbers[0]), k_z(term.numbers[1]) {}
   auto load(const auto& at) const { return Load(-k * at.x, none); }
   template <class Real>
   Real energy(const Station<Real>& at) const {
@@ -21,12 +22,11 @@ struct Spring : NoLaw {
   }
   template <class Number>
   SpatialLoad<Number> load_in_space(const SpatialStation<Number>& at) const {
-    return {-k * off_axis(at.r)};
+    return {off_axis(at.r, -k, -k_z)};
   }
   template <class Number>
   Number energy_in_space(const SpatialStation<Number>& at) const {
-    const Space<Number> apart = off_axis(at.r);
-    return 0.5 * k * dot(apart, apart);
+    return 0.5 * dot(off_axis(at.r, k, k_z), at.r);
   }
 };
 

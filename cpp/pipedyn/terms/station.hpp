@@ -91,6 +91,7 @@ struct NoLaw {
 
   // Load, energy and power of a pipe that moves in three dimensions.
   static constexpr bool exists_in_space = true;
+  static constexpr bool reads_rotation = false;  // whether it reads the rotation vector there
   template <class Number>
   SpatialLoad<Number> load_in_space(const SpatialStation<Number>&) const {
     return {};
@@ -114,6 +115,12 @@ using DifferentiatedLoad =
 /// Whether a law has a load.
 template <class Law>
 constexpr bool has_load = !std::is_same_v<DifferentiatedLoad<Law>, Load<None, None, None>>;
+
+/// Whether a law states its load in space, or has none.
+template <class Law>
+constexpr bool states_space =
+    !has_load<Law> || !std::is_same_v<decltype(&Law::template load_in_space<double>),
+                                      decltype(&NoLaw::template load_in_space<double>)>;
 
 template <class Component>
 constexpr bool reads_rate = (variables_of<Component> >> by_rate & 1u) != 0;
@@ -237,6 +244,24 @@ Real base_power(const Law& law, const Station<Real>& at, const Acting<Real>& loa
            (load.couple - own.couple) * at.omega;
   }
   return -(load.x * vx + load.y * vy);
+}
+
+/// The same for a pipe in space.
+template <class Law, class Number>
+Number base_power(const Law& law, const SpatialStation<Number>& at, const SpatialLoad<Number>& load,
+                  const Space<Number>& velocity) {
+  if constexpr (Law::on_base) return Number{};
+  if (law.normal_mass() == 0.0) return Number{} - dot(load.force, velocity);
+  const SpatialStation<Number> alone = at.about(Space<Number>{}, velocity);
+  const SpatialLoad<Number> own = law.load_in_space(alone);
+  return dot(load.force - own.force, alone.v) + dot(load.couple - own.couple, at.w);
+}
+
+/// The station as a law reads it, relative to the base if it acts on that.
+template <class Law, class Number>
+SpatialStation<Number> seen_by(const Law&, const SpatialStation<Number>& at,
+                               const Space<Number>& place, const Space<Number>& velocity) {
+  return Law::on_base ? at.about(place, velocity) : at;
 }
 
 }  // namespace

@@ -12,7 +12,6 @@ namespace {
 
 struct Stretching : NoLaw {
   static constexpr const char* name = "stretching";
-  static constexpr bool exists_in_space = false;
   static constexpr bool on_base = true;
   double k, c;
 
@@ -25,6 +24,18 @@ struct Stretching : NoLaw {
   template <class Real>
   Real power(const Station<Real>& at) const {
     return -c * (at.vy * at.vy);
+  }
+  template <class Number>
+  SpatialLoad<Number> load_in_space(const SpatialStation<Number>& at) const {
+    return {{Number{}, k * (1.0 - at.r.y) - c * at.v.y, Number{}}};
+  }
+  template <class Number>
+  Number energy_in_space(const SpatialStation<Number>& at) const {
+    return 0.5 * k * ((1.0 - at.r.y) * (1.0 - at.r.y));
+  }
+  template <class Number>
+  Number power_in_space(const SpatialStation<Number>& at) const {
+    return -c * (at.v.y * at.v.y);
   }
 };
 

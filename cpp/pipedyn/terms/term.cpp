@@ -79,11 +79,10 @@ void require_space(const Pipe& pipe) {
   const auto refuse = [](const std::string& what) {
     throw std::invalid_argument("a pipe " + what + " has no equations in three dimensions here");
   };
-  if (pipe.end != End::free || !pipe.supports.empty()) refuse("that is held beyond its root");
-  if (pipe.jet_angle != 0.0) refuse("with a jet at an angle");
   for (const Term& term : pipe.terms) {
-    Laws::with(term, [&](const auto& law) {
-      if (!law.exists_in_space) refuse(std::string("with ") + law.name);
+    Laws::with(term, [&]<class Law>(const Law& law) {
+      const bool known = law.exists_in_space && (law.applied || states_space<Law>);
+      if (!known) refuse(std::string("with ") + law.name);
     });
   }
 }

@@ -356,7 +356,7 @@ class _Engine:
             runs[i].state = self.model.from_user(q[last, None], qdot[last, None])[0]
             motion = _seen_across(self.model, rows[part], tips[part], velocities[part])
             runs[i].set_sizes(float(np.ptp(motion[1])), float(np.abs(motion[2]).max()))
-            given = max(self.options.rtol, rtol), drive.period
+            given = max(self.options.rtol, rtol), drive.period, self.model.axisymmetric
             runs[i].record = Stretch(samples - before, *motion, *given)
         return [runs[i] for i in going]
 
@@ -526,6 +526,14 @@ class _Engine:
         attracts = not runs and all(number == 0 for number, _ in trial.ends.values())
         return replace(one, attracts=attracts)
 
+    def least_chaos(self, duration: float) -> float:
+        """Exponent that the linear growth of differences pretends to over a time.
+
+        If turns about the axis change nothing, neighbouring motions turn at different rates, so
+        that their difference grows in proportion to the time even if they are not chaotic.
+        """
+        return math.log(duration) / duration if self.model.axisymmetric else 0.0
+
     def name(self, runs: list[_Run], times: float) -> list[_Run]:
         """Names motions by exponents and records; returns those that need longer records.
 
@@ -558,7 +566,7 @@ class _Engine:
                 why = f"it still comes nearer to rest or a cycle after t = {self.elapsed:g}"
             elif exponent is None:
                 ending = "irregular"
-            elif exponent.chaotic:
+            elif exponent.chaotic and exponent.value > self.least_chaos(exponent.duration):
                 ending = "chaotic"
             elif exponent.value <= exponent.spread and run.record.averages_converge():
                 ending = "quasi-periodic"

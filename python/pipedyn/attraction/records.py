@@ -51,6 +51,7 @@ class Stretch:
         velocity: transverse velocities of the tip, shape (S,).
         rtol: relative tolerance to which the motion was integrated.
         drive: period of what drives the motion, 0 where all is steady.
+        axisymmetric: whether a turn of states about the axis of the pipe changes nothing.
     """
 
     t: Array
@@ -59,6 +60,7 @@ class Stretch:
     velocity: Array
     rtol: float
     drive: float = 0.0
+    axisymmetric: bool = False
 
     @cached_property
     def turnings(self) -> Array:
@@ -164,13 +166,18 @@ class Stretch:
         converge faster than any power of the time; for a chaotic motion they converge like its
         square root.
 
+        If turns about the axis change nothing, products that no turn changes are averaged: a planar
+        or elliptic motion whose axes turn slowly is quasi-periodic, however long a turn takes.
+
         Source: Das, Saiki, Sander and Yorke (2017), Quantitative quasiperiodicity, Nonlinearity 30.
         """
-        half = self.states.shape[1] // 2
-        p = self.states[:, :half]
-        observed = np.concatenate(
-            [self.states, np.sin(p), p**2, self.states[:, half:] ** 2], axis=1
-        )
+        p, rates = np.split(self.states, 2, axis=1)
+        observed = np.concatenate([self.states, np.sin(p), p**2, rates**2], axis=1)
+        if self.axisymmetric:
+            x, z = np.split(self.states.reshape(len(p), 2, 2, -1), 2, axis=2)
+            across = (x + 1j * z).reshape(len(p), -1)
+            products = across * across[:, p.shape[1] // 2 - 1, None].conj()
+            observed = np.concatenate([products.real, products.imag, np.abs(across) ** 2], axis=1)
         spread = observed.std(axis=0)
         moving = spread > 1e-6 * spread.max()
         observed = observed[:, moving] / spread[moving]

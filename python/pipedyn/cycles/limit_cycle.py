@@ -142,7 +142,7 @@ class LimitCycle(PeriodicMotion):
         period: period, in T.
         multipliers: Floquet multipliers, complex, shape (2 dof,), the largest modulus first, with
             the trivial one, 1. In three dimensions one more is 1, that of the cycle turned about
-            the axis of the straight pipe.
+            the axis of the straight pipe, if the pipe is the same in all directions across it.
         stable: whether no nontrivial multiplier's modulus exceeds 1 by more than 1e-6 or three
             times its error.
         t: times from 0, where the free end is farthest to positive x, to the period, shape (S,).
@@ -213,8 +213,9 @@ def limit_cycle(
 ) -> LimitCycle:
     """A periodic motion at a constant flow speed, stable or unstable, with its Floquet multipliers.
 
-    In three dimensions it is a cycle in the plane z = 0, that of `model.planar`, for which starts
-    are given, with its multipliers also across the plane; `rotating_motion` finds circular motions.
+    In three dimensions, if the pipe is the same in all directions, it is a cycle in the plane
+    z = 0, that of `model.planar`, for which starts are given, with its multipliers also across the
+    plane; `rotating_motion` finds circular motions. If a load bends the pipe, it is any cycle.
 
     Args:
         model: chain, reduced model or scene, up to 100 degrees of freedom.

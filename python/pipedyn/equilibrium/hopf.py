@@ -339,10 +339,10 @@ def _in_space(model: Model, plane: Hopf) -> SpatialHopf:
     Raises:
         ValueError: for a pipe to which this does not apply.
     """
-    if plane.quadratic or plane.friction is not None or plane.rest.any():
+    if plane.quadratic or plane.friction is not None:
         raise ValueError(
-            "an onset in three dimensions needs a pipe that rests straight, without drag and at "
-            f"constant speed, got {model!r}"
+            "an onset in three dimensions needs a pipe without drag and at constant speed, got "
+            f"{model!r}"
         )
     motion, planar = VectorField(model), model.planar
     jacobian = VectorField(planar).jacobian(plane.rest, plane.speed)

@@ -192,9 +192,11 @@ def rotating_motion(model: Model, u: float) -> RotatingMotion:
 
     Source: see the module's docstring.
     """
-    checked_model_in_motion(model, largest=200, purpose="rotating_motion")
+    checked_model_in_motion(model, largest=200, purpose="rotating_motion", symmetric=True)
     check.instance("model", model, Model, "a model in three dimensions")
-    model.quarter_turn(np.zeros(model.integrated))
+    if not model.axisymmetric:
+        model.quarter_turn(np.zeros(model.integrated))  # refuses planar models
+        raise ValueError(f"model must be the same in all directions, got {model!r}")
     u = steady_speed("u", u, open_low=True)
     with one_thread(2 * model.integrated):
         onset = hopf(model.planar)

@@ -605,32 +605,37 @@ def _from_rest(
 ) -> Iterator[_ForcedTracer]:
     """Beginnings of branches from rest, on edges of parametric regions.
 
-    In three dimensions they lie in the plane z = 0, which stands for all planes through the axis.
+    In three dimensions they lie in the plane z = 0, which stands for all planes through the axis;
+    if terms differ in x and z, also in the plane x = 0.
     """
-    flows, plane = isinstance(forcing, Pulsation), model.planar
-    if flows:
-        pipe = PulsatingPipe.of(plane.elastic_operators(), mean)
-    else:
-        pipe = ShakenPipe.shaken(plane, mean)
-    pipe.require_stable(high, "mean" if flows else "u")
-    hill, amplitude = Hill(pipe, HARMONICS), abs(forcing.amplitude)
+    flows, amplitude = isinstance(forcing, Pulsation), abs(forcing.amplitude)
+    planes = model.planes[: 1 if model.axisymmetric else 2] or (model,)
     kinds: tuple[tuple[BranchKind, int], ...] = (("subharmonic", 2), ("harmonic", 1))
-    for kind, order in kinds:
-        rests = hill.edges(0.5 * (order - 1), amplitude, high)
-        for region in regions(hill, np.array([amplitude]), low, high, (kind,)):
-            ends = region.edges[0][np.isfinite(region.edges[0])]
-            window = 0.9 * min(low, ends.min()), 1.1 * max(high, ends.max())
-            for edge in ends.tolist():
-                motion = ForcedField(model, replace(forcing, frequency=edge), order)
-                yield _ForcedTracer(kind, motion, _leaving_rest(motion, mean), window, rests)
+    for which, plane in enumerate(planes):
+        if flows:
+            pipe = PulsatingPipe.of(plane.elastic_operators(), mean)
+        else:
+            pipe = ShakenPipe.shaken(plane, mean)
+        pipe.require_stable(high, "mean" if flows else "u")
+        hill = Hill(pipe, HARMONICS)
+        for kind, order in kinds:
+            rests = hill.edges(0.5 * (order - 1), amplitude, high)
+            for region in regions(hill, np.array([amplitude]), low, high, (kind,)):
+                ends = region.edges[0][np.isfinite(region.edges[0])]
+                window = 0.9 * min(low, ends.min()), 1.1 * max(high, ends.max())
+                for edge in ends.tolist():
+                    motion = ForcedField(model, replace(forcing, frequency=edge), order)
+                    start = _leaving_rest(motion, mean, which)
+                    yield _ForcedTracer(kind, motion, start, window, rests)
 
 
-def _leaving_rest(motion: ForcedField, mean: float) -> BranchStart:
+def _leaving_rest(motion: ForcedField, mean: float, which: int) -> BranchStart:
     """First step from rest, towards the motion that neither grows nor decays on an edge.
 
     Args:
         motion: equations of motion at the edge.
         mean: mean flow speed.
+        which: 0 for motions in the plane z = 0, and 1 in three dimensions for those across it.
     """
     coarse = coarsest_mesh(motion.is_odd(mean))
     edges = divided(coarse, np.full(coarse.size - 1, 3))
@@ -639,7 +644,7 @@ def _leaving_rest(motion: ForcedField, mean: float) -> BranchStart:
     assert motion.forcing.frequency is not None
     w = motion.forcing.frequency / motion.order
     rest = PeriodicOrbit(edges, states, rates, w, mean, True)
-    plane = uncoupled(motion, rest)[0]
+    plane = uncoupled(motion, rest)[which]
     towards = Linearised(motion, rest, (0.0 * rest.packed(), 0.0)).neutral(1.0, plane)
     small = rest.unpacked(rest.packed() + 1e-6 * towards)
     scale = 1e-6 * FIRST_AMPLITUDE / max(amplitude_of(motion, small)[0], 1e-300)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import field, replace
 from functools import cached_property, lru_cache, partial
 from itertools import pairwise
@@ -125,17 +126,23 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
         """Bound on the absolute distance of the speed from the continuous pipe's critical speed.
 
         It is None for chains with the user's own springs or inertia, which do not approximate a
-        continuous pipe, and infinite if the continuous pipe has no critical speed. The continuous
-        pipe is solved at the first request.
+        continuous pipe, and for models in three dimensions of a pipe that rests bent; infinite if
+        the continuous pipe has no critical speed. The continuous pipe is solved at the first
+        request.
         """
-        if not self.model.approximates_pipe:
+        model = self.model
+        planes = model.planes or (model.planar,)
+        if not model.approximates_pipe or (model is not model.planar and not model.planes):
             return None
         if self._continuous is not None:
             return self._continuous
-        try:
-            exact = _continuous_speed(self.pipe, self._max_speed)
-        except NoCrossing:
+        found = []
+        for plane in planes:
+            with suppress(NoCrossing):
+                found.append(_continuous_speed(plane.pipe, self._max_speed))
+        if not found:
             return math.inf
+        exact = min(found, key=lambda one: one.speed)
         return abs(self.speed - exact.speed) + self.error + exact.error
 
 
@@ -200,7 +207,9 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
     That rest is followed to which the pipe comes as its loads, and then the flow, grow from zero:
     it flutters, or it turns back in a fold, which counts as divergence. A pipe that sags may
     flutter first across the plane of sag: a model in three dimensions tells, whose modes in both
-    planes are counted together, and a planar one brings the warning `FluttersAcross`.
+    planes are counted together, and a planar one brings the warning `FluttersAcross`. In three
+    dimensions terms may also differ in x and z: the lower of the speeds in both planes is found,
+    with the number of the mode in its plane.
 
     Args:
         model: chain, reduced model or `Continuum`, up to 2,000 degrees of freedom.
@@ -397,6 +406,8 @@ def _plan(model: AnyModel, max_speed: float, until_unstable: bool) -> Plan:
     pipe = model.pipe
     if pipe.beta == 0.0 and pipe.alpha == 0.0:
         return ()  # the flow acts on nothing
+    if model.planes:
+        return (_in_planes(model.planes, max_speed, until_unstable),)
     bent = not pipe.rests_straight and rest_follows(model)
     undamped = pipe.fed_at_rest and not (pipe.damping or pipe.hysteresis or model.resisted)
     if undamped and not bent and (growing := unstable_at_rest(model)):
@@ -417,6 +428,26 @@ def _plan(model: AnyModel, max_speed: float, until_unstable: bool) -> Plan:
         else:
             plan.append(_Search(one, max_speed, until_unstable))
     return plan
+
+
+def _in_planes(planes: Sequence[Model], max_speed: float, until_unstable: bool) -> Search:
+    """The search for crossings of a straight pipe with different motions in two planes."""
+
+    def job(sensitive: bool) -> Found:
+        answers = stability_losses(planes, max_speed, until_unstable, sensitive=sensitive)
+        each = [only_answer([one])[1] for one in answers]
+        counts = [unstable_at_rest(*one) for one in zip(planes, each, strict=True)]
+        merged = []
+        for i, one in sorted(
+            ((i, one) for i, found in enumerate(each) for one in found), key=lambda of: of[1].speed
+        ):
+            before, counts[i] = sum(counts), one.unstable_after
+            merged.append(replace(one, unstable_before=before, unstable_after=sum(counts)))
+            if until_unstable and one.destabilising:
+                break
+        return Converged(tuple(merged), sum(plane.dof for plane in planes), 0.0)
+
+    return job
 
 
 def _along_rest(model: AnyModel, max_speed: float, until_unstable: bool) -> Search:

@@ -132,7 +132,8 @@ class ModeShape(Result):
     def __call__(self, s: ArrayLike) -> Complex:
         """Complex displacement at arc lengths s in [0, 1], shape (len(s),).
 
-        The motion is Re(shape(s) exp(lambda tau)).
+        In three dimensions the shape is (2, len(s)), for x and z. The motion is Re(shape(s)
+        exp(lambda tau)).
 
         Raises:
             NotConverged: if the mode was not found.
@@ -220,7 +221,8 @@ class Modes(TableResult, units={"errors": RATE}):
 def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
     """Complex mode shapes of a pipe at rest at flow speed u, with their eigenvalues.
 
-    The rest is that of `eigenvalues`.
+    The rest is that of `eigenvalues`. In three dimensions a pipe that is not the same in all
+    directions across its axis has modes in the plane z = 0 and others across it.
 
     Args:
         model: chain, reduced model or `Continuum`.
@@ -366,7 +368,7 @@ def _checked_question(
     model: AnyModel, u: Any, count: Any, roots: int = 1
 ) -> tuple[AnyModel, float, int | None]:
     """The model, flow speed and count, checked, where each answer has this number of roots."""
-    model = checked_model(model, across=roots == 1)
+    model = checked_model(model, across=True)
     u = steady_speed("u", u)
     if count is None:
         if isinstance(model, Continuum):
@@ -418,7 +420,7 @@ def neutral_shape(model: Model, u: float, frequency: float) -> ModeShape:
 def _shapes(model: Model, values: Complex, coordinates: Complex) -> tuple[ModeShape, ...]:
     """Shapes of modes from their coordinates, (dof, k), which are NaN for modes not found."""
     displacement = model.deflection(np.nan_to_num(coordinates), model.stations)
-    displacement = displacement.reshape(-1, coordinates.shape[1])  # along x, then along z
+    displacement = displacement.reshape(-1, values.size)  # along x, then in space along z
     largest = np.argmax(np.abs(displacement), axis=0)
     peaks = displacement[largest, np.arange(largest.size)]
     with np.errstate(divide="ignore", invalid="ignore"):

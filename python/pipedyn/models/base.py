@@ -197,6 +197,11 @@ class OfPipe(Saved):
         """The model of the same pipe that moves in the plane z = 0: of a planar model itself."""
         return self
 
+    @property
+    def planes(self) -> tuple[Any, ...]:
+        """Planar models whose small motions are those of this model; empty if it is one of them."""
+        return ()
+
     @cached_property
     def resisted(self) -> bool:
         """Whether linear forces but the flow's and Kelvin-Voigt damping depend on velocities."""
@@ -652,6 +657,10 @@ class Model(OfPipe, ABC):
     def onto_constraints(self, p: Array, rates: Array) -> tuple[Array, Array]:
         """Nearby p and rates that meet the constraints, (integrated, ...); NaN if none exist."""
         return p, rates
+
+    def alike(self, y: Array, other: Array) -> Array:
+        """Another state [p, p', ...] by those of its equivalent coordinates that are nearest to y's."""
+        return other
 
     def free_states(self, y: Array) -> Array:
         """Basis of the changes of [p, p'] that constraints allow, shape (2 integrated, 2 dof)."""

@@ -20,7 +20,7 @@ from pipedyn.models.pencil import DensePencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.profile import moments
 from pipedyn.models.segments import MET, SegmentModel, core_segments, held_ends, position_along
-from pipedyn.models.space import SpatialModel, rotations, turning
+from pipedyn.models.space import SpatialModel, rotations, tangents_by, turning
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -469,7 +469,11 @@ class SpatialChain(SpatialModel):
     are singular for motions across the plane.
 
     Small motions of the straight pipe are those of `planar`, in two planes independently, so that
-    questions about its stability are answered by `planar`.
+    questions about its stability are answered by `planar`. If terms have other numbers across the
+    plane z = 0, `critical_speed`, `crossings`, `eigenvalues` and `modes` count both planes.
+
+    A jet at an angle leaves in the plane of the tangent and of that axis which is along x at the
+    root and is carried along the pipe without twist. Its direction depends on the shape alone.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), n=10, dimensions=3)
@@ -478,8 +482,7 @@ class SpatialChain(SpatialModel):
         (501, 3)
 
     Raises:
-        ValueError: for a pipe that is held beyond its root, has a jet at an angle, or a term that
-            has no equations in three dimensions here (`AddedMass`, `Stretching`).
+        ValueError: for a pipe that is held beyond its root.
 
     Source: d'Alembert's principle for the velocities of a chain of inextensible, twist-free
     segments; see cpp/pipedyn/chain/space.hpp.
@@ -499,7 +502,16 @@ class SpatialChain(SpatialModel):
     @cached_property
     def core(self) -> _core.SpatialChain:
         segments = core_segments(self._planar, spring=self._planar._own_joints)
-        return _core.SpatialChain(core_pipe(self._pipe, self._applied), segments)
+        held = self._planar._held.tolist()
+        return _core.SpatialChain(core_pipe(self._pipe, self._applied), segments, held)
+
+    @property
+    def _held_places(self) -> Array:
+        return self._planar.stations[self._planar._held]
+
+    @property
+    def _ease(self) -> Array:
+        return np.ones((self.coordinates, 1))
 
     def pencil(self) -> DensePencil:
         return DensePencil(self)
@@ -512,6 +524,20 @@ class SpatialChain(SpatialModel):
     ) -> NDArray[Any]:
         turned = np.sinc(rest / np.pi)[:, None] * z
         return np.asarray(self._planar._deflected(turned, s, derivative))
+
+    def alike(self, y: Array, other: Array) -> Array:
+        (at, _), (a, rates) = (
+            of[: 4 * self._planar.coordinates].reshape(2, 2, -1) for of in (y, other)
+        )
+        rho = np.hypot(*a)
+        unit = a / np.where(rho > 0.0, rho, 1.0)
+        turns = 2.0 * np.pi * np.round((rho - (at * unit).sum(axis=0)) / (2.0 * np.pi))
+        if not turns.any():
+            return other
+        share = 1.0 - turns / np.where(rho > 0.0, rho, 1.0)
+        rates = share * rates + (1.0 - share) * (rates * unit).sum(axis=0) * unit
+        moved = np.concatenate([share * a, rates]).ravel()
+        return np.concatenate([moved, other[moved.size :]])
 
     def _segments_to(self, tangents: Array, s: Array) -> Array:
         """Sums of the segments' vectors up to arc lengths s, (p, 3, k)."""
@@ -545,6 +571,11 @@ class SpatialChain(SpatialModel):
 
     def _places(self, p: Array, places: Array) -> Array:
         return self._segments_to(rotations(p)[0], places)
+
+    def _places_by(self, p: Array, places: Array) -> Array:
+        lengths = self._planar._displacing(places)[1]
+        found = np.einsum("pj,dcjk->pcdjk", lengths, tangents_by(p))
+        return found.reshape(places.size, 3, self.coordinates, -1)
 
     @property
     def _angle_places(self) -> Array:

@@ -177,22 +177,23 @@ def checked_model(model: Any, *, across: bool = False) -> AnyModel:
     """The model, or of one in three dimensions its `planar` model; else raises TypeError.
 
     The small motions of a straight pipe in three dimensions are those of the planar model in two
-    planes, so that both models have the same answers. If a load bends the pipe, motions across its
-    plane differ: such a model is returned itself if the question is asked `across` the plane, too,
-    and raises ValueError otherwise.
+    planes, so that both models have the same answers. If a load bends the pipe, or terms differ in
+    x and z, motions across the plane differ: such a model is returned itself if the question is
+    asked `across` the plane, too, and raises ValueError otherwise.
     """
     if not isinstance(model, OfPipe):  # which both are; an abstract class takes ten times as long
         instead = ": take Continuum(pipe), or Chain(pipe, n)" if isinstance(model, Pipe) else ""
         raise TypeError(f"model must be a Model or a Continuum, got {check.shown(model)}{instead}")
     asked: Any = model
     checked: AnyModel = model.planar
-    if checked is not model and not model.pipe.rests_straight:
+    if checked is not model and not model.pipe.symmetric_about_axis:
         if across:
             return asked
         raise ValueError(
-            "model must be planar, as model.planar, in this question about a pipe that rests bent: "
-            "its small motions across that plane are others, which critical_speed, crossings and "
-            f"eigenvalues tell, got {model!r}"
+            "model must be planar, as model.planar, in this question about a pipe that rests bent "
+            "or has terms that differ in x and z: its small motions across the plane z = 0 are "
+            "others, which critical_speed, crossings, eigenvalues and modes tell, got "
+            f"{model!r}"
         )
     return checked
 

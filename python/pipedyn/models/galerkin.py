@@ -6,7 +6,7 @@ from __future__ import annotations
 import bisect
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -17,8 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import (
-    ANGLES,
-    Model,
     Operators,
     arc_lengths,
     core_pipe,
@@ -28,12 +26,16 @@ from pipedyn.models.base import (
 )
 from pipedyn.models.pencil import DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
-from pipedyn.models.reduced_supports import FreeFunctions, ReducedSupports, orthonormal
-from pipedyn.models.space import SMALL_TURN, SpatialModel, rotations
+from pipedyn.models.reduced_supports import (
+    FreeFunctions,
+    ReducedSupports,
+    SupportedModel,
+    orthonormal,
+)
+from pipedyn.models.space import SMALL_TURN, SpatialModel, rotations, tangents_by
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
-from pipedyn.util.errors import NotConverged
 
 Basis = Literal["beam", "legendre"]
 BASES: tuple[Basis, ...] = get_args(Basis)
@@ -47,9 +49,6 @@ SHORTEST_PANEL = 1e-4
 """Length of the shortest panel of a basis. Leaving out a joint at the distance d from another
 changes results by d^3, 1e-11 of a critical speed at this length; on panels shorter than a third of
 it, functions move so little mass that rounding makes their eigenvalues arbitrary."""
-
-SUPPORT_TOLERANCE = 1e-6
-"""Largest distance from supports of a state given in all coordinates: integrators' tolerances."""
 
 
 gauss_nodes = lru_cache(maxsize=32)(_core.gauss_nodes)
@@ -77,7 +76,7 @@ def basis_joints(pipe: Pipe) -> Array:
 
 
 @saved_as("Galerkin", former={"size": "m"})
-class Galerkin(Model):
+class Galerkin(SupportedModel):
     """A reduced model with m functions. Coordinates: their amplitudes q_i, shape (m,).
 
     The functions are 0 where the pipe is held across and have slope 0 where its direction is held;
@@ -367,47 +366,15 @@ class Galerkin(Model):
     def _supports(self) -> ReducedSupports:
         return ReducedSupports(self.core)
 
-    def free_directions(self, p: Array) -> Array:
-        return self._supports.allowed(p) if self._held else super().free_directions(p)
+    @property
+    def _is_held(self) -> bool:
+        return bool(self._held)
+
+    def _lifted(self, rows: Array) -> Array:
+        return np.asarray(self._free.lift @ rows)
 
     def by_coordinates(self) -> Array:
         return self.small_motions[0]
-
-    def free_states(self, y: Array) -> Array:
-        return self._supports.free_states(y) if self._held else super().free_states(y)
-
-    def onto_constraints(self, p: Array, rates: Array) -> tuple[Array, Array]:
-        return self._supports.onto_constraints(p, rates) if self._held else (p, rates)
-
-    def initial_state(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
-        q, exact = self._amplitudes_of("q0", q0)
-        rates = np.zeros_like(q) if qdot0 is None else self._amplitudes_of("qdot0", qdot0)[0]
-        state = self._onto_supports("q0", q, rates)
-        missed = float(np.abs(state - np.concatenate([q, rates])).max())
-        if exact and missed > SUPPORT_TOLERANCE:
-            raise ValueError(
-                f"q0 and qdot0 must meet the supports, got a deviation of {missed:.1e}; those "
-                f"close to {self.dof} small amplitudes are found"
-            )
-        return state
-
-    def _amplitudes_of(self, name: str, given: ArrayLike) -> tuple[Array, bool]:
-        """Amplitudes of the core's functions, and whether the argument has all of them."""
-        rows = check.array(name, given, size=(self.dof, self.coordinates), **ANGLES)
-        if rows.size == self.coordinates:
-            return rows, True
-        return self._free.lift @ rows, False
-
-    def _onto_supports(self, name: str, q: Array, rates: Array) -> Array:
-        """The nearby state [q, q'] that meets the supports."""
-        state = np.concatenate(self.onto_constraints(q, rates))
-        if not np.isfinite(state).all():
-            raise NotConverged(f"no configuration close to {name} meets the supports", q)
-        return state
-
-    def _coordinates(self, q: ArrayLike) -> Array:
-        rows, exact = self._amplitudes_of("q", q)
-        return rows if exact else self._onto_supports("q", rows, np.zeros_like(rows))[: rows.size]
 
     def from_elastic(self, z: ArrayLike) -> NDArray[Any]:
         return np.tensordot(self.elastic_scale, self._columns("z", z), axes=1)
@@ -552,7 +519,7 @@ class SpatialGalerkin(SpatialModel):
         legendre = planar.basis == "legendre"
         return _core.SpatialGalerkin(
             core_pipe(self._pipe, self._applied),
-            *(legendre, planar.dof, planar._joints, planar._more),
+            *(legendre, planar.coordinates, planar._joints, planar._more),
         )
 
     @property
@@ -578,6 +545,14 @@ class SpatialGalerkin(SpatialModel):
         planar = self._planar
         return slope(planar._basis_at(s, 1)) if derivative else planar._integrated(slope, rest, s)
 
+    @property
+    def _held_places(self) -> Array:
+        return np.array(self._planar._held)
+
+    @property
+    def _ease(self) -> Array:
+        return np.tile(self._planar._supports.ease, (2, 1))
+
     def _slopes_of(self, s: Array, p: NDArray[Any], derivative: int = 1) -> NDArray[Any]:
         """Rotation vectors, or their derivatives, at arc lengths: (2 p, k) for p (2 m, k)."""
         table = self._planar._basis_at(s, derivative)
@@ -587,15 +562,26 @@ class SpatialGalerkin(SpatialModel):
         found = np.abs(self._slopes_of(np.linspace(0.0, 1.0, 401), p.reshape(len(p), -1)))
         return float(np.hypot(*np.split(found, 2)).max())
 
-    def _places(self, p: Array, places: Array) -> Array:
+    def _nodes_to(self, p: Array, places: Array) -> Iterator[tuple[Array, Array]]:
+        """Nodes and weights of integrals from the clamp to each place, for p (2 m, k)."""
         planar = self._planar
-        count = planar._count_for(np.abs(p).reshape(2, planar.dof, -1).sum(axis=0))
+        count = planar._count_for(np.abs(p).reshape(2, planar.coordinates, -1).sum(axis=0))
+        return (planar._rule(count, place) for place in places.tolist())
+
+    def _places(self, p: Array, places: Array) -> Array:
         found = []
-        for place in places.tolist():
-            nodes, weights = planar._rule(count, place)
+        for nodes, weights in self._nodes_to(p, places):
             tangents, _ = rotations(self._slopes_of(nodes, p))
             found.append(np.einsum("j,cjk->ck", weights, tangents))
         return np.array(found).reshape(places.size, 3, p.shape[1])
+
+    def _places_by(self, p: Array, places: Array) -> Array:
+        found = []
+        for nodes, weights in self._nodes_to(p, places):
+            slopes = self._planar._basis_at(nodes, 1)
+            by = tangents_by(self._slopes_of(nodes, p))
+            found.append(np.einsum("j,dcjk,ji->cdik", weights, by, slopes))
+        return np.array(found).reshape(places.size, 3, -1, p.shape[1])
 
     def _centreline(self, q: ArrayLike, s: Array) -> Array:
         return self._places(self._coordinates(q)[:, None], s)[..., 0]

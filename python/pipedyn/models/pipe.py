@@ -648,6 +648,11 @@ class Pipe(Saved):
         return not (self.thrust_across or self.sags)
 
     @cached_property
+    def symmetric_about_axis(self) -> bool:
+        """Whether the pipe is the same in all directions across its straight axis, as at rest."""
+        return self.rests_straight and all(term.symmetric_about_axis for term in self.terms)
+
+    @cached_property
     def axial_loads(self) -> tuple[float, float]:
         """Sums of the terms' loads that stretch the straight pipe and that compress it, >= 0."""
         each = [term.axial_load for term in self.terms]

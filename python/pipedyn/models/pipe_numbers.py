@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from pipedyn.models.pipe import OWN_NUMBERS, Pipe
+from pipedyn.models.scales import given_fields
 from pipedyn.models.supports import RootSpring
 from pipedyn.util import check
 from pipedyn.util.result import SPEED, Unit
@@ -68,7 +69,7 @@ def pipe_numbers(pipe: Pipe, motions: bool = False) -> dict[str, PipeNumber]:
     for i, term in enumerate(pipe.terms):
         if not (motions or term.is_felt_by_small_motions):
             continue
-        for item in fields(term):
+        for item, _ in given_fields(term):
             if item.name == "at":
                 continue
             rule = item.metadata["range"]

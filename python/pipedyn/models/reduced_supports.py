@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Supports of a reduced model: the pipe is held across, x = 0, at its end or between.
+"""Supports of reduced models, and of all in three dimensions: the pipe is held across, x = 0.
+
+In three dimensions z = 0 as well.
 
 The core's functions have slope 0 where the direction is held, but need not be 0 where the pipe is
 held across. In small motions this is a linear condition, w(s) = 0, and a model's functions are
@@ -9,20 +11,27 @@ it. An integrator's deviation from it decays, and recorded states are projected 
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from functools import cached_property
 
 import numpy as np
 import scipy
+from numpy.typing import ArrayLike
 
 from pipedyn import _core
+from pipedyn.models.base import ANGLES, Model
+from pipedyn.util import check
 from pipedyn.util.check import Array
-from pipedyn.util.errors import resolved
+from pipedyn.util.errors import NotConverged, resolved
 
 STENCIL = np.array([45.0, -9.0, 1.0]) / 60.0
 """Weights of central differences of sixth order, for 1, 2 and 3 steps to either side."""
 
 SUPPORT_MISSED = 1e-13
 """Displacement x at a support, in L, that counts as 0: a hundred times rounding."""
+
+SUPPORT_TOLERANCE = 1e-6
+"""Largest distance from supports of a state given in all coordinates: integrators' tolerances."""
 
 MOST_PROJECTIONS = 30
 """Largest number of Newton steps; four or five suffice if supports are missed by 0.1."""
@@ -85,6 +94,10 @@ class ReducedSupports:
         vectors, _ = np.linalg.qr(by[0].T, mode="complete")
         return np.asarray(vectors[:, len(by[0]) :])
 
+    def largest_turning(self, rates: Array) -> float:
+        """Largest rate at which the pipe turns, for rates of coordinates, (size,)."""
+        return float(np.abs(self.core.basis(np.linspace(0.0, 1.0, 41), 1) @ rates).max())
+
     def free_states(self, y: Array) -> Array:
         """Changes of states [q, q'] that the supports allow, (2 size, 2 (size - supports)).
 
@@ -92,12 +105,68 @@ class ReducedSupports:
         """
         q, rates = np.split(y, 2)
         # The derivative of x' by q is the rate of dx/dq along the motion.
-        turning = float(np.abs(self.core.basis(np.linspace(0.0, 1.0, 41), 1) @ rates).max())
-        step = 0.01 / max(turning, 1e-100)
+        step = 0.01 / max(self.largest_turning(rates), 1e-100)
         _, by = self.held(q[:, None] + step * np.arange(-3, 4) * rates[:, None])
         drift = np.tensordot(np.array([*-STENCIL[::-1], 0.0, *STENCIL]) / step, by, 1)
         vectors, _ = np.linalg.qr(np.block([[by[3], 0.0 * drift], [drift, by[3]]]).T, "complete")
         return np.asarray(vectors[:, 2 * len(drift) :])
+
+
+class SupportedModel(Model):
+    """A model whose states meet its supports, near those that are given."""
+
+    @property
+    @abstractmethod
+    def _is_held(self) -> bool:
+        """Whether anything holds the pipe across beyond its root."""
+
+    @property
+    @abstractmethod
+    def _supports(self) -> ReducedSupports:
+        """The constraints."""
+
+    @abstractmethod
+    def _lifted(self, rows: Array) -> Array:
+        """All coordinates, (coordinates,), of a small displacement by degrees of freedom."""
+
+    def free_directions(self, p: Array) -> Array:
+        return self._supports.allowed(p) if self._is_held else super().free_directions(p)
+
+    def free_states(self, y: Array) -> Array:
+        return self._supports.free_states(y) if self._is_held else super().free_states(y)
+
+    def onto_constraints(self, p: Array, rates: Array) -> tuple[Array, Array]:
+        return self._supports.onto_constraints(p, rates) if self._is_held else (p, rates)
+
+    def initial_state(self, q0: ArrayLike, qdot0: ArrayLike | None) -> Array:
+        q, exact = self._amplitudes_of("q0", q0)
+        rates = np.zeros_like(q) if qdot0 is None else self._amplitudes_of("qdot0", qdot0)[0]
+        state = self._onto_supports("q0", q, rates)
+        missed = float(np.abs(state - np.concatenate([q, rates])).max())
+        if exact and missed > SUPPORT_TOLERANCE:
+            raise ValueError(
+                f"q0 and qdot0 must meet the supports, got a deviation of {missed:.1e}; those "
+                f"close to {self.dof} small amplitudes are found"
+            )
+        return state
+
+    def _amplitudes_of(self, name: str, given: ArrayLike) -> tuple[Array, bool]:
+        """All coordinates, and whether the argument has all of them."""
+        rows = check.array(name, given, size=(self.dof, self.coordinates), **ANGLES)
+        if rows.size == self.coordinates:
+            return rows, True
+        return self._lifted(rows), False
+
+    def _onto_supports(self, name: str, q: Array, rates: Array) -> Array:
+        """The nearby state [q, q'] that meets the supports."""
+        state = np.concatenate(self.onto_constraints(q, rates))
+        if not np.isfinite(state).all():
+            raise NotConverged(f"no configuration close to {name} meets the supports", q)
+        return state
+
+    def _coordinates(self, q: ArrayLike) -> Array:
+        rows, exact = self._amplitudes_of("q", q)
+        return rows if exact else self._onto_supports("q", rows, np.zeros_like(rows))[: rows.size]
 
 
 class FreeFunctions:

@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import MISSING, astuple, dataclass, field, fields, replace
+from dataclasses import MISSING, Field, astuple, dataclass, field, fields, replace
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
@@ -171,6 +171,14 @@ def number(
     """Dataclass field of a term's number: its range, and the powers of `Scales` in its SI unit."""
     rule = {"low": low, "high": high, "open_low": open_low}
     return field(default=default, metadata={"range": rule, "powers": (mass, length, time)})
+
+
+def given_fields(one: Any) -> Iterator[tuple[Field[Any], Any]]:
+    """Fields of a term or root spring with their values, without those that are None."""
+    for item in fields(one):
+        value = getattr(one, item.name)
+        if value is not None:
+            yield item, value
 
 
 def text_of(value: Any) -> str:
@@ -354,11 +362,11 @@ Numbered = TypeVar("Numbered", bound=Any)
 def without_quantities(name: str, one: Numbered) -> Numbered:
     """A term or root spring with numbers in SI in place of quantities of pint."""
     numbers = {}
-    for item in fields(one):
+    for item, value in given_fields(one):
         mass, length, time = item.metadata["powers"]  # `Scales` counts masses per length
         powers = zip(("kg", "m", "s"), (mass, length - mass, time), strict=True)
         parts = (base if power == 1 else f"{base}**{power}" for base, power in powers if power)
         unit = "*".join(parts) or "dimensionless"
-        numbers[item.name] = check.in_unit(f"{name}.{item.name}", getattr(one, item.name), unit)
+        numbers[item.name] = check.in_unit(f"{name}.{item.name}", value, unit)
     made: Numbered = replace(one, **numbers)
     return made

@@ -9,14 +9,17 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.models.base import ANGLES, CORE_MATRICES, ROWS, Model, Operators, projected
+from pipedyn.models.base import ANGLES, CORE_MATRICES, ROWS, Operators, projected
 from pipedyn.models.pipe import Pipe
+from pipedyn.models.reduced_supports import ReducedSupports, SupportedModel
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
@@ -52,7 +55,54 @@ def turning(q: Array, qdot: Array) -> Array:
     )
 
 
-class SpatialModel(Model):
+def in_first_chart(q: Array, qdot: Array, signs: Array) -> tuple[Array, Array]:
+    """Rotation vectors and their rates, (k, 2 n) each, where those with signs -1, (k, n), are others.
+
+    Those are rotation vectors from the opposite end of the axis, as cpp/pipedyn/motion/charts.hpp
+    describes, for segments that point backwards along it. Here they point away from it by up to pi.
+    """
+    (a_x, a_z), (b_x, b_z) = np.split(q, 2, axis=1), np.split(qdot, 2, axis=1)
+    straight = np.hypot(a_x, a_z) == 0.0  # seen from the side that it comes from
+    a_x, a_z = np.where(straight, -1e-300 * b_x, a_x), np.where(straight, -1e-300 * b_z, a_z)
+    rho = np.hypot(a_x, a_z)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        unit = np.stack([np.where(rho > 0.0, a_x / rho, 1.0), np.where(rho > 0.0, a_z / rho, 0.0)])
+    radial = unit[0] * b_x + unit[1] * b_z
+    rates = np.stack([b_x, b_z]) - radial * unit
+    with np.errstate(invalid="ignore", divide="ignore"):
+        across = np.where(straight, 0.0, (np.pi - rho) / rho * rates)
+    found = np.where(signs < 0.0, (np.pi - rho) * unit, np.stack([a_x, a_z]))
+    turning = np.where(signs < 0.0, across - radial * unit, np.stack([b_x, b_z]))
+    return np.concatenate(list(found), axis=1), np.concatenate(list(turning), axis=1)
+
+
+def tangents_by(q: Array) -> Array:
+    """Derivatives of the tangents by a_x and by a_z, shape (2, 3, n, k), for q (2 n, k)."""
+    one, none = np.ones_like(q[: len(q) // 2]), np.zeros_like(q[: len(q) // 2])
+    return np.stack([turning(q, np.concatenate(unit)) for unit in ((one, none), (none, one))])
+
+
+class SpatialSupports(ReducedSupports):
+    """Constraints x = z = 0 at the supports of a model in three dimensions."""
+
+    def __init__(self, model: SpatialModel) -> None:
+        self.model, self.ease, self.size = model, model._ease, model.coordinates
+
+    def held(self, q: Array) -> tuple[Array, Array]:
+        """Displacements at supports, (2 supports, k), x and z of each, and derivatives by q.
+
+        The derivatives have the shape (k, 2 supports, size).
+        """
+        places, columns = self.model._held_places, q.shape[1]
+        found = self.model._places(q, places)[:, [0, 2]].reshape(-1, columns)
+        by = self.model._places_by(q, places)[:, [0, 2]].reshape(len(found), self.size, columns)
+        return found, by.transpose(2, 0, 1)
+
+    def largest_turning(self, rates: Array) -> float:
+        return self.model.largest_angle(rates)
+
+
+class SpatialModel(SupportedModel):
     """A model that moves in three dimensions; its planar model has the same numbers.
 
     Coordinates: those of the planar model in the plane of x, then those in the plane of z.
@@ -66,13 +116,6 @@ class SpatialModel(Model):
     def __init__(self, planar: Any) -> None:
         super().__init__(planar.pipe)
         self._planar = planar
-        self._check_pipe()
-
-    def _check_pipe(self) -> None:
-        pipe = self._pipe
-        if pipe.supports or pipe.end != "free" or pipe.jet_angle:
-            rule = "have no jet at an angle" if pipe.jet_angle else "be held at its root alone"
-            raise ValueError(f"pipe must {rule} in three dimensions, got {pipe!r}")
         self.core  # noqa: B018
 
     def archived(self) -> dict[str, Any]:
@@ -110,8 +153,8 @@ class SpatialModel(Model):
 
     @property
     def axisymmetric(self) -> bool:
-        """Whether every motion turned about the axis is a motion: no load acts across the pipe."""
-        return self._pipe.rests_straight
+        """Whether every motion turned about the axis is a motion."""
+        return self._pipe.symmetric_about_axis
 
     def from_plane(self, p: Array) -> Array:
         """Coordinates p, (dof, ...), from those of `planar`, which moves in the plane z = 0."""
@@ -156,31 +199,95 @@ class SpatialModel(Model):
 
     @property
     def dof(self) -> int:
-        """Number of coordinates, twice those of the planar model."""
+        """Number of degrees of freedom, twice that of the planar model."""
         return int(2 * self._planar.dof)
+
+    @property
+    def coordinates(self) -> int:
+        """Number of coordinates, twice that of the planar model."""
+        return int(2 * self._planar.coordinates)
+
+    @property
+    def _is_held(self) -> bool:
+        return bool(self.dof < self.coordinates)
+
+    @cached_property
+    def _supports(self) -> ReducedSupports:
+        return SpatialSupports(self)
+
+    @property
+    @abstractmethod
+    def _held_places(self) -> Array:
+        """Arc lengths at which the pipe is held across, ascending."""
+
+    @property
+    @abstractmethod
+    def _ease(self) -> Array:
+        """Weights of the coordinates in the least change that meets supports, (coordinates, 1)."""
+
+    def _lifted(self, rows: Array) -> Array:
+        return np.asarray(self._moved(rows[:, None])[:, 0])
+
+    def _moved(self, columns: NDArray[Any]) -> NDArray[Any]:
+        return np.concatenate([self._planar._moved(half) for half in np.split(columns, 2)])
+
+    def by_coordinates(self) -> Array:
+        return self._directions(self._reference)
+
+    def _directions(self, rest: Array | None) -> Array:
+        """Changes of coordinates for unit degrees of freedom of `operators`, in their order."""
+        planar, half = self._planar, self._planar.coordinates
+        if rest is None or not rest.any():
+            return np.asarray(np.kron(np.eye(2), planar.by_coordinates()))
+        across = self._supports.held(rest[:, None])[1][0, 1::2, half:]
+        free, _ = np.linalg.qr(across.T, mode="complete")
+        along = planar.about(rest[:half]).by_coordinates()
+        return scipy.linalg.block_diag(along, free[:, len(across) :])
 
     @property
     def approximates_pipe(self) -> bool:
         """Whether the model converges to the continuous pipe, as its planar model does."""
         return bool(self._planar.approximates_pipe)
 
-    def _twice(self, planar: Operators) -> Operators:
-        """Operators of both planes, which are uncoupled."""
-        both = {name: np.kron(np.eye(2), getattr(planar, name)) for name in CORE_MATRICES}
-        loss = None if planar.loss is None else np.asarray(np.kron(np.eye(2), planar.loss))
-        return Operators(
-            **both, direction=planar.direction, centrifugal=planar.centrifugal, loss=loss
-        )
+    @cached_property
+    def _across(self) -> Any:
+        """The planar model of motions in the plane x = 0, where terms may have other numbers."""
+        terms = tuple(term.across() for term in self._pipe.terms)
+        return self._planar.with_pipe(replace(self._pipe, terms=terms))
+
+    @property
+    def planes(self) -> tuple[Any, ...]:
+        """The planar models of the planes z = 0 and x = 0; empty if the pipe is bent at rest."""
+        if self.rests_bent or not self._pipe.rests_straight:
+            return ()
+        return self._planar, self._across
+
+    @cached_property
+    def resisted(self) -> bool:
+        """Whether linear forces but the flow's and Kelvin-Voigt damping depend on velocities."""
+        return bool(self._planar.resisted or self._across.resisted)
+
+    def _both(self, of: Callable[[Any], Operators]) -> Operators:
+        """Operators of both planes, which are uncoupled, from those of a planar model."""
+        planar = of(self._planar)
+        across = planar if self._pipe.symmetric_about_axis else of(self._across)
+        both: dict[str, Any] = {
+            name: scipy.linalg.block_diag(getattr(planar, name), getattr(across, name))
+            for name in CORE_MATRICES
+        }
+        loss = None if planar.loss is None else scipy.linalg.block_diag(planar.loss, across.loss)
+        return replace(planar, **both, loss=loss)
 
     def operators(self, q: ArrayLike | None = None) -> Operators:
         """Operators of small motions about a configuration in the plane z = 0.
 
         They have a block for motions in that plane, which is the planar one, and a block for those
-        across it. About the straight pipe, which is taken by default, both are the same.
+        across it. About the straight pipe, which is taken by default, both are the same, unless
+        terms have other numbers across the plane.
         """
         rest = self._reference if q is None else self._in_plane(q)
         if rest is None or not rest.any():
-            return self._twice(self._planar.operators())
+            return self._both(lambda planar: planar.operators())
         return self._with_loss(lambda model: model._about_bent(rest))
 
     def _about_bent(self, rest: Array) -> Operators:
@@ -190,7 +297,8 @@ class SpatialModel(Model):
         rates, and the other matrices from derivatives of accelerations at three speeds, which are
         quadratic in the speed; their derivative by the unsteady flow from one at its rate 1.
         """
-        half, pipe = self._planar.dof, self._pipe
+        half, pipe = self._planar.coordinates, self._pipe
+        free = self._directions(rest)[half:, self._planar.dof :]
         rates = np.eye(half)
         i, k = np.triu_indices(half)
         both = np.concatenate([rates, rates[i] + rates[k]]).T
@@ -222,7 +330,8 @@ class SpatialModel(Model):
         }
         planar = self._planar.operators(rest[:half])
         blocks: dict[str, Any] = {
-            name: scipy.linalg.block_diag(getattr(planar, name), of) for name, of in across.items()
+            name: scipy.linalg.block_diag(getattr(planar, name), free.T @ of @ free)
+            for name, of in across.items()
         }
         return Operators(
             **blocks, direction=planar.direction, centrifugal=planar.centrifugal, loss=None
@@ -231,7 +340,7 @@ class SpatialModel(Model):
     def elastic_operators(self) -> Operators:
         """Operators in elastic coordinates; about the straight pipe two blocks of planar ones."""
         if self._reference is None or not self._reference.any():
-            return self._twice(self._planar.elastic_operators())
+            return self._both(lambda planar: planar.elastic_operators())
         return projected(self.operators(), self.from_elastic(np.eye(self.dof)))
 
     @property
@@ -253,7 +362,7 @@ class SpatialModel(Model):
         (x, z), planar, rest = np.split(p, 2), self._planar, self._reference
         if rest is None or not rest.any():
             return np.stack([planar._deflected(half, s, derivative) for half in (x, z)])
-        angles = rest[: planar.dof]
+        angles = rest[: planar.coordinates]
         of_x = planar.about(angles)._deflected(x, s, derivative)
         return np.stack([of_x, self._deflected_across(angles, z, s, derivative)])
 
@@ -272,19 +381,31 @@ class SpatialModel(Model):
         return not self.pipe.drag
 
     def kinks(self, p: Array, pdot: Array, drive: Array | None = None) -> Array:
-        """Functions that are zero where a place reaches the ring of a stop, (stops, k)."""
-        met = [(term.place or 0.0, max(term.kinks)) for term in self.pipe.terms if term.kinks]
+        """Functions that are zero where a place reaches a stop, (contacts, k).
+
+        Stops are rings, or flat along x and z.
+        """
+        met = [
+            (term.place or 0.0, max(term.kinks), *way)
+            for term in self.pipe.terms
+            if term.kinks
+            for way in ([(1.0, 1.0)] if term.symmetric_about_axis else np.eye(2))
+        ]
         if not met:
             return np.empty((0, p.shape[1]))
-        places, gaps = np.array(met).T
+        places, gaps, *ways = np.array(met).T
         at = self._places(p, places)[:, [0, 2]]
         if drive is not None:
             at = at + drive[[1, 7]]
-        return np.linalg.norm(at, axis=1) - gaps[:, None]
+        return np.linalg.norm(at * np.transpose(ways)[:, :, None], axis=1) - gaps[:, None]
 
     @abstractmethod
     def _places(self, p: Array, places: Array) -> Array:
-        """Positions from the base of points on the pipe, (points, 3, k), at p (dof, k)."""
+        """Positions on the pipe from the base, (points, 3, k), at p (coordinates, k)."""
+
+    @abstractmethod
+    def _places_by(self, p: Array, places: Array) -> Array:
+        """Derivatives of these by p, (points, 3, coordinates, k)."""
 
     def stop_places(self) -> tuple[Array, Array, Array]:
         """No places: contacts with rings are not looked for within the steps of an integrator."""
@@ -298,7 +419,7 @@ class SpatialModel(Model):
         angle: Callable[[Array], ArrayLike],
         across: Callable[[Array], ArrayLike] | None = None,
     ) -> Array:
-        """Coordinates q, shape (dof,), of a bent pipe.
+        """Coordinates q, shape (coordinates,), of a bent pipe, close by those that meet supports.
 
         Args:
             angle: a_x as a function of arc lengths s, (p,) to (p,): in the plane z = 0 the angle
@@ -310,14 +431,15 @@ class SpatialModel(Model):
             >>> chain.bent(lambda s: 0.1 * s, lambda s: 0.2 * s).round(3)
             array([0.025, 0.075, 0.05 , 0.15 ])
         """
-        return self.sampled(angle, across)
+        q = self.sampled(angle, across)
+        return self._onto_supports("angle", q, np.zeros_like(q))[: q.size]
 
     def sampled(
         self,
         angle: Callable[[Array], ArrayLike],
         across: Callable[[Array], ArrayLike] | None = None,
     ) -> Array:
-        """Coordinates, shape (dof,), from angles or rates, as for `bent`."""
+        """Coordinates, shape (coordinates,), from angles or rates; they need not meet supports."""
         along = self._from_angles(self._angles(angle, self._angle_places))
         if across is None:
             return np.concatenate([along, np.zeros_like(along)])
@@ -337,7 +459,7 @@ class SpatialModel(Model):
         """Configurations, or states [q, q'], turned about the axis of the straight pipe.
 
         Args:
-            y: configurations (dof, ...) or states (2 dof, ...).
+            y: configurations (coordinates, ...) or states (2 coordinates, ...).
             angle: angle of rotation from x towards z, in rad.
 
         Returns:
@@ -349,14 +471,13 @@ class SpatialModel(Model):
             array([0. , 0.1])
         """
         states = check.doubles("y", y, "an array of real numbers")
-        if states.shape[:1] not in ((self.dof,), (2 * self.dof,)):
-            raise ValueError(
-                f"y must have {self.dof} or {2 * self.dof} rows, got shape {states.shape}"
-            )
+        rows = self.coordinates
+        if states.shape[:1] not in ((rows,), (2 * rows,)):
+            raise ValueError(f"y must have {rows} or {2 * rows} rows, got shape {states.shape}")
         check.entries("y", states, np.isfinite(states), "be finite")
         turn = check.real("angle", angle, **ANGLES)
         cosine, sine = np.cos(turn), np.sin(turn)
-        halves = states.reshape(len(states) // self.dof, 2, -1, *states.shape[1:])
+        halves = states.reshape(len(states) // rows, 2, -1, *states.shape[1:])
         x, z = halves[:, 0], halves[:, 1]
         moved = np.stack([cosine * x - sine * z, sine * x + cosine * z], axis=1)
         return moved.reshape(states.shape)

@@ -12,12 +12,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar, cast
 
 import numpy as np
 
 from pipedyn import _core
-from pipedyn.models.scales import SLACK, Scales, checked_place, number, repr_of
+from pipedyn.models.scales import SLACK, Scales, checked_place, given_fields, number, repr_of
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 
@@ -27,6 +27,10 @@ if TYPE_CHECKING:
 MOST_TERMS = 400
 """Largest number of terms. A reduced model has a panel between each two places: with four functions
 each, 400 panels take 1,600 of the 2,000 functions of the largest basis."""
+
+
+ALONG_Z = "_across"
+"""End of the name of a number along z, of motions across the plane z = 0; None: as along x."""
 
 
 def place() -> Any:
@@ -62,12 +66,11 @@ class Term:
     def __post_init__(self) -> None:
         if type(self) is Term:
             raise TypeError("Term must be one of its laws, such as PointMass, got Term itself")
-        for item in fields(self):  # the pipe checks upper bounds, as these may be in SI
+        for item, value in given_fields(self):  # the pipe checks upper bounds, which may be in SI
             rule = dict(item.metadata.get("range", {}))
             rule.pop("high", None)
             if rule.get("low", 0.0) < 0.0:
                 del rule["low"]
-            value = getattr(self, item.name)
             if not check.is_quantity(value):  # `Pipe.from_si` converts quantities
                 object.__setattr__(self, item.name, check.real(item.name, value, **rule))
 
@@ -100,12 +103,27 @@ class Term:
 
     @property
     def numbers(self) -> dict[str, float]:
-        """Numbers of the term by name, without its place."""
-        return {item.name: getattr(self, item.name) for item in fields(self) if item.name != "at"}
+        """Numbers of the term by name, without its place and without those that are None."""
+        return {item.name: value for item, value in given_fields(self) if item.name != "at"}
+
+    @property
+    def symmetric_about_axis(self) -> bool:
+        """Whether the law is the same in all directions across the straight pipe."""
+        numbers = self.numbers
+        return all(numbers.get(name + ALONG_Z, one) == one for name, one in numbers.items())
+
+    def across(self) -> Self:
+        """The law whose numbers along x are those of this one along z."""
+        numbers = self.numbers
+        return replace(
+            self, **{name: numbers.get(name + ALONG_Z, numbers[name]) for name in numbers}
+        )
 
     def law_numbers(self, damping: float) -> list[float]:
         """Numbers of the law in the core's order, for a pipe with this Kelvin-Voigt damping."""
-        return list(self.numbers.values())
+        found = {item.name: getattr(self, item.name) for item in fields(self) if item.name != "at"}
+        each = found.items()
+        return [found[key.removesuffix(ALONG_Z)] if one is None else one for key, one in each]
 
 
 @saved_as("PointMass", added=("inertia",))
@@ -141,7 +159,7 @@ class PointMass(Term):
     inertia: float = number(1e3, mass=1, length=3, default=0.0)
 
 
-@saved_as("Spring")
+@saved_as("Spring", added=("stiffness_across",))
 @dataclass(frozen=True, repr=False)
 class Spring(Term):
     """A spring between one place of the pipe and the axis of the straight pipe.
@@ -152,24 +170,31 @@ class Spring(Term):
     Attributes:
         at: arc length from the clamp in L, 0 < at <= 1.
         stiffness: >= 0, in EI / L^3.
+        stiffness_across: of the force along z, >= 0, in a model in three dimensions; None if it is
+            that along x.
 
     In `Pipe.from_si`: at in m, stiffness in N/m.
 
-    Source: energy stiffness * x^2 / 2.
+    Source: energy stiffness * x^2 / 2, in three dimensions that and stiffness_across * z^2 / 2.
 
     Example:
         >>> import pipedyn as pp
         >>> pipe = pp.Pipe(beta=0.2, terms=[pp.Spring(at=0.5, stiffness=20.0)])
         >>> pipe.terms
         (Spring(at=0.5, stiffness=20),)
+        >>> guided = pp.Pipe(0.2, terms=[pp.Spring(0.5, 20.0, stiffness_across=0.0)])
+        >>> found = pp.crossings(pp.Chain(guided, 10, dimensions=3), 6.0)
+        >>> [round(one.speed, 3) for one in found]
+        []
     """
 
     law: ClassVar[str] = "spring"
     at: float = place()
     stiffness: float = number(1e9, mass=1, length=1, time=-2)
+    stiffness_across: float | None = number(1e9, mass=1, length=1, time=-2, default=None)
 
 
-@saved_as("RotationalSpring")
+@saved_as("RotationalSpring", added=("stiffness_across",))
 @dataclass(frozen=True, repr=False)
 class RotationalSpring(Term):
     """A rotational spring between one place of the pipe and the ground.
@@ -181,10 +206,13 @@ class RotationalSpring(Term):
     Attributes:
         at: arc length from the clamp in L, 0 < at <= 1; a spring at the root is `RootSpring`.
         stiffness: >= 0, in EI / L.
+        stiffness_across: of rotation across the plane z = 0, >= 0, in a model in three dimensions;
+            None if it is that of rotation in the plane.
 
     In `Pipe.from_si`: at in m, stiffness in N m/rad.
 
-    Source: energy stiffness * theta^2 / 2.
+    Source: energy stiffness * theta^2 / 2; in three dimensions (stiffness * a_x^2 +
+    stiffness_across * a_z^2) / 2 with the rotation vector (a_x, a_z) of the tangent.
 
     Example:
         >>> import pipedyn as pp
@@ -196,9 +224,10 @@ class RotationalSpring(Term):
     law: ClassVar[str] = "rotational_spring"
     at: float = place()
     stiffness: float = number(1e9, mass=1, length=3, time=-2)
+    stiffness_across: float | None = number(1e9, mass=1, length=3, time=-2, default=None)
 
 
-@saved_as("RotationalDamper")
+@saved_as("RotationalDamper", added=("coefficient_across",))
 @dataclass(frozen=True, repr=False)
 class RotationalDamper(Term):
     """A viscous damper between one place of the pipe and the ground that resists rotation.
@@ -210,10 +239,14 @@ class RotationalDamper(Term):
     Attributes:
         at: arc length from the clamp in L, 0 < at <= 1.
         coefficient: >= 0, in sqrt(EI (mu_p + mu_f)) L.
+        coefficient_across: of rotation across the plane z = 0, >= 0, in a model in three
+            dimensions; None if it is that of rotation in the plane.
 
     In `Pipe.from_si`: at in m, coefficient in N m s/rad.
 
-    Source: power -coefficient * theta'^2.
+    Source: power -coefficient * theta'^2. In three dimensions the couple resists the angular
+    velocity t x t' of the tangent t: its component along z with the coefficient, that along x with
+    coefficient_across, and that along y with their mean.
 
     Example:
         >>> import pipedyn as pp
@@ -225,9 +258,10 @@ class RotationalDamper(Term):
     law: ClassVar[str] = "rotational_damper"
     at: float = place()
     coefficient: float = number(1e9, mass=1, length=3, time=-1)
+    coefficient_across: float | None = number(1e9, mass=1, length=3, time=-1, default=None)
 
 
-@saved_as("Damper")
+@saved_as("Damper", added=("coefficient_across",))
 @dataclass(frozen=True, repr=False)
 class Damper(Term):
     """A viscous damper between one place of the pipe and the ground, across the pipe.
@@ -238,10 +272,12 @@ class Damper(Term):
     Attributes:
         at: arc length from the clamp in L, 0 < at <= 1.
         coefficient: >= 0, in sqrt(EI (mu_p + mu_f)) / L.
+        coefficient_across: of the force along z, >= 0, in a model in three dimensions; None if it
+            is that along x.
 
     In `Pipe.from_si`: at in m, coefficient in N s/m.
 
-    Source: power -coefficient * x'^2.
+    Source: power -coefficient * x'^2, in three dimensions that and -coefficient_across * z'^2.
 
     Example:
         >>> import pipedyn as pp
@@ -253,9 +289,10 @@ class Damper(Term):
     law: ClassVar[str] = "damper"
     at: float = place()
     coefficient: float = number(1e9, mass=1, length=1, time=-1)
+    coefficient_across: float | None = number(1e9, mass=1, length=1, time=-1, default=None)
 
 
-@saved_as("Foundation")
+@saved_as("Foundation", added=("stiffness_across",))
 @dataclass(frozen=True, repr=False)
 class Foundation(Term):
     """An elastic foundation all along the pipe, made of independent springs.
@@ -265,6 +302,7 @@ class Foundation(Term):
 
     Attributes:
         stiffness: >= 0, in EI / L^4.
+        stiffness_across: of the force along z, as for `Spring`.
 
     In `Pipe.from_si`: stiffness in N/m^2.
 
@@ -279,6 +317,7 @@ class Foundation(Term):
 
     law: ClassVar[str] = "foundation"
     stiffness: float = number(1e9, mass=1, time=-2)
+    stiffness_across: float | None = number(1e9, mass=1, time=-2, default=None)
 
 
 @saved_as("Viscosity")
@@ -342,7 +381,7 @@ class AddedMass(Term):
     chi: float = number(1e6, mass=1)
 
 
-@saved_as("CubicSpring")
+@saved_as("CubicSpring", added=("stiffness_across",))
 @dataclass(frozen=True, repr=False)
 class CubicSpring(Term):
     """A hardening spring between one place of the pipe and the axis of the straight pipe.
@@ -353,10 +392,13 @@ class CubicSpring(Term):
     Attributes:
         at: arc length from the clamp in L, 0 < at <= 1.
         stiffness: >= 0, in EI / L^5.
+        stiffness_across: of the force along z, as for `Spring`; 0 for a restraint along x alone.
 
     In `Pipe.from_si`: at in m, stiffness in N/m^3.
 
     Source: energy stiffness * x^4 / 4; Paidoussis, Fluid-Structure Interactions, vol. 1, sec. 5.8.
+    In three dimensions the energy is (sqrt(stiffness) x^2 + sqrt(stiffness_across) z^2)^2 / 4, of
+    the fourth power of the distance from the axis if both numbers are the same.
 
     Example:
         >>> import pipedyn as pp
@@ -368,9 +410,10 @@ class CubicSpring(Term):
     law: ClassVar[str] = "cubic_spring"
     at: float = place()
     stiffness: float = number(1e12, mass=1, length=-1, time=-2)
+    stiffness_across: float | None = number(1e12, mass=1, length=-1, time=-2, default=None)
 
 
-@saved_as("Stop")
+@saved_as("Stop", added=("stiffness_across",))
 @dataclass(frozen=True, repr=False)
 class Stop(Term):
     """Two elastic stops beside one place of the pipe, a motion-limiting restraint.
@@ -385,6 +428,8 @@ class Stop(Term):
         gap: distance > 0 from the axis of the straight pipe to either stop, in L; a stop without a
             gap is a `Spring`.
         stiffness: >= 0, in EI / L^3.
+        stiffness_across: None for a round ring in three dimensions. A number >= 0 makes both stops
+            flat, with two more of this stiffness and the same gap along z; 0 for none there.
 
     In `Pipe.from_si`: at and gap in m, stiffness in N/m.
 
@@ -403,6 +448,17 @@ class Stop(Term):
     at: float = place()
     gap: float = number(1e6, length=1, open_low=True)
     stiffness: float = number(1e9, mass=1, length=1, time=-2)
+    stiffness_across: float | None = number(1e9, mass=1, length=1, time=-2, default=None)
+
+    def law_numbers(self, damping: float) -> list[float]:
+        """Gap and stiffnesses; a ring has -1 in place of the second."""
+        across = -1.0 if self.stiffness_across is None else self.stiffness_across
+        return [self.gap, self.stiffness, across]
+
+    @property
+    def symmetric_about_axis(self) -> bool:
+        """Whether it is a ring."""
+        return self.stiffness_across is None
 
     @property
     def kinks(self) -> tuple[float, ...]:
@@ -687,9 +743,9 @@ def converted(term: Law, scales: Scales, by: Callable[[float, float], float]) ->
     """A term or root spring with numbers times (mul) or over (truediv) their SI units."""
     bases, numbers = (scales.mass, scales.length, scales.time), {}
     try:
-        for item in fields(term):
+        for item, value in given_fields(term):
             unit = math.prod(map(pow, bases, item.metadata["powers"]))
-            numbers[item.name] = by(getattr(term, item.name), unit)
+            numbers[item.name] = by(value, unit)
     except OverflowError:
         raise ValueError(f"{term!r} overflows in units of {scales}") from None
     return replace(term, **numbers)
@@ -701,9 +757,9 @@ def in_range(terms: tuple[Term, ...], given: str = "") -> tuple[Term, ...]:
     given: text for error messages on the origin of the numbers.
     """
     for i, term in enumerate(terms):
-        for item in fields(term):
+        for item, value in given_fields(term):
             rule = item.metadata["range"]
-            check.real(f"terms[{i}].{item.name}{given}", getattr(term, item.name), **rule)
+            check.real(f"terms[{i}].{item.name}{given}", value, **rule)
     return terms
 
 

@@ -13,6 +13,8 @@ import numpy as np
 import scipy
 
 from pipedyn.models.base import Model
+from pipedyn.models.chain import SpatialChain
+from pipedyn.models.space import in_first_chart
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
@@ -78,7 +80,8 @@ class DenseOutput(Result):
     Attributes:
         t: times at which steps begin and end, shape (steps + 1,).
         coefficients: coefficients of the powers of x = (t - t_i) / (t_{i+1} - t_i) in each step,
-            shape (steps, degree + 1, 2 integrated).
+            shape (steps, degree + 1, 2 integrated); of a chain in three dimensions the signs of its
+            segments' charts follow as constants, 1 or -1.
         model: the model that moves.
     """
 
@@ -102,8 +105,20 @@ class DenseOutput(Result):
         at = check.array("t", np.atleast_1d(t), low=float(self.t[0]), high=float(self.t[-1]))
         step = np.clip(np.searchsorted(self.t, at, "right") - 1, 0, len(self.coefficients) - 1)
         y = powers(self.coefficients[step], (at - self.t[step]) / np.diff(self.t)[step])
-        states = np.concatenate(self.model.to_user(*np.split(y, 2, axis=1)), axis=1)
+        states = np.concatenate(_recorded(self.model, y), axis=1)
         return np.asarray(states[0] if np.ndim(t) == 0 else states.T)
+
+
+def _recorded(model: Model, states: Array) -> tuple[Array, Array]:
+    """Coordinates and rates for users, (k, coordinates) each, of k integrated states.
+
+    The rows of `states` begin with [p, p']; they may end with the signs of charts.
+    """
+    size = model.integrated
+    p, rates = states[:, :size], states[:, size : 2 * size]
+    if isinstance(model, SpatialChain) and states.shape[1] > 2 * size:
+        p, rates = in_first_chart(p, rates, states[:, -(size // 2) :])
+    return model.to_user(p, rates)
 
 
 def powers(coefficients: Array, x: Array) -> Array:
@@ -171,7 +186,7 @@ class Recorder:
         self, model: Model, events: Sequence[Event], t: float, state: Array, dense: bool
     ) -> None:
         self.model, self.events, self.dense = model, events, dense
-        q, qdot = self._recorded(state[None])
+        q, qdot = self._recorded(state[None, : 2 * model.integrated])
         self._last = [self._value(i, t, q[0], qdot[0]) for i in range(len(events))]
         self._found: list[list[tuple[float, Array, Array]]] = [[] for _ in events]
         self._ends, self._steps = [np.array([t])], list[Array]()
@@ -180,8 +195,7 @@ class Recorder:
 
     def _recorded(self, states: Array) -> tuple[Array, Array]:
         """Coordinates and rates, (k, coordinates) each, of integrated states in the k rows."""
-        size = self.model.integrated
-        return self.model.to_user(states[:, :size], states[:, size : 2 * size])
+        return _recorded(self.model, states)
 
     def _value(self, i: int, t: float, q: Array, qdot: Array) -> float:
         """Value of the function of event i, checked to be a finite number."""
@@ -201,7 +215,11 @@ class Recorder:
         last = self._search(ends, coefficients) if self.events else None
         if self.dense:
             self._ends.append(ends[1:])
-            self._steps.append(coefficients[:, :, : 2 * self.model.integrated])
+            size = 2 * self.model.integrated
+            parts = [coefficients[:, :, :size]]
+            if isinstance(self.model, SpatialChain):
+                parts.append(coefficients[:, :, size + 1 :])
+            self._steps.append(np.concatenate(parts, axis=2))
             self.kept += coefficients.size
         return last
 

@@ -36,6 +36,7 @@ from pipedyn.models.drive import (
     Speed,
     Supply,
 )
+from pipedyn.models.space import SpatialModel
 from pipedyn.modular.assembly import Assembly
 from pipedyn.motion.constant_head import ConstantHead
 from pipedyn.motion.events import (
@@ -878,22 +879,22 @@ def checked_model_in_motion(
     largest: float = math.inf,
     purpose: str = "",
     *,
-    planar: bool = False,
+    symmetric: bool = False,
 ) -> Model:
     """The argument, refused unless it has equations of motion and at most `largest` dof.
 
-    `planar`: whether models in three dimensions are refused, where their symmetry about the axis
-    makes each answer one of a circle of answers.
+    `symmetric`: whether models in three dimensions are refused that turns about the axis change.
     """
     if not isinstance(model, Model):
         raise TypeError(
             f"{name} must be a Chain, a Galerkin model or an Assembly (of a Continuum, take "
             f"Continuum.frozen(m)), got {check.shown(model)}"
         )
-    if planar and model.dimensions == 3:
+    if symmetric and model.dimensions == 3 and not model.pipe.symmetric_about_axis:
         raise ValueError(
-            f"{name} must move in a plane for {purpose}, got {check.shown(model)}: take "
-            "its .planar; in three dimensions ask simulate, hopf, limit_cycle and rotating_motion"
+            f"{name} must be the same in all directions across its axis for {purpose}, without a "
+            f"load or jet across it and with terms alike in x and z, got {check.shown(model)}: ask "
+            "limit_cycle and simulate"
         )
     if model.dof > largest:
         many = f"{largest} degrees of freedom for {purpose}"

@@ -345,8 +345,8 @@ def films(
 ) -> dict[str, Film]:
     """Films, by name, of the attractors that are not at rest, each on a figure of its own.
 
-    For a diagram, the films show the stable cycles at a flow speed, and the irregular motions at
-    that speed, which are continued from their ends for a time of 10 T.
+    For a diagram, the films show the stable cycles and circular motions at a flow speed, and the
+    irregular motions at that speed, which are continued from their ends for a time of 10 T.
 
     Args:
         found: attractors, or a diagram.
@@ -375,12 +375,15 @@ def films(
         raise ValueError(f"speed must be one of the diagram's speeds, got {speed:g}")
     cycles = [one for branch in diagram.cycles for one in branch.at(speed) if one.stable]
     made = {f"cycle {k}": animate(one, **how) for k, one in enumerate(cycles)}
+    circles = [one for branch in diagram.rotating for one in branch.at(speed) if one.stable]
+    begins = {f"circle {k}": np.append(one.q, one.qdot) for k, one in enumerate(circles)}
     for one in diagram.at(speed):
         if not (one.repeats or one.ending == "failed"):
-            q, qdot = np.split(one.end, 2)
-            motion = simulate(diagram.model, speed, FILMED, q, qdot)
-            span = View(units, motion.model.pipe).one(ELAPSED) * motion.t[[0, -1]]
-            made[f"motion from start {one.start}"] = animate(motion, span=span, **how)
+            begins[f"motion from start {one.start}"] = one.end
+    for name, state in begins.items():
+        motion = simulate(diagram.model, speed, FILMED, *np.split(state, 2))
+        span = View(units, motion.model.pipe).one(ELAPSED) * motion.t[[0, -1]]
+        made[name] = animate(motion, span=span, **how)
     return made
 
 

@@ -273,7 +273,7 @@ def forced_response(
     for branch in response.branches:
         points, steady = _fine_curve(branch)
         curve = smooth(*(points * [per, one, one]).T)
-        looks = [(branch.kind, BRANCH_LOOKS[branch.kind], curve[:, :2])]
+        looks = [(str(branch.kind), BRANCH_LOOKS[branch.kind], curve[:, :2])]
         if points[:, 2].any():
             looks.append(("across", ACROSS_LOOK, curve[:, ::2]))
         for name, (colour, wider), drawn in looks:

@@ -76,6 +76,7 @@ OF_A_NUMBER = {
 
 SYMBOLS = {"mass": "m", "inertia": "J", "stiffness": "k", "coefficient": "c", "gap": "d"}
 SYMBOLS |= {"load": "P", "sigma": r"\sigma", "chi": r"\chi"}
+SYMBOLS |= {"stiffness_across": "k_z", "coefficient_across": "c_z"}
 """Symbols, in TeX, of the numbers of terms and of the spring at the root."""
 
 SCALES = {(0.0, 0.0): "", (1.0, 0.0): "EI", (0.0, 1.0): r"(\mu_p+\mu_f)"}
@@ -91,7 +92,7 @@ def of_number(name: str, pipe: Pipe) -> Measure:
     holder, symbol = number.holder(pipe), SYMBOLS[number.attribute]
     words = re.sub("(?<=[a-z])(?=[A-Z])", " ", type(holder).__name__).lower()
     if not symbol.startswith("\\"):  # a Greek letter is the only number of its term
-        words = f"{number.attribute} of the {words}"
+        words = f"{number.attribute.replace('_', ' ')} of the {words}"
     if name.startswith("terms"):
         words += f" {name.split('.')[0]}"
     mass, length, time = type(holder).__dataclass_fields__[number.attribute].metadata["powers"]
