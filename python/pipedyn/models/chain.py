@@ -575,7 +575,7 @@ class SpatialChain(SpatialModel):
     def _places_by(self, p: Array, places: Array) -> Array:
         lengths = self._planar._displacing(places)[1]
         found = np.einsum("pj,dcjk->pcdjk", lengths, tangents_by(p))
-        return found.reshape(places.size, 3, self.coordinates, -1)
+        return found.reshape(places.size, 3, self.coordinates, p.shape[1])
 
     @property
     def _angle_places(self) -> Array:

@@ -581,7 +581,7 @@ class SpatialGalerkin(SpatialModel):
             slopes = self._planar._basis_at(nodes, 1)
             by = tangents_by(self._slopes_of(nodes, p))
             found.append(np.einsum("j,dcjk,ji->cdik", weights, by, slopes))
-        return np.array(found).reshape(places.size, 3, -1, p.shape[1])
+        return np.array(found).reshape(places.size, 3, self.coordinates, p.shape[1])
 
     def _centreline(self, q: ArrayLike, s: Array) -> Array:
         return self._places(self._coordinates(q)[:, None], s)[..., 0]
