@@ -316,6 +316,7 @@ TAPERED = pp.Pipe(0.2, stiffness=lambda s: 1.0 - 0.4 * s, mass=pp.Profile([0.5],
 WET = (pp.AddedMass(0.4), pp.Viscosity(0.2), pp.Foundation(3.0), pp.Damper(0.7, 0.3))
 STRUCK = (pp.Stop(0.4, 0.05, 30.0), pp.CubicSpring(0.8, 9.0), pp.Tension(0.5))
 UNEVEN = pp.Pipe(0.2, 3.0, terms=(pp.Spring(0.6, 3.0, 1.0), pp.Stop(0.4, 0.05, 30.0, 0.0), *WET))
+PROPPED = pp.Pipe(0.3, 5.0, damping=0.01, root="pinned", end="clamped", supports=(0.5,))
 SPANS = pp.Pipe(
     *(0.3, 5.0),
     damping=0.01,
@@ -349,6 +350,8 @@ MODELS |= {
     "space": pp.Chain(DRAGGED, 3, dimensions=3),
     "reduced space": pp.Galerkin(PIPE, 2, "legendre", dimensions=3),
     "uneven space": pp.Chain(UNEVEN, 3, dimensions=3),
+    "held space": pp.Chain(PROPPED, 4, dimensions=3),
+    "held reduced space": pp.Galerkin(PROPPED, 4, "legendre", dimensions=3),
 }
 EVERY = {**MODELS, "held": HELD}
 
@@ -814,11 +817,13 @@ def _models() -> Iterator[Target]:
         yield target(model.bent, tag, angle=FUNCTION)
         others = Kind(one_of(model.pipe), PIPES.bad) if name == "tapered" else OTHERS
         if model.dimensions == 3:
-            others = Kind(one_of(PIPE, DRAGGED, SAGGING, JET), PIPES.bad)
+            fair = one_of(PROPPED) if closed else one_of(PIPE, DRAGGED, SAGGING, JET)
+            others = Kind(fair, PIPES.bad)
         yield target(model.with_pipe, tag, pipe=others)
         yield target(model.deflection, tag, q=complexes)
         yield target(model.from_elastic, tag, z=complexes)
-        in_plane = one_of([0.0] * n, np.repeat((0.1, 0.0), n // 2))  # z = 0
+        bent = [] if closed else [np.repeat((0.1, 0.0), n // 2)]
+        in_plane = one_of([0.0] * n, *bent)  # z = 0
         at = Kind(in_plane, q.bad) if model.dimensions == 3 else q
         yield target(model.operators, tag, q=optional(at))
         yield target(model.about, tag, q=at)

@@ -11,6 +11,8 @@ from scipy.special import ellipj, ellipk
 
 import pipedyn as pp
 
+pytestmark = pytest.mark.filterwarnings("ignore::pipedyn.FluttersAcross")  # models of a plane
+
 NUMBERS = [
     ((2.0, 0.5, 1.0), (-0.69465682, -0.40688111, 0.88753556)),
     ((3.0, 1.2, 1.5), (-2.37663077, -0.57639231, 0.30112055)),

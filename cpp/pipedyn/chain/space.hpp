@@ -427,8 +427,7 @@ PowerParts<Number> spatial_accelerations(const ChainModel& model, const Rows& ro
   Space<Number> r = drive.position + model.base * axis<Number>(), velocity = drive.velocity;
   Space<Number> t0 = axis<Number>(), rate0{};
   Number spin{};
-  // The axis across that x becomes along twist-free material, by the smallest rotation at each
-  // joint.
+  // What the x axis becomes along material that does not twist, turned least at each joint.
   Space<Number> side{constant<Number>(1.0), Number{}, Number{}};
   const SegmentTerm* term = model.loads;
   const SegmentTerm* const last_term = model.loads + model.load_count;

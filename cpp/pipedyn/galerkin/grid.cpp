@@ -213,6 +213,10 @@ Grid::Grid(const Basis& basis, const Matrix& from_basis, const Panels& panels, I
   add_inner(orthonormal.topLeftCorner(points, m), 1.0, slope_by_function.leftCols(points),
             to_basis);
   from.topLeftCorner(m, m) = from_basis;
+  Matrix root(2, m);
+  root.row(0) = basis.evaluate(Vector::Zero(1), 1);
+  root.row(1) = root.row(0) * to_basis;
+  const bool turns = root.row(0).cwiseAbs().maxCoeff() > 1e-9;  // not a rounding error
   turned_curvature.topLeftCorner(points, m) = curvature.topLeftCorner(points, m) * to_basis;
   // The integral up to the mirror image of a node is the whole integral minus the part beyond it.
   const Matrix integral = rule.integral_to(rule.node.head(half));
@@ -234,6 +238,7 @@ Grid::Grid(const Basis& basis, const Matrix& from_basis, const Panels& panels, I
             .slope_by_function = keep(std::move(slope_by_function)),
             .slope = slope.data(),
             .orthonormal = keep(std::move(orthonormal)),
+            .root_slope = turns ? keep(root) : nullptr,
             .to_basis = keep(to_basis),
             .from_basis = keep(std::move(from)),
             .from_sums = keep(std::move(from_sums)),

@@ -36,12 +36,13 @@ struct GridTables {
   const double* slope_by_function;  // Theta_i at the points, (m, stride)
   const double* slope;              // Theta_i at the points, (N, padded), with room for a vector
   const double* orthonormal;        // the same for the orthonormal functions, (N, padded)
-  const double* to_basis;           // orthonormal coordinates to amplitudes, (m, m)
-  const double* from_basis;         // inverse of the first, (m, padded), with room for a vector
-  const double* from_sums;          // matrix above, for a panel of length 1, (h, h)
-  const double* from_differences;   // matrix above, for a panel of length 1, (h, h)
-  const double* length;             // length of each panel, (P,)
-  const double* curvature;          // Theta_i' at the points, (N, padded)
+  const double* root_slope;  // Theta_i at the root in both, (2, m); null: its direction is held
+  const double* to_basis;    // orthonormal coordinates to amplitudes, (m, m)
+  const double* from_basis;  // inverse of the first, (m, padded), with room for a vector
+  const double* from_sums;   // matrix above, for a panel of length 1, (h, h)
+  const double* from_differences;       // matrix above, for a panel of length 1, (h, h)
+  const double* length;                 // length of each panel, (P,)
+  const double* curvature;              // Theta_i' at the points, (N, padded)
   const double* orthonormal_curvature;  // the same for the orthonormal functions, (N, padded)
   const double* weight;                 // weights of the quadrature, 0 at the ends of panels, (N,)
   const double* bending;                // these times the bending stiffness, (N,)

@@ -18,9 +18,11 @@
 // Kelvin-Voigt damping acts on the rate at which k changes for material that does not twist, whose
 // spin relative to N is w3 + C m:
 //
-//   d = k' + (w3 - C m) k~,   w3(s) = int_0^s (k_x w_z - k_z w_x),
+//   d = k' + (w3 - C m) k~,   w3(s) = w3(0) + int_0^s (k_x w_z - k_z w_x),
 //
-// k' being the rate of k, with the power -delta int e |d|^2. Its generalised forces are
+// where w3(0) is C m at the root, 0 at a clamp: a hinge lets the pipe turn with N alone, like a
+// universal joint with constant velocity. k' is the rate of k, and the power is -delta int e |d|^2.
+// Its generalised forces are
 //
 //   -delta int e (Theta_i' e_c . R d + Theta_i A_c) + delta int Theta_i n3 e_c . R k~,
 //   A = -E2 mu (d . a~) a + E (d . a~) a'~ + E mu d~ - C (d . k~) a~,   n3(s) = -int_s^1 e d . k~,
@@ -68,6 +70,7 @@ struct SpatialBlock {
   double *integrands, *integrals, *sums;  // sums: integrals of one number a point
   SpatialPoint<Number>* at;
   Number *mass, *force;
+  Across<Number> root_couple{};  // factor of the rotation of the root in the virtual work
   // Of supports, a row for x and one for z of each: G, derivatives of displacements there; M^-1
   // G^T; G M^-1 G^T and then its factor; forces.
   const Count holds = 2 * effects.held_count;
@@ -215,16 +218,25 @@ struct SpatialBlock {
     }
     Number power{};
     if (effects.damping == 0.0) return power;
+    Across<Number> root{}, root_rate{};
+    for (Count i = 0; grid.root_slope != nullptr && i < m; ++i) {
+      const double slope = grid.root_slope[i];
+      root = root + slope * Across<Number>{rows.row(i), rows.row(m + i)};
+      root_rate = root_rate + slope * Across<Number>{rows.row(2 * m + i), rows.row(3 * m + i)};
+    }
+    const Across<Number> root_spin = Rotation<Number>(dot(root, root)).c * root.turned();
+    const Number spin = dot(root_spin, root_rate);
     integrate_number(
         sums, [&](Count p) { return Number(at[p].bend.x * at[p].w.z - at[p].bend.z * at[p].w.x); });
     for (Count p = 0; p < points; ++p) {
-      at[p].damped = at[p].damped + number(sums, p) * at[p].bend.turned();
+      at[p].damped = at[p].damped + (spin + number(sums, p)) * at[p].bend.turned();
     }
     integrate_number(sums, [&](Count p) {
       const double w = grid.weight[p], stiffness = w != 0.0 ? grid.bending[p] / w : 0.0;
       return Number(stiffness * dot(at[p].damped, at[p].bend.turned()));
     });
     const Number whole = number(sums, last);
+    root_couple = (-effects.damping * whole) * root_spin;
     for (Count p = 0; p < points; ++p) {
       SpatialPoint<Number>& here = at[p];
       const Across<Number>& d = here.damped;
@@ -323,6 +335,9 @@ struct SpatialBlock {
           sum = sum + grid.orthonormal[p * padded + i] * (c == 0 ? here.couple.x : here.couple.z);
           sum = sum + grid.orthonormal_curvature[p * padded + i] *
                           (c == 0 ? here.curving.x : here.curving.z);
+        }
+        if (grid.root_slope != nullptr) {
+          sum = sum + grid.root_slope[m + i] * (c == 0 ? root_couple.x : root_couple.z);
         }
         for (Count k = 0; k < m; ++k) {
           sum = sum - grid.elastic_forces[k * m + i] * rows.row(c * m + k);

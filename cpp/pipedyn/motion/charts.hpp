@@ -7,8 +7,8 @@
 //
 // is the same tangent from the nearer end of the axis: in the other chart if k is odd.
 //
-// A segment whose motion stays in a plane through the axis passes there without harm and keeps its
-// chart, so that its angle counts its turns.
+// A segment that moves in a plane through the axis, to rounding, passes there without harm and keeps
+// its chart, so that its angle counts its turns.
 #pragma once
 
 #include <cmath>
@@ -41,8 +41,8 @@ class Charts {
   bool choose(Index member, double* y) {
     // Half way between the poles is pi / 2; segments that stay near it do not change at each step.
     constexpr double farthest = 2.0;
-    // Motion along the rotation vector counts as in a plane if the part across it is less.
-    constexpr double in_plane = 1e-8;
+    // Largest part of the rate across the rotation vector in a plane: a thousand times rounding.
+    constexpr double in_plane = 1e-13;
     bool changed = false;
     for (Index j = 0; j < segments(); ++j) {
       const auto [x, z, dx, dz] = at(y, j);

@@ -15,10 +15,9 @@ namespace {
 
 struct CubicSpring : NoLaw {
   static constexpr const char* name = "cubic_spring";
-  double k, root, root_z;
+  double k, k_z;
 
-  explicit CubicSpring(const pipedyn::Term& term)
-      : k(term.numbers[0]), root(std::sqrt(k)), root_z(std::sqrt(term.numbers[1])) {}
+  explicit CubicSpring(const pipedyn::Term& term) : k(term.numbers[0]), k_z(term.numbers[1]) {}
   auto load(const auto& at) const { return Load(-k * (at.x * at.x * at.x), none); }
   template <class Real>
   Real energy(const Station<Real>& at) const {
@@ -27,13 +26,19 @@ struct CubicSpring : NoLaw {
   }
   template <class Number>
   SpatialLoad<Number> load_in_space(const SpatialStation<Number>& at) const {
-    const Space<Number> pull = off_axis(at.r, root, root_z);
+    const Space<Number> pull = rooted(at.r);
     return {-dot(pull, at.r) * pull};
   }
   template <class Number>
   Number energy_in_space(const SpatialStation<Number>& at) const {
-    const Number square = dot(off_axis(at.r, root, root_z), at.r);
+    const Number square = dot(rooted(at.r), at.r);
     return 0.25 * (square * square);
+  }
+
+ private:
+  template <class Number>
+  Space<Number> rooted(const Space<Number>& r) const {
+    return off_axis(r, std::sqrt(k), std::sqrt(k_z));
   }
 };
 

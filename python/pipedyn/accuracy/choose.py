@@ -51,7 +51,7 @@ from pipedyn.models.pipe import Pipe, checked_pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.counters import clock, count_work, time_limit
-from pipedyn.util.errors import NotConverged, PipedynError
+from pipedyn.util.errors import NotConverged, PipedynError, warn_of_plane
 from pipedyn.util.parallel import track
 from pipedyn.util.result import Result, Table, TableResult
 
@@ -218,7 +218,8 @@ def trade(
             "root_loci" (speeds, count=4: branches of eigenvalues),
             "motion" (u, duration, start=theta(s), rates=dtheta/dt(s), samples=201, rtol=1e-8: the
             path of the free end, from the least damped mode if no start is given),
-            "limit_cycle" (u, rtol=1e-8: amplitude and frequency).
+            "limit_cycle" (u, rtol=1e-8: amplitude and frequency). The first three also take
+            dimensions=3, for motions across the plane in which a load bends the pipe as well.
         families: what to measure: spring rules ("consistent", "midpoint", "rayleigh", "uniform",
             "frequency"), bases ("beam", "legendre"), Richardson's extrapolation from chains of n
             and 2 n ("consistent pair", ...), or "chain", "reduced" or "pair" for all of a kind.
@@ -248,6 +249,8 @@ def trade(
     """
     pipe = checked_pipe(pipe)
     asked = checked_quantity(quantity, conditions, pipe).prepared(pipe)
+    if asked.sees_one_plane_of(pipe):
+        warn_of_plane(__name__)
     chosen = checked_families("families", families, USUAL)
     wanted = _sizes(sizes, chosen, asked.least)
     every = [(family, size) for family in chosen for size in wanted[family.name]]
@@ -305,7 +308,7 @@ def measure_model(
     dof, begin = 0, clock()
     try:
         while len(times) < repeats and sum(times) < LONGEST_ANSWER:
-            models = family.models(pipe, size)
+            models = family.models(pipe, size, quantity.dimensions)
             dof = sum(model.dof for model in models)
             if models[0].dof < quantity.least:
                 raise ValueError(f"size must be at least {quantity.least} here, got {size}")
@@ -514,6 +517,8 @@ def choose(
     if budget is not None:
         budget = check.real("budget", budget, low=0.0, high=1e6, open_low=True)
     asked = checked_quantity(quantity, conditions, pipe, tolerance)
+    if asked.sees_one_plane_of(pipe):
+        warn_of_plane(__name__)
     families = checked_families("among", among, CANDIDATES)
     repeats = check.count("repeats", repeats, high=1000)
     start = time.perf_counter()
@@ -535,7 +540,7 @@ def choose(
     if row is None or (budget is not None and not row.seconds <= budget):
         raise _refusal(search, row or search.nearest(tolerance), demand)
     return Choice(
-        models=FAMILIES[row.family].models(pipe, row.size),
+        models=FAMILIES[row.family].models(pipe, row.size, asked.dimensions),
         row=row,
         tolerance=tolerance,
         budget=budget,

@@ -49,17 +49,17 @@ class ModelFamily:
         """Whether the answer is extrapolated from two models, the second of twice the size."""
         return self.name.endswith(" pair")
 
-    def make(self, pipe: Pipe, size: int) -> Model:
+    def make(self, pipe: Pipe, size: int, dimensions: Literal[2, 3] = 2) -> Model:
         """The model of a pipe with `size` segments or functions."""
         word = self.name.removesuffix(" pair")
         if word in RULES:
-            return Chain(pipe, size, springs=word)
-        return Galerkin(pipe, size, check.choice("basis", word, BASES))
+            return Chain(pipe, size, springs=word, dimensions=dimensions)
+        return Galerkin(pipe, size, check.choice("basis", word, BASES), dimensions=dimensions)
 
-    def models(self, pipe: Pipe, size: int) -> tuple[Model, ...]:
+    def models(self, pipe: Pipe, size: int, dimensions: Literal[2, 3] = 2) -> tuple[Model, ...]:
         """The model of a size; for a pair two models, the second of twice the size."""
         members = (size, 2 * size) if self.paired else (size,)
-        return tuple(self.make(pipe, member) for member in members)
+        return tuple(self.make(pipe, member, dimensions) for member in members)
 
     def dof(self, size: int) -> int:
         """Degrees of freedom of the model of a size; for a pair the sum of both models."""

@@ -25,16 +25,15 @@ from pipedyn.linear.critical_speed import NoCrossing
 from pipedyn.linear.modes import CONTINUUM_SPEED, modes
 from pipedyn.linear.neutral import growth
 from pipedyn.linear.reach import Reach
-from pipedyn.models.base import core_pipe
+from pipedyn.models.base import Model, core_pipe
 from pipedyn.models.continuum import LARGEST, Continuum
 from pipedyn.models.drive import InputUnits, Pulsation, Supply
-from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import DEFAULTS, OWN_NUMBERS, Pipe, checked_pipe
 from pipedyn.models.profile import Profile
 from pipedyn.models.supports import RootSpring
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
-from pipedyn.util.errors import PipedynError
+from pipedyn.util.errors import PipedynError, warn_of_plane
 from pipedyn.util.result import RATE, Result, Table, TableResult, speed_in_si
 
 LIMIT_BETA = 1e-9
@@ -211,7 +210,8 @@ def relevant(
         quantity: "critical_speed", "frequencies", "root_loci", "motion" or "limit_cycle", as for
             `trade`.
         tolerance: relative change up to which an effect is negligible, in [1e-8, 1].
-        **conditions: conditions of the quantity: max_speed, count, speeds, duration, ...; with
+        **conditions: conditions of the quantity: max_speed, count, speeds, duration, ..., and
+            dimensions=3 for small motions across the plane of a bent rest as well; with
             units="si" speeds, `u` too, are in m/s and a duration in s.
 
     Returns:
@@ -240,6 +240,8 @@ def relevant(
     speed = check.real("u", u, low=0.0, high=CONTINUUM_SPEED) if steady else math.nan
     tolerance = check.real("tolerance", tolerance, low=1e-8, high=1.0)
     asked = checked_quantity(quantity, conditions, pipe).prepared(pipe)
+    if asked.sees_one_plane_of(pipe):
+        warn_of_plane(__name__)
     if isinstance(asked, MotionOf):
         speed = asked.steady_speed(pipe)
     words, full = _outcome(asked, pipe, tolerance)
@@ -256,7 +258,7 @@ def relevant(
         if not strength:
             return Effect(name, "", "", None, 0.0, 0.0, math.nan, "absent")
         simpler = _without(pipe, names)
-        growth = _growth_at(simpler, speed)
+        growth = _growth_at(simpler, speed, asked)
         left: Any = replace(asked, **_changes(drives, names))  # type: ignore[type-var]
         try:
             without, found = _outcome(left, simpler, tolerance)
@@ -286,7 +288,7 @@ def relevant(
         u=speed,
         quantity=asked,
         full=words,
-        growth=_growth_at(pipe, speed),
+        growth=_growth_at(pipe, speed, asked),
         tolerance=tolerance,
         effects=tuple(effects),
         together=effect(*dropped) if len(dropped) > 1 else None,
@@ -358,7 +360,7 @@ def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> tuple[str, Ans
     if (
         quantity.name == "critical_speed"
         and pipe.axial_gravity < 0.0
-        and _growth_at(pipe, 0.0) > 0.0
+        and _growth_at(pipe, 0.0, quantity) > 0.0
     ):
         state = "buckled at rest, "
     none = Answer(np.zeros(0), f"{state}none")
@@ -372,7 +374,7 @@ def _outcome(quantity: Quantity, pipe: Pipe, tolerance: float) -> tuple[str, Ans
     except NoCrossing as failure:
         return f"{state}{failure.args[0]}", none
     except NoCycle as failure:
-        if not _growth_at(pipe, failure.u) <= 0.0:  # a cycle may exist that was not found
+        if not _growth_at(pipe, failure.u, quantity) <= 0.0:  # a cycle may exist that was not found
             raise
         return "no limit cycle, it rests", none
     words, kind = _answer_in_words(quantity, pipe, found)
@@ -401,8 +403,10 @@ def _speed(u: float, pipe: Pipe) -> str:
     return f"u = {u:.6g}{speed_in_si(u, pipe.scales, 4)}"
 
 
-def _growth_at(pipe: Pipe, u: float) -> float:
+def _growth_at(pipe: Pipe, u: float, asked: Quantity) -> float:
     """Largest real part of an eigenvalue of the pipe at rest at a speed; NaN if none converges.
+
+    Motions are in the planes that the quantity is asked of.
 
     Only eigenvalues up to the magnitude that belongs to a wave which neither flow nor weight can
     buckle are counted. The lowest few alone do not suffice, since they may all lie in the cluster
@@ -418,13 +422,13 @@ def _growth_at(pipe: Pipe, u: float) -> float:
     elastic = wave * math.hypot(math.sqrt(stiff) * wave, math.sqrt(abs(weight)))
     largest = math.hypot(elastic, math.sqrt(across + turning * wave**2)) / math.sqrt(light)
 
-    def least_damped(rom: Galerkin) -> float:
+    def least_damped(rom: Model) -> float:
         values = modes(rom, u).eigenvalues
         return float(growth(values)[np.abs(values) <= largest].max(initial=-math.inf))
 
     first = min(max(16, 2 * half_waves), LARGEST)
     try:
-        found = Continuum(pipe).converge(
+        found = Continuum(pipe, asked.dimensions).converge(
             least_damped, lambda a, b: abs(a - b) / max(abs(b), 1.0), 1e-8, first
         )
         return found.value

@@ -27,7 +27,7 @@ from pipedyn.linear.critical_speed import CriticalSpeed, checked_end, critical_s
 from pipedyn.linear.loci import root_loci
 from pipedyn.linear.modes import CONTINUUM_SPEED, eigenvalues, modes
 from pipedyn.models.base import Model
-from pipedyn.models.continuum import AnyModel, Continuum
+from pipedyn.models.continuum import AnyModel, Continuum, checked_model
 from pipedyn.models.drive import Base, InputUnits, Pulsation, Supply
 from pipedyn.models.galerkin import Galerkin
 from pipedyn.models.pipe import Pipe
@@ -109,6 +109,13 @@ class Quantity(ABC):
     floor: float = 0.0
     """Error below which answers differ by the solver's error, not by their models."""
 
+    dimensions: Literal[2, 3] = 2
+    """Dimensions in which models move: 3 for motions across the plane of a bent rest as well."""
+
+    def sees_one_plane_of(self, pipe: Pipe) -> bool:
+        """Whether the pipe sags and may lose stability across the plane that is asked of."""
+        return not pipe.rests_straight and self.dimensions == 2 and self.name == "critical_speed"
+
     def _set(self, **checked: Any) -> None:
         """Sets fields of the frozen instance to values that have been checked."""
         for name, value in checked.items():
@@ -161,15 +168,17 @@ class Quantity(ABC):
 # ------------------------------------------------------------------------------- linear questions
 
 
-@saved_as("CriticalSpeedOf")
+@saved_as("CriticalSpeedOf", added=("dimensions",))
 @dataclass(frozen=True)
 class CriticalSpeedOf(Quantity):
     """The critical speed u_c; the error is infinite if the kind of instability is wrong."""
 
     name: ClassVar[str] = "critical_speed"
     max_speed: float = 100.0
+    dimensions: Literal[2, 3] = 2
 
     def __post_init__(self) -> None:
+        check.count("dimensions", self.dimensions, low=2, high=3)
         self._set(max_speed=checked_end(self.max_speed))
 
     def answer(self, model: AnyModel) -> Answer:
@@ -182,7 +191,8 @@ class CriticalSpeedOf(Quantity):
 
     def reference(self, pipe: Pipe, tolerance: float) -> Answer:
         """The critical speed of `Continuum`, whose accuracy does not depend on the tolerance."""
-        found = critical_speed(Continuum(pipe), min(self.max_speed, CONTINUUM_SPEED))
+        model = Continuum(pipe, self.dimensions)
+        found = critical_speed(model, min(self.max_speed, CONTINUUM_SPEED))
         answer, source = self._answer(found), f"Continuum, {found.size} Legendre functions"
         return replace(answer, error=max(answer.error, LEAST_REFERENCE_ERROR), source=source)
 
@@ -197,8 +207,12 @@ class _Eigenvalues(Quantity):
 
     @property
     def least(self) -> int:  # type: ignore[override]
-        """Least number of degrees of freedom: one for each mode asked for."""
-        return self.count
+        """Least number of degrees of freedom: one for each mode asked for, in each plane."""
+        return self.count * (self.dimensions - 1)
+
+    def twice(self, model: Model) -> int:
+        """How often each root counts: twice for a straight pipe that moves in two planes."""
+        return model.dimensions - checked_model(model).dimensions + 1
 
     def compared(self, answer: Answer) -> NDArray[np.bool_]:
         """Whether each eigenvalue of a reference is compared; in the shape of its values."""
@@ -228,12 +242,12 @@ class _Eigenvalues(Quantity):
 
         # Tolerances looser than 1e-6 would not reduce the cost.
         least, first = min(max(tolerance, LEAST_TOLERANCE), 1e-6), max(16, 2 * self.count + 2)
-        found = Continuum(pipe).converge(self.answer, change, least, first)
+        found = Continuum(pipe, self.dimensions).converge(self.answer, change, least, first)
         source = f"Continuum, {found.size} Legendre functions"
         return replace(found.value, error=max(found.error, LEAST_REFERENCE_ERROR), source=source)
 
 
-@saved_as("Frequencies")
+@saved_as("Frequencies", added=("dimensions",))
 @dataclass(frozen=True)
 class Frequencies(_Eigenvalues):
     """The eigenvalues of the lowest modes at one flow speed.
@@ -246,15 +260,20 @@ class Frequencies(_Eigenvalues):
     highest: ClassVar[float] = BEFORE_CLUSTER
     u: float = 0.0
     count: int = 4
+    dimensions: Literal[2, 3] = 2
 
     def __post_init__(self) -> None:
+        check.count("dimensions", self.dimensions, low=2, high=3)
         u = check.real("u", self.u, low=0.0, high=CONTINUUM_SPEED)
         self._set(u=u, count=check.count("count", self.count, high=100))
 
     def answer(self, model: Model) -> Answer:
         """The eigenvalues, shape (2 count,); raises NotConverged if all lie in the cluster."""
         # Roots of equal magnitude may swap at the end of the list, so two more are computed.
-        found = eigenvalues(model, self.u, min(2 * self.count + 2, 2 * model.dof))
+        twice = self.twice(model)
+        found = eigenvalues(model, self.u, min(2 * self.count + 2, 2 * model.dof // twice))
+        if twice > 1:
+            found = np.tile(found, 2)[np.argsort(np.abs(np.tile(found, 2)), kind="stable")]
         answer = Answer(found[: 2 * self.count], damping=model.pipe.damping, candidates=found)
         if not self.compared(answer).any():
             reason = f"no eigenvalue at u = {self.u:g} lies below those that cluster at -1 / delta"
@@ -262,7 +281,7 @@ class Frequencies(_Eigenvalues):
         return answer
 
 
-@saved_as("RootLociOver")
+@saved_as("RootLociOver", added=("dimensions",))
 @dataclass(frozen=True)
 class RootLociOver(_Eigenvalues):
     """Branches of eigenvalues over increasing flow speeds, (S,); their largest error counts.
@@ -274,14 +293,17 @@ class RootLociOver(_Eigenvalues):
     name: ClassVar[str] = "root_loci"
     speeds: ArrayLike
     count: int = 4
+    dimensions: Literal[2, 3] = 2
 
     def __post_init__(self) -> None:
+        check.count("dimensions", self.dimensions, low=2, high=3)
         at = check.array("speeds", self.speeds, low=0.0, high=CONTINUUM_SPEED, longest=10_000)
         self._set(speeds=at, count=check.count("count", self.count, high=100))
 
     def answer(self, model: Model) -> Answer:
         """Branches in the upper half plane, then their partners, shape (S, 2 B)."""
-        count = min(self.count + 1, model.dof)  # one more, since models may order them differently
+        # One more, since models may order them differently.
+        count = min(self.count + 1, model.dof // (model.dimensions - 1))
         loci = root_loci(model, self.speeds, count)
         if not (loci.converged | np.isnan(loci.eigenvalues)).all():
             raise NotConverged("eigenvalues on the branches failed their residual check", loci)
@@ -290,7 +312,9 @@ class RootLociOver(_Eigenvalues):
             pairs[np.isnan(pairs)] = -1.0 / model.pipe.damping
         grows = (loci.eigenvalues.real > loci.errors).any(axis=0)
         asked_for = pairs[..., (loci.modes != self.count + 1) | grows]
-        every, asked = (part.reshape(len(part), -1) for part in (pairs, asked_for))
+        every, asked = (
+            np.tile(part.reshape(len(part), -1), self.twice(model)) for part in (pairs, asked_for)
+        )
         return Answer(asked, damping=model.pipe.damping, candidates=every)
 
 

@@ -273,7 +273,7 @@ def rotation(model: Model, z: Array) -> Solution:
     turnings = one.radius * np.tile([1.0, -1.0], TURNING_PERIODS)
     end = Attractor(one.u, -1, "rotating", 1, turnings, state)
     region = Region(state[None], 1.0 / abs(one.frequency), period, **symmetries(model))
-    if one.stable:
+    if one.stable and model.integrated == model.dof:
         with suppress(LinAlgError):
             coordinates = modal_coordinates(rotating_slopes(model, z), region.units, 1)
             region = replace(region, floquet=coordinates)

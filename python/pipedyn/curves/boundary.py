@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import field
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -246,13 +247,16 @@ def boundary(
         raise ValueError(
             f"model must have at most {LARGEST_MODEL} degrees of freedom, got {model.dof}"
         )
-    bent = isinstance(model, Model) and model.rests_bent
-    if bent or model.pipe.jet_angle or not model.pipe.rests_straight:
-        raise ValueError(
-            "model must rest straight: boundaries are those of the straight pipe, got "
-            f"{model!r}; stability_curve follows the onset of a bent pipe over one number"
-        )
     window = checked_window(model, (x, y), ranges)
+    corners = [
+        window.pipe(model.pipe, window.place(np.array(at))) for at in product((0, 1), (0, 1))
+    ]
+    if model.rests_bent or model.pipe.jet_angle or not all(one.rests_straight for one in corners):
+        raise ValueError(
+            "model must rest straight: boundaries are those of a pipe that is straight in the "
+            f"whole window, got {model!r}; stability_curve follows the onset of a bent pipe over "
+            "one number"
+        )
     asked = check.flag("criticality", criticality)
     only = check.flag("only_stability", only_stability)
     shown = check.flag("progress", progress)

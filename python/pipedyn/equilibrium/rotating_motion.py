@@ -361,7 +361,8 @@ def rotating_slopes(model: Model, z: Array) -> Array:
     q, w, u = z[:size], float(z[size]), float(z[size + 1])
     state = np.concatenate([q, w * model.quarter_turn(q)])
     turn = np.kron(np.eye(2), model.quarter_turn(np.eye(size)))
-    return np.asarray(model.motion_jacobian(state, u) - w * turn)
+    free = model.free_states(state)  # without changes that supports forbid
+    return np.asarray(free.T @ (model.motion_jacobian(state, u) - w * turn) @ free)
 
 
 def exponents_of(model: Model, z: Array) -> Complex:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,12 +19,13 @@ from numpy.typing import NDArray
 from pipedyn.continuation.arclength import DenseProblem, Segment
 from pipedyn.continuation.tracer import TestFunction, special_points
 from pipedyn.linear.neutral import beyond_rounding, rounding
-from pipedyn.linear.rest import SHORTER_STEPS, BranchOfRest, lost_rest
+from pipedyn.linear.rest import SAME_REST, SHORTER_STEPS, BranchOfRest, lost_rest
 from pipedyn.linear.sensitivity import (
     LEAST_BETA,
     Crossing,
     Derivatives,
     Sensitivity,
+    of_each,
 )
 from pipedyn.models.base import Model
 from pipedyn.models.pipe import OWN_NUMBERS, Pipe
@@ -32,12 +34,19 @@ from pipedyn.util.errors import NotConverged
 from pipedyn.util.newton import NewtonFailed
 
 STEPS_OF_NUMBERS = {"beta": 1e-3, "gamma": 1e-2, "damping": 1e-4, "alpha": 1e-2, "hysteresis": 1e-3}
+STEPS_OF_NUMBERS |= {"rotary_inertia": 1e-5}
 """Steps of differences of fourth order by a pipe's numbers, in units of 1 plus the size of gamma
 and 1 of the others: roots then move by some 1e-3 of their size, whose fourth power is rounding."""
 
 CENTRAL: tuple[tuple[int, float], ...] = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))
 ONE_SIDED = ((0, -25 / 12), (1, 4.0), (2, -3.0), (3, 4 / 3), (4, -1 / 4))
 """Weights of values at whole steps in first derivatives of fourth order."""
+
+
+TOO_NEAR = "another branch of rests meets it, or is too near to be told apart"
+
+OUT_OF_PLANE = " across"
+"""End of the names of crossings whose motions are across the plane of rest."""
 
 
 class RootsFollowed:
@@ -88,7 +97,8 @@ class CrossingOfRest:
         if self.crossing.speed == 0.0:
             return self.crossing
         try:
-            by = self._by_fold() if self.crossing.kind == "divergence" else self._by_root()
+            folds = self.crossing.kind == "divergence" and not self.crossing.across
+            by = self._by_fold() if folds else self._by_root()
         except (NewtonFailed, np.linalg.LinAlgError):
             return self.crossing
         return replace(self.crossing, sensitivity=by)
@@ -122,11 +132,12 @@ class CrossingOfRest:
     def _by_root(self) -> Sensitivity:
         """Derivatives du/dp = -Re lambda_p / Re lambda_u along Re lambda(u; p) = 0."""
         u, root = self.crossing.speed, 1j * self.crossing.frequency
-        slope = slope_of_root(self.rests, self.rest, u, root)
+        at = partial(root_at, near=self.rest, root=root, plane=int(self.crossing.across or 0))
+        slope = slope_of_root(partial(at, self.rests), u)
         speed: dict[str, Any] = {"beta": None}
         frequency: dict[str, Any] = {"beta": None}
         for name in self._numbers():
-            change = self._by_number(name, lambda there: root_at(there, self.rest, u, root)[0])
+            change = self._by_number(name, lambda there: at(there, u=u)[0])
             speed[name] = -change.real / slope.real
             frequency[name] = change.imag + slope.imag * speed[name]
         return Sensitivity(Derivatives(**speed), Derivatives(**frequency))
@@ -144,18 +155,26 @@ class CrossingOfRest:
         return Sensitivity(Derivatives(**speed), Derivatives(**still))
 
 
-def root_at(rests: BranchOfRest, near: Array, u: float, root: complex) -> tuple[complex, Array]:
-    """The root nearest to a value about the rest at a speed, and that rest, which lies near one."""
+def root_at(
+    rests: BranchOfRest, u: float, near: Array, root: complex, plane: int
+) -> tuple[complex, Array]:
+    """The root nearest to a value about the rest at a speed, and that rest, which lies near one.
+
+    The root is that of a motion in the plane of rest, or across it where `plane` is 1. Near 0 it is
+    an eigenvalue of the stiffness, which passes 0 with a root.
+    """
     rest = rests.branch.fixed(np.append(near, u), u)[:-1]
-    values = rests.eigenvalues(rest, u)
+    if root:
+        values = rests.roots(rest, u, plane)
+    else:  # of the stiffness, since roots may be double at 0
+        values = np.linalg.eigvals(rests.matrices(rest, u, plane)[2].real).astype(complex)
     return complex(values[np.argmin(np.abs(values - root))]), rest
 
 
-def slope_of_root(rests: BranchOfRest, rest: Array, u: float, root: complex) -> complex:
-    """Derivative of a root by the speed, with that of the rest."""
+def slope_of_root(at: Callable[[float], tuple[complex, Array]], u: float) -> complex:
+    """Derivative of a root, as a function of the speed, by that speed, with that of the rest."""
     step = 1e-3 * (1.0 + u)
-    each = [weight * root_at(rests, rest, u + k * step, root)[0] for k, weight in CENTRAL]
-    return complex(np.sum(each) / step)
+    return complex(np.sum([weight * at(u + k * step)[0] for k, weight in CENTRAL]) / step)
 
 
 class SearchOfRest:
@@ -178,8 +197,9 @@ class SearchOfRest:
         )
         self.counted = counted
         self.found: list[CrossingOfRest] = []
-        self.roots: RootsFollowed | None = None
-        self.growth, self.reached = np.zeros(0), 0.0
+        self.roots: list[RootsFollowed] = []  # in the plane of rest, and across it
+        self.growth: list[Array] = []
+        self.reached = 0.0
 
     def run(self) -> tuple[CrossingOfRest, ...]:
         """The crossings, in order of speed.
@@ -188,11 +208,16 @@ class SearchOfRest:
             NotConverged: if the rest is lost before the end of the search, with the crossings below
                 that speed.
         """
+        speeds = np.zeros(0)
         for share in SHORTER_STEPS:
-            self.found, self.roots, self.reached = [], None, 0.0
+            self.found, self.roots, self.reached = [], [], 0.0
             reason = self.rests.following(self.max_speed, self._note, share=share)
             flutters = all(one.crossing.kind == "flutter" for one in self.found)
             if flutters and reason in ("range", "found"):
+                break
+            longer, speeds = speeds, of_each((one.crossing for one in self.found), "speed")
+            same = longer.size == speeds.size > 0
+            if same and np.abs(longer - speeds).max() < SAME_REST:
                 break
         if reason not in ("range", "found"):
             known = tuple(one.crossing for one in self.found)
@@ -200,36 +225,31 @@ class SearchOfRest:
             raise NotConverged(lost_rest(reason, last, self.max_speed), known)
         return tuple(self.found)
 
-    def _values(self, x: Array, u: float) -> Complex:
-        """The roots that count about a rest."""
-        values = self.rests.eigenvalues(x, u)
+    def _values(self, x: Array, u: float, plane: int) -> Complex:
+        """The roots that count about a rest, in its plane or across it."""
+        values = self.rests.roots(x, u, plane)
         if self.counted is None:
             return values
-        return values[np.argsort(np.abs(values), kind="stable")[: self.counted]]
+        few = self.counted // len(self.rests.planes)
+        return values[np.argsort(np.abs(values), kind="stable")[:few]]
 
-    def _growth(self, x: Array, u: float) -> Array:
+    def _growth(self, x: Array, u: float, plane: int) -> Array:
         """Real parts beyond rounding, the largest first."""
-        return np.sort(beyond_rounding(self._values(x, u)))[::-1]
+        return np.sort(beyond_rounding(self._values(x, u, plane)))[::-1]
 
     def _note(self, step: Segment[DenseProblem]) -> str | None:
         """Keeps the crossings on a step; returns why the search ends there."""
         begin, end, ds = step.begin, step.end, step.length
-        if self.roots is None:
-            self.roots = RootsFollowed(self._values(begin.x, begin.p))
-            self.growth = self._growth(begin.x, begin.p)
+        planes = self.rests.planes
+        if not self.roots:
+            self.roots = [RootsFollowed(self._values(begin.x, begin.p, k)) for k in planes]
+            self.growth = [self._growth(begin.x, begin.p, k) for k in planes]
+        tests = [self._test(step, k) for k in planes]
 
-        def kind(before: float, beyond: float) -> str:
-            change = growth.positive(beyond) - growth.positive(before)
-            return "flutter" if change % 2 == 0 else "divergence"
+        def growing(s: float) -> int:
+            return sum(test.positive(s) for test in tests)
 
-        growth = TestFunction(
-            step,
-            1e-12 * (1.0 + ds),
-            lambda point: self._growth(point.x, abs(point.p)),
-            kind,
-            {0.0: self.growth},
-        )
-        found = special_points(step, 1e-12, [growth])
+        found, count = special_points(step, 1e-12, tests), growing(0.0)
         turns = [s for name, s, _ in found if name == "fold"]
         for name, before, beyond in found:
             beside = any(abs(before - turn) <= 1e-3 * ds for turn in turns)
@@ -238,19 +258,41 @@ class SearchOfRest:
             if turns and before > turns[0]:
                 break
             if name == "divergence" and self.rests.rms(end.x - self.rests.resting) > 1e-9:
-                return "another branch of rests meets it, or is too near to be told apart"
-            counts = growth.positive(before), growth.positive(beyond)
+                return TOO_NEAR
+            plane = int(name.endswith(OUT_OF_PLANE))
+            change = tests[plane].positive(beyond) - tests[plane].positive(before)
+            counts = count, count + change
             if name == "fold":  # where a real root passes 0
-                ahead = growth.positive(max(before - 1e-3 * ds, 0.0))
-                counts = ahead, max(growth.positive(ds), ahead + 1)
-            self.found.append(self._crossing(step, before, beyond, name, counts))
+                ahead = growing(max(before - 1e-3 * ds, 0.0))
+                if ahead != count:  # on another branch, to which the step has led
+                    return TOO_NEAR
+                counts = ahead, max(growing(ds), ahead + 1)
+            count = counts[1]
+            self.found.append(self._crossing(step, before, beyond, name, counts, plane))
             if self.until_unstable and self.found[-1].crossing.destabilising:
                 return "found"
             if name == "fold":
                 return "fold"
-        self.growth, self.reached = growth.at(ds), end.p
-        self.roots.move(self._values(end.x, end.p))
+        self.growth, self.reached = [test.at(ds) for test in tests], end.p
+        for roots, plane in zip(self.roots, planes, strict=True):
+            roots.move(self._values(end.x, end.p, plane))
         return None
+
+    def _test(self, step: Segment[DenseProblem], plane: int) -> TestFunction:
+        """The test function of roots that start to grow, in the plane of rest or across it."""
+
+        def kind(before: float, beyond: float) -> str:
+            flutters = (growth.positive(beyond) - growth.positive(before)) % 2 == 0
+            return ("flutter" if flutters else "divergence") + OUT_OF_PLANE * plane
+
+        growth = TestFunction(
+            step,
+            1e-12 * (1.0 + step.length),
+            lambda point: self._growth(point.x, abs(point.p), plane),
+            kind,
+            {0.0: self.growth[plane]},
+        )
+        return growth
 
     def _crossing(
         self,
@@ -259,47 +301,49 @@ class SearchOfRest:
         beyond: float,
         name: str,
         counts: tuple[int, int],
+        plane: int,
     ) -> CrossingOfRest:
         """The crossing between two arc lengths."""
-        assert self.roots is not None
         point = step.at(0.5 * (before + beyond))
         rest, u, error = point.x, point.p, abs(step.at(beyond).p - step.at(before).p)
-        values = self._values(rest, u)
-        root, kind = 0j, "flutter" if name == "flutter" else "divergence"
-        if kind == "flutter":
+        values, root = self._values(rest, u, plane), 0j
+        flutters = name.startswith("flutter")
+        if flutters:
             pairs = values[values.imag > 0.0]
             root = complex(pairs[np.argmin(np.abs(pairs.real))])
-            rest, u, root, error = self._polished(rest, u, root, error)
-        mode = self.roots.mode_of(values, root)
+            rest, u, root, error = self._polished(rest, u, root, error, plane)
+        mode = self.roots[plane].mode_of(values, root)
         made = Crossing(
             speed=u,
             frequency=root.imag,
-            kind="flutter" if kind == "flutter" else "divergence",
+            kind="flutter" if flutters else "divergence",
             unstable_before=counts[0],
             unstable_after=counts[1],
             error=error,
             mode=mode,
             vouched=self.counted,
+            across=None if len(self.rests.planes) == 1 else bool(plane),
         )
         return CrossingOfRest(made, self.rests, rest)
 
     def _polished(
-        self, rest: Array, u: float, root: complex, error: float
+        self, rest: Array, u: float, root: complex, error: float, plane: int
     ) -> tuple[Array, float, complex, float]:
         """A flutter by Newton's method for Re lambda = 0, with the error of its speed."""
         if u < 1e-9:  # unstable from the smallest flow on
             return rest, 0.0, complex(0.0, root.imag), 0.0
         try:
-            slope = slope_of_root(self.rests, rest, u, root)
+            at = partial(root_at, self.rests, plane=plane)
+            slope = slope_of_root(partial(at, near=rest, root=root), u)
             for _ in range(4):
                 moved = -root.real / slope.real
                 if not abs(moved) <= 1e-3 * (1.0 + u):
                     break
                 u += moved
-                root, rest = root_at(self.rests, rest, u, root)
+                root, rest = at(u, rest, root)
                 if abs(moved) <= 1e-14 * (1.0 + u):
                     break
-            values = self.rests.eigenvalues(rest, u)
+            values = self.rests.roots(rest, u, plane)
             lost = float(rounding(values)[np.argmin(np.abs(values - root))])
             error = (abs(root.real) + lost) / abs(slope.real)
         except NewtonFailed:

@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import field, replace
 from functools import cached_property, lru_cache, partial
 from itertools import pairwise
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -66,7 +66,7 @@ class NoCrossing(PipedynError):
         self.max_speed = max_speed
 
 
-@saved_as("CriticalSpeed", added=("stable_from", "gyroscopic", "vouched"))
+@saved_as("CriticalSpeed", added=("stable_from", "gyroscopic", "vouched", "across"))
 class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
     """The lowest crossing of the imaginary axis that destabilises the pipe.
 
@@ -118,8 +118,8 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
         """
         model = self.model
         if isinstance(model, Continuum):
-            model = model.frozen(self.size)
-        return neutral_shape(at_rest(model, self.speed), self.speed, self.frequency)
+            model = model.frozen(self.size // (model.dimensions - 1))
+        return neutral_shape(at_rest(model, self.speed), self.speed, self.frequency, self.across)
 
     @cached_property
     def discretisation(self) -> float | None:
@@ -131,15 +131,15 @@ class CriticalSpeed(Crossing, units={"discretisation": SPEED}):
         request.
         """
         model = self.model
-        planes = model.planes or (model.planar,)
-        if not model.approximates_pipe or (model is not model.planar and not model.planes):
+        if not model.approximates_pipe:
             return None
         if self._continuous is not None:
             return self._continuous
         found = []
-        for plane in planes:
+        each = [(plane.pipe, 2) for plane in model.planes] or [(self.pipe, model.dimensions)]
+        for pipe, dimensions in each:
             with suppress(NoCrossing):
-                found.append(_continuous_speed(plane.pipe, self._max_speed))
+                found.append(_continuous_speed(pipe, dimensions, self._max_speed))
         if not found:
             return math.inf
         exact = min(found, key=lambda one: one.speed)
@@ -155,9 +155,9 @@ Plan: TypeAlias = Sequence[Search]
 
 
 @lru_cache
-def _continuous_speed(pipe: Pipe, max_speed: float) -> CriticalSpeed:
+def _continuous_speed(pipe: Pipe, dimensions: Literal[2, 3], max_speed: float) -> CriticalSpeed:
     """Critical speed of the continuous pipe, cached because models of several sizes need it."""
-    return critical_point(Continuum(pipe), max_speed)[0]
+    return critical_point(Continuum(pipe, dimensions), max_speed)[0]
 
 
 def crossings(model: AnyModel, max_speed: float) -> Crossings:
@@ -194,7 +194,9 @@ def crossings(model: AnyModel, max_speed: float) -> Crossings:
             holds the crossings below that speed.
         ValueError, TypeError: for arguments out of range or of a wrong type.
     """
-    model = checked_model(model, across=True)
+    model = checked_model(model)
+    if not model._pipe.rests_straight and model.dimensions == 2:
+        warn_of_plane(__name__)
     end = checked_end(max_speed, model)
     _, found = only_answer(stability_losses([model], end))
     return Crossings(found, end, model, unstable_at_rest(model, found))
@@ -205,11 +207,11 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
 
     If a jet, gravity or another load acts across the straight pipe, its rest bends with the flow.
     That rest is followed to which the pipe comes as its loads, and then the flow, grow from zero:
-    it flutters, or it turns back in a fold, which counts as divergence. A pipe that sags may
-    flutter first across the plane of sag: a model in three dimensions tells, whose modes in both
-    planes are counted together, and a planar one brings the warning `FluttersAcross`. In three
-    dimensions terms may also differ in x and z: the lower of the speeds in both planes is found,
-    with the number of the mode in its plane.
+    it flutters, or it turns back in a fold, which counts as divergence. A pipe that is bent may
+    flutter first across the plane of its rest: a model made with `dimensions=3` searches both
+    planes, and a planar one brings the warning `FluttersAcross`. Across that plane the pipe may
+    also diverge. In three dimensions terms may differ in x and z: the lower of the speeds in both
+    planes is found, with the number of the mode in its plane.
 
     Args:
         model: chain, reduced model or `Continuum`, up to 2,000 degrees of freedom.
@@ -229,9 +231,9 @@ def critical_speed(model: AnyModel, max_speed: float = 100.0) -> CriticalSpeed:
         NotConverged: for the reasons that `crossings` lists.
         ValueError, TypeError: for arguments out of range or of a wrong type.
     """
-    model = checked_model(model, across=True)
+    model = checked_model(model)
     # Not by the pipe's property, since small searches take few other calls.
-    if model._pipe.sags and model is model.planar:
+    if not model._pipe.rests_straight and model.dimensions == 2:
         warn_of_plane(__name__)
     critical, _ = only_answer(critical_points([model], checked_end(max_speed, model)))
     return critical

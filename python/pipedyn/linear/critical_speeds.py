@@ -27,6 +27,7 @@ from pipedyn.models.scales import scales_at
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.errors import warn_of_plane
 from pipedyn.util.parallel import batches, outcome_of, parallel
 from pipedyn.util.result import SPEED, TableResult
 
@@ -42,7 +43,7 @@ MOST_PIPES = 100_000_000
 """Largest number of pipes in one call; the result takes some 60 bytes for each."""
 
 
-@saved_as("CriticalSpeeds")
+@saved_as("CriticalSpeeds", added=("across",))
 class CriticalSpeeds(TableResult, units=dict.fromkeys(("speeds", "errors", "max_speed"), SPEED)):
     """Critical speeds of one model for many values of its pipe's numbers.
 
@@ -62,6 +63,8 @@ class CriticalSpeeds(TableResult, units=dict.fromkeys(("speeds", "errors", "max_
             arrays made flat, such as `speeds.flat`, and its value that of the first number. A pipe
             that does not lose stability up to `max_speed` is no failure.
         max_speed: flow speed at which the searches ended.
+        across: of a model in three dimensions, whether the motions that lose stability are across
+            the plane in which the pipe rests bent, shape S; None for other models.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), n=10)
@@ -82,6 +85,7 @@ class CriticalSpeeds(TableResult, units=dict.fromkeys(("speeds", "errors", "max_
     unstable_before: NDArray[np.int64] = field(repr=False)
     failures: tuple[Failure, ...]
     max_speed: float
+    across: NDArray[np.bool_] | None = field(default=None, repr=False)
 
     def _shown(self) -> dict[str, Any]:
         return {"model": self.model, "numbers": tuple(self.numbers)} | super()._shown()
@@ -98,6 +102,8 @@ class CriticalSpeeds(TableResult, units=dict.fromkeys(("speeds", "errors", "max_
             "unstable_before": self.unstable_before,
             "error": self.errors,
         }
+        if self.across is not None:
+            columns["across"] = self.across
         flat = {name: values.ravel() for name, values in columns.items()}
         return flat | {"failure": [failed.get(i, "") for i in range(self.speeds.size)]}
 
@@ -115,9 +121,9 @@ class CriticalSpeeds(TableResult, units=dict.fromkeys(("speeds", "errors", "max_
 Answers: TypeAlias = tuple[Array, dict[int, Exception]]
 """A row of quantities of each of some pipes, and the exceptions of those that failed, by row."""
 
-ROW_LENGTH = 6
-"""Number of quantities: speed, frequency, error of the speed, mode, whether the pipe diverges, and
-number of unstable roots below the speed."""
+ROW_LENGTH = 7
+"""Number of quantities: speed, frequency, error of the speed, mode, whether the pipe diverges,
+whether the motion is across the plane of rest, and number of unstable roots below the speed."""
 
 
 def critical_speeds(
@@ -160,11 +166,14 @@ def critical_speeds(
         ValueError, TypeError: for arguments out of range or of a wrong type, or values that do not
             broadcast.
     """
-    model = checked_model(model)
+    checked_model(model)  # whose answer depends on the numbers
     end = checked_end(max_speed, model)
     check.executor("executor", executor)
     check.flag("progress", progress)
     values = _checked_values(model, numbers)
+    weighed = "gamma" in values and model.pipe.down[0]
+    if model.dimensions == 2 and (not model.pipe.rests_straight or weighed):
+        warn_of_plane(__name__)
     shape = next(iter(values.values())).shape
     points = np.stack([one.ravel() for one in values.values()], axis=-1)
     least = LEAST_TASKS if executor is not None or progress else 1
@@ -181,7 +190,7 @@ def critical_speeds(
         for k, error in failed.items():
             failures.append(Failure(part[k], float(points[part[k], 0]), error))
     speeds, frequencies, errors, *others = rows.T.reshape(ROW_LENGTH, *shape).copy()
-    modes, divergent, unstable = (np.nan_to_num(one).astype(np.int64) for one in others)
+    modes, divergent, across, unstable = (np.nan_to_num(one).astype(np.int64) for one in others)
     return CriticalSpeeds(
         model,
         values,
@@ -193,6 +202,7 @@ def critical_speeds(
         unstable,
         tuple(failures),
         end,
+        across.astype(np.bool_) if model.dimensions == 3 else None,
     )
 
 
@@ -230,7 +240,7 @@ def _answers(model: AnyModel, names: Sequence[str], points: Array, max_speed: fl
         pipe = model.pipe
         for number, value in zip(numbers, values, strict=True):
             pipe = number.changed(pipe, value)
-        return model.with_pipe(pipe)
+        return checked_model(model.with_pipe(pipe))
 
     outcomes: list[Any] = [outcome_of(partial(model_at, row)) for row in points.tolist()]
     made = [i for i, one in enumerate(outcomes) if not isinstance(one, Exception)]
@@ -248,6 +258,6 @@ def _quantities(model: AnyModel, point: CriticalPointIfAny | Exception) -> list[
     critical, crossings = only_answer([point])
     if critical is None:
         return [math.nan] * (ROW_LENGTH - 1) + [unstable_at_rest(model, crossings)]
-    diverges = critical.kind == "divergence"
-    found = [critical.speed, critical.frequency, critical.error, critical.mode, diverges]
+    diverges, across = critical.kind == "divergence", bool(critical.across)
+    found = [critical.speed, critical.frequency, critical.error, critical.mode, diverges, across]
     return [*found, critical.unstable_before]

@@ -18,6 +18,7 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from pipedyn import _core
@@ -113,8 +114,25 @@ class Eigenproblem:
         """The eigenproblem of the pipe without hysteresis, whose growing real roots count."""
         return Eigenproblem(self.pencil.with_pipe(replace(self.pipe, hysteresis=0.0)))
 
+    @cached_property
+    def planes(self) -> tuple[Eigenproblem, ...]:
+        """Eigenproblems of motions in the plane of a bent rest and across it, or this one alone."""
+        each = self.pencil.planes()
+        return (self,) if len(each) == 1 else tuple(map(Eigenproblem, each))
+
+    def is_across(self, pairs: _core.Pairs) -> NDArray[np.bool_]:
+        """Which pairs move across the plane of a bent rest, (k,)."""
+        return np.asarray(pairs.right[self.dof // len(self.planes) :].any(axis=0))
+
     def lowest(self, u: float, count: int, left: bool = False) -> _core.Pairs:
-        """The `count` eigenpairs of least |lambda|, sorted, or all of them, converged or not."""
+        """The `count` eigenpairs of least |lambda|, sorted, or all of them, converged or not.
+
+        Motions in the plane of a bent rest and across it are solved apart, as a root of one may be
+        close to a root of the other.
+        """
+        if len(self.planes) > 1:
+            each = [one.lowest(u, min(count, 2 * one.dof), left) for one in self.planes]
+            return _of_both_planes(each, count)
         spectrum = self.spectrum()
         with one_thread(self.rows):
             found = spectrum.lowest(u, count, left, high=True)
@@ -144,6 +162,18 @@ def select_pairs(pairs: _core.Pairs, which: NDArray[np.intp]) -> _core.Pairs:
     """The pairs with the indices `which`."""
     right, left = (of[:, which] if of.size else of for of in (pairs.right, pairs.left))
     return _core.Pairs(pairs.values[which], right, left, pairs.residuals[which])
+
+
+def _of_both_planes(each: list[_core.Pairs], count: int) -> _core.Pairs:
+    """The `count` lowest of the pairs of two planes, with vectors in the coordinates of both."""
+    values, residuals = (
+        np.concatenate([getattr(one, name) for one in each]) for name in ("values", "residuals")
+    )
+    right, left = (
+        scipy.linalg.block_diag(*(getattr(one, side) for one in each)) for side in ("right", "left")
+    )
+    order = np.argsort(np.abs(values), kind="stable")[:count]
+    return select_pairs(_core.Pairs(values, right, left, residuals), order)
 
 
 def _with_conjugates(hysteretic: _core.Pairs, grows: _core.Pairs, count: int) -> _core.Pairs:

@@ -37,6 +37,8 @@ MOST_INSERTED = 600
 class Roots:
     """Roots of a model at one speed, shape (r,), with d lambda / du and bounds on their errors.
 
+    Of a model in three dimensions, `across` tells which are of motions across the plane of rest.
+
     With hysteresis they are those that oscillate, in the upper half plane, and the real roots of
     the pipe without it.
     """
@@ -44,6 +46,7 @@ class Roots:
     values: Complex
     slopes: Complex
     errors: Array
+    across: NDArray[np.bool_]
 
 
 class RootFollower:
@@ -69,7 +72,8 @@ class RootFollower:
                     kept &= pairs.values.imag > 0.0 if problem is one else pairs.values.imag == 0.0
                 pairs = select_pairs(pairs, np.flatnonzero(kept))
                 problem.spectrum().assess(u, pairs)
-                found.append((pairs.values, np.nan_to_num(pairs.slopes), pairs.uncertain))
+                slopes, across = np.nan_to_num(pairs.slopes), problem.is_across(pairs)
+                found.append((pairs.values, slopes, pairs.uncertain, across))
             self._known[u] = Roots(*map(np.concatenate, zip(*found, strict=True)))
         return self._known[u]
 

@@ -107,7 +107,8 @@ class FrequencyResponse(TableResult):
         error: for `Continuum`, the largest change of the response from the basis before the last,
             relative to the response, less the change explained by a shift of the poles by 1e-11 of
             their size; 0 for other models.
-        direction: "x", "y" or "z", the direction of the input.
+        direction: direction of the load or motion, "x", "y" or "z", and of the response, which is
+            along x for "y".
 
     Example:
         >>> found = pp.frequency_response(pp.Galerkin(pp.Pipe(0.2), 6), 4.0)
@@ -148,8 +149,7 @@ def frequency_response(
 ) -> FrequencyResponse:
     """Displacement of a place per unit harmonic force, moment or motion of the base.
 
-    The pipe is at rest, straight or bent, as for `eigenvalues`. If it is straight, a model in three
-    dimensions responds along x and along z as its planar model does.
+    The pipe is at rest, straight or bent, as for `eigenvalues`.
 
     Args:
         model: chain, reduced model or scene up to 4000 degrees of freedom, or `Continuum`.
@@ -166,10 +166,11 @@ def frequency_response(
         output: arc length in L of the place whose transverse displacement is computed; "tip" is the
             free end, or `Pipe.tip_place` if that is held. If the base moves, the displacement is
             relative to the base.
-        direction: "x", in which the input acts and the displacement is measured. In three
-            dimensions it may be "z": a pipe that rests bent in the plane z = 0 responds otherwise
-            across that plane. A base may also move along "y", the straight pipe; the displacement
-            is then along x, and a pipe that rests straight does not respond.
+        direction: direction of the load or of the base's motion, and of the displacement: "x", or
+            for a model in three dimensions "z". If its pipe rests bent, that is across the plane of
+            rest; a small load in one of the two directions causes no displacement in the other. A
+            base may also move along "y", the straight pipe; the displacement is then along x, and
+            a pipe that rests straight does not respond.
         tolerance: error of the lines between chosen frequencies, relative to |response| at the
             larger of their ends, in [1e-6, 0.1].
 
@@ -188,17 +189,17 @@ def frequency_response(
         >>> complex(found.response[0].round(6))
         (0.435537-0.580465j)
     """
-    letter = check.choice("direction", direction, LETTERS)
-    if letter == "z" and not (isinstance(model, Model) and model.dimensions == 3):
+    checked = checked_model(model)
+    if check.choice("direction", direction, LETTERS) == "z" and model.dimensions == 2:
         raise ValueError(
-            "direction must be 'x' or 'y' for a model that moves in the plane of x and y, got 'z'; "
-            "Chain and Galerkin take dimensions=3"
+            f"direction must be 'x' or 'y' for a model that moves in a plane, got {direction!r}; "
+            "take dimensions=3"
         )
-    model = checked_model(model, across=True)
+    model = checked
     u = steady_speed("u", u, high=largest_speed(model))
     tolerance = check.real("tolerance", tolerance, low=1e-6, high=0.1)
     driven, place = checked_input(input), checked_output(output, model.pipe.tip_place)
-    if letter == "y" and not isinstance(driven, str):
+    if direction == "y" and not isinstance(driven, str):
         raise ValueError("direction must be 'x' or 'z' for a force or a moment, got 'y'")
     if isinstance(model, Model) and model.dof > DENSE_LIMIT:
         raise ValueError(
@@ -217,7 +218,9 @@ def frequency_response(
         given = check.array("frequencies", frequencies, low=0.0, high=HIGHEST, longest=100_000)
         low, high = float(given.min()), float(given.max())
     asked = at_rest(_with_joint(model, driven), u)
-    poles, one, stable = _poles(asked, u, high)
+    across = direction == "z" and model.dimensions == 3
+    along = AXES[2 * across + (direction == "y")]
+    poles, one, stable = _poles(asked, u, high, across)
     if high == math.inf:
         turning = np.sort(poles.imag[poles.imag > 0.0])
         if turning.size == 0:
@@ -225,8 +228,7 @@ def frequency_response(
         high = 1.2 * float(turning[:RESONANCES][-1])
 
     def ask(one: Model) -> _Response:
-        own = "x" if one.dimensions == 2 and letter == "z" else letter  # both planes are alike
-        return _Response(at_rest(one, u), u, driven, place, AXES[LETTERS.index(own)])
+        return _Response(at_rest(one, u), u, driven, place, across, along)
 
     first = ask(one)
     with one_thread(first.rows):
@@ -246,7 +248,7 @@ def frequency_response(
         question,
         lambda a, b: _response_change(at, poles, a[1], b[1]),
         tolerance=1e-8,
-        smallest=one.dof,
+        smallest=one.dof // (one.dimensions - 1),
     )
     response, values = answer.value
     with one_thread(response.rows):
@@ -271,7 +273,7 @@ def frequency_response(
         model=model,
         size=answer.size,
         error=answer.error,
-        direction=letter,
+        direction=direction,
     )
 
 
@@ -326,23 +328,34 @@ class _Response:
     """Response of one model at any frequencies, in elastic coordinates.
 
     The load is f(omega) = sum over j of (i omega)^j times column j of `loads`, (dof, 3). The
-    equations are solved in a basis, which spans all coordinates of a small model. along: direction
-    of the input, shape (3,).
+    equations are solved in a basis, which spans all coordinates of a small model. In three
+    dimensions they are those of one plane, in which the load acts: of rest, or `across` it.
+    along: direction of a moving base, shape (3,).
     """
 
     def __init__(
-        self, model: Model, u: float, input: Input, output: float, along: Array = AXES[0]
+        self,
+        model: Model,
+        u: float,
+        input: Input,
+        output: float,
+        across: bool = False,
+        along: Array = AXES[0],
     ) -> None:
-        self.model, self.pencil, self.u = model, model.pencil(), u
-        self.rows = 1 if self.pencil.is_long else self.pencil.dof
-        self.loads = np.zeros((model.dof, 3))
+        self.model, self.pencil, self.u = model, model.pencil().planes()[across], u
+        self.dof = self.pencil.dof
+        self.rows = 1 if self.pencil.is_long else self.dof
+        own = slice(across * self.dof, (1 + across) * self.dof)  # elastic coordinates of the plane
+        self.loads = np.zeros((self.dof, 3))
         if isinstance(input, str):
-            self.loads = _base_loads(model, u, along)
+            self.loads = _base_loads(model, u, along)[own]
         else:
             kind, place = input
-            self.loads[:, 0] = _displacement(model, float(place), along, int(kind == "moment"))
-        self.output = _displacement(model, output, along)
-        self._vectors = np.eye(model.dof, model.dof if model.dof <= LARGEST_DIRECT else 0)
+            self.loads[:, 0] = _displacement(model, float(place), across, int(kind == "moment"))[
+                own
+            ]
+        self.output = _displacement(model, output, across)[own]
+        self._vectors = np.eye(self.dof, self.dof if self.dof <= LARGEST_DIRECT else 0)
         self._products = self.products(self._vectors)
 
     def __call__(self, at: Array) -> Complex:
@@ -352,7 +365,7 @@ class _Response:
         while True:
             small = tuple(self._vectors.T @ product for product in self._products)
             x = _solutions(small, self._vectors.T @ self.loads, at)
-            if self._vectors.shape[1] == self.model.dof:
+            if self._vectors.shape[1] == self.dof:
                 break
             finite = np.where(np.isinf(x), 0.0, x)
             missed = loads - sum(
@@ -387,7 +400,7 @@ class _Response:
 
     @cached_property
     def _matrices(self) -> tuple[Array, ...]:
-        return self.products(np.eye(self.model.dof))
+        return self.products(np.eye(self.dof))
 
     def products(self, x: NDArray[Any]) -> tuple[NDArray[Any], ...]:
         """Products of K, C and M with the columns of x, (dof, k): three arrays of that shape."""
@@ -453,11 +466,21 @@ def _output_displacement(output: Array, x: Complex) -> Complex:
 
 def base_solution(model: Model, u: float, omega: float, vector: Complex) -> Complex:
     """Complex coordinates q for a complex amplitude of the base, (3,), at a frequency, (dof,)."""
-    found = np.zeros(model.dof, dtype=np.complex128)
-    for part, factor in ((vector.real, 1.0), (vector.imag, 1j)):
-        if part.any():
-            found += factor * _Response(model, u, "base", 1.0, part).solution(omega)
-    return np.asarray(model.from_elastic(found), dtype=np.complex128)
+    parts = vector.real, vector.imag
+    real, imaginary = (
+        _solution_for(model, u, omega, _base_loads(model, u, part)) for part in parts
+    )
+    return np.asarray(model.from_elastic(real + 1j * imaginary), dtype=np.complex128)
+
+
+def _solution_for(model: Model, u: float, omega: float, loads: Array) -> Complex:
+    """Elastic coordinates for loads on all of them, (dof, 3), at a frequency, shape (dof,)."""
+    found = []
+    for across, own in enumerate(np.split(loads, model.dimensions - 1)):
+        response = _Response(model, u, ("force", 1.0), 1.0, bool(across))
+        response.loads = own
+        found.append(response.solution(omega))
+    return np.concatenate(found)
 
 
 def harmonic_solution(model: Model, u: float, omega: float, numbers: Complex) -> Complex:
@@ -472,23 +495,21 @@ def harmonic_solution(model: Model, u: float, omega: float, numbers: Complex) ->
     drives = np.eye(numbers.size, ROWS + numbers.size, ROWS).T
     load = _drive_loads(model, u, drives) @ numbers
     plain = model.with_applied(())
-    found = np.zeros(model.dof, dtype=np.complex128)
-    for part, factor in ((load.real, 1.0), (load.imag, 1j)):
-        one = _Response(plain, u, ("force", 1.0), 1.0)
-        one.loads = np.stack([part, 0.0 * part, 0.0 * part], axis=1)
-        found += factor * one.solution(omega)
-    return np.asarray(model.from_elastic(found), dtype=np.complex128)
+    real, imaginary = (
+        _solution_for(plain, u, omega, np.stack([part, 0.0 * part, 0.0 * part], axis=1))
+        for part in (load.real, load.imag)
+    )
+    return np.asarray(model.from_elastic(real + 1j * imaginary), dtype=np.complex128)
 
 
-def _displacement(model: Model, s: float, along: Array, derivative: int = 0) -> Array:
+def _displacement(model: Model, s: float, across: bool, derivative: int = 0) -> Array:
     """Row of the displacement at s, or of its slope, in elastic coordinates, shape (dof,).
 
-    In three dimensions it is the displacement along z if `along`, (3,), has a part along z, else
-    along x.
+    The displacement is along x, or `across` the plane of rest along z.
     """
     of_elastic = np.asarray(model.from_elastic(np.eye(model.dof)))
     found = model.deflection(of_elastic, [s], derivative)
-    return found[int(along[2] != 0.0), 0] if model.dimensions == 3 else found[0]
+    return found.reshape(-1, model.dof)[int(across)]
 
 
 def _base_loads(model: Model, u: float, along: Array) -> Array:
@@ -525,10 +546,11 @@ def _drive_loads(model: Model, u: float, drives: Array) -> Array:
 # --------------------------------------------------------------------- frequencies that suffice
 
 
-def _poles(model: AnyModel, u: float, high: float) -> tuple[Complex, Model, bool]:
+def _poles(model: AnyModel, u: float, high: float, across: bool) -> tuple[Complex, Model, bool]:
     """Eigenvalues in the upper half plane up to beyond a frequency, their model, and stability.
 
-    The last value returned says whether no eigenvalue has a positive real part.
+    In three dimensions they are those of motions in the plane of rest, or `across` it. The last
+    value returned says whether no eigenvalue of either has a positive real part.
     """
     one, count, largest = model, 4 * RESONANCES + 4, 0
     if isinstance(model, Continuum):
@@ -541,16 +563,17 @@ def _poles(model: AnyModel, u: float, high: float) -> tuple[Complex, Model, bool
         most = 2 * one.resolved_modes
         found = roots_and_shapes(one, u, min(count, most))
         values = found.eigenvalues[found.converged]
-        turning = np.unique(np.abs(values[values.imag > 0.0]))
+        own = values if found.across is None else values[found.across[found.converged] == across]
+        turning = np.unique(np.abs(own[own.imag > 0.0]))
         if turning.size > RESONANCES if high == math.inf else (turning > 1.5 * high).any():
             break
         if count >= most:
-            if not isinstance(model, Continuum) or one.dof >= largest:
+            if not isinstance(model, Continuum) or one.dof >= largest * (one.dimensions - 1):
                 break
-            one = model.frozen(2 * one.dof)
+            one = model.frozen(2 * one.dof // (one.dimensions - 1))
         count *= 2
     stable = not grows(values).any()
-    return values[values.imag >= 0.0], one, stable
+    return own[own.imag >= 0.0], one, stable
 
 
 def _grid(response: _Response, poles: Complex, low: float, high: float, most: float) -> Array:

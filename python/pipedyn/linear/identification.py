@@ -22,7 +22,7 @@ from pipedyn.linear.critical_speed import CriticalSpeed, critical_speed
 from pipedyn.linear.eigenproblem import eigenproblem
 from pipedyn.linear.loci import branches_followed
 from pipedyn.models.base import Model
-from pipedyn.models.continuum import Continuum
+from pipedyn.models.continuum import Continuum, checked_model
 from pipedyn.models.pipe import Pipe, checked_pipe
 from pipedyn.models.pipe_numbers import checked_number, unit_of_number
 from pipedyn.models.scales import Scales
@@ -31,7 +31,7 @@ from pipedyn.models.terms import converted
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array, Complex
-from pipedyn.util.errors import NotConverged, PipedynError
+from pipedyn.util.errors import NotConverged, PipedynError, warn_of_plane
 from pipedyn.util.parallel import one_thread
 from pipedyn.util.result import TableResult
 
@@ -110,7 +110,7 @@ class NotIdentifiable(PipedynError):
     """The measurements do not determine the unknowns."""
 
 
-@saved_as("Measurement")
+@saved_as("Measurement", added=("across",))
 @dataclass(frozen=True)
 class Measurement:
     """One measured number, in SI units for a pipe made with `Pipe.from_si`, else nondimensional.
@@ -124,13 +124,16 @@ class Measurement:
         uncertainty: standard deviation of the value, > 0, in the same unit.
         speed: flow speed at which a mode was measured, in m/s (u).
         mode: number of the mode, from 1, counted at rest by frequency.
+        across: whether the mode moves across the plane in which the pipe rests bent, not in it;
+            modes of both planes are counted apart.
 
     Raises:
         ValueError, TypeError: for arguments out of range or of a wrong type.
 
     Example:
-        >>> pp.Measurement("frequency", 2.31, 0.02)
-        Measurement(quantity='frequency', value=2.31, uncertainty=0.02, speed=0.0, mode=1)
+        >>> first = pp.Measurement("frequency", 2.31, 0.02)
+        >>> first.speed, first.mode, first.across
+        (0.0, 1, False)
     """
 
     quantity: MeasuredQuantity
@@ -138,8 +141,10 @@ class Measurement:
     uncertainty: float
     speed: float = 0.0
     mode: int = 1
+    across: bool = False
 
     def __post_init__(self) -> None:
+        check.flag("across", self.across)
         check.choice("quantity", self.quantity, get_args(MeasuredQuantity))
         signed = self.quantity in ("decay_rate", "decrement")
         vars(self).update(
@@ -152,6 +157,8 @@ class Measurement:
         )
         if self.speed and self.quantity.startswith("critical"):
             raise ValueError(f"speed must be left out of a {self.quantity}, got {self.speed:g}")
+        if self.across and self.quantity.startswith("critical"):
+            raise ValueError(f"across must be left out of a {self.quantity}, got True")
 
 
 @saved_as("Identification", added=("alternatives",))
@@ -239,6 +246,8 @@ def identify(
     pipe: Pipe,
     measurements: Sequence[Measurement],
     unknowns: Sequence[str] | Mapping[str, tuple[float, float]],
+    *,
+    dimensions: Literal[2, 3] = 2,
 ) -> Identification:
     """Estimates numbers of a pipe from measured frequencies, decay rates and critical speeds.
 
@@ -250,6 +259,8 @@ def identify(
             the numbers of the pipe that `boundary` accepts, such as "damping", "hysteresis",
             "Viscosity.sigma" or "Spring.stiffness". By default an unknown may differ by a factor of
             30 from the pipe's value, within the range that the number has.
+        dimensions: 3 if the pipe may also move across the plane in which a load bends it, where it
+            may flutter first; measurements `across` that plane need it.
 
     Returns:
         Identification with the estimates, their uncertainties and warnings. Several pipes may
@@ -288,7 +299,9 @@ def identify(
     Source: Nocedal and Wright (2006), Numerical optimization, ch. 10, for least squares.
     Uncertainties follow from those of the measurements by the linear law of errors.
     """
-    known = _checked_problem(pipe, measurements, unknowns)
+    known = _checked_problem(pipe, measurements, unknowns, dimensions)
+    if not known.given.rests_straight and dimensions == 2:
+        warn_of_plane(__name__)
     with one_thread(max(FUNCTIONS)):
         optima = known.searched(FUNCTIONS[0])
         for size in FUNCTIONS:
@@ -367,7 +380,7 @@ def _with_stiffness(pipe: Pipe, value: float) -> Pipe:
     )
 
 
-def _checked_problem(pipe: Pipe, measurements: Any, unknowns: Any) -> _Problem:
+def _checked_problem(pipe: Pipe, measurements: Any, unknowns: Any, dimensions: Any) -> _Problem:
     """The problem given by the arguments of `identify`; raises errors for bad arguments."""
     pipe = checked_pipe(pipe)
     check.instance("measurements", measurements, list | tuple, "a list of Measurement")
@@ -375,6 +388,12 @@ def _checked_problem(pipe: Pipe, measurements: Any, unknowns: Any) -> _Problem:
         raise ValueError("measurements must have at least one Measurement, got none")
     for i, one in enumerate(measurements):
         check.instance(f"measurements[{i}]", one, Measurement, "a Measurement")
+        if one.across and (dimensions == 2 or pipe.rests_straight):
+            raise ValueError(
+                f"measurements[{i}].across must be False unless dimensions=3 and a load bends the "
+                f"pipe, got {one!r}"
+            )
+    Continuum(pipe, dimensions)  # refuses what has no equations in these
     check.instance("unknowns", unknowns, list | tuple | Mapping, "a list of names")
     names = list(unknowns)
     if not names:
@@ -387,7 +406,7 @@ def _checked_problem(pipe: Pipe, measurements: Any, unknowns: Any) -> _Problem:
         one, value = _unknown(pipe, name, bounds)
         found.append(one)
         begin.append(min(max(value, one.low), one.high))
-    problem = _Problem(pipe, tuple(measurements), tuple(found), np.log(begin))
+    problem = _Problem(pipe, tuple(measurements), tuple(found), np.log(begin), dimensions)
     unit = _speed_unit(problem.pipe(problem.begin))
     for i, given in enumerate(measurements):
         if given.speed > MOST_SPEED * unit:
@@ -467,6 +486,7 @@ class _Problem:
     measurements: tuple[Measurement, ...]
     unknowns: tuple[_Unknown, ...]
     begin: Array
+    dimensions: Literal[2, 3]
 
     @property
     def bounds(self) -> Array:
@@ -639,9 +659,14 @@ class _Problem:
         )
         return 2.0 * float(found.cost), np.asarray(found.x)
 
+    def predicted(self, x: Array, size: int, measurements: Sequence[Measurement]) -> Array:
+        """What a model of this size predicts for measurements, shape (M,)."""
+        model = Continuum(self.pipe(x), self.dimensions).frozen(size)
+        return _predicted(model, measurements)
+
     def misfit(self, x: Array, size: int) -> Array:
         """Residuals (predicted - measured) / uncertainty of a model of this size, shape (M,)."""
-        predicted = _predicted(self.pipe(x), size, self.measurements)
+        predicted = self.predicted(x, size, self.measurements)
         measured, sigma = np.array([(one.value, one.uncertainty) for one in self.measurements]).T
         return np.asarray((predicted - measured) / sigma)
 
@@ -715,7 +740,7 @@ class _Problem:
             )
 
         def onset(x: Array) -> Array:
-            return _predicted(self.pipe(x), size, [Measurement("critical_speed", 0.0, 1.0)])
+            return self.predicted(x, size, [Measurement("critical_speed", 0.0, 1.0)])
 
         speed = onset(x)
         (by_x,) = self.slopes(onset, x, speed)
@@ -726,7 +751,7 @@ class _Problem:
             uncertainties=values * relative,
             covariance=spread * np.outer(values, values),
             correlation=spread / np.outer(relative, relative),
-            predicted=_predicted(self.pipe(x), size, self.measurements),
+            predicted=self.predicted(x, size, self.measurements),
             residuals=-residuals,
             chi_squared=squares,
             freedom=freedom,
@@ -779,13 +804,14 @@ def _explained_by_chance(squares: float, freedom: int) -> bool:
     return bool(scipy.special.chdtrc(freedom, squares) > 0.01)
 
 
-def _predicted(pipe: Pipe, size: int, measurements: Sequence[Measurement]) -> Array:
-    """What a model with this number of functions predicts for measurements, shape (M,)."""
-    model, scales = Continuum(pipe).frozen(size), pipe.scales
+def _predicted(model: Model, measurements: Sequence[Measurement]) -> Array:
+    """What a model predicts for measurements, shape (M,)."""
+    pipe, scales = model.pipe, model.pipe.scales
     time, turn = (1.0, 1.0) if scales is None else (scales.time, 2.0 * math.pi)
     given = [one for one in measurements if not one.quantity.startswith("critical")]
+    highest = max((one.mode for one in given), default=0)
     loci = {
-        speed: _roots_in_flow(model, speed / _speed_unit(pipe), max(one.mode for one in given))
+        speed: _roots_in_flow(model, speed / _speed_unit(pipe), highest)
         for speed in {one.speed for one in given}
     }
     onset = critical_speed(model) if len(given) < len(measurements) else None
@@ -796,7 +822,7 @@ def _predicted(pipe: Pipe, size: int, measurements: Sequence[Measurement]) -> Ar
         elif onset is not None and one.quantity == "critical_frequency":
             found.append(_onset_frequency(onset) / (turn * time))
         else:
-            root = complex(loci[one.speed][one.mode - 1])
+            root = complex(loci[one.speed][int(one.across)][one.mode - 1])
             if math.isnan(root.real):
                 at = one.speed / _speed_unit(pipe)
                 raise NotIdentifiable(f"mode {one.mode} has no oscillation at u = {at:.4g} to tell")
@@ -807,12 +833,17 @@ def _predicted(pipe: Pipe, size: int, measurements: Sequence[Measurement]) -> Ar
     return np.array(found)
 
 
-def _roots_in_flow(model: Model, u: float, count: int) -> Complex:
-    """The eigenvalues of the lowest modes at u, in the order of their frequencies at rest."""
+def _roots_in_flow(model: Model, u: float, count: int) -> list[Complex]:
+    """The eigenvalues of the lowest modes at u, in the order of their frequencies at rest.
+
+    They are those of motions in the plane of a bent rest and, in three dimensions, across it.
+    """
     if u > MOST_SPEED:
         raise NotConverged(f"at u = {u:.3g} no mode is followed")
     speeds = np.linspace(0.0, u, 2 + math.ceil(u)) if u else np.zeros(1)
-    return branches_followed(model, speeds, max(count, 2)).eigenvalues[-1]
+    found = branches_followed(checked_model(model), speeds, max(count, 2))
+    roots = found.eigenvalues[-1]
+    return [roots] if found.across is None else [roots[~found.across], roots[found.across]]
 
 
 def _onset_frequency(onset: CriticalSpeed) -> float:

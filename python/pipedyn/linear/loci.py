@@ -75,7 +75,7 @@ BESIDE_CROSSING = 1e-3
 the bound on the error of a root may be larger than its real part."""
 
 
-@saved_as("RootLoci", added=("modes", "complete"))
+@saved_as("RootLoci", added=("modes", "complete", "across"))
 class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
     """Eigenvalues as functions of the flow speed, one branch in each of B columns.
 
@@ -103,6 +103,9 @@ class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
         complete: whether every mode that grows at a speed in the range has a branch, as far as
             `crossings` finds these modes or, if this search fails, the roots at the speeds and
             their slopes tell; False in files of versions that did not look for them.
+        across: of a model in three dimensions about a bent rest, whether the motions of each branch
+            are across the plane of that rest, shape (B,), modes of both planes being counted apart;
+            None for other models.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), n=5)
@@ -122,6 +125,7 @@ class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
     pipe: Pipe = field(repr=False)
     modes: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     complete: bool = False
+    across: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         if not self.modes.size:  # all from the first, as in files of versions without the field
@@ -129,7 +133,8 @@ class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
 
     def _columns(self) -> dict[str, Any]:
         count = self.eigenvalues.shape[1]
-        return {
+        planes = {} if self.across is None else {"across": np.tile(self.across, self.speeds.size)}
+        columns = {
             "speed": np.repeat(self.speeds, count),
             "branch": np.tile(np.arange(count), self.speeds.size),
             "mode": np.tile(self.modes, self.speeds.size),
@@ -138,6 +143,7 @@ class RootLoci(TableResult, units=dict.fromkeys(("error", "errors"), RATE)):
             "error": self.errors.ravel(),
             "converged": self.converged.ravel(),
         }
+        return columns | planes
 
 
 def root_loci(
@@ -153,8 +159,9 @@ def root_loci(
     Args:
         model: chain, reduced model or `Continuum`.
         speeds: flow speeds u >= 0, strictly increasing, shape (S,).
-        count: least number of branches, which are those of the lowest modes at rest; default: four,
-            or all of a model that has fewer. Branches of higher modes follow if they grow between
+        count: least number of branches, which are those of the lowest modes at rest (about a bent
+            rest in three dimensions, of the lowest in each plane); default: four, or all of a model
+            that has fewer. Branches of higher modes follow if they grow between
             the first speed and the last one, also if they do so only between two speeds: up to 30,
             those that lose stability first. Of modes that the smallest flow makes unstable, as all
             of an aspirating pipe without damping, the lowest one suffices.
@@ -183,7 +190,8 @@ def root_loci(
     at = check.array("speeds", speeds, low=0.0, high=largest_speed(model), longest=100_000)
     if np.any(np.diff(at) <= 0.0):
         raise ValueError("speeds must be strictly increasing")
-    most = CONTINUUM_COUNT if isinstance(model, Continuum) else model.dof
+    planes = model.dimensions - 1
+    most = CONTINUUM_COUNT if isinstance(model, Continuum) else model.dof // planes
     count = checked_count(min(4, most) if count is None else count, model, most)
     shown = check.flag("progress", progress)
     rests, dense, bent = _rests_without_flow(model), True, rest_follows(model)
@@ -228,6 +236,7 @@ def root_loci(
         speeds=at,
         **{name: getattr(loci, name)[rows][:, kept] for name in OF_BRANCHES},
         modes=loci.modes[kept],
+        across=None if loci.across is None else loci.across[kept],
         complete=bool(complete),
     )
 
@@ -297,7 +306,8 @@ def _with_growing_roots(
         none = np.empty((2, speeds.size, 0))
         values, partners = none.astype(np.complex128)
         columns = values, partners, none[0] > 0.0, none[0]
-        loci = RootLoci(speeds, *columns, size=solved.dof, pipe=model.pipe)
+        across = np.empty(0, dtype=np.bool_) if model.dimensions == 3 else None
+        loci = RootLoci(speeds, *columns, size=solved.dof, pipe=model.pipe, across=across)
         first = follower.at(at[0]).values.imag
         lowest = np.flatnonzero((first > 0.0) | ((first == 0.0) & (loss == 0.0)))[:count]
         starts = [(root, mode) for mode, root in enumerate(lowest.tolist(), 1)]
@@ -317,6 +327,8 @@ def _with_growing_roots(
                 complete = False
                 continue
             branch = follower.branch(at, row, root, ends)
+            if loci.across is not None:
+                loci = replace(loci, across=np.append(loci.across, roots.across[root]))
             apart = np.abs(loci.eigenvalues - branch[0][:, None])
             taken = (apart < SAME_ROOT * (1.0 + np.abs(branch[0][:, None]))).any(axis=1)
             for one, unknown in zip(branch, (nothing, nothing, math.inf), strict=True):
@@ -418,7 +430,8 @@ def _growing_modes(model: AnyModel, at: Array, count: int) -> _GrowingModes:
         # Any mode may grow, for instance with a mass at the free end, so that ever larger bases
         # have ever more crossings: one basis gives those of the modes that it resolves.
         searched = model.frozen(_resolving(model, at))
-        resolved = count_resolved(searched, eigenproblem(searched).spectrum())
+        planar = searched.planar
+        resolved = count_resolved(planar, eigenproblem(planar).spectrum())
     try:
         if at[-1] > 0.0:
             _, found = only_answer(stability_losses([searched], float(at[-1]), sensitive=False))
@@ -483,7 +496,7 @@ def branches_followed(model: AnyModel, speeds: Array, count: int, shown: bool = 
         largest=smallest + 32,
     )
     found = answer.value
-    if not (model.pipe.hysteresis or rest_follows(model)):
+    if not (model.pipe.hysteresis or rest_follows(model) or found.across is not None):
         solved = model.frozen(answer.size) if isinstance(model, Continuum) else model
         found = _told_apart(eigenproblem(solved), found)
     if isinstance(model, Continuum):
@@ -524,10 +537,34 @@ def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci
     """Root loci of one model, computed with more roots until no branch is lost."""
     if rest_follows(model):
         return _loci_of_rest(model, speeds, count)
+    if model.dimensions == 3:
+        each = [
+            _told_apart(one, _loci_about(one, speeds, count, shown))
+            for one in eigenproblem(model).planes
+        ]
+        return _side_by_side(each)
+    return _loci_about(eigenproblem(model), speeds, count, shown)
+
+
+def _side_by_side(each: list[RootLoci]) -> RootLoci:
+    """Root loci in the plane of a bent rest and across it, as branches of one result."""
+    first = each[0]
+    if len(each) == 1:
+        return first
+    count = first.modes.size
+    columns: dict[str, Any] = {
+        name: np.stack([getattr(one, name) for one in each], -1).reshape(-1, 2 * count)
+        for name in OF_BRANCHES
+    }
+    modes, across = np.repeat(first.modes, 2), np.tile([False, True], count)
+    return replace(first, **columns, modes=modes, across=across, size=2 * first.size)
+
+
+def _loci_about(problem: Eigenproblem, speeds: Array, count: int, shown: bool) -> RootLoci:
+    """Root loci about a configuration at rest at all speeds."""
     # If the requested modes are overdamped, half of their roots lie beyond the cluster at -1 /
     # delta, and only a computation of all roots finds them.
-    overdamped = is_overdamped(model.pipe, count)
-    problem = eigenproblem(model)
+    overdamped = is_overdamped(problem.pipe, count)
     spectrum, every = problem.spectrum(), 2 * problem.dof
     size = every if overdamped else 2 * count + 16
     with Progress("root loci", shown and speeds.size > 1) as progress:
@@ -546,45 +583,56 @@ def _root_loci(model: Model, speeds: Array, count: int, shown: bool) -> RootLoci
             if loci is not None:
                 values, partners = loci.values, loci.partners
                 checks = loci.converged, loci.errors
-                return RootLoci(speeds, values, partners, *checks, problem.dof, model.pipe)
+                return RootLoci(speeds, values, partners, *checks, problem.dof, problem.pipe)
             size *= 2
 
 
 def _loci_of_rest(model: Model, speeds: Array, count: int) -> RootLoci:
     """Root loci of a bent pipe, whose rest is followed from u = 0 with all of its roots.
 
-    Each root continues as the nearest one from one rest to the next.
+    Each root continues as the nearest one of its plane from one rest to the next.
     """
-    rests, rows = BranchOfRest(model), list[tuple[NDArray[Any], ...]]()
-    followed: list[RootsFollowed] = []
+    rests, followed = BranchOfRest(model), list[RootsFollowed]()
+    rows = [list[tuple[NDArray[Any], ...]]() for _ in rests.planes]
 
     def record(x: Array, u: float) -> None:
-        problem = eigenproblem(rests.about(x))
+        for row, roots, problem in zip(
+            rows, followed, eigenproblem(rests.about(x)).planes, strict=True
+        ):
+            row.append(recorded(problem, roots, u))
+
+    def recorded(problem: Eigenproblem, roots: RootsFollowed, u: float) -> tuple[NDArray[Any], ...]:
         pairs = problem.lowest(u, 2 * problem.dof, left=True)
-        own = followed[0].matched(pairs.values)[: 2 * count].reshape(count, 2)
+        own = roots.matched(pairs.values)[: 2 * count].reshape(count, 2)
         # The upper root of a pair comes first, and the greater one of a real pair.
         order = np.lexsort((-pairs.values[own].real, -pairs.values[own].imag), axis=1)
         own = np.take_along_axis(own, order, axis=1)
         values, errors = pairs.values[own], problem.errors(u, pairs)[own].max(axis=1)
         good = (pairs.converged[own] & (own >= 0)).all(axis=1)
-        rows.append((*values.T, np.asarray(good), errors))
+        return (*values.T, np.asarray(good), errors)
 
     def note(step: Segment[DenseProblem]) -> str | None:
         if not followed:
-            followed.append(RootsFollowed(rests.eigenvalues(step.begin.x, step.begin.p)))
+            begin = step.begin
+            followed.extend(RootsFollowed(rests.roots(begin.x, begin.p, k)) for k in rests.planes)
             if speeds[0] == 0.0:
-                record(step.begin.x, 0.0)
-        followed[0].move(rests.eigenvalues(step.end.x, step.end.p))
-        if len(rows) < speeds.size and step.end.p == speeds[len(rows)]:
+                record(begin.x, 0.0)
+        for plane, roots in enumerate(followed):
+            roots.move(rests.roots(step.end.x, step.end.p, plane))
+        if len(rows[0]) < speeds.size and step.end.p == speeds[len(rows[0])]:
             record(step.end.x, step.end.p)
         return "fold" if step.end.tangent[-1] <= 0.0 else None
 
     with one_thread(model.dof):
         reason = rests.following(max(float(speeds[-1]), 1e-3), note, speeds[speeds > 0.0].tolist())
-    if len(rows) < speeds.size:
-        raise NotConverged(lost_rest(reason, float(speeds[len(rows) - 1]), float(speeds[-1])))
-    values, partners, converged, errors = map(np.array, zip(*rows, strict=True))
-    return RootLoci(speeds, values, partners, converged, errors, model.dof, model.pipe)
+    if len(rows[0]) < speeds.size:
+        raise NotConverged(lost_rest(reason, float(speeds[len(rows[0]) - 1]), float(speeds[-1])))
+    each = list[RootLoci]()
+    for row in rows:
+        values, partners, converged, errors = map(np.array, zip(*row, strict=True))
+        checks = converged, errors
+        each.append(RootLoci(speeds, values, partners, *checks, rests.plane.dof, model.pipe))
+    return _side_by_side(each)
 
 
 def _told_apart(problem: Eigenproblem, loci: RootLoci) -> RootLoci:

@@ -132,8 +132,8 @@ class ModeShape(Result):
     def __call__(self, s: ArrayLike) -> Complex:
         """Complex displacement at arc lengths s in [0, 1], shape (len(s),).
 
-        In three dimensions the shape is (2, len(s)), for x and z. The motion is Re(shape(s)
-        exp(lambda tau)).
+        In three dimensions, of a pipe that is not the same in all directions, the shape is
+        (2, len(s)): displacements along x and along z. The motion is Re(shape(s) exp(lambda tau)).
 
         Raises:
             NotConverged: if the mode was not found.
@@ -144,7 +144,7 @@ class ModeShape(Result):
         return np.asarray(self.model.deflection(self.coordinates, s), dtype=np.complex128)
 
 
-@saved_as("Modes")
+@saved_as("Modes", added=("across",))
 class Modes(TableResult, units={"errors": RATE}):
     """Eigenvalues and modes at one flow speed.
 
@@ -160,6 +160,8 @@ class Modes(TableResult, units={"errors": RATE}):
         discretisation: for `Continuum`, the largest change of an eigenvalue from the basis before
             the last to the last, relative to the larger of the eigenvalue and 1; None for other
             models.
+        across: of a model in three dimensions about a bent rest, whether each mode is across the
+            plane of that rest, shape (count,); None for other models.
 
     Example:
         >>> chain = pp.Chain(pp.Pipe(0.2), n=5)
@@ -177,6 +179,7 @@ class Modes(TableResult, units={"errors": RATE}):
     converged: NDArray[np.bool_] = field(repr=False)
     size: int
     discretisation: float | None = None
+    across: NDArray[np.bool_] | None = None
 
     @cached_property
     def errors(self) -> Array:
@@ -209,13 +212,14 @@ class Modes(TableResult, units={"errors": RATE}):
 
     def _columns(self) -> dict[str, Any]:
         values = self.eigenvalues
-        return {
+        columns = {
             "growth_rate": values.real,
             "frequency": values.imag,
             "damping_ratio": -values.real / np.abs(values),
             "residual": self.residuals,
             "converged": self.converged,
         }
+        return columns if self.across is None else columns | {"across": self.across}
 
 
 def modes(model: AnyModel, u: float, count: int | None = None) -> Modes:
@@ -322,6 +326,7 @@ def _selected(found: Modes, chosen: NDArray[np.intp]) -> Modes:
         shapes=tuple(found.shapes[i] for i in chosen),
         residuals=found.residuals[chosen],
         converged=found.converged[chosen],
+        across=None if found.across is None else found.across[chosen],
     )
 
 
@@ -368,7 +373,7 @@ def _checked_question(
     model: AnyModel, u: Any, count: Any, roots: int = 1
 ) -> tuple[AnyModel, float, int | None]:
     """The model, flow speed and count, checked, where each answer has this number of roots."""
-    model = checked_model(model, across=True)
+    model = checked_model(model)
     u = steady_speed("u", u)
     if count is None:
         if isinstance(model, Continuum):
@@ -396,8 +401,12 @@ def checked_count(count: Any, model: AnyModel, most: int) -> int:
     return asked
 
 
-def neutral_shape(model: Model, u: float, frequency: float) -> ModeShape:
+def neutral_shape(
+    model: Model, u: float, frequency: float, across: bool | None = None
+) -> ModeShape:
     """Shape of the mode at flow speed u whose eigenvalue is i times frequency, up to rounding.
+
+    In three dimensions it is that of a motion across the plane of rest, or in it.
 
     It is computed by inverse iteration, which converges in one step so near to an eigenvalue.
     """
@@ -407,6 +416,8 @@ def neutral_shape(model: Model, u: float, frequency: float) -> ModeShape:
         stiffness = stiffness.real
     dynamic = value**2 * mass + value * velocity + stiffness
     x = np.linspace(1.0, 2.0, len(mass)) + 0j
+    if across is not None:
+        np.split(x, 2)[not across][:] = 0.0
     with one_thread(len(mass)):
         dynamic = dynamic + np.finfo(float).eps * np.linalg.norm(dynamic) * np.eye(len(mass))
         for _ in range(3):
@@ -420,7 +431,7 @@ def neutral_shape(model: Model, u: float, frequency: float) -> ModeShape:
 def _shapes(model: Model, values: Complex, coordinates: Complex) -> tuple[ModeShape, ...]:
     """Shapes of modes from their coordinates, (dof, k), which are NaN for modes not found."""
     displacement = model.deflection(np.nan_to_num(coordinates), model.stations)
-    displacement = displacement.reshape(-1, values.size)  # along x, then in space along z
+    displacement = displacement.reshape(-1, displacement.shape[-1])  # along x, then along z
     largest = np.argmax(np.abs(displacement), axis=0)
     peaks = displacement[largest, np.arange(largest.size)]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -437,10 +448,13 @@ def _modes(model: Model, u: float, count: int | None, searched: float) -> Modes:
     """
     every = 2 * model.dof
     count = every if count is None else count
-    pairs = eigenproblem(model).lowest(u, int(min(max(count, searched), every)))
+    problem = eigenproblem(model)
+    pairs = problem.lowest(u, int(min(max(count, searched), every)))
     if searched > count:
         values = np.nan_to_num(pairs.values)
         kept = np.flatnonzero((np.arange(values.size) < count) | grows(values))
         pairs = select_pairs(pairs, kept)
     shapes = _shapes(model, pairs.values, model.from_elastic(pairs.right))
-    return Modes(u, pairs.values, shapes, pairs.residuals, pairs.converged, model.dof)
+    checks = pairs.residuals, pairs.converged
+    across = problem.is_across(pairs) if model.dimensions == 3 else None
+    return Modes(u, pairs.values, shapes, *checks, model.dof, across=across)

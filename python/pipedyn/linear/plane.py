@@ -26,6 +26,7 @@ from pipedyn.linear.neutral import SHIFT, companion, eigenvalues_of, grows, shif
 from pipedyn.models.base import COMPLEX_STEP, Model, Operators
 from pipedyn.models.chain import Chain
 from pipedyn.models.galerkin import Galerkin
+from pipedyn.models.pipe import Pipe
 from pipedyn.models.pipe_numbers import PipeNumber
 from pipedyn.util.check import Array, Complex
 from pipedyn.util.counters import count_factorisations
@@ -72,6 +73,13 @@ class Window:
     def place(self, share: Array) -> Array:
         """The point (x, y) at shares of the ranges, shape (2,)."""
         return self.low + self.size * share
+
+    def pipe(self, pipe: Pipe, at: Array) -> Pipe:
+        """A pipe with the numbers (x, y)."""
+        for number, value in zip(self.numbers, at.tolist(), strict=True):
+            if number is not None:
+                pipe = number.changed(pipe, value)
+        return pipe
 
     def on_edges(self, share: Array) -> Array:
         """Shares of the ranges; those off an edge by rounding are moved onto it."""
@@ -198,15 +206,11 @@ class Plane:
 
     def model_at(self, at: Array) -> Model:
         """The model whose pipe has the numbers (x, y)."""
-        pipe = self.model.pipe
         window = self.window
         share = (at - window.low) / window.size
         within = window.on_edges(share)
         at = np.where(within == share, at, window.place(within))
-        for number, value in zip(window.numbers, at.tolist(), strict=True):
-            if number is not None:
-                pipe = number.changed(pipe, value)
-        return self.model.with_pipe(pipe)
+        return self.model.with_pipe(window.pipe(self.model.pipe, at))
 
     def _parts(self, at: Array) -> Array:
         """Parts (6, dof, dof): M; C without flow, per u; K without flow, per u^2; loss."""

@@ -15,9 +15,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipedyn.continuation.arclength import Control, DenseProblem, Point, Segment
 from pipedyn.continuation.tracer import Tracer
@@ -42,11 +43,15 @@ in units of twice the flow speed. Within a step roots are followed by their dist
 MOST_RESTS = 20_000
 """Most steps along the branch of rests."""
 
-GROWING, SHORTER_STEPS = (0.1, 0.01, 0.002), (1.0, 0.2)
+GROWING, SHORTER_STEPS = (0.1, 0.01, 0.002), (1.0, 0.2, 0.04)
 """Longest steps in which loads grow from zero, in the same measure and as a share of the loads; and
 shares of the longest step in which the speed grows. Shorter steps are taken where the others lead
-to a rest that buckles or turns back: a pipe that buckles, to one side because of a small load
-across, has another branch nearby onto which a step may jump."""
+to a rest that buckles or turns back, until two agree: a pipe that buckles, to one side because of a
+small load across, has another branch nearby onto which a step may jump. Next to Euler's load, with
+steps of 0.04 a load across of 1e-6 is enough to tell which way the pipe buckles."""
+
+SAME_REST = 1e-6
+"""Largest difference of rests, or of speeds, that steps of different lengths find."""
 
 LONGEST_CHANGE = 0.25
 """Size beyond which a step of Newton's method is shortened."""
@@ -65,8 +70,9 @@ class BranchOfRest:
 
     def __init__(self, model: Model) -> None:
         self.model = model
-        self.size = model.integrated
-        self.resting = np.array(model.resting(), dtype=np.float64)
+        self.plane: Model = model.planar  # it moves in the plane in which the pipe rests
+        self.size, self.planes = self.plane.integrated, range(model.dimensions - 1)
+        self.resting = np.array(self.plane.resting(), dtype=np.float64)
         self.branch = DenseProblem(self.equations, self.size, 2.0, STEPS_OF_REST)
         self._about: tuple[Array, Operators] | None = None  # operators about the last configuration
         self._still: Array | None = None  # the rest without flow
@@ -78,11 +84,11 @@ class BranchOfRest:
         """
         count_right_hand_sides(len(xs))
         y = np.concatenate([xs.T, np.zeros_like(xs.T)])
-        return self.model.motion_rates(y, u)[self.size :].T
+        return self.plane.motion_rates(y, u)[self.size :].T
 
     def jacobian(self, x: Array, p: float) -> Array:
         """Derivative of accelerations by x, (integrated, integrated), or one for each row of x."""
-        whole = self.model.motion_jacobian(np.concatenate([x.T, np.zeros_like(x.T)]), abs(p))
+        whole = self.plane.motion_jacobian(np.concatenate([x.T, np.zeros_like(x.T)]), abs(p))
         return whole[..., self.size :, : self.size]
 
     def equations(self, x: Array, p: float) -> tuple[Array, Array]:
@@ -113,16 +119,33 @@ class BranchOfRest:
 
         The third result is the operators about x, which act in these directions.
         """
-        free, of = self.model.free_directions(x), self.model.operators(x)
+        free, of = self.plane.free_directions(x), self.plane.operators(x)
         return of.mass @ (free.T @ self.accelerations(x[None], u)[0]), free, of
 
     def eigenvalues(self, x: Array, u: float) -> Complex:
         """Eigenvalues of small motions about an equilibrium, shape (2 dof,)."""
+        return np.concatenate([self.roots(x, u, plane) for plane in self.planes])
+
+    def roots(self, x: Array, u: float, plane: int) -> Complex:
+        """Eigenvalues of motions in the plane of rest (0) or, in three dimensions, across (1)."""
         if self.model.pipe.hysteresis:  # acts on oscillation alone
-            return eigenproblem(self.about(x)).lowest(u, 2 * self.model.dof).values
+            problem = eigenproblem(self.about(x)).planes[plane]
+            return problem.lowest(u, 2 * problem.dof).values
+        return eigenvalues_of(*self.matrices(x, u, plane))
+
+    def matrices(self, x: Array, u: float, plane: int) -> tuple[Array, Array, NDArray[Any]]:
+        """(M, C, K) of small motions about an equilibrium in the plane of rest, or across it."""
         if self._about is None or not np.array_equal(self._about[0], x):
-            self._about = x, self.model.operators(x)
-        return eigenvalues_of(*self._about[1].at(u))
+            self._about = x, self.model.operators(self._in_all_planes(x))
+        half = self.model.dof // len(self.planes)
+        own = slice(plane * half, (plane + 1) * half)
+        mass, damping, stiffness = self._about[1].at(u)
+        return mass[own, own], damping[own, own], stiffness[own, own]
+
+    def _in_all_planes(self, x: Array) -> Array:
+        """Coordinates of the model, of configurations x in the plane of rest, (..., integrated)."""
+        across = np.zeros((*x.shape[:-1], self.model.integrated - self.size))
+        return np.concatenate([x, across], axis=-1)
 
     def growth(self, x: Array, u: float) -> Array:
         """Real parts of the eigenvalues minus their rounding, (2 dof,), the largest first."""
@@ -130,6 +153,7 @@ class BranchOfRest:
 
     def to_user(self, xs: Array) -> Array:
         """Users' coordinates, (k, coordinates), of integrated coordinates xs, (k, integrated)."""
+        xs = self._in_all_planes(xs)
         return self.model.to_user(xs, np.zeros_like(xs))[0]
 
     def about(self, x: Array) -> Model:
@@ -226,8 +250,11 @@ class BranchOfRest:
         if u == 0.0:
             return self.without_flow()
         for share in SHORTER_STEPS:
+            before = last[0].z if last else np.inf
             reason = self.following(u, note, share=share)
             if reason == "range" and not self._buckles(last[0].x, u):
+                break
+            if last and np.abs(last[0].z - before).max() < SAME_REST:
                 break
         if reason != "range":
             raise NotConverged(lost_rest(reason, last[0].p if last else 0.0, u))
@@ -272,7 +299,7 @@ def rest_follows(model: AnyModel) -> bool:
     """Whether a load bends the pipe, and the model is about no configuration of the user's own."""
     if model.pipe.rests_straight:  # asked first, since small searches take few other calls
         return False
-    return not (isinstance(model, Model) and model.rests_bent)
+    return not model.rests_bent
 
 
 def at_rest(model: AnyKind, u: float) -> AnyKind:

@@ -38,7 +38,7 @@ LEAST_BETA = 1e-300
 """Smallest beta with derivatives by beta: under weak damping they grow like 1 / beta."""
 
 
-@saved_as("Derivatives")
+@saved_as("Derivatives", added=("rotary_inertia",))
 class Derivatives(Result):
     """Derivatives of one quantity by the pipe's numbers and the springs.
 
@@ -48,6 +48,7 @@ class Derivatives(Result):
         gamma, damping, alpha, hysteresis: derivatives by these numbers.
         springs: derivatives by each k_j with the others fixed, shape (n,); None for reduced models
             and for scenes solved by matrices, see `Assembly`.
+        rotary_inertia: derivative by that number; None in a file of an earlier version.
 
     In SI, derivatives of a speed are in m/s and those of a frequency in Hz, with respect to the
     same nondimensional numbers. The derivative of a speed by beta is omitted, because the unit of
@@ -60,6 +61,7 @@ class Derivatives(Result):
     alpha: float
     hysteresis: float
     springs: Array | None = field(default=None, repr=False, compare=False)
+    rotary_inertia: float | None = None
 
 
 @saved_as("Sensitivity")
@@ -80,13 +82,13 @@ class Sensitivity(Result):
     frequency: Derivatives
 
     def _units_within(self, name: str) -> dict[str, Unit | None]:
-        names = ("gamma", "damping", "alpha", "hysteresis", "springs")
+        names = ("gamma", "damping", "alpha", "hysteresis", "springs", "rotary_inertia")
         if name == "speed":
             return dict.fromkeys(names, SPEED)
         return dict.fromkeys((*names, "beta"), FREQUENCY)
 
 
-@saved_as("Crossing", added=("gyroscopic", "vouched"))
+@saved_as("Crossing", added=("gyroscopic", "vouched", "across"))
 class Crossing(Result, units={"error": SPEED}):
     """A crossing of the imaginary axis by an eigenvalue or a conjugate pair.
 
@@ -119,6 +121,9 @@ class Crossing(Result, units={"error": SPEED}):
             damping makes it unstable (Kelvin, Tait and Chetaev).
         vouched: for `Continuum`, the number of lowest roots that its basis resolves and that are
             counted; None for other models, all of whose roots are counted.
+        across: of a model in three dimensions, whether the motion is across the plane in which its
+            pipe rests bent, or in it; None for other models. Modes of both planes are counted
+            apart.
     """
 
     speed: float
@@ -131,6 +136,7 @@ class Crossing(Result, units={"error": SPEED}):
     sensitivity: Sensitivity | None = field(default=None, repr=False)
     gyroscopic: bool = False
     vouched: int | None = field(default=None, repr=False)
+    across: bool | None = None
 
     @property
     def destabilising(self) -> bool:
@@ -186,7 +192,9 @@ class Crossings(ResultSequence[Crossing], units={"error": SPEED, "max_speed": SP
         return first | {"speeds": self.speeds, "kinds": kinds} | shown
 
     def _columns(self) -> dict[str, Any]:
-        names = "speed", "frequency", "kind", "mode", "unstable_before", "unstable_after", "error"
+        names = ["speed", "frequency", "kind", "mode", "unstable_before", "unstable_after", "error"]
+        if self.model.dimensions == 3:
+            names.append("across")
         return {name: [getattr(one, name) for one in self.crossings] for name in names}
 
 
@@ -247,12 +255,17 @@ def _sensitivity(problem: Eigenproblem, crossing: _core.AxisCrossing) -> Sensiti
         slope = -forms.flux * 2.0 * pipe.alpha * u
     if slope.real == 0.0:
         return None
+    heavier, step = model._stepped("rotary_inertia")  # the mass matrix is linear in it
+    right, left = crossing.vectors
+    heavier_mass = heavier.pencil().mass(right) - pencil.mass(right)
+    inertia = step * complex(np.sum(left.conj() * heavier_mass))
     # d lambda / dp = -y^H (dP/dp) x / down
     changes: dict[str, Any] = {
         "gamma": -forms.gravity / down,
         "damping": -value * forms.by_damping / down,
         "alpha": -(u**2) * forms.flux / down,
         "hysteresis": -1j * forms.by_damping / down if value else 0j,
+        "rotary_inertia": -(value**2) * inertia / down,
     }
     if pipe.beta >= LEAST_BETA:
         changes["beta"] = -value * u * forms.velocity / (2.0 * pipe.beta * down)
@@ -308,7 +321,10 @@ def strengthened(pipe: Pipe) -> list[Pipe]:
 
 def extrapolated(pipe: Pipe, found: Sequence[tuple[Crossing, ...]]) -> tuple[Crossing, ...]:
     """Crossings of a pipe from those of the strengthened pipes, which must agree in kind."""
-    kinds = [[(c.kind, c.mode, c.unstable_before, c.unstable_after) for c in row] for row in found]
+    kinds = [
+        [(c.kind, c.across, c.mode, c.unstable_before, c.unstable_after) for c in row]
+        for row in found
+    ]
     if any(row != kinds[0] for row in kinds):
         raise NotConverged(
             f"crossings at beta = {pipe.beta:g}, damping = {pipe.damping:g} cannot be extrapolated "

@@ -28,6 +28,7 @@ from pipedyn.models.pipe import Pipe
 from pipedyn.util import check
 from pipedyn.util.archive import saved_as
 from pipedyn.util.check import Array
+from pipedyn.util.errors import warn_of_plane
 from pipedyn.util.parallel import Returned, batches, outcome_of, parallel
 from pipedyn.util.result import SPEED, Result, TableResult
 
@@ -207,6 +208,8 @@ def stability_curve(
     at, pipes, answers, failures = sweep(make_model, values, solve, executor, progress)
     none: CriticalPointIfAny = (None, ())
     critical, found = zip(*(none if one is None else one for one in answers), strict=True)
+    if any(one and not one.pipe.rests_straight and one.model.dimensions == 2 for one in critical):
+        warn_of_plane(__name__)
     name = _name_of_argument(make_model)
     return StabilityCurve(at, critical, found, failures, max_speed, name, pipes)
 

@@ -193,6 +193,11 @@ class OfPipe(Saved):
         return True
 
     @property
+    def dimensions(self) -> int:
+        """Number of dimensions in which the pipe moves, 2 or 3."""
+        return 2
+
+    @property
     def planar(self) -> Any:
         """The model of the same pipe that moves in the plane z = 0: of a planar model itself."""
         return self
@@ -201,6 +206,11 @@ class OfPipe(Saved):
     def planes(self) -> tuple[Any, ...]:
         """Planar models whose small motions are those of this model; empty if it is one of them."""
         return ()
+
+    @property
+    def rests_bent(self) -> bool:
+        """Whether the configuration chosen by `about` is not the straight pipe."""
+        return False
 
     @cached_property
     def resisted(self) -> bool:
@@ -278,11 +288,6 @@ class Model(OfPipe, ABC):
     def coordinates(self) -> int:
         """Number of coordinates of a configuration; more than dof if constraints tie them."""
         return self.dof
-
-    @property
-    def dimensions(self) -> int:
-        """Number of dimensions in which the pipe moves, 2 or 3."""
-        return 2
 
     @property
     def coordinate_kind(self) -> str:
@@ -643,7 +648,7 @@ class Model(OfPipe, ABC):
 
     @property
     def rests_bent(self) -> bool:
-        """Whether the configuration at rest is not the straight pipe."""
+        """Whether the configuration chosen by `about` is not the straight pipe."""
         return self._reference is not None and bool(self._reference.any())
 
     def free_directions(self, p: Array) -> Array:
@@ -658,8 +663,8 @@ class Model(OfPipe, ABC):
         """Nearby p and rates that meet the constraints, (integrated, ...); NaN if none exist."""
         return p, rates
 
-    def alike(self, y: Array, other: Array) -> Array:
-        """Another state [p, p', ...] by those of its equivalent coordinates that are nearest to y's."""
+    def _alike(self, y: Array, other: Array) -> Array:
+        """Another state [p, p', ...], by the equivalent coordinates that are nearest to y's."""
         return other
 
     def free_states(self, y: Array) -> Array:

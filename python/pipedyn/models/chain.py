@@ -465,8 +465,22 @@ class SpatialChain(SpatialModel):
 
     The pipe has the same stiffness in all directions and does not twist: damping of a bent pipe
     causes a couple about its axis, for which its torsional stiffness is assumed to be infinite. The
-    joints' angles are those between neighbouring tangents, up to pi. At rho = pi the coordinates
-    are singular for motions across the plane.
+    joints' angles are those between neighbouring tangents, up to pi.
+
+    Supports, and an end that is pinned or clamped, hold x and z of ends of segments at 0; the pipe
+    slides along the axis. A guided or clamped end keeps the direction of the axis and lets the pipe
+    turn about it, as a swivel does. A hinged root bends in all directions, but does not let the
+    pipe turn about its own axis, like a universal joint of constant velocity. States have all 2 n
+    coordinates. Those given must meet the supports to 1e-6 and are brought onto them.
+
+    At rho = pi the coordinates are singular for motions across the plane. Segments that point
+    backwards are therefore integrated, by methods of the core, with rotation vectors from the
+    backward direction of the axis, and pass it without shorter steps. Results have the coordinates
+    above: rho is at most pi for such a segment, and where it passes straight backwards the
+    direction of its rotation vector turns quickly, so that a_x and a_z may jump from sample to
+    sample; positions do not. In a motion in the plane z = 0 angles count the turns, as those of
+    `planar` do. A segment with a `RotationalSpring`, whose energy has a kink at rho = pi, and
+    methods of scipy take shorter and shorter steps there.
 
     Small motions of the straight pipe are those of `planar`, in two planes independently, so that
     questions about its stability are answered by `planar`. If terms have other numbers across the
@@ -480,9 +494,6 @@ class SpatialChain(SpatialModel):
         >>> motion = pp.simulate(chain, 6.0, 10.0)
         >>> motion.tip.shape
         (501, 3)
-
-    Raises:
-        ValueError: for a pipe that is held beyond its root.
 
     Source: d'Alembert's principle for the velocities of a chain of inextensible, twist-free
     segments; see cpp/pipedyn/chain/space.hpp.
@@ -519,13 +530,7 @@ class SpatialChain(SpatialModel):
     def largest_angle(self, p: NDArray[Any]) -> float:
         return float(np.hypot(*np.abs(np.split(p, 2))).max())
 
-    def _deflected_across(
-        self, rest: Array, z: NDArray[Any], s: Array, derivative: int
-    ) -> NDArray[Any]:
-        turned = np.sinc(rest / np.pi)[:, None] * z
-        return np.asarray(self._planar._deflected(turned, s, derivative))
-
-    def alike(self, y: Array, other: Array) -> Array:
+    def _alike(self, y: Array, other: Array) -> Array:
         (at, _), (a, rates) = (
             of[: 4 * self._planar.coordinates].reshape(2, 2, -1) for of in (y, other)
         )
@@ -539,7 +544,7 @@ class SpatialChain(SpatialModel):
         moved = np.concatenate([share * a, rates]).ravel()
         return np.concatenate([moved, other[moved.size :]])
 
-    def _segments_to(self, tangents: Array, s: Array) -> Array:
+    def _segments_to(self, tangents: NDArray[Any], s: Array) -> NDArray[Any]:
         """Sums of the segments' vectors up to arc lengths s, (p, 3, k)."""
         planar = self._planar
         steps = planar.lengths[:, None, None] * tangents.transpose(1, 0, 2)
@@ -552,7 +557,7 @@ class SpatialChain(SpatialModel):
         return line
 
     def _free_ends(self, q: Array, qdot: Array) -> Array:
-        lengths = self._planar.lengths
+        lengths = self._planar._lengths_to_tip
         tangents, _ = rotations(q)
         found = np.concatenate(
             [np.einsum("j,cjk->ck", lengths, of) for of in (tangents, turning(q, qdot))]
@@ -563,9 +568,11 @@ class SpatialChain(SpatialModel):
     def _bending(self, q: Array) -> Array:
         tangents, _ = rotations(q)
         axis = np.broadcast_to([[[0.0]], [[1.0]], [[0.0]]], (3, 1, q.shape[1]))
-        before = np.concatenate([axis, tangents[:, :-1]], axis=1)
-        apart = np.linalg.norm(tangents - before, axis=0)
-        angles = 2.0 * np.arctan2(apart, np.linalg.norm(tangents + before, axis=0))
+        beyond = axis[:, : self._pipe.end_guided]
+        every = np.concatenate([axis, tangents, beyond], axis=1)
+        before, after = every[:, :-1], every[:, 1:]
+        apart = np.linalg.norm(after - before, axis=0)
+        angles = 2.0 * np.arctan2(apart, np.linalg.norm(after + before, axis=0))
         local = self._planar._relative_stiffness()[: len(angles), None]
         return np.asarray(self._planar._chain.joints[:, :1] * angles / local)
 
@@ -576,6 +583,9 @@ class SpatialChain(SpatialModel):
         lengths = self._planar._displacing(places)[1]
         found = np.einsum("pj,dcjk->pcdjk", lengths, tangents_by(p))
         return found.reshape(places.size, 3, self.coordinates, p.shape[1])
+
+    def _aside(self, rest: Array, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
+        return self._planar._deflected(np.sinc(rest / np.pi)[:, None] * p, s, derivative)
 
     @property
     def _angle_places(self) -> Array:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from numbers import Real
-from typing import Any, Generic, TypeAlias, TypeVar
+from typing import Any, Generic, Literal, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,8 @@ class Continuum(OfPipe):
 
     Args:
         pipe: the pipe, with its terms.
+        dimensions: 2 for small motions in the plane in which a load bends the pipe; 3 for those
+            across that plane as well.
 
     Example:
         >>> pipe = pp.Continuum(pp.Pipe(0.2))
@@ -65,23 +67,49 @@ class Continuum(OfPipe):
         5.591404378
         >>> pipe.frozen(12)
         Galerkin(Pipe(beta=0.2), m=12, basis='legendre')
+        >>> level = pp.Pipe(0.2, gamma=10.0, inclination=np.pi / 2)
+        >>> found = pp.critical_speed(pp.Continuum(level, dimensions=3))
+        >>> round(found.speed, 6), found.across
+        (5.779702, True)
 
     Raises:
         TypeError: for an argument that is not a pipe.
+        ValueError: for other dimensions than 2 and 3.
 
     Source: Gregory and Paidoussis (1966).
     """
 
+    def __init__(self, pipe: Pipe, dimensions: Literal[2, 3] = 2) -> None:
+        super().__init__(pipe)
+        self._dimensions = dimensions
+        if dimensions != 2:
+            check.count("dimensions", dimensions, low=2, high=3)
+            self.frozen(1)  # refuses pipes that have no equations in three dimensions
+
+    def archived(self) -> dict[str, Any]:
+        """Fields that a file stores: the constructor's arguments."""
+        return super().archived() | ({} if self._dimensions == 2 else {"dimensions": 3})
+
+    @property
+    def dimensions(self) -> Literal[2, 3]:
+        """Number of dimensions in which the pipe moves, 2 or 3."""
+        return self._dimensions
+
+    @property
+    def planar(self) -> Continuum:
+        """The continuous pipe that moves in the plane z = 0."""
+        return self if self._dimensions == 2 else Continuum(self._pipe)
+
     def with_pipe(self, pipe: Pipe) -> Continuum:
         """A `Continuum` with another pipe; raises the errors of `Continuum`."""
-        return Continuum(pipe)
+        return Continuum(pipe, self._dimensions)
 
     def __repr__(self) -> str:
-        return f"Continuum({self._pipe!r})"
+        return f"Continuum({self._pipe!r}{', dimensions=3' if self._dimensions == 3 else ''})"
 
-    def frozen(self, m: int) -> Galerkin:
-        """The reduced model with m Legendre functions; m and errors as for `Galerkin`."""
-        return Galerkin(self._pipe, m, "legendre")
+    def frozen(self, m: int) -> Any:
+        """The reduced model with m Legendre functions, in each plane; as for `Galerkin`."""
+        return Galerkin(self._pipe, m, "legendre", dimensions=self._dimensions)
 
     def converge(
         self,
@@ -173,29 +201,20 @@ def converged_ahead(
         size = next_size
 
 
-def checked_model(model: Any, *, across: bool = False) -> AnyModel:
-    """The model, or of one in three dimensions its `planar` model; else raises TypeError.
+def checked_model(model: Any) -> AnyModel:
+    """The model, or of a straight pipe in three dimensions its `planar` model; else a TypeError.
 
     The small motions of a straight pipe in three dimensions are those of the planar model in two
-    planes, so that both models have the same answers. If a load bends the pipe, or terms differ in
-    x and z, motions across the plane differ: such a model is returned itself if the question is
-    asked `across` the plane, too, and raises ValueError otherwise.
+    planes, so that both models have the same answers. About a bent rest, or if terms differ in x
+    and z, small motions across the plane z = 0 differ, so that the model itself is asked.
     """
     if not isinstance(model, OfPipe):  # which both are; an abstract class takes ten times as long
         instead = ": take Continuum(pipe), or Chain(pipe, n)" if isinstance(model, Pipe) else ""
         raise TypeError(f"model must be a Model or a Continuum, got {check.shown(model)}{instead}")
     asked: Any = model
-    checked: AnyModel = model.planar
-    if checked is not model and not model.pipe.symmetric_about_axis:
-        if across:
-            return asked
-        raise ValueError(
-            "model must be planar, as model.planar, in this question about a pipe that rests bent "
-            "or has terms that differ in x and z: its small motions across the plane z = 0 are "
-            "others, which critical_speed, crossings, eigenvalues and modes tell, got "
-            f"{model!r}"
-        )
-    return checked
+    if model.dimensions == 2 or model.rests_bent or not model.pipe.symmetric_about_axis:
+        return asked
+    return asked.planar
 
 
 def converged_answer(

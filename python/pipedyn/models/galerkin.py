@@ -483,11 +483,16 @@ class SpatialGalerkin(SpatialModel):
 
     `Galerkin(pipe, m, basis, dimensions=3)` makes it.
 
-    Coordinates: amplitudes of the rotation vector of the tangent, shape (2 m,), first those of its
+    Coordinates: amplitudes of the rotation vector of the tangent, shape (2 m,) unless the pipe is
+    held across beyond its root, first those of its
     component along x, then those of the one along z; each component is sum_i q_i w_i'(s). The
     tangent, and what is assumed about the pipe, are those of `SpatialChain`; in the plane z = 0 the
     model moves as `planar` does. Where a tangent turns by more than pi the coordinates end: `rhs`
     then raises `NotResolved`, and motions stop.
+
+    A pipe may be held as one of `SpatialChain`. States then have two more coordinates for each
+    support and for an end held across, as those of `planar` have one; 2 m small amplitudes are
+    accepted as well, and a nearby state that meets the supports is found.
 
     Example:
         >>> model = pp.Galerkin(pp.Pipe(0.2), 8, "legendre", dimensions=3)
@@ -536,15 +541,6 @@ class SpatialGalerkin(SpatialModel):
     def pencil(self) -> DensePencil:
         return DensePencil(self)
 
-    def _deflected_across(
-        self, rest: Array, z: NDArray[Any], s: Array, derivative: int
-    ) -> NDArray[Any]:
-        def slope(slopes: Array) -> NDArray[Any]:
-            return np.asarray(np.sinc(slopes @ rest / np.pi)[:, None] * (slopes @ z))
-
-        planar = self._planar
-        return slope(planar._basis_at(s, 1)) if derivative else planar._integrated(slope, rest, s)
-
     @property
     def _held_places(self) -> Array:
         return np.array(self._planar._held)
@@ -583,11 +579,24 @@ class SpatialGalerkin(SpatialModel):
             found.append(np.einsum("j,dcjk,ji->cdik", weights, by, slopes))
         return np.array(found).reshape(places.size, 3, self.coordinates, p.shape[1])
 
+    def _aside(self, rest: Array, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
+        def angles(slopes: Array) -> NDArray[Any]:
+            return np.sinc(slopes @ rest / np.pi)[:, None] * (slopes @ p)
+
+        if derivative:
+            return angles(self._planar._basis_at(s, 1))
+        return self._planar._integrated(angles, rest, s)
+
     def _centreline(self, q: ArrayLike, s: Array) -> Array:
         return self._places(self._coordinates(q)[:, None], s)[..., 0]
 
     def _free_ends(self, q: Array, qdot: Array) -> Array:
-        return np.asarray(self.core.tips(np.concatenate([q, qdot])))
+        place = self._pipe.tip_place
+        if place == 1.0:
+            return np.asarray(self.core.tips(np.concatenate([q, qdot])))
+        at = np.array([place])
+        velocity = np.einsum("pcik,ik->ck", self._places_by(q, at), qdot)
+        return np.concatenate([self._places(q, at)[0], velocity])
 
     def _bending(self, q: Array) -> Array:
         stations = self.stations
@@ -627,12 +636,14 @@ class PanelPencil(Pencil):
         return self.lift.T @ self.core.times(self.lift @ x, **{part: 1.0})
 
 
-def enriched(model: Galerkin, more: int) -> Galerkin:
+def enriched(model: Any, more: int) -> Any:
     """A model with as many functions, which puts `more` additional ones on short panels.
 
     If size and `more` of two models grow, they differ on every panel of the basis but those shorter
     than 0.003, so that the distance of their answers also bounds the error of short panels.
     """
+    if model.dimensions == 3:
+        return SpatialGalerkin(enriched(model.planar, more))
     made = model.with_pipe(model.pipe)
     made._more = more
     return made

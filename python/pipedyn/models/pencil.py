@@ -85,6 +85,13 @@ class Pencil:
         """The pencil of the same model with another pipe."""
         return type(self)(self.model.with_pipe(pipe))
 
+    def planes(self) -> tuple[Pencil, ...]:
+        """Pencils of motions in the plane in which the pipe rests bent, and across that plane.
+
+        They are uncoupled, and only a model in three dimensions has both.
+        """
+        return (self,)
+
     def elastic(self, x: Vectors) -> Vectors:
         """Product with the elastic stiffness, the identity except at joints without spring."""
         result: Vectors = self.model.elastic_share[:, None] * x
@@ -112,17 +119,34 @@ class Pencil:
 
 
 class DensePencil(Pencil):
-    """A pencil by dense matrices; O(dof^3)."""
+    """A pencil by dense matrices; O(dof^3).
+
+    Args:
+        model: the model.
+        plane: the elastic coordinates on which the pencil acts, all or those of one plane.
+    """
 
     is_long = False
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, plane: slice = slice(None)) -> None:
         super().__init__(model)
+        self.plane = plane
         ops = model.elastic_operators()
         velocity = ops.direction * (ops.gyroscopic + ops.end_flux)
         matrices = ops.mass, velocity, ops.damping, ops.stiffness, ops.flux
         names = "mass", "velocity", "damping", "stiffness", "flux"
-        self.matrices = dict(zip(names, matrices, strict=True))
+        parts = (of[plane, plane] for of in matrices)
+        self.matrices = dict(zip(names, parts, strict=True))
+        self.dof = len(self.matrices["mass"])
+
+    def with_pipe(self, pipe: Pipe) -> DensePencil:
+        return DensePencil(self.model.with_pipe(pipe), self.plane)
+
+    def planes(self) -> tuple[Pencil, ...]:
+        if self.model.dimensions == 2 or self.dof < self.model.dof:
+            return (self,)
+        half = self.dof // 2
+        return tuple(DensePencil(self.model, of) for of in (slice(half), slice(half, None)))
 
     def term_stiffness(self) -> float:
         return float(np.linalg.norm(self.matrices["stiffness"] - np.eye(self.dof), 2))
@@ -131,11 +155,12 @@ class DensePencil(Pencil):
     def _slopes(self) -> dict[str, Array]:
         """dK/dgamma and dD/ddelta; K and D are linear in these."""
         heavier, more = self.model._stepped("gamma")
+        plane = self.plane
         moved, step = heavier._stepped("damping")
         ops = moved.elastic_operators()  # K does not depend on delta, nor D on gamma
         return {
-            "gravity": more * (ops.stiffness - self.matrices["stiffness"]),
-            "by_damping": step * (ops.damping - self.matrices["damping"]),
+            "gravity": more * (ops.stiffness[plane, plane] - self.matrices["stiffness"]),
+            "by_damping": step * (ops.damping[plane, plane] - self.matrices["damping"]),
         }
 
     def _product(self, x: Array, part: str) -> Array:

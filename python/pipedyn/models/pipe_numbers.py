@@ -8,6 +8,7 @@ are refused.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 from pipedyn.models.pipe import OWN_NUMBERS, Pipe
@@ -15,6 +16,9 @@ from pipedyn.models.scales import given_fields
 from pipedyn.models.supports import RootSpring
 from pipedyn.util import check
 from pipedyn.util.result import SPEED, Unit
+
+CACHED = [name for name, one in vars(Pipe).items() if isinstance(one, cached_property)]
+"""Attributes of a pipe that follow from its numbers."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +46,11 @@ class PipeNumber:
             return replace(pipe, root=RootSpring(value))
         if self.term is None:
             changed = object.__new__(Pipe)  # a third of the time of `replace`
-            vars(changed).update(vars(pipe))
-            vars(changed)[self.attribute] = value
+            given = vars(changed)
+            given.update(vars(pipe))
+            for name in CACHED:
+                given.pop(name, None)
+            given[self.attribute] = value
             changed.__post_init__()
             return changed
         terms = list(pipe.terms)

@@ -17,7 +17,14 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from pipedyn.models.base import ANGLES, CORE_MATRICES, ROWS, Operators, projected
+from pipedyn.models.base import (
+    ANGLES,
+    COMPLEX_STEP,
+    CORE_MATRICES,
+    ROWS,
+    Operators,
+    projected,
+)
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.reduced_supports import ReducedSupports, SupportedModel
 from pipedyn.util import check
@@ -42,7 +49,7 @@ def rotations(q: NDArray[Any]) -> tuple[Array, Array]:
     return np.stack([share * a_x, np.cos(rho), share * a_z]), share
 
 
-def turning(q: Array, qdot: Array) -> Array:
+def turning(q: Array, qdot: NDArray[Any]) -> NDArray[Any]:
     """Rates of the tangents, shape (3, n, k), for rotation vectors and their rates, (2 n, k)."""
     (a_x, a_z), (b_x, b_z) = np.split(q, 2), np.split(qdot, 2)
     (_, cosine, _), share = rotations(q)
@@ -55,11 +62,16 @@ def turning(q: Array, qdot: Array) -> Array:
     )
 
 
-def in_first_chart(q: Array, qdot: Array, signs: Array) -> tuple[Array, Array]:
-    """Rotation vectors and their rates, (k, 2 n) each, where those with signs -1, (k, n), are others.
+FAST = 1e10
+"""Size of rates beside whose kinetic energy all other energy is rounding."""
 
-    Those are rotation vectors from the opposite end of the axis, as cpp/pipedyn/motion/charts.hpp
-    describes, for segments that point backwards along it. Here they point away from it by up to pi.
+
+def in_first_chart(q: Array, qdot: Array, signs: Array) -> tuple[Array, Array]:
+    """Rotation vectors and their rates, (k, 2 n) each, from those in the charts of an integrator.
+
+    Where signs, (k, n), are -1 the given ones are rotation vectors from the backward direction of
+    the axis; see cpp/pipedyn/motion/charts.hpp. The results are those from the forward direction,
+    with angles up to pi.
     """
     (a_x, a_z), (b_x, b_z) = np.split(q, 2, axis=1), np.split(qdot, 2, axis=1)
     straight = np.hypot(a_x, a_z) == 0.0  # seen from the side that it comes from
@@ -94,8 +106,9 @@ class SpatialSupports(ReducedSupports):
         The derivatives have the shape (k, 2 supports, size).
         """
         places, columns = self.model._held_places, q.shape[1]
-        found = self.model._places(q, places)[:, [0, 2]].reshape(-1, columns)
-        by = self.model._places_by(q, places)[:, [0, 2]].reshape(len(found), self.size, columns)
+        rows = 2 * places.size
+        found = self.model._places(q, places)[:, [0, 2]].reshape(rows, columns)
+        by = self.model._places_by(q, places)[:, [0, 2]].reshape(rows, self.size, columns)
         return found, by.transpose(2, 0, 1)
 
     def largest_turning(self, rates: Array) -> float:
@@ -144,11 +157,13 @@ class SpatialModel(SupportedModel):
     def _in_plane(self, q: ArrayLike) -> Array:
         """The configuration, refused unless it lies in the plane z = 0."""
         rest = self._coordinates(q)
-        if np.split(rest, 2)[1].any():
+        along, across = np.split(rest, 2)
+        if across.any():
             raise ValueError(
                 "q must lie in the plane z = 0, so that small motions in it and across it are "
                 f"apart, got {check.shown(q)}"
             )
+        self._planar._coordinates(along)  # checks that it meets supports
         return rest
 
     @property
@@ -294,41 +309,40 @@ class SpatialModel(SupportedModel):
         """Operators about a configuration that is bent in the plane z = 0.
 
         Across the plane, the mass matrix follows from the kinetic energy, which is quadratic in the
-        rates, and the other matrices from derivatives of accelerations at three speeds, which are
-        quadratic in the speed; their derivative by the unsteady flow from one at its rate 1.
+        rates, and the other matrices from accelerations at two flow speeds, in which they are
+        quadratic, and of a flow that changes. These are odd in the displacements and rates across
+        the plane, so that tiny ones give derivatives, and those of a pipe with a large rotary
+        inertia, which changes no other force: its mass matrix is so well conditioned that little
+        is lost by rounding.
         """
         half, pipe = self._planar.coordinates, self._pipe
         free = self._directions(rest)[half:, self._planar.dof :]
-        rates = np.eye(half)
-        i, k = np.triu_indices(half)
-        both = np.concatenate([rates, rates[i] + rates[k]]).T
-        y = np.zeros((4 * half, both.shape[1]))
-        y[: 2 * half] = rest[:, None]
-        y[3 * half :] = both
-        twice = 2.0 * (np.asarray(self.energy(y)) - self.energy(np.append(rest, 0.0 * rest)))
-        own, mass = twice[:half], np.zeros((half, half))
-        mass[i, k] = mass[k, i] = 0.5 * (twice[half:] - own[i] - own[k])
+        turning = self.with_pipe(replace(pipe, rotary_inertia=1.0))
+        inertia = turning._mass_across(rest)
 
-        def forces(u: float, drive: Array | None = None) -> tuple[Array, Array]:
-            """Stiffness and damping across the plane at a flow speed."""
-            whole = self.motion_jacobian(np.append(rest, 0.0 * rest), u, drive)
-            rows = -mass @ whole[3 * half :]
-            return rows[:, half : 2 * half], rows[:, 3 * half :]
+        planar = self._planar.operators(rest[:half])
 
-        (stiffness, damping), (faster, flowing) = forces(0.0), forces(1.0)
-        pushed, _ = forces(0.0, np.eye(ROWS)[0])
+        # Columns: a_z and a_z' without flow, both with a flow of speed 1, a_z where that changes.
+        y = np.tile(np.append(rest, 0.0 * rest)[:, None], 5 * half)
+        both = np.split(np.arange(half, 5 * half), 4)[::2]
+        y[np.concatenate([*both, *both, both[0]]), np.arange(5 * half)] = COMPLEX_STEP
+        u, drive = np.repeat([0.0, 0.0, 1.0, 1.0, 0.0], half), np.zeros((ROWS, 5 * half))
+        drive[0, 4 * half :] = 1.0
+        slopes = turning.motion_rates(y, u, drive)[3 * half :] / COMPLEX_STEP
+        parts = np.split(-inertia @ slopes, 5, axis=1)
+        stiffness, damping, faster, flowing, pushed = parts
+        flux = faster - stiffness
         velocity = pipe.direction * (flowing - damping)
         gyroscopic = 0.5 * (velocity - velocity.T)
         across = {
-            "mass": mass,
+            "mass": self._mass_across(rest),
             "gyroscopic": gyroscopic,
             "end_flux": velocity - gyroscopic,
             "damping": damping,
             "stiffness": stiffness,
-            "flux": (faster - stiffness) / pipe.alpha if pipe.alpha else 0.0 * stiffness,
+            "flux": flux / pipe.alpha if pipe.alpha else 0.0 * flux,
             "unsteady": pipe.direction * (pushed - stiffness),
         }
-        planar = self._planar.operators(rest[:half])
         blocks: dict[str, Any] = {
             name: scipy.linalg.block_diag(getattr(planar, name), free.T @ of @ free)
             for name, of in across.items()
@@ -337,10 +351,35 @@ class SpatialModel(SupportedModel):
             **blocks, direction=planar.direction, centrifugal=planar.centrifugal, loss=None
         )
 
+    def _mass_across(self, rest: Array) -> Array:
+        """Mass matrix across the plane in which a configuration is bent, from kinetic energies.
+
+        Rates are so large that all other energy is less than their rounding, and of equal kinetic
+        energy, so that small entries are exact to rounding as well.
+        """
+        half = self._planar.coordinates
+
+        def twice(rates: Array) -> Array:
+            """Twice the kinetic energy, (k,), for k rates across the plane, (half, k)."""
+            still = np.tile(np.append(rest, 0.0 * rest[:half])[:, None], rates.shape[1])
+            return 2.0 * np.asarray(self.energy(np.concatenate([still, rates])))
+
+        scale = FAST / np.sqrt(twice(FAST * np.eye(half)))
+        fast = np.diag(FAST * scale)
+        i, k = np.triu_indices(half)
+        own, mass = twice(fast), np.zeros((half, half))
+        mass[i, k] = mass[k, i] = 0.5 * (twice(fast[:, i] + fast[:, k]) - own[i] - own[k])
+        return mass / np.outer(FAST * scale, FAST * scale)
+
     def elastic_operators(self) -> Operators:
         """Operators in elastic coordinates; about the straight pipe two blocks of planar ones."""
         if self._reference is None or not self._reference.any():
             return self._both(lambda planar: planar.elastic_operators())
+        return self._elastic_about
+
+    @cached_property
+    def _elastic_about(self) -> Operators:
+        """Operators in elastic coordinates about the configuration of `about`."""
         return projected(self.operators(), self.from_elastic(np.eye(self.dof)))
 
     @property
@@ -359,20 +398,23 @@ class SpatialModel(SupportedModel):
         return np.asarray(self._planar.stations)
 
     def _deflected(self, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
-        (x, z), planar, rest = np.split(p, 2), self._planar, self._reference
-        if rest is None or not rest.any():
-            return np.stack([planar._deflected(half, s, derivative) for half in (x, z)])
-        angles = rest[: planar.coordinates]
-        of_x = planar.about(angles)._deflected(x, s, derivative)
-        return np.stack([of_x, self._deflected_across(angles, z, s, derivative)])
+        along, across = np.split(p, 2)
+        planar, rest = self._planar, self._reference
+        if rest is None:
+            return np.stack([planar._deflected(of, s, derivative) for of in (along, across)])
+        rest, _ = np.split(rest, 2)
+        in_plane = planar.about(rest)._deflected(along, s, derivative)
+        return np.stack([in_plane, self._aside(rest, across, s, derivative)])
 
     @abstractmethod
-    def _deflected_across(
-        self, rest: Array, z: NDArray[Any], s: Array, derivative: int
-    ) -> NDArray[Any]:
-        """Displacements along z, (p, k), about a rest in the plane z = 0, (dof / 2,).
+    def _aside(self, rest: Array, p: NDArray[Any], s: Array, derivative: int) -> NDArray[Any]:
+        """Displacements z, or angles, of small a_z about a rest bent in the plane z = 0, (p, k).
 
-        A change of a_z by 1 turns the tangent towards z by sin(theta) / theta.
+        Args:
+            rest: coordinates of the rest in its plane, (planar dof,).
+            p: coordinates of a_z, (planar dof, k).
+            s: arc lengths, (p,).
+            derivative: 0 for displacements, 1 for angles, which are sin(theta) a_z / theta.
         """
 
     @property
@@ -405,7 +447,7 @@ class SpatialModel(SupportedModel):
 
     @abstractmethod
     def _places_by(self, p: Array, places: Array) -> Array:
-        """Derivatives of these by p, (points, 3, coordinates, k)."""
+        """Derivatives of the positions by p, (points, 3, coordinates, k)."""
 
     def stop_places(self) -> tuple[Array, Array, Array]:
         """No places: contacts with rings are not looked for within the steps of an integrator."""

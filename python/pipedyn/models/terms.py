@@ -182,10 +182,10 @@ class Spring(Term):
         >>> pipe = pp.Pipe(beta=0.2, terms=[pp.Spring(at=0.5, stiffness=20.0)])
         >>> pipe.terms
         (Spring(at=0.5, stiffness=20),)
-        >>> guided = pp.Pipe(0.2, terms=[pp.Spring(0.5, 20.0, stiffness_across=0.0)])
-        >>> found = pp.crossings(pp.Chain(guided, 10, dimensions=3), 6.0)
-        >>> [round(one.speed, 3) for one in found]
-        []
+        >>> pipe = pp.Pipe(beta=0.2, terms=[pp.Spring(0.5, 20.0, stiffness_across=100.0)])
+        >>> found = pp.crossings(pp.Chain(pipe, 10, dimensions=3), 8.0)
+        >>> [round(one.speed, 4) for one in found]
+        [5.4382, 5.5037]
     """
 
     law: ClassVar[str] = "spring"

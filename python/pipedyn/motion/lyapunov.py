@@ -303,8 +303,8 @@ def _measured(
             if k in answers:
                 continue
             one, other = (outcome[0][-1, :size] for outcome in outcomes[both])
-            one = model.alike(np.zeros(size), one)  # with the fewest turns
-            other = model.alike(one, other)
+            one = model._alike(np.zeros(size), one)  # with the fewest turns
+            other = model._alike(one, other)
             here[k], distance = one, float(np.linalg.norm(other - one))
             if alone and not apart / PARTED < distance < apart * PARTED:
                 if len(growth) > 0.25 * MOST_INTERVALS:

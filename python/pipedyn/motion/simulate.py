@@ -36,7 +36,6 @@ from pipedyn.models.drive import (
     Speed,
     Supply,
 )
-from pipedyn.models.space import SpatialModel
 from pipedyn.modular.assembly import Assembly
 from pipedyn.motion.constant_head import ConstantHead
 from pipedyn.motion.events import (

@@ -42,6 +42,9 @@ DOT |= {"markeredgewidth": 0.0, "zorder": 3.0}
 DOT_GAP = 6.0
 """Least distance of two dots in points, so that the curve below remains visible between them."""
 
+DASH = 7.0, 6.0
+"""Lengths of dashes and of the gaps between them in points; round ends make dashes longer."""
+
 FINE_POINTS = 400
 """Number of points of a smooth curve: in a column of print they are 0.01 inches apart."""
 
@@ -67,7 +70,8 @@ def root_loci(
 ) -> Axes:
     """Branches of eigenvalues in the upper half of the complex plane, coloured by flow speed.
 
-    A diamond marks each onset. Between the samples, the sum and the product of each pair are
+    A diamond marks each onset. Branches of motions across the plane of a bent rest are dashed.
+    Between the samples, the sum and the product of each pair are
     interpolated, which are smooth also where the pair becomes real. The lower half plane is the
     mirror image and is not shown. A pair that has become real is shown as two curves on the real
     axis.
@@ -108,7 +112,8 @@ def root_loci(
     branches = branches_of(smooth)
     norm = Normalize(0.0, unit * (end or 1.0))
     places = turn * rate * branches
-    _coloured(ax, places.real, places.imag, unit * smooth.speeds[:, None], "viridis", norm)
+    look = "viridis", norm, math.inf, across_of(smooth)
+    _coloured(ax, places.real, places.imag, unit * smooth.speeds[:, None], *look)
     _mark_onsets(ax, growth(branches), places)
     (ax.axvline if plane == "lambda" else ax.axhline)(0.0, color="0.4", linewidth=0.6, zorder=0.5)
     ax.autoscale_view()
@@ -175,7 +180,7 @@ def frequencies(
     norm = SymLogNorm(rate, vmin=-end, vmax=end)
     speeds, height = view.one(FLOW_SPEED) * smooth.speeds[:, None], view.one(ROOT_FREQUENCY)
     heights, real = height * branches.imag, growth(branches)
-    _coloured(ax, speeds, heights, rate * real, "RdBu_r", norm, outlined=0.0)
+    _coloured(ax, speeds, heights, rate * real, "RdBu_r", norm, 0.0, across_of(smooth))
     _mark_onsets(ax, real, speeds + 1j * heights)
     ax.autoscale_view()
     if benchmark is not None:
@@ -319,15 +324,25 @@ def _coloured(
     values: Array,
     colours: str,
     norm: Normalize,
-    outlined: float = math.inf,
+    outlined: float,
+    across: NDArray[np.bool_] | None,
 ) -> None:
     """Draws branches, the columns of x and y, in segments coloured by the mean of their values.
 
     Segments with the largest values are on top: of two roots with the same frequency the less
     stable one is visible. Values above `outlined` get a black outline, others a thin grey one. A
-    point without neighbours on its branch, as at the only speed, is a disc.
+    point without neighbours on its branch, as at the only speed, is a disc. Columns of motions
+    `across` the plane of a bent rest are dashed, as a legend says.
     """
-    segments, means = pieces(x, y, values)
+    gaps = None
+    if across is not None:
+        on_paper = _on_paper_fitted(ax, x, y)
+        steps = np.nan_to_num(np.abs(np.diff(on_paper, axis=0)))
+        gaps = ((np.cumsum(steps, axis=0) - 0.5 * steps) % sum(DASH) > DASH[0]) & across
+        for words, line in (("in the plane of rest", "-"), ("across it", "--")):
+            ax.plot([], [], color="0.35", linewidth=2.0, linestyle=line, label=words)
+        legend_below(ax)
+    segments, means = pieces(x, y, values, gaps)
     points = np.stack(np.broadcast_arrays(x, y, values), axis=-1)
     alone = points[_without_neighbours(np.isfinite(points).all(axis=-1))]
     order = np.argsort(means, kind="stable")
@@ -354,16 +369,45 @@ def _mark_onsets(ax: Axes, real: Array, places: NDArray[np.complex128]) -> None:
     ax.plot(onsets.real, onsets.imag, **ONSET)
 
 
-def pieces(x: Array, y: Array, values: Array) -> tuple[Array, Array]:
-    """Segments of the columns of x and y, (k, 2, 2), and the means of their values, (k,)."""
+def _on_paper_fitted(ax: Axes, x: Array, y: Array) -> NDArray[np.complex128]:
+    """Places in points on the figure once its limits fit the columns of x and y, x + i y."""
+    places = np.asarray(x + 1j * y)
+    known = places[np.isfinite(places)]
+    ax.update_datalim(np.column_stack([known.real, known.imag]))
+    ax.autoscale_view()
+    return _on_paper(ax, places)
+
+
+def pieces(
+    x: Array, y: Array, values: Array, gaps: NDArray[np.bool_] | None = None
+) -> tuple[Array, Array]:
+    """Segments of the columns of x and y, (k, 2, 2), and the means of their values, (k,).
+
+    Segments in `gaps`, with a row for each pair of neighbouring points, are left out.
+    """
     points = np.stack(np.broadcast_arrays(x, y, values), axis=-1)
     both = np.stack([points[:-1], points[1:]], axis=-2)
-    segments = both[np.isfinite(both).all(axis=(-2, -1))]
+    kept = np.isfinite(both).all(axis=(-2, -1))
+    segments = both[kept if gaps is None else kept & ~gaps]
     return segments[:, :, :2], segments[:, :, 2].mean(axis=1)
+
+
+def across_of(loci: RootLoci) -> NDArray[np.bool_] | None:
+    """Which columns of `branches_of` are motions across the plane of a bent rest, None if none."""
+    if loci.across is None:
+        return None
+    return np.tile(loci.across, 2)[np.isfinite(_both_roots(loci)).any(axis=0)]
 
 
 def branches_of(loci: RootLoci) -> NDArray[np.complex128]:
     """Upper roots, then their partners if real, as columns; NaN for points that are not drawn."""
+    roots = _both_roots(loci)
+    roots = roots[:, np.isfinite(roots).any(axis=0)]
+    return np.asarray(roots.real + 1j * np.abs(roots.imag))
+
+
+def _both_roots(loci: RootLoci) -> NDArray[np.complex128]:
+    """Upper roots, then their partners if real, as columns, some of which may be NaN alone."""
     on_axis = loci.eigenvalues.imag == 0.0
     real = on_axis.copy()
     # Both roots are shown on steps that lead to the real axis or away from it.
@@ -371,9 +415,7 @@ def branches_of(loci: RootLoci) -> NDArray[np.complex128]:
     real[:-1] |= on_axis[1:]
     nothing = complex(math.nan, math.nan)
     upper = np.where(loci.converged, loci.eigenvalues, nothing)
-    roots = np.column_stack([upper, np.where(loci.converged & real, loci.partners, nothing)])
-    roots = roots[:, np.isfinite(roots).any(axis=0)]
-    return np.asarray(roots.real + 1j * np.abs(roots.imag))
+    return np.column_stack([upper, np.where(loci.converged & real, loci.partners, nothing)])
 
 
 def dot_stride(loci: RootLoci) -> int:
@@ -399,6 +441,9 @@ def mode_shapes(
 ) -> Axes:
     """Mode shapes, as transverse displacement: real part solid, imaginary part dashed.
 
+    If the modes are those of a pipe that is not the same in all directions, in three dimensions,
+    the legend tells those across the plane z = 0, whose displacement is along z.
+
     Args:
         modes: the modes to show.
         count: number of modes shown, in the order of `modes`, from 1 to 1000, besides later ones
@@ -423,9 +468,12 @@ def mode_shapes(
     shown = np.flatnonzero((np.arange(values.size) < count) | grows(np.nan_to_num(values)))
     for i, which in enumerate(shown):
         displacement, value = modes.shapes[which](s), view.one(GROWTH) * values[which]
+        across = modes.across is not None and bool(modes.across[which])
+        displacement = displacement.reshape(-1, s.size)[int(across)]
         colour = common.CURVE_STYLES[i % len(common.CURVE_STYLES)]["color"]
         look: dict[str, Any] = {"color": colour, "linewidth": 1.0 + 0.4 * (i % 3)}
         label = rf"$\lambda = {value.real:.3g} {value.imag:+.3g}\,\mathrm{{i}}${' 1/s' * view.si}"
+        label += ", across" if across else ""
         at = view.one(ARC) * s
         ax.plot(at, displacement.real, label=label, **look)
         ax.plot(at, displacement.imag, linestyle="--", **look)

@@ -39,11 +39,14 @@ class UnusualPipe(UserWarning):
 
 
 class FluttersAcross(UserWarning):
-    """A pipe that sags may flutter across the plane of a planar model, below the critical speed.
+    """A pipe that rests bent may flutter across the plane of a planar model, at a lower speed.
 
     At beta = 0.2 a level pipe of gamma = 10 flutters 3 % below the speed of a planar model, and 7 %
-    below it at gamma = 20; a pipe inclined by 45 degrees 1 % below it at gamma = 10. A model made
-    with `dimensions=3` tells where it flutters across the plane.
+    below it at gamma = 20; a pipe inclined by 45 degrees 1 % below it at gamma = 10. Without
+    gravity, a pipe with its jet at the angle 0.5 rad flutters 4 % below it. `Chain`, `Galerkin` and
+    `Continuum` made with `dimensions=3` tell where it flutters across the plane. Questions about
+    stability of planar models bring the warning: `critical_speed`, `crossings`, `stability_curve`,
+    `critical_speeds`, `relevant`, `trade`, `choose` and `identify`.
 
     `warnings.filterwarnings("ignore", category=pipedyn.FluttersAcross)` silences it.
 
@@ -65,9 +68,9 @@ def warn_of_plane(asked: str) -> None:
         frame, level = frame.f_back, level + 1
     if not str(frame.f_globals.get("__name__")).startswith("pipedyn."):
         warnings.warn(
-            "the pipe sags, and may flutter first across the plane of this model, some per cent "
-            'below the critical speed (warnings.filterwarnings("ignore", '
-            "category=pipedyn.FluttersAcross) silences this)",
+            "the pipe rests bent, and may flutter first across the plane of this model, some per "
+            "cent below the critical speed in it: a model made with dimensions=3 answers for both "
+            '(warnings.filterwarnings("ignore", category=pipedyn.FluttersAcross) silences this)',
             FluttersAcross,
             stacklevel=level,
         )
