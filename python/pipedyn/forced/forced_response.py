@@ -353,13 +353,13 @@ def forced_response(
         >>> [round(motion.amplitude, 3) for motion in found.at(13.5)]
         [0.06]
 
-        A hose that is shaken in a plane may whirl, with unstable motions in the plane:
+        A hose that is shaken in a plane may whirl where its motion in the plane is unstable:
 
-        >>> model = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.005), 3, dimensions=3)
-        >>> shaken = pp.Harmonic(0.02, frequency=5.0)
-        >>> found = pp.forced_response(model, 2.0, base=shaken, frequencies=(5.0, 6.0))
-        >>> [branch.kind for branch in found.branches]
-        []
+        >>> model = pp.Chain(pp.Pipe(0.2, 10.0, damping=0.002), 2, dimensions=3)
+        >>> shaken = pp.Harmonic(0.01, frequency=5.0)
+        >>> found = pp.forced_response(model, 0.1, base=shaken)
+        >>> [(one.stable, round(one.amplitude_across, 3)) for one in found.at(5.0)]
+        [(False, 0.0), (True, 0.07)]
 
     Raises:
         NotConverged: if no motion of a moving base or a force is found at either end of the range,

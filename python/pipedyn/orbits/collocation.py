@@ -137,14 +137,13 @@ class Linearised:
 
 
 def turned(motion: VectorField, orbit: PeriodicOrbit) -> Array:
-    """Change of an orbit's unknowns by a turn about the axis; 0 where turns make no orbits."""
-    made = 0.0 * orbit.packed()
-    if motion.axisymmetric:
-        turn, (p, v) = motion.model.quarter_turn, np.split(orbit.starts.T, 2)
-        starts = np.concatenate([turn(p), turn(v)]).T
-        rates = np.moveaxis(turn(np.moveaxis(orbit.rates, 2, 0)), 0, 2)
-        made[:-2] = np.concatenate([starts.ravel(), rates.ravel()])
-    return made
+    """Change of an orbit's unknowns by a turn about the axis; empty where that makes no orbit."""
+    if not motion.axisymmetric:
+        return NONE
+    turn, (p, v) = motion.model.quarter_turn, np.split(orbit.starts.T, 2)
+    starts = np.concatenate([turn(p), turn(v)]).T
+    rates = np.moveaxis(turn(np.moveaxis(orbit.rates, 2, 0)), 0, 2)
+    return np.concatenate([starts.ravel(), rates.ravel(), [0.0, 0.0]])
 
 
 def state_units(motion: VectorField, orbit: PeriodicOrbit) -> Array:
@@ -297,7 +296,8 @@ class OrbitProblem(Continuation):
 
         So orbits keep symmetries that the start has, such as that to the plane z = 0.
         """
-        return self.weights * turned(self.motion, self.start)
+        row = turned(self.motion, self.start)
+        return self.weights[: row.size] * row
 
     def relative(self, z: Array, step: Array) -> float:
         """Size of a step relative to the orbit's own size, its frequency and its speed."""

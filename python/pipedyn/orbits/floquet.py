@@ -142,13 +142,12 @@ def uncoupled(motion: VectorField, orbit: PeriodicOrbit) -> list[NDArray[np.intp
     If an orbit in three dimensions lies in the plane z = 0, they are those in the plane and those
     across it; else all.
     """
-    half = motion.half
-    across = slice(half // 2, half)
-    positions, rates = orbit.starts[:, across], orbit.rates[..., across]
-    moved = orbit.starts[:, half:][:, across].any() or positions.any() or rates.any()
-    if motion.model.dimensions == 2 or moved:
-        return [np.arange(motion.size)]
-    return list(np.arange(motion.size).reshape(2, 2, half // 2).swapaxes(0, 1).reshape(2, half))
+    every, half = np.arange(motion.size), motion.half
+    if motion.model.dimensions == 3:
+        plane, across = every.reshape(2, 2, half // 2).swapaxes(0, 1).reshape(2, half)
+        if not (orbit.starts[:, across].any() or orbit.rates[..., across[: half // 2]].any()):
+            return [plane, across]
+    return [every]
 
 
 def parts_for(turns: Array, tolerance: float) -> NDArray[np.int_]:
