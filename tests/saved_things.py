@@ -45,11 +45,6 @@ NEW: dict[str, Callable[[], Any]] = {
         1.0,
         force=pp.Force(at=0.7, frequency=5.0, amplitude=0.1),
     ),
-    "ForcedResponse in space": lambda: pp.forced_response(
-        pp.Chain(pp.Pipe(0.2, 3.0, damping=0.02), 2, dimensions=3),
-        1.0,
-        base=pp.Harmonic(0.02, 5.0, (1.0, 0.0, -1j)),
-    ),
     "pipe with phases": lambda: pp.Pipe.from_tube(
         **{"length": 0.5, "outer_diameter": 12e-3, "inner_diameter": 8e-3},
         **{"youngs_modulus": 3e6, "density": 1150.0},
