@@ -255,7 +255,7 @@ class Harmonic(_Drive):
         as it is, with 0.
         """
         x, y, z = self.vector.tolist()
-        angle = _plane_of(np.array([[x, z]]))
+        angle = _azimuth_of(np.array([[x, z]]))
         if not angle:
             return self, 0.0
         return replace(self, direction=(math.cos(angle) * x + math.sin(angle) * z, y, 0.0)), angle
@@ -414,13 +414,15 @@ class Force(_Drive):
         times = np.linspace(0.0, 2.0 * math.pi / self.frequency, TRIED)
         places = np.linspace(0.0, 1.0, 9)
         values = np.concatenate([self.components(places, t, 3) for t in times.tolist()])
-        angle = _plane_of(values[:, ::2])
+        angle = _azimuth_of(values[:, ::2])
         if not angle:
             return self, 0.0
-        return replace(self, function=partial(_turned, replace(self, amplitude=1.0), angle)), angle
+        return replace(
+            self, function=partial(_force_in_plane, replace(self, amplitude=1.0), angle)
+        ), angle
 
 
-def _plane_of(across: NDArray[Any]) -> float:
+def _azimuth_of(across: NDArray[Any]) -> float:
     """Angle from x towards z of the plane of vectors (x, z), (k, 2), real or complex; 0 if none."""
     (xx, xz), (_, zz) = (across.T @ across.conj()).real.tolist()
     angle = 0.5 * math.atan2(2.0 * xz, xx - zz)
@@ -428,7 +430,7 @@ def _plane_of(across: NDArray[Any]) -> float:
     return angle if np.abs(beside).max() <= 1e-12 * np.abs(across).max() else 0.0
 
 
-def _turned(force: Force, angle: float, *arguments: Any) -> Array:
+def _force_in_plane(force: Force, angle: float, *arguments: Any) -> Array:
     """Components of a force in the plane at an angle from x towards z, turned into that of x."""
     *places, phase = arguments
     assert force.frequency is not None

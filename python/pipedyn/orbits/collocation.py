@@ -87,7 +87,7 @@ class Linearised:
     ) -> None:
         self.orbit, self._phase = orbit, phase
         self._equations = condensed(motion, orbit, speed_varies)
-        self._turned, self._turn = turned(motion, orbit), NONE
+        self._turned, self._turn = turn_of(motion, orbit), NONE
         if self._turned.any():
             first = self._turned[: motion.size] / _units(motion.half, self._equations.unit)
             self._turn = first / np.linalg.norm(first)
@@ -136,7 +136,7 @@ class Linearised:
         return self._equations.restored(ends, np.zeros((3, 1)))[:, 0]
 
 
-def turned(motion: VectorField, orbit: PeriodicOrbit) -> Array:
+def turn_of(motion: VectorField, orbit: PeriodicOrbit) -> Array:
     """Change of an orbit's unknowns by a turn about the axis; empty where that makes no orbit."""
     if not motion.axisymmetric:
         return NONE
@@ -296,7 +296,7 @@ class OrbitProblem(Continuation):
 
         So orbits keep symmetries that the start has, such as that to the plane z = 0.
         """
-        row = turned(self.motion, self.start)
+        row = turn_of(self.motion, self.start)
         return self.weights[: row.size] * row
 
     def relative(self, z: Array, step: Array) -> float:
