@@ -337,6 +337,7 @@ MODELS = {"chain": CHAIN, "beam": BEAM, "legendre": LEGENDRE, "loaded": LOADED, 
 SPANNED, SUPPORTED = pp.Chain(SPANS, 4), pp.Galerkin(SPANS, 4, "legendre")
 LOST = pp.Chain(LOSSY, 3)
 ENDLESS = tuple(map(pp.Continuum, (HINGED, TAPERED, LOSSY, SAGGING)))
+ENDLESS += (pp.Continuum(SAGGING, dimensions=3),)
 MODELS |= {
     "supported chain": SPANNED,
     "supported": SUPPORTED,
@@ -759,7 +760,9 @@ def _chains() -> Iterator[Target]:
         m=Kind(count(2, 6).good, count(1, 6, 2001).bad),
         basis=word("beam", "legendre"),
     )
-    yield target(pp.Continuum, pipe=PIPES)
+    plain = either([PIPE, SAGGING], CHAIN, 3)
+    dimensions = either([2, 3], 0, 1, 4, NAN, 2.5, [3])
+    yield target(pp.Continuum, pipe=plain, dimensions=dimensions)
     yield target(EXACT.with_pipe, pipe=PIPES)
     yield target(EXACT.frozen, m=count(1, 9, 2001))
     no_function = any_of(NONE, *NOTHINGS[:12], *WORDS, one_of(3, NAN))
@@ -1489,6 +1492,7 @@ def _kept() -> Iterator[Target]:
         uncertainty=most,
         speed=real((0.0, 3.0), -0.1, 1e300),
         mode=count(1, 3, 21),
+        across=FLAG,
     )
     measured = [pp.Measurement("frequency", 3.5, 0.1), pp.Measurement("decrement", 0.2, 0.05)]
     names = one_of(["damping"], ("damping",), {"damping": (1e-4, 1.0)})
@@ -1499,6 +1503,7 @@ def _kept() -> Iterator[Target]:
         pipe=either([PIPE], CHAIN, 3),
         measurements=Kind(one_of(measured, tuple(measured)), listed([], None, [3], 3)),
         unknowns=Kind(names, any_of(NONE, *NOTHINGS, wrong)),
+        dimensions=either([2, 3], 0, 1, 4, NAN, 2.5, [3]),
     )
 
 

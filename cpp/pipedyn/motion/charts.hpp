@@ -7,8 +7,8 @@
 //
 // is the same tangent from the nearer end of the axis: in the other chart if k is odd.
 //
-// A segment that moves in a plane through the axis, to rounding, passes there without harm and keeps
-// its chart, so that its angle counts its turns.
+// A segment that moves in a plane through the axis, to rounding, passes there without harm and
+// keeps its chart, so that its angle counts its turns.
 #pragma once
 
 #include <cmath>
@@ -32,7 +32,7 @@ class Charts {
   auto of(Index member) const { return signs_.col(member); }
   /// Signs of some members (segments, members); empty if all are 1.
   Matrix of(const std::vector<Index>& which) const {
-    if ((signs_.array() == 1.0).all()) return {};
+    if (turned_over_ == 0) return {};
     return signs_(Eigen::all, which);
   }
 
@@ -52,6 +52,7 @@ class Charts {
       const double k = std::round(rho / pi), sign = std::fmod(k, 2.0) == 0.0 ? 1.0 : -1.0;
       shorten(y, j, k, sign);
       signs_(j, member) *= sign;
+      if (sign < 0.0) turned_over_ += signs_(j, member) < 0.0 ? 1 : -1;
       changed = true;
     }
     return changed;
@@ -97,6 +98,7 @@ class Charts {
 
   std::vector<bool> changes_;
   Matrix signs_;
+  Index turned_over_ = 0;  // number of signs that are -1
 };
 
 }  // namespace pipedyn

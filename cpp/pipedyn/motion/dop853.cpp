@@ -144,7 +144,7 @@ Index Dop853::step(double end) {
 /// Changes the charts of the columns' states where needed, and returns whether any was changed.
 bool Dop853::change_charts() {
   bool any = false;
-  for (Index j = 0; j < active(); ++j) {
+  for (Index j = 0; has_charts() && j < active(); ++j) {
     Vector y = y_.col(j);
     if (!choose_charts(which_[j], y)) continue;
     y_.col(j) = y;

@@ -71,9 +71,10 @@ class Integrator {
   Integrator(Index rows, Index members, double time, const Limits& limits,
              std::shared_ptr<Charts> charts);
 
+  bool has_charts() const { return charts_ != nullptr; }
   /// Changes the charts of a member's state where they become singular, and returns whether it did.
   bool choose_charts(Index member, Vector& y) {
-    return charts_ && charts_->choose(member, y.data());
+    return has_charts() && charts_->choose(member, y.data());
   }
 
   /// Tries a step of each advancing member, not beyond `end`. Returns the evaluations it took.

@@ -188,7 +188,7 @@ def equilibria_near(model: Model, places: Iterable[Array], u: float) -> list[Sol
 
 def _equilibrium(statics: Statics, p: Array, u: float) -> Solution:
     """The solution of an equilibrium at p."""
-    model, values = statics.whole, statics.eigenvalues(p, u)
+    model, values = statics.model, statics.eigenvalues(p, u)
     motion, p = VectorField(model), model.from_plane(p)
     stable, rest = bool(decays(values).all()), np.append(p, np.zeros_like(p))
     oscillating = np.abs(values[values.imag != 0.0])

@@ -240,7 +240,7 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
             raise NotConverged(f"no equilibrium was found at u = {u:g}")
 
         def place(x: Array) -> tuple[float, float]:
-            tip = model.tips(statics.shown(x[None]).T)[0, 0]
+            tip = model.tips(statics.to_user(x[None]).T)[0, 0]
             return round(statics.rms(x - statics.resting), 6), -float(tip)
 
         found.sort(key=place)  # mirror images are neighbours, that with its tip to the right first
@@ -251,8 +251,8 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
         stable = np.array([is_stable(one) for one in values])
         resolved = _in_larger_bases(statics, u, xs, stable)
     highest = min((term.largest_angle for term in model.pipe.terms), default=math.inf)
-    valid = np.array([statics.model.largest_angle(x) <= highest for x in xs])
-    q = statics.shown(xs)
+    valid = np.array([statics.plane.largest_angle(x) <= highest for x in xs])
+    q = statics.to_user(xs)
     columns = {
         "q": q,
         "stable": stable,
@@ -267,7 +267,7 @@ def searched(model: Model, u: float, starts: Sequence[Start], counted: bool) -> 
         return {name: column[which] for name, column in columns.items()}
 
     kept, complete, search = resolved & valid, solutions.complete, solutions.search
-    if statics.whole.dimensions == 3 and not statics.whole.axisymmetric:
+    if statics.model.dimensions == 3 and not statics.model.axisymmetric:
         complete, search = False, f"{search}; none that leaves the plane z = 0 was looked for"
     answer = Equilibria(**rows(kept), u=u, model=model, complete=complete, search=search)
     if not kept.all():
@@ -293,36 +293,28 @@ class Statics(BranchOfRest):
     all small motions, in the plane and across it.
     """
 
-    def __init__(self, whole: Model) -> None:
-        model: Model = whole.planar
+    def __init__(self, model: Model) -> None:
         super().__init__(model)
-        self.motion = VectorField(model)
-        self.whole = whole
-        self._small_motions = self if whole is model else BranchOfRest(whole)
+        self.motion = VectorField(self.plane)
         # Forces are affine in the square of the speed: balanced at two speeds, they are at all.
-        self.always_rests = max(model.unbalanced(0.0), model.unbalanced(1.0)) <= BALANCED
+        still = max(self.plane.unbalanced(0.0), self.plane.unbalanced(1.0))
+        self.always_rests = still <= BALANCED
 
     def eigenvalues(self, x: Array, u: float) -> Complex:
         """Eigenvalues of small motions about an equilibrium, those across its plane included.
 
         If a turn about the axis changes nothing, the eigenvalue 0 of that turn is left out.
         """
-        if self._small_motions is self:
-            return super().eigenvalues(x, u)
-        found = self._small_motions.eigenvalues(self.whole.from_plane(x), u)
-        turns = self.whole.axisymmetric and not self.straight(x)
+        found = super().eigenvalues(x, u)
+        turns = self.model.axisymmetric and not self.straight(x)
         return np.delete(found, np.abs(found).argmin()) if turns else found
 
     def turned_alike(self, xs: Array) -> NDArray[np.bool_]:
         """Which rows of xs are turned about the axis from the row before, shape (k,)."""
         images = np.zeros(len(xs), dtype=bool)
-        if self.whole.axisymmetric:
+        if self.model.axisymmetric:
             images[1:] = np.abs(xs[1:] + xs[:-1]).max(axis=1) <= DISTINCT
         return images
-
-    def shown(self, xs: Array) -> Array:
-        """Users' coordinates of the whole model, (k, coordinates), for xs, (k, integrated)."""
-        return self.whole.from_plane(self.to_user(xs).T).T
 
     def steps(self, xs: Array, residuals: Array, u: float) -> Array:
         """Newton's steps from the rows of xs, (k, integrated); not finite where no step exists."""
@@ -371,7 +363,7 @@ class Statics(BranchOfRest):
             return step, rms_along(slopes @ step)
 
         def moved(x: Array, step: Array, share: float) -> Array:
-            there = self.model.onto_constraints(x + share * step, np.zeros_like(x))[0]
+            there = self.plane.onto_constraints(x + share * step, np.zeros_like(x))[0]
             if not np.isfinite(there).all():
                 raise NewtonFailed("constraints cannot be met")
             return there
@@ -396,37 +388,37 @@ class Statics(BranchOfRest):
             most = float(np.abs(self.angles(shape[None])).max())
             for size in BUCKLED:
                 bent = self.resting + size / most * shape
-                yield self.model.onto_constraints(bent, np.zeros_like(bent))[0]
+                yield self.plane.onto_constraints(bent, np.zeros_like(bent))[0]
 
     def angle(self, x: Array) -> Callable[[Array], Array]:
         """The angle theta(s) of a configuration."""
-        return lambda s: np.asarray(self.model.deflection(x, s, 1))
+        return lambda s: np.asarray(self.plane.deflection(x, s, 1))
 
     def angles(self, xs: Array) -> Array:
         """Angles of the pipe at arc lengths `ALONG`, (k, points), for rows xs, (k, integrated)."""
-        return np.asarray(self.model.deflection(xs.T, ALONG, 1)).T
+        return np.asarray(self.plane.deflection(xs.T, ALONG, 1)).T
 
     def from_start(self, name: str, start: Any) -> Array:
         """Integrated coordinates x, (integrated,), of a start that is the argument `name`.
 
         The start consists of coordinates or is a function theta(s).
         """
-        given = self.whole.bent(start) if callable(start) else start
+        given = self.model.bent(start) if callable(start) else start
         try:
-            state = self.whole.initial_state(given, None)
-            return self.whole.into_plane(name, np.split(state, 2)[0])
+            state = self.model.initial_state(given, None)
+            return self.model.into_plane(name, np.split(state, 2)[0])
         except (ValueError, TypeError) as error:
             raise type(error)(str(error).replace("q0", name, 1)) from error
 
     @cached_property
     def whole_turn(self) -> Array | None:
         """Change of x by a whole turn about a hinge at the root; None if a force resists turns."""
-        if self.model.pipe.root != "pinned":
+        if self.plane.pipe.root != "pinned":
             return None
-        turn = self.model.sampled(lambda s: np.full_like(s, 2.0 * math.pi))
+        turn = self.plane.sampled(lambda s: np.full_like(s, 2.0 * math.pi))
         both = self.to_user(np.stack([self.resting, self.resting + turn]))
         energies = self.model.energy(np.concatenate([both, np.zeros_like(both)], axis=1).T)
-        return turn if np.ptp(energies) <= 1e-9 * (1.0 + abs(self.model.pipe.gamma)) else None
+        return turn if np.ptp(energies) <= 1e-9 * (1.0 + abs(self.plane.pipe.gamma)) else None
 
     def unwound(self, x: Array) -> Array:
         """The configuration x without whole turns about a hinge at the root."""
@@ -517,7 +509,7 @@ class _Solutions:
         for start in statics.buckled(u):
             with suppress(NewtonFailed):
                 self.add([statics.balanced(start, u, longest=0.3, iterations=40)])
-        model = statics.model
+        model = statics.plane
         held = model.integrated != model.dof
         if counted and model.dof <= COUNTED_DOF and not held:
             self.add(_balanced(statics, u, own, 0.5))
@@ -556,7 +548,7 @@ class _Solutions:
 
     def count(self) -> None:
         """Looks for all solutions of a model with few degrees of freedom, and counts them."""
-        statics, model = self.statics, self.statics.model
+        statics, model = self.statics, self.statics.plane
         basis = _modal_basis(model, model.dof)
         first = max(FIRST_STARTS**model.dof, 256)
         # Multiples of these, modulo 1, fill a cube evenly (Richtmyer's sequence).
@@ -621,7 +613,7 @@ def _reach(statics: Statics, u: float) -> Array:
     Each is taken to be at most a fifth larger than in configurations drawn at random. Rows are
     limited to `TEN_TURNS`, for instance where no spring resists.
     """
-    model, size = statics.model, statics.size
+    model, size = statics.plane, statics.size
     plain = model.with_pipe(replace(model.pipe, gamma=0.0, terms=(), jet_angle=0.0))
     elastic = plain.operators().stiffness
     places = np.random.default_rng(0).uniform(-TEN_TURNS, TEN_TURNS, (DRAWN, size))
@@ -658,8 +650,8 @@ def _bends(statics: Statics, modes: int, sizes: Sequence[float], odd: bool) -> A
     half = len(every) // 2  # mixtures before that of no bend are mirror images of those after it
     mixtures = np.delete(every, np.s_[: half + 1] if odd else half, axis=0)
     parts = np.multiply.outer(sizes, mixtures).reshape(-1, modes)
-    bent = (parts @ _modal_basis(statics.model, modes)).T
-    starts = statics.model.onto_constraints(bent, np.zeros_like(bent))[0].T
+    bent = (parts @ _modal_basis(statics.plane, modes)).T
+    starts = statics.plane.onto_constraints(bent, np.zeros_like(bent))[0].T
     return starts[np.isfinite(starts).all(axis=1)]  # some bends are far from all supports
 
 
@@ -858,7 +850,7 @@ def equilibrium_branch(
         end = back.followed(branch)
         ends = end, "closed" if end == "closed" else ahead.followed(branch)
     points, growth = back.points[:0:-1] + ahead.points, back.growth[:0:-1] + ahead.growth
-    q = statics.shown(np.array([point.x for point in points]))
+    q = statics.to_user(np.array([point.x for point in points]))
     unstable = np.array([np.count_nonzero(one > 0.0) for one in growth])
     return EquilibriumBranch(
         speeds=np.array([point.p for point in points]),
@@ -916,7 +908,7 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
         def kind(before: float, s: float) -> Change:
             straight, passing = statics.straight(step.at(s).x), growth.positive(s)
             passing -= growth.positive(before)
-            if straight and statics.whole.axisymmetric:  # two planes alike
+            if straight and statics.model.axisymmetric:  # two planes alike
                 passing //= 2
             if passing % 2 == 0:
                 return "hopf"
@@ -981,5 +973,5 @@ class _EquilibriumTracer(Tracer[DenseProblem]):
                 frequency = float(abs(oscillating[crossing].imag))
         if kind == "pitchfork":  # roots of det K are more precise than changes of the count
             speed = self._pitchfork(statics.straightened(point.x), speed) or speed
-        q = statics.shown(point.x[None])[0]
-        return BranchPoint(kind, speed, frequency, q, statics.whole.tips(q[:, None])[0])
+        q = statics.to_user(point.x[None])[0]
+        return BranchPoint(kind, speed, frequency, q, statics.model.tips(q[:, None])[0])

@@ -43,6 +43,8 @@ ONE_SIDED = ((0, -25 / 12), (1, 4.0), (2, -3.0), (3, 4 / 3), (4, -1 / 4))
 """Weights of values at whole steps in first derivatives of fourth order."""
 
 
+EPS = float(np.finfo(float).eps)
+
 TOO_NEAR = "another branch of rests meets it, or is too near to be told apart"
 
 OUT_OF_PLANE = " across"
@@ -160,11 +162,11 @@ def root_at(
 ) -> tuple[complex, Array]:
     """The root nearest to a value about the rest at a speed, and that rest, which lies near one.
 
-    The root is that of a motion in the plane of rest, or across it where `plane` is 1. Near 0 it is
-    an eigenvalue of the stiffness, which passes 0 with a root.
+    The root is that of a motion in the plane of rest, or across it where `plane` is 1. For a real
+    value it is an eigenvalue of the stiffness, which passes 0 with a root.
     """
     rest = rests.branch.fixed(np.append(near, u), u)[:-1]
-    if root:
+    if root.imag:
         values = rests.roots(rest, u, plane)
     else:  # of the stiffness, since roots may be double at 0
         values = np.linalg.eigvals(rests.matrices(rest, u, plane)[2].real).astype(complex)
@@ -311,6 +313,7 @@ class SearchOfRest:
         if flutters:
             pairs = values[values.imag > 0.0]
             root = complex(pairs[np.argmin(np.abs(pairs.real))])
+        if flutters or plane:
             rest, u, root, error = self._polished(rest, u, root, error, plane)
         mode = self.roots[plane].mode_of(values, root)
         made = Crossing(
@@ -329,12 +332,16 @@ class SearchOfRest:
     def _polished(
         self, rest: Array, u: float, root: complex, error: float, plane: int
     ) -> tuple[Array, float, complex, float]:
-        """A flutter by Newton's method for Re lambda = 0, with the error of its speed."""
+        """A flutter by Newton's method for Re lambda = 0, with the error of its speed.
+
+        A divergence across the plane of rest is found by an eigenvalue of the stiffness instead.
+        """
         if u < 1e-9:  # unstable from the smallest flow on
             return rest, 0.0, complex(0.0, root.imag), 0.0
         try:
             at = partial(root_at, self.rests, plane=plane)
             slope = slope_of_root(partial(at, near=rest, root=root), u)
+            root = root if root.imag else at(u, rest, root)[0]
             for _ in range(4):
                 moved = -root.real / slope.real
                 if not abs(moved) <= 1e-3 * (1.0 + u):
@@ -343,8 +350,10 @@ class SearchOfRest:
                 root, rest = at(u, rest, root)
                 if abs(moved) <= 1e-14 * (1.0 + u):
                     break
-            values = self.rests.roots(rest, u, plane)
-            lost = float(rounding(values)[np.argmin(np.abs(values - root))])
+            lost = EPS * float(np.linalg.norm(self.rests.matrices(rest, u, plane)[2]))
+            if root.imag:
+                values = self.rests.roots(rest, u, plane)
+                lost = float(rounding(values)[np.argmin(np.abs(values - root))])
             error = (abs(root.real) + lost) / abs(slope.real)
         except NewtonFailed:
             pass  # next to a fold: as located on the branch

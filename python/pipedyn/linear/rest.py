@@ -136,16 +136,11 @@ class BranchOfRest:
     def matrices(self, x: Array, u: float, plane: int) -> tuple[Array, Array, NDArray[Any]]:
         """(M, C, K) of small motions about an equilibrium in the plane of rest, or across it."""
         if self._about is None or not np.array_equal(self._about[0], x):
-            self._about = x, self.model.operators(self._in_all_planes(x))
+            self._about = x, self.model.operators(self.model.from_plane(x))
         half = self.model.dof // len(self.planes)
         own = slice(plane * half, (plane + 1) * half)
         mass, damping, stiffness = self._about[1].at(u)
         return mass[own, own], damping[own, own], stiffness[own, own]
-
-    def _in_all_planes(self, x: Array) -> Array:
-        """Coordinates of the model, of configurations x in the plane of rest, (..., integrated)."""
-        across = np.zeros((*x.shape[:-1], self.model.integrated - self.size))
-        return np.concatenate([x, across], axis=-1)
 
     def growth(self, x: Array, u: float) -> Array:
         """Real parts of the eigenvalues minus their rounding, (2 dof,), the largest first."""
@@ -153,7 +148,7 @@ class BranchOfRest:
 
     def to_user(self, xs: Array) -> Array:
         """Users' coordinates, (k, coordinates), of integrated coordinates xs, (k, integrated)."""
-        xs = self._in_all_planes(xs)
+        xs = self.model.from_plane(xs.T).T
         return self.model.to_user(xs, np.zeros_like(xs))[0]
 
     def about(self, x: Array) -> Model:

@@ -627,7 +627,7 @@ class Model(OfPipe, ABC):
         size = self.coordinates
         given = np.zeros(size) if qdot0 is None else qdot0
         each = (("q0", q0), ("qdot0", given))
-        return np.concatenate([check.array(name, of, size=size, **ANGLES) for name, of in each])
+        return np.concatenate([self._rows(name, of, size) for name, of in each])
 
     def to_user(self, p: Array, pdot: Array) -> tuple[Array, Array]:
         """Coordinates and rates for users, (S, coordinates), from p and p', (S, integrated)."""
@@ -990,7 +990,12 @@ class Model(OfPipe, ABC):
             )
 
     def _coordinates(self, q: ArrayLike) -> Array:
-        return check.array("q", q, size=self.coordinates, **ANGLES)
+        return self._rows("q", q, self.coordinates)
+
+    @staticmethod
+    def _rows(name: str, given: ArrayLike, *sizes: int) -> Array:
+        """Checks coordinates of a configuration or their rates, of one of the sizes."""
+        return check.array(name, given, size=sizes, **ANGLES)
 
     def _columns(self, name: str, given: ArrayLike, *sizes: int) -> NDArray[Any]:
         """Checks one or several columns of real or complex numbers, each of dof or a given size."""

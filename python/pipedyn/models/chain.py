@@ -478,9 +478,9 @@ class SpatialChain(SpatialModel):
     backward direction of the axis, and pass it without shorter steps. Results have the coordinates
     above: rho is at most pi for such a segment, and where it passes straight backwards the
     direction of its rotation vector turns quickly, so that a_x and a_z may jump from sample to
-    sample; positions do not. In a motion in the plane z = 0 angles count the turns, as those of
-    `planar` do. A segment with a `RotationalSpring`, whose energy has a kink at rho = pi, and
-    methods of scipy take shorter and shorter steps there.
+    sample. Positions do not jump: let events be functions of these. In a motion in the plane z = 0
+    angles count the turns, as those of `planar` do. A segment with a `RotationalSpring`, whose
+    energy has a kink at rho = pi, and methods of scipy take shorter and shorter steps there.
 
     Small motions of the straight pipe are those of `planar`, in two planes independently, so that
     questions about its stability are answered by `planar`. If terms have other numbers across the

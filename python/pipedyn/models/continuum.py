@@ -84,7 +84,8 @@ class Continuum(OfPipe):
         self._dimensions = dimensions
         if dimensions != 2:
             check.count("dimensions", dimensions, low=2, high=3)
-            self.frozen(1)  # refuses pipes that have no equations in three dimensions
+            # A small model refuses pipes that have no equations in three dimensions.
+            self.frozen(basis_joints(pipe).size + 2)
 
     def archived(self) -> dict[str, Any]:
         """Fields that a file stores: the constructor's arguments."""

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipedyn import _core
 from pipedyn.models.base import (
+    Model,
     Operators,
     arc_lengths,
     core_pipe,
@@ -28,8 +29,8 @@ from pipedyn.models.pencil import DensePencil, Pencil
 from pipedyn.models.pipe import Pipe
 from pipedyn.models.reduced_supports import (
     FreeFunctions,
+    MeetsSupports,
     ReducedSupports,
-    SupportedModel,
     orthonormal,
 )
 from pipedyn.models.space import SMALL_TURN, SpatialModel, rotations, tangents_by
@@ -76,7 +77,7 @@ def basis_joints(pipe: Pipe) -> Array:
 
 
 @saved_as("Galerkin", former={"size": "m"})
-class Galerkin(SupportedModel):
+class Galerkin(MeetsSupports, Model):
     """A reduced model with m functions. Coordinates: their amplitudes q_i, shape (m,).
 
     The functions are 0 where the pipe is held across and have slope 0 where its direction is held;

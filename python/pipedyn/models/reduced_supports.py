@@ -13,14 +13,13 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
 from pipedyn import _core
-from pipedyn.models.base import ANGLES, Model
-from pipedyn.util import check
 from pipedyn.util.check import Array
 from pipedyn.util.errors import NotConverged, resolved
 
@@ -112,8 +111,12 @@ class ReducedSupports:
         return np.asarray(vectors[:, 2 * len(drift) :])
 
 
-class SupportedModel(Model):
-    """A model whose states meet its supports, near those that are given."""
+class MeetsSupports:
+    """What makes the states of a model meet its supports: a base class to stand before `Model`."""
+
+    _rows: Any  # those of `Model`
+    dof: Any
+    coordinates: Any
 
     @property
     @abstractmethod
@@ -130,10 +133,10 @@ class SupportedModel(Model):
         """All coordinates, (coordinates,), of a small displacement by degrees of freedom."""
 
     def free_directions(self, p: Array) -> Array:
-        return self._supports.allowed(p) if self._is_held else super().free_directions(p)
+        return self._supports.allowed(p) if self._is_held else np.eye(self.dof)
 
     def free_states(self, y: Array) -> Array:
-        return self._supports.free_states(y) if self._is_held else super().free_states(y)
+        return self._supports.free_states(y) if self._is_held else np.eye(2 * self.dof)
 
     def onto_constraints(self, p: Array, rates: Array) -> tuple[Array, Array]:
         return self._supports.onto_constraints(p, rates) if self._is_held else (p, rates)
@@ -152,7 +155,7 @@ class SupportedModel(Model):
 
     def _amplitudes_of(self, name: str, given: ArrayLike) -> tuple[Array, bool]:
         """All coordinates, and whether the argument has all of them."""
-        rows = check.array(name, given, size=(self.dof, self.coordinates), **ANGLES)
+        rows: Array = self._rows(name, given, self.dof, self.coordinates)
         if rows.size == self.coordinates:
             return rows, True
         return self._lifted(rows), False

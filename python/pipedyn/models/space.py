@@ -22,11 +22,12 @@ from pipedyn.models.base import (
     COMPLEX_STEP,
     CORE_MATRICES,
     ROWS,
+    Model,
     Operators,
     projected,
 )
 from pipedyn.models.pipe import Pipe
-from pipedyn.models.reduced_supports import ReducedSupports, SupportedModel
+from pipedyn.models.reduced_supports import MeetsSupports, ReducedSupports
 from pipedyn.util import check
 from pipedyn.util.check import Array
 
@@ -115,7 +116,7 @@ class SpatialSupports(ReducedSupports):
         return self.model.largest_angle(rates)
 
 
-class SpatialModel(SupportedModel):
+class SpatialModel(MeetsSupports, Model):
     """A model that moves in three dimensions; its planar model has the same numbers.
 
     Coordinates: those of the planar model in the plane of x, then those in the plane of z.
